@@ -45,6 +45,7 @@ ON_A_BUS = {
     "backup": ("1", "{}/b.json"),
     "wave": ("1", "--yes", "--seconds", "0.5"),
     "stress": ("1-3", "-n", "5"),
+    "health": ("1-3",),
 }
 OFFLINE = {
     "ports": (),

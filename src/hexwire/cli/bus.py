@@ -2,7 +2,7 @@
 
 Owns these commands and the list of the modules with the others: those that set servos up are in `bus_setup`, those
 that run for a while in `bus_live`, calibration is in `bus_calibrate`, the set-up of an arm in
-`bus_arm_setup`. Must not know packets.
+`bus_arm_setup`, their condition in `bus_health`. Must not know packets.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import click
 
 from hexwire.errors import ServoError, UsageError
 
-from . import bus_arm_setup, bus_calibrate, bus_live, bus_setup  # noqa: F401  # their commands join the group on import
+from . import bus_arm_setup, bus_calibrate, bus_health, bus_live, bus_setup  # noqa: F401  # their commands join the group on import
 from .bus_group import BusOptions, bus, bus_options, known_servo, open_bus, refuse_if_stopped, with_unit
 from .common import confirm, json_option, on_terminal
 from .exits import note

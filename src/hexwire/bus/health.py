@@ -1,0 +1,308 @@
+"""The health of the servos on a bus, judged from samples and put in words.
+
+Owns what counts as healthy, and what a pattern of lost answers along the chain means. Pure: values come in. Must
+not know how they are read or shown; `health_check` reads them.
+
+The servos are listed in the order of the chain, from the adapter on: a bad plug or cable spoils the answers of
+every servo behind it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+from .live_values import LiveValues
+from .servo_facts import Remark
+from .values import fault_words
+
+__all__ = ["HealthFinding", "Rank", "ServoSamples", "judge_health"]
+
+_HOT = 10.0
+"""Degrees below a servo's own limit from which it is warm."""
+_USUAL_LIMIT = 70.0
+_LEAK = 0.05
+"""Amperes of a servo without torque from which its motor or driver is damaged; its electronics need less."""
+_WORK = 0.4
+"""Amperes of a joint that only holds, from which it is blocked or carries too much: the rated load of an STS3215 is
+about 0.45 A at a quarter of its stall torque."""
+_DROP = 0.5
+"""Volts between two servos, or two samples, from which cables or supply are too weak."""
+_RESTLESS = 4
+"""Counts by which a joint at rest may vary."""
+_LOST, _BROKEN = 0.01, 0.05
+"""Shares of lost answers: a computer that stalls loses one of a hundred."""
+_JUMP = 3.0
+"""Factor between two neighbours from which the cable between them is bad."""
+_PLAY, _WORN = math.radians(1.0), math.radians(2.5)
+"""A new servo has up to 0.5 degrees (vendor)."""
+_ADVICE = {
+    "voltage": "measure the supply at the servo while the arm moves",
+    "encoder": "switch the supply off and on; if it stays, replace the servo",
+    "temperature": "let it cool; lower the load",
+    "current": "free the joint",
+    "overload": "free the joint, hold the arm, then `hexwire bus recover`",
+}
+
+
+class Rank(Enum):
+    """How much a finding matters."""
+
+    OK = "ok"
+    HINT = "hint"
+    BAD = "bad"
+
+
+@dataclass(frozen=True, slots=True)
+class HealthFinding:
+    """One thing that was found.
+
+    Attributes:
+        rank: How much it matters.
+        servo_ids: The servos it is about; empty for the bus.
+        topic: faults, supply, temperature, current, rest, backlash, firmware, or cabling.
+        text: What was found.
+        advice: What to do; empty if nothing.
+    """
+
+    rank: Rank
+    servo_ids: tuple[int, ...]
+    topic: str
+    text: str
+    advice: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ServoSamples:
+    """What was read of one servo.
+
+    Attributes:
+        servo_id: Its id.
+        answers: It answered at all.
+        remarks: What is known from its model, firmware, settings and supply.
+        settings: SI values of stored settings, by name, as far as they are known.
+        torque_on: It has torque; None if unknown.
+        live: What it measured, in order of time.
+        asked: Reads that were sent once, without a repeat.
+        lost: Those of them without a valid answer.
+        backlash: Radians; NaN if it was not measured.
+    """
+
+    servo_id: int
+    answers: bool
+    remarks: tuple[Remark, ...] = ()
+    settings: Mapping[str, float] | None = None
+    torque_on: bool | None = None
+    live: tuple[LiveValues, ...] = ()
+    asked: int = 0
+    lost: int = 0
+    backlash: float = math.nan
+
+    @property
+    def loss(self) -> float:
+        """Share of lost answers."""
+        return self.lost / self.asked if self.asked else 0.0
+
+
+def judge_health(servos: Sequence[ServoSamples]) -> list[HealthFinding]:
+    """Judge servos, in the order of the chain; the worst findings come first.
+
+    Where nothing is wrong with a topic, one finding says so, with its range of values.
+    """
+    findings = _silence(servos)
+    here = [servo for servo in servos if servo.answers]
+    for servo in here:
+        findings += _of_one(servo)
+    findings += _supply_along(here) + _losses(here)
+    findings += _all_well(here, {finding.topic for finding in findings})
+    order = (Rank.BAD, Rank.HINT, Rank.OK)
+    return sorted(_together(findings), key=lambda finding: order.index(finding.rank))
+
+
+def _together(findings: Sequence[HealthFinding]) -> list[HealthFinding]:
+    """Findings that differ only in the servo become one."""
+    joined: dict[tuple[Rank, str, str, str], tuple[int, ...]] = {}
+    for one in findings:
+        key = (one.rank, one.topic, one.text, one.advice)
+        joined[key] = joined.get(key, ()) + one.servo_ids
+    return [HealthFinding(rank, ids, topic, text, advice) for (rank, topic, text, advice), ids in joined.items()]
+
+
+# --- one servo -------------------------------------------------------------------------------------------------
+
+
+def _of_one(servo: ServoSamples) -> list[HealthFinding]:
+    own = (servo.servo_id,)
+    findings = []
+    for remark in servo.remarks:
+        rank = Rank.BAD if remark.bad else Rank.HINT
+        topic = "supply" if "supply" in remark.text or "made for" in remark.text else "firmware"
+        text, _, advice = remark.text.partition(": ")
+        findings.append(HealthFinding(rank, own, topic, text, advice))
+    status = 0
+    for row in servo.live:
+        status |= row.status
+    for word in fault_words(status):
+        if word == "voltage" and any(finding.topic == "supply" for finding in findings):
+            continue
+        findings.append(HealthFinding(Rank.BAD, own, "faults", f"reports {word}", _ADVICE.get(word, "")))
+    for judge in (_heat, _current, _rest, _backlash):
+        found = judge(servo)
+        if found is not None:
+            findings.append(found)
+    return findings
+
+
+def _heat(servo: ServoSamples) -> HealthFinding | None:
+    heat = _most(servo, lambda row: row.temperature)
+    limit = (servo.settings or {}).get("max_temperature", _USUAL_LIMIT)
+    if not heat > limit - _HOT:
+        return None
+    rank = Rank.BAD if heat >= limit else Rank.HINT
+    text = f"{heat:.0f} deg C, its limit is {limit:.0f}"
+    return HealthFinding(rank, (servo.servo_id,), "temperature", text, "let it cool; lower the load")
+
+
+def _current(servo: ServoSamples) -> HealthFinding | None:
+    current = _most(servo, lambda row: abs(row.current))
+    own = (servo.servo_id,)
+    if servo.torque_on is False and current > _LEAK:
+        text = f"draws {1000 * current:.0f} mA without torque"
+        return HealthFinding(Rank.BAD, own, "current", text, "its motor or driver is damaged: replace it")
+    if servo.torque_on and current > _WORK:
+        text = f"needs {1000 * current:.0f} mA at rest"
+        return HealthFinding(Rank.HINT, own, "current", text, "it is blocked, or carries much: put the arm down")
+    return None
+
+
+def _rest(servo: ServoSamples) -> HealthFinding | None:
+    places = [row.counts for row in servo.live if row.counts is not None]
+    if not places:
+        return None
+    # A joint near the end of its sensor's turn must not seem to jump by a turn.
+    away = [(place - places[0] + 2048) % 4096 - 2048 for place in places]
+    spread = max(away) - min(away)
+    if spread <= _RESTLESS:
+        return None
+    why = "its position control trembles" if servo.torque_on else "somebody moves it, or it sinks"
+    text = f"moved by {spread} counts while it was watched"
+    return HealthFinding(Rank.HINT, (servo.servo_id,), "rest", text, f"{why}: look again with the arm at rest")
+
+
+def _backlash(servo: ServoSamples) -> HealthFinding | None:
+    if not servo.backlash > _PLAY:
+        return None
+    rank = Rank.BAD if servo.backlash > _WORN else Rank.HINT
+    text = f"backlash of {math.degrees(servo.backlash):.1f} deg"
+    advice = "tighten the screw of its horn; if that does not help, its gears are worn"
+    return HealthFinding(rank, (servo.servo_id,), "backlash", text, advice)
+
+
+# --- along the chain -------------------------------------------------------------------------------------------
+
+
+def _silence(servos: Sequence[ServoSamples]) -> list[HealthFinding]:
+    silent = [servo.servo_id for servo in servos if not servo.answers]
+    if not silent:
+        return []
+    ids = ", ".join(map(str, silent))
+    if len(silent) == len(servos):
+        text, advice = "no servo answers", "check supply, port and rate: `hexwire bus scan --all-rates`"
+    elif silent == [servo.servo_id for servo in servos[-len(silent) :]]:
+        last = servos[-len(silent) - 1].servo_id
+        text = f"no answer from servo {ids}, the end of the chain"
+        advice = f"check the cable between servos {last} and {silent[0]}, and both its plugs"
+    else:
+        text = f"no answer from servo {ids}, but from servos behind"
+        advice = (
+            "the chain goes on, so its cable is good: check its id and rate with `hexwire bus scan --all-rates`"
+        )
+    return [HealthFinding(Rank.BAD, tuple(silent), "cabling", text, advice)]
+
+
+def _supply_along(servos: Sequence[ServoSamples]) -> list[HealthFinding]:
+    findings = []
+    means: list[tuple[int, float]] = []
+    for servo in servos:
+        volts = _finite([row.voltage for row in servo.live])
+        if not volts:
+            continue
+        means.append((servo.servo_id, sum(volts) / len(volts)))
+        if max(volts) - min(volts) > _DROP:
+            text = f"varies between {min(volts):.1f} and {max(volts):.1f} V at rest"
+            advice = "a bad plug, or a supply that is too weak"
+            findings.append(HealthFinding(Rank.HINT, (servo.servo_id,), "supply", text, advice))
+    if means:
+        first, last = means[0], means[-1]
+        if first[1] - last[1] > _DROP:
+            text = f"{first[1]:.1f} V at servo {first[0]}, but {last[1]:.1f} V at servo {last[0]}"
+            advice = "the cables of the chain are too thin, or a plug is bad"
+            findings.append(HealthFinding(Rank.HINT, (last[0],), "supply", text, advice))
+    return findings
+
+
+def _losses(servos: Sequence[ServoSamples]) -> list[HealthFinding]:
+    """What lost answers say about the cables, by their place in the chain."""
+    bad = [servo for servo in servos if servo.loss > _LOST]
+    if not bad:
+        return []
+    ids = tuple(servo.servo_id for servo in bad)
+    worst = max(bad, key=lambda servo: servo.loss)
+    rank = Rank.BAD if worst.loss > _BROKEN else Rank.HINT
+    share = f"{worst.loss:.1%} of the answers are lost"
+    if len(bad) == len(servos) and len(servos) > 1 and worst.loss < _JUMP * min(servo.loss for servo in bad):
+        advice = "the adapter, its ground, the supply, or the first cable"
+        return [HealthFinding(rank, ids, "cabling", f"all servos alike: {share}", advice)]
+    place = servos.index(bad[0])
+    if len(bad) > 1 and servos[place:] == bad:
+        before = f"between servos {servos[place - 1].servo_id} and {ids[0]}" if place else "to the first servo"
+        advice = f"check the cable {before}, and both its plugs"
+        return [HealthFinding(rank, ids, "cabling", f"from servo {ids[0]} to the end: {share}", advice)]
+    text = f"{share}" if len(bad) == 1 else f"up to {share}"
+    advice = "its own plug or supply, since others answer well" if len(bad) == 1 else "check each of their plugs"
+    return [HealthFinding(rank, ids, "cabling", text, advice)]
+
+
+# --- nothing wrong ---------------------------------------------------------------------------------------------
+
+
+def _all_well(servos: Sequence[ServoSamples], said: set[str]) -> list[HealthFinding]:
+    if not servos:
+        return []
+    ids = tuple(servo.servo_id for servo in servos)
+    rows = [row for servo in servos for row in servo.live]
+    asked, lost = sum(servo.asked for servo in servos), sum(servo.lost for servo in servos)
+    play = _finite([math.degrees(servo.backlash) for servo in servos])
+    limp = " without torque" if all(servo.torque_on is False for servo in servos) else ""
+    texts = {
+        "faults": "no servo reports a fault",
+        "supply": _span([row.voltage for row in rows], "{:.1f} V"),
+        "temperature": _span([row.temperature for row in rows], "{:.0f} deg C"),
+        "current": _span([abs(row.current) * 1000 for row in rows], f"{{:.0f}} mA at rest{limp}"),
+        "backlash": _span(play, "{:.1f} deg") if play else "",
+        "cabling": f"{lost} of {asked} answers lost" if asked else "",
+    }
+    return [
+        HealthFinding(Rank.OK, ids, topic, text)
+        for topic, text in texts.items()
+        if text.strip() and topic not in said
+    ]
+
+
+def _span(values: Sequence[float], form: str) -> str:
+    known = _finite(values)
+    if not known:
+        return ""
+    low, high = form.format(min(known)), form.format(max(known))
+    return low if low == high else f"{low.split()[0]} to {high}"
+
+
+def _finite(values: Sequence[float]) -> list[float]:
+    return [value for value in values if math.isfinite(value)]
+
+
+def _most(servo: ServoSamples, value: Callable[[LiveValues], float]) -> float:
+    """Largest value of a servo; NaN if it reports none."""
+    return max(_finite([value(row) for row in servo.live]), default=math.nan)
