@@ -52,12 +52,14 @@ class Comparison:
     Attributes:
         lag: Seconds that the second one is later; it is moved back by this.
         times: Seconds of the overlap.
+        first: Positions of the first motion then, radians.
         differences: Second minus first, one row of radians for each time.
         joints: Figures of each joint.
     """
 
     lag: float
     times: tuple[float, ...]
+    first: tuple[tuple[float, ...], ...]
     differences: tuple[tuple[float, ...], ...]
     joints: tuple[Difference, ...]
 
@@ -81,7 +83,9 @@ def compare(names: Sequence[str], first: Rows, second: Rows, lag: float = 0.0) -
     times = tuple(begin + (end - begin) * i / (count - 1) for i in range(count))
     a, b = _sampled(first, times), _sampled(second, [t + lag for t in times])
     rows = tuple(tuple(q - p for p, q in zip(one, two, strict=True)) for one, two in zip(a, b, strict=True))
-    return Comparison(lag, times, rows, tuple(_figures(name, i, times, rows) for i, name in enumerate(names)))
+    return Comparison(
+        lag, times, tuple(a), rows, tuple(_figures(name, i, times, rows) for i, name in enumerate(names))
+    )
 
 
 def best_lag(first: Rows, second: Rows, most: float = 10.0) -> float:

@@ -1,0 +1,251 @@
+"""Plays a motion on an emulated arm of the same kind, before the real one does it.
+
+Owns that arm, which lives as long as the motion. The same checks, controllers and limits as on the real arm apply.
+Must not know pages or files.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from hexwire.control.arm import Arm
+from hexwire.control.history import History
+from hexwire.control.lease import Lease
+from hexwire.control.motion_run import begin_motion
+from hexwire.control.preview import Planner
+from hexwire.control.setting import Faults
+from hexwire.control.settings_reader import read_settings
+from hexwire.control.shared import Order, SharedArm
+from hexwire.errors import HexwireError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from hexwire.control.motion_run import MotionRun
+    from hexwire.control.preview import Preview
+    from hexwire.model.state import JointState, SentTarget
+    from hexwire.motion.teach import Taught
+
+__all__ = ["TWINS", "Twin", "TwinState"]
+
+_log = logging.getLogger(__name__)
+
+TWINS = ("hex7bot", "so101", "so100")
+"""Arms that can be emulated in this program."""
+_PATIENCE = 15.0
+"""Seconds in which the emulated arm must answer."""
+
+
+@dataclass(frozen=True, slots=True)
+class TwinState:
+    """How far the twin is.
+
+    Attributes:
+        robot: The emulated arm; empty before the first motion.
+        title: What is played.
+        running: It moves.
+        elapsed: Seconds of the motion that are over.
+        duration: Seconds of all of it.
+        lead_in: Seconds at its start in which the arm moves to where the motion begins.
+        began: When the motion began, seconds of the twin's clock.
+        ended: How it ended, in words; empty while it runs.
+        arrived: It reached the end.
+    """
+
+    robot: str = ""
+    title: str = ""
+    running: bool = False
+    elapsed: float = 0.0
+    duration: float = 0.0
+    lead_in: float = 0.0
+    began: float = 0.0
+    ended: str = ""
+    arrived: bool = False
+
+
+class Twin:
+    """At most one emulated arm. Any thread may call its methods.
+
+    Attributes:
+        history: What it did in the last motion; None before the first.
+    """
+
+    def __init__(self) -> None:
+        self.history: History | None = None
+        self._lock = threading.Lock()
+        self._state = TwinState()
+        self._run: MotionRun | None = None
+        self._why = ""
+        self._over = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def state(self) -> TwinState:
+        """How far it is."""
+        state, run = self._state, self._run
+        if not state.running or run is None:
+            return state
+        progress = run.progress()
+        return TwinState(
+            state.robot,
+            state.title,
+            True,
+            progress.elapsed,
+            progress.duration,
+            progress.lead_in,
+            state.began,
+        )
+
+    @property
+    def busy(self) -> bool:
+        """It plays, or is about to."""
+        return self._thread is not None and self._thread.is_alive()
+
+    def play(
+        self,
+        robot: str,
+        title: str,
+        make: Callable[[tuple[str, ...]], Taught],
+        *,
+        begin: float = 0.0,
+        end: float = float("inf"),
+        factor: float = 1.0,
+    ) -> None:
+        """Begin a motion; returns when the emulated arm moves.
+
+        Args:
+            robot: Its kind, one of `TWINS`.
+            title: What is played, for people.
+            make: Makes the motion for the joints of that arm.
+            begin: First second of it to play.
+            end: Last second.
+            factor: 2 plays it twice as fast.
+
+        Raises:
+            UsageError: It plays already, or there is no such arm.
+            HexwireError: The motion is refused, as the real arm would refuse it.
+        """
+        if robot not in TWINS:
+            raise UsageError(f"there is no emulated {robot}; there are {', '.join(TWINS)}")
+        with self._lock:
+            if self.busy:
+                raise UsageError("the twin is moving; stop it first")
+            self._over.clear()
+            self._why = ""
+            begun = threading.Event()
+            failed: list[BaseException] = []
+            self._thread = threading.Thread(
+                target=self._live,
+                args=(robot, title, make, (begin, end, factor), begun, failed),
+                name="twin",
+                daemon=True,
+            )
+            self._thread.start()
+            begun.wait()
+            if failed:
+                self._thread.join(_PATIENCE)
+                raise failed[0]
+
+    def stop(self, why: str) -> None:
+        """End the motion, and wait until the emulated arm is gone."""
+        self._why = why
+        self._over.set()
+        thread = self._thread
+        if thread is not None:
+            thread.join(_PATIENCE)
+
+    # -- in its thread ------------------------------------------------------------------------------------
+
+    def _live(
+        self,
+        robot: str,
+        title: str,
+        make: Callable[[tuple[str, ...]], Taught],
+        part: tuple[float, float, float],
+        begun: threading.Event,
+        failed: list[BaseException],
+    ) -> None:
+        try:
+            settings, driver = read_settings({"port": f"sim://{robot}?name=twin{id(self)}"}, Faults())
+            history = History(settings.model.names)
+            goals: dict[str, float] = {}
+
+            def sent(target: SentTarget) -> None:
+                goals.update(target.positions)
+
+            arm = Arm(driver, settings, monitored=True, on_sent=sent)
+
+            def keep(state: JointState) -> None:
+                history.append(state, goals, rate=arm.owner.rate)
+
+            arm.owner.observers = [keep]
+            try:
+                arm.connect()
+                arm.start()
+                self._move(arm, history, title, make, part, begun)
+            finally:
+                arm.shutdown()
+        except HexwireError as error:
+            failed.append(error)
+        except BaseException as error:  # noqa: BLE001  # given to the caller, or logged
+            failed.append(error)
+            if begun.is_set():
+                _log.exception("the twin failed")
+        finally:
+            if failed and begun.is_set():
+                self._state = TwinState(robot, title, ended=f"failed: {failed[0]}")
+            begun.set()
+
+    def _move(
+        self,
+        arm: Arm,
+        history: History,
+        title: str,
+        make: Callable[[tuple[str, ...]], Taught],
+        part: tuple[float, float, float],
+        begun: threading.Event,
+    ) -> None:
+        shared = SharedArm(arm, Lease(timeout=3600.0))
+        shared.start()
+        robot, epochs = arm.settings.model.name, arm.owner.robot.epochs
+        try:
+            key = shared.take("twin", 1).key
+            numbers = iter(range(1, 1_000_000))
+
+            def order() -> Order:
+                return Order(key, next(numbers), epochs.mark())
+
+            shared.torque(order(), True, None)
+            taught = make(arm.settings.model.names)
+            planner = Planner(arm)
+            begin, end, factor = part
+
+            def plan() -> Preview:
+                return planner.along(taught, begin=begin, end=end, factor=factor)
+
+            def ended(run: MotionRun) -> None:
+                self._over.set()
+
+            self._run = run = begin_motion(shared, order, title, plan, on_end=ended)
+            self.history = history
+            self._state = TwinState(robot, title, True, began=arm.owner.now())
+            begun.set()
+            self._over.wait()
+            run.end(self._why or "ended")
+            last: Any = run.progress()
+            self._state = TwinState(
+                robot,
+                title,
+                False,
+                last.elapsed,
+                last.duration,
+                last.lead_in,
+                self._state.began,
+                last.text or "arrived",
+                last.outcome == "succeeded",
+            )
+        finally:
+            shared.shutdown()

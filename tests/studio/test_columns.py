@@ -1,0 +1,63 @@
+from __future__ import annotations
+
+import json
+import math
+from array import array
+from typing import Any
+
+from hexwire.control.history import History
+from hexwire.studio.columns import history_columns, serialize_columns, series_columns
+from hexwire.trace.recording import make_positions
+from hexwire.trace.series import Series
+
+
+def parsed(data: bytes) -> tuple[dict[str, Any], array[float], dict[str, array[float]]]:
+    """What `static/columns.js` finds."""
+    assert data[:4] == b"HWC1"
+    size = int.from_bytes(data[4:8], "little")
+    head = json.loads(data[8 : 8 + size])
+    at, n = 8 + size, head["count"]
+    assert at % 8 == 0
+    times = array("d", data[at : at + 8 * n])
+    at += 8 * n
+    columns = {}
+    for name in head["columns"]:
+        columns[name] = array("f", data[at : at + 4 * n])
+        at += 4 * n
+    assert at == len(data)
+    return head, times, columns
+
+
+def test_columns_come_back() -> None:
+    data = serialize_columns({"x": "é"}, array("d", [1.0, 2.0, 3.0]), [("J1", array("f", [0.5, math.nan, -1.0]))])
+    head, times, columns = parsed(data)
+    assert head["x"] == "é"
+    assert list(times) == [1.0, 2.0, 3.0]
+    assert columns["J1"][0] == 0.5
+    assert math.isnan(columns["J1"][1])
+
+
+def test_a_history_has_a_column_for_each_signal() -> None:
+    history = History(("J1", "J2"))
+    for i in range(4):
+        history.append(make_positions(("J1", "J2"), (i, -i)).__class__(**_at(i)), {"J2": 9.0}, rate=50.0)
+    head, times, columns = parsed(history_columns(history, 1.5, 100.0))
+    assert head["offset"] == 100.0
+    assert list(times) == [2.0, 3.0]
+    assert list(columns["J1.position"]) == [2.0, 3.0]
+    assert list(columns["J2.position"]) == [-2.0, -3.0]
+    assert list(columns["J2.goal"]) == [9.0, 9.0]
+    assert list(columns["rate"]) == [50.0, 50.0]
+
+
+def _at(i: int) -> dict[str, Any]:
+    state = make_positions(("J1", "J2"), (float(i), float(-i)))
+    return {name: getattr(state, name) for name in state.__slots__} | {"stamp": float(i)}
+
+
+def test_a_recording_has_its_quantities_and_its_damage() -> None:
+    series = Series(("J1",), 1000.0, array("d", [0.0, 0.5]), {("J1", "load"): array("f", [0.1, 0.2])}, "truncated")
+    head, times, columns = parsed(series_columns(series))
+    assert (head["begin"], head["problem"], head["names"]) == (1000.0, "truncated", ["J1"])
+    assert list(times) == [0.0, 0.5]
+    assert list(columns) == ["J1.load"]

@@ -1,0 +1,55 @@
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from tests.studio.running import until
+
+from hexwire.errors import GoalError, UsageError
+from hexwire.motion.teach import Taught
+from hexwire.studio.twin import Twin
+
+
+@pytest.fixture
+def twin() -> Iterator[Twin]:
+    made = Twin()
+    try:
+        yield made
+    finally:
+        made.stop("the test is over")
+
+
+def _swing(joints: tuple[str, ...], goal: float = 0.2, seconds: float = 0.6) -> Taught:
+    name = joints[0]
+    return Taught.of((name,), [(seconds * i / 10, (goal * i / 10,)) for i in range(11)])
+
+
+def test_the_emulated_arm_does_the_motion_and_is_gone(twin: Twin) -> None:
+    assert twin.state.robot == ""
+    twin.play("hex7bot", "a swing", _swing)
+    assert twin.state.running
+    with pytest.raises(UsageError, match="the twin is moving; stop it first"):
+        twin.play("hex7bot", "another", _swing)
+    until(lambda: not twin.busy, "the end")
+    state = twin.state
+    assert (state.arrived, state.ended, state.running) == (True, "arrived", False)
+    assert state.duration >= 0.6
+    history = twin.history
+    assert history is not None
+    last = list(history.rows())[-1][1]
+    assert last[0] == pytest.approx(0.2, abs=0.03)
+
+
+def test_it_can_be_stopped_on_the_way(twin: Twin) -> None:
+    twin.play("so101", "a slow swing", lambda joints: _swing(joints, seconds=30.0))
+    twin.stop("stopped")
+    assert not twin.busy
+    assert (twin.state.arrived, twin.state.ended) == (False, "stopped")
+
+
+def test_what_the_real_arm_would_refuse_is_refused(twin: Twin) -> None:
+    with pytest.raises(GoalError, match="J1"):
+        twin.play("hex7bot", "too far", lambda joints: _swing(joints, goal=9.0))
+    assert not twin.busy
+    with pytest.raises(UsageError, match="no emulated puma260"):
+        twin.play("puma260", "x", _swing)
