@@ -82,17 +82,18 @@ class MotionDesk:
         run = self._run
         return None if run is None else run.progress()
 
-    def preview(self, args: Mapping[str, object]) -> Preview:
+    def preview(self, args: Mapping[str, object], *, taught: Taught | None = None) -> Preview:
         """Plan a motion without moving.
 
         Args:
             args: As in `hexwire.control.motion_request`.
+            taught: What is played; the last taught motion if None.
 
         Raises:
             UsageError: The request is malformed, or there is no such joint, pose or taught motion.
             HexwireError: The arm cannot be reached.
         """
-        return self._plan(read_motion(args))
+        return self._plan(read_motion(args), taught)
 
     def begin(
         self,
@@ -101,6 +102,7 @@ class MotionDesk:
         *,
         wanted: Callable[[], bool] = lambda: True,
         on_end: Callable[[MotionRun], object] = lambda run: None,
+        taught: Taught | None = None,
     ) -> MotionRun:
         """Begin a motion; a running one is replaced.
 
@@ -109,6 +111,7 @@ class MotionDesk:
             args: As for `preview`.
             wanted: As for `begin_motion`.
             on_end: Likewise.
+            taught: As for `preview`.
 
         Raises:
             LeaseError: Whoever asks does not hold the lease.
@@ -120,8 +123,8 @@ class MotionDesk:
         self._run = run = begin_motion(
             self._shared,
             orders,
-            self._title(request),
-            lambda: self._plan(request),
+            self._title(request) if taught is None else "a recording",
+            lambda: self._plan(request, taught),
             grip=grip,
             wanted=wanted,
             on_end=on_end,
@@ -175,7 +178,7 @@ class MotionDesk:
 
     # -- helpers ----------------------------------------------------------------------------------------
 
-    def _plan(self, request: MotionRequest) -> Preview:
+    def _plan(self, request: MotionRequest, taught: Taught | None) -> Preview:
         planner, speed = self._planner, request.speed
         if request.what == "joints":
             return planner.to_joints(request.goals, speed=speed)
@@ -187,7 +190,7 @@ class MotionDesk:
             if self.jaws is None:
                 raise UsageError(f"no gripper of {self._arm.settings.model.name} is known")
             return planner.to_joints({self.jaws.joint: self.jaws.angle(request.share)}, speed=speed)
-        taught = self.taught
+        taught = taught or self.taught
         if taught is None:
             raise UsageError("nothing was taught since this arm was opened")
         return planner.along(taught, begin=request.begin, end=request.end, factor=request.factor, speed=speed)

@@ -13,6 +13,7 @@ import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from hexwire.errors import HexwireError, LeaseError
@@ -22,6 +23,7 @@ from .bus_source import live_row
 from .fleet_watch import FleetWatch
 from .holds import Holds
 from .live import Live
+from .shelf import Shelf
 from .source import Source
 from .tabs import Tab, Tabs
 from .wire_feed import WireFeed
@@ -55,10 +57,12 @@ class Studio:
 
     Args:
         access: The rules of access.
+        recordings: Folder of recordings; this user's if None.
 
     Attributes:
         access: As given.
         source: What is open.
+        shelf: The recordings.
         tabs: The open tabs.
         wire: The traffic of what is open, and of files.
         fleet: The shared arms that this program may see.
@@ -67,8 +71,9 @@ class Studio:
         orders: Runs what tabs order, one after the other.
     """
 
-    def __init__(self, access: Access) -> None:
+    def __init__(self, access: Access, recordings: Path | None = None) -> None:
         self.access = access
+        self.shelf = Shelf(recordings)
         self.tabs = Tabs()
         self.wire = WireFeed()
         self.fleet = FleetWatch()
@@ -206,7 +211,13 @@ class Studio:
     def _begin_run(self, tab: Tab, entry: Entry, args: Mapping[str, object], arrived: Token) -> None:
         """Begin a motion to a goal for a tab, and tell all tabs how far it is."""
         arm = self.source.need_arm()
-        arm.begin_run(tab, entry, args, arrived, lambda: self._tell_run(arm))
+        args = dict(args)
+        recording, topic = args.pop("recording", None), args.pop("topic", None)
+        taught = None
+        if isinstance(recording, str):
+            names = arm.settings.model.names
+            taught = self.shelf.taught(recording, topic if isinstance(topic, str) else None, names)
+        arm.begin_run(tab, entry, args, arrived, lambda: self._tell_run(arm), taught=taught)
         self._tell_run(arm)
 
     def _tell_run(self, arm: ArmSource) -> None:
@@ -218,6 +229,8 @@ class Studio:
 
     def _changed(self) -> None:
         present = self.source.present
+        # A recording ends with its arm.
+        self._workers.submit(self.shelf.recorder.follow, self.source.arm)
         if present is not None:
             present.attended.on_end = self.ended
         bus = self.source.bus
@@ -250,6 +263,7 @@ class Studio:
         self._ending.set()
         if self._watch is not None:
             self._watch.join()
+        self.shelf.close()
         self.source.close()
         self.fleet.close()
         for pool in (self.orders, self._stops, self._workers):

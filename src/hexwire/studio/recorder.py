@@ -91,6 +91,12 @@ class LiveRecorder:
             self._present = _Present(arm, name, RecordingWriter(self._library.path(name)), robot)
             return name
 
+    def follow(self, arm: ArmSource | None) -> None:
+        """End the recording if its arm is not open any more."""
+        present = self._present
+        if present is not None and present.arm is not arm:
+            self.stop()
+
     def stop(self) -> str:
         """End the recording; returns how it ended, in words; empty if nothing was being recorded."""
         with self._lock:
@@ -108,7 +114,7 @@ class _Present:
         self.name, self.ended = name, ""
         self.began = time.monotonic()
         self.count = self.lost = 0
-        self._arm, self._writer, self._robot = arm, writer, robot
+        self.arm, self._writer, self._robot = arm, writer, robot
         self._offset = time.time() - arm.arm.owner.now()
         self._queue: queue.SimpleQueue[tuple[JointState, dict[str, float]] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
@@ -155,7 +161,7 @@ class _Present:
             self.ended = f"{self.name} is incomplete: {error}"
 
     def _forget(self) -> None:
-        self._arm.watchers = tuple(watcher for watcher in self._arm.watchers if watcher != self._see)
+        self.arm.watchers = tuple(watcher for watcher in self.arm.watchers if watcher != self._see)
 
     def stop(self) -> str:
         self._forget()

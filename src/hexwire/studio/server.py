@@ -35,6 +35,7 @@ from hexwire.errors import LinkBusyError
 from .access import Right
 from .app import Studio
 from .connections import make_protocol
+from .files import make_routes
 from .fleet_api import fleet_routes
 from .guard import SESSION, Guard
 from .layout import build_page
@@ -169,6 +170,7 @@ def _make_pages() -> Any:
         WebSocketRoute("/live", live),
         Route("/stop", stop, methods=["POST"]),
         Route("/favicon.ico", icon),
+        *make_routes(_present),
         Mount("/static", StaticFiles(directory=STATIC)),
         *wire_routes(_present),
         *fleet_routes(_present),

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from hexwire.epochs import Token
     from hexwire.link.base import Link
     from hexwire.model.state import JointState, SentTarget
+    from hexwire.motion.teach import Taught
 
     from .bus_source import BusSource
     from .tabs import Tab
@@ -178,6 +179,8 @@ class ArmSource:
         args: Mapping[str, object],
         arrived: Token,
         on_end: Callable[[], object] = lambda: None,
+        *,
+        taught: Taught | None = None,
     ) -> None:
         """Begin a motion to a goal that was announced to `attended`; see `MotionDesk.begin`.
 
@@ -187,6 +190,7 @@ class ArmSource:
             args: As for the desk.
             arrived: When it was asked for.
             on_end: Called when it has ended; must not wait.
+            taught: What is played instead of the last taught motion.
 
         Raises:
             HexwireError: It is refused; nothing moves.
@@ -197,7 +201,9 @@ class ArmSource:
             self.attended.end(entry.who, run.progress().text or "arrived", entry.number)
             on_end()
 
-        run = self.desk.begin(lambda: self.order(tab, arrived), args, wanted=lambda: not entry.ended, on_end=ended)
+        run = self.desk.begin(
+            lambda: self.order(tab, arrived), args, wanted=lambda: not entry.ended, on_end=ended, taught=taught
+        )
         self.attended.begun(entry, lambda why: self._ender.submit(run.end, why))
 
     def _settle(self) -> None:

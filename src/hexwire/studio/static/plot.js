@@ -76,7 +76,7 @@ export class Plot {
   /** Replace all rows: [times, values of the first series, ...]; typed arrays are fastest. */
   set(columns) {
     this.columns.set(columns);
-    this._interval = 0;
+    this._interval = this.columns.length > 1 ? (this.columns.last - this.columns.first) / (this.columns.length - 1) : 0;
     if (!this.following) this.showAll();
     this._dirty();
   }
@@ -252,8 +252,8 @@ export class Plot {
       scales: { x: { time: false, range: () => this.range }, y: { range: () => panel.y } },
       axes: [
         { ...axis, size: panel.last ? BOTTOM - 18 : 0, labelSize: 18, label: panel.last ? "time, s" : undefined,
-          space: 70, incrs: STEPS, values: (u, splits) => (panel.last ? this._times(u, splits) : splits.map(() => "")) },
-        { ...axis, size: GUTTER - 18, labelSize: 18, label: this._panelLabel(panel), space: 22,
+          space: 70, incrs: STEPS, splits: (u, i, from, to, step) => this._splits(from, to, step), values: (u, splits) => (panel.last ? this._times(u, splits) : splits.map(() => "")) },
+        { ...axis, size: GUTTER - 18, labelSize: 18, label: this._panelLabel(panel), space: (u) => (u.height < 200 ? 22 : 40),
           values: (u, splits) => splits.map((v) => String(Number(v.toPrecision(12))).replace("-", "−")) },
       ],
       series: [{}, ...panel.shown.map((s, i) => ({
@@ -268,6 +268,14 @@ export class Plot {
     const names = [...new Set(panel.shown.map((s) => this.series[s].quantity).filter(Boolean))];
     const words = names.length > 2 ? "" : names.join(" and ");
     return [words, panel.unit].filter(Boolean).join(", ") || " ";
+  }
+
+  /** Round times as they are written, counted from the origin. */
+  _splits(from, to, step) {
+    const { origin } = this.options;
+    const found = [];
+    for (let k = Math.ceil((from - origin) / step - 1e-9); k * step + origin <= to; k++) found.push(k * step + origin);
+    return found;
   }
 
   _times(u, splits) {
@@ -306,7 +314,9 @@ export class Plot {
     const began = performance.now();
     const { columns } = this;
     if (this.following) {
-      const end = columns.length ? columns.last : this.options.origin + this.window;
+      // At first the plot fills from the left.
+      const end = Math.max(columns.length ? columns.last : -Infinity,
+        (columns.length ? columns.first : this.options.origin) + this.window);
       this.range = [end - this.window, end];
     }
     for (const panel of this._panels) {
@@ -381,7 +391,11 @@ export class Plot {
   /** Values of a series: {now, a, b}; NaN where unknown. */
   values(index) {
     const { columns } = this;
-    const at = (t) => (t === null ? NaN : columns.value(index, columns.nearest(t)));
+    const at = (t) => {
+      const row = t === null ? -1 : columns.nearest(t);
+      // Beside the data nothing is known.
+      return row < 0 || Math.abs(columns.time(row) - t) > Math.max(0.2, 5 * this._interval) ? NaN : columns.value(index, row);
+    };
     return { now: this.hover === null ? columns.newest(index) : at(this.hover), a: at(this.cursors.a), b: at(this.cursors.b) };
   }
 

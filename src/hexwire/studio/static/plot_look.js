@@ -4,14 +4,19 @@
 
 const here = (name) => new URL(name, import.meta.url).href;
 
+/** Load a style sheet; resolves when its rules apply, since colours are read from them. */
 function sheet(name) {
   const href = here(name);
-  if ([...document.styleSheets].some((one) => one.href === href)) return;
-  if (document.querySelector(`link[href="${href}"]`)) return;
-  const link = document.createElement("link");
-  link.rel = "stylesheet";
-  link.href = href;
-  document.head.append(link);
+  const there = document.querySelector(`link[href="${href}"]`);
+  if (there?.sheet) return Promise.resolve();
+  const link = there ?? document.createElement("link");
+  const loaded = new Promise((done) => { link.addEventListener("load", done); link.addEventListener("error", done); });
+  if (!there) {
+    link.rel = "stylesheet";
+    link.href = href;
+    document.head.append(link);
+  }
+  return loaded;
 }
 
 /** uPlot, a plain script, once for all modules of the page. */
@@ -26,7 +31,7 @@ function script() {
   });
 }
 
-for (const name of ["./uPlot.min.css", "./palette.css", "./plot.css"]) sheet(name);
+await Promise.all(["./uPlot.min.css", "./palette.css", "./plot.css"].map(sheet));
 export const uPlot = await script();
 
 export const FONT = '12px system-ui, -apple-system, "Segoe UI", Roboto, Ubuntu, Cantarell, "Noto Sans", sans-serif';

@@ -1,0 +1,238 @@
+"""What pages fetch and send as files: columns for plots, exports, recordings.
+
+Owns the addresses below ``/data`` and the check of what they are asked. Behind the gate as everything else; writing
+needs the right to operate. What may wait runs in threads. Must not know how a page shows it.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import tempfile
+import time
+from collections.abc import Awaitable, Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+from starlette.background import BackgroundTask
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.routing import Route
+
+from hexwire.errors import HexwireError, UsageError
+from hexwire.trace.series import write_csv, write_mcap
+
+from .access import Right
+from .columns import history_columns, serialize_columns, series_columns
+from .guard import SESSION
+
+if TYPE_CHECKING:
+    from .app import Studio
+
+__all__ = ["make_routes"]
+
+_BYTES = "application/octet-stream"
+_PLAIN = {"Cache-Control": "no-store"}
+_Handler = Callable[[Request], Awaitable[Response]]
+
+
+class _RefusedError(Exception):
+    def __init__(self, status: int, text: str) -> None:
+        super().__init__(text)
+        self.status = status
+
+
+def make_routes(present: Callable[[], Studio]) -> list[Route]:
+    """The addresses.
+
+    Args:
+        present: The studio that is served now.
+    """
+    files = _Files(present)
+    rows: list[tuple[str, str, _Handler]] = [
+        ("GET", "/data/history", files.history),
+        ("GET", "/data/history.csv", files.csv),
+        ("GET", "/data/history.mcap", files.mcap),
+        ("GET", "/data/twin", files.twin),
+        ("GET", "/data/compare", files.compare),
+        ("GET", "/data/recording", files.columns),
+        ("GET", "/data/recording.mcap", files.download),
+        ("POST", "/data/recording", files.upload),
+    ]
+    return [Route(path, _told(handler), methods=[method]) for method, path, handler in rows]
+
+
+def _told(handler: _Handler) -> _Handler:
+    """A handler whose errors become one line of JSON."""
+
+    async def told(request: Request) -> Response:
+        try:
+            return await handler(request)
+        except _RefusedError as error:
+            return JSONResponse({"error": str(error)}, error.status, _PLAIN)
+        except HexwireError as error:
+            return JSONResponse({"error": str(error)}, 400, _PLAIN)
+
+    return told
+
+
+class _Files:
+    def __init__(self, present: Callable[[], Studio]) -> None:
+        self._present = present
+        self._uploading = False
+
+    # -- the open arm -----------------------------------------------------------------------------------
+
+    async def history(self, request: Request) -> Response:
+        """The last ten minutes, or what is newer than ``after``."""
+        arm = self._present().source.need_arm()
+        offset = time.time() - arm.arm.owner.now()
+        data = await run_in_threadpool(history_columns, arm.history, _number(request, "after", -math.inf), offset)
+        return Response(data, media_type=_BYTES, headers=_PLAIN)
+
+    async def csv(self, request: Request) -> Response:
+        """A part of them as CSV, in SI units."""
+
+        def write(path: Path) -> None:
+            arm = self._present().source.need_arm()
+            wanted = request.query_params.get("columns", "").split(",")
+            columns = [(joint, signal.name) for joint, signal in arm.history.columns]
+            names = [f"{joint}.{name}" if joint else name for joint, name in columns]
+            places = [i for i, name in enumerate(names) if wanted == [""] or name in wanted]
+            rows = arm.history.rows().between(*_span(request))
+            chosen = ((at, [row[i] for i in places]) for at, row in rows)
+            offset = time.time() - arm.arm.owner.now()
+            with path.open("wb") as out:
+                write_csv(out, [columns[i] for i in places], chosen, offset)
+
+        return await _written(write, self._name("csv"), "text/csv")
+
+    async def mcap(self, request: Request) -> Response:
+        """A part of them as a recording."""
+
+        def write(path: Path) -> None:
+            arm = self._present().source.need_arm()
+            columns = [(joint, signal.name) for joint, signal in arm.history.columns]
+            rows = arm.history.rows().between(*_span(request))
+            if not len(rows):
+                raise UsageError("nothing is known of this time")
+            path.unlink()
+            offset = time.time() - arm.arm.owner.now()
+            write_mcap(path, columns, rows, offset, robot=arm.settings.model.name)
+
+        return await _written(write, self._name("mcap"), _BYTES)
+
+    def _name(self, ending: str) -> str:
+        robot = self._present().source.need_arm().settings.model.name
+        return f"{time.strftime('%Y-%m-%d %H-%M-%S')} {robot}.{ending}"
+
+    # -- recordings -------------------------------------------------------------------------------------
+
+    async def columns(self, request: Request) -> Response:
+        """A recording's columns."""
+        shelf = self._present().shelf
+        series = await run_in_threadpool(shelf.series, _text(request, "name"), _topic(request, "topic"))
+        return Response(series_columns(series), media_type=_BYTES, headers=_PLAIN)
+
+    async def download(self, request: Request) -> Response:
+        """A recording as it is."""
+        name = _text(request, "name")
+        library = self._present().shelf.library
+        await run_in_threadpool(library.find, name)
+        return FileResponse(library.path(name), media_type=_BYTES, filename=name, headers=_PLAIN)
+
+    async def compare(self, request: Request) -> Response:
+        """Two recordings on one time axis."""
+        shelf = self._present().shelf
+        a = _text(request, "a"), _topic(request, "topic_a")
+        b = _text(request, "b"), _topic(request, "topic_b")
+        align, lag = request.query_params.get("align", "start"), _number(request, "lag", 0.0)
+        data = await run_in_threadpool(shelf.compared, a, b, align, lag)
+        return Response(data, media_type=_BYTES, headers=_PLAIN)
+
+    async def twin(self, request: Request) -> Response:
+        """What the twin did, later than ``after``."""
+        twin = self._present().shelf.twin
+        if twin.history is None:
+            raise UsageError("the twin has not moved yet")
+        head: dict[str, Any] = {"state": asdict(twin.state), "names": list(twin.history.names)}
+        rows = twin.history.rows(_number(request, "after", -math.inf))
+        data = await run_in_threadpool(_positions, head, twin.history, rows)
+        return Response(data, media_type=_BYTES, headers=_PLAIN)
+
+    async def upload(self, request: Request) -> Response:
+        """Take a file that somebody brings."""
+        if request.scope[SESSION].right < Right.OPERATE:
+            raise _RefusedError(403, "this address is for watching only")
+        if self._uploading:
+            raise _RefusedError(429, "another file is being taken; try again soon")
+        name, library = _text(request, "name"), self._present().shelf.library
+        self._uploading = True
+        try:
+            # Not in memory; and the bound counts bytes, since a length that is given may be wrong.
+            with tempfile.TemporaryFile() as file:
+                size = 0
+                async for part in request.stream():
+                    size += len(part)
+                    if size > library.largest:
+                        raise _RefusedError(413, f"it is larger than {library.largest >> 20} MiB")
+                    await run_in_threadpool(file.write, part)
+                file.seek(0)
+                found = await run_in_threadpool(library.add, name, file)
+        finally:
+            self._uploading = False
+        return JSONResponse({"name": found.name, "problem": found.problem}, headers=_PLAIN)
+
+
+def _positions(head: dict[str, Any], history: Any, rows: Any) -> bytes:
+    from .columns import transposed
+
+    names = [f"{joint}.{signal.name}" if joint else signal.name for joint, signal in history.columns]
+    pairs = list(zip(names, transposed(rows), strict=True))
+    return serialize_columns(head, rows.times, [pair for pair in pairs if pair[0].endswith((".position", ".goal"))])
+
+
+async def _written(write: Callable[[Path], None], name: str, kind: str) -> Response:
+    """A file made for one answer."""
+    fd, text = tempfile.mkstemp(prefix="hexwire-", suffix=Path(name).suffix)
+    os.close(fd)
+    path = Path(text)
+    try:
+        await run_in_threadpool(write, path)
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
+    headers = {**_PLAIN, "Content-Disposition": f"attachment; filename*=UTF-8''{quote(name)}"}
+    task = BackgroundTask(path.unlink, missing_ok=True)
+    return FileResponse(path, media_type=kind, headers=headers, background=task)
+
+
+def _text(request: Request, key: str) -> str:
+    found = request.query_params.get(key, "")
+    if not 0 < len(found) <= 300:
+        raise UsageError(f"name a recording ({key})")
+    return found
+
+
+def _topic(request: Request, key: str) -> str | None:
+    return request.query_params.get(key) or None
+
+
+def _number(request: Request, key: str, default: float) -> float:
+    text = request.query_params.get(key)
+    if text is None:
+        return default
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if math.isnan(value):
+        raise UsageError(f"{key} must be a number")
+    return value
+
+
+def _span(request: Request) -> tuple[float, float]:
+    return _number(request, "from", -math.inf), _number(request, "to", math.inf)

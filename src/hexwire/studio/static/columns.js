@@ -1,0 +1,54 @@
+// Columns of numbers from the studio's server: the bytes of studio/columns.py. Must not know who shows them.
+
+/**
+ * Fetch columns.
+ * @returns {Promise<{head: object, times: Float64Array, columns: Map<string, Float32Array>}>}
+ * @throws {Error} with the server's words
+ */
+export async function fetchColumns(address, query = {}) {
+  const answer = await fetch(withQuery(address, query));
+  if (!answer.ok) throw new Error(await reasonOf(answer));
+  return parseColumns(await answer.arrayBuffer());
+}
+
+export function withQuery(address, query) {
+  const known = Object.entries(query).filter(([, value]) => value !== undefined && value !== null && value !== "");
+  return known.length ? `${address}?${new URLSearchParams(known)}` : address;
+}
+
+export async function reasonOf(answer) {
+  try {
+    return (await answer.json()).error;
+  } catch {
+    return `the studio answered ${answer.status}`;
+  }
+}
+
+export function parseColumns(bytes) {
+  const view = new DataView(bytes);
+  if (view.getUint32(0, false) !== 0x48574331) throw new Error("the studio sent something else than columns");
+  const size = view.getUint32(4, true);
+  const head = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 8, size)));
+  let at = 8 + size;
+  const times = new Float64Array(bytes, at, head.count);
+  at += 8 * head.count;
+  const columns = new Map();
+  for (const name of head.columns) {
+    columns.set(name, new Float32Array(bytes, at, head.count));
+    at += 4 * head.count;
+  }
+  return { head, times, columns };
+}
+
+/** Save what an address gives as a file, under the name that the server gives it. */
+export async function save(address, query) {
+  const answer = await fetch(withQuery(address, query));
+  if (!answer.ok) throw new Error(await reasonOf(answer));
+  const said = answer.headers.get("content-disposition") || "";
+  const name = decodeURIComponent((said.match(/filename\*=(?:utf-8|UTF-8)''([^;]+)/) || said.match(/filename="([^"]+)"/) || ["", "hexwire"])[1]);
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(await answer.blob());
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+}

@@ -1,0 +1,167 @@
+// The page Plots: any signal of any joint, live, with the last ten minutes from the server.
+//
+// Owns which signals are shown. plot.js draws; signals.js knows units.
+
+import hexwire from "/static/live.js";
+import { Plot } from "/static/plot.js";
+import { fetchColumns, save } from "/static/columns.js";
+import { ARM_SIGNALS, JOINT_SIGNALS, jointSeries, valuesOf } from "/static/signals.js";
+import { loadSheet, make, chips } from "/static/widgets.js";
+
+const STORE = "hexwire-plots";
+
+export function mount(element, args) {
+  loadSheet("/static/plots.css");
+  const chosen = { joints: null, signals: ["position", "goal"], arm: [], ...stored() };
+  const state = { plot: null, model: null, origin: null, offset: 0, waiting: null, last: -Infinity, round: 0 };
+  const pick = make("div", { className: "pl-pick" });
+  const note = make("p", { className: "pl-note", role: "status" });
+  const place = make("div", { className: "pl-plot" });
+  const exports = make("div", { className: "pl-export", role: "group", ariaLabel: "Export" });
+  element.replaceChildren(pick, note, place, exports);
+
+  for (const [label, kind] of [["CSV", "csv"], ["MCAP", "mcap"]]) {
+    const button = make("button", { type: "button", className: "hw-button", textContent: label,
+      title: `Save what is shown as ${label}`, ariaLabel: `Save what is shown as ${label}` });
+    button.addEventListener("click", () => exported(kind, button));
+    exports.append(button);
+  }
+  const all = make("label", {}, make("input", { type: "checkbox", id: "pl-all" }), " all ten minutes");
+  exports.prepend(make("span", { textContent: "Save what is shown:" }));
+  exports.append(all);
+
+  hexwire.onHello((model) => model.joints.length ? begin(model) : end("No arm is open."), element);
+  hexwire.onFrame((frame) => add(frame), element);
+  hexwire.onLink((there) => there && state.model && refill(), element);
+  if (!hexwire.model.joints.length) end(hexwire.facts && hexwire.facts.mode === "bus"
+    ? "A bare servo bus is open: its values are on the page Servos." : "No arm is open. Open one on the page Connect.");
+  const gone = setInterval(() => {
+    if (element.isConnected) return;
+    clearInterval(gone);
+    state.plot?.destroy();
+  }, 1000);
+
+  function end(text) {
+    state.model = null;
+    state.plot?.destroy();
+    state.plot = null;
+    pick.replaceChildren();
+    exports.hidden = true;
+    note.textContent = text;
+  }
+
+  function begin(model) {
+    const names = model.joints.map((joint) => joint.name);
+    const same = state.model && state.model.join() === names.join();
+    state.model = names;
+    state.last = -Infinity;
+    state.origin = null;
+    exports.hidden = false;
+    if (!same || !state.plot) {
+      chosen.joints = (chosen.joints ?? names).filter((name) => names.includes(name));
+      if (!chosen.joints.length) chosen.joints = names;
+      choices();
+      plot();
+    }
+    refill();
+  }
+
+  function choices() {
+    const changed = (key) => (values) => { chosen[key] = values; store(); plot(); refill(); };
+    pick.replaceChildren(
+      chips("Joints", state.model.map((name, i) => ({ key: name, text: name, colour: `--joint-${(i % 8) + 1}` })),
+        chosen.joints, changed("joints"), { all: true }),
+      chips("Signals", JOINT_SIGNALS.map((one) => ({ key: one.key, text: one.words, unit: one.unit })),
+        chosen.signals, changed("signals")),
+      chips("Arm", ARM_SIGNALS.map((one) => ({ key: one.key, text: one.words, unit: one.unit })), chosen.arm, changed("arm")),
+    );
+  }
+
+  /** What is drawn: pairs of series and how its values are found. */
+  function rows() {
+    const found = [];
+    for (const signal of JOINT_SIGNALS.filter((one) => chosen.signals.includes(one.key))) {
+      state.model.forEach((joint, i) => {
+        if (chosen.joints.includes(joint)) found.push({ series: jointSeries(joint, i, signal), signal, joint, index: i });
+      });
+    }
+    ARM_SIGNALS.filter((one) => chosen.arm.includes(one.key)).forEach((signal, i) => {
+      found.push({ series: { name: signal.words, quantity: signal.words, unit: signal.unit, colour: i, digits: signal.digits }, signal });
+    });
+    return found;
+  }
+
+  function plot() {
+    const before = state.plot;
+    state.rows = rows();
+    const panels = new Set(state.rows.map((row) => row.series.panel ?? row.series.unit)).size;
+    const height = Math.max(320, Math.min(window.innerHeight - 330, 640), 130 * panels);
+    const options = { title: "", fileName: "hexwire plot", series: state.rows.map((row) => row.series), height,
+      keep: 600, capacity: 66048, window: before?.window ?? 30, origin: state.origin ?? 0 };
+    before?.destroy();
+    state.plot = new Plot(place, options);
+    state.plot.toolbar.element.querySelector(".hx-plot-title").textContent = "";
+    note.textContent = state.rows.length ? "" : "Choose a signal.";
+  }
+
+  async function refill() {
+    const round = ++state.round;
+    state.waiting = [];
+    let found;
+    try {
+      found = await fetchColumns("/data/history");
+    } catch (error) {
+      if (round === state.round) { note.textContent = error.message; state.waiting = null; }
+      return;
+    }
+    if (round !== state.round || !state.plot) return;
+    if (state.origin === null && found.times.length) state.origin = found.times[0];
+    state.plot.options.origin = state.origin ?? 0;
+    const columns = state.rows.map(({ signal, joint }) =>
+      valuesOf(signal, (key) => found.columns.get(joint ? `${joint}.${key}` : key)) ?? new Float32Array(found.times.length).fill(NaN));
+    state.plot.set([found.times, ...columns]);
+    state.last = found.times.length ? found.times[found.times.length - 1] : -Infinity;
+    const waiting = state.waiting;
+    state.waiting = null;
+    waiting.forEach(add);
+  }
+
+  function add(frame) {
+    if (!state.plot || !state.model || frame.position.length !== state.model.length) return;
+    if (state.waiting) { state.waiting.push(frame); return; }
+    if (frame.time <= state.last) return;
+    state.last = frame.time;
+    if (state.origin === null) state.plot.options.origin = state.origin = frame.time;
+    const facts = hexwire.facts ?? {};
+    state.plot.append(frame.time, state.rows.map(({ signal, index }) => {
+      if (index === undefined) {
+        return { rate: facts.rate, round_trip: facts.round_trip_ms, faults: facts.faults?.length }[signal.key] ?? NaN;
+      }
+      if (signal.key === "error") return signal.factor * (frame.goal[index] - frame.position[index]);
+      return signal.factor * frame[signal.key][index];
+    }));
+  }
+
+  async function exported(kind, button) {
+    const whole = document.getElementById("pl-all").checked;
+    const [from, to] = state.plot.range;
+    const columns = state.rows.filter(({ signal }) => signal.key !== "error")
+      .map(({ signal, joint }) => (joint ? `${joint}.${signal.key}` : signal.key));
+    button.disabled = true;
+    note.textContent = "";
+    try {
+      await save(`/data/history.${kind}`, { ...(whole ? {} : { from, to }), ...(kind === "csv" ? { columns: columns.join() } : {}) });
+    } catch (error) {
+      note.textContent = error.message;
+    }
+    button.disabled = false;
+  }
+
+  function stored() {
+    try { return JSON.parse(localStorage.getItem(STORE)) ?? {}; } catch { return {}; }
+  }
+
+  function store() {
+    try { localStorage.setItem(STORE, JSON.stringify(chosen)); } catch { /* a browser that stores nothing */ }
+  }
+}

@@ -1,0 +1,43 @@
+// Small pieces of pages that plots and recordings share. Must not know what they mean.
+
+/** An element with properties and children. */
+export function make(tag, properties = {}, ...children) {
+  const made = document.createElement(tag);
+  for (const [key, value] of Object.entries(properties)) {
+    if (key === "role" || key.startsWith("data-")) made.setAttribute(key, value);
+    else made[key] = value;
+  }
+  made.append(...children);
+  return made;
+}
+
+export function loadSheet(address) {
+  if (document.querySelector(`link[href="${address}"]`)) return;
+  document.head.append(make("link", { rel: "stylesheet", href: address }));
+}
+
+/** A group of switches; `changed` gets the keys that are on, in order. */
+export function chips(label, items, on, changed, options = {}) {
+  const group = make("fieldset", { className: "pl-chips" }, make("legend", { textContent: label }));
+  const boxes = items.map(({ key, text, unit, colour }) => {
+    const box = make("input", { type: "checkbox", checked: on.includes(key), value: key });
+    const chip = make("label", { className: "pl-chip" }, box, make("span", { textContent: text }));
+    if (unit) chip.append(make("small", { textContent: unit }));
+    if (colour) chip.style.setProperty("--chip", `var(${colour})`);
+    box.addEventListener("change", tell);
+    group.append(chip);
+    return box;
+  });
+  if (options.all) {
+    const all = make("button", { type: "button", className: "pl-all", textContent: "all", title: `All ${label.toLowerCase()}` });
+    all.setAttribute("aria-label", `All ${label.toLowerCase()}`);
+    all.addEventListener("click", () => {
+      const every = boxes.every((box) => box.checked);
+      boxes.forEach((box, i) => { box.checked = !every || i === 0; });
+      tell();
+    });
+    group.append(all);
+  }
+  function tell() { changed(boxes.filter((box) => box.checked).map((box) => box.value)); }
+  return group;
+}
