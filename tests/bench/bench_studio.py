@@ -1,0 +1,249 @@
+"""The studio beside the owner alone: processor, bytes, latency, memory, and whether the owner's cycles stay on time.
+
+Everything is real: an emulated board in a process of its own, `hexwire studio` in another one, and Chromium with
+pages that are drawn. The bare reference is the same arm, opened by the same code, without server and pages; blocks of
+both take turns. Frames are counted where they are drawn.
+"""
+
+from __future__ import annotations
+
+import json
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import IO, TYPE_CHECKING
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from tests.bench.board import board, cpu, memory
+from tests.studio.chromium import chromium
+
+from hexwire.control.history import History
+from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.state import JointState
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, BrowserContext, Page
+
+_PROGRAM = Path(__file__).with_name("studio_process.py")
+_BLOCK = 5.0
+"""Seconds of a block."""
+_ROUNDS = 3
+_DRAGS = 40
+_PAGES = 7
+_VIEWERS = 4
+_HOUR, _RATE = 3600, 50.0
+
+_COUNT = """() => {
+  window.bench = { frames: 0 };
+  window.hexwire.onFrame(() => { window.bench.frames += 1; });
+}"""
+_PRESSED = """() => {
+  window.pressed = [];
+  document.addEventListener("pointerdown",
+    (event) => window.pressed.push(performance.timeOrigin + event.timeStamp), { capture: true });
+}"""
+
+
+def run() -> list[str]:
+    """Figures of the studio, each beside its aim."""
+    if not Path("/usr/bin/chromium").exists():
+        return ["left out: Chromium is not installed (`make test` installs it)"]
+    with ExitStack() as stack:
+        bare = stack.enter_context(_process("owner", *_arm(stack)))
+        port, moves = _arm(stack)
+        studio = stack.enter_context(_process("studio", port, moves))
+        browser = stack.enter_context(chromium())
+        usable = _usable(browser, studio)
+        lines = [
+            f"from the start of `hexwire studio` to its address: {studio.started:.2f} s (aim 3 s)",
+            f"time to a usable page, cold cache: median {usable[0]:.2f} s, worst {usable[1]:.2f} s of {_PAGES} (aim 1.5 s)",
+        ]
+        lines += _processor(browser, bare, studio)
+        lines.append(_drag(browser, studio))
+        lines.append(_memory(studio))
+    with ExitStack() as stack:
+        lines.append(_cycles(stack))
+    return lines
+
+
+class _Process:
+    """A process under measurement, and what it says."""
+
+    def __init__(self, process: subprocess.Popen[str], moves: Connection | None) -> None:
+        self.process, self.moves = process, moves
+        assert process.stdin is not None
+        assert process.stdout is not None
+        self._in: IO[str] = process.stdin
+        self._out: IO[str] = process.stdout
+        begin = time.monotonic()
+        self.operate = self._out.readline().partition(": ")[2].strip()
+        self.started = time.monotonic() - begin
+        self.watch = self._out.readline().partition(": ")[2].strip() if self.operate != "none" else ""
+
+    def share(self, meanwhile: Callable[[], object]) -> float:
+        """Share of a core that it takes while something is called."""
+        before, begin = cpu(self.process.pid), time.monotonic()
+        meanwhile()
+        return (cpu(self.process.pid) - before) / (time.monotonic() - begin)
+
+    @property
+    def memory(self) -> float:
+        """Resident memory, MB."""
+        return memory(self.process.pid)
+
+    def delays(self) -> list[float]:
+        """How late the owner's cycles began since the last call, seconds."""
+        self._in.write("\n")
+        self._in.flush()
+        rows: list[float] = json.loads(self._out.readline())
+        return rows
+
+
+def _arm(stack: ExitStack) -> tuple[str, Connection]:
+    return stack.enter_context(board())
+
+
+@contextmanager
+def _process(kind: str, port: str, moves: Connection | None = None, *words: str) -> Iterator[_Process]:
+    command = [sys.executable, str(_PROGRAM), kind, "--port", port, *words]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield _Process(process, moves)
+        finally:
+            process.terminate()
+
+
+@contextmanager
+def _page(browser: Browser, url: str, path: str = "/arm") -> Iterator[Page]:
+    """A page of a new browser, drawn and counting its frames."""
+    context = browser.new_context(viewport={"width": 1440, "height": 900})
+    try:
+        yield _open(context, url, path)
+    finally:
+        context.close()
+
+
+def _open(context: BrowserContext, url: str, path: str) -> Page:
+    page = context.new_page()
+    page.goto(url.replace("/?", f"{path}?"))
+    page.wait_for_function("window.hexwire && window.hexwire.frame")
+    page.evaluate(_COUNT)
+    return page
+
+
+# -- figures ------------------------------------------------------------------------------------------------
+
+
+def _usable(browser: Browser, studio: _Process) -> tuple[float, float]:
+    """Median and worst seconds from the request to a page that has facts and its first frame, with an empty cache."""
+    found = []
+    for _ in range(_PAGES):
+        context = browser.new_context(viewport={"width": 1440, "height": 900})
+        page = context.new_page()
+        page.goto(studio.operate.replace("/?", "/arm?"))
+        page.wait_for_function(
+            "window.hexwire && window.hexwire.frame && document.querySelector('#hw-take')?.checkVisibility()"
+        )
+        found.append(page.evaluate("performance.now()") / 1000)
+        context.close()
+    return statistics.median(found), max(found)
+
+
+def _processor(browser: Browser, bare: _Process, studio: _Process) -> list[str]:
+    """What the studio takes with no page, with one, with four; each beside the owner alone."""
+    alone: list[float] = []
+    shares: dict[int, list[float]] = {0: [], 1: [], _VIEWERS: []}
+    frames: dict[int, list[float]] = {1: [], _VIEWERS: []}
+    volume: list[float] = []
+    for _ in range(_ROUNDS):
+        alone.append(bare.share(lambda: time.sleep(_BLOCK)))
+        for viewers, found in shares.items():
+            with ExitStack() as stack:
+                pages = [stack.enter_context(_page(browser, studio.operate)) for _ in range(viewers)]
+                before = [page.evaluate("window.bench.frames") for page in pages]
+                if pages:
+                    # What a page does at first is not what it does.
+                    pages[0].wait_for_timeout(1000.0)
+                    before = [page.evaluate("window.bench.frames") for page in pages]
+                begin = time.monotonic()
+                found.append(studio.share(lambda: _wait(pages)))
+                lasted = time.monotonic() - begin
+                if pages:
+                    after = [page.evaluate("window.bench.frames") for page in pages]
+                    frames[viewers] += [(b - a) / lasted for a, b in zip(before, after, strict=True)]
+        volume.append(_volume(browser, studio))
+    usual = statistics.median(alone)
+    lines = [f"processor: the owner alone {usual:.1%} of a core"]
+    for viewers, found in shares.items():
+        share = statistics.median(found)
+        what = f"{viewers} page{'s' if viewers != 1 else ''}"
+        rate = f", {statistics.median(frames[viewers]):.0f} frames/s in each" if viewers else ""
+        aim = " (aim 6 %)" if viewers == 1 else ""
+        lines.append(f"  the studio with {what} {share:.1%}{rate}: {share - usual:.1%} beyond the owner's{aim}")
+    lines.append(f"to each page: {statistics.median(volume) / 1000:.1f} kB/s (aim 20 kB/s)")
+    return lines
+
+
+def _wait(pages: list[Page]) -> None:
+    if pages:
+        pages[0].wait_for_timeout(1000 * _BLOCK)
+    else:
+        time.sleep(_BLOCK)
+
+
+def _volume(browser: Browser, studio: _Process) -> float:
+    """Bytes a second that one page gets by its sockets, with their heads."""
+    context = browser.new_context(viewport={"width": 1440, "height": 900})
+    try:
+        page = context.new_page()
+        got: list[int] = []
+
+        def note(payload: str | bytes) -> None:
+            size = len(payload.encode() if isinstance(payload, str) else payload)
+            got.append(size + (2 if size < 126 else 4))
+
+        page.on("websocket", lambda socket: socket.on("framereceived", note))
+        page.goto(studio.operate.replace("/?", "/arm?"))
+        page.wait_for_function("window.hexwire && window.hexwire.frame")
+        page.wait_for_timeout(1000.0)
+        got.clear()
+        begin = time.monotonic()
+        page.wait_for_timeout(1000 * _BLOCK)
+        return sum(got) / (time.monotonic() - begin)
+    finally:
+        context.close()
+
+
+def _drag(browser: Browser, studio: _Process) -> str:
+    """From the press of a button that jogs to the first byte on the servo line."""
+    with _page(browser, studio.operate) as page:
+        page.get_by_role("button", name="Take control").click()
+        page.get_by_role("button", name="Torque on").click()
+        page.get_by_role("button", name="Torque off").wait_for()
+        page.evaluate(_PRESSED)
+        button = page.get_by_role("button", name="J1 +")
+        for i in range(_DRAGS):
+            # To and fro, so that it meets no limit.
+            button = page.get_by_role("button", name="J1 +" if i % 2 else "J1 −")
+            button.hover()
+            page.mouse.down()
+            page.wait_for_timeout(120.0)
+            page.mouse.up()
+            page.wait_for_timeout(250.0 + 7 * (i % 5))
+        pressed = [when / 1000 for when in page.evaluate("window.pressed")]
+    assert studio.moves is not None
+    studio.moves.send(None)
+    offset = time.time() - time.monotonic()
+    moved = [when + offset for when in studio.moves.recv()]
+    late = [next((m for m in moved if m > begin), begin + 1.0) - begin for begin in pressed]
+    late.sort()
+    return (
+        f"press of a jog button to the first servo byte: p50 {1000 * statistics.median(late):.1f} ms, "
+        f"p95 {1000 * late[int(0.95 * len(late))]:.1f} ms of {len(late)} (aim 30 ms)"
+    )
