@@ -1,4 +1,4 @@
-"""An emulated board in a process of its own, for benchmarks; and what a process takes of this machine."""
+"""Emulated boards and servos in processes of their own, for benchmarks; and what a process takes."""
 
 from __future__ import annotations
 
@@ -11,9 +11,12 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from hexwire.emulator.board import make_hex7bot_board
+from hexwire.emulator.bus_device import make_servos
+from hexwire.emulator.serve_bus import serve_bus
 from hexwire.emulator.serve_pty import PtyServer
+from hexwire.wire.registers import Series
 
-__all__ = ["board", "cpu", "memory"]
+__all__ = ["board", "cpu", "memory", "servo_bus"]
 
 _WRITES = (0x03, 0x83)
 """Instructions of a servo packet that move a servo: write and sync write."""
@@ -56,6 +59,25 @@ def _serve(parent: Connection) -> None:
             if parent.poll():
                 parent.recv()
                 parent.send(moved)
+
+
+@contextmanager
+def servo_bus(count: int = 7) -> Iterator[str]:
+    """Servos on an unpaced line, in a process of its own; gives their terminal."""
+    context = multiprocessing.get_context("fork")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=_serve_servos, args=(theirs, count), daemon=True)
+    process.start()
+    try:
+        yield ours.recv()
+    finally:
+        process.terminate()
+        process.join()
+
+
+def _serve_servos(parent: Connection, count: int) -> None:
+    servos = make_servos([Series.STS_SMS], range(1, count + 1), baud=[0], start=time.monotonic())
+    serve_bus(servos, baud=0, stop=lambda: False, announce=parent.send)
 
 
 def cpu(pid: int) -> float:

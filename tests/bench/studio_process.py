@@ -44,7 +44,8 @@ def main(words: list[str]) -> None:
     shutdown = Shutdown(12.0)
     shutdown.listen()
     source = Source()
-    source.open(rest[1])
+    options = dict(zip(rest[::2], rest[1::2], strict=True))
+    source.open(options["--port"], options.get("--robot"))
     print("operate: none", flush=True)
     answer.start()
     while not shutdown.wait(1.0):
