@@ -67,6 +67,7 @@ def studio(served: RunningStudio) -> Iterator[RunningStudio]:
         yield served
     finally:
         served.studio.source.close()
+        served.studio.fleet.rest()
         served.studio.access.end_all()
 
 

@@ -23,6 +23,7 @@ os.environ.setdefault("NICEGUI_STORAGE_PATH", str(Path(tempfile.gettempdir()) / 
 
 import uvicorn
 from fastapi import FastAPI
+from nicegui import app as nicegui_app
 from nicegui import ui
 from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response
@@ -183,11 +184,14 @@ def _make_pages() -> Any:
     guard_page_sockets()
     ui.page("/")(page)
     ui.page("/{_:path}")(page)
+    # Its bar runs at every request of a page, says nothing, and has no name for a screen reader.
+    nicegui_app.config.quasar_config["loadingBar"]["skipHijack"] = True
     ui.run_with(
         app,
         title="hexwire studio",
         tailwind=False,
         show_welcome_message=False,
+        language="en-US",
         dark=None,
         reconnect_timeout=5.0,
         gzip_middleware_factory=None,
