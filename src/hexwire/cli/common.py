@@ -56,6 +56,7 @@ __all__ = [
     "refuse_idle_force",
     "refuse_table",
     "resolve_url",
+    "robot_at_port",
     "robot_options",
     "table_options",
 ]
@@ -224,7 +225,7 @@ def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
         # It may also come before the command: `hexwire --robot puma260 state`.
         robot = robot or click.get_current_context().find_root().params.get("robot")
         if robot is None:
-            robot = _robot_at(port)
+            robot = robot_at_port(port)
         return command(*args, options=RobotOptions(port, robot, baud, dialect, timeout, take), **rest)
 
     robot_option = click.option(
@@ -236,7 +237,7 @@ def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return port_option(robot_option(line_options(take_option(packed))))
 
 
-def _robot_at(port: str | None) -> str:
+def robot_at_port(port: str | None) -> str:
     """Name of the robot, if none is typed: a shared arm is asked."""
     from hexwire.drivers.registry import is_address, make_driver, robot_at
 

@@ -24,6 +24,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "conf": ("hexwire.cli.conf:conf", "Check and convert channel configuration files (ipc_msg.conf)."),
     "demo": ("hexwire.cli.demo:demo", "Move an emulated arm there and back, with a live table."),
     "firmware": ("hexwire.cli.firmware:firmware", "Build, flash and identify the board's firmware."),
+    "follow": ("hexwire.cli.follow:follow", "Let an arm follow another one that is moved by hand."),
     "doctor": ("hexwire.cli.doctor:doctor", "Diagnose problems, from the USB port to the servos."),
     "fleet": ("hexwire.cli.fleet:fleet", "See, stop, record and play many shared arms; router and rights."),
     "goto": ("hexwire.cli.motion:goto", "Move the tool tip to a position, as fast as allowed."),

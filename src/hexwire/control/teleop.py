@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from .outcomes import Ended, GoalListener
 
-__all__ = ["OVERLAP", "Stick", "TeleopController", "run_teleop"]
+__all__ = ["OVERLAP", "Stick", "TeleopController", "hold_at_end", "run_teleop"]
 
 Stick = Callable[[], tuple[Sequence[float], int, float]]
 """Returns the newest axes (-1..1), buttons (bit i is button i) and their age in seconds, infinite at first."""
@@ -156,10 +156,10 @@ def run_teleop(
         finally:
             with shield():
                 controller.release("it is over")
-                _hold(robot)
+                hold_at_end(robot)
 
 
-def _hold(robot: RobotDriver) -> None:
+def hold_at_end(robot: RobotDriver) -> None:
     """Hold the arm where it is, also after an error; if that fails, stop it."""
     try:
         state = robot.read()

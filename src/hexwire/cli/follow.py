@@ -1,0 +1,126 @@
+"""`follow`: arms that follow others, which are moved by hand.
+
+Owns the command line. Must not know how a follower follows.
+"""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from typing import TYPE_CHECKING
+
+import click
+
+from hexwire.errors import UsageError
+
+from .common import RobotOptions, attached, make_robot, number_option, refuse_table, robot_at_port, table_options
+from .exits import note, shielded
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from hexwire.drivers.base import RobotDriver
+    from hexwire.motion.following import Following
+
+__all__ = ["follow"]
+
+_FACING = ("shoulder_pan", "wrist_roll", "J1", "J4", "J6")
+"""Joints that turn the other way when two arms face each other."""
+
+
+@click.command()
+@click.argument("arms", metavar="LEADER FOLLOWER [LEADER FOLLOWER]...", nargs=-1, required=True)
+@click.option("--robot", metavar="NAME", help="Type of the arms on servo buses, such as so101.")
+@number_option("--rate", "HZ", "Cycles per second.", above=0, default=100.0)
+@click.option("--mirror", is_flag=True, help="The arms face each other: base and wrist turn the other way.")
+@number_option("--meet", "SHARE", "Fraction of the speed limits until it has met the leader.", above=0, default=0.2)
+@number_option(
+    "--force", "PERCENT", "Load at which the gripper stops closing; 100 for no limit.", above=0, default=35.0
+)
+@table_options
+def follow(
+    arms: tuple[str, ...],
+    robot: str | None,
+    rate: float,
+    mirror: bool,
+    meet: float,
+    force: float,
+    table: float | None,
+) -> None:
+    """Let FOLLOWER move as LEADER, which is moved by hand; several pairs at once.
+
+    An arm is a port, or ROBOT@PORT with a type or the file of a calibrated arm, as in left.toml@/dev/ttyACM0. An
+    address of a shared arm, such as zenoh:lab/arm1, does for both. The leader has no torque: hold it. The follower
+    first meets it slowly. It holds when the leader falls silent, and at the end.
+    """
+    from hexwire.control.following import Pair, run_following
+    from hexwire.drivers.registry import is_address
+
+    if len(arms) % 2:
+        raise UsageError("give a LEADER and a FOLLOWER for each pair")
+    if len(set(arms)) < len(arms):
+        raise UsageError("an arm is named twice")
+    for share, name in ((meet, "--meet"), (force / 100, "--force")):
+        if share > 1.0:
+            raise UsageError(f"{name} must be at most {'1' if name == '--meet' else '100'}")
+    made = [_make(text, robot) for text in arms]
+    with ExitStack() as stack:
+        pairs = []
+        for place in range(0, len(made), 2):
+            leader, follower = made[place], made[place + 1]
+            rules = _rules(leader, follower, mirror, meet, force / 100, table)
+            pairs.append(Pair(leader, follower, rules, _teller(follower, len(made) > 2)))
+        for driver in made:
+            stack.enter_context(attached(driver))
+
+        def announce() -> None:
+            for pair in pairs:
+                note(f"{pair.follower.url} follows {pair.leader.url}; Ctrl-C ends it, and it holds")
+                if not pair.follower.has_own_watchdog and not is_address(pair.follower.url):
+                    note(
+                        f"warning: nothing stops {pair.follower.url} if this program dies: its servos go to their "
+                        "last set-point and hold there"
+                    )
+
+        run_following(pairs, rate, on_ready=announce, shield=shielded)
+
+
+def _make(text: str, robot: str | None) -> RobotDriver:
+    """The driver for ``PORT`` or ``ROBOT@PORT``."""
+    name, at, port = text.rpartition("@")
+    # An @ may also be part of an address.
+    if not at or "/" in name.removesuffix(".toml").rpartition(":")[0] or "://" in name:
+        name, port = "", text
+    return make_robot(RobotOptions(port, name or robot or robot_at_port(port), None, None, None))
+
+
+def _rules(
+    leader: RobotDriver, follower: RobotDriver, mirror: bool, meet: float, force: float, table: float | None
+) -> Following:
+    from hexwire.control.path_check import PathCheck
+    from hexwire.model.geometry import kinematics_or_none
+    from hexwire.model.gripper import jaws_of
+    from hexwire.motion.following import Following, GripForce
+
+    model = follower.model
+    kinematics = kinematics_or_none(model.geometry or model.name)
+    if kinematics is None:
+        refuse_table(model)
+    else:
+        kinematics = kinematics.for_arm(model)
+    jaws = jaws_of(model)
+    return Following(
+        leader.model,
+        model,
+        mirror=frozenset(name for name in _FACING if name in model.names) if mirror else frozenset(),
+        share=meet,
+        grip=None if jaws is None or force >= 1.0 else GripForce(jaws, force),
+        check=PathCheck(model, kinematics, table).posture,
+    )
+
+
+def _teller(follower: RobotDriver, several: bool) -> Callable[[object], None]:
+    def tell(said: object) -> None:
+        text = said if isinstance(said, str) else f"stopped: {said}; clear it with 'hexwire resume'"
+        note(f"{follower.url}: {text}" if several else text)
+
+    return tell

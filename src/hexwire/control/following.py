@@ -1,0 +1,236 @@
+"""An arm that follows another one, the leader, which somebody moves by hand.
+
+Owns the controller, the reading of the leader, and the end: the follower holds. Must not know devices, nor the
+rules by which a follower follows.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NoReturn
+
+from hexwire.errors import HexwireError, UsageError
+from hexwire.model.state import JointTarget
+from hexwire.motion.safety import StopReason, board_stop
+from hexwire.motion.teleop import Action
+
+from .loop import check_rate
+from .owner import RobotOwner
+from .target import holding
+from .teleop import OVERLAP, hold_at_end
+
+if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
+    from hexwire.model.state import JointState
+    from hexwire.motion.following import Following
+
+    from .outcomes import Ended, GoalListener
+
+__all__ = ["FollowController", "FollowCounters", "Pair", "run_following"]
+
+
+@dataclass(slots=True)
+class FollowCounters:
+    """What happened while an arm followed.
+
+    Attributes:
+        cycles: Set-points decided.
+        unanswered: Cycles in which a joint of the leader had no new position.
+        pauses: How often the follower held because its leader was silent.
+    """
+
+    cycles: int = 0
+    unanswered: int = 0
+    pauses: int = 0
+
+
+class FollowController:
+    """Moves all joints of a follower.
+
+    It reads the leader in its own cycle, right before the set-point, so that no position waits for the next cycle.
+
+    Args:
+        rules: How the follower follows.
+        leader: Reads the leader; a fault of its line is an error of the cycle.
+        now: Clock of the leader's states, seconds.
+        period: Least seconds between two cycles.
+        on_note: Called with a new note for the operator, or with the reason for a stop.
+    """
+
+    def __init__(
+        self,
+        rules: Following,
+        leader: Callable[[], JointState],
+        now: Callable[[], float],
+        period: float,
+        on_note: Callable[[str | StopReason], object] = lambda said: None,
+    ) -> None:
+        check_rate(1.0 / period)
+        self._rules, self._leader, self._now, self._period = rules, leader, now, period
+        self._on_note = on_note
+        self._last = math.nan
+        self._said: str | StopReason = ""
+        self._stopped = self._met = False
+        self.moving = False
+        self.counters = FollowCounters()
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names."""
+        return self._rules.arm.names
+
+    @property
+    def busy(self) -> bool:
+        """It is moving its joints."""
+        return self.moving
+
+    @property
+    def reason(self) -> StopReason | None:
+        """Always None: a stop of the follower ends the motion with an error of its next target."""
+        return None
+
+    def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
+        """Do nothing: the operator watches the arm."""
+
+    def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | None:
+        """The target for the leader's present position."""
+        period = self._period if math.isnan(self._last) else max(self._period, now - self._last)
+        self._last = now
+        leader = self._leader()
+        age = self._now() - leader.stamp + max(leader.age, default=math.inf)
+        self.counters.cycles += 1
+        self.counters.unanswered += any(one > 0.0 for one in leader.age)
+        if state.stopped or self._stopped:
+            self._stopped = False
+            self._rules.pause()
+            self.moving = False
+            if found := board_stop(state):
+                self._say(found)
+            return None
+        loads = dict(zip(state.names, state.load, strict=True))
+        step = self._rules.update(leader.positions, age, state.positions, loads, now)
+        self.counters.pauses += step.action is Action.HOLD
+        met, self._met = step.met and not self._met, step.met
+        self._say(step.note or ("the follower has met the leader" if met else ""))
+        self.moving = step.action is Action.MOVE
+        if step.action is Action.HOLD:
+            return holding(self._rules.arm, state)
+        return JointTarget.of(step.positions, OVERLAP * period) if step.positions else None
+
+    def stop(self, reason: StopReason) -> None:
+        """Meet the leader again before following it."""
+        self._stopped, self.moving = True, False
+
+    def reset(self) -> None:
+        """Do nothing: nothing moves."""
+
+    def release(self, why: str) -> None:
+        """Same as `stop`."""
+        self._stopped, self.moving = True, False
+
+    def take_ended(self) -> list[tuple[GoalListener, Ended]]:
+        """There are no goals."""
+        return []
+
+    def _say(self, said: str | StopReason) -> None:
+        if said and said != self._said:
+            self._on_note(said)
+        self._said = said
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """A leader and its follower, both attached.
+
+    Attributes:
+        leader: Moved by hand; it gets no torque.
+        follower: Follows.
+        rules: How it follows.
+        on_note: As in `FollowController`.
+    """
+
+    leader: RobotDriver
+    follower: RobotDriver
+    rules: Following
+    on_note: Callable[[str | StopReason], object] = lambda said: None
+
+
+def run_following(
+    pairs: Sequence[Pair],
+    rate: float,
+    *,
+    on_ready: Callable[[], object] = lambda: None,
+    shield: Callable[[], AbstractContextManager[object]] = nullcontext,
+    sleep: Callable[[float], object] | None = None,
+) -> NoReturn:
+    """Let followers follow until an exception, such as KeyboardInterrupt, ends it; then all of them hold.
+
+    The first pair runs in the caller's thread, each other one in its own. A fault of one pair ends all.
+
+    Args:
+        pairs: At least one; no robot is in two of them.
+        rate: Cycles per second.
+        on_ready: Called once, when the followers have torque and before anything can move.
+        shield: Put around the hold at the end; keeps signals from interrupting it.
+        sleep: As in `RobotOwner`.
+
+    Raises:
+        HexwireError: A robot failed or refused.
+    """
+    for pair in pairs:
+        _release(pair.leader)
+    for pair in pairs:
+        on = pair.follower.torque(True)
+        if missing := [name for name in pair.rules.arm.names if name not in on]:
+            raise UsageError(f"{pair.follower.model.name} does not confirm torque of {', '.join(missing)}")
+    on_ready()
+    ended, faults = threading.Event(), list[BaseException]()
+
+    def follow(pair: Pair, shielded: Callable[[], AbstractContextManager[object]]) -> None:
+        controller = FollowController(pair.rules, pair.leader.read, pair.leader.now, 1.0 / rate, pair.on_note)
+        owner = RobotOwner(pair.follower, borrowed=True, command_rate=rate, sleep=sleep)
+        with owner:
+            owner.group.members = (controller,)
+            try:
+                while not ended.is_set():
+                    owner.turn()
+            finally:
+                with shielded():
+                    controller.release("it is over")
+                    hold_at_end(pair.follower)
+
+    def run(pair: Pair) -> None:
+        try:
+            follow(pair, nullcontext)
+        except BaseException as error:  # noqa: BLE001  # raised in the caller's thread
+            faults.append(error)
+        finally:
+            ended.set()
+
+    threads = [threading.Thread(target=run, args=(pair,), name="follower") for pair in pairs[1:]]
+    for thread in threads:
+        thread.start()
+    try:
+        follow(pairs[0], shield)
+    finally:
+        ended.set()
+        with shield():
+            for thread in threads:
+                thread.join()
+    # Only another pair's end leads here.
+    raise faults[0] if faults else HexwireError("another follower has ended")
+
+
+def _release(leader: RobotDriver) -> None:
+    """Switch the torque of a leader off, so that a hand can move it.
+
+    Raises:
+        UsageError: A joint does not confirm it: it would work against the hand.
+    """
+    off = leader.torque(False)
+    if missing := [name for name in leader.model.names if name not in off]:
+        raise UsageError(f"{leader.model.name} does not confirm that {', '.join(missing)} has no torque")

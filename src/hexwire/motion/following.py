@@ -1,0 +1,201 @@
+"""Following: from the joints of a leader arm to set-points of a follower, one cycle at a time.
+
+Owns the rules that make it safe: how the follower meets the leader, its limits and speeds, a leader that falls
+silent, and how hard the gripper closes. Time comes in as `now`. Knows no robots, threads or clocks; positions and
+loads are plain numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from hexwire.errors import LimitError, UsageError
+from hexwire.model.arm import ArmModel, JointModel
+from hexwire.model.gripper import Jaws
+
+from .teleop import Action
+
+__all__ = ["Follow", "Following", "GripForce"]
+
+_LONGEST_STEP = 0.1
+"""Longest time in seconds that one cycle integrates: a program that stalled must not catch up."""
+_MET = math.radians(1.5)
+"""Distance at which a joint of the follower has met the leader's."""
+_MOST_LEAD = math.radians(12.0)
+"""How far a set-point may run ahead of a blocked joint, which must not jump when it is released."""
+
+
+@dataclass(frozen=True, slots=True)
+class GripForce:
+    """How hard the follower's gripper presses.
+
+    Attributes:
+        jaws: Its joint, closed and open.
+        most: Load, as a fraction of full scale, at which it has something between its jaws.
+        squeeze: How much further it then closes, radians: its servo presses in proportion to that.
+    """
+
+    jaws: Jaws
+    most: float = 0.35
+    squeeze: float = math.radians(3.0)
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.most <= 1.0:
+            raise UsageError(f"the gripper's force must be above 0 and at most 1, not {self.most:g}")
+
+
+@dataclass(frozen=True, slots=True)
+class Follow:
+    """The outcome of one cycle.
+
+    Attributes:
+        action: What to do.
+        positions: With MOVE the set-point, radians by joint name.
+        met: Every joint of the follower has met the leader's.
+        note: Message for the user; may be empty.
+    """
+
+    action: Action
+    positions: Mapping[str, float]
+    met: bool = False
+    note: str = ""
+
+
+class Following:
+    """The rules, and the set-point. The two arms have joints of the same names.
+
+    A joint that has not met the leader's joint moves towards it at `share` of its speed limit; from then on it
+    follows at the speed limit. After a pause of any kind the joints meet again.
+
+    Args:
+        leader: Joints of the leader.
+        follower: Joints and limits of the follower.
+        mirror: Joints that move the other way, for two arms that face each other.
+        share: Share of each joint's speed limit at which the follower meets the leader.
+        stale: Age of a leader's joint in seconds from which the follower holds.
+        grip: How hard the gripper presses; None for no limit.
+        check: Called with the set-point before and a new one, radians by name. Raises LimitError where the follower
+            must not go.
+
+    Raises:
+        UsageError: The arms have different joints.
+    """
+
+    def __init__(
+        self,
+        leader: ArmModel,
+        follower: ArmModel,
+        *,
+        mirror: frozenset[str] = frozenset(),
+        share: float = 0.2,
+        stale: float = 0.25,
+        grip: GripForce | None = None,
+        check: Callable[[Mapping[str, float], Mapping[str, float]], object] = lambda before, goal: None,
+    ) -> None:
+        if missing := [name for name in follower.names if name not in leader.names]:
+            raise UsageError(
+                f"{leader.name} cannot lead {follower.name}: it has no {', '.join(missing)}; the joints must match"
+            )
+        if not 0.0 < share <= 1.0:
+            raise UsageError(f"the share of the speed limits must be above 0 and at most 1, not {share:g}")
+        for name in mirror:
+            follower.joint(name)
+        self.arm = follower
+        self._mirror, self._share, self._stale, self._grip, self._check = mirror, share, stale, grip, check
+        self._leader = {name: leader.joint(name) for name in follower.names}
+        self._active = False
+        self._last = 0.0
+        self._goal: dict[str, float] = {}
+        self._met: set[str] = set()
+        # Where the jaws stood when they met something; None if they hold nothing.
+        self._grasp: float | None = None
+
+    def pause(self) -> None:
+        """Forget the set-point: the joints meet the leader's again."""
+        self._active = False
+
+    def update(
+        self,
+        leader: Mapping[str, float],
+        age: float,
+        positions: Mapping[str, float],
+        loads: Mapping[str, float],
+        now: float,
+    ) -> Follow:
+        """One cycle.
+
+        Args:
+            leader: Positions of the leader, radians by name; what is not a number is unknown.
+            age: Age of the oldest of them in seconds.
+            positions: Positions of the follower.
+            loads: Loads of the follower as signed fractions of full scale; NaN where unknown.
+            now: Seconds, monotonic.
+        """
+        if not age < self._stale or not all(math.isfinite(leader.get(name, math.nan)) for name in self.arm.names):
+            return self._hold("the leader is silent")
+        if not all(math.isfinite(positions.get(name, math.nan)) for name in self.arm.names):
+            return self._hold("the positions of the follower are unknown")
+        if not self._active:
+            self._active = True
+            self._met.clear()
+            self._grasp = None
+            self._goal = {name: positions[name] for name in self.arm.names}
+            self._last = now
+        step = min(max(now - self._last, 0.0), _LONGEST_STEP)
+        self._last = now
+        before, note = dict(self._goal), ""
+        for joint in self.arm.joints:
+            wanted = self._wanted(joint, leader[joint.name])
+            if self._grip is not None and joint.name == self._grip.jaws.joint:
+                wanted = self._gripped(self._grip, wanted, positions[joint.name], loads.get(joint.name, math.nan))
+            self._goal[joint.name] = self._towards(joint, wanted, positions[joint.name], step)
+        if self._goal != before:
+            try:
+                self._check(before, self._goal)
+            except LimitError as error:
+                self._goal, note = before, str(error)
+        met = len(self._met) == len(self.arm.names)
+        return Follow(Action.MOVE, self._inside(), met, note)
+
+    def _hold(self, note: str) -> Follow:
+        action = Action.HOLD if self._active else Action.IDLE
+        self._active = False
+        return Follow(action, {}, False, note)
+
+    def _wanted(self, joint: JointModel, angle: float) -> float:
+        """Where the leader's joint leads the follower's."""
+        if self._grip is not None and joint.name == self._grip.jaws.joint:
+            # Jaws have different travels: a leader's handle and the follower's fingers are open or closed alike.
+            low, high = self._leader[joint.name].minimum, self._leader[joint.name].maximum
+            angle = joint.minimum + (angle - low) / (high - low) * (joint.maximum - joint.minimum)
+        if joint.name in self._mirror:
+            angle = -angle
+        return max(joint.minimum, min(joint.maximum, angle))
+
+    def _towards(self, joint: JointModel, wanted: float, here: float, step: float) -> float:
+        goal = self._goal[joint.name]
+        if abs(wanted - goal) <= _MET:
+            self._met.add(joint.name)
+        speed = joint.max_speed if joint.name in self._met else self._share * joint.max_speed
+        goal += max(-speed * step, min(speed * step, wanted - goal))
+        # From outside its limits a joint moves back to them, and a blocked one keeps its set-point near.
+        return max(here - _MOST_LEAD, min(here + _MOST_LEAD, goal))
+
+    def _inside(self) -> dict[str, float]:
+        """The set-point; a joint that is still outside its limits goes no further out."""
+        return {
+            joint.name: max(joint.minimum, min(joint.maximum, self._goal[joint.name])) for joint in self.arm.joints
+        }
+
+    def _gripped(self, grip: GripForce, wanted: float, here: float, load: float) -> float:
+        """Where the jaws go: as the leader's do, but no further than to press on what is between them."""
+        sign = math.copysign(1.0, grip.jaws.closed - grip.jaws.opened)
+        if self._grasp is not None:
+            slipped = sign * (here - self._grasp) > 2.0 * grip.squeeze
+            if slipped or sign * (wanted - self._grasp) <= 0.0:
+                self._grasp = None
+        if self._grasp is None and abs(load) >= grip.most and sign * (wanted - here) > grip.squeeze:
+            self._grasp = here
+        return wanted if self._grasp is None else grip.jaws.pressed(self._grasp, grip.squeeze)

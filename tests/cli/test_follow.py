@@ -1,0 +1,58 @@
+"""`hexwire follow`, on emulated arms."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+
+import pytest
+from click.testing import CliRunner, Result
+
+from hexwire.cli.main import cli
+from hexwire.emulator.hand import HandOrder
+from hexwire.emulator.serve_hand import move_by_hand
+
+LEADER, FOLLOWER = "sim://so101?leader=1&name=follow_lead", "sim://so101?name=follow_follow"
+
+
+def run(*words: str) -> Result:
+    return CliRunner().invoke(cli, ["follow", *words])
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "text"),
+    [
+        (("a",), 2, "give a LEADER and a FOLLOWER for each pair"),
+        (("a", "a"), 2, "an arm is named twice"),
+        (("a", "b", "--meet", "2"), 2, "--meet must be at most 1"),
+        (("a", "b", "--force", "101"), 2, "--force must be at most 100"),
+        (("so101@/none/a", "so101@/none/b"), 1, "/none/a does not exist"),
+        (("so101@/none/a", "hex7bot@/none/b"), 2, "so101 cannot lead hex7bot: it has no J1"),
+        (("none.toml@/none/a", "so101@/none/b"), 2, "none.toml"),
+    ],
+)
+def test_mistakes(words: tuple[str, ...], status: int, text: str) -> None:
+    result = run(*words)
+    assert (result.exit_code, text in result.stderr) == (status, True), result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.system
+def test_a_follower_follows_until_ctrl_c() -> None:
+    command = [sys.executable, "-m", "hexwire.cli", "follow", LEADER, FOLLOWER]
+    program = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    try:
+        assert program.stderr is not None
+        assert program.stderr.readline() == f"{FOLLOWER} follows {LEADER}; Ctrl-C ends it, and it holds\n"
+        assert "if this program dies" in program.stderr.readline()
+        moved = move_by_hand(LEADER, HandOrder("shoulder_pan", 20.0, 0.3, 0.2, 0.6))
+        assert moved.moved > 19.0
+        assert "met the leader" in program.stderr.readline()
+        program.send_signal(signal.SIGINT)
+        assert program.wait(10.0) == 130
+    finally:
+        program.kill()
+        program.wait()
+        if program.stderr is not None:
+            program.stderr.close()

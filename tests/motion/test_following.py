@@ -1,0 +1,179 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hexwire.drivers.arm_file import load_profile
+from hexwire.errors import LimitError, UsageError
+from hexwire.model.gripper import jaws_of
+from hexwire.motion.following import Follow, Following, GripForce
+from hexwire.motion.teleop import Action
+
+ARM = load_profile("so101").model
+HOME = dict.fromkeys(ARM.names, 0.0)
+PERIOD = 0.01
+JAWS = jaws_of(ARM)
+assert JAWS is not None
+HOME["gripper"] = JAWS.opened
+
+
+class Run:
+    """A follower that gets to each set-point at once, unless a test says otherwise."""
+
+    def __init__(self, rules: Following, positions: Mapping[str, float] = HOME) -> None:
+        self.rules, self.positions, self.now = rules, dict(positions), 100.0
+        self.loads = dict.fromkeys(ARM.names, 0.0)
+        self.fixed: set[str] = set()
+
+    def cycle(self, leader: Mapping[str, float], age: float = 0.0) -> Follow:
+        self.now += PERIOD
+        step = self.rules.update(leader, age, self.positions, self.loads, self.now)
+        self.positions |= {name: angle for name, angle in step.positions.items() if name not in self.fixed}
+        return step
+
+    def cycles(self, leader: Mapping[str, float], count: int) -> Follow:
+        for _ in range(count):
+            step = self.cycle(leader)
+        return step
+
+
+def test_it_meets_the_leader_slowly_and_follows_fast() -> None:
+    run = Run(Following(ARM, ARM, share=0.1))
+    leader = HOME | {"elbow_flex": 1.0}
+    speed = ARM.joint("elbow_flex").max_speed
+    first = run.cycles(leader, 2).positions["elbow_flex"]
+    assert first == pytest.approx(0.1 * speed * PERIOD)
+    while not (step := run.cycle(leader)).met:
+        assert step.action is Action.MOVE
+    run.cycles(leader, 50)
+    assert run.positions == pytest.approx(leader)
+    step = run.cycle(HOME | {"elbow_flex": -1.0})
+    assert step.positions["elbow_flex"] == pytest.approx(1.0 - min(speed * PERIOD, math.radians(12.0)))
+
+
+angles = st.floats(-4.0, 4.0) | st.just(math.nan)
+
+
+@given(st.lists(st.tuples(angles, angles, st.floats(0.0, 0.5)), min_size=1, max_size=30))
+def test_no_set_point_jumps_or_leaves_the_limits(leads: list[tuple[float, float, float]]) -> None:
+    run = Run(Following(ARM, ARM))
+    for pan, jaws, age in leads:
+        before = dict(run.positions)
+        step = run.cycle(HOME | {"shoulder_pan": pan, "gripper": jaws}, age)
+        for name, angle in step.positions.items():
+            joint = ARM.joint(name)
+            assert joint.minimum <= angle <= joint.maximum
+            assert abs(angle - before[name]) <= joint.max_speed * PERIOD + 1e-9
+        if math.isnan(pan) or math.isnan(jaws) or age >= 0.25:
+            assert step.action is not Action.MOVE
+
+
+def test_a_silent_leader_holds_the_follower_once_and_it_meets_again() -> None:
+    run = Run(Following(ARM, ARM))
+    leader = HOME | {"elbow_flex": 0.5}
+    assert run.cycles(leader, 400).met
+    assert run.cycle(leader, age=0.3).action is Action.HOLD
+    assert run.cycle(leader, age=0.3).action is Action.IDLE
+    assert not run.cycle(leader | {"elbow_flex": -0.5}).met
+
+
+def test_unknown_positions_of_the_follower_move_nothing() -> None:
+    run = Run(Following(ARM, ARM), HOME | {"elbow_flex": math.nan})
+    step = run.cycle(HOME)
+    assert (step.action, step.positions) == (Action.IDLE, {})
+    assert "follower are unknown" in step.note
+
+
+def test_arms_that_face_each_other() -> None:
+    run = Run(Following(ARM, ARM, mirror=frozenset(["shoulder_pan"])))
+    run.cycles(HOME | {"shoulder_pan": 0.4, "elbow_flex": 0.3}, 500)
+    assert run.positions["shoulder_pan"] == pytest.approx(-0.4)
+    assert run.positions["elbow_flex"] == pytest.approx(0.3)
+
+
+def test_a_blocked_joint_keeps_its_set_point_near() -> None:
+    run = Run(Following(ARM, ARM))
+    run.fixed = {"elbow_flex"}
+    step = run.cycles(HOME | {"elbow_flex": 1.5}, 1000)
+    assert step.positions["elbow_flex"] == pytest.approx(math.radians(12.0))
+
+
+def test_where_the_follower_must_not_go_it_stays() -> None:
+    def check(before: Mapping[str, float], goal: Mapping[str, float]) -> None:
+        if goal["elbow_flex"] > 0.2:
+            raise LimitError("the table is in the way")
+
+    run = Run(Following(ARM, ARM, check=check))
+    step = run.cycles(HOME | {"elbow_flex": 1.0}, 500)
+    assert step.note == "the table is in the way"
+    assert 0.1 < step.positions["elbow_flex"] <= 0.2
+    assert run.cycles(HOME, 500).positions == pytest.approx(HOME)
+
+
+# --- the gripper ---------------------------------------------------------------------------------------------
+
+
+def test_jaws_of_different_travel_open_alike() -> None:
+    wide = replace(
+        ARM,
+        joints=tuple(replace(j, minimum=-0.2, maximum=0.8) if j.name == "gripper" else j for j in ARM.joints),
+    )
+    run = Run(Following(wide, ARM, grip=GripForce(JAWS)))
+    run.cycles(HOME | {"gripper": 0.3}, 500)
+    assert JAWS.share(run.positions["gripper"]) == pytest.approx(0.5)
+
+
+def test_the_gripper_presses_no_harder_on_what_it_holds() -> None:
+    grip = GripForce(JAWS, 0.35, math.radians(3.0))
+    # Something is between the jaws, half open: the servo strains the more, the further its set-point is closed.
+    block = JAWS.angle(0.5)
+    run = Run(Following(ARM, ARM, grip=grip), HOME | {"gripper": block})
+    run.fixed = {"gripper"}
+    closed = HOME | {"gripper": JAWS.closed}
+    worst = 0.0
+    for _ in range(200):
+        step = run.cycle(closed)
+        strain = abs(step.positions["gripper"] - block)
+        run.loads["gripper"] = min(1.0, strain / math.radians(8.0))
+        worst = max(worst, strain)
+    assert abs(step.positions["gripper"] - block) == pytest.approx(grip.squeeze)
+    assert worst <= 2.0 * grip.squeeze
+    # It lets go when the leader opens.
+    run.fixed = set()
+    run.loads["gripper"] = 0.0
+    assert JAWS.share(run.cycles(HOME, 300).positions["gripper"]) == pytest.approx(1.0)
+
+
+def test_what_slips_out_is_let_go() -> None:
+    run = Run(Following(ARM, ARM, grip=GripForce(JAWS)))
+    closed = HOME | {"gripper": JAWS.closed}
+    run.cycles(HOME, 5)
+    run.fixed, run.positions["gripper"], run.loads["gripper"] = {"gripper"}, JAWS.angle(0.5), 0.5
+    held = run.cycles(closed, 20).positions["gripper"]
+    run.loads["gripper"] = 0.0
+    run.positions["gripper"] = JAWS.angle(0.3)
+    run.fixed = set()
+    assert JAWS.share(held) > 0.4
+    assert JAWS.share(run.cycles(closed, 300).positions["gripper"]) == pytest.approx(0.0)
+
+
+# --- what cannot be -----------------------------------------------------------------------------------------
+
+
+def test_arms_with_different_joints_are_refused() -> None:
+    fewer = replace(ARM, joints=ARM.joints[:5])
+    with pytest.raises(UsageError, match="cannot lead so101: it has no gripper; the joints must match"):
+        Following(fewer, ARM)
+
+
+@pytest.mark.parametrize("share", [0.0, 1.1, math.nan])
+def test_shares_that_make_no_sense_are_refused(share: float) -> None:
+    with pytest.raises(UsageError, match="share of the speed limits"):
+        Following(ARM, ARM, share=share)
+    with pytest.raises(UsageError, match="gripper's force"):
+        GripForce(JAWS, share)
