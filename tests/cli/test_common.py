@@ -4,11 +4,10 @@ import json
 import math
 from typing import Any
 
-import click
 import pytest
 
 from hexwire.cli import common
-from hexwire.cli.common import FiniteFloat, RobotOptions, make_robot, resolve_url
+from hexwire.cli.common import RobotOptions, make_robot, resolve_url
 from hexwire.errors import LinkNotFoundError, ServoError, UsageError
 from hexwire.link import ports
 from hexwire.model.hex7bot import HEX7BOT
@@ -101,19 +100,6 @@ def test_the_link_is_closed_after_an_error(make_bench: Any) -> None:
 
 
 # --- numbers and text ------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("text", ["nan", "inf", "-inf", "x", "", "1,5", "-1"])
-def test_invalid_numbers_are_refused(text: str) -> None:
-    with pytest.raises(click.BadParameter):
-        FiniteFloat("seconds", minimum=0).convert(text, None, None)
-
-
-def test_numbers() -> None:
-    assert FiniteFloat("seconds", minimum=0).convert("0", None, None) == 0.0
-    assert FiniteFloat("hz", above=0).convert("1e-3", None, None) == 0.001
-    with pytest.raises(click.BadParameter, match="not above 0"):
-        FiniteFloat("hz", above=0).convert("0", None, None)
 
 
 def test_json_has_no_nan(capsys: pytest.CaptureFixture[str]) -> None:

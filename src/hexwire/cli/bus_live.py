@@ -20,8 +20,9 @@ from hexwire.errors import HexwireError, ServoError
 from hexwire.model.state import JointFlag
 
 from .bus_group import BusOptions, bus, bus_options, known_servo, open_bus, with_unit
-from .common import FiniteFloat, confirm, json_option, number_option, on_terminal
+from .common import confirm, json_option, on_terminal
 from .exits import note, shielded
+from .numbers import FiniteFloat, number_option
 from .output import answer, format_table, line_width, plain, print_json, say, say_table
 from .samples import Row, SampleFiles, file_options, saving
 from .sim_bus import parse_ids

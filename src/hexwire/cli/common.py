@@ -20,6 +20,7 @@ import click
 from hexwire.errors import UsageError
 
 from .exits import note
+from .numbers import number_option
 from .output import format_table, print_json
 
 if TYPE_CHECKING:
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from hexwire.model.state import JointReading, JointState
 
 __all__ = [
-    "FiniteFloat",
     "RobotOptions",
     "arm_option",
     "attached",
@@ -44,8 +44,6 @@ __all__ = [
     "line_options",
     "make_robot",
     "name_of",
-    "number_option",
-    "numbers_argument",
     "observed_driver",
     "observing_states",
     "on_terminal",
@@ -74,67 +72,6 @@ _PATIENCE = 1.0
 """Seconds without an answer after which the command says what it waits for."""
 
 
-class FiniteFloat(click.ParamType[float]):
-    """A number that is neither infinite nor NaN, with bounds.
-
-    Args:
-        name: Name in the help text, such as ``SECONDS``.
-        minimum: Smallest value.
-        above: Exclusive lower bound.
-    """
-
-    def __init__(self, name: str, *, minimum: float = -math.inf, above: float = -math.inf) -> None:
-        self.name = name
-        self._minimum = minimum
-        self._above = above
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        try:
-            number = float(value)
-        except ValueError:
-            number = math.nan
-        if not math.isfinite(number):
-            self.fail(f"{value!r} is not a number", param, ctx)
-        if number < self._minimum:
-            self.fail(f"{value} is less than {self._minimum:g}", param, ctx)
-        if number <= self._above:
-            self.fail(f"{value} is not above {self._above:g}", param, ctx)
-        return number
-
-
-def number_option(
-    name: str,
-    metavar: str,
-    help_text: str,
-    *,
-    minimum: float = -math.inf,
-    above: float = -math.inf,
-    default: float | None = None,
-) -> Callable[[_F], _F]:
-    """An option that takes a finite number within bounds; a default stands in its help."""
-    kind = FiniteFloat(metavar.lower(), minimum=minimum, above=above)
-    shown = default is not None
-    return click.option(name, type=kind, default=default, show_default=shown, metavar=metavar, help=help_text)
-
-
-def numbers_argument(name: str, metavar: str, kind: FiniteFloat) -> Callable[[_F], _F]:
-    """An argument of several numbers, named by its metavar in usage and errors.
-
-    Args:
-        name: Name of the command's parameter.
-        metavar: One word per number, such as ``X Y Z``.
-        kind: Type of each number.
-    """
-    count = len(metavar.split())
-
-    def check(ctx: click.Context, param: click.Parameter, value: tuple[float, ...]) -> tuple[float, ...]:
-        if len(value) != count:
-            raise click.UsageError(f"{metavar} takes {count} values, not {len(value)}", ctx)
-        return value
-
-    return click.argument(name, nargs=-1, required=True, type=kind, metavar=metavar, callback=check)
-
-
 # -- selecting a robot ----------------------------------------------------------------------------------
 
 
@@ -149,6 +86,7 @@ class RobotOptions:
         dialect: The only dialect to use; try both if None.
         timeout: Seconds to wait for a board that is booting; the driver's default if None.
         take: Command a shared arm even if another program holds it.
+        observed: Its states go to the observer of `observing_states`.
     """
 
     port: str | None
@@ -157,6 +95,7 @@ class RobotOptions:
     dialect: int | None
     timeout: float | None
     take: bool = False
+    observed: bool = True
 
 
 def port_option(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -316,17 +255,22 @@ def make_robot(options: RobotOptions) -> RobotDriver:
     """
     from hexwire.drivers.registry import is_address, make_driver
 
-    wanted = {"boot_window": options.timeout, "dialect": options.dialect}
-    given = {name: value for name, value in wanted.items() if value is not None}
+    given = {"boot_window": options.timeout, "dialect": options.dialect}
+    given = {name: value for name, value in given.items() if value is not None}
+    prepare = observed_driver if options.observed else _unchanged
     if options.port and is_address(options.port):
         if given or options.baud is not None:
             raise UsageError("--baud, --dialect and --timeout belong to a port; a shared arm's server has them")
         _note_no_trace(options.port)
         take = f"{'&' if '?' in options.port else '?'}take=1" if options.take else ""
-        return make_driver(f"{options.port}{take}", options.robot, prepare=observed_driver)
+        return make_driver(f"{options.port}{take}", options.robot, prepare=prepare)
     if options.take:
         raise UsageError("--take is for a shared arm, as in --port zenoh:lab/arm1")
-    return make_driver(resolve_url(options.port, options.baud), options.robot, prepare=observed_driver, **given)
+    return make_driver(resolve_url(options.port, options.baud), options.robot, prepare=prepare, **given)
+
+
+def _unchanged(driver: type[_R]) -> type[_R]:
+    return driver
 
 
 def _note_no_trace(port: str) -> None:

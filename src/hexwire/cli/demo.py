@@ -17,17 +17,10 @@ import click
 from hexwire.errors import HexwireError, ServoError, UsageError
 
 from .board_process import board_process
-from .common import (
-    attached,
-    early_port,
-    number_option,
-    observed_driver,
-    on_terminal,
-    raise_if_silent,
-    resolve_url,
-)
+from .common import attached, early_port, observed_driver, on_terminal, raise_if_silent, resolve_url
 from .demo_view import PlainView, Sample, View, in_degrees
 from .exits import note, shielded
+from .numbers import number_option
 
 if TYPE_CHECKING:
     from hexwire.control.loop import LoopCounters, RateLoop

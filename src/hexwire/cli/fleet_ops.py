@@ -15,8 +15,9 @@ import click
 
 from hexwire.errors import LinkLostError, LinkNotFoundError, LinkPermissionError, UsageError
 
-from .common import json_option, number_option, on_terminal
+from .common import json_option, on_terminal
 from .fleet_options import router_options
+from .numbers import number_option
 from .output import print_json, say, say_table
 
 if TYPE_CHECKING:

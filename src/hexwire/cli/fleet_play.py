@@ -14,10 +14,11 @@ import click
 
 from hexwire.errors import LinkNotFoundError, UsageError
 
-from .common import FiniteFloat, force_option, json_option, number_option
+from .common import force_option, json_option
 from .exits import ends_when_asked, note, shielded
 from .fleet_ops import nobody
 from .fleet_options import router_options
+from .numbers import FiniteFloat, number_option
 from .output import answer, print_json, say
 
 if TYPE_CHECKING:

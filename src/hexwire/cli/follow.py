@@ -12,8 +12,9 @@ import click
 
 from hexwire.errors import UsageError
 
-from .common import RobotOptions, attached, make_robot, number_option, refuse_table, robot_at_port, table_options
+from .common import RobotOptions, attached, make_robot, refuse_table, robot_at_port, table_options
 from .exits import note, shielded
+from .numbers import number_option
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -62,7 +63,10 @@ def follow(
     for share, name in ((meet, "--meet"), (force / 100, "--force")):
         if share > 1.0:
             raise UsageError(f"{name} must be at most {'1' if name == '--meet' else '100'}")
-    made = [_make(text, robot) for text in arms]
+    # Joints of the same names: a recording shows those of the follower.
+    if len(arms) > 2 and click.get_current_context().find_root().params.get("record"):
+        raise UsageError("--record tells no pair from another; record one pair at a time")
+    made = [_make(text, robot, observed=bool(place % 2)) for place, text in enumerate(arms)]
     with ExitStack() as stack:
         pairs = []
         for place in range(0, len(made), 2):
@@ -84,13 +88,13 @@ def follow(
         run_following(pairs, rate, on_ready=announce, shield=shielded)
 
 
-def _make(text: str, robot: str | None) -> RobotDriver:
+def _make(text: str, robot: str | None, *, observed: bool) -> RobotDriver:
     """The driver for ``PORT`` or ``ROBOT@PORT``."""
     name, at, port = text.rpartition("@")
     # An @ may also be part of an address.
     if not at or "/" in name.removesuffix(".toml").rpartition(":")[0] or "://" in name:
         name, port = "", text
-    return make_robot(RobotOptions(port, name or robot or robot_at_port(port), None, None, None))
+    return make_robot(RobotOptions(port, name or robot or robot_at_port(port), None, None, None, observed=observed))
 
 
 def _rules(

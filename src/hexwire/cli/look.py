@@ -13,17 +13,9 @@ import click
 
 from hexwire.errors import UsageError
 
-from .common import (
-    RobotOptions,
-    fault_names,
-    is_typed,
-    json_option,
-    number_option,
-    open_robot,
-    raise_if_silent,
-    robot_options,
-)
+from .common import RobotOptions, fault_names, is_typed, json_option, open_robot, raise_if_silent, robot_options
 from .exits import note
+from .numbers import number_option
 from .output import print_json, say, say_table
 
 if TYPE_CHECKING:

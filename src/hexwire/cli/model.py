@@ -21,7 +21,8 @@ from hexwire.model.geometry import ROBOTS, make_kinematics
 from hexwire.new_file import OutputFile
 from hexwire.units import decimal
 
-from .common import DEFAULT_ROBOT, FiniteFloat, force_option, json_option, refuse_idle_force
+from .common import DEFAULT_ROBOT, force_option, json_option, refuse_idle_force
+from .numbers import FiniteFloat
 from .output import line_width, plain, print_json, say, say_document, say_table
 
 if TYPE_CHECKING:

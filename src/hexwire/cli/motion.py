@@ -21,7 +21,6 @@ from hexwire.model.geometry import kinematics_for, make_kinematics
 from hexwire.units import decimal
 
 from .common import (
-    FiniteFloat,
     RobotOptions,
     arm_option,
     attached,
@@ -29,8 +28,6 @@ from .common import (
     force_option,
     json_option,
     make_robot,
-    number_option,
-    numbers_argument,
     open_robot,
     refuse_idle_force,
     robot_options,
@@ -38,6 +35,7 @@ from .common import (
 )
 from .exits import note
 from .model import NEGATIVE_NUMBERS, links_option
+from .numbers import FiniteFloat, number_option, numbers_argument
 from .output import answer
 from .plot import open_picture
 from .run_motion import RunOptions, run_legs

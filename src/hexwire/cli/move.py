@@ -18,7 +18,6 @@ from .common import (
     joint_json,
     json_option,
     make_robot,
-    number_option,
     on_terminal,
     raise_if_silent,
     refuse_table,
@@ -27,6 +26,7 @@ from .common import (
 )
 from .exits import note, shielded
 from .model import links_option
+from .numbers import number_option
 from .output import print_json, say
 
 if TYPE_CHECKING:

@@ -12,10 +12,11 @@ import click
 
 from hexwire.errors import UsageError
 
-from .common import DEFAULT_ROBOT, early_port, is_typed, number_option, table_options
+from .common import DEFAULT_ROBOT, early_port, is_typed, table_options
 from .exits import note
 from .fleet_options import certificate_options
 from .model import links_option
+from .numbers import number_option
 from .output import say
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ import click
 
 from hexwire.errors import UsageError
 
-from .common import number_option
 from .exits import note
+from .numbers import number_option
 from .output import say_document
 from .sim_bus import bus
 from .sim_hand import hand

@@ -9,8 +9,9 @@ import click
 
 from hexwire.units import decimal
 
-from .common import FiniteFloat, early_port, json_option, number_option, resolve_url
+from .common import early_port, json_option, resolve_url
 from .model import NEGATIVE_NUMBERS
+from .numbers import FiniteFloat, number_option
 from .output import answer
 
 __all__ = ["hand"]

@@ -15,12 +15,12 @@ from .common import (
     fault_names,
     joint_json,
     json_option,
-    number_option,
     on_terminal,
     open_robot,
     raise_if_silent,
     robot_options,
 )
+from .numbers import number_option
 from .output import plain, print_json, say, say_table
 
 if TYPE_CHECKING:

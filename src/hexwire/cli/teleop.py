@@ -14,19 +14,11 @@ import click
 
 from hexwire.errors import UsageError
 
-from .common import (
-    RobotOptions,
-    json_option,
-    make_robot,
-    number_option,
-    open_robot,
-    refuse_table,
-    robot_options,
-    table_options,
-)
+from .common import RobotOptions, json_option, make_robot, open_robot, refuse_table, robot_options, table_options
 from .exits import note, shielded
 from .model import links_option
 from .move import unwatched_note
+from .numbers import number_option
 from .output import print_json, say
 
 if TYPE_CHECKING:

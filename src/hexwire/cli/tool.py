@@ -12,8 +12,9 @@ import click
 
 from hexwire.errors import DeviceError, ServoError
 
-from .common import FiniteFloat, RobotOptions, json_option, number_option, open_robot, robot_options
+from .common import RobotOptions, json_option, open_robot, robot_options
 from .move import hold_on_ctrl_c, unwatched_note
+from .numbers import FiniteFloat, number_option
 from .output import answer, plain
 
 __all__ = ["grip", "pump"]
