@@ -26,7 +26,7 @@ def run(*words: str) -> Result:
         (("a",), 2, "give a LEADER and a FOLLOWER for each pair"),
         (("a", "a"), 2, "an arm is named twice"),
         (("a", "b", "--meet", "2"), 2, "--meet must be at most 1"),
-        (("a", "b", "--force", "101"), 2, "--force must be at most 100"),
+        (("a", "b", "--grip", "101"), 2, "--grip must be at most 100"),
         (("so101@/none/a", "so101@/none/b"), 1, "/none/a does not exist"),
         (("so101@/none/a", "hex7bot@/none/b"), 2, "so101 cannot lead hex7bot: it has no J1"),
         (("none.toml@/none/a", "so101@/none/b"), 2, "none.toml"),

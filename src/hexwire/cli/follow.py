@@ -35,7 +35,7 @@ _FACING = ("shoulder_pan", "wrist_roll", "J1", "J4", "J6")
 @click.option("--mirror", is_flag=True, help="The arms face each other: base and wrist turn the other way.")
 @number_option("--meet", "SHARE", "Fraction of the speed limits until it has met the leader.", above=0, default=0.2)
 @number_option(
-    "--force", "PERCENT", "Load at which the gripper stops closing; 100 for no limit.", above=0, default=35.0
+    "--grip", "PERCENT", "Load at which the gripper stops closing; 100 for no limit.", above=0, default=35.0
 )
 @table_options
 def follow(
@@ -44,7 +44,7 @@ def follow(
     rate: float,
     mirror: bool,
     meet: float,
-    force: float,
+    grip: float,
     table: float | None,
 ) -> None:
     """Let FOLLOWER move as LEADER, which is moved by hand; several pairs at once.
@@ -60,7 +60,7 @@ def follow(
         raise UsageError("give a LEADER and a FOLLOWER for each pair")
     if len(set(arms)) < len(arms):
         raise UsageError("an arm is named twice")
-    for share, name in ((meet, "--meet"), (force / 100, "--force")):
+    for share, name in ((meet, "--meet"), (grip / 100, "--grip")):
         if share > 1.0:
             raise UsageError(f"{name} must be at most {'1' if name == '--meet' else '100'}")
     # Joints of the same names: a recording shows those of the follower.
@@ -71,7 +71,7 @@ def follow(
         pairs = []
         for place in range(0, len(made), 2):
             leader, follower = made[place], made[place + 1]
-            rules = _rules(leader, follower, mirror, meet, force / 100, table)
+            rules = _rules(leader, follower, mirror, meet, grip / 100, table)
             pairs.append(Pair(leader, follower, rules, _teller(follower, len(made) > 2)))
         for driver in made:
             stack.enter_context(attached(driver))
