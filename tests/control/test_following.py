@@ -191,14 +191,19 @@ def test_a_leader_that_keeps_its_torque_is_refused() -> None:
 
 
 def test_a_fault_of_one_pair_ends_all() -> None:
-    """Each arm has a clock of its own, since the pairs run in threads."""
-    first, _, follower = pair(FakeClock(), [])
-    second, leader, other = pair(FakeClock(), [])
+    """Each pair has a clock of its own, since they run in threads."""
+    clocks = FakeClock(), FakeClock()
+    first, _, follower = pair(clocks[0], [])
+    second, leader, other = pair(clocks[1], [])
 
     def ready() -> None:
         leader.link.lost = True
 
+    def sleep(seconds: float) -> None:
+        for clock in clocks:
+            clock.advance(seconds)
+
     with pytest.raises(HexwireError, match="unplugged"):
-        run_following([first, second], 1 / PERIOD, on_ready=ready, sleep=lambda seconds: None)
+        run_following([first, second], 1 / PERIOD, on_ready=ready, sleep=sleep)
     for arm in (follower, other):
         assert arm.driver.read().torque_on == arm.driver.model.names
