@@ -1,26 +1,42 @@
-"""`hexwire studio`: what it prints, and what it refuses."""
+"""`hexwire studio`: what it prints, what it refuses, and that other machines need more than its address."""
 
 from __future__ import annotations
 
+import contextlib
+import http.client
+import importlib.util
 import re
 import signal
+import ssl
 import subprocess
 import sys
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
 from hexwire.cli.main import cli
+from hexwire.link.certs import issue_certificate, make_authority
+
+
+@contextlib.contextmanager
+def _studio(*options: str) -> Iterator[tuple[subprocess.Popen[str], list[str]]]:
+    """The program, and the two addresses that it printed."""
+    command = [sys.executable, "-m", "hexwire.cli", "studio", *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            yield process, [process.stdout.readline() for _ in range(2)]
+        finally:
+            process.kill()
 
 
 @pytest.mark.system
 def test_demo_prints_both_addresses_and_ends_at_ctrl_c() -> None:
-    command = [sys.executable, "-m", "hexwire.cli", "studio", "--demo"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        lines = [process.stdout.readline() for _ in range(2)]
+    with _studio("--demo") as (process, lines):
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=30)
+        _, errors = process.communicate(timeout=60)
     assert re.fullmatch(r"operate: http://127\.0\.0\.1:\d+/\?token=[\w-]{43}\n", lines[0])
     assert re.fullmatch(r"watch:   http://127\.0\.0\.1:\d+/\?token=[\w-]{43}\n", lines[1])
     assert lines[0].split()[1] != lines[1].split()[1]
@@ -28,6 +44,66 @@ def test_demo_prints_both_addresses_and_ends_at_ctrl_c() -> None:
     assert errors == "the studio has ended\n"
 
 
-def test_demo_and_port_contradict_each_other() -> None:
-    result = CliRunner().invoke(cli, ["studio", "--demo", "--port", "/dev/null"])
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--demo", "--port", "/dev/null"],
+        ["--listen", "0.0.0.0:0"],
+        ["--listen", "0.0.0.0:0", "--cert", "a.pem", "--key", "a.key"],
+        ["--listen", "nowhere"],
+        ["--cert", "a.pem"],
+        ["--password-file", "/not/there"],
+        ["--take"],
+    ],
+)
+def test_what_contradicts_itself_or_is_unprotected_is_refused_in_one_line(options: list[str]) -> None:
+    result = CliRunner().invoke(cli, ["studio", *options])
     assert result.exit_code == 2
+    assert len(result.stderr.splitlines()) == 1
+
+
+def test_without_the_extra_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = importlib.util.find_spec
+    monkeypatch.setattr("hexwire.cli.studio.find_spec", lambda name: None if name == "nicegui" else found(name))
+    result = CliRunner().invoke(cli, ["studio", "--demo"])
+    assert result.exit_code == 2
+    assert result.stderr == "error: the studio is not installed: pip install 'hexwire[studio]'\n"
+
+
+@pytest.mark.system
+def test_with_tls_a_password_or_a_client_certificate_is_needed(tmp_path: Path) -> None:
+    make_authority(tmp_path)
+    server = issue_certificate(tmp_path, "arm", "server")
+    client = issue_certificate(tmp_path, "ann", "client", uris=("hexwire:observer:lab/*",))
+    password = tmp_path / "password"
+    password.write_text("correct horse battery")
+    password.chmod(0o600)
+    trust = ssl.create_default_context(cafile=str(tmp_path / "ca.pem"))
+    files = ("--cert", str(server.cert), "--key", str(server.key), "--listen", "127.0.0.1:0")
+
+    def ask(port: int, path: str = "/", form: str = "") -> tuple[int, str]:
+        line = http.client.HTTPSConnection("127.0.0.1", port, timeout=60, context=trust)
+        origin = {"Origin": f"https://127.0.0.1:{port}"}
+        try:
+            line.request("POST" if form else "GET", path, form or None, origin if form else {})
+            answer = line.getresponse()
+            answer.read()
+            return answer.status, answer.getheader("set-cookie") or ""
+        finally:
+            line.close()
+
+    with _studio(*files, "--password-file", str(password)) as (_, lines):
+        port = int(lines[0].split(":")[3].partition("/")[0])
+        assert lines[0].startswith("operate: https://127.0.0.1:")
+        assert ask(port) == (401, "")
+        assert ask(port, "/login", "password=wrong")[0] == 403
+        status, cookie = ask(port, "/login", "password=correct+horse+battery")
+        assert status == 200
+        assert cookie.endswith("; Secure")
+    with _studio(*files, "--ca", str(tmp_path / "ca.pem")) as (_, lines):
+        port = int(lines[0].split(":")[3].partition("/")[0])
+        with pytest.raises((ssl.SSLError, ConnectionError)):
+            ask(port)
+        trust.load_cert_chain(client.cert, client.key)
+        status, cookie = ask(port)
+        assert (status, cookie.startswith("hexwire_session_")) == (200, True)

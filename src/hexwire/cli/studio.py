@@ -5,21 +5,30 @@ Owns the command line, and the start and end of the program. Must not know what 
 
 from __future__ import annotations
 
+import importlib
+import os
 import sys
+import tempfile
 import threading
-from contextlib import ExitStack
-from typing import TYPE_CHECKING
+import webbrowser
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from hexwire.errors import HexwireError, UsageError
 
-from .common import early_port
+from .common import early_port, is_typed, table_options
 from .exits import note
+from .model import links_option
 from .output import say
 
 if TYPE_CHECKING:
     from hexwire.control.shutdown import Shutdown
+    from hexwire.studio.app import Studio
     from hexwire.studio.server import Server
 
 __all__ = ["studio"]
@@ -28,6 +37,18 @@ _PATIENCE = 12.0
 """Seconds from the signal in which the arm must be safe."""
 _SWITCH = 0.001
 """Seconds for which one thread may run while others wait: the owner of the arm waits for no page."""
+_MISSING = "the studio is not installed: pip install 'hexwire[studio]'"
+
+
+@dataclass(frozen=True, slots=True)
+class _Protection:
+    """Where the page is served, and how it is protected; all as typed."""
+
+    listen: str
+    cert: str
+    key: str
+    ca: str
+    password_file: str
 
 
 @click.command()
@@ -40,23 +61,68 @@ _SWITCH = 0.001
     help="Device, link, shared or emulated arm. Without it, the page shows what is plugged in.",
 )
 @click.option("--robot", metavar="NAME", help="Type of robot on the port.")
+@click.option("--take", is_flag=True, help="Command a shared arm even if another program holds its lease.")
 @click.option(
-    "--at", "http_port", type=click.IntRange(0, 65535), default=0, metavar="PORT", help="Port of the page."
+    "--listen",
+    metavar="[HOST:]PORT",
+    default="127.0.0.1:0",
+    help="Where the page is served; at other addresses than 127.0.0.1 it needs TLS.  [default: a free port]",
 )
-def studio(demo: bool, port: str | None, robot: str | None, http_port: int) -> None:
+@click.option("--cert", default="", metavar="FILE", help="Certificate of the page, for TLS.")
+@click.option("--key", default="", metavar="FILE", help="Its key.")
+@click.option("--ca", default="", metavar="FILE", help="Only browsers with a certificate of this authority.")
+@click.option("--password-file", default="", metavar="FILE", help="Whoever knows the password in it may operate.")
+@click.option("--no-browser", is_flag=True, help="Only print the address.")
+@links_option
+@table_options
+def studio(
+    demo: bool,
+    port: str | None,
+    robot: str | None,
+    take: bool,
+    listen: str,
+    cert: str,
+    key: str,
+    ca: str,
+    password_file: str,
+    no_browser: bool,
+    links: str,
+    table: float | None,
+) -> None:
     """Show the arm, its servos and its wire in a browser on this machine.
 
-    Prints an address with a key; whoever knows it can command the arm. Nothing moves until somebody takes control
-    and holds a button. Ctrl-C ends it; the joints keep their torque.
+    Prints two addresses with keys: whoever knows the first can command the arm, the second is for watching. Nothing
+    moves until somebody takes control and holds a button; it ends when the button, the page or the connection is
+    let go. Ctrl-C ends the studio; the joints keep their torque.
     """
+    if find_spec("nicegui") is None:
+        raise UsageError(_MISSING)
     port = early_port(port)
     robot = robot or click.get_current_context().find_root().params.get("robot")
-    if demo and port:
+    if demo and port and is_typed("port"):
         raise UsageError("--demo has an arm of its own; leave out --port")
-    _run(demo, port, robot, http_port)
+    settings: dict[str, object] = {"check_table": table is not None}
+    if is_typed("links"):
+        settings["links"] = links
+    if is_typed("table") and table is not None:
+        settings["table_height"] = table
+    if take and not (port or "").startswith("zenoh:"):
+        raise UsageError("--take is for a shared arm, as in --port zenoh:lab/arm1")
+    if take and port:
+        port = f"{port}{'&' if '?' in port else '?'}take=1"
+    protection = _Protection(listen, cert, key, ca, password_file)
+    _run(demo, None if demo else port, robot, settings, protection, browser=not no_browser)
 
 
-def _run(demo: bool, port: str | None, robot: str | None, http_port: int) -> None:
+def _run(
+    demo: bool,
+    port: str | None,
+    robot: str | None,
+    settings: dict[str, object],
+    protection: _Protection,
+    *,
+    browser: bool,
+) -> None:
     from hexwire.control.shutdown import Shutdown
 
     sys.setswitchinterval(_SWITCH)
@@ -64,38 +130,31 @@ def _run(demo: bool, port: str | None, robot: str | None, http_port: int) -> Non
     shutdown.interrupts = True
     shutdown.listen()
     with ExitStack() as stack:
+        # NiceGUI takes a second to import: meanwhile the emulator starts.
+        imported = _Imported("hexwire.studio.server")
+        made, listen = _make(protection)
         if demo:
             from .board_process import board_process
 
             port = stack.enter_context(board_process())
-        try:
-            from hexwire.studio.access import Access
-            from hexwire.studio.app import Studio
-            from hexwire.studio.server import Server, url_of
-        except ImportError as error:
-            raise UsageError(f"the studio is not installed ({error}); pip install hexwire[studio]") from None
-        made = Studio(Access(frozenset()))
+        # Before the board ends: the arm is made safe first.
         stack.callback(made.close)
-        server = Server(made, port=http_port)
-        number = server.bind()
-        made.access.hosts = frozenset({f"127.0.0.1:{number}", f"localhost:{number}"})
-
-        def open_port() -> None:
-            try:
-                made.source.open(str(port), robot)
-            except HexwireError as error:
-                note(f"{port} is not open: {error}")
-
+        # The arm is opened after that: an import can keep all other threads waiting longer than a watchdog does.
+        module = imported.wait()
         if port:
-            threading.Thread(target=open_port, name="opening", daemon=True).start()
+            opening = (made, port, robot, settings)
+            threading.Thread(target=_open, args=opening, name="opening", daemon=True).start()
+        server = _serve(module, made, protection, listen)
 
         def started() -> None:
-            say(f"operate: {url_of(server, made.access.operate_token)}", flush=True)
-            say(f"watch:   {url_of(server, made.access.watch_token)}", flush=True)
+            for words, token in (("operate:", made.access.operate_token), ("watch:  ", made.access.watch_token)):
+                say(f"{words} {module.url_of(server, token)}", flush=True)
+            if browser:
+                _show(module.url_of(server, made.access.operate_token), stack)
 
         # From here on a signal only asks for the end, so that no second one can interrupt what makes the arm safe.
         shutdown.interrupts = False
-        ender = threading.Thread(target=_end_on_signal, args=(shutdown, server), name="signals", daemon=True)
+        ender = threading.Thread(target=_end_on_signal, args=(shutdown, made, server), name="signals", daemon=True)
         ender.start()
         try:
             server.run(started)
@@ -105,7 +164,82 @@ def _run(demo: bool, port: str | None, robot: str | None, http_port: int) -> Non
     note("the studio has ended")
 
 
-def _end_on_signal(shutdown: Shutdown, server: Server) -> None:
+class _Imported:
+    """A module that is imported in a thread."""
+
+    def __init__(self, name: str) -> None:
+        self._module: Any = None
+        self._error: BaseException | None = None
+        self._thread = threading.Thread(target=self._import, args=(name,), name="import", daemon=True)
+        self._thread.start()
+
+    def _import(self, name: str) -> None:
+        try:
+            self._module = importlib.import_module(name)
+        except BaseException as error:  # noqa: BLE001  # raised again by `wait`
+            self._error = error
+
+    def wait(self) -> Any:
+        self._thread.join()
+        if isinstance(self._error, ImportError):
+            raise UsageError(f"{_MISSING} ({self._error})") from None
+        if self._error is not None:
+            raise self._error
+        return self._module
+
+
+def _make(protection: _Protection) -> tuple[Studio, tuple[str, int]]:
+    """A studio with its rules of access, and where it listens; checks all options."""
+    from hexwire.studio import listening
+    from hexwire.studio.access import Access
+    from hexwire.studio.app import Studio
+
+    host, number = listening.parse_listen(protection.listen)
+    password = listening.read_password(protection.password_file) if protection.password_file else ""
+    cert, key, ca = protection.cert, protection.key, protection.ca
+    listening.check_protected(host, cert=cert, key=key, ca=ca, password=bool(password))
+    if cert:
+        listening.check_tls(cert, key, ca)
+    return Studio(Access(frozenset(), secure=bool(cert), password=password)), (host, number)
+
+
+def _serve(module: Any, made: Studio, protection: _Protection, listen: tuple[str, int]) -> Server:
+    from hexwire.studio import listening
+
+    cert, host = protection.cert, listen[0]
+    files = (cert, protection.key) if cert else None
+    server: Server = module.Server(made, host, listen[1], files, protection.ca or None, listening.right_of)
+    made.access.hosts = listening.host_names(host, server.bind(), cert, secure=bool(cert))
+    return server
+
+
+def _open(made: Studio, port: str, robot: str | None, settings: dict[str, object]) -> None:
+    try:
+        made.source.open(port, robot, **settings)
+    except HexwireError as error:
+        note(f"{port} is not open: {error}")
+
+
+def _show(url: str, stack: ExitStack) -> None:
+    """Open the address in a browser, if there is a screen."""
+    has_screen = sys.platform in ("darwin", "win32") or "DISPLAY" in os.environ or "WAYLAND_DISPLAY" in os.environ
+    if not has_screen or not sys.stdout.isatty():
+        return
+    # Through a file that only this user can read: other users see the arguments of the browser, but not this key.
+    number, name = tempfile.mkstemp(suffix=".html", prefix="hexwire-studio-")
+    with os.fdopen(number, "w", encoding="utf-8") as file:
+        file.write(f'<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" content="0;url={url}">')
+    stack.callback(_remove, name)
+    threading.Thread(target=webbrowser.open, args=(Path(name).as_uri(),), name="browser", daemon=True).start()
+
+
+def _remove(name: str) -> None:
+    with suppress(OSError):
+        Path(name).unlink()
+
+
+def _end_on_signal(shutdown: Shutdown, made: Studio, server: Server) -> None:
     while not shutdown.wait(0.1):
         pass
+    made.end_motions("the studio ends")
     server.end()

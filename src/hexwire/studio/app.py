@@ -171,6 +171,12 @@ class Studio:
 
         self._stops.submit(stop)
 
+    def end_motions(self, why: str) -> None:
+        """End what anybody holds; returns at once."""
+        present = self.source.present
+        if present is not None:
+            present.attended.end_all(why)
+
     def gone(self, tab: Tab) -> None:
         """The socket of a tab is closed: end what it holds, and give its control back."""
         self.holds.forget(tab)
