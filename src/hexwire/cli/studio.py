@@ -130,9 +130,10 @@ def _run(
     shutdown.interrupts = True
     shutdown.listen()
     with ExitStack() as stack:
+        made, listen = _make(protection)
         # NiceGUI takes a second to import: meanwhile the emulator starts.
         imported = _Imported("hexwire.studio.server")
-        made, listen = _make(protection)
+        stack.callback(imported.end)
         if demo:
             from .board_process import board_process
 
@@ -178,6 +179,9 @@ class _Imported:
             self._module = importlib.import_module(name)
         except BaseException as error:  # noqa: BLE001  # raised again by `wait`
             self._error = error
+
+    def end(self) -> None:
+        self._thread.join()
 
     def wait(self) -> Any:
         self._thread.join()
