@@ -17,10 +17,12 @@ Owns the drawing and the camera. Must not know pages, sockets or robots. It draw
   view.resize()                      only needed where ResizeObserver does not notice
   view.dispose()
   view.available                     false without WebGL: then the element says so, and every call does nothing
-  view.drawn                         number of pictures drawn so far
+  view.drawn, view.pending           number of pictures drawn so far; whether one is due
 
 Mouse: drag turns, wheel zooms once the view has the focus, right drag moves. Touch: one finger turns, two zoom and
 move. Keys: arrows turn, Shift and arrows move, + and - zoom, 0 or Home resets. Escape is not taken. */
+
+import { buffered, mesh, thread } from "./arm3d_forms.js";
 
 let three = null;
 try {
@@ -32,12 +34,12 @@ try {
 const LOOKS = {
   light: { sky: "#fbfcfd", ground: "#e3e8ee", floor: "#d9dfe6", minor: "#cfd6de", major: "#a9b4c0", text: "#4a5563",
            shadow: "#c3cad3", key: 1.9, fill: 1.2, trace: "#b02800", ghost: "#0a58b0" },
-  dark: { sky: "#1b2129", ground: "#101419", floor: "#161b21", minor: "#242c36", major: "#3d4855", text: "#a3afbd",
+  dark: { sky: "#1b2129", ground: "#101419", floor: "#161b21", minor: "#2a333e", major: "#465362", text: "#a3afbd",
           shadow: "#0b0e12", key: 1.8, fill: 1.1, trace: "#efbb11", ghost: "#689bdc" },
 };
 const AXES = ["#d64545", "#3f9e4d", "#3f76d6"];
 const LABEL = "3D view of the arm. Arrow keys turn it, Shift and arrow keys move it, plus and minus zoom, 0 resets.";
-const CHAMFER = 0.0012;
+const SOFTWARE_PAUSE = 60;
 const VIEWS = { home: [0.95, -1.25, 0.62], front: [1, 0, 0.12], side: [0, -1, 0.08], top: [-0.001, 0, 1] };
 
 export class Arm3D {
@@ -47,19 +49,23 @@ export class Arm3D {
     this.options = options;
     this.available = false;
     this.drawn = 0;
+    this._next = this._frame = this._later = 0;
     this._names = geometry.joints.map((joint) => joint.name);
     if (getComputedStyle(element).position === "static") element.style.position = "relative";
-    if (!three) {
+    if (!three?.THREE || !three.OrbitControls) {
       this._say("The 3D view is missing here: its library was not found. Everything else on this page works.");
       return;
     }
     const THREE = three.THREE;
-    try {
-      this._renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true, powerPreference: "low-power" });
-    } catch {
+    let context = contextOf(true);
+    if (!context) {
       this._say("This browser shows no 3D here: WebGL is off. Everything else on this page works.");
       return;
     }
+    // Without a graphics chip every pixel costs processor time, which the arm's own programs may need.
+    this._pause = isSoftware(context) ? SOFTWARE_PAUSE : 0;
+    if (this._pause) context = contextOf(false) ?? context;
+    this._renderer = new THREE.WebGLRenderer({ canvas: context.canvas, context });
     this.available = true;
     this._prepare(THREE);
     this.setTheme(options.theme ?? "auto");
@@ -106,12 +112,15 @@ export class Arm3D {
 
   trace(points) {
     if (!this.available) return;
-    const flat = points === null ? new Float32Array() : Float32Array.from(points.flat?.() ?? points);
+    const flat = points === null ? [] : (points.flat?.() ?? points);
     this._trace.geometry.dispose();
-    this._trace.geometry = new three.THREE.BufferGeometry();
-    this._trace.geometry.setAttribute("position", new three.THREE.BufferAttribute(flat, 3));
+    this._trace.geometry = thread(three.THREE, flat, 0.0022 * this.geometry.reach);
     this._trace.visible = flat.length > 3;
     this._change();
+  }
+
+  get pending() {
+    return Boolean(this._frame || this._later);
   }
 
   tip() {
@@ -139,10 +148,10 @@ export class Arm3D {
   resetView(name = "home") {
     if (!this.available) return;
     const { reach, heading } = this.geometry, up = new three.THREE.Vector3(0, 0, 1);
-    const aim = new three.THREE.Vector3(0.28 * reach, 0, 0.3 * reach).applyAxisAngle(up, heading).toArray();
+    const aim = new three.THREE.Vector3(0.28 * reach, 0, 0.27 * reach).applyAxisAngle(up, heading).toArray();
     const way = new three.THREE.Vector3(...(VIEWS[name] ?? VIEWS.home)).normalize().applyAxisAngle(up, heading);
     // A narrow picture is filled by the arm's width, so the camera steps back.
-    const far = reach * 1.5 * Math.max(1, 1.05 / this._camera.aspect);
+    const far = reach * 1.55 * Math.max(1, 1.05 / this._camera.aspect);
     this._controls.target.set(...aim);
     this._camera.position.set(...aim).addScaledVector(way, far);
     this._controls.update();
@@ -153,7 +162,7 @@ export class Arm3D {
     if (!this.available) return;
     const { clientWidth: width, clientHeight: height } = this.element;
     if (!width || !height) return;
-    this._renderer.setPixelRatio(Math.min(devicePixelRatio || 1, 2));
+    this._renderer.setPixelRatio(this._pause ? 1 : Math.min(devicePixelRatio || 1, 2));
     this._renderer.setSize(width, height, false);
     this._camera.aspect = width / height;
     this._camera.updateProjectionMatrix();
@@ -168,6 +177,7 @@ export class Arm3D {
     if (!this.available) return;
     this.available = false;
     cancelAnimationFrame(this._frame);
+    clearTimeout(this._later);
     for (const stop of this._stops) stop();
     this._controls.dispose();
     this._clear(this._scene);
@@ -196,7 +206,7 @@ export class Arm3D {
     this._back = new THREE.DirectionalLight();
     this._back.position.set(-1, 0.8, 0.4);
     this._floor = new THREE.Group();
-    this._trace = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial());
+    this._trace = new THREE.Mesh(new THREE.BufferGeometry(), new THREE.MeshBasicMaterial({ side: THREE.DoubleSide }));
     this._trace.frustumCulled = this._trace.visible = false;
     this._tipAxes = this._axes(0.09 * this.geometry.reach, 0.0035 * this.geometry.reach);
     this._tipAxes.visible = false;
@@ -249,19 +259,22 @@ export class Arm3D {
     const solid = new THREE.MeshPhongMaterial({ vertexColors: true, shininess: 28, specular: "#262626" });
     this._shadeMaterial = new THREE.MeshBasicMaterial({ color: look.shadow });
     this._arm = this._assemble(solid, true);
-    const veil = new THREE.MeshLambertMaterial({ color: look.ghost, transparent: true, opacity: 0.4 });
+    // Behind the arm where both are at the same place.
+    const behind = { polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 8 };
+    const veil = new THREE.MeshLambertMaterial({ color: look.ghost, transparent: true, opacity: 0.42, ...behind });
+    this._depthMaterial = new THREE.MeshBasicMaterial({ colorWrite: false, ...behind });
     this._ghost = this._assemble(veil, false);
     this._ghost.root.visible = Boolean(before[1]?.root.visible);
     this._scene.add(this._arm.root, this._ghost.root);
-    if (before[0]) this._place(this._arm, before[0].joints);
-    if (before[1]) this._place(this._ghost, before[1].joints);
+    if (before[0]?.joints) this._place(this._arm, before[0].joints);
+    if (before[1]?.joints) this._place(this._ghost, before[1].joints);
     this._lay();
     this._shade();
   }
 
   /** One mesh for each link, with colours in its corners; `solid` adds the shadows on the table. */
   _assemble(material, solid) {
-    const THREE = three.THREE, root = new THREE.Group(), frames = [], shades = [];
+    const THREE = three.THREE, root = new THREE.Group(), frames = [], shades = [], moves = [];
     const palette = this.options.palette?.[this.theme] ?? this.geometry.palette[this.theme];
     const colours = this.geometry.colours[this.theme];
     for (const link of this.geometry.links) {
@@ -270,11 +283,14 @@ export class Arm3D {
       frame.quaternion.fromArray(link.turn);
       (link.parent < 0 ? root : frames[link.parent]).add(frame);
       frames.push(frame);
-      if (!link.shapes.length) continue;
-      const form = mesh(THREE, link.shapes, (shape) => ("joint" in shape ? palette[shape.joint % palette.length] : colours[shape.colour]));
+      moves.push(Boolean(link.axis) || (link.parent >= 0 && moves[link.parent]));
+      // What does not move needs no second picture.
+      if (!link.shapes.length || (!solid && !moves.at(-1))) continue;
+      const form = mesh(THREE, link.shapes, (shape) =>
+        "joint" in shape ? palette[shape.joint % palette.length] : colours[shape.colour]);
       if (!solid) {
         // Depth first, so that the inner faces of a translucent arm do not shine through.
-        const depth = new THREE.Mesh(form, new THREE.MeshBasicMaterial({ colorWrite: false }));
+        const depth = new THREE.Mesh(form, this._depthMaterial);
         depth.renderOrder = 1;
         frame.add(depth);
       }
@@ -295,7 +311,8 @@ export class Arm3D {
   }
 
   _place(arm, joints) {
-    const values = this._names.map((name, i) => (ArrayBuffer.isView(joints) || Array.isArray(joints) ? joints[i] : joints[name]) ?? arm.joints?.[i] ?? 0);
+    const listed = ArrayBuffer.isView(joints) || Array.isArray(joints);
+    const values = this._names.map((name, i) => (listed ? joints[i] : joints[name]) ?? arm.joints?.[i] ?? 0);
     if (values.some((value) => !Number.isFinite(value))) return false;
     if (arm.joints?.every((value, i) => Math.abs(value - values[i]) < 2e-5)) return false;
     arm.joints = values;
@@ -332,28 +349,38 @@ export class Arm3D {
       const at = 0.05 * i, row = i % 2 ? lines.minor : lines.major;
       row.push(at, -half, 0, at, half, 0, -half, at, 0, half, at, 0);
     }
-    const plate = new THREE.Mesh(new THREE.PlaneGeometry(2 * half, 2 * half), new THREE.MeshBasicMaterial({ color: look.floor, transparent: true, opacity: 0.55, side: THREE.DoubleSide, depthWrite: false }));
+    const paint = { color: look.floor, transparent: true, opacity: 0.55, side: THREE.DoubleSide, depthWrite: false };
+    const plate = new THREE.Mesh(new THREE.PlaneGeometry(2 * half, 2 * half), new THREE.MeshBasicMaterial(paint));
     plate.position.z = -0.0006;
     plate.renderOrder = -3;
     this._floor.add(plate);
     for (const [name, row] of Object.entries(lines)) {
-      const form = new THREE.BufferGeometry();
-      form.setAttribute("position", new THREE.Float32BufferAttribute(row, 3));
-      const line = new THREE.LineSegments(form, new THREE.LineBasicMaterial({ color: look[name], depthWrite: false }));
+      const form = buffered(THREE, { position: row });
+      const ink = new THREE.LineBasicMaterial({ color: look[name], depthWrite: false });
+      const line = new THREE.LineSegments(form, ink);
       line.renderOrder = -2;
       this._floor.add(line);
     }
-    const step = half > 0.45 ? 0.2 : 0.1;
-    for (let at = step; at < half + 0.01; at += step) {
-      this._floor.add(this._text(`${Math.round(1000 * at)}`, [at, -half - 0.03, 0], look.text));
-      this._floor.add(this._text(`${Math.round(1000 * at)}`, [half + 0.03, at, 0], look.text));
-    }
-    this._floor.add(this._text("x mm", [half + 0.09, -half - 0.03, 0], look.text));
-    this._floor.add(this._text("y mm", [half + 0.03, half + 0.08, 0], look.text));
+    this._number(look.text);
     const axes = this._axes(0.07, 0.0018);
     axes.position.set(-half, -half, 0.001);
     this._floor.add(axes);
     this._floor.position.z = this._table ?? 0;
+  }
+
+  /** Millimetres along the arm's right side, and across in front of it, near enough to be seen with the arm. */
+  _number(colour) {
+    const { reach, heading } = this.geometry, ahead = Math.max(0.2, Math.floor(6 * reach) / 10), right = -0.13;
+    const c = Math.round(Math.cos(heading)), s = Math.round(Math.sin(heading));
+    const put = (x, y, along) => {
+      // From the arm's view of ahead and left to the frame of its foot.
+      const at = [c * x - s * y, s * x + c * y];
+      const axis = along === "ahead" ? (c ? 0 : 1) : c ? 1 : 0;
+      const words = `${Math.round(1000 * at[axis])}`;
+      this._floor.add(this._text(words === "0" ? `${"xy"[axis]} 0 mm` : words, [...at, 0.004], colour));
+    };
+    for (let x = 0; x < ahead + 0.05; x += 0.1) put(x, right, "ahead");
+    for (let y = 0; y < 0.15; y += 0.1) put(ahead + 0.03, y, "across");
   }
 
   _axes(length, radius) {
@@ -363,7 +390,8 @@ export class Arm3D {
       form.translate(0, length / 2, 0);
       if (i === 0) form.rotateZ(-Math.PI / 2);
       if (i === 2) form.rotateX(Math.PI / 2);
-      axes.add(new THREE.Mesh(form, new THREE.MeshLambertMaterial({ color: colour, emissive: colour, emissiveIntensity: 0.35 })));
+      const paint = { color: colour, emissive: colour, emissiveIntensity: 0.35 };
+      axes.add(new THREE.Mesh(form, new THREE.MeshLambertMaterial(paint)));
     });
     return axes;
   }
@@ -373,12 +401,13 @@ export class Arm3D {
     canvas.width = 160;
     canvas.height = 48;
     const pen = canvas.getContext("2d");
-    Object.assign(pen, { font: "500 30px system-ui, sans-serif", fillStyle: colour, textAlign: "center", textBaseline: "middle" });
+    Object.assign(pen, { font: "500 28px system-ui, sans-serif", fillStyle: colour });
+    Object.assign(pen, { textAlign: "center", textBaseline: "middle" });
     pen.fillText(words, 80, 24);
     const map = new THREE.CanvasTexture(canvas);
     map.colorSpace = THREE.SRGBColorSpace;
     const sprite = new THREE.Sprite(new THREE.SpriteMaterial({ map, depthWrite: false }));
-    sprite.scale.set(0.1, 0.03, 1);
+    sprite.scale.set(0.16 * this.geometry.reach, 0.048 * this.geometry.reach, 1);
     sprite.position.fromArray(place);
     return sprite;
   }
@@ -406,9 +435,18 @@ export class Arm3D {
 
   _change() {
     if (this._frame || !this.available) return;
-    this._frame = requestAnimationFrame(() => {
+    this._frame = requestAnimationFrame((now) => {
       this._frame = 0;
+      if (now < this._next) {
+        clearTimeout(this._later);
+        this._later = setTimeout(() => {
+          this._later = 0;
+          this._change();
+        }, this._next - now);
+        return;
+      }
       if (!this.element.clientWidth || !this.element.clientHeight || !this._arm) return;
+      this._next = now + this._pause;
       this._renderer.render(this._scene, this._camera);
       this.drawn += 1;
     });
@@ -430,7 +468,8 @@ export class Arm3D {
     const THREE = three.THREE, target = this._controls.target;
     const arm = this._camera.position.clone().sub(target);
     if (moves) {
-      const by = new THREE.Vector3(x, y, 0).multiplyScalar(0.05 * arm.length()).applyQuaternion(this._camera.quaternion);
+      const by = new THREE.Vector3(x, y, 0).multiplyScalar(0.05 * arm.length());
+      by.applyQuaternion(this._camera.quaternion);
       target.add(by);
       this._camera.position.add(by);
     } else {
@@ -459,91 +498,19 @@ export class Arm3D {
     this._note = document.createElement("p");
     this._note.textContent = words;
     this._note.setAttribute("role", "status");
-    Object.assign(this._note.style, { position: "absolute", inset: "0", margin: "0", display: "grid", placeItems: "center", padding: "1rem", textAlign: "center" });
+    const middle = { display: "grid", placeItems: "center", textAlign: "center" };
+    Object.assign(this._note.style, { position: "absolute", inset: "0", margin: "0", padding: "1rem", ...middle });
     this.element.append(this._note);
   }
 }
 
-// -- forms -------------------------------------------------------------------------------------------------------
-
-/** One geometry of all shapes of a link, with a colour for each corner. */
-function mesh(THREE, shapes, colourOf) {
-  const places = [], normals = [], colours = [], tint = new THREE.Color();
-  for (const shape of shapes) {
-    const [points, sides] = shape.kind === "box" ? bevelled(THREE, shape.size) : turned(shape);
-    const turn = new THREE.Quaternion().fromArray(shape.turn), at = new THREE.Vector3().fromArray(shape.place), v = new THREE.Vector3();
-    tint.set(colourOf(shape));
-    for (let i = 0; i < points.length; i += 3) {
-      v.fromArray(points, i).applyQuaternion(turn).add(at).toArray(places, places.length);
-      v.fromArray(sides, i).applyQuaternion(turn).toArray(normals, normals.length);
-      tint.toArray(colours, colours.length);
-    }
-  }
-  const form = new THREE.BufferGeometry();
-  form.setAttribute("position", new THREE.Float32BufferAttribute(places, 3));
-  form.setAttribute("normal", new THREE.Float32BufferAttribute(normals, 3));
-  form.setAttribute("color", new THREE.Float32BufferAttribute(colours, 3));
-  return form;
+function contextOf(antialias) {
+  const wishes = { antialias, alpha: true, powerPreference: "low-power" };
+  return document.createElement("canvas").getContext("webgl2", wishes);
 }
 
-/** A box whose edges are cut off a little, so that they catch the light. */
-function bevelled(THREE, size) {
-  const cut = Math.min(CHAMFER, 0.2 * Math.min(...size)), half = size.map((length) => length / 2), points = [], sides = [];
-  const corner = (signs, axis) => signs.map((sign, i) => sign * (i === axis ? half[i] : half[i] - cut));
-  const face = (corners) => {
-    // A convex face about the origin: its normal points away from it.
-    const [a, b, c] = corners.map((p) => new THREE.Vector3(...p));
-    const normal = b.clone().sub(a).cross(c.clone().sub(a)).normalize();
-    const out = normal.dot(a) >= 0, ring = out ? corners : [...corners].reverse();
-    if (!out) normal.negate();
-    for (let i = 1; i + 1 < ring.length; i++) {
-      points.push(...ring[0], ...ring[i], ...ring[i + 1]);
-      for (let n = 0; n < 3; n++) sides.push(normal.x, normal.y, normal.z);
-    }
-  };
-  const with_ = (axis, sign, others) => {
-    const signs = [0, 0, 0];
-    signs[axis] = sign;
-    others.forEach(([i, s]) => (signs[i] = s));
-    return signs;
-  };
-  for (let axis = 0; axis < 3; axis++) {
-    const [i, j] = [(axis + 1) % 3, (axis + 2) % 3];
-    for (const sign of [1, -1]) {
-      face([[1, 1], [-1, 1], [-1, -1], [1, -1]].map(([a, b]) => corner(with_(axis, sign, [[i, a], [j, b]]), axis)));
-    }
-    // The four edges along this axis.
-    for (const a of [1, -1]) {
-      for (const b of [1, -1]) {
-        const low = with_(axis, -1, [[i, a], [j, b]]), high = with_(axis, 1, [[i, a], [j, b]]);
-        face([corner(low, i), corner(high, i), corner(high, j), corner(low, j)]);
-      }
-    }
-  }
-  for (const a of [1, -1]) for (const b of [1, -1]) for (const c of [1, -1]) face([0, 1, 2].map((axis) => corner([a, b, c], axis)));
-  return [points, sides];
-}
-
-/** A cylinder along z with its edges cut off a little, or a ball. */
-function turned({ kind, size }) {
-  const [radius, length] = size, steps = radius > 0.02 ? 40 : 24, profile = [];
-  if (kind === "sphere") {
-    for (let i = 0; i <= 12; i++) profile.push([radius * Math.sin((Math.PI * i) / 12), -radius * Math.cos((Math.PI * i) / 12)]);
-  } else {
-    const cut = Math.min(CHAMFER, 0.2 * Math.min(radius, length)), top = length / 2;
-    profile.push([0, -top], [radius - cut, -top], [radius, cut - top], [radius, top - cut], [radius - cut, top], [0, top]);
-  }
-  const points = [], sides = [];
-  for (let p = 0; p + 1 < profile.length; p++) {
-    const [r0, z0] = profile[p], [r1, z1] = profile[p + 1], long = Math.hypot(r1 - r0, z1 - z0);
-    const out = (z1 - z0) / long, up = (r0 - r1) / long;
-    for (let i = 0; i < steps; i++) {
-      const a = (2 * Math.PI * i) / steps, b = (2 * Math.PI * (i + 1)) / steps;
-      const at = (r, z, angle) => points.push(r * Math.cos(angle), r * Math.sin(angle), z);
-      const side = (angle) => sides.push(out * Math.cos(angle), out * Math.sin(angle), up);
-      at(r0, z0, a), at(r0, z0, b), at(r1, z1, b), at(r0, z0, a), at(r1, z1, b), at(r1, z1, a);
-      side(a), side(b), side(b), side(a), side(b), side(a);
-    }
-  }
-  return [points, sides];
+function isSoftware(context) {
+  const info = context.getExtension("WEBGL_debug_renderer_info");
+  const name = context.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : context.RENDERER);
+  return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(String(name));
 }

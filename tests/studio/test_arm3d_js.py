@@ -1,0 +1,237 @@
+"""The 3D view in a real browser, on a page of its own, with the library that NiceGUI brings."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import nicegui
+import numpy as np
+import pytest
+from PIL import Image
+from tests.model.poses import random_angles
+
+from hexwire.drivers.arm_file import load_profile
+from hexwire.model.arm import ArmModel
+from hexwire.model.geometry import kinematics_for
+from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.palette import DARK, LIGHT
+from hexwire.model.pose import quaternion
+from hexwire.studio import geometry
+
+if TYPE_CHECKING:
+    from playwright.sync_api import BrowserContext, Page, Route
+
+STATIC = Path(geometry.__file__).parent / "static"
+SCENE = Path(nicegui.__file__).parent / "elements" / "scene" / "dist"
+ADDRESS = "http://127.0.0.1:9/"
+PAGE = """<!doctype html><meta charset="utf-8"><title>arm</title>
+<style>html,body{margin:0} #view{width:260px;height:220px}</style>
+<script type="importmap">{"imports": {"nicegui-scene": "/scene/index.js"}}</script>
+<div id="view"></div><button>other</button>"""
+SO101 = load_profile("so101").model
+BENT = {"J1": 0.4, "J2": 1.1, "J3": 0.1, "J5": 0.3, "J7": -0.4}
+
+
+def _serve(route: Route) -> None:
+    path = route.request.url.removeprefix(ADDRESS)
+    if path.startswith(("static/", "scene/")):
+        folder, name = path.split("/", 1)
+        file = {"static": STATIC, "scene": SCENE}[folder] / name
+        route.fulfill(body=file.read_bytes(), content_type="text/javascript")
+    elif path == "favicon.ico":
+        route.fulfill(status=204)
+    else:
+        route.fulfill(body=PAGE, content_type="text/html")
+
+
+@pytest.fixture
+def blank(context: BrowserContext) -> Page:
+    """A page without a studio behind it."""
+    context.route("**/*", _serve)
+    page = context.new_page()
+    page.goto(ADDRESS)
+    return page
+
+
+def show(page: Page, arm: ArmModel = HEX7BOT, **options: Any) -> Page:
+    """Put an arm into the page, as `view`."""
+    page.evaluate(
+        """async ([geometry, options]) => {
+             const { Arm3D } = await import("/static/arm3d.js");
+             window.view = new Arm3D(document.getElementById("view"), geometry, options);
+           }""",
+        [geometry.make_geometry(arm), {"theme": "light", **options}],
+    )
+    return page
+
+
+def settle(page: Page) -> int:
+    """Wait until nothing is left to draw; the number of pictures so far."""
+    page.wait_for_function("!view.pending")
+    return int(page.evaluate("view.drawn"))
+
+
+def seen(page: Page) -> Image.Image:
+    settle(page)
+    return Image.open(io.BytesIO(page.locator("#view").screenshot())).convert("RGB")
+
+
+def hued(picture: Image.Image, colour: str) -> int:
+    """How many pixels have the hue of a colour: light and shade change only the brightness."""
+    want = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
+    length = math.hypot(*want)
+    pixels = np.asarray(picture, float)
+    size = np.linalg.norm(pixels, axis=2)
+    return int(((size > 60) & (pixels @ np.array(want, float) > 0.995 * size * length)).sum())
+
+
+@pytest.mark.parametrize("arm", [HEX7BOT, SO101], ids=lambda arm: arm.name)
+def test_the_tip_is_that_of_the_kinematics(blank: Page, arm: ArmModel) -> None:
+    show(blank, arm)
+    model = kinematics_for(arm)
+    assert model is not None
+    poses = [angles[: len(model.ranges)] for angles in random_angles(61, 12)]
+    rows = [[model.to_joints(angles).get(name, 0.2) for name in arm.names] for angles in poses]
+    found = blank.evaluate(
+        "(rows) => rows.map((row) => (view.setJoints(Float64Array.from(row)), view.tip()))", rows
+    )
+    for angles, tip in zip(poses, found, strict=True):
+        pose = model.forward(angles)
+        # A hundredth of a millimetre.
+        assert math.dist(tip["position"], pose.position) < 1e-5
+        turn = quaternion(pose.rotation)
+        assert abs(sum(a * b for a, b in zip(tip["quaternion"], turn, strict=True))) == pytest.approx(1.0, abs=1e-6)
+    # By name is the same, and what is not named stays.
+    named = dict(zip(arm.names, rows[0], strict=True))
+    again = blank.evaluate("(joints) => (view.setJoints(joints), view.setJoints({}), view.tip())", named)
+    assert math.dist(again["position"], found[0]["position"]) < 1e-9
+
+
+def test_it_draws_only_what_has_changed(blank: Page) -> None:
+    show(blank)
+    blank.evaluate("(joints) => view.setJoints(joints)", BENT)
+    before = settle(blank)
+    assert before >= 1
+    # The same values, and values that are no numbers, draw nothing.
+    blank.evaluate("(joints) => { for (let i = 0; i < 50; i++) view.setJoints(joints); }", BENT)
+    blank.evaluate("view.setJoints({ J1: NaN }); view.setGhost(null);")
+    assert settle(blank) == before
+    blank.evaluate("for (let i = 0; i < 50; i++) view.setJoints({ J1: 0.001 * i });")
+    assert before < settle(blank) <= before + 2
+
+
+def test_it_shows_joints_in_their_colours_in_both_themes(blank: Page) -> None:
+    show(blank)
+    blank.evaluate("(joints) => view.setJoints(joints)", BENT)
+    light = seen(blank)
+    # The first four are big enough to be counted.
+    assert [hued(light, LIGHT[i]) > 15 for i in range(4)] == [True] * 4
+    blank.evaluate("view.setTheme('dark')")
+    dark = seen(blank)
+    assert [hued(dark, DARK[i]) > 15 for i in range(4)] == [True] * 4
+    assert sum(light.getpixel((5, 5))) > 3 * 200
+    assert sum(dark.getpixel((5, 5))) < 3 * 60
+    # "auto" follows the page.
+    blank.evaluate("view.setTheme('auto'); document.documentElement.dataset.theme = 'light'")
+    blank.wait_for_function("view.theme === 'light'")
+    blank.evaluate("document.documentElement.dataset.theme = 'dark'")
+    blank.wait_for_function("view.theme === 'dark'")
+
+
+def test_ghost_trace_table_and_tip_are_seen_and_go_again(blank: Page) -> None:
+    show(blank)
+    blank.evaluate("(joints) => view.setJoints(joints)", BENT)
+    plain = seen(blank).tobytes()
+    for on, off in (
+        ("view.setGhost({ J1: -0.6, J2: 0.5, J3: 0.4 })", "view.setGhost(null)"),
+        ("view.trace([[0, 0.2, 0.2], [0.1, 0.25, 0.1], [-0.1, 0.3, 0.1]])", "view.trace(null)"),
+        ("view.trace(Float32Array.of(0, 0.2, 0.2, 0.1, 0.25, 0.1))", "view.trace(null)"),
+        ("view.setTable(0.05)", "view.setTable(null)"),
+        ("view.setTip({ position: [0, 0.25, 0.2], quaternion: [0, 0, 0, 1] })", "view.setTip(null)"),
+        ("view.setTip('own')", "view.setTip(null)"),
+    ):
+        blank.evaluate(on)
+        changed = seen(blank).tobytes()
+        assert sum(a != b for a, b in zip(plain, changed, strict=True)) > 150, on
+        blank.evaluate(off)
+        assert seen(blank).tobytes() == plain, off
+
+
+def test_keys_and_wheel_move_the_camera_and_leave_the_rest_alone(blank: Page) -> None:
+    show(blank)
+    place = "view._camera.position.toArray()"
+    home = blank.evaluate(place)
+    # The wheel scrolls the page until the view has the focus.
+    blank.mouse.move(120, 120)
+    blank.mouse.wheel(0, 300)
+    settle(blank)
+    assert blank.evaluate(place) == pytest.approx(home)
+    canvas = blank.locator("#view canvas")
+    assert "Arrow keys" in (canvas.get_attribute("aria-label") or "")
+    blank.keyboard.press("Tab")
+    assert canvas.evaluate("(own) => document.activeElement === own")
+    for key in ("ArrowRight", "ArrowUp", "Shift+ArrowLeft", "+", "-"):
+        before = blank.evaluate(place)
+        blank.keyboard.press(key)
+        assert math.dist(blank.evaluate(place), before) > 0.005, key
+    blank.keyboard.press("0")
+    assert blank.evaluate(place) == pytest.approx(home)
+    blank.mouse.wheel(0, 300)
+    blank.wait_for_function(f"Math.hypot(...{place}) > {math.hypot(*home)} + 0.01")
+    # STOP listens for Escape on the page.
+    blank.evaluate("addEventListener('keydown', (event) => (window.heard = [event.key, event.defaultPrevented]))")
+    blank.keyboard.press("Escape")
+    assert blank.evaluate("window.heard") == ["Escape", False]
+    blank.keyboard.press("Tab")
+    assert blank.evaluate("document.activeElement.textContent") == "other"
+
+
+def test_dragging_turns_it_and_its_size_follows_the_page(blank: Page) -> None:
+    show(blank)
+    settle(blank)
+    place = "view._camera.position.toArray()"
+    home = blank.evaluate(place)
+    blank.mouse.move(120, 120)
+    blank.mouse.down()
+    blank.mouse.move(180, 135, steps=4)
+    blank.mouse.up()
+    assert math.dist(blank.evaluate(place), home) > 0.05
+    for name in ("front", "side", "top"):
+        blank.evaluate("(name) => view.resetView(name)", name)
+    x, y, z = blank.evaluate(place)
+    assert z > 3 * math.hypot(x, y - 0.1)
+    blank.evaluate("document.getElementById('view').style.width = '300px'")
+    blank.wait_for_function("document.querySelector('canvas').width === 300")
+    drawn = settle(blank)
+    # Out of sight it draws nothing, and is there again afterwards.
+    blank.evaluate("document.getElementById('view').style.display = 'none'; view.setJoints({ J1: 1 })")
+    assert settle(blank) == drawn
+    blank.evaluate("document.getElementById('view').style.display = ''")
+    blank.wait_for_function(f"view.drawn > {drawn}")
+    blank.evaluate("view.dispose(); view.setJoints({ J1: 0 })")
+    assert blank.locator("canvas").count() == 0
+
+
+def test_without_webgl_it_says_so_and_does_nothing(blank: Page) -> None:
+    blank.evaluate("HTMLCanvasElement.prototype.getContext = () => null")
+    show(blank)
+    assert "WebGL is off" in blank.locator("#view").inner_text()
+    calls = (
+        "view.setJoints({J1: 1}); view.setGhost({}); view.setTip('own'); view.setTable(0); view.trace([[0, 0, 0]]);"
+    )
+    blank.evaluate(f"{calls} view.setTheme('dark'); view.resetView(); view.resize(); view.dispose();")
+    assert blank.evaluate("[view.available, view.tip()]") == [False, None]
+
+
+def test_without_its_library_it_says_so(context: BrowserContext) -> None:
+    context.route("**/*", _serve)
+    page = context.new_page()
+    page.route("**/scene/**", lambda route: route.fulfill(body="export {};", content_type="text/javascript"))
+    page.goto(ADDRESS)
+    show(page)
+    assert "library was not found" in page.locator("#view").inner_text()
+    assert json.loads(page.evaluate("JSON.stringify(view.available)")) is False
