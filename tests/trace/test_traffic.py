@@ -97,6 +97,22 @@ def test_a_pause_ends_an_incomplete_frame() -> None:
     assert [entry.bad for entry in traffic] == [False]
 
 
+def test_after_a_gap_nothing_is_joined_or_paired() -> None:
+    request, reply = frame(Command.STATS, seq=4), frame(Command.STATS, bytes(60), src=8, seq=4, ext=0x80)
+    traffic = fed((SENT, request + request[:20], 1.0), (RECEIVED, reply[:50], 1.0), most=3)
+    traffic.skip()
+    traffic.feed(Passed(RECEIVED, reply, 5.0, ""))
+    traffic.feed(Passed(SENT, request, 5.0, ""))
+    assert [(entry.number, entry.bad, entry.answers) for entry in traffic] == [
+        (1, False, None),
+        (2, False, None),
+        (3, False, None),
+    ]
+    # The offsets of bytes begin anew: dropping an entry from before must not take the pair of one from after.
+    traffic.feed(Passed(RECEIVED, reply, 5.1, ""))
+    assert [entry.answers for entry in traffic] == [None, None, 3]
+
+
 def test_the_end_of_a_file_ends_what_is_incomplete() -> None:
     traffic = fed((SENT, frame(Command.STATS)[:20], 0.0))
     traffic.finish()

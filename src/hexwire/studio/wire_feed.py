@@ -202,7 +202,7 @@ class WireFeed:
             return {
                 "rows": [entry.as_row() for entry in found],
                 "next": reached if found or looked else min(since, view.traffic.newest),
-                "more": reached < view.traffic.newest or (view.kind == "live" and view.read < self._ring.newest),
+                "more": reached < view.traffic.newest,
                 "first": view.traffic.newest - len(view.traffic) + 1,
                 "newest": view.traffic.newest,
                 "id": view.id,
@@ -253,11 +253,11 @@ class WireFeed:
         view = self._view(tab)
         if view.kind == "file":
             return view
-        if not view.read:
-            view.read = max(0, self._ring.newest - _BACKLOG)
-        fresh = self._ring.since(view.read)
-        if fresh:
+        # After a time in which nobody looked, only the end is read: the rest would keep the arm waiting.
+        fresh = self._ring.since(max(view.read, self._ring.newest - _BACKLOG))
+        if fresh and fresh[0][0] > view.read + 1:
             view.skipped += fresh[0][0] - view.read - 1 if view.read else 0
+            view.traffic.skip()
         for number, passed in fresh[:_STEP]:
             view.traffic.feed(passed)
             view.read = number
@@ -273,7 +273,7 @@ class WireFeed:
             return _NOTHING
         if not self._tapped:
             return _SHARED if self._url.startswith("zenoh:") else "No bytes are seen of this line."
-        return f"{view.skipped} transfers were not read in time" if view.skipped else ""
+        return f"{view.skipped} transfers were left out while nobody looked." if view.skipped else ""
 
 
 def _known(series: str) -> str:

@@ -96,7 +96,7 @@ class Traffic:
     def __init__(
         self, series: str = "board", *, bus: bool | None = None, most: int = _MOST, size: int = _SIZE
     ) -> None:
-        self.series = series
+        self.series, self._bus = series, bus
         self._lines = LineReader(series, bus=bus)
         self._most, self._size = most, size
         self._entries: deque[Entry] = deque()
@@ -134,6 +134,12 @@ class Traffic:
                 for reading in self._lines.silence(way, heard):
                     self._add(reading)
 
+    def skip(self) -> None:
+        """Transfers are missing here: the next ones complete no frame and answer no request from before."""
+        self._lines = LineReader(self.series, bus=self._bus)
+        self._places.clear()
+        self._heard.clear()
+
     def finish(self) -> None:
         """Give up what is incomplete, at the end of a file."""
         for reading in self._lines.finish():
@@ -165,7 +171,9 @@ class Traffic:
         self._bytes += len(reading.data)
         while len(self._entries) > self._most or (self._bytes > self._size and len(self._entries) > 1):
             gone = self._entries.popleft()
-            self._places.pop((gone.reading.way, gone.reading.start), None)
+            place = gone.reading.way, gone.reading.start
+            if self._places.get(place) is gone:
+                del self._places[place]
             self._bytes -= len(gone.reading.data)
             self.lost += 1
 

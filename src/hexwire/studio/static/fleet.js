@@ -49,7 +49,8 @@ class FleetPage {
       make("div", { class: "hw-fleet-bar" }, this.stopAll, this.summary),
       this.results, this.problem, this.note,
       make("div", { class: "hw-fleet-scroll" }, this.table));
-    document.addEventListener("visibilitychange", () => this.poll());
+    const seen = () => (this.root.isConnected ? this.poll() : document.removeEventListener("visibilitychange", seen));
+    document.addEventListener("visibilitychange", seen);
     this.poll();
   }
 

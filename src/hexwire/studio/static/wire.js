@@ -35,12 +35,14 @@ function make(tag, attributes = {}, ...children) {
 }
 
 function loadStyle() {
-  if (document.querySelector('link[href="/static/wire.css"]')) return;
-  document.head.append(make("link", { rel: "stylesheet", href: "/static/wire.css" }));
+  if (document.querySelector('link[href="/static/wire.css"]')) return null;
+  const link = make("link", { rel: "stylesheet", href: "/static/wire.css" });
+  document.head.append(link);
+  return new Promise((resolve) => (link.onload = link.onerror = resolve));
 }
 
-export function mount(root, args) {
-  loadStyle();
+export async function mount(root, args) {
+  await loadStyle();
   new WirePage(root, args.tab);
 }
 
@@ -53,7 +55,7 @@ class WirePage {
     this.offset = 0;
     this.filter = "";
     this.paused = false;
-    this.asking = 0;
+    this.asking = null;
     this.rate = { number: 0, time: 0, value: 0 };
     this.build();
     this.list = new FrameList(this.listBox, {
@@ -79,6 +81,7 @@ class WirePage {
     this.fileBox = make("input", { type: "file", class: "hw-wire-file", "aria-label": "Open a recording, capture or log", onchange: () => this.openFile(this.fileBox.files[0]) });
     this.liveButton = button("Back to the line", () => this.backToLine(), { hidden: true });
     this.problem = make("span", { id: "hw-wire-problem", class: "hw-wire-error", role: "alert" });
+    this.refusal = make("span", { class: "hw-wire-error", role: "alert" });
     this.status = make("span", { class: "hw-wire-status" });
     this.note = make("p", { class: "hw-wire-note", hidden: true });
     this.listBox = make("div", { class: "hw-wire-list", role: "listbox", tabindex: "0", "aria-label": "Frames" });
@@ -98,7 +101,7 @@ class WirePage {
         button("Save MCAP", () => this.save("mcap")),
         button("Save pcapng", () => this.save("pcapng")),
       ),
-      make("div", { class: "hw-wire-line" }, this.status, this.problem),
+      make("div", { class: "hw-wire-line" }, this.status, this.problem, this.refusal),
       this.note,
       make("div", { class: "hw-wire-panes" },
         make("div", { class: "hw-wire-left" },
@@ -112,7 +115,8 @@ class WirePage {
       event.preventDefault();
       if (event.dataTransfer.files.length) this.openFile(event.dataTransfer.files[0]);
     });
-    document.addEventListener("visibilitychange", () => this.poll());
+    const seen = () => (this.root.isConnected ? this.poll() : document.removeEventListener("visibilitychange", seen));
+    document.addEventListener("visibilitychange", seen);
     // The panes end at the bottom of the window, whatever the header needs.
     const panes = this.root.querySelector(".hw-wire-panes");
     const fit = () => {
@@ -141,19 +145,20 @@ class WirePage {
     if (this.timer) clearTimeout(this.timer);
     this.timer = null;
     if (!this.root.isConnected || this.paused || document.hidden || this.asking) return;
-    const turn = (this.asking = performance.now());
+    const turn = (this.asking = {});
     let wait = PERIOD;
     try {
-      const asked = this.filter;
-      const page = await this.ask("rows", { since: this.since, filter: asked });
-      if (asked === this.filter && !this.paused) this.take(page);
+      const page = await this.ask("rows", { since: this.since, filter: this.filter });
+      if (this.asking !== turn) return; // the answer to a question that was asked anew meanwhile
+      if (!this.paused) this.take(page);
       this.fail("");
       if (page.more) wait = 0;
     } catch (error) {
+      if (this.asking !== turn) return;
       this.fail(error.message);
       wait = SLOW;
     }
-    if (this.asking === turn) this.asking = 0;
+    this.asking = null;
     if (wait) this.timer = setTimeout(() => this.poll(), wait);
     else requestAnimationFrame(() => this.poll());
   }
@@ -223,7 +228,7 @@ class WirePage {
 
   again() {
     this.since = 0;
-    this.asking = 0;
+    this.asking = null;
     const selected = this.list.selected;
     this.list.clear();
     this.list.selected = selected;
@@ -243,26 +248,28 @@ class WirePage {
   }
 
   async act(call) {
+    this.refusal.textContent = "";
     try {
       await call();
-      this.fail("");
     } catch (error) {
-      this.fail(error.message);
+      this.refusal.textContent = error.message;
       return;
     }
-    this.asking = 0;
+    this.asking = null;
     this.poll();
   }
 
   async openFile(file) {
     if (!file) return;
     const values = { name: file.name, series: this.seriesBox.value };
+    this.setPaused(false);
     await this.act(() => this.ask("open", values, { method: "POST", body: file }));
     this.fileBox.value = "";
   }
 
   backToLine() {
     this.list.follow = this.followBox.checked = true;
+    this.setPaused(false);
     return this.act(() => this.ask("live", {}, { method: "POST" }));
   }
 

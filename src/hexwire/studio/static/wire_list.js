@@ -2,7 +2,7 @@
 // in the next frame of the browser.
 
 const ROW = 22; // px, as in wire.css
-const MOST = 20000;
+const MOST = 10000; // as many as the studio keeps
 const SPARE = 8; // rows above and below what is visible
 
 // Places in a row, as traffic.py writes it.
@@ -46,6 +46,7 @@ export class FrameList {
 
   clear() {
     this.rows = [];
+    for (const element of this.pool) element.key = "";
     this.answers.clear();
     this.selected = 0;
     this.partners.clear();
@@ -142,9 +143,17 @@ export class FrameList {
     if (inner.style.height !== height) inner.style.height = height;
     if (this.follow) element.scrollTop = rows.length * ROW;
     const first = Math.max(0, Math.floor(element.scrollTop / ROW) - SPARE);
-    const last = Math.min(rows.length, Math.ceil((element.scrollTop + element.clientHeight) / ROW) + SPARE);
-    for (let i = first; i < last; i += 1) this.fill(this.rowElement(i - first), rows[i], i);
-    for (let i = Math.max(0, last - first); i < this.pool.length; i += 1) this.pool[i].hidden = true;
+    const seen = Math.min(element.clientHeight, window.innerHeight); // however tall the list is without its style
+    const last = Math.min(rows.length, Math.ceil((element.scrollTop + seen) / ROW) + SPARE);
+    // A row keeps its element while it is in sight, so that little changes when new ones come.
+    while (this.pool.length < last - first) this.pool.push(this.rowElement());
+    const size = this.pool.length;
+    for (let i = first; i < last; i += 1) this.fill(this.pool[i % size], rows[i], i);
+    for (let i = last; i < first + size; i += 1) {
+      const element = this.pool[i % size];
+      if (!element.hidden) element.hidden = true;
+      element.key = "";
+    }
     if (this.selected && document.getElementById(`hw-wire-${this.selected}`)) {
       element.setAttribute("aria-activedescendant", `hw-wire-${this.selected}`);
     } else {
@@ -152,35 +161,36 @@ export class FrameList {
     }
   }
 
-  rowElement(i) {
-    if (!this.pool[i]) {
-      const row = document.createElement("div");
-      row.setAttribute("role", "option");
-      for (const name of ["number", "time", "way", "text", "took"]) {
-        const cell = document.createElement("span");
-        cell.className = `hw-wire-${name}`;
-        row.append(cell);
-      }
-      this.inner.append(row);
-      this.pool[i] = row;
+  rowElement() {
+    const row = document.createElement("div");
+    row.setAttribute("role", "option");
+    row.setAttribute("aria-setsize", "-1");
+    for (const name of ["number", "time", "way", "text", "took"]) {
+      const cell = document.createElement("span");
+      cell.className = `hw-wire-${name}`;
+      row.append(cell);
     }
-    return this.pool[i];
+    this.inner.append(row);
+    return row;
   }
 
   fill(element, row, place) {
     const number = row[NUMBER];
     const selected = number === this.selected;
-    const [numberCell, time, way, text, took] = element.children;
     const answer = this.answers.get(number);
+    const partner = this.partners.has(number);
+    const key = `${number} ${place} ${selected} ${partner} ${answer ? answer[0] : ""}`;
+    if (element.key === key) return;
+    element.key = key;
+    const [numberCell, time, way, text, took] = element.children;
     const level = row[BAD] ? " hw-wire-bad" : row[PROBLEM] ? " hw-wire-doubt" : "";
-    element.className = `hw-wire-row${level}${selected ? " hw-wire-selected" : ""}${this.partners.has(number) ? " hw-wire-partner" : ""}`;
+    element.className = `hw-wire-row${level}${selected ? " hw-wire-selected" : ""}${partner ? " hw-wire-partner" : ""}`;
     element.hidden = false;
     element.id = `hw-wire-${number}`;
     element.dataset.number = number;
     element.style.transform = `translateY(${place * ROW}px)`;
     element.setAttribute("aria-selected", selected ? "true" : "false");
     element.setAttribute("aria-posinset", place + 1);
-    element.setAttribute("aria-setsize", this.rows.length);
     put(numberCell, String(number));
     put(time, clock(row[TIME], this.offset));
     put(way, row[SENT] ? "→" : "←");
