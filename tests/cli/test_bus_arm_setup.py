@@ -65,7 +65,8 @@ def test_an_arm_from_six_new_servos(monkeypatch: pytest.MonkeyPatch) -> None:
     assert result.exit_code == 0, result.output
     assert person.left == 0
     assert [servo.registers.stored("id") for servo in servos] == [6, 5, 4, 3, 2, 1]
-    assert "connect the servo of gripper, in the gripper; it moves the jaw" in result.stderr
+    assert "connect the servo of gripper: alone, or with those that are set up" in result.stderr
+    assert "in the gripper; it moves the jaw or trigger" in result.stderr
     assert "(6) gripper" in result.stderr
     assert "gears 1:345" in result.stderr
     assert "found servo 1 at 1000000 baud: sts3215, firmware 3.10, made for 7.4 V, supply 7.4 V" in result.stderr

@@ -81,7 +81,8 @@ def _run(opened: ServoBus, plan: ArmSetup, yes: bool) -> bool:
         if step.kind is not StepKind.ASSIGN:
             if step.kind is StepKind.CONNECT:
                 _draw(plan)
-            answer = _ask(f"{step.text}; then press Enter")
+            note(step.text)
+            answer = _ask("then press Enter (all: search every id and rate; q: end)")
         else:
             answer = _assign(opened, plan, step, yes)
         if answer == "q":

@@ -37,8 +37,10 @@ _PERIOD = 0.02
 _REDRAW = 0.1
 _HEAD = ("joint", "min deg", "now", "max deg", "missing")
 _FREE = (
-    "The arm moves every joint to its stops, for about two minutes. It is put down folded, the gripper in the "
-    "middle of its roll, nothing is within its reach, and you can switch its supply off. Go on?"
+    "every joint moves to its stops, for about two minutes:",
+    "- put the arm down folded, with the gripper in the middle of its roll",
+    "- clear everything out of its reach",
+    "- keep a hand at the switch of its supply; Ctrl-C leaves it without torque",
 )
 
 
@@ -153,7 +155,10 @@ def _store(bench: CalibrationBench, found: Calibration) -> None:
 
     with shielded():
         changed = store(bench.arm.bus, found)
-    note(f"stored in the servos of {', '.join(changed)}" if changed else "the servos have these values already")
+    if len(changed) == len(found.joints):
+        note("offsets and limits are stored in all servos")
+    else:
+        note(f"stored in the servos of {', '.join(changed)}" if changed else "the servos have these values already")
 
 
 # --- by hand ---------------------------------------------------------------------------------------------------
@@ -182,13 +187,13 @@ def _sample(bench: CalibrationBench, hand: HandCalibration) -> None:
 def _sweep(bench: CalibrationBench, hand: HandCalibration, seconds: int | None) -> None:
     """Sample until nothing is missing and Enter is pressed; Enter twice accepts what is there."""
     end = None if seconds is None else time.monotonic() + seconds
-    warned, redraw = "", 0.0
+    warned, said, redraw = "", "", 0.0
     with _screen() as show:
         while end is None or time.monotonic() < end:
             _sample(bench, hand)
             if time.monotonic() >= redraw:
                 redraw = time.monotonic() + _REDRAW
-                show(_rows(hand))
+                show(_rows(hand), said)
             if end is not None:
                 time.sleep(_PERIOD)
             elif _entered(_PERIOD):
@@ -196,7 +201,9 @@ def _sweep(bench: CalibrationBench, hand: HandCalibration, seconds: int | None) 
                 if not hand.unmoved and missing in ("", warned):
                     break
                 warned = missing
-                note(f"still missing: {missing}" + ("" if hand.unmoved else " (Enter accepts it as it is)"))
+                said = "not yet" if hand.unmoved else "something is missing: Enter again accepts it as it is"
+                if not on_terminal():
+                    note(f"still missing: {missing}" + ("" if hand.unmoved else " (Enter accepts it as it is)"))
     if not on_terminal():
         for line in format_table(_HEAD, _rows(hand)).splitlines():
             note(line)
@@ -226,7 +233,10 @@ def _entered(seconds: float) -> bool:
 
 
 def _automatic(bench: CalibrationBench, yes: bool) -> Calibration:
-    confirm(_FREE, yes)
+    if not yes:
+        for line in _FREE:
+            note(line)
+    confirm("Go on?", yes)
     bench.release()
     said, redraw = "", 0.0
     with _screen(_AUTO_HEAD) as show:
@@ -237,10 +247,14 @@ def _automatic(bench: CalibrationBench, yes: bool) -> Calibration:
                 note(auto.doing or "done")
             if auto.doing != said or time.monotonic() >= redraw:
                 redraw = time.monotonic() + _REDRAW
-                show(_auto_rows(auto))
+                show(_auto_rows(auto), f"{auto.step} of {auto.steps} motions, Ctrl-C ends it; {auto.doing}")
             said = auto.doing
 
-        return bench.automatic(_now(), watch=watch, clock=time.monotonic, sleep=time.sleep)
+        try:
+            return bench.automatic(_now(), watch=watch, clock=time.monotonic, sleep=time.sleep)
+        except KeyboardInterrupt:
+            note("ended: torque is off, nothing was saved")
+            raise
 
 
 _AUTO_HEAD = ("joint", "count", "ends", "")
@@ -253,19 +267,23 @@ def _auto_rows(auto: AutoCalibration) -> list[tuple[str, ...]]:
         ends = "{} to {}".format(*ranges[name]) if name in ranges else ""
         doing = auto.doing.partition(": ")[2] if auto.doing.startswith(f"{name}:") else ""
         rows.append((name, plain(counts, 0), ends, doing))
-    rows.append((f"{auto.step} of {auto.steps}", "", "", "" if ": " in auto.doing else auto.doing))
     return rows
 
 
 @contextmanager
-def _screen(head: tuple[str, ...] = _HEAD) -> Iterator[Callable[[list[tuple[str, ...]]], None]]:
-    """A table that is redrawn in place on a terminal; nothing elsewhere."""
+def _screen(head: tuple[str, ...] = _HEAD) -> Iterator[Callable[[list[tuple[str, ...]], str], None]]:
+    """A table with a line below, redrawn in place on a terminal; nothing elsewhere."""
     if not on_terminal():
-        yield lambda rows: None
+        yield lambda rows, below: None
         return
     from rich.text import Text
 
     from .draw import live
 
     with live() as screen:
-        yield lambda rows: screen.update(Text(format_table(head, rows, width=line_width())), refresh=True)
+
+        def show(rows: list[tuple[str, ...]], below: str) -> None:
+            table = format_table(head, rows, width=line_width())
+            screen.update(Text(f"{table}\n{below}"), refresh=True)
+
+        yield show

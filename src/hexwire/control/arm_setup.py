@@ -34,9 +34,9 @@ _WHERE = {
     "shoulder_pan": "in the base; it turns the whole arm",
     "shoulder_lift": "at the shoulder; it leans the upper arm",
     "elbow_flex": "at the elbow; it bends the forearm",
-    "wrist_flex": "at the wrist; it bends the gripper up and down",
+    "wrist_flex": "at the wrist; it bends the gripper",
     "wrist_roll": "behind the gripper; it rolls it",
-    "gripper": "in the gripper; it moves the jaw, or the trigger of a leader",
+    "gripper": "in the gripper; it moves the jaw or trigger",
 }
 _LEADER_GEARS = {
     "shoulder_pan": "1:191 (C044)",
@@ -268,10 +268,8 @@ class ArmSetup:
         return (self.model.geometry or self.model.name) in _SO_ARMS
 
     def _connect(self, joint: JointModel) -> str:
-        where = f", {_WHERE[joint.name]}" if joint.name in _WHERE and self._so_arm else ""
-        which = label(self.model, joint.name, leader=self.leader)
-        only = "alone" if self.only is not None else "alone, or together with those that are set up"
-        return f"connect the servo of {joint.name}{where}{f' (gears {which})' if which else ''}: {only}"
+        how = "alone" if self.only is not None else "alone, or with those that are set up"
+        return f"connect the servo of {joint.name}: {how}"
 
 
 def label(model: ArmModel, joint: str, *, leader: bool | None) -> str:
@@ -298,7 +296,9 @@ def picture(setup: ArmSetup) -> tuple[str, ...]:
             line = line.replace(f"{{{number}}}", mark)
         text[i] = line.rstrip()
     if target is not None:
-        text[2] = f"{text[2]:44}({target.servo_id}) {target.name}"
-        text[3] = f"{text[3]:44}{_WHERE.get(target.name, '')}"
-    text[5] = f"{text[5]:44}[ ] is set up"
+        text[2] = f"{text[2]:32}({target.servo_id}) {target.name}"
+        text[3] = f"{text[3]:32}{_WHERE.get(target.name, '')}"
+        gears = label(model, target.name, leader=setup.leader)
+        text[4] = f"{text[4]:32}{f'gears {gears}' if gears else ''}"
+    text[6] = f"{text[6]:32}[ ] is set up"
     return tuple(line.rstrip() for line in text)
