@@ -229,6 +229,16 @@ def test_if_the_host_dies_a_joint_goes_a_few_degrees_and_holds_with_low_torque()
         assert max(abs(a - b) for a, b in zip(before, after, strict=True)) < 70
         assert all(one.registers.get("torque_limit") <= 750 for one in parts.arm.servos)
         assert all(abs(one.motion.torque) <= 0.751 for one in parts.arm.servos)
+    # The next program leaves nothing of this behind.
+    with parts.attached() as bench, pytest.raises(KeyboardInterrupt):
+        automatic(parts, bench, interrupt)
+    assert limp(parts)
+    assert [one.registers.get("torque_limit") for one in parts.arm.servos] == [1000] * 6
+    assert [one.registers.get("max_position_limit") for one in parts.arm.servos] == [4095] * 6
+
+
+def interrupt(auto: AutoCalibration) -> None:
+    raise KeyboardInterrupt
 
 
 def test_servos_that_do_not_answer_or_share_an_id_are_refused_before_anything_moves() -> None:

@@ -212,9 +212,10 @@ class CalibrationBench:
                 servo_id = joint.servo_id
                 # With the lock set, stored settings change only until the supply is switched off.
                 _accepted(bus, servo_id, "lock", 1)
-                limit = bus.read(servo_id, "torque_limit").check().raw
+                # Not the present limits: those may be left from a program that was killed here.
+                limit = bus.read(servo_id, "max_torque").check().raw
                 block = bus.read_block(servo_id, *_LIMITS).check().data
-                before[servo_id] = limit or 0, block
+                before[servo_id] = limit or 0, block if any(block) else _WHOLE_TURN
                 _accepted(bus, servo_id, "torque_limit", _limit(joint.name))
                 bus.write_bytes(servo_id, _LIMITS[0], bytes(_LIMITS[1])).check()
                 if any(bus.read_block(servo_id, *_LIMITS).check().data):
@@ -241,6 +242,7 @@ class CalibrationBench:
 
 _LIMITS = (9, 4)
 """Address and length of the two position limits of an STS servo; both 0 mean positions of several turns."""
+_WHOLE_TURN = bytes((0, 0)) + (_TURN - 1).to_bytes(2, "little")
 
 
 def _limit(joint: str) -> int:
