@@ -1,0 +1,165 @@
+"""The studio as people use it: with what breaks meanwhile, with a second person, and without a mouse."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from tests.ros1.ros_world import PtyBoard
+from tests.studio.conftest import ready
+from tests.studio.test_every_page import walk
+
+from hexwire.studio.pages import PAGES
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, BrowserContext, Locator, Page
+    from tests.studio.running import RunningStudio
+
+_NOTE_FOCUS = """() => {
+  window.visited = [];
+  document.addEventListener("focusin", (event) => {
+    const style = getComputedStyle(event.target);
+    const seen = style.outlineStyle !== "none" || style.boxShadow !== "none" || event.target.closest(".q-field");
+    window.visited.push([event.target, Boolean(seen)]);
+  }, { capture: true });
+}"""
+_MISSED = """() => {
+  const wanted = "a[href], button, input, select, textarea, summary, [tabindex]";
+  const named = (e) => `${e.tagName} ${e.id} ${e.ariaLabel || e.textContent || e.name}`.slice(0, 80);
+  const visited = new Map(window.visited);
+  const all = [...document.querySelectorAll(wanted)].filter((e) =>
+    e.tabIndex >= 0 && !e.disabled && e.checkVisibility({ visibilityProperty: true }) && !e.closest("[inert]")
+    && !(e.type === "radio" && !e.checked));
+  return all.filter((e) => !visited.get(e)).map((e) => (visited.has(e) ? "no focus to be seen: " : "") + named(e));
+}"""
+"""What a person does not reach by Tab, or cannot see to have reached."""
+
+
+def fact(page: Page, name: str, text: str) -> Locator:
+    """One of the facts of the header, once it says this."""
+    found = page.locator(f"#hw-fact-{name}", has_text=text)
+    found.wait_for()
+    return found
+
+
+def button(page: Page, name: str) -> Locator:
+    return page.get_by_role("button", name=name, exact=True)
+
+
+@pytest.fixture
+def board(studio: RunningStudio, tmp_path: Path) -> Iterator[PtyBoard]:
+    """A board with a cable, in the studio in place of the emulated arm."""
+    board = PtyBoard(tmp_path / "arm")
+    studio.studio.source.open(board.port)
+    try:
+        yield board
+    finally:
+        studio.studio.source.close()
+        board.close()
+
+
+# -- what breaks --------------------------------------------------------------------------------------------
+
+
+def test_a_silent_servo_and_a_pulled_cable(board: PtyBoard, operator: Page) -> None:
+    page = operator
+    fact(page, "connection", str(board.port))
+    button(page, "Torque on").click()
+    fact(page, "torque", "on")
+    board.faults("silent:4")
+    fact(page, "faults", "J5")
+    board.faults()
+    fact(page, "faults", "none")
+    board.unplug()
+    fact(page, "connection", "lost")
+    page.get_by_role("status").filter(has_text="The arm is not connected").wait_for()
+    board.plug()
+    # It comes back by itself, but does not move before somebody says so.
+    fact(page, "connection", str(board.port))
+    page.get_by_role("status").filter(has_text="Stopped").wait_for()
+    button(page, "Resume").click()
+    page.locator("body:not(.hw-stopped)").wait_for()
+    fact(page, "torque", "on")
+
+
+# -- two people ---------------------------------------------------------------------------------------------
+
+
+def test_one_moves_and_the_others_watch_and_stop(
+    studio: RunningStudio, browser: Browser, context: BrowserContext, operator: Page
+) -> None:
+    studio.torque()
+    viewer = browser.new_context()
+    watcher = viewer.new_page()
+    watcher.goto(studio.watch_url)
+    ready(watcher)
+    # It sees who has control, and has no button to take it.
+    fact(watcher, "holder", "tab")
+    assert button(watcher, "Take control").count() == 0
+    begin = studio.goals()
+    operator.evaluate("() => { window.over = hexwire.hold('joint', { directions: { J1: 1 } }); }")
+    studio.until(lambda: studio.goals() != begin, "it moves")
+    button(watcher, "STOP").click()
+    assert "stopped" in operator.evaluate("window.over")
+    studio.until(lambda: studio.arm.owner.group.reason is not None, "the stop")
+    operator.get_by_role("status").filter(has_text="Stopped").wait_for()
+    # A second tab takes control; the first one is told, and cannot move any more.
+    second = context.new_page()
+    second.goto(studio.url)
+    ready(second)
+    button(second, "Take control").click()
+    button(second, "Resume").click()
+    fact(second, "holder", "this page")
+    button(operator, "Take control").wait_for()
+    refused = operator.evaluate("hexwire.hold('joint', { directions: { J1: 1 } })")
+    assert "does not have control" in refused
+    viewer.close()
+
+
+# -- by keyboard --------------------------------------------------------------------------------------------
+
+
+def test_everything_is_reached_and_seen_by_tab(operator: Page) -> None:
+    wrong: list[str] = []
+    for path in [page.path for page in PAGES]:
+        walk(operator, path)
+        operator.wait_for_timeout(200)
+        operator.evaluate("document.activeElement.blur(); window.getSelection().removeAllRanges()")
+        operator.evaluate(_NOTE_FOCUS)
+        count = operator.evaluate(
+            "document.querySelectorAll('a, button, input, select, textarea, [tabindex]').length"
+        )
+        for _ in range(count + 5):
+            operator.keyboard.press("Tab")
+        wrong += [f"{path}: {missed}" for missed in operator.evaluate(_MISSED)]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_an_arm_is_moved_and_stopped_by_keyboard_only(studio: RunningStudio, page: Page) -> None:
+    page.locator("body").press("Tab")
+    for name in ("Take control", "Torque on"):
+        _tab_to(page, name)
+        page.keyboard.press("Enter")
+        button(page, {"Take control": "Give back", "Torque on": "Torque off"}[name]).wait_for()
+    fact(page, "torque", "on")
+    page.keyboard.press("Escape")
+    page.get_by_role("status").filter(has_text="Stopped").wait_for()
+    _tab_to(page, "Resume")
+    page.keyboard.press("Enter")
+    page.locator("body:not(.hw-stopped)").wait_for()
+    _tab_to(page, "STOP")
+    page.keyboard.press("Enter")
+    studio.until(lambda: studio.arm.owner.group.reason is not None, "the stop")
+
+
+def _tab_to(page: Page, name: str) -> None:
+    """Press Tab until a button has the focus."""
+    wanted = button(page, name)
+    wanted.wait_for()
+    for _ in range(100):
+        if wanted.evaluate("(e) => e === document.activeElement"):
+            return
+        page.keyboard.press("Tab")
+    raise AssertionError(f"Tab does not lead to {name}")
