@@ -142,6 +142,7 @@ def _run(
         stack.callback(made.close)
         # The arm is opened after that: an import can keep all other threads waiting longer than a watchdog does.
         module = imported.wait()
+        made.settings = settings
         if port:
             opening = (made, port, robot, settings)
             threading.Thread(target=_open, args=opening, name="opening", daemon=True).start()

@@ -41,6 +41,9 @@ _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 
 
+_WATCHING = "this address is for watching only; open the other one that hexwire studio has printed"
+
+
 class _Failed:
     """The result of a call that failed, after the page has shown why."""
 
@@ -68,11 +71,13 @@ class Studio:
         fleet: The shared arms that this program may see.
         holds: The kinds of motion that a page may hold.
         live: The tabs' own sockets.
+        settings: Further settings of arms that pages open, see `hexwire.control.settings`.
         orders: Runs what tabs order, one after the other.
     """
 
     def __init__(self, access: Access, recordings: Path | None = None) -> None:
         self.access = access
+        self.settings: dict[str, object] = {}
         self.shelf = Shelf(recordings)
         self.tabs = Tabs()
         self.wire = WireFeed()
@@ -141,10 +146,31 @@ class Studio:
             LeaseError: Its session may only watch, or another tab has control.
         """
         if tab.right < Right.OPERATE:
-            raise LeaseError(
-                "this address is for watching only; open the other one that hexwire studio has printed"
-            )
+            raise LeaseError(_WATCHING)
         self.source.take(tab, force=force)
+
+    def open(self, tab: Tab, url: str, robot: str | None = None) -> None:
+        """Open an arm for a tab, in place of what is open. Blocks.
+
+        Raises:
+            LeaseError: Its session may only watch, or another tab has control of what is open.
+            HexwireError: As `Source.open`.
+        """
+        self._may_switch(tab)
+        self.source.open(url, robot, **self.settings)
+
+    def close_source(self, tab: Tab) -> None:
+        """Close what is open, for a tab; raises as `open`."""
+        self._may_switch(tab)
+        self.source.close()
+
+    def _may_switch(self, tab: Tab) -> None:
+        if tab.right < Right.OPERATE:
+            raise LeaseError(_WATCHING)
+        present = self.source.present
+        holder = present.holder if present is not None else None
+        if holder is not None and not self.source.has_control(tab):
+            raise LeaseError(f"{holder.client} has control of what is open; take control first")
 
     # -- for the live socket --------------------------------------------------------------------------------
 

@@ -340,7 +340,8 @@ class Source:
             self.opening, self.error = url, ""
             self._on_change()
             try:
-                given: dict[str, object] = {"port": url} | settings
+                # Whoever opens it sees at once why it fails, and tries again.
+                given: dict[str, object] = {"port": url, "connect_timeout": 0.0} | settings
                 if robot:
                     given["robot"] = robot
                 with wrap_new_links(self._wire.begin(url)):

@@ -4,10 +4,49 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from hexwire.studio.plugged import Plugged
+
 if TYPE_CHECKING:
-    from playwright.sync_api import Page
+    import pytest
+    from playwright.sync_api import BrowserContext
+    from tests.studio.running import RunningStudio
+
+_ROWS = [
+    Plugged("/dev/ttyUSB7", "CH340 (USB 1a86:7523)", ("hex7bot",), "it is open in minicom (pid 7)", "end it"),
+]
 
 
-def test_page_has_its_heading(page: Page) -> None:
-    page.get_by_role("link", name="Connect", exact=True).click()
-    page.get_by_role("heading", name="Connect", level=1).wait_for()
+def test_a_port_is_shown_with_its_obstacle_and_an_arm_is_opened(
+    served: RunningStudio, context: BrowserContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hexwire.studio.pages.start.find_plugged", lambda: _ROWS)
+    page = context.new_page()
+    try:
+        page.goto(served.operate_url)
+        page.get_by_role("heading", name="Connect", level=1).wait_for()
+        row = page.get_by_role("row", name="/dev/ttyUSB7")
+        row.get_by_text("it is open in minicom (pid 7)").wait_for()
+        row.get_by_text("end it").wait_for()
+        row.get_by_role("button", name="Open /dev/ttyUSB7").click()
+        page.get_by_text("Not opened:").wait_for()
+        page.get_by_role("button", name="Open sim://so101").click()
+        page.wait_for_url("**/arm")
+        page.locator("#hw-fact-connection", has_text="so101").wait_for()
+        page.get_by_role("link", name="Connect", exact=True).click()
+        page.get_by_role("button", name="Close what is open").click()
+        page.get_by_text("Nothing is open.").wait_for()
+        assert served.studio.source.mode == "none"
+    finally:
+        served.studio.source.close()
+        served.studio.access.end_all()
+
+
+def test_a_watcher_opens_nothing(served: RunningStudio, context: BrowserContext) -> None:
+    page = context.new_page()
+    try:
+        page.goto(served.watch_url)
+        page.get_by_role("row", name="sim://so101").wait_for()
+        page.wait_for_function("window.did_handshake")
+        assert page.get_by_role("button", name="Open").count() == 0
+    finally:
+        served.studio.access.end_all()

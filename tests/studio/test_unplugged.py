@@ -1,0 +1,75 @@
+"""A board that is unplugged: the page says so, and it comes back by itself when the device returns, stopped."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from typing import TYPE_CHECKING
+
+from tests.studio.conftest import ready
+
+from hexwire.emulator.board import make_hex7bot_board
+from hexwire.emulator.serve_pty import PtyServer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from playwright.sync_api import BrowserContext
+    from tests.studio.running import RunningStudio
+
+    from hexwire.emulator.board import EmulatedBoard
+
+
+@contextlib.contextmanager
+def _plugged(board: EmulatedBoard, port: Path) -> Iterator[None]:
+    server = PtyServer(board, link=str(port))
+    server.open()
+    ending = threading.Event()
+
+    def serve() -> None:
+        while not ending.is_set():
+            server.run_once(0.05)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        yield
+    finally:
+        ending.set()
+        thread.join()
+        server.close()
+
+
+def test_a_board_that_returns_is_there_again_and_stopped(
+    served: RunningStudio, context: BrowserContext, tmp_path: Path
+) -> None:
+    board, port = make_hex7bot_board(baud=0, start=time.monotonic()), tmp_path / "ttyUSB0"
+    page = context.new_page()
+    try:
+        with _plugged(board, port):
+            served.studio.source.silence = 5.0
+            served.studio.source.open(str(port))
+            page.goto(served.operate_url)
+            ready(page)
+            page.get_by_role("button", name="Take control").click()
+            page.get_by_role("button", name="Torque on").click()
+            served.until(lambda: len(served.arm.owner.state.torque_on) == 7, "torque")
+            before = served.arm.owner.state.positions["J1"]
+            page.evaluate("void hexwire.hold('joint', {directions: {J1: 1}, speed: 0.2})")
+            served.until(lambda: abs(served.arm.owner.state.positions["J1"] - before) > 0.02, "a motion")
+        page.locator("#hw-banner", has_text="The arm is not connected").wait_for()
+        page.locator("#hw-fact-connection", has_text="lost").wait_for()
+        with _plugged(board, port):
+            page.locator("#hw-banner", has_text="Stopped").wait_for()
+            assert served.arm.owner.connected
+            place = served.arm.owner.newest().positions["J1"]
+            page.get_by_role("button", name="Resume").click()
+            served.until(lambda: served.arm.owner.group.reason is None, "the end of the stop")
+            time.sleep(0.3)
+            assert abs(served.arm.owner.newest().positions["J1"] - place) < 0.01
+            served.studio.source.close()
+    finally:
+        served.studio.source.close()
+        served.studio.access.end_all()
