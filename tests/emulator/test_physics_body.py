@@ -153,3 +153,5 @@ def test_the_camera_sees_the_whole_arm_in_colours(robot: str) -> None:
     assert rows.max() - rows.min() > 45
     assert seen.max() > 150
     assert seen[:20, :20].mean() > 150, "the sky"
+    model.light_active[:] = 0
+    assert picture(model, data).mean() < seen.mean() - 10, "the lamp"

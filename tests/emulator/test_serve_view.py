@@ -86,7 +86,9 @@ def test_the_picture_has_jaws_and_rods_where_the_joints_put_them() -> None:
     poses = twin.shapes.poses(twin.positions())
     assert {"jaw_left", "rod"} <= set(poses)
     for name in ("jaw_left", "jaw_right", "crank", "rod", "flange", "forearm"):
-        assert list(window.data.body(name).xpos) == pytest.approx(poses[name].position, abs=2e-3)
+        body = window.data.body(name)
+        assert list(body.xpos) == pytest.approx(poses[name].position, abs=2e-3)
+        assert body.xmat.tolist() == pytest.approx([n for row in poses[name].rotation for n in row], abs=0.02)
 
 
 def test_what_is_drawn_is_not_what_is_simulated() -> None:

@@ -191,6 +191,34 @@ def test_parts_are_where_the_shapes_are(model: KinematicModel) -> None:
                 assert [float(n) for text in form.attrib.values() for n in text.split()] == list(shape.size)
 
 
+@pytest.mark.parametrize("model", [SEVEN[0], Puma260Model(), *SO_MODELS], ids=lambda model: model.name)
+def test_pinocchio_sees_the_parts_where_the_shapes_have_them(model: KinematicModel) -> None:
+    shapes, text = make_shapes(model), make_urdf(model)
+    tree = pinocchio.buildModelFromXML(text)
+    seen = pinocchio.buildGeomFromUrdfString(tree, text, pinocchio.GeometryType.VISUAL)
+    positions = {name: 0.2 + 0.1 * i for i, name in enumerate(shapes.driven)}
+    q = pinocchio.neutral(tree)
+    for joint in shapes.joints:
+        if joint.drive is not None:
+            lead = joint.drive
+            q[tree.joints[tree.getJointId(joint.name)].idx_q] = (
+                lead.multiplier * positions[lead.joint] + lead.offset
+            )
+    data, drawn = tree.createData(), seen.createData()
+    pinocchio.forwardKinematics(tree, data, q)
+    pinocchio.updateGeometryPlacements(tree, data, seen, drawn)
+    # Named after their link, with a number.
+    found = {part.name: place for part, place in zip(seen.geometryObjects, drawn.oMg, strict=True)}
+    counts: dict[str, int] = {}
+    for link, shape, pose in shapes.placed(positions):
+        number = counts.setdefault(link.name, 0)
+        counts[link.name] += 1
+        place = found.pop(f"{link.name}_{number}")
+        assert math.dist(place.translation, pose.position) < 1e-9, (link.name, shape.name)
+        assert place.rotation.tolist() == [pytest.approx(row, abs=1e-9) for row in pose.rotation]
+    assert not found
+
+
 def test_both_jaws_and_the_rod_mimic_joints_of_the_driver() -> None:
     root = ElementTree.fromstring(make_urdf(SEVEN[0]))
     leads = {}

@@ -6,12 +6,12 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from tests.model.poses import random_angles
+from tests.model.poses import pose_error, random_angles
 
 from hexwire.drivers.arm_file import load_profile
 from hexwire.errors import UsageError
 from hexwire.model.arm import ArmModel
-from hexwire.model.geometry import kinematics_for
+from hexwire.model.geometry import kinematics_for, make_shapes
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.palette import DARK, LIGHT
 from hexwire.model.pose import Matrix, Pose, Vector, multiply, rotation_about
@@ -29,8 +29,8 @@ def _matrix(turn: list[float]) -> Matrix:
     return rotation_about((x / length, y / length, z / length), angle)
 
 
-def _tip(geometry: dict[str, Any], joints: list[float]) -> Pose:
-    """The pose of the tip as the browser computes it: with nothing but the JSON."""
+def _poses(geometry: dict[str, Any], joints: list[float]) -> list[Pose]:
+    """The poses of the links as the browser computes them: with nothing but the JSON."""
     poses: list[Pose] = []
     for link in geometry["links"]:
         before = poses[link["parent"]] if link["parent"] >= 0 else Pose((0.0, 0.0, 0.0))
@@ -40,7 +40,7 @@ def _tip(geometry: dict[str, Any], joints: list[float]) -> Pose:
             angle = link["multiplier"] * joints[link["joint"]] + link["offset"]
             turned = multiply(turned, rotation_about(tuple(link["axis"]), angle))
         poses.append(Pose(moved(before, place), turned))
-    return poses[geometry["tip"]]
+    return poses
 
 
 @pytest.mark.parametrize("arm", ARMS, ids=lambda arm: arm.name)
@@ -51,11 +51,21 @@ def test_the_browsers_tip_is_that_of_the_kinematics(arm: ArmModel) -> None:
     for angles in random_angles(51, 20):
         own = angles[: len(model.ranges)]
         joints = model.to_joints(own)
-        tip = _tip(geometry, [joints.get(name, 0.3) for name in arm.names])
+        tip = _poses(geometry, [joints.get(name, 0.3) for name in arm.names])[geometry["tip"]]
         pose = model.forward(own)
         # A hundredth of a millimetre.
         assert math.dist(tip.position, pose.position) < 1e-5
         assert sum(math.dist(a, b) for a, b in zip(tip.rotation, pose.rotation, strict=True)) < 1e-5
+
+
+@pytest.mark.parametrize("arm", ARMS, ids=lambda arm: arm.name)
+def test_the_browsers_links_are_those_of_every_other_picture(arm: ArmModel) -> None:
+    geometry, model = json.loads(json.dumps(make_geometry(arm))), kinematics_for(arm)
+    assert model is not None
+    shapes = make_shapes(model)
+    joints = {name: 0.1 * i - 0.3 for i, name in enumerate(arm.names)}
+    for link, pose in zip(geometry["links"], _poses(geometry, list(joints.values())), strict=True):
+        assert pose_error(pose, shapes.poses(joints)[link["name"]]) < 1e-5, link["name"]
 
 
 def test_joints_are_in_the_drivers_order_with_the_arms_own_limits() -> None:

@@ -148,10 +148,10 @@ export class Arm3D {
   resetView(name = "home") {
     if (!this.available) return;
     const { reach, heading } = this.geometry, up = new three.THREE.Vector3(0, 0, 1);
-    const aim = new three.THREE.Vector3(0.28 * reach, 0, 0.27 * reach).applyAxisAngle(up, heading).toArray();
+    const aim = new three.THREE.Vector3(0.28 * reach, 0, 0.3 * reach).applyAxisAngle(up, heading).toArray();
     const way = new three.THREE.Vector3(...(VIEWS[name] ?? VIEWS.home)).normalize().applyAxisAngle(up, heading);
     // A narrow picture is filled by the arm's width, so the camera steps back.
-    const far = reach * 1.55 * Math.max(1, 1.05 / this._camera.aspect);
+    const far = reach * 1.7 * Math.max(1, 1.05 / this._camera.aspect);
     this._controls.target.set(...aim);
     this._camera.position.set(...aim).addScaledVector(way, far);
     this._controls.update();
