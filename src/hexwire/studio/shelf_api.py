@@ -1,0 +1,199 @@
+"""What the recordings page asks for: the list, and what is done with recordings.
+
+Owns the requests and the check of every value. Behind the gate; whatever changes something needs the right to
+operate, and nothing here moves a real arm. Must not know how the page shows it.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import math
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+
+from hexwire.drivers.registry import load_driver
+from hexwire.errors import HexwireError, UsageError
+from hexwire.model.state import LONGEST, finite
+
+from .access import Right
+from .guard import SESSION
+from .twin import TWINS
+
+if TYPE_CHECKING:
+    from .app import Studio
+
+__all__ = ["shelf_routes"]
+
+_PLAIN = {"Cache-Control": "no-store"}
+_MOST = 4096
+"""Bytes of a request."""
+_FACTORS = (0.1, 4.0)
+
+
+def shelf_routes(present: Callable[[], Studio]) -> list[Route]:
+    """The routes of the page.
+
+    Args:
+        present: The studio that is served now.
+    """
+
+    async def listed(request: Request) -> Response:
+        return await _answered(lambda: _listed(present()))
+
+    async def done(request: Request) -> Response:
+        if request.scope[SESSION].right < Right.OPERATE:
+            return JSONResponse({"error": "this address is for watching only"}, 403, _PLAIN)
+        body = bytearray()
+        async for part in request.stream():
+            body += part
+            if len(body) > _MOST:
+                return JSONResponse({"error": "this is too large"}, 413, _PLAIN)
+        return await _answered(lambda: _done(present(), bytes(body)))
+
+    return [Route("/data/recordings", listed), Route("/data/recordings", done, methods=["POST"])]
+
+
+async def _answered(call: Callable[[], dict[str, Any]]) -> Response:
+    try:
+        return JSONResponse(await run_in_threadpool(call), headers=_PLAIN)
+    except HexwireError as error:
+        return JSONResponse({"error": str(error)}, 400, _PLAIN)
+
+
+def _listed(studio: Studio) -> dict[str, Any]:
+    shelf, arm = studio.shelf, studio.source.arm
+    joints = arm.settings.model.names if arm is not None else ()
+    state = shelf.recorder.state
+    # What is being written is not damaged.
+    rows = [asdict(one) for one in shelf.library.entries() if one.name != state.name]
+    for row in rows:
+        unknown = [name for name in row["joints"] if name not in joints]
+        row["fits"] = bool(row["joints"]) and arm is not None and not unknown
+        row["twin"] = twin_for(row["robot"], row["joints"])
+    return {
+        "folder": str(shelf.library.folder),
+        "largest": shelf.library.largest,
+        "entries": rows,
+        "recorder": asdict(state),
+        "twin": {**asdict(shelf.twin.state), "busy": shelf.twin.busy},
+        "robot": arm.settings.model.name if arm is not None else "",
+    }
+
+
+def twin_for(robot: str, joints: tuple[str, ...]) -> str:
+    """The emulated arm that can play a recording; empty if there is none."""
+    if robot in TWINS:
+        return robot
+    return next((name for name in TWINS if joints and set(joints) <= _joints_of(name)), "")
+
+
+@functools.cache
+def _joints_of(robot: str) -> frozenset[str]:
+    return frozenset(load_driver(robot).from_url(f"sim://{robot}").model.names)
+
+
+def _done(studio: Studio, body: bytes) -> dict[str, Any]:
+    try:
+        order = json.loads(body)
+    except (ValueError, RecursionError):
+        order = None
+    if not isinstance(order, dict):
+        raise UsageError("this is no order")
+    what = order.get("do")
+    calls = {
+        "record": _record,
+        "end": _end,
+        "recover": _recover,
+        "remove": _remove,
+        "preview": _preview,
+        "twin": _twin,
+        "twin_stop": _twin_stop,
+    }
+    call = calls.get(what) if isinstance(what, str) else None
+    if call is None:
+        raise UsageError("there is no such order")
+    return call(studio, order)
+
+
+def _record(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
+    return {"name": studio.shelf.recorder.start(studio.source.need_arm())}
+
+
+def _end(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
+    return {"said": studio.shelf.recorder.stop()}
+
+
+def _recover(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
+    return {"name": studio.shelf.library.recover(_name(order)).name}
+
+
+def _remove(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
+    studio.shelf.library.remove(_name(order))
+    return {}
+
+
+def _preview(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
+    """What playing it on the open arm would be; nothing moves."""
+    arm = studio.source.need_arm()
+    taught = studio.shelf.taught(_name(order), _topic(order), arm.settings.model.names)
+    begin, end, factor = _part(order)
+    args: dict[str, object] = {"what": "play", "begin": begin, "factor": factor}
+    if end < LONGEST:
+        args["end"] = end
+    plan = arm.desk.preview(args, taught=taught)
+    return {
+        "duration": plan.duration,
+        "lead_in": plan.lead_in,
+        "refusal": plan.refusal or plan.unready,
+    }
+
+
+def _twin(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
+    """Play it on an emulated arm."""
+    name, topic, shelf = _name(order), _topic(order), studio.shelf
+    found = shelf.library.find(name)
+    robot = twin_for(found.robot, found.joints)
+    if not robot:
+        raise UsageError(f"there is no emulated arm with the joints of {name}")
+    begin, end, factor = _part(order)
+    shelf.twin.play(
+        robot, name, lambda joints: shelf.taught(name, topic, joints), begin=begin, end=end, factor=factor
+    )
+    return asdict(shelf.twin.state)
+
+
+def _twin_stop(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
+    studio.shelf.twin.stop("stopped")
+    return {}
+
+
+def _name(order: dict[str, Any]) -> str:
+    name = order.get("name")
+    if not isinstance(name, str):
+        raise UsageError("name a recording")
+    return name
+
+
+def _topic(order: dict[str, Any]) -> str | None:
+    topic = order.get("topic")
+    return topic if isinstance(topic, str) and topic else None
+
+
+def _part(order: dict[str, Any]) -> tuple[float, float, float]:
+    """First and last second, and the factor of the speed."""
+    begin = finite(order.get("begin", 0.0), "the beginning")
+    end = finite(order.get("end", LONGEST), "the end")
+    factor = finite(order.get("factor", 1.0), "the factor of the speed")
+    low, high = _FACTORS
+    if not 0.0 <= begin < end or math.isinf(end):
+        raise UsageError("the part to play must begin at 0 s or later, and end after its beginning")
+    if not low <= factor <= high:
+        raise UsageError(f"a recording is played at {low:g} to {high:g} times its speed, not {factor:g}")
+    return begin, end, factor

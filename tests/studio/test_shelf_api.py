@@ -1,0 +1,152 @@
+"""The list of recordings, and what is done with them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from starlette.applications import Starlette
+from starlette.testclient import TestClient
+from tests.studio.running import until
+from tests.studio.test_shelf import record
+
+from hexwire.studio.access import Access, Right, Session
+from hexwire.studio.app import Studio
+from hexwire.studio.guard import SESSION
+from hexwire.studio.shelf_api import shelf_routes, twin_for
+
+
+class Client:
+    def __init__(self, studio: Studio) -> None:
+        self.studio, self.right = studio, Right.OPERATE
+        app = Starlette(routes=shelf_routes(lambda: studio))
+
+        async def served(scope: Any, receive: Any, send: Any) -> None:
+            scope[SESSION] = Session("key", self.right, 0.0)
+            await app(scope, receive, send)
+
+        self.http = TestClient(served)
+
+    def list(self) -> dict[str, Any]:
+        return dict(self.http.get("/data/recordings").json())
+
+    def do(self, what: str, **order: Any) -> dict[str, Any]:
+        return dict(self.http.post("/data/recordings", json={"do": what, **order}).json())
+
+
+@pytest.fixture
+def client(tmp_path: Path) -> Iterator[Client]:
+    studio = Studio(Access(frozenset()), tmp_path / "recordings")
+    try:
+        yield Client(studio)
+    finally:
+        studio.close()
+
+
+def test_it_lists_recordings_and_whether_the_open_arm_can_play_them(client: Client) -> None:
+    folder = client.studio.shelf.library.folder
+    record(folder, "mine.mcap")
+    record(folder, "other.mcap", joints=("K1",))
+    content = (folder / "mine.mcap").read_bytes()
+    (folder / "cut.mcap").write_bytes(content[: len(content) // 2])
+    rows = {row["name"]: row for row in client.list()["entries"]}
+    assert not rows["mine.mcap"]["fits"]
+    client.studio.source.open("sim://hex7bot?name=shelf")
+    rows = {row["name"]: row for row in client.list()["entries"]}
+    assert [rows[name]["fits"] for name in ("mine.mcap", "other.mcap")] == [True, False]
+    assert [rows[name]["twin"] for name in ("mine.mcap", "other.mcap")] == ["hex7bot", ""]
+    assert "truncated" in rows["cut.mcap"]["problem"]
+    assert client.list()["robot"] == "hex7bot"
+
+
+def test_the_session_is_recorded_until_its_end_or_until_the_arm_is_closed(client: Client) -> None:
+    assert "no arm is open" in client.do("record")["error"]
+    studio = client.studio
+    studio.source.open("sim://hex7bot?name=shelf")
+    name = client.do("record")["name"]
+    until(lambda: client.list()["recorder"]["states"] > 3, "states")
+    # It is no damaged recording while it is being written.
+    assert client.list()["entries"] == []
+    assert client.do("end")["said"].startswith(name)
+    assert [row["name"] for row in client.list()["entries"]] == [name]
+    second = client.do("record")["name"]
+    until(lambda: client.list()["recorder"]["states"] > 3, "states")
+    studio.source.close()
+    until(lambda: client.list()["recorder"]["name"] == "", "the end of the recording")
+    rows = {row["name"]: row for row in client.list()["entries"]}
+    assert rows[second]["problem"] == ""
+
+
+def test_a_damaged_recording_is_recovered_and_one_is_removed(client: Client) -> None:
+    folder = client.studio.shelf.library.folder
+    record(folder, "a.mcap")
+    content = (folder / "a.mcap").read_bytes()
+    (folder / "a.mcap").write_bytes(content[:-40])
+    assert client.do("recover", name="a.mcap")["name"] == "a recovered.mcap"
+    assert client.do("remove", name="a.mcap") == {}
+    assert [row["name"] for row in client.list()["entries"]] == ["a recovered.mcap"]
+
+
+def test_the_twin_plays_a_part(client: Client) -> None:
+    record(client.studio.shelf.library.folder, "a.mcap")
+    started = client.do("twin", name="a.mcap", begin=1.0, end=2.0, factor=2.0)
+    assert started["robot"] == "hex7bot"
+    assert "the twin is moving" in client.do("twin", name="a.mcap")["error"]
+    until(lambda: not client.list()["twin"]["busy"], "the end")
+    assert client.list()["twin"]["arrived"]
+    client.do("twin", name="a.mcap")
+    client.do("twin_stop")
+    assert client.list()["twin"]["ended"] == "stopped"
+
+
+def test_what_playing_on_the_arm_would_be_is_told_without_moving(client: Client) -> None:
+    record(client.studio.shelf.library.folder, "a.mcap")
+    arm = client.studio.source.open("sim://hex7bot?name=shelf")
+    until(lambda: arm.arm.owner.state is not None, "a state")
+    plan = client.do("preview", name="a.mcap")
+    assert plan["duration"] > plan["lead_in"] > 0
+    assert plan["refusal"]
+    assert not arm.arm.owner.group.moving
+
+
+@pytest.mark.parametrize(
+    ("order", "why"),
+    [
+        ({"do": "twin", "name": "a.mcap", "factor": 99}, "0.1 to 4 times"),
+        ({"do": "twin", "name": "a.mcap", "begin": 5, "end": 2}, "end after its beginning"),
+        ({"do": "twin", "name": "a.mcap", "begin": "x"}, "must be a number"),
+        ({"do": "twin", "name": "../a.mcap"}, "there is no recording"),
+        ({"do": "remove", "name": "../a.mcap"}, "cannot be the name"),
+        ({"do": "remove", "name": 5}, "name a recording"),
+        ({"do": "format"}, "no such order"),
+        ({"do": ["record"]}, "no such order"),
+        ([], "no order"),
+    ],
+)
+def test_a_wrong_order_is_refused(client: Client, order: Any, why: str) -> None:
+    record(client.studio.shelf.library.folder, "a.mcap")
+    answer = client.http.post("/data/recordings", json=order)
+    assert answer.status_code == 400
+    assert why in answer.json()["error"]
+
+
+def test_a_long_or_broken_request_is_refused(client: Client) -> None:
+    assert client.http.post("/data/recordings", content=bytes(5000)).status_code == 413
+    assert client.http.post("/data/recordings", content=b"[" * 4000).status_code == 400
+
+
+def test_who_only_watches_changes_nothing(client: Client) -> None:
+    client.right = Right.WATCH
+    record(client.studio.shelf.library.folder, "a.mcap")
+    for what in ("record", "end", "recover", "remove", "twin", "twin_stop"):
+        assert client.http.post("/data/recordings", json={"do": what, "name": "a.mcap"}).status_code == 403
+    assert len(client.list()["entries"]) == 1
+
+
+def test_a_twin_is_found_by_name_or_by_joints() -> None:
+    assert twin_for("so101", ()) == "so101"
+    assert twin_for("", ("J1", "J7")) == "hex7bot"
+    assert twin_for("mine", ("shoulder_pan", "gripper")) == "so101"
+    assert twin_for("", ()) == twin_for("", ("K9",)) == ""
