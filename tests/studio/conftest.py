@@ -39,11 +39,11 @@ def _no_thread_left() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def served() -> Iterator[RunningStudio]:
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningStudio]:
     """One server for all tests of this worker; nothing is open in it at first. Tests use `studio`."""
     from hexwire.studio.server import Server
 
-    studio = Studio(Access(frozenset()))
+    studio = Studio(Access(frozenset()), tmp_path_factory.mktemp("recordings"))
     server = Server(studio)
     port = server.bind()
     studio.access.hosts = frozenset({f"127.0.0.1:{port}", f"localhost:{port}"})

@@ -66,14 +66,14 @@ def test_the_history_comes_as_columns_and_then_only_what_is_new(client: Client, 
 
 def test_without_an_arm_the_reason_is_told(client: Client) -> None:
     answer = client.get("/data/history")
-    assert answer.status_code == 400
-    assert "no arm is open" in answer.json()["error"]
-    assert client.get("/data/twin").json() == {"error": "the twin has not moved yet"}
+    assert answer.status_code == 200
+    assert "no arm is open" in answer.json()["refused"]
+    assert client.get("/data/twin").json() == {"refused": "the twin has not moved yet"}
 
 
 def test_a_number_that_is_none_is_refused(client: Client, arm: Any) -> None:
     for text in ("x", "nan"):
-        assert client.get("/data/history", after=text).json() == {"error": "after must be a number"}
+        assert client.get("/data/history", after=text).json() == {"refused": "after must be a number"}
 
 
 def test_what_is_shown_is_saved_as_csv(client: Client, arm: Any) -> None:
@@ -94,7 +94,7 @@ def test_it_is_saved_as_a_recording_that_can_be_played(client: Client, arm: Any,
     states = list(read_joint_states(tmp_path / "a.mcap", whole=True))
     assert len(states) == 5
     assert states[0].names == arm.settings.model.names
-    assert "nothing is known" in client.get("/data/history.mcap", to=0).json()["error"]
+    assert "nothing is known" in client.get("/data/history.mcap", to=0).json()["refused"]
 
 
 def test_a_recording_is_read_compared_and_downloaded(client: Client) -> None:
@@ -114,8 +114,8 @@ def test_a_recording_is_read_compared_and_downloaded(client: Client) -> None:
 def test_nothing_outside_of_the_folder_is_given(client: Client, address: str, name: str) -> None:
     record(client.studio.shelf.library.folder.parent, "secret.mcap")
     answer = client.get(address, name=name)
-    assert answer.status_code == 400
-    assert answer.json()["error"]
+    assert answer.status_code == 200
+    assert answer.json()["refused"]
 
 
 def test_a_file_is_taken_if_it_is_a_recording(client: Client, tmp_path: Path) -> None:
@@ -124,8 +124,8 @@ def test_a_file_is_taken_if_it_is_a_recording(client: Client, tmp_path: Path) ->
     answer = client.http.post("/data/recording", params={"name": "my arm.mcap"}, content=content)
     assert answer.json() == {"name": "my arm.mcap", "problem": ""}
     answer = client.http.post("/data/recording", params={"name": "page.mcap"}, content=b"<html>")
-    assert answer.status_code == 400
-    assert "nothing was kept" in answer.json()["error"]
+    assert answer.status_code == 200
+    assert "nothing was kept" in answer.json()["refused"]
     assert [entry.name for entry in client.studio.shelf.library.entries()] == ["my arm.mcap"]
 
 

@@ -72,6 +72,12 @@ class _Protection:
 @click.option("--key", default="", metavar="FILE", help="Its key.")
 @click.option("--ca", default="", metavar="FILE", help="Only browsers with a certificate of this authority.")
 @click.option("--password-file", default="", metavar="FILE", help="Whoever knows the password in it may operate.")
+@click.option(
+    "--recordings",
+    metavar="DIR",
+    type=click.Path(file_okay=False),
+    help="Folder of recordings.  [default: ~/.local/share/hexwire/recordings]",
+)
 @click.option("--no-browser", is_flag=True, help="Only print the address.")
 @links_option
 @table_options
@@ -85,6 +91,7 @@ def studio(
     key: str,
     ca: str,
     password_file: str,
+    recordings: str | None,
     no_browser: bool,
     links: str,
     table: float | None,
@@ -111,7 +118,8 @@ def studio(
     if take and port:
         port = f"{port}{'&' if '?' in port else '?'}take=1"
     protection = _Protection(listen, cert, key, ca, password_file)
-    _run(demo, None if demo else port, robot, settings, protection, browser=not no_browser)
+    folder = None if recordings is None else Path(recordings)
+    _run(demo, None if demo else port, robot, settings, protection, folder, browser=not no_browser)
 
 
 def _run(
@@ -120,6 +128,7 @@ def _run(
     robot: str | None,
     settings: dict[str, object],
     protection: _Protection,
+    recordings: Path | None,
     *,
     browser: bool,
 ) -> None:
@@ -130,7 +139,7 @@ def _run(
     shutdown.interrupts = True
     shutdown.listen()
     with ExitStack() as stack:
-        made, listen = _make(protection)
+        made, listen = _make(protection, recordings)
         # NiceGUI takes a second to import: meanwhile the emulator starts.
         imported = _Imported("hexwire.studio.server")
         stack.callback(imported.end)
@@ -193,7 +202,7 @@ class _Imported:
         return self._module
 
 
-def _make(protection: _Protection) -> tuple[Studio, tuple[str, int]]:
+def _make(protection: _Protection, recordings: Path | None) -> tuple[Studio, tuple[str, int]]:
     """A studio with its rules of access, and where it listens; checks all options."""
     from hexwire.studio import listening
     from hexwire.studio.access import Access
@@ -205,7 +214,7 @@ def _make(protection: _Protection) -> tuple[Studio, tuple[str, int]]:
     listening.check_protected(host, cert=cert, key=key, ca=ca, password=bool(password))
     if cert:
         listening.check_tls(cert, key, ca)
-    return Studio(Access(frozenset(), secure=bool(cert), password=password)), (host, number)
+    return Studio(Access(frozenset(), secure=bool(cert), password=password), recordings), (host, number)
 
 
 def _serve(module: Any, made: Studio, protection: _Protection, listen: tuple[str, int]) -> Server:

@@ -28,6 +28,7 @@ from hexwire.trace.series import write_csv, write_mcap
 from .access import Right
 from .columns import history_columns, serialize_columns, series_columns
 from .guard import SESSION
+from .wire_api import refusal
 
 if TYPE_CHECKING:
     from .app import Studio
@@ -66,15 +67,15 @@ def make_routes(present: Callable[[], Studio]) -> list[Route]:
 
 
 def _told(handler: _Handler) -> _Handler:
-    """A handler whose errors become one line of JSON."""
+    """A handler whose errors become one line."""
 
     async def told(request: Request) -> Response:
         try:
             return await handler(request)
         except _RefusedError as error:
-            return JSONResponse({"error": str(error)}, error.status, _PLAIN)
+            return JSONResponse({"refused": str(error)}, error.status, _PLAIN)
         except HexwireError as error:
-            return JSONResponse({"error": str(error)}, 400, _PLAIN)
+            return refusal(error)
 
     return told
 

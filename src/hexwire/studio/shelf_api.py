@@ -25,6 +25,7 @@ from hexwire.model.state import LONGEST, finite
 from .access import Right
 from .guard import SESSION
 from .twin import TWINS
+from .wire_api import refusal
 
 if TYPE_CHECKING:
     from .app import Studio
@@ -49,12 +50,12 @@ def shelf_routes(present: Callable[[], Studio]) -> list[Route]:
 
     async def done(request: Request) -> Response:
         if request.scope[SESSION].right < Right.OPERATE:
-            return JSONResponse({"error": "this address is for watching only"}, 403, _PLAIN)
+            return JSONResponse({"refused": "this address is for watching only"}, 403, _PLAIN)
         body = bytearray()
         async for part in request.stream():
             body += part
             if len(body) > _MOST:
-                return JSONResponse({"error": "this is too large"}, 413, _PLAIN)
+                return JSONResponse({"refused": "this is too large"}, 413, _PLAIN)
         return await _answered(lambda: _done(present(), bytes(body)))
 
     return [Route("/data/recordings", listed), Route("/data/recordings", done, methods=["POST"])]
@@ -64,7 +65,7 @@ async def _answered(call: Callable[[], dict[str, Any]]) -> Response:
     try:
         return JSONResponse(await run_in_threadpool(call), headers=_PLAIN)
     except HexwireError as error:
-        return JSONResponse({"error": str(error)}, 400, _PLAIN)
+        return refusal(error)
 
 
 def _listed(studio: Studio) -> dict[str, Any]:

@@ -117,7 +117,7 @@ def survey(file: Readable, empty: Recording) -> Recording:
                 if not joints:
                     joints, robot = _first_state(message.data, empty.name)
     except HexwireError as error:
-        problem = str(error).removeprefix(f"{empty.name}: ")
+        problem = str(error).removeprefix(empty.name).removeprefix(":").strip()
     return replace(
         empty,
         begin=(first or 0) / _NSEC,
@@ -285,7 +285,7 @@ class Library:
                 status = os.fstat(file.fileno())
                 found = survey(file, Recording(name, status.st_size, status.st_mtime))
             if found.problem and not found.recoverable:
-                raise UsageError(f"{found.problem.removeprefix(f'{name} ')}; nothing was kept")
+                raise UsageError(f"{found.problem}; nothing was kept")
         return self.find(name)
 
     def recover(self, name: str) -> Recording:

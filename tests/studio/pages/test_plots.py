@@ -46,5 +46,5 @@ def test_signals_of_joints_are_drawn_with_their_history_and_saved(page: Page, st
 def test_the_page_says_why_it_is_empty(page: Page, studio: RunningStudio) -> None:
     _open(page)
     studio.studio.source.close()
+    page.locator(".uplot").wait_for(state="detached")
     page.get_by_text("No arm is open").wait_for()
-    assert page.locator(".uplot").count() == 0

@@ -2,12 +2,82 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+import pytest
+from tests.studio.test_shelf import record
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
+    from tests.studio.running import RunningStudio
 
 
-def test_page_has_its_heading(page: Page) -> None:
+@pytest.fixture
+def folder(studio: RunningStudio, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder of recordings."""
+    monkeypatch.setattr(studio.studio.shelf.library, "folder", tmp_path / "recordings")
+    return tmp_path / "recordings"
+
+
+def _open(page: Page) -> None:
     page.get_by_role("link", name="Recordings", exact=True).click()
     page.get_by_role("heading", name="Recordings", level=1).wait_for()
+
+
+def test_the_session_is_recorded_and_plays_on_the_arm(operator: Page, folder: Path, studio: RunningStudio) -> None:
+    operator.get_by_role("button", name="Torque on").click()
+    operator.get_by_role("button", name="Torque off").wait_for()
+    _open(operator)
+    operator.get_by_text("No recordings yet").wait_for()
+    operator.get_by_role("button", name="Record the arm").click()
+    operator.locator(".rc-recording", has_text="states").wait_for()
+    studio.until(lambda: studio.studio.shelf.recorder.state.states > 20, "states")
+    operator.get_by_role("button", name="End the recording").click()
+    operator.get_by_role("button", name="open 2").click()
+    operator.locator(".uplot").first.wait_for()
+    operator.get_by_role("button", name="Play on the arm").click()
+    operator.locator(".rc-said", has_text="arrived").wait_for()
+    # The lag of the servos is small, since the recording is of a still arm.
+    assert "off the recording by" in operator.locator(".rc-said").inner_text()
+
+
+def test_playing_without_control_is_refused_in_words(page: Page, folder: Path) -> None:
+    record(folder, "swing.mcap")
+    _open(page)
+    page.get_by_role("button", name="open swing.mcap").click()
+    page.get_by_role("button", name="Play on the arm").click()
+    page.locator(".rc-said[data-level=error]").wait_for()
+    page.get_by_role("button", name="Play on the twin").wait_for()
+
+
+def test_a_file_is_added_compared_and_deleted(page: Page, folder: Path, tmp_path: Path) -> None:
+    record(folder, "first.mcap")
+    record(tmp_path, "second.mcap", 0.5)
+    (tmp_path / "letter.mcap").write_bytes(b"Dear arm")
+    _open(page)
+    page.get_by_label("Add a file").set_input_files(tmp_path / "letter.mcap")
+    page.get_by_text("is not a recording").wait_for()
+    page.get_by_label("Add a file").set_input_files(tmp_path / "second.mcap")
+    page.get_by_role("heading", name="second.mcap").wait_for()
+    page.get_by_role("button", name="open first.mcap").click()
+    page.get_by_label("Compare with").select_option("second.mcap")
+    page.get_by_label("aligned").select_option("best")
+    page.get_by_text("the second one was 0.5").wait_for()
+    figures = page.locator(".rc-table tbody tr", has_text="J1").locator("td").all_text_contents()
+    assert float(figures[0]) < 0.5
+    page.get_by_role("button", name="delete first.mcap").click()
+    page.get_by_role("button", name="delete first.mcap").click()
+    page.get_by_text("first.mcap was deleted").wait_for()
+    assert [path.name for path in folder.iterdir()] == ["second.mcap"]
+
+
+def test_a_damaged_recording_says_so_and_is_recovered(page: Page, folder: Path) -> None:
+    record(folder, "a.mcap")
+    content = (folder / "a.mcap").read_bytes()
+    (folder / "a.mcap").write_bytes(content[:-40])
+    _open(page)
+    page.get_by_text("truncated").wait_for()
+    page.get_by_role("button", name="recover a.mcap").click()
+    page.get_by_role("heading", name="a recovered.mcap").wait_for()
+    page.get_by_role("row", name="a recovered.mcap").get_by_text("whole").wait_for()

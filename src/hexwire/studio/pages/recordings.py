@@ -1,11 +1,15 @@
-"""The page Recordings.
+"""The page Recordings: list, plot, play on the twin or the arm, compare two.
 
-Owns what the page shows. Must not know other pages.
+Owns the frame of the page; `static/recordings.js` fills it from `hexwire.studio.shelf_api`. Must not know other
+pages.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+from hexwire.studio.access import Right
+from hexwire.studio.layout import mount
 
 if TYPE_CHECKING:
     from hexwire.studio.app import Studio
@@ -18,3 +22,5 @@ def build(studio: Studio) -> None:
     from nicegui import ui
 
     ui.html("Recordings", sanitize=False, tag="h1")
+    operates = studio.tab().right >= Right.OPERATE
+    mount("recordings.js", ui.element("div").classes("pl-page"), operates=operates)

@@ -6,9 +6,7 @@
  * @throws {Error} with the server's words
  */
 export async function fetchColumns(address, query = {}) {
-  const answer = await fetch(withQuery(address, query));
-  if (!answer.ok) throw new Error(await reasonOf(answer));
-  return parseColumns(await answer.arrayBuffer());
+  return parseColumns(await (await ask(withQuery(address, query))).arrayBuffer());
 }
 
 export function withQuery(address, query) {
@@ -16,12 +14,17 @@ export function withQuery(address, query) {
   return known.length ? `${address}?${new URLSearchParams(known)}` : address;
 }
 
-export async function reasonOf(answer) {
-  try {
-    return (await answer.json()).error;
-  } catch {
-    return `the studio answered ${answer.status}`;
-  }
+/**
+ * Fetch from the studio.
+ * @throws {Error} with the server's words, if it refuses
+ */
+export async function ask(address, options) {
+  const answer = await fetch(address, options);
+  const json = (answer.headers.get("content-type") || "").startsWith("application/json");
+  if (answer.ok && !json) return answer;
+  const said = json ? await answer.json() : {};
+  if (said.refused || !answer.ok) throw new Error(said.refused || `the studio answered ${answer.status}`);
+  return { json: async () => said };
 }
 
 export function parseColumns(bytes) {
@@ -42,8 +45,7 @@ export function parseColumns(bytes) {
 
 /** Save what an address gives as a file, under the name that the server gives it. */
 export async function save(address, query) {
-  const answer = await fetch(withQuery(address, query));
-  if (!answer.ok) throw new Error(await reasonOf(answer));
+  const answer = await ask(withQuery(address, query));
   const said = answer.headers.get("content-disposition") || "";
   const name = decodeURIComponent((said.match(/filename\*=(?:utf-8|UTF-8)''([^;]+)/) || said.match(/filename="([^"]+)"/) || ["", "hexwire"])[1]);
   const link = document.createElement("a");

@@ -1,0 +1,202 @@
+// The page Recordings: the list, recording the session, files in and out. recordings_view.js shows one or two of them,
+// recordings_play.js plays one.
+
+import hexwire from "/static/live.js";
+import { ask, save } from "/static/columns.js";
+import { loadSheet, make } from "/static/widgets.js";
+import { makeView } from "/static/recordings_view.js";
+
+const LOOK = 1500; // ms between two looks at the list
+
+export function mount(element, args) {
+  loadSheet("/static/plots.css");
+  loadSheet("/static/recordings.css");
+  const state = { list: null, chosen: "", shown: "" };
+  const note = make("p", { className: "pl-note", role: "status" });
+  const record = button("Record the arm", toggleRecord, "rc-record");
+  const recording = make("span", { className: "rc-recording" });
+  const file = make("input", { type: "file", accept: ".mcap", className: "rc-file", id: "rc-file" });
+  const add = make("label", { className: "hw-button rc-add", htmlFor: "rc-file", textContent: "Add a file" });
+  const bar = make("div", { className: "rc-bar" });
+  if (args.operates) bar.append(record, recording, file, add);
+  const folder = make("span", { className: "rc-folder" });
+  bar.append(folder);
+  const body = make("tbody");
+  const table = make("table", { className: "rc-list" },
+    make("caption", { textContent: "Recordings, newest first" }),
+    make("thead", {}, make("tr", {}, ...["recording", "recorded", "robot", "duration", "states", "size", "state", ""].map(
+      (text) => make("th", { scope: "col", textContent: text })))), body);
+  const frame = make("div", { className: "rc-scroll" }, table);
+  const place = make("div", { className: "rc-view" });
+  element.replaceChildren(bar, note, frame, place);
+  const page = { element, args, state, act, say, entry: (name) => state.list?.entries.find((one) => one.name === name), choose };
+  const view = makeView(page, place);
+
+  file.addEventListener("change", upload);
+  const timer = setInterval(() => {
+    if (!element.isConnected) { clearInterval(timer); view.destroy(); return; }
+    if (!document.hidden) look();
+  }, LOOK);
+  hexwire.onHello(() => look(), element);
+  look();
+
+  function say(text, bad = false) {
+    note.textContent = text;
+    note.dataset.level = bad ? "error" : "";
+  }
+
+  async function look() {
+    try {
+      state.list = await (await ask("/data/recordings")).json();
+    } catch (error) {
+      say(error.message, true);
+      return;
+    }
+    draw();
+    view.update(state.list);
+  }
+
+  /** Ask the server for something; null after an error was shown. */
+  async function act(order) {
+    say("");
+    try {
+      const answer = await ask("/data/recordings", { method: "POST", body: JSON.stringify(order) });
+      const found = await answer.json();
+      await look();
+      return found;
+    } catch (error) {
+      say(error.message, true);
+      return null;
+    }
+  }
+
+  async function toggleRecord() {
+    if (!state.list) return;
+    const found = state.list.recorder.name ? await act({ do: "end" }) : await act({ do: "record" });
+    if (found?.said) say(found.said);
+  }
+
+  async function upload() {
+    const [chosen] = file.files;
+    file.value = "";
+    if (!chosen) return;
+    if (state.list && chosen.size > state.list.largest) {
+      say(`${chosen.name} is larger than ${sizeText(state.list.largest)}`, true);
+      return;
+    }
+    say(`adding ${chosen.name} …`);
+    try {
+      const answer = await ask(`/data/recording?${new URLSearchParams({ name: chosen.name })}`, { method: "POST", body: chosen });
+      const found = await answer.json();
+      say(`${found.name} was added${found.problem ? `: ${found.problem}` : ""}`);
+      await look();
+      choose(found.name);
+    } catch (error) {
+      say(`${chosen.name}: ${error.message}`, true);
+    }
+  }
+
+  function choose(name) {
+    state.chosen = name;
+    draw();
+    view.choose(name);
+  }
+
+  function draw() {
+    const { list } = state;
+    const { recorder } = list;
+    record.textContent = recorder.name ? "End the recording" : "Record the arm";
+    record.classList.toggle("on", Boolean(recorder.name));
+    record.disabled = !recorder.name && !list.robot;
+    record.title = record.disabled ? "No arm is open" : "";
+    recording.textContent = recorder.name
+      ? `${recorder.name}: ${durationText(recorder.seconds)}, ${recorder.states} states${recorder.lost ? `, ${recorder.lost} lost` : ""}`
+      : "";
+    folder.textContent = list.folder;
+    const key = JSON.stringify([list.entries, state.chosen, list.robot]);
+    if (key === state.shown) return;
+    state.shown = key;
+    const focused = body.contains(document.activeElement) ? document.activeElement.dataset.key : null;
+    body.replaceChildren(...(list.entries.length ? list.entries.map(row) : [empty()]));
+    if (focused) body.querySelector(`[data-key="${CSS.escape(focused)}"]`)?.focus();
+  }
+
+  function empty() {
+    const text = args.operates
+      ? "No recordings yet. Record the arm, add a file, or use hexwire --record FILE.mcap."
+      : "No recordings yet.";
+    return make("tr", {}, make("td", { colSpan: 8, className: "rc-empty", textContent: text }));
+  }
+
+  function row(one) {
+    const name = button(one.name, () => choose(one.name), "rc-name", `open ${one.name}`);
+    name.setAttribute("aria-pressed", String(one.name === state.chosen));
+    const actions = make("td", { className: "rc-actions" });
+    actions.append(button("Save", () => save("/data/recording.mcap", { name: one.name }).catch((error) => say(error.message, true)),
+      "rc-small", `save ${one.name}`));
+    if (args.operates) {
+      if (one.recoverable) actions.append(button("Recover", () => recover(one), "rc-small", `recover ${one.name}`));
+      const remove = button("Delete", () => sure(remove, one), "rc-small", `delete ${one.name}`);
+      actions.append(remove);
+    }
+    const made = make("tr", { className: one.name === state.chosen ? "chosen" : "" },
+      make("th", { scope: "row" }, name),
+      cell("recorded", one.begin ? dateText(one.begin) : "–"),
+      cell("robot", one.robot || (one.joints.length ? `${one.joints.length} joints` : "–")),
+      cell("duration", one.begin ? durationText(one.duration) : "–", true),
+      cell("states", String(one.states), true),
+      cell("size", sizeText(one.size), true),
+      cell("state", stateText(one)), actions);
+    const condition = made.cells[6];
+    condition.dataset.level = one.problem ? "error" : "ok";
+    condition.classList.add("rc-state");
+    return made;
+  }
+
+  async function recover(one) {
+    const found = await act({ do: "recover", name: one.name });
+    if (!found) return;
+    choose(found.name);
+    say(`the intact part is in ${found.name}; ${one.name} stays as it is`);
+  }
+
+  /** Delete at the second press, within three seconds. */
+  function sure(pressed, one) {
+    if (pressed.dataset.sure) { act({ do: "remove", name: one.name }).then((found) => found && say(`${one.name} was deleted`)); return; }
+    pressed.dataset.sure = "1";
+    pressed.textContent = "Delete?";
+    setTimeout(() => { delete pressed.dataset.sure; pressed.textContent = "Delete"; }, 3000);
+  }
+}
+
+export function button(text, act, className = "", label = "") {
+  const made = make("button", { type: "button", className: `hw-button ${className}`, textContent: text });
+  if (label) { made.setAttribute("aria-label", label); made.dataset.key = label; }
+  made.addEventListener("click", act);
+  return made;
+}
+
+function cell(name, text, number = false) {
+  return make("td", { textContent: text, className: number ? "number" : "", "data-name": name });
+}
+
+function stateText(one) {
+  if (!one.problem) return one.states ? "whole" : "whole, without joint states";
+  return one.recoverable ? `${one.problem}. Recover it to keep that part.` : one.problem;
+}
+
+export function durationText(seconds) {
+  if (seconds < 60) return `${seconds.toFixed(1)} s`;
+  const minutes = Math.floor(seconds / 60);
+  return minutes < 60 ? `${minutes} min ${Math.floor(seconds % 60)} s` : `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
+}
+
+function sizeText(bytes) {
+  return bytes < 1 << 20 ? `${Math.max(1, Math.round(bytes / 1024))} KiB` : `${(bytes / (1 << 20)).toFixed(1)} MiB`;
+}
+
+function dateText(seconds) {
+  const two = (n) => String(n).padStart(2, "0");
+  const d = new Date(1000 * seconds);
+  return `${d.getFullYear()}-${two(d.getMonth() + 1)}-${two(d.getDate())} ${two(d.getHours())}:${two(d.getMinutes())}:${two(d.getSeconds())}`;
+}

@@ -1,0 +1,225 @@
+// Plays a recording on the twin or on the arm. Owns the controls and what was measured meanwhile; the server checks and moves.
+//
+// On the arm the motion lasts while this page attends to it: closing, hiding or freezing the page ends it, as STOP does.
+
+import hexwire from "/static/live.js";
+import { fetchColumns } from "/static/columns.js";
+import { make } from "/static/widgets.js";
+
+const DEG = 180 / Math.PI;
+const LOOK = 250; // ms between two looks at the twin
+
+export function makePlayer(page, place, view, shown) {
+  const state = { entry: null, list: null, times: null, names: [], on: "", poll: 0, drawn: 0, points: [], run: null };
+  const number = (label, value, min, max, step) => {
+    const box = make("input", { type: "number", className: "rc-number", value, min, max, step });
+    const made = make("label", { className: "rc-field" }, label, box);
+    return [made, box];
+  };
+  const [fromField, from] = number("from, s", "0", "0", "3600", "0.1");
+  const [toField, to] = number("to, s", "", "0", "3600", "0.1");
+  const [factorField, factor] = number("speed", "1", "0.1", "4", "0.1");
+  to.placeholder = "end";
+  factor.title = "2 plays twice as fast";
+  const press = (text, act) => {
+    const made = make("button", { type: "button", className: "hw-button", textContent: text });
+    made.addEventListener("click", act);
+    return made;
+  };
+  const twin = press("Play on the twin", playTwin);
+  const arm = press("Play on the arm", playArm);
+  const stop = press("End", end);
+  stop.hidden = true;
+  const said = make("span", { className: "rc-said", role: "status" });
+  const bar = make("progress", { max: 1, value: 0, hidden: true });
+  bar.setAttribute("aria-label", "Progress of the motion");
+  place.replaceChildren(fromField, toField, factorField, ...(page.args.operates ? [twin, arm, stop] : []), bar, said);
+
+  hexwire.onRun((run) => {
+    if (state.on !== "arm" || !run || run.outcome) return;
+    state.run = run;
+    if (state.began === undefined && hexwire.frame) state.began = hexwire.frame.time - run.elapsed;
+    progress(run);
+  }, place);
+  hexwire.onFrame((frame) => {
+    if (state.on !== "arm" || state.began === undefined || !state.run) return;
+    collect(frame.time - state.began, state.run.lead_in, frame.joints.map((name, i) => [name, frame.position[i]]));
+    progress({ ...state.run, elapsed: frame.time - state.began });
+    draw();
+  }, place);
+
+  return { choose, loaded, update, destroy };
+
+  function destroy() { clearInterval(state.poll); }
+
+  function choose(entry) {
+    state.entry = entry;
+    state.times = null;
+    if (!state.on) { said.textContent = ""; bar.hidden = true; }
+    from.value = "0";
+    to.value = "";
+    if (state.list) update(state.list);
+  }
+
+  function loaded(data) {
+    state.times = data.times;
+    state.names = data.head.names;
+    to.placeholder = data.times.length ? data.times[data.times.length - 1].toFixed(1) : "end";
+  }
+
+  function update(list) {
+    state.list = list;
+    const entry = page.entry(state.entry?.name ?? "") ?? state.entry;
+    const busy = Boolean(state.on) || list.twin.busy;
+    twin.disabled = busy || !entry?.twin;
+    twin.title = entry?.twin ? `An emulated ${entry.twin} in this program; nothing real moves` : "No emulated arm has these joints";
+    arm.disabled = busy || !entry?.fits;
+    arm.title = entry?.fits ? "Moves the open arm, after the usual checks" : list.robot ? "The open arm does not have these joints" : "No arm is open";
+    if (list.twin.busy && !state.on) { stop.hidden = false; follow(); }
+  }
+
+  function part() {
+    const value = (box, other) => (box.value === "" ? other : Number(box.value));
+    const found = { begin: value(from, 0), factor: value(factor, 1) };
+    const last = value(to, null);
+    return last === null ? found : { ...found, end: last };
+  }
+
+  function prepare(on, text) {
+    state.on = on;
+    state.began = undefined;
+    state.run = null;
+    state.points = [];
+    state.part = part();
+    said.textContent = text;
+    said.dataset.level = "";
+    stop.hidden = false;
+    bar.hidden = false;
+    bar.removeAttribute("value");
+    update(state.list);
+  }
+
+  function finish(text, bad) {
+    state.on = "";
+    stop.hidden = true;
+    bar.hidden = true;
+    draw(true);
+    said.textContent = [text, figures()].filter(Boolean).join("; ");
+    said.dataset.level = bad ? "error" : "";
+    if (state.list) update(state.list);
+  }
+
+  // -- the twin ------------------------------------------------------------------------------------------
+
+  async function playTwin() {
+    prepare("twin", "starting the twin …");
+    const begun = await page.act({ do: "twin", name: state.entry.name, topic: view.topic, ...state.part });
+    if (!begun) { finish("", false); return; }
+    follow();
+  }
+
+  function follow() {
+    clearInterval(state.poll);
+    state.on = "twin";
+    let after = -1e18, looking = false;
+    state.poll = setInterval(async () => {
+      if (looking) return;
+      looking = true;
+      try {
+        const { head, times, columns } = await fetchColumns("/data/twin", { after });
+        if (times.length) after = times[times.length - 1];
+        const twinState = head.state;
+        state.part ??= part();
+        times.forEach((time, i) => collect(time - twinState.began, twinState.lead_in,
+          head.names.map((name) => [name, columns.get(`${name}.position`)[i]])));
+        if (twinState.running) {
+          progress(twinState);
+          draw();
+        } else {
+          clearInterval(state.poll);
+          const text = twinState.arrived ? `the twin (${twinState.robot}) arrived` : `the twin: ${twinState.ended}`;
+          finish(text, !twinState.arrived && twinState.ended !== "stopped");
+        }
+      } catch (error) {
+        clearInterval(state.poll);
+        finish(error.message, true);
+      }
+      looking = false;
+    }, LOOK);
+  }
+
+  // -- the arm -------------------------------------------------------------------------------------------
+
+  async function playArm() {
+    prepare("arm", "checking …");
+    const plan = await page.act({ do: "preview", name: state.entry.name, topic: view.topic, ...state.part });
+    if (!plan) { finish("", false); return; }
+    if (plan.refusal) { finish(plan.refusal, true); return; }
+    said.textContent = `${plan.lead_in.toFixed(1)} s to the start, then ${(plan.duration - plan.lead_in).toFixed(1)} s`;
+    const why = await hexwire.hold("run", { what: "play", recording: state.entry.name, topic: view.topic || "", ...state.part }, { attended: true });
+    finish(why === "arrived" ? "arrived" : why, why !== "arrived" && why !== "released");
+  }
+
+  function end() {
+    if (state.on === "arm") hexwire.release();
+    else page.act({ do: "twin_stop" });
+  }
+
+  // -- what was measured ---------------------------------------------------------------------------------
+
+  function progress(run) {
+    const left = Math.max(0, run.duration - run.elapsed);
+    bar.value = run.duration ? Math.min(1, run.elapsed / run.duration) : 0;
+    const where = run.elapsed < run.lead_in ? "to the start" : "playing";
+    said.textContent = `${where}, ${left.toFixed(1)} s left`;
+  }
+
+  /** Note joint positions at a time of the motion, as a time of the recording. */
+  function collect(elapsed, leadIn, positions) {
+    const at = state.part.begin + (elapsed - leadIn) * state.part.factor;
+    if (at >= state.part.begin) state.points.push([at, new Map(positions)]);
+    if (state.points.length > 50000) state.points.splice(0, 10000);
+  }
+
+  /** Positions that were played, on the recording's times. */
+  function played() {
+    const { times, points, names } = state;
+    if (!times || !times.length || points.length < 2) return null;
+    const found = new Map(names.filter((name) => points[0][1].has(name)).map((name) => [name, new Float32Array(times.length).fill(NaN)]));
+    const last = Math.min(points[points.length - 1][0], state.part.end ?? Infinity);
+    let k = 0;
+    for (let i = 0; i < times.length; i++) {
+      const t = times[i];
+      if (t < points[0][0] || t > last) continue;
+      while (k < points.length - 2 && points[k + 1][0] < t) k++;
+      const [a, p] = points[k], [b, q] = points[k + 1];
+      const share = b > a ? Math.min(1, Math.max(0, (t - a) / (b - a))) : 0;
+      for (const [name, row] of found) row[i] = p.get(name) + share * (q.get(name) - p.get(name));
+    }
+    return found;
+  }
+
+  function draw(now = false) {
+    if (!now && performance.now() - state.drawn < 600) return;
+    state.drawn = performance.now();
+    const found = played();
+    if (found) shown(found);
+  }
+
+  function figures() {
+    const found = played();
+    if (!found || !view.data) return "";
+    let sum = 0, count = 0, worst = 0, where = "";
+    for (const [name, row] of found) {
+      const wanted = view.data.columns.get(`${name}.position`);
+      row.forEach((value, i) => {
+        const off = value - wanted[i];
+        if (!Number.isFinite(off)) return;
+        sum += off * off;
+        count++;
+        if (Math.abs(off) > worst) { worst = Math.abs(off); where = name; }
+      });
+    }
+    return count ? `off the recording by ${(DEG * Math.sqrt(sum / count)).toFixed(2)} deg RMS, at most ${(DEG * worst).toFixed(2)} deg (${where})` : "";
+  }
+}

@@ -1,0 +1,181 @@
+// One recording, or two on one time axis. Owns what is shown of them; plot.js draws.
+
+import { Plot } from "/static/plot.js";
+import { fetchColumns } from "/static/columns.js";
+import { JOINT_SIGNALS, jointSeries, valuesOf } from "/static/signals.js";
+import { chips, make } from "/static/widgets.js";
+import { makePlayer } from "/static/recordings_play.js";
+
+const DEG = 180 / Math.PI;
+
+export function makeView(page, place) {
+  const state = { name: "", other: "", topic: "", data: null, plot: null, signals: ["position"], joints: null, align: "start", round: 0, played: null };
+  const title = make("h2", { className: "rc-title", tabIndex: -1 });
+  const topics = make("select", { className: "rc-select", hidden: true });
+  topics.setAttribute("aria-label", "Arm in the recording");
+  const other = make("select", { className: "rc-select", id: "rc-other" });
+  const align = make("select", { className: "rc-select", id: "rc-align" }, new Option("both from their start", "start"),
+    new Option("where they agree best", "best"));
+  const aligned = make("span", { className: "rc-aligned" }, make("label", { htmlFor: "rc-align", textContent: "aligned" }), align);
+  const bar = make("div", { className: "rc-bar" }, topics, make("label", { htmlFor: "rc-other", textContent: "Compare with" }), other, aligned);
+  const note = make("p", { className: "pl-note", role: "status" });
+  const pick = make("div", { className: "pl-pick" });
+  const figures = make("div", { className: "rc-figures" });
+  const plotPlace = make("div", { className: "pl-plot" });
+  const playPlace = make("div", { className: "rc-play" });
+  place.append(title, bar, note, playPlace, figures, pick, plotPlace);
+  place.hidden = true;
+  const player = makePlayer(page, playPlace, state, showPlayed);
+
+  topics.addEventListener("change", () => { state.topic = topics.value; load(); });
+  other.addEventListener("change", () => { state.other = other.value; load(); });
+  align.addEventListener("change", () => { state.align = align.value; load(); });
+
+  return { choose, update, destroy };
+
+  function destroy() {
+    state.plot?.destroy();
+    player.destroy();
+  }
+
+  function choose(name) {
+    Object.assign(state, { name, other: "", topic: "", data: null, played: null });
+    place.hidden = !name;
+    const entry = page.entry(name);
+    title.textContent = name;
+    topics.replaceChildren(...(entry?.topics ?? []).map((topic) => new Option(topic.replace(/\/?joint_states$/, "") || "/", topic)));
+    topics.hidden = (entry?.topics.length ?? 0) < 2;
+    state.topic = entry?.topics[0] ?? "";
+    update(page.state.list);
+    player.choose(entry);
+    load();
+    title.focus({ preventScroll: true });
+    place.scrollIntoView({ block: "nearest" });
+  }
+
+  function update(list) {
+    if (!list) return;
+    player.update(list);
+    if (!state.name) return;
+    if (!page.entry(state.name)) {
+      destroyPlot();
+      state.name = "";
+      place.hidden = true;
+      return;
+    }
+    const names = list.entries.filter((one) => one.states && one.name !== state.name).map((one) => one.name);
+    const wanted = ["", ...names];
+    if ([...other.options].map((one) => one.value).join("\n") !== wanted.join("\n")) {
+      other.replaceChildren(new Option(names.length ? "nothing" : "there is no other", ""), ...names.map((name) => new Option(name, name)));
+    }
+    other.value = names.includes(state.other) ? state.other : "";
+    aligned.hidden = !other.value;
+  }
+
+  function destroyPlot() {
+    state.plot?.destroy();
+    state.plot = null;
+    figures.replaceChildren();
+    pick.replaceChildren();
+  }
+
+  async function load() {
+    const round = ++state.round;
+    destroyPlot();
+    state.data = null;
+    state.played = null;
+    aligned.hidden = !state.other;
+    playPlace.hidden = Boolean(state.other);
+    note.textContent = "reading …";
+    note.dataset.level = "";
+    let data;
+    try {
+      data = state.other
+        ? await fetchColumns("/data/compare", { a: state.name, topic_a: state.topic, b: state.other, align: state.align })
+        : await fetchColumns("/data/recording", { name: state.name, topic: state.topic });
+    } catch (error) {
+      if (round === state.round) { note.textContent = error.message; note.dataset.level = "error"; }
+      return;
+    }
+    if (round !== state.round) return;
+    state.data = data;
+    const left = data.head.left_out?.length ? `not in both: ${data.head.left_out.join(", ")}` : "";
+    note.textContent = data.head.problem || left;
+    const names = data.head.names;
+    state.joints = (state.joints ?? names).filter((name) => names.includes(name));
+    if (!state.joints.length) state.joints = names;
+    if (state.other) table();
+    choices();
+    draw();
+    player.loaded(data);
+  }
+
+  function choices() {
+    const { names } = state.data.head;
+    const groups = [chips("Joints", names.map((name, i) => ({ key: name, text: name, colour: `--joint-${(i % 8) + 1}` })), state.joints,
+      (values) => { state.joints = values; draw(); }, { all: true })];
+    if (!state.other) {
+      const known = JOINT_SIGNALS.filter((signal) => names.some((name) => valuesOf(signal, (key) => state.data.columns.get(`${name}.${key}`))));
+      state.signals = state.signals.filter((key) => known.some((one) => one.key === key));
+      if (!state.signals.length) state.signals = ["position"];
+      groups.push(chips("Signals", known.map((one) => ({ key: one.key, text: one.words, unit: one.unit })), state.signals,
+        (values) => { state.signals = values; draw(); }));
+    }
+    pick.replaceChildren(...groups);
+  }
+
+  function rows() {
+    const { data } = state;
+    const found = [];
+    const scaled = (column) => column.map((value) => DEG * value);
+    data.head.names.forEach((joint, i) => {
+      if (!state.joints.includes(joint)) return;
+      if (state.other) {
+        const base = { colour: i, unit: "deg" };
+        found.push([{ ...base, name: `${joint} of the first`, quantity: "position" }, scaled(data.columns.get(`${joint}.first`))]);
+        found.push([{ ...base, name: `${joint} of the second`, quantity: "position", dash: [5, 3] }, scaled(data.columns.get(`${joint}.second`))]);
+        found.push([{ ...base, name: `${joint} second − first`, quantity: "difference", panel: "difference" }, scaled(data.columns.get(`${joint}.difference`))]);
+        return;
+      }
+      for (const signal of JOINT_SIGNALS.filter((one) => state.signals.includes(one.key))) {
+        const values = valuesOf(signal, (key) => data.columns.get(`${joint}.${key}`));
+        if (values) found.push([jointSeries(joint, i, signal), values]);
+      }
+      const played = state.played?.get(joint);
+      if (played) found.push([{ colour: i, unit: "deg", name: `${joint} played`, quantity: "position", dash: [2, 2] }, scaled(played)]);
+    });
+    return found;
+  }
+
+  function draw() {
+    if (!state.data) return;
+    const before = state.plot;
+    const found = rows();
+    const panels = new Set(found.map(([series]) => series.panel ?? series.unit)).size;
+    const options = { title: "", live: false, fileName: state.other ? `${state.name} and ${state.other}` : state.name,
+      series: found.map(([series]) => series), height: Math.max(300, 150 * panels), capacity: state.data.times.length + 1024 };
+    const range = before && before.columns.length ? before.range : null;
+    before?.destroy();
+    state.plot = new Plot(plotPlace, options);
+    state.plot.set([state.data.times, ...found.map(([, values]) => values)]);
+    if (range && range[1] - range[0] > 0.01) state.plot.zoom(...range);
+  }
+
+  /** Values that were played meanwhile, on the recording's times. */
+  function showPlayed(played) {
+    state.played = played;
+    if (!state.other) draw();
+  }
+
+  function table() {
+    const { head } = state.data;
+    const text = (value, digits = 2) => (value === null ? "–" : (DEG * value).toFixed(digits).replace("-", "−"));
+    const lag = Math.abs(head.lag) < 0.0005 ? "" : `; the second one was ${Math.abs(head.lag).toFixed(3)} s ${head.lag > 0 ? "later" : "earlier"}`;
+    figures.replaceChildren(make("table", { className: "rc-table" },
+      make("caption", { textContent: `Second minus first${lag}` }),
+      make("thead", {}, make("tr", {}, ...["joint", "RMS, deg", "greatest, deg", "at, s"].map((one) => make("th", { scope: "col", textContent: one })))),
+      make("tbody", {}, ...head.joints.map((one) => make("tr", {}, make("th", { scope: "row", textContent: one.name }),
+        make("td", { textContent: text(one.rms) }), make("td", { textContent: text(one.largest) }),
+        make("td", { textContent: one.at === null ? "–" : one.at.toFixed(2) }))))));
+  }
+}
