@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from tests.control.shared_bench import SharedBench
-from tests.motion.arms import HOME
+from tests.motion.arms import HOME, state
 
 from hexwire.control.lease import Lease
 from hexwire.control.motion_run import Grip, MotionRun, begin_motion
@@ -229,6 +229,15 @@ def test_a_closing_gripper_holds_what_it_meets_with_little_force(bench: RunBench
     sent = dict(bench.sent[-1].positions)["J7"]
     # 3 degrees, and what the newest state was late.
     assert 0.0 < sent - bench.where("J7") < 0.12
+
+
+def test_the_effort_of_the_start_is_no_object(bench: RunBench) -> None:
+    bench.until(grip(bench, 1.0))
+    run = grip(bench, 0.0)
+    for stamp, holds in ((0.0, False), (0.02, False), (0.04, False), (0.08, False), (0.11, True)):
+        run._see(state({"J7": 0.0}, load={"J7": 0.5}, stamp=stamp))
+        assert run.progress().holds is holds
+    bench.until(run)
 
 
 def test_an_opening_gripper_does_not_hold_what_it_meets(bench: RunBench) -> None:

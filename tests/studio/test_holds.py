@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from tests.studio.running import until
 
 from hexwire.control.attended import Attended
 from hexwire.errors import LeaseError, UsageError
@@ -29,5 +30,26 @@ def test_a_kind_of_a_page_is_begun_for_the_tab_with_control_only() -> None:
         assert begun == [{"a": 1}]
         with pytest.raises(UsageError, match="no motion"):
             holds.begin(tab, entry, "fly", {}, mark)
+    finally:
+        source.close()
+
+
+def test_a_change_that_overtakes_its_jog_does_not_meet_the_one_before() -> None:
+    source = Source()
+    try:
+        arm = source.open("sim://hex7bot?name=overtakes")
+        tab = Tabs().open("s", Right.OPERATE)
+        holds = Holds(source)
+        source.take(tab)
+        arm.shared.torque(arm.order(tab), True, None)
+        until(lambda: arm.facts()["torque"] == "on", "torque")
+        here = arm.arm.owner.newest().positions
+        entry = arm.attended.begin(tab.key, 1)
+        assert entry is not None
+        holds.begin(tab, entry, "drag", {"goals": {"J1": here["J1"]}}, arm.driver.epochs.mark())
+        holds.update(tab, {"goals": {"J1": here["J1"]}})
+        # The next one is on its way.
+        holds.forget(tab)
+        holds.update(tab, {"goals": {"J2": here["J2"]}})
     finally:
         source.close()

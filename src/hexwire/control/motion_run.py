@@ -36,7 +36,8 @@ _SOON = 0.15
 """Seconds that a joint may still move after its controller holds; where a target lasts longer, the joints are also
 told to hold where they are."""
 _PRESSED = 3
-"""Successive states in which the jaws press, since a single one may be the start of the motion."""
+_PRESSING = 0.1
+"""Successive states and seconds in which the jaws press: the start of the motion takes effort too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +106,8 @@ class MotionRun:
         self._text, self._done = "", 0.0
         # Controllers that have not reached their goals.
         self._waiting = 0
-        # Successive states in which the jaws pressed, while they close.
-        self._pressed, self._closing, self._holds = 0, False, False
+        # Successive states in which the jaws pressed, while they close, and the time of the first.
+        self._pressed, self._pressing, self._closing, self._holds = 0, 0.0, False, False
 
     @property
     def over(self) -> bool:
@@ -208,8 +209,13 @@ class MotionRun:
         grip = self._grip
         if grip is None or not self._closing or self._holds:
             return
-        self._pressed = self._pressed + 1 if grip.gripper.holds(state, grip.share) else 0
-        if self._pressed >= _PRESSED:
+        if not grip.gripper.holds(state, grip.share):
+            self._pressed = 0
+            return
+        if not self._pressed:
+            self._pressing = state.stamp
+        self._pressed += 1
+        if self._pressed >= _PRESSED and state.stamp - self._pressing >= _PRESSING:
             self._holds = True
             # In a thread of its own, since the owner's must not wait for the check of a path.
             threading.Thread(target=self._keep, args=(state,), name="grip", daemon=True).start()

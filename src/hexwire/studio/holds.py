@@ -45,9 +45,10 @@ class Holds:
     def begin(self, tab: Tab, entry: Entry, kind: str, args: Mapping[str, object], arrived: Token) -> None:
         """Begin a motion; raises `HexwireError` if it is refused."""
         self._source.need_control(tab)
-        self._present[tab.key] = kind
         if kind in _JOGS:
             self._source.need_arm().begin_jog(tab, entry, kind, args, arrived)
+            # Only now: a change that overtakes the beginning must not meet the jog before.
+            self._present[tab.key] = kind
             return
         found = self._kinds.get(kind)
         if found is None:
@@ -61,5 +62,5 @@ class Holds:
             self._source.need_arm().update_jog(kind, args)
 
     def forget(self, tab: Tab) -> None:
-        """A tab is gone."""
+        """A tab is gone, or is about to hold something else."""
         self._present.pop(tab.key, None)

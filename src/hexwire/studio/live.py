@@ -263,6 +263,7 @@ class Live:
                 socket.put({"kind": "ended", "id": number, "why": "the arm was stopped meanwhile"})
                 return
             arrived = present.mark()
+            studio.holds.forget(tab)
             entry = present.attended.begin(tab.key, number)
             if entry is not None:
                 self._begin(socket, entry, order, arrived)

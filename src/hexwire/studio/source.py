@@ -238,6 +238,10 @@ class ArmSource:
             bits |= FrameBit.CONNECTED
         if self.attended.entry is not None:
             bits |= FrameBit.HELD
+        for joint in state:
+            if not joint.flags & JointFlag.TORQUE_ON:
+                # When it gets torque again, it holds where it is then.
+                self.goals.pop(joint.name, None)
         return serialize_frame(state, self.goals, bits, self.stops)
 
     def facts(self) -> dict[str, object]:

@@ -1,13 +1,203 @@
-"""The page Arm, as a person uses it."""
+"""The page Arm, as a person uses it: drags, a preview and its refusal, poses, teach and play."""
 
 from __future__ import annotations
 
+import json
+import math
+import re
+import time
+from dataclasses import replace
 from typing import TYPE_CHECKING
+
+import pytest
+from playwright.sync_api import expect
+from tests.studio.running import PATIENCE
+
+from hexwire.model.aim import Tip
+from hexwire.model.hex7bot import HEX7BOT
+from hexwire.motion.teach import Taught
+from hexwire.studio.pages.arm import arguments, page_html
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
+    from tests.studio.running import RunningStudio
+
+expect.set_options(timeout=1000 * PATIENCE)
 
 
-def test_page_has_its_heading(page: Page) -> None:
+def shaft(studio: RunningStudio, joint: str) -> float:
+    """Where a servo really is, radians."""
+    model = HEX7BOT.joint(joint)
+    return model.counts_to_angle(studio.servos[model.servo_id].motion.position)
+
+
+def rest(studio: RunningStudio, joint: str) -> float:
+    """Where a joint stays; fails if it does not come to rest."""
+    for _ in range(200):
+        before = shaft(studio, joint)
+        time.sleep(0.05)
+        if abs(shaft(studio, joint) - before) < 1e-3:
+            return shaft(studio, joint)
+    raise AssertionError(f"{joint} does not come to rest")
+
+
+def prepare(page: Page, *, speed: int) -> None:
+    """Torque on, at so many percent of the speed limits."""
+    page.get_by_role("button", name="Torque on").click()
+    expect(page.locator("#hw-fact-torque")).to_have_text("on")
+    page.locator("#arm-speed").fill(str(speed))
+    expect(page.locator('[data-tip="x"]')).not_to_have_text("–")
+
+
+def type_goal(page: Page, **values: float) -> None:
+    for name, value in values.items():
+        field = f"joint:{name}" if name.startswith("J") else name
+        page.locator(f'#arm-goto input[name="{field}"]').fill(str(value))
+
+
+def test_joints_move_only_while_somebody_holds_them(studio: RunningStudio, page: Page) -> None:
     page.get_by_role("link", name="Arm", exact=True).click()
-    page.get_by_role("heading", name="Arm", level=1).wait_for()
+    expect(page.locator("#arm-hint")).to_contain_text("take control first")
+    expect(page.get_by_role("button", name="Jog J1 up")).to_be_disabled()
+    expect(page.get_by_role("button", name="Go", exact=True)).to_be_disabled()
+    page.get_by_role("button", name="Take control").click()
+    prepare(page, speed=20)
+
+    start = shaft(studio, "J1")
+    slider = page.get_by_role("slider", name="J1", exact=True)
+    thumb = page.locator('tr[data-joint="J1"] .arm-thumb').bounding_box()
+    assert thumb is not None
+    x, y = thumb["x"] + thumb["width"] / 2, thumb["y"] + 8
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 90, y, steps=3)
+    studio.until(lambda: shaft(studio, "J1") > start + 0.1, "the motion")
+    page.mouse.up()
+    stood = rest(studio, "J1")
+    assert start + 0.1 < stood < start + 0.7
+
+    # End, and a press beside the marker, move nothing.
+    slider.press("End")
+    slider.click(position={"x": 2, "y": 10})
+    assert rest(studio, "J1") == pytest.approx(stood, abs=0.02)
+    slider.focus()
+    page.keyboard.down("ArrowLeft")
+    studio.until(lambda: shaft(studio, "J1") < stood - 0.1, "the jog by key")
+    page.keyboard.up("ArrowLeft")
+    assert rest(studio, "J1") > start - 0.7
+    expect(slider).to_have_attribute("aria-valuetext", re.compile("degrees"))
+
+    # A motion to a goal goes on by itself, but only while the page is there.
+    page.locator("#arm-speed").fill("3")
+    page.get_by_role("radio", name="Joint angles").check()
+    for end in (page.get_by_role("button", name="End motion").click, page.close):
+        start, goal = shaft(studio, "J1"), -60 if shaft(studio, "J1") > 0 else 60
+        type_goal(page, J1=goal)
+        page.get_by_role("button", name="Go", exact=True).click()
+        studio.until(lambda start=start: abs(shaft(studio, "J1") - start) > 0.1, "the motion")  # type: ignore[misc]  # bound now
+        end()
+        assert abs(rest(studio, "J1") - math.radians(goal)) > 0.1
+
+
+def test_a_goal_is_previewed_and_reached_a_pose_recalled_a_motion_taught(
+    studio: RunningStudio, operator: Page
+) -> None:
+    page = operator
+    page.get_by_role("link", name="Arm", exact=True).click()
+    prepare(page, speed=100)
+    plan, go = page.locator("#arm-plan"), page.get_by_role("button", name="Go", exact=True)
+    before = rest(studio, "J2")
+    type_goal(page, y=900)
+    expect(plan).to_contain_text("Out of reach")
+    go.click()
+    type_goal(page, x=60, y=200, z=180)
+    expect(plan).to_contain_text("Takes")
+    expect(plan).to_contain_text("front, elbow up")
+    expect(page.get_by_role("button", name="Hide preview")).to_be_visible()
+    assert rest(studio, "J2") == pytest.approx(before, abs=0.01)
+    go.click()
+    expect(plan).to_have_text("Arrived.")
+    for axis, value in (("x", 60.0), ("y", 200.0), ("z", 180.0)):
+        shown = page.locator(f'[data-tip="{axis}"]').inner_text().replace("−", "-")
+        assert float(shown) == pytest.approx(value, abs=1.0)
+
+    there = rest(studio, "J1")
+    page.locator('#arm-pose-form input[name="name"]').fill("over there")
+    page.get_by_role("button", name="Save present pose").click()
+    page.get_by_role("radio", name="Joint angles").check()
+    type_goal(page, J1=0)
+    expect(plan).to_contain_text("Takes")
+    go.click()
+    expect(plan).to_have_text("Arrived.")
+    assert rest(studio, "J1") == pytest.approx(0.0, abs=0.02)
+    page.get_by_role("button", name="Go to over there").click()
+    expect(page.locator("#arm-pose-note")).to_have_text("At over there.")
+    assert rest(studio, "J1") == pytest.approx(there, abs=0.02)
+    for _ in range(2):
+        page.get_by_role("button", name="Remove over there").click()
+    expect(page.locator("#arm-poses")).to_have_text("None yet.")
+
+    expect(page.get_by_role("button", name="Start teaching")).to_be_disabled()
+    page.get_by_role("checkbox", name="I hold the arm: it will sink").check()
+    page.get_by_role("button", name="Start teaching").click()
+    expect(page.locator("#arm-teach-note")).to_contain_text("move the arm by hand")
+    model, start = HEX7BOT.joint("J1"), shaft(studio, "J1")
+    for _ in range(20):
+        studio.servos[model.servo_id].motion.position += math.radians(1) / model.scale * model.sign
+        time.sleep(0.02)
+    page.get_by_role("button", name="End teaching: hold here").click()
+    studio.until(lambda: studio.arm.teach_mode.taught is not None, "the taught motion")
+    end, taught = rest(studio, "J1"), studio.arm.teach_mode.taught
+    assert end > start + 0.3
+    assert taught.rows[-1][0] == pytest.approx(end, abs=0.03)
+    # On a busy machine the times of its samples may be anything; the same motion, evenly.
+    steps = [i / 20 for i in range(21)]
+    rows = tuple((start + (end - start) * (3 * u * u - 2 * u**3),) for u in steps)
+    studio.arm.teach_mode.taught = Taught(("J1",), tuple(steps), rows)
+    expect(page.locator("#arm-time-value")).to_have_text("0.0 of 1.0 s")
+    expect(page.locator("#arm-play-plan")).to_contain_text("Takes")
+    page.get_by_role("slider", name="Time in the taught motion").press("End")
+    assert rest(studio, "J1") == pytest.approx(end, abs=0.02)
+    page.get_by_role("button", name="Play", exact=True).click()
+    studio.until(lambda: shaft(studio, "J1") < start + 0.1, "the way to the start")
+    expect(page.locator("#arm-play-plan")).to_have_text("Played.")
+    assert rest(studio, "J1") == pytest.approx(end, abs=0.03)
+
+    _tips_agree(studio, page)
+    studio.open("so101")
+    expect(page.get_by_role("slider", name="elbow_flex", exact=True)).to_be_visible()
+    _tips_agree(studio, page)
+    studio.studio.source.close()
+    expect(page.get_by_text("No arm is open.")).to_be_visible()
+
+
+def _tips_agree(studio: RunningStudio, page: Page) -> None:
+    """The browser computes the same tip as the kinematics."""
+    source = studio.studio.source.arm
+    assert source is not None
+    kinematics = source.settings.kinematics
+    posture = {j.name: j.minimum + 0.37 * (j.maximum - j.minimum) for j in source.settings.model.joints}
+    shown = page.evaluate(
+        "([args, row]) => import('/static/arm_tip.js').then((m) => m.tipValues(args, row))",
+        [json.loads(json.dumps(arguments(source))), list(posture.values())],
+    )
+    tip = Tip.of(kinematics, kinematics.from_joints(posture))
+    assert [shown[axis] for axis in "xyz"] == pytest.approx(tip.position, abs=1e-6)
+    assert [shown[name] for name in ("roll", "pitch", "yaw")] == pytest.approx(tip.rpy, abs=1e-5)
+    if tip.pitch_roll is not None:
+        assert (shown["toolpitch"], shown["toolroll"]) == pytest.approx(tip.pitch_roll)
+
+
+def test_what_an_arm_cannot_do_is_not_there(studio: RunningStudio) -> None:
+    source = studio.studio.source.arm
+    assert source is not None
+    whole = page_html(source)
+    source.settings = replace(source.settings, kinematics=None)
+    source.desk.jaws = None
+    poor = page_html(source)
+    for part in ("arm-space-title", "arm-grip-title", 'data-for="place"', "data-tip"):
+        assert part in whole
+        assert part not in poor
+    assert "no 3D view" in poor
+    assert 'name="joint:J1"' in poor
+    assert arguments(source)["jaws"] is None

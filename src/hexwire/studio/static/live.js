@@ -165,12 +165,15 @@ function hold(kind, args, options = {}) {
     ended("there is no connection to the studio");
     return over;
   }
-  held.timer = setInterval(() => send({ do: "beat", id: held.number }), BEAT);
+  // With what is held by now: a change that was sent before the motion began was in vain.
+  held.timer = setInterval(() => send({ do: "beat", id: held.number, args: held.args }), BEAT);
   return over;
 }
 
 function update(args) {
-  if (held) send({ do: "beat", id: held.number, args });
+  if (!held) return;
+  held.args = args;
+  send({ do: "beat", id: held.number, args });
 }
 
 function release(why = "released") {
