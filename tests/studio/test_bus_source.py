@@ -138,9 +138,10 @@ def test_a_servo_with_another_id_is_followed(bus: BusSource) -> None:
 def test_the_bus_of_an_arm_is_the_same_bus(source: Source) -> None:
     arm = source.open("sim://so101?name=same_bus")
     driver: Any = arm.driver
-    link = driver.bus.link
+    device = driver.bus.link.device
     bus = source.open_bus()
-    assert bus.bus.link is link
+    link: Any = bus.bus.link
+    assert link.device is device
     assert source.arm is None
     board = source.open("sim://hex7bot?name=has_board")
     with pytest.raises(UsageError, match="has a board"):

@@ -18,7 +18,15 @@ from hexwire.wire.registers import Series
 from .servo_bus import ServoBus
 from .setup import identify, unlocked
 
-__all__ = ["ServoBackup", "compare", "load_backup", "restore_backup", "serialize_backups", "take_backup"]
+__all__ = [
+    "ServoBackup",
+    "compare",
+    "load_backup",
+    "parse_backups",
+    "restore_backup",
+    "serialize_backups",
+    "take_backup",
+]
 
 _FORMAT = "hexwire servo settings 1"
 # Restoring these would lose the servo: it would answer to another id, or at another rate.
@@ -143,9 +151,22 @@ def load_backup(path: str | Path) -> list[ServoBackup]:
     Raises:
         ConfigError: The file is invalid; the text says where.
     """
-    root = parse_json(read_bytes(path, largest=LARGEST_DATA), str(path))
+    return parse_backups(read_bytes(path, largest=LARGEST_DATA), str(path))
+
+
+def parse_backups(data: bytes, name: str) -> list[ServoBackup]:
+    """Parse the contents of a file of backups.
+
+    Args:
+        data: The contents.
+        name: What to call the file in an error.
+
+    Raises:
+        ConfigError: They are invalid; the text says where.
+    """
+    root = parse_json(data, name)
     if not isinstance(root.value, dict) or root.value.get("format") != _FORMAT:
-        raise ConfigError(f"not a file of servo settings (its format is not {_FORMAT!r})", file=str(path))
+        raise ConfigError(f"not a file of servo settings (its format is not {_FORMAT!r})", file=name)
     return [_parse(row) for row in root.table(needed=("servos",))["servos"].rows(_MOST_SERVOS)]
 
 

@@ -81,6 +81,7 @@ class ServoBench:
     Attributes:
         bus: As given.
         attended: What somebody holds.
+        silence: As given.
         servo_ids: The servos that are known, at the bus's rate: a stop reaches these.
         why_stopped: Why it is stopped, in words; empty if it is not.
     """
@@ -90,12 +91,14 @@ class ServoBench:
     ) -> None:
         self.bus = bus
         self.attended = Attended(clock=clock, silence=silence)
+        self.silence = silence
         self.servo_ids: tuple[int, ...] = ()
         self.why_stopped = ""
         self._clock = clock
         self._memory = StopMemory(bus.link.url)
         self._lease, self._lock = Lease(timeout=_LEASE), threading.Lock()
         self._job: Job | None = None
+        self._alone = False
         self._at_home = threading.Event()
         self._at_home.set()
         self._stops = 0
@@ -172,13 +175,16 @@ class ServoBench:
         return self._stops
 
     @contextmanager
-    def working(self, what: str, *, acts: bool = False, changes_rate: bool = False) -> Iterator[Job]:
+    def working(
+        self, what: str, *, acts: bool = False, alone: bool = False, changes_rate: bool = False
+    ) -> Iterator[Job]:
         """Do a job for a `with` block. The bus is for this job; only reads of live values may come between.
 
         Args:
             what: In words.
             acts: It writes or moves: refused while stopped.
-            changes_rate: The bus is at other rates meanwhile: nothing may come between, and a stop waits for it.
+            alone: Not even live values may be read meanwhile.
+            changes_rate: The bus is at other rates meanwhile: it is alone, and a stop waits a moment for it.
 
         Raises:
             StoppedError: It acts, and the servos are stopped.
@@ -190,20 +196,20 @@ class ServoBench:
         with self._lock:
             if self._job is not None:
                 raise UsageError(f"{self._job.what} is under way; wait for its end or cancel it")
-            self._job = mine
+            self._job, self._alone = mine, alone or changes_rate
             if changes_rate:
                 self._at_home.clear()
         try:
             yield mine
         finally:
             with self._lock:
-                self._job = None
+                self._job, self._alone = None, False
                 self._at_home.set()
 
     @property
     def readable(self) -> bool:
-        """Whether the bus is at its own rate, so that live values may be read between the steps of a job."""
-        return self._at_home.is_set()
+        """Whether live values may be read now, between the steps of a job."""
+        return not self._alone
 
     def cancel(self) -> None:
         """Let the present job end."""

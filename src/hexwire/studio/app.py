@@ -10,6 +10,7 @@ import asyncio
 import contextlib
 import logging
 import threading
+import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
@@ -269,7 +270,7 @@ class Studio:
         if bus is not None:
             bus.on_change = lambda: self.soon(self.live.tell_facts)
             bus.on_live = lambda values: self.live.tell(
-                {"kind": "servos", "rows": [live_row(row) for row in values]}
+                {"kind": "servos", "t": time.monotonic(), "rows": [live_row(row) for row in values]}
             )
         self.soon(lambda: self.live._tell({"kind": "hello", **self.model()}, None))
         self.soon(self.live.tell_facts)

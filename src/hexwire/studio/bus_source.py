@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from hexwire.bus.health_history import HealthHistory
 from hexwire.bus.live_values import LiveValues, read_live
 from hexwire.bus.register_edits import RegisterEdits
-from hexwire.bus.setup import scan
+from hexwire.bus.setup import Found, identify, scan, shares_id
 from hexwire.bus.survey import Surveyed, survey
 from hexwire.control.servo_bench import Job, ServoBench
 from hexwire.errors import HexwireError, LeaseError, ServoError
@@ -201,15 +201,15 @@ class BusSource:
             ServoError: It does not answer.
         """
         here = self.bus.timing.baud
-        found = [row for row in scan(self.bus, ids=(servo_id,)) if row.servo_id == servo_id]
-        if not found:
+        info = identify(self.bus, servo_id)
+        if info is None:
             raise ServoError(f"servo {servo_id} does not answer: check its cable and power", servo_id=servo_id)
-        gone = {(servo_id, here), (former, here)}
-        rest = [row.found for row in self.servos if (row.found.servo_id, row.found.baud) not in gone]
-        if former is not None:
-            rest = [row for row in rest if row.servo_id != former or row.baud != here]
+        # At any rate: it may have had another one.
+        rest = [row.found for row in self.servos if row.found.servo_id not in (servo_id, former)]
+        if former is not None and former != servo_id:
             self.history.forget(former)
-        self._keep(survey(self.bus, sorted([*rest, *found], key=lambda row: (row.baud != here, row.servo_id))))
+        found = Found(info, servo_id, here, shares_id(self.bus, servo_id))
+        self._keep(survey(self.bus, sorted([*rest, found], key=lambda row: (row.baud != here, row.servo_id))))
         self.on_change()
         return next(row for row in self.servos if row.found.servo_id == servo_id and row.found.baud == here)
 

@@ -7,7 +7,7 @@ const SURE = 300; // ms in which a stop is confirmed; after them it is sent agai
 const COLUMNS = ["position", "velocity", "load", "current", "voltage", "temperature", "goal", "age"];
 
 const key = document.querySelector('meta[name="hexwire-tab"]').content;
-const listeners = { frame: new Set(), facts: new Set(), hello: new Set(), news: new Set(), run: new Set(), link: new Set(), servos: new Set(), wave: new Set() };
+const listeners = { frame: new Set(), facts: new Set(), hello: new Set(), news: new Set(), run: new Set(), link: new Set(), servos: new Set(), wave: new Set(), range: new Set() };
 let socket = null;
 let retry = 200;
 let held = null;
@@ -42,6 +42,7 @@ const hexwire = {
   onLink: (call, element) => listen("link", call, element),
   onServos: (call, element) => listen("servos", call, element),
   onWave: (call, element) => listen("wave", call, element),
+  onRange: (call, element) => listen("range", call, element),
   hold,
   update,
   release,
@@ -289,11 +290,11 @@ function header(facts) {
   const bus = facts.mode === "bus";
   const arm = facts.mode === "arm" || bus;
   const link = hexwire.connected;
-  const where = facts.opening ? `opening ${facts.opening}` : arm ? `${facts.robot} ${facts.url}` : "nothing open";
+  const where = facts.opening ? `opening ${facts.opening}` : arm ? `${facts.robot} ${facts.url}${bus ? `, ${facts.baud} baud` : ""}` : "nothing open";
   if (!link) put("connection", "no connection to the studio", "error");
   else if (arm && !facts.connected) put("connection", `lost: ${facts.error}`, "error");
   else put("connection", where, arm ? "ok" : "");
-  put("dialect", bus ? `${facts.baud} baud` : arm && facts.dialect ? String(facts.dialect) : "–");
+  put("dialect", arm && facts.dialect ? String(facts.dialect) : "–");
   put("rate", arm ? `${facts.rate.toFixed(0)} Hz` : "–");
   put("trip", arm && facts.round_trip_ms !== null ? `${facts.round_trip_ms.toFixed(1)} ms` : "–");
   put("faults", arm ? facts.faults.join("; ") || "none" : "–", arm && facts.faults.length ? "error" : "");
@@ -322,5 +323,9 @@ function mark() {
     else link.removeAttribute("aria-current");
   }
 }
-setInterval(mark, 250);
+setInterval(() => {
+  mark();
+  // The header may be built after the facts came, and a still bus has no others.
+  if (hexwire.facts) header(hexwire.facts);
+}, 250);
 open();

@@ -1,0 +1,1 @@
+"""The parts of the page Servos: one file for each thing that is done with a servo."""

@@ -1,0 +1,145 @@
+"""Runs a calibration by hand for a tab: samples the joints, tells the page, and stores the result.
+
+Owns the messages. `control.calibrating` owns the calibration. Nothing moves by itself.
+"""
+
+from __future__ import annotations
+
+import datetime
+import math
+import threading
+import time
+from typing import TYPE_CHECKING
+
+from hexwire.control.calibrating import CalibrationBench, counting_arm, store
+from hexwire.drivers.arm_file import BusArmFile, load_profile
+from hexwire.drivers.bus_arm import BusArm
+from hexwire.errors import DeviceError, HexwireError, UsageError
+from hexwire.model.arm import ArmModel, JointModel
+
+if TYPE_CHECKING:
+    from hexwire.model.calibration import Calibration
+    from hexwire.studio.app import Studio
+    from hexwire.studio.bus_source import BusSource
+    from hexwire.studio.tabs import Tab
+
+__all__ = ["ARMS", "CalibrationRun"]
+
+ARMS = {"so101": "SO-101", "so100": "SO-100", "servos": "the servos here"}
+_PERIOD, _TELL = 0.02, 0.1
+
+
+class CalibrationRun:
+    """One calibration by hand. `work` runs it in a thread until it is finished, cancelled or stopped.
+
+    Args:
+        studio: The studio.
+        bus: The servo bus.
+        tab: The tab that is told.
+        arm: A key of `ARMS`.
+
+    Attributes:
+        hand: What was seen so far.
+        found: The calibration, when it is finished.
+
+    Raises:
+        UsageError: There is no such arm, or its servos are not here.
+        HexwireError: A servo does not answer.
+    """
+
+    def __init__(self, studio: Studio, bus: BusSource, tab: Tab, arm: str) -> None:
+        if arm not in ARMS:
+            raise UsageError(f"there is no arm {arm[:20]!r}")
+        described = load_profile(arm) if arm != "servos" else _of_servos(bus)
+        missing = {joint.servo_id for joint in described.model.joints} - set(bus.bench.servo_ids)
+        if missing or not described.model.joints:
+            names = ", ".join(map(str, sorted(missing)))
+            raise UsageError(
+                f"servo {names} of this arm was not found; search first" if missing else "search first"
+            )
+        self._studio, self._bus, self._tab, self._arm = studio, bus, tab, arm
+        self._driver = BusArm(bus.bus.link, arm=counting_arm(described), bus=bus.bus)
+        self._bench = CalibrationBench(self._driver, described)
+        self._lock, self._finish = threading.Lock(), False
+        self.found: Calibration | None = None
+        self._driver.attach()
+        try:
+            self._bench.examine()
+        finally:
+            self._driver.detach()
+        self.hand = self._bench.by_hand()
+
+    def work(self) -> None:
+        """Switch torque off, and follow the joints.
+
+        Raises:
+            HexwireError: A servo fails, or the calibration is cancelled or cannot be finished.
+        """
+        with self._bus.bench.working("a calibration") as job, self._driver:
+            self._bench.release()
+            told = -math.inf
+            while not self._finish:
+                if not job.go_on():
+                    raise DeviceError(f"the calibration has ended: {job.ended}; nothing was stored")
+                with self._lock:
+                    self.hand.receive(self._bench.positions(), time.monotonic())
+                now = time.monotonic()
+                if now - told >= _TELL:
+                    told = now
+                    self._studio.live.tell({"kind": "range", "rows": self.rows()}, self._tab.key)
+                time.sleep(_PERIOD)
+            taken = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
+            with self._lock:
+                self.found = self.hand.finish(taken)
+
+    def mark_middle(self) -> bool:
+        """Take the present position of joints without stops as their middle; False if they do not report it."""
+        try:
+            with self._lock:
+                self.hand.mark_middle()
+        except HexwireError:
+            return False
+        return True
+
+    def finish(self) -> None:
+        """Let `work` end with what was seen."""
+        self._finish = True
+
+    def rows(self) -> list[dict[str, object]]:
+        """Every joint so far, for JSON: degrees."""
+        with self._lock:
+            progress = self.hand.progress
+        return [
+            {
+                "name": row.name,
+                "low": _degrees(row.low),
+                "now": _degrees(row.position),
+                "high": _degrees(row.high),
+                "usual": _degrees(row.usual) if self._arm != "servos" else None,
+                "missing": row.missing if self._arm != "servos" or row.travel < math.radians(5.0) else "",
+            }
+            for row in progress
+        ]
+
+    def store(self, found: Calibration) -> tuple[str, ...]:
+        """Store offsets and limits in the servos; raises as `control.calibrating.store`."""
+        with self._bus.bench.working("storing a calibration", acts=True):
+            return store(self._bus.bus, found)
+
+
+def _of_servos(bus: BusSource) -> BusArmFile:
+    """An arm of all servos that were found, of which nothing else is known."""
+    joints = []
+    for servo_id in bus.bench.servo_ids:
+        series = bus.bus.series_of(servo_id)
+        scale = math.radians(series.range_deg) / series.counts_per_rev
+        joints.append(
+            JointModel(
+                f"servo {servo_id}", servo_id, series.value, series.neutral, 1, 0.0, scale, -1.6, 1.6, math.inf
+            )
+        )
+    return BusArmFile(ArmModel("servos", tuple(joints)), bus.bus.timing.baud)
+
+
+def _degrees(angle: float) -> float | None:
+    return round(math.degrees(angle), 1) if math.isfinite(angle) else None

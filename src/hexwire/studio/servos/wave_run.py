@@ -1,0 +1,166 @@
+"""Runs a wave for a tab, while somebody there holds its button.
+
+Owns what a page may ask for, and the messages about it. The motion belongs to `control.servo_wave`, and the rule
+that it ends with the hold to `control.attended`.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from hexwire.control.servo_wave import WaveEnd, WaveSample, and_back, one_servo, run_wave, standing
+from hexwire.errors import HexwireError, ServoError, UsageError
+from hexwire.model.state import JointFlag
+from hexwire.motion.step_response import step_figures
+from hexwire.motion.waves import Wave
+
+if TYPE_CHECKING:
+    from hexwire.control.attended import Entry
+    from hexwire.epochs import Token
+    from hexwire.studio.app import Studio
+    from hexwire.studio.bus_source import BusSource
+    from hexwire.studio.tabs import Tab
+
+__all__ = ["add_wave", "figures_of", "read_wave"]
+
+_log = logging.getLogger(__name__)
+
+_BATCH = 0.06
+"""Seconds of samples in one message."""
+
+
+def read_wave(args: Mapping[str, object]) -> tuple[int, Wave]:
+    """Check what a page asks for: the servo and the wave.
+
+    Raises:
+        UsageError: A value is missing or out of bounds.
+    """
+
+    def number(name: str) -> float:
+        value = args.get(name)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise UsageError(f"{name} of a wave is a number")
+        return float(value)
+
+    shape, servo_id = args.get("shape"), args.get("servo")
+    if not isinstance(shape, str) or not isinstance(servo_id, int) or isinstance(servo_id, bool):
+        raise UsageError("a wave needs a servo and a shape")
+    last = number("last_period") if shape == "sweep" else 0.25
+    return servo_id, Wave(shape, math.radians(number("amplitude")), number("period"), number("seconds"), last)
+
+
+def add_wave(studio: Studio) -> None:
+    """Let pages hold a wave."""
+
+    def begin(tab: Tab, entry: Entry, args: Mapping[str, object], arrived: Token) -> None:
+        bus = studio.source.need_bus()
+        servo_id, wave = read_wave(args)
+        if servo_id not in bus.bench.servo_ids:
+            raise UsageError(f"servo {servo_id} was not found on this bus; search first")
+        run = _Run(studio, bus, tab, entry, arrived)
+        thread = threading.Thread(target=run.work, args=(servo_id, wave), name="studio wave", daemon=True)
+        # Its end is seen in each cycle: there is nothing more to be done for it.
+        bus.attended.begun(entry, lambda why: None)
+        thread.start()
+
+    studio.holds.add("wave", begin)
+
+
+class _Run:
+    def __init__(self, studio: Studio, bus: BusSource, tab: Tab, entry: Entry, arrived: Token) -> None:
+        self._studio, self._bus, self._tab, self._entry, self._arrived = studio, bus, tab, entry, arrived
+        self._rows: list[list[float]] = []
+        self._told = -math.inf
+
+    def work(self, servo_id: int, wave: Wave) -> None:
+        end, why = WaveEnd(), ""
+        try:
+            with self._bus.bus.epochs.using(self._arrived):
+                self._run(servo_id, wave, end)
+        except HexwireError as error:
+            why = str(error)
+        except Exception:  # noqa: BLE001  # logged and told
+            _log.exception("a wave failed")
+            why = "the studio failed at this; see its log"
+        why = why or self._entry.ended or ("complete" if end.complete else "ended")
+        self._send()
+        message = {"kind": "wave", "end": why, "servo": servo_id, **figures_of(wave, end)}
+        self._studio.live.tell(message, self._tab.key)
+        self._bus.attended.end(self._tab.key, why, self._entry.number)
+        self._bus.on_change()
+
+    def _run(self, servo_id: int, wave: Wave, end: WaveEnd) -> None:
+        bench, bus = self._bus.bench, self._bus.bus
+        with bench.working(f"a wave of servo {servo_id}", acts=True) as job:
+
+            def go_on() -> bool:
+                return job.go_on() and self._entry.age(time.monotonic()) <= bench.silence
+
+            self._studio.live.tell({"kind": "wave", "begin": servo_id}, self._tab.key)
+            with one_servo(bus, servo_id, wave.amplitude) as arm:
+                start = standing(arm)
+                if not go_on():
+                    return
+                if not arm.torque(True):
+                    raise ServoError(f"servo {servo_id} does not confirm its torque", servo_id=servo_id)
+                angle, seconds = and_back(wave.angle, wave.seconds)
+                run_wave(
+                    arm,
+                    start,
+                    angle,
+                    seconds,
+                    end,
+                    go_on=go_on,
+                    clock=time.monotonic,
+                    sleep=time.sleep,
+                    on_sample=self._sample,
+                )
+                # Released on the way, it holds there: without torque it could fall.
+                if end.complete and not start.flags & JointFlag.TORQUE_ON:
+                    arm.torque(False)
+
+    def _sample(self, row: WaveSample) -> None:
+        deg = math.degrees
+        self._rows.append([round(value, 3) for value in (row.t, deg(row.goal), deg(row.position), 100 * row.load)])
+        now = time.monotonic()
+        if now - self._told >= _BATCH:
+            self._told = now
+            self._send()
+
+    def _send(self) -> None:
+        if self._rows:
+            self._studio.live.tell({"kind": "wave", "rows": self._rows}, self._tab.key)
+            self._rows = []
+
+
+def figures_of(wave: Wave, end: WaveEnd) -> dict[str, object]:
+    """How the servo followed, for JSON: degrees, milliseconds, percent; None where a figure does not exist."""
+    rows = [(0.0, 0.0, 0.0), *((row.t, row.goal, row.position) for row in end.samples)]
+    # The way back is no step.
+    steps = step_figures([row for row in rows if row[0] <= wave.seconds]) if wave.shape == "step" else []
+
+    def known(value: float, factor: float) -> float | None:
+        return round(value * factor, 2) if math.isfinite(value) else None
+
+    factors = {
+        "at": 1.0,
+        "size": math.degrees(1),
+        "delay": 1e3,
+        "rise": 1e3,
+        "overshoot": 100.0,
+        "peak": 1e3,
+        "settled": 1e3,
+        "steady_error": math.degrees(1),
+    }
+    return {
+        "samples": len(end.samples),
+        "missed": end.missed,
+        "off": round(math.degrees(end.farthest_off), 2),
+        "steps": [{name: known(value, factors[name]) for name, value in asdict(step).items()} for step in steps],
+    }

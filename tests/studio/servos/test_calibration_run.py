@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import pytest
+from tests.studio.running import until
+from tests.studio.servos.conftest import servo_of
+
+from hexwire.errors import HexwireError, UsageError
+from hexwire.studio.servos.calibration_run import CalibrationRun
+
+
+def working(view: Any, run: CalibrationRun) -> tuple[threading.Thread, list[str]]:
+    errors: list[str] = []
+
+    def work() -> None:
+        try:
+            run.work()
+        except HexwireError as error:
+            errors.append(str(error))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    until(lambda: view.told, "the first values")
+    return thread, errors
+
+
+def move(view: Any, servo_id: int, counts: float) -> None:
+    servo_of(view, servo_id).motion.position = counts
+
+
+def test_every_servo_is_moved_to_its_ends_and_the_result_stored(view: Any) -> None:
+    run = CalibrationRun(view.studio, view.bus, view.tab, "servos")
+    view.bus.switch_torque(True)
+    thread, errors = working(view, run)
+    assert not servo_of(view, 1).torque_on
+    assert [row["missing"] for row in view.told[-1]["rows"]] == ["not moved yet"] * 6
+    for step in range(11):
+        for servo_id in range(1, 7):
+            move(view, servo_id, 1500 + 100 * step)
+        seen = len(view.told)
+        until(lambda seen=seen: len(view.told) > seen, "a sample")  # type: ignore[misc]
+    until(lambda: not any(row["missing"] for row in view.told[-1]["rows"]), "all of them")
+    row = view.told[-1]["rows"][0]
+    assert row["high"] - row["low"] > 80
+    run.finish()
+    thread.join(10.0)
+    assert errors == []
+    assert run.found is not None
+    run.store(run.found)
+    low, high = (servo_of(view, 1).registers.stored(f"{end}_position_limit") for end in ("min", "max"))
+    assert high - low == pytest.approx(1000, abs=60)
+    assert view.bus.job is None
+
+
+def test_a_stop_and_a_cancel_end_it_and_store_nothing(view: Any) -> None:
+    before = servo_of(view, 2).registers.stored("position_offset")
+    for end in (view.bus.bench.cancel, lambda: view.bus.stop("tab 2 stopped it")):
+        view.told.clear()
+        run = CalibrationRun(view.studio, view.bus, view.tab, "so101")
+        assert run.hand.needs_middle
+        thread, errors = working(view, run)
+        assert run.mark_middle()
+        end()
+        thread.join(10.0)
+        assert len(errors) == 1
+        assert "nothing was stored" in errors[0]
+        assert run.found is None
+    assert servo_of(view, 2).registers.stored("position_offset") == before
+
+
+def test_an_arm_that_is_not_there_is_refused(view: Any) -> None:
+    with pytest.raises(UsageError, match="no arm 'puma'"):
+        CalibrationRun(view.studio, view.bus, view.tab, "puma")
+    view.bus.bench.servo_ids = (1, 2)
+    with pytest.raises(UsageError, match="servo 3, 4, 5, 6 of this arm was not found"):
+        CalibrationRun(view.studio, view.bus, view.tab, "so101")

@@ -1,0 +1,40 @@
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from tests.studio.running import until
+
+if TYPE_CHECKING:
+    from tests.studio.servos.conftest import Bench
+
+
+def test_a_wave_lasts_while_its_button_is_held(bench: Bench) -> None:
+    page, servo = bench.page, bench.servo(1)
+    bench.part("Wave")
+    page.get_by_label("Duration, s").fill("60")
+    before = servo.motion.position
+    bench.button("Hold to move servo 1").hover()
+    page.mouse.down()
+    until(lambda: abs(servo.motion.position - before) > 40, "motion")
+    page.mouse.up()
+    until(lambda: bench.bus.job is None and servo.motion.settled, "the end of the wave")
+    there = servo.motion.position
+    page.get_by_text("largest error").wait_for()
+    assert servo.motion.position == pytest.approx(there, abs=3)
+    assert servo.torque_on, "it holds"
+    # STOP ends one too, and a held button does not begin another one while stopped.
+    bench.button("Hold to move servo 1").focus()
+    page.keyboard.down("Enter")
+    until(lambda: bench.bus.job is not None, "a wave by keyboard")
+    page.keyboard.press("Escape")
+    until(lambda: bench.bus.bench.stopped and bench.bus.job is None and servo.motion.settled, "the stop")
+    page.keyboard.up("Enter")
+    there = servo.motion.position
+    bench.button("Hold to move servo 1").hover()
+    page.mouse.down()
+    page.get_by_text("resume first").first.wait_for()
+    page.mouse.up()
+    assert servo.motion.position == pytest.approx(there, abs=3)
+    page.get_by_role("button", name="Resume").click()
+    until(lambda: not bench.bus.bench.stopped, "the end of the stop")
