@@ -37,6 +37,19 @@ def test_the_chapters_log_in_words(tmp_path: Path) -> None:
     assert "ICRNL" in result.output
 
 
+def test_every_field_with_the_place_of_its_bytes() -> None:
+    result = CliRunner().invoke(trace, ["decode", "-", "--fields"], input=LOG)
+    lines = [line.strip() for line in result.output.splitlines()]
+    assert "0-3   sync: 5A FA FA 5A" in lines
+    assert "45-46     present_position: 2053 = 180.439 deg" in lines
+    assert "50-51   tail: 0A 0A ! is 0A 0A, not 0D 0A" in lines
+    assert "pairing  answers seq 47" in lines
+    result = CliRunner().invoke(trace, ["decode", "-", "--fields", "--json"], input=LOG)
+    trees = [json.loads(line)["tree"] for line in result.output.splitlines()]
+    assert [(tree["start"], tree["end"]) for tree in trees] == [(0, 52), (0, 52)]
+    assert trees[0]["parts"][0]["parts"][0]["meaning"] == "The word by which a receiver finds a frame."
+
+
 def test_the_same_for_programs_from_standard_input() -> None:
     result = CliRunner().invoke(trace, ["decode", "-", "--json"], input=LOG)
     rows = [json.loads(line) for line in result.output.splitlines()]

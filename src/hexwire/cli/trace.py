@@ -8,9 +8,9 @@ from __future__ import annotations
 import errno
 import select
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 import click
 
@@ -24,6 +24,10 @@ from hexwire.trace.sources import LARGEST, read_traffic
 from .common import name_of
 from .exits import speak, tell_missed
 from .output import print_json, say
+
+if TYPE_CHECKING:
+    from hexwire.trace.parts import Part
+    from hexwire.trace.reading import Reading
 
 __all__ = ["trace", "tracing"]
 
@@ -132,22 +136,30 @@ def trace() -> None:
 
 @trace.command()
 @click.argument("file", type=click.File("rb"))
+@click.option("--fields", is_flag=True, help="Print every field with the place of its bytes in the frame.")
 @click.option("--json", "as_json", is_flag=True, help="Print one line per frame, with the fields of every layer.")
-def decode(file: BinaryIO, as_json: bool) -> None:
-    """Decode FILE (- for standard input): the chapter's log, a hex dump, or a raw capture.
+def decode(file: BinaryIO, fields: bool, as_json: bool) -> None:
+    """Decode FILE (- for standard input): a log of the chapter, a hex dump, a raw capture, a recording, pcapng.
 
     Corrupt parts are shown where they occur, with the reason, and decoding continues after them.
     """
+    from hexwire.trace.dissect import Dissector
+
     explainer = Explainer()
+    dissector = Dissector() if fields else None
+
+    def show(readings: Iterable[Reading]) -> None:
+        for reading in readings:
+            tree = dissector.dissect(reading) if dissector is not None else None
+            _show(explainer.explain(reading), tree, as_json)
+
     name = name_of(file)
     for item in read_traffic(read_stream(file, name, largest=LARGEST), name):
         if isinstance(item, str):
             _remark(item, as_json)
             continue
-        for explained in explainer.feed(item):
-            _show(explained, as_json)
-    for explained in explainer.finish():
-        _show(explained, as_json)
+        show(explainer.lines.feed(item))
+    show(explainer.lines.finish())
 
 
 def _remark(text: str, as_json: bool) -> None:
@@ -157,12 +169,24 @@ def _remark(text: str, as_json: bool) -> None:
         say(f"! {text}")
 
 
-def _show(explained: Explained, as_json: bool) -> None:
+def _show(explained: Explained, tree: Part | None, as_json: bool) -> None:
     if as_json:
-        print_json(explained.as_fields(), one_line=True)
+        print_json(explained.as_fields() | ({"tree": tree.as_fields()} if tree is not None else {}), one_line=True)
         return
     arrow = "->" if explained.direction is Direction.SENT else "<-"
     stamp = f"{explained.time:.6f} " if explained.time else ""
     say(f"{stamp}{arrow} {explained.kind}, {len(explained.data)} bytes: {explained.data.hex(' ').upper()}")
-    for line in _lines(explained):
+    for line in _lines(explained) if tree is None else _field_lines(explained, tree):
         say(_INDENT + line)
+
+
+def _field_lines(explained: Explained, tree: Part) -> Iterator[str]:
+    """Every part of a frame: first and last byte, name, value."""
+    if tree.problem:
+        yield f"! {tree.problem}"
+    for depth, part in tree.rows():
+        if depth:
+            place = f"{part.start}" if part.end == part.start + 1 else f"{part.start}-{part.end - 1}"
+            problem = f" ! {part.problem}" if part.problem else ""
+            yield f"{place:>9} {'  ' * (depth - 1)}{part.name}: {part.words}".rstrip(": ") + problem
+    yield from (f"pairing  {layer.text}" for layer in explained.layers if layer.name == "pairing")
