@@ -61,7 +61,9 @@ class Dissector:
             parts = _bad_packet(reading) if reading.line == "bus" else _bad_frame(reading)
         else:
             parts = (Part("garbage", 0, size, to_hex(reading.data, _SAMPLE), FRAME["garbage"]),)
-        name = "frame" if reading.kind == "frame" else "servo packet" if reading.kind == "packet" else reading.kind
+        name = reading.kind
+        if name == "bad":
+            name = "damaged packet" if reading.line == "bus" else "damaged frame"
         return Part(name, 0, size, reading.text, "", None, doubt(reading), filled(parts, 0, size))
 
     # -- frames -------------------------------------------------------------------------------------

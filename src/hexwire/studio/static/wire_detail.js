@@ -17,6 +17,15 @@ function make(tag, name, text = "") {
   return element;
 }
 
+// Scrolls an item of a box into sight, and nothing around the box.
+function reveal(box, item) {
+  if (!item || box.scrollHeight <= box.clientHeight) return;
+  const outer = box.getBoundingClientRect();
+  const inner = item.getBoundingClientRect();
+  if (inner.top < outer.top) box.scrollTop -= outer.top - inner.top;
+  else if (inner.bottom > outer.bottom) box.scrollTop += inner.bottom - outer.bottom;
+}
+
 export class Detail {
   constructor(element, { onSelect }) {
     this.onSelect = onSelect;
@@ -72,7 +81,7 @@ export class Detail {
     const first = this.parts.find((part) => part.name === "cmd" || part.name === "instruction" || part.name === "error");
     const wrong = this.parts.find((part) => part.problem && !part.parts);
     this.choose(wrong || kept || first || this.parts[0], { scroll: false });
-    if (wrong || first) this.chosen.item.scrollIntoView({ block: "nearest" });
+    reveal(this.tree, this.chosen.item);
   }
 
   collect(part, level, parent) {
@@ -103,8 +112,9 @@ export class Detail {
     const after = data.took === null ? "" : ` after ${data.took.toFixed(2)} ms`;
     if (row[8]) pair(row[8], `Answers ${row[8]}${after}`);
     if (data.answered) pair(data.answered, `Answered by ${data.answered}${after}`);
-    this.head.append(make("div", "hw-wire-text-of", row[TEXT]));
-    if (row[PROBLEM]) this.head.append(make("div", row[BAD] ? "hw-wire-error" : "hw-wire-warning", row[PROBLEM]));
+    const told = row[PROBLEM] && row[TEXT].includes(row[PROBLEM]);
+    this.head.append(make("div", `hw-wire-text-of${told ? (row[BAD] ? " hw-wire-error" : " hw-wire-warning") : ""}`, row[TEXT]));
+    if (row[PROBLEM] && !told) this.head.append(make("div", row[BAD] ? "hw-wire-error" : "hw-wire-warning", row[PROBLEM]));
   }
 
   showBytes(hex) {
@@ -181,7 +191,7 @@ export class Detail {
     if (kind === "part" && part.parts && event.target.closest(".hw-wire-fold")) this.toggle(part);
     if (kind === "byte") this.byte = Number(event.target.closest(".hw-wire-byte").dataset.at);
     else this.byte = part.start;
-    this.choose(part, { from: kind });
+    this.choose(part);
   }
 
   partAt(event, kind) {
@@ -196,7 +206,7 @@ export class Detail {
     this.fold();
   }
 
-  choose(part, { from = "", scroll = true } = {}) {
+  choose(part, { scroll = true } = {}) {
     if (this.chosen && this.chosen.item) this.chosen.item.removeAttribute("aria-selected");
     this.chosen = part;
     if (this.byte < part.start || this.byte >= part.end) this.byte = part.start;
@@ -206,8 +216,8 @@ export class Detail {
     this.tree.setAttribute("aria-activedescendant", part.item.id);
     this.bytes.setAttribute("aria-activedescendant", `hw-wire-byte-${this.byte}`);
     if (scroll) {
-      if (from !== "part") part.item.scrollIntoView({ block: "nearest" });
-      if (from !== "byte" && this.cells[part.start]) this.cells[part.start].scrollIntoView({ block: "nearest" });
+      reveal(this.tree, part.item);
+      reveal(this.bytes, this.cells[this.byte]);
     }
     this.mark(part);
   }
@@ -239,9 +249,7 @@ export class Detail {
     if (!(event.key in steps) || !this.data || event.altKey || event.ctrlKey || event.metaKey) return;
     event.preventDefault();
     this.byte = Math.min(this.cells.length - 1, Math.max(0, this.byte + steps[event.key]));
-    this.choose(this.leaf(this.byte), { from: "byte", scroll: false });
-    this.chosen.item.scrollIntoView({ block: "nearest" });
-    this.cells[this.byte].scrollIntoView({ block: "nearest" });
+    this.choose(this.leaf(this.byte));
   }
 
   treeKey(event) {
