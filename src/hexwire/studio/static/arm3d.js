@@ -39,7 +39,7 @@ const LOOKS = {
 };
 const AXES = ["#d64545", "#3f9e4d", "#3f76d6"];
 const LABEL = "3D view of the arm. Arrow keys turn it, Shift and arrow keys move it, plus and minus zoom, 0 resets.";
-const SOFTWARE_PAUSE = 60;
+const SOFTWARE_PAUSE = 60, STILL = 250;
 const VIEWS = { home: [0.95, -1.25, 0.62], front: [1, 0, 0.12], side: [0, -1, 0.08], top: [-0.001, 0, 1] };
 
 export class Arm3D {
@@ -49,7 +49,7 @@ export class Arm3D {
     this.options = options;
     this.available = false;
     this.drawn = 0;
-    this._next = this._frame = this._later = 0;
+    this._next = this._frame = this._later = this._still = 0;
     this._names = geometry.joints.map((joint) => joint.name);
     if (getComputedStyle(element).position === "static") element.style.position = "relative";
     if (!three?.THREE || !three.OrbitControls) {
@@ -120,7 +120,7 @@ export class Arm3D {
   }
 
   get pending() {
-    return Boolean(this._frame || this._later);
+    return Boolean(this._frame || this._later || this._still);
   }
 
   tip() {
@@ -178,6 +178,7 @@ export class Arm3D {
     this.available = false;
     cancelAnimationFrame(this._frame);
     clearTimeout(this._later);
+    clearTimeout(this._still);
     for (const stop of this._stops) stop();
     this._controls.dispose();
     this._clear(this._scene);
@@ -447,9 +448,26 @@ export class Arm3D {
       }
       if (!this.element.clientWidth || !this.element.clientHeight || !this._arm) return;
       this._next = now + this._pause;
-      this._renderer.render(this._scene, this._camera);
-      this.drawn += 1;
+      if (this._pause) this._refine();
+      this._draw();
     });
+  }
+
+  _draw() {
+    this._renderer.render(this._scene, this._camera);
+    this.drawn += 1;
+  }
+
+  /** Coarse while things move; once they stand still, one picture at twice the size has smooth edges. */
+  _refine() {
+    clearTimeout(this._still);
+    if (this._renderer.getPixelRatio() !== 1) this._renderer.setPixelRatio(1);
+    this._still = setTimeout(() => {
+      this._still = 0;
+      if (!this.element.clientWidth) return;
+      this._renderer.setPixelRatio(2);
+      this._draw();
+    }, STILL);
   }
 
   _key_down(event) {
