@@ -20,3 +20,25 @@ def test_stop_is_always_there(studio: RunningStudio, page: Page, how: str) -> No
         page.keyboard.press("Escape")
     studio.until(lambda: studio.arm.owner.group.reason is not None, "the stop")
     page.locator("#hw-banner", has_text="Stopped").wait_for()
+
+
+def test_the_theme_is_chosen_and_kept(page: Page) -> None:
+    button = page.locator("#hw-theme")
+    button.filter(has_text="auto").click()
+    button.filter(has_text="light").click()
+    page.wait_for_function("document.body.classList.contains('body--dark')")
+    page.reload()
+    page.wait_for_function("document.body.classList.contains('body--dark')")
+
+
+def test_stop_works_while_a_dialog_is_open(studio: RunningStudio, page: Page) -> None:
+    page.evaluate(
+        """() => window.Quasar.Dialog.create({title: "Sure?", message: "A question.", persistent: true})"""
+    )
+    page.get_by_text("A question.").wait_for()
+    page.get_by_role("button", name="STOP").click()
+    studio.until(lambda: studio.arm.owner.group.reason is not None, "the stop by the button")
+    studio.arm.owner.reset()
+    page.get_by_text("A question.").click()
+    page.keyboard.press("Escape")
+    studio.until(lambda: studio.arm.owner.group.reason is not None, "the stop by Escape")

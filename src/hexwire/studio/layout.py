@@ -63,6 +63,8 @@ async def build_page(studio: Studio, session: Session) -> None:
                     ui.element("dd").props(f'id="hw-fact-{name}"')
         with ui.element("div").classes("hw-actions"):
             _build_control(studio)
+            with ui.element("button").classes("hw-button").props('id="hw-theme" type="button"'):
+                ui.html("Theme", sanitize=False, tag="span")
             # Its handler is in live.js, which needs nothing of NiceGUI: it works while all else hangs.
             with ui.element("button").classes("hw-stop").props('id="hw-stop" type="button" title="Stop (Escape)"'):
                 ui.html("STOP", sanitize=False, tag="span")

@@ -8,6 +8,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
+from hexwire.drivers.registry import DEFAULT_ROBOT
 from hexwire.studio.access import Right
 from hexwire.studio.plugged import Plugged, emulated, find_plugged, robots
 
@@ -64,7 +65,7 @@ def build(studio: Studio) -> None:
                         _choice(row)
 
     def _choice(row: Plugged) -> None:
-        names = [*row.robots, *(name for name in robots() if name not in row.robots)]
+        names = list(dict.fromkeys([*row.robots, DEFAULT_ROBOT, *robots()]))
         with ui.element("td"):
             if row.device.startswith("sim://"):
                 ui.label(row.robots[0])
@@ -119,7 +120,12 @@ def build(studio: Studio) -> None:
     table(list(emulated()), "Without hardware")
     with ui.element("div").classes("hw-row"):
         port = ui.input("Port or address", placeholder="zenoh:lab/arm1").props("dense outlined")
-        robot = ui.select(["", *robots()], value="", label="Robot").props("dense outlined options-dense")
+        port.classes("hw-choice")
+        robot = (
+            ui.select(["", *robots()], value="", label="Robot")
+            .classes("hw-choice")
+            .props("dense outlined options-dense")
+        )
 
         async def typed() -> None:
             await connect(str(port.value or "").strip(), str(robot.value) or None)

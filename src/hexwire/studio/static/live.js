@@ -323,9 +323,36 @@ function mark() {
     else link.removeAttribute("aria-current");
   }
 }
+
+// -- the theme -----------------------------------------------------------------------------------------
+
+const THEMES = { auto: "auto", light: false, dark: true };
+let theme = localStorage.getItem("hexwire-theme") in THEMES ? localStorage.getItem("hexwire-theme") : "auto";
+let painted = "auto"; // as the page begins
+
+function paint() {
+  const button = document.getElementById("hw-theme");
+  if (button && button.dataset.theme !== theme) {
+    button.dataset.theme = theme;
+    button.textContent = `Theme: ${theme}`;
+  }
+  if (painted === theme || !window.Quasar || !button) return;
+  window.Quasar.Dark.set(THEMES[theme]);
+  painted = theme;
+}
+
+document.addEventListener("click", (event) => {
+  if (!event.target.closest || !event.target.closest("#hw-theme")) return;
+  const names = Object.keys(THEMES);
+  theme = names[(names.indexOf(theme) + 1) % names.length];
+  localStorage.setItem("hexwire-theme", theme);
+  paint();
+});
+
+// The elements of the header come and go with the page, facts only when they change.
 setInterval(() => {
   mark();
-  // The header may be built after the facts came, and a still bus has no others.
+  paint();
   if (hexwire.facts) header(hexwire.facts);
 }, 250);
 open();
