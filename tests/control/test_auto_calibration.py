@@ -168,6 +168,18 @@ def test_silence_and_faults() -> None:
     assert parts.run(1.0).fault == "a reports overload"
 
 
+def test_one_late_answer_after_this_computer_stalled_is_no_silence() -> None:
+    parts = plant()
+    for _ in range(50):
+        parts.turn()
+    parts.now += 2.0
+    parts.flags = JointFlag.SILENT
+    for _ in range(4):
+        parts.turn()
+    parts.flags = JointFlag(0)
+    assert parts.run().fault == ""
+
+
 def test_nothing_is_sent_before_every_position_is_known() -> None:
     parts = plant()
     parts.flags = JointFlag.SILENT

@@ -243,8 +243,8 @@ def _automatic(bench: CalibrationBench, yes: bool) -> Calibration:
 
         def watch(auto: AutoCalibration) -> None:
             nonlocal said, redraw
-            if auto.doing != said and not on_terminal():
-                note(auto.doing or "done")
+            if auto.doing not in ("", said) and not on_terminal():
+                note(auto.doing)
             if auto.doing != said or time.monotonic() >= redraw:
                 redraw = time.monotonic() + _REDRAW
                 show(_auto_rows(auto), f"{auto.step} of {auto.steps} motions, Ctrl-C ends it; {auto.doing}")

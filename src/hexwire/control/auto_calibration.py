@@ -65,6 +65,8 @@ _JUMP = 300.0
 """Counts that no joint moves between two states."""
 _SILENT = 0.3
 """Seconds without an answer of a joint."""
+_MOST_MISSED = 5
+"""States in a row without an answer of a joint."""
 _HOT = 65.0
 _PATIENCE = 3.0
 """Seconds that a motion may take longer than planned."""
@@ -142,6 +144,7 @@ class _Push:
         effort: Newest load.
         current: Newest current, amperes; NaN if unknown.
         heard: Time of the newest position.
+        missed: States since then without a position.
         stops: Stops found, by direction of the counts.
         recent: Times and positions of the last moments.
     """
@@ -154,6 +157,7 @@ class _Push:
     effort: float = 0.0
     current: float = math.nan
     heard: float = -math.inf
+    missed: int = 0
     stops: dict[int, float] = field(default_factory=dict)
     recent: deque[tuple[float, float]] = field(default_factory=deque)
 
@@ -279,9 +283,12 @@ class AutoCalibration(SingleMotion):
     def _take(self, joint: JointReading, now: float) -> str:
         push = self._pushes[joint.name]
         if joint.flags & JointFlag.SILENT:
-            if push.heard > -math.inf and now - push.heard > _SILENT:
+            push.missed += 1
+            # Both: this computer may have stalled, and then one answer is late.
+            if push.heard > -math.inf and now - push.heard > _SILENT and push.missed >= _MOST_MISSED:
                 return "fell silent: check cable and power"
             return ""
+        push.missed = 0
         faults = joint.flags.faults & ~JointFlag.SILENT
         if faults:
             return f"reports {faults}".lower()
