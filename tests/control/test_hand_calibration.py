@@ -141,3 +141,9 @@ def test_a_servo_that_stores_no_offset() -> None:
 def test_a_whole_turn_is_refused() -> None:
     with pytest.raises(UsageError, match="is its horn loose"):
         fitted("a", 0, 4095, 0)
+
+
+def test_the_one_offset_that_a_servo_cannot_store_is_a_count_off() -> None:
+    assert full_turn(-1, 0) == (-2047, 0, 4095)
+    assert fitted("a", -1001, 999, 0) == (-2047, 1046, 3046)
+    assert fitted("a", -1000, 1000, 0) == (-2047, 1047, 3047)

@@ -227,15 +227,24 @@ class CalibrationBench:
         self._end(before, None)
 
     def _end(self, before: Mapping[int, tuple[int, bytes]], why: BaseException | None) -> None:
+        """Switch torque off and put the settings back, whatever ended the motion.
+
+        Raises:
+            ServoError: Torque may still be on; the text says what to do, and what ended the motion.
+        """
+        said = f"{why}; " if isinstance(why, HexwireError) else ""
         with self._shield():
             if self.arm.epochs.stopped:
                 return
-            unsure = set(self.model.names) - set(self.arm.torque(False))
-            for servo_id, (limit, block) in before.items():
-                self.arm.bus.write_bytes(servo_id, _LIMITS[0], block)
-                self.arm.bus.write_raw(servo_id, "torque_limit", limit)
+            try:
+                unsure = set(self.model.names) - set(self.arm.torque(False))
+                for servo_id, (limit, block) in before.items():
+                    self.arm.bus.write_bytes(servo_id, _LIMITS[0], block)
+                    self.arm.bus.write_raw(servo_id, "torque_limit", limit)
+            except HexwireError as error:
+                said = said or f"{error}; "
+                raise ServoError(f"{said}the arm may hold with low torque: switch its supply off") from error
         if unsure:
-            said = f"{why}; " if isinstance(why, HexwireError) else ""
             names = ", ".join(sorted(unsure))
             raise ServoError(f"{said}{names} did not confirm torque off: hold the arm and switch its supply off")
 

@@ -56,9 +56,7 @@ def measure_backlash(
         end = WaveEnd()
 
         def back() -> None:
-            # After a stop it holds where it is.
-            if arm.epochs.stopped:
-                return
+            # Refused after a stop: the servo holds where it is.
             with shield():
                 if not bring_back(arm, start, keep_torque=had_torque, sleep=sleep):
                     raise ServoError(f"servo {servo_id} does not confirm its torque off", servo_id=servo_id)
