@@ -172,6 +172,8 @@ def test_keys_and_wheel_move_the_camera_and_leave_the_rest_alone(blank: Page) ->
     settle(blank)
     assert blank.evaluate(place) == pytest.approx(home)
     canvas = blank.locator("#view canvas")
+    # Nor does it keep a finger from scrolling the page.
+    assert canvas.evaluate("(own) => getComputedStyle(own).touchAction") == "pan-y"
     assert "Arrow keys" in (canvas.get_attribute("aria-label") or "")
     blank.keyboard.press("Tab")
     assert canvas.evaluate("(own) => document.activeElement === own")

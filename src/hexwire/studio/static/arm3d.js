@@ -20,7 +20,7 @@ Owns the drawing and the camera. Must not know pages, sockets or robots. It draw
   view.drawn, view.pending           number of pictures drawn so far; whether one is due
 
 Mouse: drag turns, wheel zooms once the view has the focus, right drag moves. Touch: one finger turns, two zoom and
-move. Keys: arrows turn, Shift and arrows move, + and - zoom, 0 or Home resets. Escape is not taken. */
+move; a finger that starts up or down scrolls the page. Keys: arrows turn, Shift and arrows move, + and - zoom, 0 or Home resets. Escape is not taken. */
 
 import { buffered, mesh, thread } from "./arm3d_forms.js";
 
@@ -190,7 +190,7 @@ export class Arm3D {
 
   _prepare(THREE) {
     const canvas = (this._canvas = this._renderer.domElement);
-    Object.assign(canvas.style, { width: "100%", height: "100%", display: "block", touchAction: "none" });
+    Object.assign(canvas.style, { width: "100%", height: "100%", display: "block" });
     canvas.tabIndex = 0;
     canvas.setAttribute("role", "application");
     canvas.setAttribute("aria-label", this.options.label ?? LABEL);
@@ -200,6 +200,8 @@ export class Arm3D {
     this._camera.up.set(0, 0, 1);
     const controls = (this._controls = new three.OrbitControls(this._camera, canvas));
     Object.assign(controls, { enableZoom: false, minDistance: 0.08, maxDistance: 6, maxPolarAngle: 0.62 * Math.PI });
+    // On a phone the view is as wide as the page, which must still scroll.
+    canvas.style.touchAction = "pan-y";
     controls.addEventListener("change", () => this._change());
     this._sky = new THREE.HemisphereLight();
     this._key = new THREE.DirectionalLight();
