@@ -20,7 +20,8 @@ Owns the drawing and the camera. Must not know pages, sockets or robots. It draw
   view.drawn, view.pending           number of pictures drawn so far; whether one is due
 
 Mouse: drag turns, wheel zooms once the view has the focus, right drag moves. Touch: one finger turns, two zoom and
-move; a finger that starts up or down scrolls the page. Keys: arrows turn, Shift and arrows move, + and - zoom, 0 or Home resets. Escape is not taken. */
+move; a finger that starts up or down scrolls the page. Keys: arrows turn, Shift and arrows move, + and - zoom, 0 or
+Home resets. Escape is not taken. */
 
 import { buffered, mesh, thread } from "./arm3d_forms.js";
 
