@@ -81,3 +81,22 @@ def test_a_damaged_recording_says_so_and_is_recovered(page: Page, folder: Path) 
     page.get_by_role("button", name="recover a.mcap").click()
     page.get_by_role("heading", name="a recovered.mcap").wait_for()
     page.get_by_role("row", name="a recovered.mcap").get_by_text("whole").wait_for()
+
+
+def test_closing_the_page_ends_a_recording_that_plays_on_the_arm(
+    operator: Page, folder: Path, studio: RunningStudio
+) -> None:
+    record(folder, "swing.mcap")
+    operator.get_by_role("button", name="Torque on").click()
+    operator.get_by_role("button", name="Torque off").wait_for()
+    _open(operator)
+    operator.get_by_role("button", name="open swing.mcap").click()
+    operator.locator(".uplot").first.wait_for()
+    operator.get_by_label("speed").fill("0.2")
+    operator.get_by_role("button", name="Play on the arm").click()
+    operator.locator(".rc-said", has_text="left").wait_for()
+    studio.until(lambda: studio.arm.owner.group.moving, "motion")
+    operator.close()
+    studio.until(lambda: not studio.arm.owner.group.moving, "the end of the motion")
+    progress = studio.studio.source.arm.desk.progress
+    assert (progress.title, progress.outcome) == ("a recording", "preempted")

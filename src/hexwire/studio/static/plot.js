@@ -253,7 +253,7 @@ export class Plot {
       axes: [
         { ...axis, size: panel.last ? BOTTOM - 18 : 0, labelSize: 18, label: panel.last ? "time, s" : undefined,
           space: 70, incrs: STEPS, splits: (u, i, from, to, step) => this._splits(from, to, step), values: (u, splits) => (panel.last ? this._times(u, splits) : splits.map(() => "")) },
-        { ...axis, size: GUTTER - 18, labelSize: 18, label: this._panelLabel(panel), space: (u) => (u.height < 200 ? 22 : 40),
+        { ...axis, size: GUTTER - 18, labelSize: 18, label: " ", space: (u) => (u.height < 200 ? 22 : 40),
           values: (u, splits) => splits.map((v) => String(Number(v.toPrecision(12))).replace("-", "−")) },
       ],
       series: [{}, ...panel.shown.map((s, i) => ({
@@ -264,10 +264,11 @@ export class Plot {
     };
   }
 
-  _panelLabel(panel) {
+  /** What a panel shows, with its unit, as long as there is room for it. */
+  _panelLabel(panel, height) {
     const names = [...new Set(panel.shown.map((s) => this.series[s].quantity).filter(Boolean))];
-    const words = names.length > 2 ? "" : names.join(" and ");
-    return [words, panel.unit].filter(Boolean).join(", ") || " ";
+    const words = [names.join(" and "), names.length > 1 ? "" : names[0], ""].map((one) => [one, panel.unit].filter(Boolean).join(", "));
+    return words.find((one) => one.length * 6.4 < height) || " ";
   }
 
   /** Round times as they are written, counted from the origin. */
@@ -294,6 +295,7 @@ export class Plot {
     const total = Math.max(fixed, least);
     const each = Math.floor((total - BOTTOM) / this._panels.length);
     for (const panel of this._panels) {
+      panel.chart.axes[1].label = this._panelLabel(panel, each - 12);
       panel.chart.setSize({ width, height: each + (panel.last ? BOTTOM : 0) });
     }
     this._dirty();

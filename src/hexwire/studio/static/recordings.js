@@ -24,7 +24,7 @@ export function mount(element, args) {
   const body = make("tbody");
   const table = make("table", { className: "rc-list" },
     make("caption", { textContent: "Recordings, newest first" }),
-    make("thead", {}, make("tr", {}, ...["recording", "recorded", "robot", "duration", "states", "size", "state", ""].map(
+    make("thead", {}, make("tr", {}, ...["recording", "recorded", "robot", "duration", "states", "size", "state", "actions"].map(
       (text) => make("th", { scope: "col", textContent: text })))), body);
   const frame = make("div", { className: "rc-scroll" }, table);
   const place = make("div", { className: "rc-view" });
@@ -148,7 +148,7 @@ export function mount(element, args) {
       cell("size", sizeText(one.size), true),
       cell("state", stateText(one)), actions);
     const condition = made.cells[6];
-    condition.dataset.level = one.problem ? "error" : "ok";
+    condition.dataset.level = one.problem ? "error" : "";
     condition.classList.add("rc-state");
     return made;
   }
