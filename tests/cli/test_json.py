@@ -77,7 +77,18 @@ ELSEWHERE = {
 }
 WITHOUT = {
     # What they print is a document or an address for other programs, or they run until they are stopped.
-    *("model urdf", "conf convert", "sim board", "sim bus", "sim puma260", "record replay", "demo", "teleop"),
+    *(
+        "model urdf",
+        "conf convert",
+        "sim board",
+        "sim bus",
+        "sim puma260",
+        "record replay",
+        "demo",
+        "teleop",
+        "follow",
+        "studio",
+    ),
     *("joystick show", "joystick send", "firmware flash", "serve", "fleet router", "fleet config"),
 }
 
