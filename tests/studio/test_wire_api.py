@@ -84,6 +84,7 @@ def test_what_changes_something_is_no_link(desk: Desk) -> None:
 
 
 def test_a_file_that_never_ends_is_refused_on_the_way(desk: Desk) -> None:
-    pieces = [bytes(1 << 20)] * (LARGEST_FILE // (1 << 20) + 4)
+    pieces = [bytes(1 << 20)] * (LARGEST_FILE // (1 << 20) + 9)
     assert "larger than 16 MiB" in desk.ask("/wire/open", "POST", pieces, tab=desk.tab)["refused"]
+    assert len(pieces) == 8
     assert desk.ask("/wire/rows", tab=desk.tab)["view"] == "live"

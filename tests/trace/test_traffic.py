@@ -109,7 +109,8 @@ def test_after_a_gap_nothing_is_joined_or_paired() -> None:
         (3, False, None),
     ]
     # The offsets of bytes begin anew: dropping an entry from before must not take the pair of one from after.
-    traffic.feed(Passed(RECEIVED, reply, 5.1, ""))
+    traffic.feed(Passed(RECEIVED, frame(Command.RESUME, b"\0", src=8, seq=9, ext=0x80), 5.1, ""))
+    traffic.feed(Passed(RECEIVED, reply, 5.2, ""))
     assert [entry.answers for entry in traffic] == [None, None, 3]
 
 

@@ -147,7 +147,7 @@ def _blocks(data: bytes) -> Iterator[_Packet | str]:
             order = _order_of(data, at) or order
             interfaces = []
         kind, size = struct.unpack_from(order + "II", data, at) if at + 12 <= len(data) else (0, 0)
-        if size < 12 or size % 4 or at + size > len(data):
+        if size < 12 or at + size > len(data):
             yield f"the file is cut short or damaged at byte {at}"
             return
         content = data[at + 8 : at + size - 4]
