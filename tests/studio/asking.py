@@ -28,7 +28,7 @@ class Asker:
         self._router, self._session = Router(routes), session
 
     def raw(self, path: str, method: str = "GET", body: Sequence[bytes] = (), **query: object) -> tuple[int, bytes]:
-        """Status and body of the answer to a request whose body comes in these pieces; they are taken from a list."""
+        """Status and body of the answer to a request whose body comes in these pieces, taken from a list."""
         pieces = body if isinstance(body, list) else list(body)
         return asyncio.run(self._ask(path, method, pieces, urlencode(query).encode()))
 

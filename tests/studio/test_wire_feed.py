@@ -160,7 +160,21 @@ def test_the_files_of_many_tabs_are_bounded() -> None:
     for i in range(20):
         feed.open_file(str(i), b"FF FF 01 02 01 FB", "x")
     views = [feed.rows(str(i), 0)["view"] for i in range(20)]
-    assert views == ["live"] * 12 + ["file"] * 8
+    assert views == ["live"] * 16 + ["file"] * 4
+
+
+def test_a_small_file_with_millions_of_frames_is_read_up_to_a_bound() -> None:
+    feed = WireFeed()
+    ping = make_ping(4)
+    many = ping * 100_000
+    for name, data, most in (("raw.bin", many, 31_000), ("x.txt", b"> FF\n" * 201_000, 200_001)):
+        feed.open_file("a", data, name)
+        page = feed.rows("a", 0)
+        assert page["newest"] <= most
+        assert "only the first" in page["note"]
+        assert len(feed.rows("a", 0)["rows"]) <= 1000
+    feed.set_series("a", "scs")
+    assert "only the first" in feed.rows("a", 0)["note"]
 
 
 def test_the_series_decides_the_names_of_registers() -> None:

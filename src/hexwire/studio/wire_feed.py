@@ -29,8 +29,11 @@ LARGEST_FILE = 16 * 1024 * 1024
 SERIES = ("board", "seven_bot", "scs", "sts_sms", "hls")
 """Series of the servos on a line; board: those of the Hex7Bot, by id."""
 
-_MOST_OF_FILE = 50_000
-_MOST_FILES = 8
+_MOST_OF_FILE = 30_000
+"""Frames of a file that are shown: a small file may hold millions, and reading them takes time and memory."""
+_MOST_TRANSFERS = 200_000
+_MOST_FILES = 4
+_PIECE = 4096
 _PAGE = 1000
 _BACKLOG = 2000
 """Transfers from before somebody looked that are read then."""
@@ -64,13 +67,30 @@ class _View:
 
 
 class _FileView(_View):
-    def __init__(self, name: str, transfers: list[Passed], remarks: list[str], series: str) -> None:
+    """A file, read up to the bounds."""
+
+    def __init__(self, name: str, items: Iterable[Passed | str], series: str) -> None:
         super().__init__("file", name, series)
-        self.transfers, self.remarks = transfers, remarks
+        self.transfers, self.remarks = list[Passed](), list[str]()
         self.traffic = Traffic(series, most=_MOST_OF_FILE, size=2 * LARGEST_FILE)
-        for passed in transfers:
-            self.traffic.feed(passed)
-        self.traffic.finish()
+        self.cut = False
+        for item in items:
+            if isinstance(item, str):
+                if len(self.remarks) < _MOST_REMARKS:
+                    self.remarks.append(item)
+                continue
+            if self.traffic.newest >= _MOST_OF_FILE or len(self.transfers) >= _MOST_TRANSFERS:
+                self.cut = True
+                break
+            self.transfers.append(item)
+            # A raw capture is one transfer: it is read in pieces, up to the bound.
+            for at in range(0, len(item.data), _PIECE):
+                if self.traffic.newest >= _MOST_OF_FILE:
+                    self.cut = True
+                    break
+                self.traffic.feed(item._replace(data=item.data[at : at + _PIECE]))
+        if not self.cut:
+            self.traffic.finish()
 
 
 class WireFeed:
@@ -131,16 +151,9 @@ class WireFeed:
             raise UsageError(
                 f"{name} is larger than {LARGEST_FILE >> 20} MiB: decode it with 'hexwire trace decode'"
             )
-        transfers, remarks = list[Passed](), list[str]()
-        for item in read_traffic(data, name):
-            if isinstance(item, str):
-                if len(remarks) < _MOST_REMARKS:
-                    remarks.append(item)
-            else:
-                transfers.append(item)
-        if not transfers:
-            raise UsageError("; ".join([f"{name} has no traffic", *remarks[:3]]))
-        view = _FileView(name, transfers, remarks, _known(series))
+        view = _FileView(name, read_traffic(data, name), _known(series))
+        if not view.transfers:
+            raise UsageError("; ".join([f"{name} has no traffic", *view.remarks[:3]]))
         with self._lock:
             self._files.pop(tab, None)
             while len(self._files) >= _MOST_FILES:
@@ -164,7 +177,8 @@ class WireFeed:
             if file is None:
                 self._live = _View("live", self._url, known)
         if file is not None:
-            view = _FileView(file.name, file.transfers, file.remarks, known)
+            view = _FileView(file.name, [*file.transfers, *file.remarks], known)
+            view.cut = view.cut or file.cut
             with self._lock:
                 if tab in self._files:
                     self._files[tab] = view
@@ -267,8 +281,8 @@ class WireFeed:
 
     def _note(self, view: _View) -> str:
         if isinstance(view, _FileView):
-            kept = f"only the last {_MOST_OF_FILE} frames are shown" if view.traffic.lost else ""
-            return "; ".join([*([kept] if kept else []), *view.remarks])
+            kept = f"only the first {view.traffic.newest} frames are shown; 'hexwire trace decode' reads all"
+            return "; ".join([*([kept] if view.cut else []), *view.remarks])
         if not self._url:
             return _NOTHING
         if not self._tapped:
