@@ -47,6 +47,12 @@ def test_it_yields_a_terminal_and_ends_the_process(processes: list[subprocess.Po
     assert process.returncode == 0
 
 
+def test_physics_are_those_of_the_emulated_board(processes: list[subprocess.Popen[bytes]]) -> None:
+    with board_process(baud=0, physics=True) as path:
+        assert Path(path).is_char_device()
+        assert "--physics" in processes[0].args  # type: ignore[operator]  # a list
+
+
 def test_the_process_ends_after_an_error_too(processes: list[subprocess.Popen[bytes]]) -> None:
     with pytest.raises(RuntimeError, match="ours"), board_process():
         raise RuntimeError("ours")

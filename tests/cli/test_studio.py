@@ -54,6 +54,7 @@ def test_demo_prints_both_addresses_and_ends_at_ctrl_c() -> None:
         ["--cert", "a.pem"],
         ["--password-file", "/not/there"],
         ["--take"],
+        ["--physics"],
     ],
 )
 def test_what_contradicts_itself_or_is_unprotected_is_refused_in_one_line(options: list[str]) -> None:

@@ -140,6 +140,7 @@ def test_only_the_holder_of_the_lease_teaches_and_moves(bench: DeskBench) -> Non
 def test_titles_are_for_people(bench: DeskBench) -> None:
     for args, title in (
         ({"what": "joints", "goals": {"J1": math.radians(12.5)}}, "a motion to J1 12.5 deg"),
+        ({"what": "joints", "goals": dict(HOME)}, "a motion to joint angles"),
         ({"what": "place", "position": [0.0, 0.0, 0.01], "relative": True}, "a motion by 0 0 10 mm"),
         ({"what": "grip", "share": 0.5}, "the gripper to 50 % open"),
     ):

@@ -49,8 +49,8 @@ def faults(**given: object) -> list[str]:
 
 
 _GO_INTO_OTHERS = {
-    # The driver, the kinematics and the table.
-    *("robot", "links", "table_height", "check_table"),
+    # The driver and the table.
+    *("robot", "table_height", "check_table"),
     # The controllers.
     *("joints", "allow_partial_joints_goal", "constraints"),
 }

@@ -21,6 +21,17 @@ def test_a_watcher_cannot_take_control_but_stops_the_arm(studio: RunningStudio) 
     studio.until(lambda: studio.arm.owner.group.reason is not None, "the stop")
 
 
+def test_only_the_arm_of_the_demo_is_told_apart(studio: RunningStudio) -> None:
+    arm = studio.studio.source.arm
+    assert arm is not None
+    assert studio.studio.emulated(arm) == ""
+    studio.studio.demo = (arm.driver.url.partition("?")[0], "no weight")
+    assert studio.studio.emulated(arm) == "no weight"
+    studio.studio.demo = ("/dev/pts/99", "no weight")
+    assert studio.studio.emulated(arm) == ""
+    studio.studio.demo = ("", "")
+
+
 def test_a_tab_that_is_gone_gives_control_back(studio: RunningStudio) -> None:
     tab = studio.studio.tabs.open("s", Right.OPERATE)
     studio.studio.take(tab)

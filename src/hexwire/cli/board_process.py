@@ -27,16 +27,19 @@ _END_TIMEOUT = 5.0
 
 
 @contextmanager
-def board_process(*, baud: int = 115200, dialect: int = 2, faults: Sequence[str] = ()) -> Iterator[str]:
+def board_process(
+    *, baud: int = 115200, dialect: int = 2, faults: Sequence[str] = (), physics: bool = False
+) -> Iterator[str]:
     """Run `hexwire sim board` and yield the path of its terminal.
 
     Args:
         baud: Line rate; 0 is unpaced.
         dialect: Dialect of the board.
         faults: Fault specifications.
+        physics: Simulate weight, sag and a table.
 
     Raises:
-        UsageError: The emulator does not know a fault.
+        UsageError: The emulator does not know a fault, or MuJoCo is not installed.
         DeviceError: The board did not start.
     """
     # -P: a file in the present folder must not stand in for a module.
@@ -44,6 +47,7 @@ def board_process(*, baud: int = 115200, dialect: int = 2, faults: Sequence[str]
     command += ["--baud", str(baud), "--dialect", str(dialect), *(f"--fault={fault}" for fault in faults)]
     if sys.platform != "linux":
         command.append("--tcp=127.0.0.1:0")
+    command += ["--physics"] if physics else []
     with tempfile.TemporaryFile() as errors:
         # A separate session: Ctrl-C must reach only this program, which needs the board to make the arm safe.
         process = subprocess.Popen(

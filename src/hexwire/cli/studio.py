@@ -13,6 +13,7 @@ import threading
 import webbrowser
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from enum import Enum
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -51,8 +52,20 @@ class _Protection:
     password_file: str
 
 
+class _Demo(Enum):
+    """Which emulated arm is started, with what the page says of it."""
+
+    NONE = ""
+    PLAIN = (
+        "An emulated arm: its joints move, but have no weight. "
+        "'hexwire studio --demo --physics' gives it weight where MuJoCo is installed."
+    )
+    PHYSICS = "An emulated arm with the physics of MuJoCo: it has weight, and sinks to its table without torque."
+
+
 @click.command()
 @click.option("--demo", is_flag=True, help="Open an emulated Hex7Bot; no hardware is needed.")
+@click.option("--physics", is_flag=True, help="With --demo: give the arm weight, and a table, by MuJoCo.")
 @click.option(
     "--port",
     metavar="URL",
@@ -83,6 +96,7 @@ class _Protection:
 @table_options
 def studio(
     demo: bool,
+    physics: bool,
     port: str | None,
     robot: str | None,
     take: bool,
@@ -108,6 +122,8 @@ def studio(
     robot = robot or click.get_current_context().find_root().params.get("robot")
     if demo and port and is_typed("port"):
         raise UsageError("--demo has an arm of its own; leave out --port")
+    if physics and not demo:
+        raise UsageError("--physics is for --demo; for an arm on a port of its own there is 'hexwire sim board'")
     settings: dict[str, object] = {"check_table": table is not None}
     if is_typed("links"):
         settings["links"] = links
@@ -119,11 +135,12 @@ def studio(
         port = f"{port}{'&' if '?' in port else '?'}take=1"
     protection = _Protection(listen, cert, key, ca, password_file)
     folder = None if recordings is None else Path(recordings)
-    _run(demo, None if demo else port, robot, settings, protection, folder, browser=not no_browser)
+    kind = _Demo.PHYSICS if physics else _Demo.PLAIN if demo else _Demo.NONE
+    _run(kind, None if demo else port, robot, settings, protection, folder, browser=not no_browser)
 
 
 def _run(
-    demo: bool,
+    demo: _Demo,
     port: str | None,
     robot: str | None,
     settings: dict[str, object],
@@ -143,10 +160,11 @@ def _run(
         # NiceGUI takes a second to import: meanwhile the emulator starts.
         imported = _Imported("hexwire.studio.server")
         stack.callback(imported.end)
-        if demo:
+        if demo is not _Demo.NONE:
             from .board_process import board_process
 
-            port = stack.enter_context(board_process())
+            port = stack.enter_context(board_process(physics=demo is _Demo.PHYSICS))
+            made.demo = (port, demo.value)
         # Before the board ends: the arm is made safe first.
         stack.callback(made.close)
         # The arm is opened after that: an import can keep all other threads waiting longer than a watchdog does.

@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
 __all__ = ["MotionDesk", "PoseRow"]
 
+_NAMED = 2
+"""Most joints that the title of a motion names."""
+
 
 @dataclass(frozen=True, slots=True)
 class PoseRow:
@@ -212,5 +215,7 @@ class MotionDesk:
             return f"the gripper to {decimal(100 * request.share, 3)} % open"
         if request.what == "play":
             return "the taught motion"
+        if len(request.goals) > _NAMED:
+            return "a motion to joint angles"
         degrees = (f"{name} {decimal(math.degrees(angle))}" for name, angle in request.goals.items())
         return f"a motion to {', '.join(degrees)} deg"

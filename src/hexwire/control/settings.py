@@ -51,6 +51,7 @@ class Settings:
         command_rate: Set-points per second; 0 for the rate that the robot allows.
         watchdog: Silence after which the board stops the arm; 0 for never.
         command_timeout: Silence after which joints that follow set-points hold; 0 for never.
+        links: Link set of a 7Bot, as in `make_kinematics`.
         table: Height of the table that must not be touched; None for no check.
         enable_on_start: Switch torque on at the start.
         torque_off_at_exit: Switch torque off at shutdown.
@@ -69,6 +70,7 @@ class Settings:
     command_rate: float
     watchdog: float
     command_timeout: float
+    links: str
     table: float | None
     enable_on_start: bool
     torque_off_at_exit: bool

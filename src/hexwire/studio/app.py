@@ -73,12 +73,15 @@ class Studio:
         holds: The kinds of motion that a page may hold.
         live: The tabs' own sockets.
         settings: Further settings of arms that pages open, see `hexwire.control.settings`.
+        demo: Port of the emulated arm that this program has started, and what a person should know of it; empty if
+            there is none.
         orders: Runs what tabs order, one after the other.
     """
 
     def __init__(self, access: Access, recordings: Path | None = None) -> None:
         self.access = access
         self.settings: dict[str, object] = {}
+        self.demo = ("", "")
         self.shelf = Shelf(recordings)
         self.tabs = Tabs()
         self.wire = WireFeed()
@@ -93,6 +96,11 @@ class Studio:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._ending = threading.Event()
         self._watch: threading.Thread | None = None
+
+    def emulated(self, arm: ArmSource) -> str:
+        """What a person should know of an emulated arm that this program has started; empty for others."""
+        port, words = self.demo
+        return words if port and arm.driver.url.partition("?")[0].endswith(port) else ""
 
     # -- for pages ----------------------------------------------------------------------------------------
 

@@ -192,6 +192,7 @@ def test_what_an_arm_cannot_do_is_not_there(studio: RunningStudio) -> None:
     source = studio.studio.source.arm
     assert source is not None
     whole = page_html(source)
+    assert "weight &amp; table" in page_html(source, "weight & table")
     source.settings = replace(source.settings, kinematics=None)
     source.desk.jaws = None
     poor = page_html(source)

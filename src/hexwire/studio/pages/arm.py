@@ -6,6 +6,7 @@ are in `static/arm.js`. Must not know other pages, nor decide about motion.
 
 from __future__ import annotations
 
+from html import escape
 from typing import TYPE_CHECKING
 
 from hexwire.studio.geometry import make_geometry
@@ -49,7 +50,7 @@ def build(studio: Studio) -> None:
             if now[1] is None:
                 ui.html(_nothing(now[0]), sanitize=False)
                 return
-            body = ui.html(page_html(now[1]), sanitize=False)
+            body = ui.html(page_html(now[1], studio.emulated(now[1])), sanitize=False)
             calls = ArmCalls(studio, now[1], body)
             mount("arm.js", body, **arguments(now[1]))
 
@@ -57,10 +58,15 @@ def build(studio: Studio) -> None:
     ui.timer(_LOOK, follow)
 
 
-def page_html(arm: ArmSource) -> str:
-    """Everything below the heading; what moves is filled in by the browser."""
+def page_html(arm: ArmSource, emulated: str = "") -> str:
+    """Everything below the heading; what moves is filled in by the browser.
+
+    Args:
+        arm: The open arm.
+        emulated: What a person should know of an emulated arm; empty for others.
+    """
     kinematics, model = arm.settings.kinematics, arm.settings.model
-    left, right = [_view_html(kinematics is not None)], [joints_html(model)]
+    left, right = [_view_html(kinematics is not None, emulated)], [joints_html(model)]
     if kinematics is not None:
         left += [tip_html(kinematics), space_html()]
     if arm.desk.jaws is not None:
@@ -88,7 +94,7 @@ def arguments(arm: ArmSource) -> dict[str, object]:
                 for row in range(2)
             ]
     return {
-        "geometry": make_geometry(model),
+        "geometry": make_geometry(model, arm.settings.links),
         "joints": [{"name": joint.name, "min": joint.minimum, "max": joint.maximum} for joint in model.joints],
         "table": arm.settings.table,
         "jaws": None if jaws is None else {"joint": jaws.joint, "closed": jaws.closed, "opened": jaws.opened},
@@ -106,13 +112,15 @@ def _bar_html() -> str:
 </div>"""
 
 
-def _view_html(known: bool) -> str:
+def _view_html(known: bool, emulated: str) -> str:
     view = '<div class="arm-view" id="arm-view"></div>'
     if not known:
         view = (
             '<p class="arm-note">The lengths of this arm are unknown, so it has no 3D view, no tip, '
             "and no jog in space.</p>"
         )
+    if emulated:
+        view += f'<p class="arm-note">{escape(emulated)}</p>'
     return f"""
 <section class="arm-part arm-view-part" aria-label="View and motion">
   {view}

@@ -1,10 +1,10 @@
 /* The form Go to of the page Arm: asks for a preview after each change, shows it, and begins the motion. */
 
-import hexwire from "/static/live.js";
 import { degrees, radians, showPlan } from "/static/arm.js";
 import { tipValues } from "/static/arm_tip.js";
 
 const PAUSE = 150; // ms after the last change before a preview is asked for
+const FOLLOW = 400; // ms between two looks at where the arm is, until somebody has changed a value
 
 export function mountGoto(page) {
   const form = page.find("#arm-goto");
@@ -16,6 +16,8 @@ export function mountGoto(page) {
   let timer = 0;
   let asking = false;
   let again = false;
+  let touched = false;
+  let followed = 0;
 
   /** The motion that the form asks for; throws what is missing, in words. */
   const wanted = () => {
@@ -115,6 +117,7 @@ export function mountGoto(page) {
   const take = () => {
     const positions = page.positions();
     if (!positions) return;
+    touched = false;
     const put = (name, number, digits = 1) => {
       if (field(name)) field(name).value = Number.isFinite(number) ? String(Number(number.toFixed(digits))) : "";
     };
@@ -134,18 +137,26 @@ export function mountGoto(page) {
       }
       field("branch").value = "";
     }
+  };
+  const restart = () => {
+    take();
     hide("These are the present values. Change one to see a preview.");
   };
 
   form.addEventListener("input", (event) => {
     const name = event.target.name;
     if (name === "relative") {
-      take();
+      restart();
       return;
     }
     arrange();
-    if (name !== "what") soon();
-    else hide("Change a value to see a preview.");
+    if (name === "what") {
+      // What was not touched must not be where the arm was some time ago.
+      restart();
+      return;
+    }
+    touched = true;
+    soon();
   });
   form.addEventListener("submit", (event) => {
     event.preventDefault();
@@ -160,19 +171,23 @@ export function mountGoto(page) {
       return;
     }
     page.run(motion).then((why) => {
-      if (why === "arrived") hide("Arrived.");
-      else if (why !== "released" && why !== "ended") {
+      if (why === "arrived") {
+        hide("Arrived.");
+        touched = false;
+      } else if (why !== "released" && why !== "ended") {
         told.textContent = why;
         told.dataset.level = "error";
       }
     });
   });
-  page.find("#arm-here").addEventListener("click", take);
+  page.find("#arm-here").addEventListener("click", restart);
   unghost.addEventListener("click", () => hide("The preview is hidden."));
   page.on("speed", () => page.plan && soon());
   arrange();
-  const first = hexwire.onFrame(() => {
-    first();
+  page.on("draw", () => {
+    const now = performance.now();
+    if (touched || now - followed < FOLLOW || (followed && form.contains(document.activeElement))) return;
+    followed = now;
     take();
-  }, page.root);
+  });
 }
