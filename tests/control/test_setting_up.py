@@ -250,9 +250,15 @@ def test_a_servo_that_stays_silent_afterwards_is_not_called_done() -> None:
 def test_a_link_without_a_rate_looks_only_there(monkeypatch: pytest.MonkeyPatch) -> None:
     table, plan = Table(), ArmSetup(SO101, MILLION)
     monkeypatch.delattr(BusLink, "set_baud")
+    monkeypatch.delattr(BusLink, "baud")
+    table.bus.close()
+    table.bus = ServoBus(table.link)
+    table.bus.open()
+    assert table.bus.timing.baud == 0
     table.connect(new())
     look(table.bus, plan)
     once(table, plan)
+    assert table.device.wire.servos[0].servo_id == 6
     table.connect()
     look(table.bus, plan)
     assert plan.step.kind is StepKind.CONNECT

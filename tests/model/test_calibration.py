@@ -55,6 +55,26 @@ LEROBOT_DEGREES = {
 }
 
 
+# Read by the real `SO101Follower.get_observation` of LeRobot 0.4.4, use_degrees, from an emulated arm with this
+# calibration, which LeRobot took for its own (`is_calibrated`): range_min, range_max, position, degrees.
+LEROBOT_READ = (
+    ("shoulder_pan", 746, 3349, 2047, -0.04395604395604396),
+    ("shoulder_lift", 858, 3236, 1000, -92.04395604395604),
+    ("elbow_flex", 895, 3199, 3048, 88.0),
+    ("wrist_flex", 916, 3179, 2502, 39.956043956043956),
+    ("wrist_roll", 0, 4095, 2047, -0.04395604395604396),
+)
+
+
+@pytest.mark.parametrize(("name", "low", "high", "counts", "degrees"), LEROBOT_READ)
+def test_degrees_that_lerobot_read(name: str, low: int, high: int, counts: int, degrees: float) -> None:
+    row = {"id": 1, "drive_mode": 0, "homing_offset": 0, "range_min": low, "range_max": high}
+    calibration = Calibration.from_lerobot(json.dumps({name: row}), arm="so101")
+    joint = JointModel(name, 1, "sts_sms", 2048, 1, 0.0, SCALE, -1.0, 1.0, 1.0)
+    applied = calibration.apply(ArmModel("so101", (joint,))).joints[0]
+    assert math.degrees(applied.counts_to_angle(counts)) == pytest.approx(degrees, abs=1e-12)
+
+
 def test_a_lerobot_file_gives_the_degrees_of_lerobot() -> None:
     calibration = Calibration.from_lerobot(json.dumps(LEROBOT), arm="two", taken="2026-01-01")
     first, second = calibration.joints

@@ -121,12 +121,15 @@ def assign(
         for servo_id in {joint.servo_id, servo.servo_id}:
             if scan(bus, ids=(servo_id,)):
                 raise ServoError(f"another servo has id {servo_id} at {setup.baud} baud: unplug one of them")
+    # A line without a rate, such as a bridge over TCP, has the servo's already.
+    adjustable = _adjustable(bus)
     try:
-        if bus.timing.baud != servo.baud:
+        if adjustable and bus.timing.baud != servo.baud:
             bus.set_baud(servo.baud)
-        change_identity(bus, servo.servo_id, new_id=joint.servo_id, new_baud=setup.baud, step=tell)
+        new_baud = setup.baud if adjustable else None
+        change_identity(bus, servo.servo_id, new_id=joint.servo_id, new_baud=new_baud, step=tell)
     finally:
-        if bus.timing.baud != setup.baud and _adjustable(bus):
+        if adjustable and bus.timing.baud != setup.baud:
             bus.set_baud(setup.baud)
     info = identify(bus, joint.servo_id)
     if info is None or (info.baud and info.baud != setup.baud) or shares_id(bus, joint.servo_id):
