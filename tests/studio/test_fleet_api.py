@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 from tests.studio.asking import Asker
@@ -12,6 +12,13 @@ from hexwire.errors import LinkNotFoundError
 from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio
 from hexwire.studio.fleet_api import fleet_routes
+
+
+class Holder(NamedTuple):
+    """Who has control."""
+
+    key: int
+    client: str
 
 
 class Puppet:
@@ -43,7 +50,7 @@ class Desk:
         self.studio: Any = Studio(Access(frozenset()))
         self.fleet = self.studio.fleet = Puppet()
         self.opened: list[str] = []
-        self.studio.source.open = self.opened.append
+        self.studio.source.open = lambda url, *_, **__: self.opened.append(url)
         self.tabs, self.ask = {}, {}
         for right in Right:
             session = self.studio.access.admit(right, 0.0)
@@ -79,10 +86,26 @@ def test_a_stop_says_what_it_stops_and_is_no_link(desk: Desk) -> None:
 def test_only_who_may_operate_opens_an_arm_here(desk: Desk) -> None:
     watch, operate = (Right.WATCH, Right.OPERATE)
     refused = desk.ask[watch]("/fleet/open", "POST", tab=desk.tabs[watch], name="lab/arm1")
-    assert "for watching only" in refused["refused"]
+    assert "watching only" in refused["refused"]
     # The tab of another session is no help.
     refused = desk.ask[watch]("/fleet/open", "POST", tab=desk.tabs[operate], name="lab/arm1")
     assert "no longer known" in refused["refused"]
     assert desk.opened == []
     desk.ask[operate]("/fleet/open", "POST", tab=desk.tabs[operate], name="lab/arm1")
     assert desk.opened == ["zenoh:lab/arm1"]
+
+
+def test_what_somebody_else_controls_is_not_replaced(desk: Desk) -> None:
+    class Present:
+        holder = Holder(1, "tab 9")
+
+    class Holding:
+        present = Present()
+        has_control = staticmethod(lambda tab: False)
+        open = desk.studio.source.open
+        close = staticmethod(lambda: None)
+
+    desk.studio.source = Holding()
+    refused = desk.ask[Right.OPERATE]("/fleet/open", "POST", tab=desk.tabs[Right.OPERATE], name="lab/arm1")
+    assert "tab 9 has control of what is open" in refused["refused"]
+    assert desk.opened == []

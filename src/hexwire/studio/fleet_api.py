@@ -13,9 +13,8 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
-from hexwire.errors import HexwireError, LeaseError, UsageError
+from hexwire.errors import HexwireError, UsageError
 
-from .access import Right
 from .guard import SESSION
 from .wire_api import refusal, tab_of
 
@@ -55,13 +54,14 @@ def _stop(studio: Studio, request: Request) -> Any:
     name = request.query_params.get("name")
     if (name is None) == (request.query_params.get("all") != "1"):
         raise UsageError("nothing was stopped: name an arm, or say all")
-    return studio.fleet.stop(name, "the studio")
+    # Of a page that the studio has forgotten, too: a stop is never refused for that.
+    tab = studio.tabs.find(request.query_params.get("tab", ""), request.scope[SESSION].key)
+    return studio.fleet.stop(name, tab.name if tab is not None else "the studio")
 
 
 def _open(studio: Studio, request: Request) -> Any:
-    tab_of(studio, request)
-    if request.scope[SESSION].right < Right.OPERATE:
-        raise LeaseError("this address is for watching only")
+    """Open an arm in place of what is open; it must be one that was seen, and no address from elsewhere."""
+    tab = tab_of(studio, request)
     url = studio.fleet.known(request.query_params.get("name", ""))
-    studio.source.open(url)
+    studio.open(tab, url)
     return {"opened": url}

@@ -22,6 +22,7 @@ from .wire_feed import LARGEST_FILE
 
 if TYPE_CHECKING:
     from .app import Studio
+    from .tabs import Tab
 
 __all__ = ["wire_routes"]
 
@@ -44,7 +45,7 @@ def wire_routes(present: Callable[[], Studio]) -> list[Route]:
         def endpoint(request: Request) -> Response:
             try:
                 studio = present()
-                found = call(studio, tab_of(studio, request), request)
+                found = call(studio, tab_of(studio, request).key, request)
             except HexwireError as error:
                 return refusal(error)
             return found if isinstance(found, Response) else JSONResponse(found, headers=_HEADERS)
@@ -54,7 +55,7 @@ def wire_routes(present: Callable[[], Studio]) -> list[Route]:
     async def open_file(request: Request) -> Response:
         try:
             studio = present()
-            tab = tab_of(studio, request)
+            tab = tab_of(studio, request).key
             data = bytearray()
             async for part in request.stream():
                 data += part
@@ -77,8 +78,8 @@ def wire_routes(present: Callable[[], Studio]) -> list[Route]:
     ]
 
 
-def tab_of(studio: Studio, request: Request) -> str:
-    """Key of the tab that asks; it belongs to the session of the request.
+def tab_of(studio: Studio, request: Request) -> Tab:
+    """The tab that asks; it belongs to the session of the request.
 
     Raises:
         UsageError: There is no such tab.
@@ -86,7 +87,7 @@ def tab_of(studio: Studio, request: Request) -> str:
     found = studio.tabs.find(request.query_params.get("tab", ""), request.scope[SESSION].key)
     if found is None:
         raise UsageError(_NO_TAB)
-    return found.key
+    return found
 
 
 def refusal(error: HexwireError) -> Response:

@@ -35,7 +35,7 @@ def test_without_arms_the_page_says_what_to_do(fleet_page: Page) -> None:
 def test_a_viewer_sees_the_arms_and_stops_one(
     serve: Serve, studio: RunningStudio, context: BrowserContext, fleet_page: Page
 ) -> None:
-    service = serve("lab/arm1", robot="sim")
+    serve("lab/arm1", robot="sim")
     serve("lab/arm2", robot="sim")
     viewer = context.new_page()
     viewer.goto(studio.watch_url)
@@ -44,8 +44,7 @@ def test_a_viewer_sees_the_arms_and_stops_one(
     row.get_by_text("hex7bot").wait_for()
     viewer.get_by_role("button", name="Stop lab/arm1").click()
     viewer.get_by_text("lab/arm1: stopped, holding: J1").wait_for()
-    row.get_by_text("stopped: the studio of").wait_for()
-    assert service is not None
+    row.get_by_text("stopped: tab").wait_for()
     other = viewer.get_by_role("row").filter(has_text="lab/arm2")
     assert "stopped" not in other.inner_text()
     # A viewer cannot open it, neither by a button nor without one.
@@ -54,7 +53,7 @@ def test_a_viewer_sees_the_arms_and_stops_one(
     refused = viewer.evaluate(
         "async (tab) => (await (await fetch(`/fleet/open?name=lab/arm1&tab=${tab}`, {method: 'POST'})).json())", tab
     )
-    assert refused == {"refused": "not done: this address is for watching only"}
+    assert "watching only" in refused["refused"]
     viewer.get_by_role("button", name="Stop all arms").click()
     viewer.get_by_text("lab/arm2: stopped, holding: J1").wait_for()
     viewer.close()
