@@ -53,3 +53,12 @@ def test_what_the_real_arm_would_refuse_is_refused(twin: Twin) -> None:
     assert not twin.busy
     with pytest.raises(UsageError, match="no emulated puma260"):
         twin.play("puma260", "x", _swing)
+
+
+def test_the_table_is_that_of_the_real_arm(twin: Twin) -> None:
+    def lower(joints: tuple[str, ...]) -> Taught:
+        return Taught.of(("J2",), [(0.1 * i, (1.0 + 0.12 * i,)) for i in range(11)])
+
+    with pytest.raises(GoalError, match="below the table at 150 mm"):
+        twin.play("hex7bot", "over a high table", lower, settings={"table_height": 0.15})
+    twin.play("hex7bot", "over a low one", lower, settings={"table_height": 0.0})

@@ -3,6 +3,7 @@ from __future__ import annotations
 import io
 import math
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -174,3 +175,14 @@ def test_a_recording_can_be_removed(library: Library) -> None:
     assert library.entries() == []
     with pytest.raises(UsageError, match="there is no recording"):
         library.remove("a.mcap")
+
+
+def test_without_the_package_for_recordings_its_name_is_told(
+    library: Library, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = _record(tmp_path / "x.mcap")
+    _record(library.folder / "a.mcap")
+    monkeypatch.setitem(sys.modules, "mcap.records", None)
+    assert "pip install 'hexwire[record]'" in library.entries()[0].problem
+    with pytest.raises(UsageError, match=r"pip install 'hexwire\[record\]'; nothing was kept"):
+        library.add("b.mcap", io.BytesIO(content))

@@ -14,7 +14,7 @@ from hexwire.errors import UsageError
 
 __all__ = ["Comparison", "Difference", "best_lag", "compare"]
 
-_POINTS = 600
+_POINTS = 300
 """Points at which a lag is judged: enough for a curve, few enough for a search."""
 _STEP = 0.01
 """Seconds between two points of a comparison."""
@@ -23,8 +23,13 @@ _LEAST_SHARE = 0.5
 """Part of the shorter motion that must overlap: a small overlap is always alike."""
 _FINEST = 0.002
 """Seconds to which a lag is found."""
+_HOLLOWS = 3
+"""Lags around which the search goes on: so many of the best, and so many of the shortest."""
+_NOISE = math.radians(0.2) ** 2
+"""Mean square of differences that mean nothing: two counts of an encoder."""
 
-Rows = Sequence[tuple[float, Sequence[float]]]
+Row = tuple[float, Sequence[float]]
+Rows = Sequence[Row]
 """Pairs of time (seconds, rising) and positions (radians; NaN where unknown)."""
 
 
@@ -108,32 +113,40 @@ def best_lag(first: Rows, second: Rows, most: float = 10.0) -> float:
     centre = second[0][0] - first[0][0]
     reach = min(most, max(durations))
     step = max(_FINEST, reach / 50)
-    best = _search(first, second, [centre + step * i for i in range(-50, 51)], least)
-    while step > _FINEST:
-        step /= 4
-        best = _search(first, second, [best + step * i for i in range(-5, 6)], least)
-    return best
+    scores = [_score(first, second, centre + step * i, least) for i in range(-50, 51)]
+    # A motion that repeats itself has many good lags, and which looks best depends on where the search looked.
+    hollows = [i for i in range(101) if scores[i] < math.inf and scores[i] == min(scores[max(0, i - 1) : i + 2])]
+    found = []
+    deepest = sorted(hollows, key=lambda i: (scores[i], abs(i - 50)))[:_HOLLOWS]
+    nearest = sorted(hollows, key=lambda i: abs(i - 50))[:_HOLLOWS]
+    for i in dict.fromkeys(deepest + nearest):
+        lag, fine = centre + step * (i - 50), step
+        while fine > _FINEST:
+            fine /= 4
+            around = [lag + fine * k for k in range(-4, 5)]
+            lag = min(around, key=lambda lag: (round(_score(first, second, lag, least), 12), abs(lag - centre)))
+        found.append((_score(first, second, lag, least), lag))
+    if not found:
+        return centre
+    best = min(found)[0]
+    # Of those that are as good, the shortest.
+    return min((lag for score, lag in found if score <= 1.2 * best + _NOISE), key=lambda lag: abs(lag - centre))
 
 
-def _search(first: Rows, second: Rows, lags: Sequence[float], least: float) -> float:
-    middle = lags[len(lags) // 2]
-    scores = []
-    for lag in lags:
-        begin, end = _overlap(first, second, lag)
-        if end - begin < least or end <= begin:
-            continue
-        times = [begin + (end - begin) * i / (_POINTS - 1) for i in range(_POINTS)]
-        a, b = _sampled(first, times), _sampled(second, [t + lag for t in times])
-        squares = [
-            (q - p) ** 2
-            for one, two in zip(a, b, strict=True)
-            for p, q in zip(one, two, strict=True)
-            if math.isfinite(q - p)
-        ]
-        if squares:
-            # Of equally good lags (nothing moves), the shortest.
-            scores.append((round(sum(squares) / len(squares), 12), abs(lag - middle), lag))
-    return min(scores)[2] if scores else middle
+def _score(first: Rows, second: Rows, lag: float, least: float) -> float:
+    """Mean square of all differences at a lag; infinite with too little overlap."""
+    begin, end = _overlap(first, second, lag)
+    if end - begin < least or end <= begin:
+        return math.inf
+    times = [begin + (end - begin) * i / (_POINTS - 1) for i in range(_POINTS)]
+    a, b = _sampled(first, times), _sampled(second, [t + lag for t in times])
+    squares = [
+        (q - p) ** 2
+        for one, two in zip(a, b, strict=True)
+        for p, q in zip(one, two, strict=True)
+        if math.isfinite(q - p)
+    ]
+    return sum(squares) / len(squares) if squares else math.inf
 
 
 def _overlap(first: Rows, second: Rows, lag: float) -> tuple[float, float]:
@@ -144,17 +157,19 @@ def _overlap(first: Rows, second: Rows, lag: float) -> tuple[float, float]:
 
 def _sampled(rows: Rows, times: Sequence[float]) -> list[tuple[float, ...]]:
     """Positions at rising times, on straight lines between the rows."""
-    stamps = [t for t, _ in rows]
     found = []
-    at = bisect_right(stamps, times[0])
+    at = 0
     for t in times:
-        while at < len(stamps) and stamps[at] <= t:
-            at += 1
+        at = bisect_right(rows, t, at, key=_time)
         low, high = max(0, at - 1), min(at, len(rows) - 1)
         (t0, a), (t1, b) = rows[low], rows[high]
         share = min(1.0, max(0.0, (t - t0) / (t1 - t0))) if t1 > t0 else 0.0
         found.append(tuple(p + share * (q - p) for p, q in zip(a, b, strict=True)))
     return found
+
+
+def _time(row: Row) -> float:
+    return row[0]
 
 
 def _figures(name: str, i: int, times: Sequence[float], rows: Sequence[Sequence[float]]) -> Difference:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Shelf"]
 
-_MOST_KEPT = 4
+_MOST_KEPT = 3
 """Recordings in memory."""
 UPLOAD = 64 * 1024 * 1024
 """Bytes of a file that a page sends."""

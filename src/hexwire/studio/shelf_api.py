@@ -164,8 +164,17 @@ def _twin(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
     if not robot:
         raise UsageError(f"there is no emulated arm with the joints of {name}")
     begin, end, factor = _part(order)
+    # The table of the open arm is the twin's, too.
+    arm = studio.source.arm
+    table = arm.settings.table if arm is not None else 0.0
     shelf.twin.play(
-        robot, name, lambda joints: shelf.taught(name, topic, joints), begin=begin, end=end, factor=factor
+        robot,
+        name,
+        lambda joints: shelf.taught(name, topic, joints),
+        begin=begin,
+        end=end,
+        factor=factor,
+        settings={"check_table": False} if table is None else {"table_height": table},
     )
     return asdict(shelf.twin.state)
 

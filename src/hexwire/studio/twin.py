@@ -22,7 +22,7 @@ from hexwire.control.shared import Order, SharedArm
 from hexwire.errors import HexwireError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from hexwire.control.motion_run import MotionRun
     from hexwire.control.preview import Preview
@@ -113,6 +113,7 @@ class Twin:
         begin: float = 0.0,
         end: float = float("inf"),
         factor: float = 1.0,
+        settings: Mapping[str, object] | None = None,
     ) -> None:
         """Begin a motion; returns when the emulated arm moves.
 
@@ -123,6 +124,7 @@ class Twin:
             begin: First second of it to play.
             end: Last second.
             factor: 2 plays it twice as fast.
+            settings: Further settings of `hexwire.control.settings`, such as the height of the table.
 
         Raises:
             UsageError: It plays already, or there is no such arm.
@@ -139,7 +141,7 @@ class Twin:
             failed: list[BaseException] = []
             self._thread = threading.Thread(
                 target=self._live,
-                args=(robot, title, make, (begin, end, factor), begun, failed),
+                args=(robot, title, make, (begin, end, factor), settings or {}, begun, failed),
                 name="twin",
                 daemon=True,
             )
@@ -165,11 +167,13 @@ class Twin:
         title: str,
         make: Callable[[tuple[str, ...]], Taught],
         part: tuple[float, float, float],
+        given: Mapping[str, object],
         begun: threading.Event,
         failed: list[BaseException],
     ) -> None:
         try:
-            settings, driver = read_settings({"port": f"sim://{robot}?name=twin{id(self)}"}, Faults())
+            address = f"sim://{robot}?name=twin{id(self)}"
+            settings, driver = read_settings({**given, "port": address}, Faults())
             history = History(settings.model.names)
             goals: dict[str, float] = {}
 
