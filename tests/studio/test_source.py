@@ -12,6 +12,7 @@ from hexwire.errors import GoalError, HexwireError, LeaseError, LinkLostError
 from hexwire.studio.access import Right
 from hexwire.studio.source import Source
 from hexwire.studio.tabs import Tabs
+from hexwire.studio.wire_feed import WireFeed
 
 
 @pytest.fixture
@@ -34,6 +35,26 @@ def test_an_arm_is_opened_with_its_facts(source: Source) -> None:
     facts = arm.facts()
     assert (source.mode, facts["robot"], facts["connected"], facts["dialect"]) == ("arm", "hex7bot", True, 2)
     assert facts["torque"] == "off"
+
+
+def test_the_traffic_of_what_is_open_is_kept_once() -> None:
+    wire = WireFeed()
+    source = Source(wire=wire)
+    try:
+        source.open("sim://so101?name=traffic")
+        until(lambda: wire.rows("a", 0, "sync_read")["rows"], "traffic of the arm")
+        first = wire.rows("a", 0)
+        assert (first["name"], first["series"]) == ("sim://so101?name=traffic", "sts_sms")
+        bus = source.open_bus()
+        assert wire.rows("a", 0)["id"] != first["id"]
+        assert wire.rows("a", 0)["series"] == "sts_sms"
+        bus.bus.ping(1)
+        found = wire.rows("a", 0, "ping servo 1")["rows"]
+        assert len(found) == 1
+        source.close()
+        assert "Nothing is open" in wire.rows("a", 0)["note"]
+    finally:
+        source.close()
 
 
 def test_what_cannot_be_opened_says_why(source: Source) -> None:

@@ -387,6 +387,10 @@ class Source:
                 if link is None:
                     raise UsageError("this arm has a board: its servos are on the board's bus, not on this port")
                 url = link.url
+            # Until the servos are known, those of the arm that was open here, or the most common ones.
+            series = (
+                [joint.series for joint in self.arm.settings.model.joints] if self.arm and link else ["sts_sms"]
+            )
             self._close()
             self.opening, self.error = url, ""
             self._on_change()
@@ -394,6 +398,7 @@ class Source:
                 tap = self._wire.begin(url)
                 # A rate in the address, or that of the factory.
                 link = tap(link if link is not None else ServoBus.from_url(url).link)
+                self._wire.expect(series)
                 bus = ServoBus(link)
                 bus.open()
                 self.bus = BusSource(bus, self.silence)
