@@ -100,7 +100,7 @@ class RunningStudio:
 
 def _link_of(robot: Any) -> Any:
     session = getattr(robot, "session", None)
-    return session.ipc.link if session is not None else robot._bus.link
+    return session.ipc.link if session is not None else robot.servo_link
 
 
 class Visitor:

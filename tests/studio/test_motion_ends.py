@@ -221,7 +221,7 @@ def test_a_motion_ends_in_a_browser(studio: RunningStudio, operator: Page) -> No
         elif way == "freeze":
             source = studio.studio.source.arm
             assert source is not None
-            source.attended._silence = 0.25
+            source.attended.silence = 0.25
             operator.evaluate(
                 "setTimeout(() => { const end = Date.now() + 1500; while (Date.now() < end); }, 0); 1"
             )
@@ -231,7 +231,7 @@ def test_a_motion_ends_in_a_browser(studio: RunningStudio, operator: Page) -> No
             operator.close()
         _is_held(studio, way)
         if way == "freeze":
-            source.attended._silence = 5.0
+            source.attended.silence = 5.0
 
 
 def test_stop_reaches_the_arm_without_the_live_socket(studio: RunningStudio, operator: Page) -> None:

@@ -126,3 +126,8 @@ def test_the_last_minutes_are_kept_and_watchers_hear_every_state(source: Source)
     until(lambda: len(heard) > 5, "states")
     assert set(heard[:3]) <= set(arm.history.rows().times)
     assert arm.history.names == arm.settings.model.names
+
+
+def test_on_a_slow_line_less_silence_ends_a_hold(source: Source) -> None:
+    arm = source.open("sim://hex7bot?name=slow&dialect=1")
+    assert arm.attended.silence == arm.jog.silence == 0.15

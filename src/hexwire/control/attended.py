@@ -48,6 +48,10 @@ class Attended:
         silence: Seconds without a sign of life after which a motion ends.
         clock: Monotonic seconds.
         on_end: Called with each motion that has ended, in the thread that ended it.
+
+    Attributes:
+        silence: As given; may be changed.
+        on_end: Likewise.
     """
 
     def __init__(
@@ -57,7 +61,7 @@ class Attended:
         clock: Callable[[], float] = time.monotonic,
         on_end: Callable[[Entry], object] = lambda entry: None,
     ) -> None:
-        self._silence, self._clock, self.on_end = silence, clock, on_end
+        self.silence, self._clock, self.on_end = silence, clock, on_end
         self._lock = threading.Lock()
         self._entry: Entry | None = None
         # The greatest number of each person: an older one must not begin after a newer one has ended.
@@ -106,7 +110,7 @@ class Attended:
         now = self._clock()
         if entry is None or entry.who != who or entry.number != number or entry.ended:
             return False
-        if entry.age(now) > self._silence:
+        if entry.age(now) > self.silence:
             # Too late: what moves by this entry has seen the silence already.
             self._end(entry, "no sign of life")
             return False
@@ -148,7 +152,7 @@ class Attended:
         entry = self._entry
         if entry is None or entry.ended:
             return math.inf
-        left = self._silence - entry.age(self._clock())
+        left = self.silence - entry.age(self._clock())
         if left > 0.0:
             return left
         self._end(entry, "no sign of life")

@@ -108,6 +108,7 @@ class JogController:
 
     Attributes:
         joints: Names of all joints of the arm.
+        silence: As given; may be changed.
         note: Message for the operator, such as a joint that is at its limit; empty if there is none.
     """
 
@@ -116,7 +117,7 @@ class JogController:
     ) -> None:
         self.joints = arm.names
         self.note = ""
-        self._arm, self._kinematics, self._check, self._silence = arm, kinematics, check, silence
+        self._arm, self._kinematics, self._check, self.silence = arm, kinematics, check, silence
         self._rules: Teleop | None = None
         self._request = JogRequest()
         self._age: Callable[[], float] = lambda: math.inf
@@ -162,7 +163,7 @@ class JogController:
             share=speed,
             linear=0.15 * speed,
             angular=1.2 * speed,
-            stale=self._silence,
+            stale=self.silence,
             check=self._check.posture,
         )
         self._rules, self._request, self._age = rules, request, age
@@ -197,7 +198,7 @@ class JogController:
             self._aim, self._last = dict(positions), now
         axes = self._axes(now - self._last)
         self._last = now
-        jog = rules.update(axes, _HELD if age < self._silence else _NOT_HELD, age, positions, now)
+        jog = rules.update(axes, _HELD if age < self.silence else _NOT_HELD, age, positions, now)
         self.note = jog.note
         if jog.action is not Action.MOVE or state.stopped:
             moved, self._rules = self._moved, None

@@ -48,6 +48,8 @@ __all__ = ["ArmSource", "Source"]
 _log = logging.getLogger(__name__)
 
 _RANK = 1
+_SLOW, _SHORT_SILENCE = 0.3, 0.15
+"""Seconds between two targets from which a line is slow; seconds of silence that end a hold there."""
 _NO_ARM = "no arm is open; choose a port on the start page"
 
 
@@ -110,6 +112,9 @@ class ArmSource:
     def start(self) -> None:
         """Connect and start; raises as `Arm.connect`."""
         self.arm.connect()
+        if self.arm.owner.command_period > _SLOW:
+            # Sending takes a good part of a second there, which leaves less for waiting.
+            self.attended.silence = self.jog.silence = min(self.attended.silence, _SHORT_SILENCE)
         self.arm.start()
         owner = self.arm.owner
         with owner.locked():
