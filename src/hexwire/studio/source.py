@@ -11,7 +11,7 @@ import math
 import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from hexwire.control.arm import Arm
 from hexwire.control.attended import SILENCE, Attended, Entry
@@ -24,6 +24,7 @@ from hexwire.control.pose_file import PoseFile
 from hexwire.control.setting import Faults
 from hexwire.control.settings_reader import read_settings
 from hexwire.control.shared import Order, SharedArm
+from hexwire.drivers.registry import is_address
 from hexwire.errors import HexwireError, LeaseError, LinkLostError, StoppedError, UsageError
 from hexwire.link.tap import wrap_new_links
 from hexwire.model.state import JointFlag
@@ -149,6 +150,19 @@ class ArmSource:
         """Stop the arm; raises `HexwireError` if it does not confirm it."""
         self.shared.stop(why)
 
+    def take_elsewhere(self) -> None:
+        """Take the lease of an arm that another program serves; raises `LeaseError` if somebody else has it."""
+        if is_address(self.driver.url):
+            cast("Any", self.driver).take()
+
+    def leave_elsewhere(self) -> None:
+        """Give the lease of an arm that another program serves back, so that others there can command it."""
+        if is_address(self.driver.url):
+            try:
+                cast("Any", self.driver).release()
+            except HexwireError as error:
+                _log.warning("the lease was not given back: %s", error)
+
     def order(self, tab: Tab, arrived: Token | None = None) -> Order:
         """An order of a tab, for the calls of `SharedArm`."""
         return Order(tab.grant, tab.next_number(), arrived or self.driver.epochs.mark())
@@ -268,7 +282,8 @@ class ArmSource:
             "rate": round(owner.rate, 1) if math.isfinite(owner.rate) else 0.0,
             "round_trip_ms": round(1000.0 * trips[-1], 2) if trips else None,
             "faults": faults,
-            "holder": holder.client if holder is not None else "",
+            # That of an arm which another program serves, if nobody here has control.
+            "holder": holder.client if holder is not None else getattr(driver, "holder", ""),
             "lost": self.shared.held,
             "stopped": str(reason) if reason is not None else "latched" if state and state.stopped else "",
             "stops": self.stops,
@@ -465,6 +480,11 @@ class Source:
         arm = self.need_arm()
         former = arm.shared.holder
         tab.grant = arm.shared.take(tab.name, _RANK, key=tab.grant, force=force).key
+        try:
+            arm.take_elsewhere()
+        except HexwireError:
+            self.leave(tab)
+            raise
         if former is not None and former.key != tab.grant:
             arm.attended.end_all(f"{tab.name} took control")
 
@@ -476,6 +496,8 @@ class Source:
         if self.arm is not None and grant:
             self.arm.attended.end(tab.key, "control was given back")
             self.arm.shared.leave(grant, finish=False)
+            if self.arm.shared.holder is None:
+                self.arm.leave_elsewhere()
 
     def has_control(self, tab: Tab) -> bool:
         """Whether a tab has control."""
