@@ -129,11 +129,6 @@ def test_the_last_minutes_are_kept_and_watchers_hear_every_state(source: Source)
     assert arm.history.names == arm.settings.model.names
 
 
-def test_on_a_slow_line_less_silence_ends_a_hold(source: Source) -> None:
-    arm = source.open("sim://hex7bot?name=slow&dialect=1")
-    assert arm.attended.silence == arm.jog.silence == 0.15
-
-
 def test_control_of_an_arm_that_is_served_elsewhere_is_its_lease() -> None:
     with Service(read_arms({"lab/studio": {"robot": "sim"}}, lease=5.0)):
         first, second, tabs = Source(), Source(), Tabs()

@@ -1,0 +1,306 @@
+"""An arm that is open in the studio: its owner, its lease, the motion that somebody holds, its facts.
+
+Owns joining them. Its calls block; any thread may make them. Must not know pages, sockets, or what else may be
+open.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any, cast
+
+from hexwire.control.arm import Arm
+from hexwire.control.attended import SILENCE, Attended, Entry
+from hexwire.control.history import History
+from hexwire.control.holding import hold_moving
+from hexwire.control.jog import JogController, read_request
+from hexwire.control.lease import Lease
+from hexwire.control.motion_desk import MotionDesk
+from hexwire.control.pose_file import PoseFile
+from hexwire.control.shared import Order, SharedArm
+from hexwire.drivers.registry import is_address
+from hexwire.errors import HexwireError, StoppedError
+from hexwire.model.state import JointFlag
+
+from .frames import FrameBit, serialize_frame
+
+if TYPE_CHECKING:
+    from hexwire.control.lease import Grant
+    from hexwire.control.motion_run import MotionRun
+    from hexwire.drivers.base import RobotDriver
+    from hexwire.epochs import Token
+    from hexwire.model.state import JointState, SentTarget
+    from hexwire.motion.teach import Taught
+
+    from .tabs import Tab
+
+__all__ = ["ArmSource"]
+
+_log = logging.getLogger(__name__)
+
+_SLOW, _SHORT_SILENCE = 0.3, 0.15
+"""Seconds between two targets from which a line is slow; seconds of silence that end a hold there."""
+
+
+class ArmSource:
+    """An arm that is open: its owner, its lease, and the motion that somebody holds.
+
+    Args:
+        settings: Its settings, checked.
+        driver: Not attached.
+        silence: Seconds without a sign of life after which what somebody holds ends.
+
+    Attributes:
+        settings: As given.
+        driver: As given.
+        arm: The arm.
+        shared: The arm with its lease.
+        attended: What somebody holds.
+        jog: Moves joints while somebody holds a button.
+        goals: Last set-point of each joint, radians.
+        desk: Motions to a goal, poses, teach mode.
+        history: The last ten minutes.
+        watchers: Called with each state and the goals, in the owner's thread; they must not wait.
+    """
+
+    def __init__(self, settings: Any, driver: RobotDriver, silence: float = SILENCE) -> None:
+        self.driver, self.settings = driver, settings
+        self.goals: dict[str, float] = {}
+        self.history = History(settings.model.names)
+        self.watchers: tuple[Callable[[JointState, Mapping[str, float]], object], ...] = ()
+        self.arm = Arm(driver, settings, monitored=False, on_sent=self._sent)
+        self.shared = SharedArm(self.arm, Lease(timeout=5.0))
+        owner = self.arm.owner
+        owner.observers = [*owner.observers, self._keep]
+        self.attended = Attended(silence=silence, clock=owner.now)
+        self.jog = JogController(settings.model, settings.kinematics, self.shared.path_check, silence=silence)
+        self.desk = MotionDesk(self.shared, PoseFile(settings.model))
+        self._stops = 0
+        # Ends what was held, so that no thread that hears of an end waits for the line.
+        self._ender = ThreadPoolExecutor(1, "end of a hold")
+        driver.epochs.on_stop(self._on_stop)
+
+    def _sent(self, sent: SentTarget) -> None:
+        self.goals.update(sent.positions)
+
+    def _keep(self, state: JointState) -> None:
+        owner, trips = self.arm.owner, self.driver.round_trips
+        self.history.append(state, self.goals, rate=owner.rate, round_trip=trips[-1] if trips else math.nan)
+        for watcher in self.watchers:
+            watcher(state, self.goals)
+
+    def _on_stop(self) -> None:
+        # May run in a signal handler: nothing here locks.
+        self._stops += 1
+
+    @property
+    def stops(self) -> int:
+        """Number of stops so far, by anybody."""
+        return self._stops + self.arm.owner.group.stops
+
+    def start(self) -> None:
+        """Connect and start; raises as `Arm.connect`."""
+        self.arm.connect()
+        if self.arm.owner.command_period > _SLOW:
+            # Sending takes a good part of a second there, which leaves less for waiting.
+            self.attended.silence = self.jog.silence = min(self.attended.silence, _SHORT_SILENCE)
+        self.arm.start()
+        owner = self.arm.owner
+        with owner.locked():
+            owner.group.members = (*owner.group.members, self.jog)
+        self.shared.start()
+
+    def shutdown(self) -> None:
+        """Stop a motion, and detach; the joints keep their torque."""
+        self.attended.end_all("the arm was closed")
+        try:
+            self.shared.shutdown()
+        except HexwireError as error:
+            _log.error("the stop was not confirmed: %s", error)
+        finally:
+            self._ender.shutdown()
+            self.arm.shutdown()
+
+    def mark(self) -> Token:
+        """The time of an order, relative to stops."""
+        return self.driver.epochs.mark()
+
+    @property
+    def holder(self) -> Grant | None:
+        """Who has control, or None."""
+        return self.shared.holder
+
+    def beat(self, key: int) -> None:
+        """Renew the control of a tab; raises `LeaseError` if it is lost."""
+        self.shared.beat(key, 0.0)
+
+    def stop(self, why: str) -> None:
+        """Stop the arm; raises `HexwireError` if it does not confirm it."""
+        self.shared.stop(why)
+
+    def take_elsewhere(self) -> None:
+        """Take the lease of an arm that another program serves; raises `LeaseError` if somebody else has it."""
+        if is_address(self.driver.url):
+            cast("Any", self.driver).take()
+
+    def leave_elsewhere(self) -> None:
+        """Give the lease of an arm that another program serves back, so that others there can command it."""
+        if is_address(self.driver.url):
+            try:
+                cast("Any", self.driver).release()
+            except HexwireError as error:
+                _log.warning("the lease was not given back: %s", error)
+
+    def order(self, tab: Tab, arrived: Token | None = None) -> Order:
+        """An order of a tab, for the calls of `SharedArm`."""
+        return Order(tab.grant, tab.next_number(), arrived or self.driver.epochs.mark())
+
+    # -- holds ------------------------------------------------------------------------------------------
+
+    def begin_jog(self, tab: Tab, entry: Entry, kind: str, args: Mapping[str, object], arrived: Token) -> None:
+        """Begin a jog that was announced to `attended`.
+
+        Raises:
+            HexwireError: It is refused; nothing moves.
+        """
+        request = read_request(kind, args, self.settings.model)
+        order = self.order(tab, arrived)
+        self.shared.admit(order)
+        self._settle()
+        owner = self.arm.owner
+        with owner.locked():
+            self.shared.path_check.stop_latch(owner.group.reason)
+            state = owner.newest()
+            if not self.shared.is_wanted(order) or entry.ended:
+                raise StoppedError.unsent("a jog", 0, "it was released or stopped meanwhile")
+            owner.group.release("a jog was begun")
+            self.jog.begin(request, lambda: entry.age(owner.now()), state)
+        owner.group.deliver()
+        owner.hurry()
+        self.attended.begun(entry, lambda why: self._ender.submit(self._end_jog, why))
+
+    def begin_run(
+        self,
+        tab: Tab,
+        entry: Entry,
+        args: Mapping[str, object],
+        arrived: Token,
+        on_end: Callable[[], object] = lambda: None,
+        *,
+        taught: Taught | None = None,
+    ) -> None:
+        """Begin a motion to a goal that was announced to `attended`; see `MotionDesk.begin`.
+
+        Args:
+            tab: Whose motion it is.
+            entry: Of the motion.
+            args: As for the desk.
+            arrived: When it was asked for.
+            on_end: Called when it has ended; must not wait.
+            taught: What is played instead of the last taught motion.
+
+        Raises:
+            HexwireError: It is refused; nothing moves.
+        """
+        self._settle()
+
+        def ended(run: MotionRun) -> None:
+            self.attended.end(entry.who, run.progress().text or "arrived", entry.number)
+            on_end()
+
+        run = self.desk.begin(
+            lambda: self.order(tab, arrived), args, wanted=lambda: not entry.ended, on_end=ended, taught=taught
+        )
+        self.attended.begun(entry, lambda why: self._ender.submit(run.end, why))
+
+    def _settle(self) -> None:
+        """Wait until what was held before has ended, so that its end does not end what is begun now."""
+        self._ender.submit(lambda: None).result()
+
+    def _end_jog(self, why: str) -> None:
+        owner = self.arm.owner
+        with owner.deciding():
+            if owner.group.reason is None and owner.connected:
+                hold_moving(owner, why)
+
+    def update_jog(self, kind: str, args: Mapping[str, object]) -> None:
+        """Change what is held; raises as `JogController.update`."""
+        request = read_request(kind, args, self.settings.model)
+        with self.arm.owner.locked():
+            self.jog.update(request)
+
+    # -- facts ------------------------------------------------------------------------------------------
+
+    def frame(self, state: JointState) -> bytes:
+        """The bytes of a frame of state."""
+        owner = self.arm.owner
+        bits = FrameBit(0)
+        if state.stopped or owner.group.reason is not None:
+            bits |= FrameBit.STOPPED
+        if state.watchdog_tripped or self.shared.tripped:
+            bits |= FrameBit.WATCHDOG_TRIPPED
+        if state.maintenance:
+            bits |= FrameBit.MAINTENANCE
+        if owner.connected:
+            bits |= FrameBit.CONNECTED
+        if self.attended.entry is not None:
+            bits |= FrameBit.HELD
+        for joint in state:
+            if not joint.flags & JointFlag.TORQUE_ON:
+                # When it gets torque again, it holds where it is then.
+                self.goals.pop(joint.name, None)
+        return serialize_frame(state, self.goals, bits, self.stops)
+
+    def facts(self) -> dict[str, object]:
+        """What is always in sight, for JSON."""
+        owner, driver = self.arm.owner, self.driver
+        state, probe = owner.state, owner.probe
+        trips = driver.round_trips
+        holder = self.shared.holder
+        reason = owner.group.reason
+        joints = state or ()
+        faults = [f"{joint.name}: {found}" for joint in joints if (found := JointFlag(joint.flags).faults)]
+        on = len(state.torque_on) if state is not None else 0
+        return {
+            "robot": self.settings.model.name,
+            "url": driver.url,
+            "connected": owner.connected,
+            "error": "" if owner.connected else owner.error,
+            "dialect": probe.dialect if probe is not None else 0,
+            "rate": round(owner.rate, 1) if math.isfinite(owner.rate) else 0.0,
+            "round_trip_ms": round(1000.0 * trips[-1], 2) if trips else None,
+            "faults": faults,
+            # That of an arm which another program serves, if nobody here has control.
+            "holder": holder.client if holder is not None else getattr(driver, "holder", ""),
+            "lost": self.shared.held,
+            "stopped": str(reason) if reason is not None else "latched" if state and state.stopped else "",
+            "stops": self.stops,
+            "torque": "unknown"
+            if state is None
+            else "on"
+            if on == len(state)
+            else "off"
+            if not on
+            else "partly on",
+            "note": self.jog.note if self.attended.entry is not None else "",
+        }
+
+    def model(self) -> dict[str, object]:
+        """The joints, for JSON: radians, radians per second."""
+        return {
+            "robot": self.settings.model.name,
+            "joints": [
+                {
+                    "name": joint.name,
+                    "servo": joint.servo_id,
+                    "min": joint.minimum,
+                    "max": joint.maximum,
+                    "speed": joint.max_speed,
+                }
+                for joint in self.settings.model.joints
+            ],
+            "space": self.settings.kinematics is not None,
+        }
