@@ -103,6 +103,30 @@ class RobotDriver(ABC):
         """The link to the bare servos, for a program that sets them up; None if a board or a server is between."""
         return None
 
+    # -- an arm that another program serves --------------------------------------------------------------
+
+    @property
+    def holder(self) -> str:
+        """Who holds the lease of an arm that another program serves, in words; empty if nobody, or if none does."""
+        return ""
+
+    def take(self, *, force: bool | None = None) -> None:  # noqa: B027  # an arm of its own has no lease
+        """Take the lease of an arm that another program serves; without effect for every other robot.
+
+        Args:
+            force: Pre-empt another holder; as the address says if None.
+
+        Raises:
+            LeaseError: Another program holds it.
+        """
+
+    def release(self, *, finish: bool = False) -> None:  # noqa: B027  # likewise
+        """Give that lease back.
+
+        Args:
+            finish: A motion that was begun runs to its end; otherwise the arm holds.
+        """
+
     def now(self) -> float:
         """Present time of the clock that stamps states, seconds; monotonic."""
         return time.monotonic()

@@ -10,7 +10,7 @@ import logging
 import math
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from hexwire.control.arm import Arm
 from hexwire.control.attended import SILENCE, Attended, Entry
@@ -21,7 +21,6 @@ from hexwire.control.lease import Lease
 from hexwire.control.motion_desk import MotionDesk
 from hexwire.control.pose_file import PoseFile
 from hexwire.control.shared import Order, SharedArm
-from hexwire.drivers.registry import is_address
 from hexwire.errors import HexwireError, StoppedError
 from hexwire.model.state import JointFlag
 
@@ -141,18 +140,12 @@ class ArmSource:
         """Stop the arm; raises `HexwireError` if it does not confirm it."""
         self.shared.stop(why)
 
-    def take_elsewhere(self) -> None:
-        """Take the lease of an arm that another program serves; raises `LeaseError` if somebody else has it."""
-        if is_address(self.driver.url):
-            cast("Any", self.driver).take()
-
-    def leave_elsewhere(self) -> None:
+    def release(self) -> None:
         """Give the lease of an arm that another program serves back, so that others there can command it."""
-        if is_address(self.driver.url):
-            try:
-                cast("Any", self.driver).release()
-            except HexwireError as error:
-                _log.warning("the lease was not given back: %s", error)
+        try:
+            self.driver.release()
+        except HexwireError as error:
+            _log.warning("the lease was not given back: %s", error)
 
     def order(self, tab: Tab, arrived: Token | None = None) -> Order:
         """An order of a tab, for the calls of `SharedArm`."""
@@ -274,7 +267,7 @@ class ArmSource:
             "round_trip_ms": round(1000.0 * trips[-1], 2) if trips else None,
             "faults": faults,
             # That of an arm which another program serves, if nobody here has control.
-            "holder": holder.client if holder is not None else getattr(driver, "holder", ""),
+            "holder": holder.client if holder is not None else driver.holder,
             "lost": self.shared.held,
             "stopped": str(reason) if reason is not None else "latched" if state and state.stopped else "",
             "stops": self.stops,

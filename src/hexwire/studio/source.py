@@ -200,7 +200,7 @@ class Source:
         former = arm.shared.holder
         tab.grant = arm.shared.take(tab.name, _RANK, key=tab.grant, force=force).key
         try:
-            arm.take_elsewhere()
+            arm.driver.take()
         except HexwireError:
             self.leave(tab)
             raise
@@ -216,7 +216,7 @@ class Source:
             self.arm.attended.end(tab.key, "control was given back")
             self.arm.shared.leave(grant, finish=False)
             if self.arm.shared.holder is None:
-                self.arm.leave_elsewhere()
+                self.arm.release()
 
     def has_control(self, tab: Tab) -> bool:
         """Whether a tab has control."""
