@@ -27,6 +27,9 @@ class CalibrateCli:
         self.parts = SoBench(7, pose)
         clock = self.parts.link.clock
         monkeypatch.setattr(link_open, "make_link", lambda url: self.parts.link)
+        # Less time to simulate; test_calibrating has the real speeds.
+        monkeypatch.setattr(auto_calibration, "_FAST", 900.0)
+        monkeypatch.setattr(auto_calibration, "_SLOW", 300.0)
         monkeypatch.setattr(bus_calibrate, "time", SimpleNamespace(monotonic=clock, sleep=clock.advance))
         self.turns = iter(range(10_000))
         monkeypatch.setattr(bus_calibrate, "_entered", self.entered)

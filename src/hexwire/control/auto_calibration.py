@@ -248,7 +248,7 @@ class AutoCalibration(SingleMotion):
             self.over = self.step >= len(self._plan)
 
     def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | None:
-        """The next target of all joints."""
+        """The next target of the joints that move."""
         if self.over or any(math.isnan(push.position) for push in self._pushes.values()):
             return None
         if self._begun == -math.inf:
@@ -265,7 +265,8 @@ class AutoCalibration(SingleMotion):
                 else _Going([(pushes[name], angle) for name, angle in task.angles.items()], now)
             )
         self._task.advance(step, now)
-        return JointTarget.of({name: push.aim * COUNT for name, push in self._pushes.items()}, lead)
+        # The others hold; a goal would give its full torque to a servo that was without supply for a moment.
+        return JointTarget.of({name: self._pushes[name].aim * COUNT for name in self._task.joints}, lead)
 
     def _odd(self, state: JointState, now: float) -> str:
         """Take the state; returns what is wrong, or nothing."""
