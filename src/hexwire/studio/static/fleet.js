@@ -1,7 +1,7 @@
 // The fleet page: all shared arms that the studio may see, twice a second, and their stop.
 
 const PERIOD = 500;
-const HEAD = ["Arm", "State", "Faults", "Lease", "Torque", "Age", "Robot", "Computer", ""];
+const HEAD = ["Arm", "State", "Faults", "Lease", "Torque", "Age, ms", "Robot", "Computer", ""];
 
 function make(tag, attributes = {}, ...children) {
   const element = document.createElement(tag);
@@ -113,7 +113,7 @@ class FleetPage {
 
   fill(row, arm) {
     const [words, level] = condition(arm);
-    const age = arm.age === null ? "–" : `${(1000 * arm.age).toFixed(0)} ms`;
+    const age = arm.age === null ? "–" : (1000 * arm.age).toFixed(0);
     const texts = [words, arm.faults || (arm.silent ? "–" : "none"), arm.holder || "nobody", arm.torque || "–", age, arm.robot || "–", arm.host || "–"];
     texts.forEach((text, i) => put(row.children[i + 1], text));
     row.children[1].dataset.level = level;
