@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -101,6 +102,30 @@ def test_on_a_slow_line_the_joints_are_told_to_hold_where_they_are() -> None:
     bench.turn(3.0)
     assert bench.where("J1") == pytest.approx(held, abs=0.01)
     assert held - stood < 0.2
+
+
+def test_without_signs_of_life_it_holds(bench: RunBench) -> None:
+    heard = bench.owner.now()
+    run = bench.go(age=lambda: bench.owner.now() - heard, silence=0.5)
+    bench.turn(0.4)
+    assert not run.over
+    bench.turn(0.3)
+    assert run.progress().text == "no sign of life"
+    stood = bench.where("J1")
+    bench.turn(1.0)
+    assert bench.where("J1") == pytest.approx(stood, abs=0.03)
+    assert stood < J1 + 0.6
+
+
+def test_one_that_is_being_ended_waits_a_moment_for_its_reason(bench: RunBench) -> None:
+    ending = False
+    run = bench.go(age=lambda: math.inf if ending else 0.0)
+    bench.turn(0.3)
+    ending = True
+    bench.turn(0.05)
+    assert not run.over
+    bench.turn(0.3)
+    assert run.over
 
 
 def test_a_new_one_replaces_it(bench: RunBench) -> None:

@@ -16,6 +16,7 @@ from hexwire.errors import UsageError
 from hexwire.model.gripper import Jaws, jaws_of
 from hexwire.units import decimal
 
+from .attended import SILENCE
 from .motion_request import read_motion
 from .motion_run import Grip, MotionRun, begin_motion
 from .preview import Planner
@@ -104,6 +105,8 @@ class MotionDesk:
         args: Mapping[str, object],
         *,
         wanted: Callable[[], bool] = lambda: True,
+        age: Callable[[], float] = lambda: 0.0,
+        silence: float = SILENCE,
         on_end: Callable[[MotionRun], object] = lambda run: None,
         taught: Taught | None = None,
     ) -> MotionRun:
@@ -113,6 +116,8 @@ class MotionDesk:
             orders: As for `begin_motion`.
             args: As for `preview`.
             wanted: As for `begin_motion`.
+            age: Likewise.
+            silence: Likewise.
             on_end: Likewise.
             taught: As for `preview`.
 
@@ -130,6 +135,8 @@ class MotionDesk:
             lambda: self._plan(request, taught),
             grip=grip,
             wanted=wanted,
+            age=age,
+            silence=silence,
             on_end=on_end,
         )
         return run

@@ -1,12 +1,14 @@
 """One motion that a person began: followed by the controllers, watched while it runs, ended when nobody wants it.
 
-Owns its beginning, its progress and its end, for all controllers together, and that a closing gripper does not
-crush what it meets. Must not know who began it, nor how a person keeps it alive.
+Owns its beginning, its progress and its end, for all controllers together; that it ends in the owner's own cycle
+when signs of life stop; and that a closing gripper does not crush what it meets. Must not know who began it, nor
+how a person keeps it alive.
 """
 
 from __future__ import annotations
 
 import logging
+import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from hexwire.errors import GoalError, HexwireError
 
+from .attended import SILENCE
 from .goals import Point, TrajectoryGoal
 from .holding import hold_moving
 from .outcomes import Outcome, Reason
@@ -35,6 +38,8 @@ _log = logging.getLogger(__name__)
 _SOON = 0.15
 """Seconds that a joint may still move after its controller holds; where a target lasts longer, the joints are also
 told to hold where they are."""
+_FAREWELL = 0.1
+"""Seconds that whoever ends it has, before it ends by itself."""
 _PRESSED = 3
 _PRESSING = 0.1
 """Successive states and seconds in which the jaws press: the start of the motion takes effort too."""
@@ -85,6 +90,9 @@ class MotionRun:
         title: What it is, for people.
         plan: What it does.
         grip: It is a motion of the gripper.
+        age: Returns the seconds since the last sign of life of whoever began it, infinite when it is being ended;
+            must not wait.
+        silence: Seconds without one after which it ends.
         on_end: Called once when it has ended, in the thread that ended it; must not wait.
     """
 
@@ -96,8 +104,11 @@ class MotionRun:
         plan: Preview,
         *,
         grip: Grip | None = None,
+        age: Callable[[], float] = lambda: 0.0,
+        silence: float = SILENCE,
         on_end: Callable[[MotionRun], object] = lambda run: None,
     ) -> None:
+        self._age, self._silence, self._leaving = age, silence, math.inf
         self._shared, self._arm, self._orders = shared, shared.arm, orders
         self._title, self._plan, self._path = title, plan, plan.require()
         self._grip, self._on_end = grip, on_end
@@ -174,8 +185,8 @@ class MotionRun:
         if self._grip is not None:
             state = arm.owner.newest()
             self._closing = self._grip.share < self._grip.gripper.share(state)
-            # A new list, since the owner's thread may be going through the old one.
-            arm.owner.observers = [*arm.owner.observers, self._see]
+        # A new list, since the owner's thread may be going through the old one.
+        arm.owner.observers = [*arm.owner.observers, self._see]
         try:
             for name, goal in moving.items():
                 self._shared.follow(self._orders(), name, goal, self)
@@ -196,16 +207,19 @@ class MotionRun:
     def _finish(self, outcome: Outcome, text: str) -> None:
         """Note the end; the caller has the lock."""
         self._outcome, self._text = outcome, text
-        if self._grip is not None:
-            owner = self._arm.owner
-            owner.observers = [observer for observer in owner.observers if observer != self._see]
+        owner = self._arm.owner
+        owner.observers = [observer for observer in owner.observers if observer != self._see]
 
     def _cancel(self) -> None:
         for name in self._arm.controllers:
             self._arm.cancel(name, self)
 
     def _see(self, state: JointState) -> None:
-        """Look whether the jaws press; called in the owner's thread with every state."""
+        """Look for signs of life, and whether the jaws press; called in the owner's thread with every state."""
+        if self._is_silent(state.stamp):
+            # Here too, so that it ends although nothing else of the program may work.
+            self.end("no sign of life")
+            return
         grip = self._grip
         if grip is None or not self._closing or self._holds:
             return
@@ -219,6 +233,14 @@ class MotionRun:
             self._holds = True
             # In a thread of its own, since the owner's must not wait for the check of a path.
             threading.Thread(target=self._keep, args=(state,), name="grip", daemon=True).start()
+
+    def _is_silent(self, now: float) -> bool:
+        age = self._age()
+        if not math.isinf(age):
+            return age > self._silence
+        # Somebody else ends it, and knows why; but does not have long.
+        self._leaving = min(self._leaving, now)
+        return now - self._leaving > _FAREWELL
 
     def _keep(self, state: JointState) -> None:
         """Hold the object with little force instead of closing further."""
@@ -253,6 +275,8 @@ def begin_motion(
     *,
     grip: Grip | None = None,
     wanted: Callable[[], bool] = lambda: True,
+    age: Callable[[], float] = lambda: 0.0,
+    silence: float = SILENCE,
     on_end: Callable[[MotionRun], object] = lambda run: None,
 ) -> MotionRun:
     """Plan a motion from where the arm is now, and begin it; a running motion is replaced.
@@ -264,7 +288,9 @@ def begin_motion(
         make: Plans it; called when the arm holds.
         grip: It is a motion of the gripper.
         wanted: Asked right before it begins, since planning takes time.
-        on_end: As for `MotionRun`.
+        age: As for `MotionRun`.
+        silence: Likewise.
+        on_end: Likewise.
 
     Raises:
         LeaseError: Whoever asks does not hold the lease.
@@ -274,7 +300,7 @@ def begin_motion(
     shared.admit(orders())
     for name in shared.arm.controllers:
         shared.arm.hold(name, f"replaced by {title}")
-    run = MotionRun(shared, orders, title, make(), grip=grip, on_end=on_end)
+    run = MotionRun(shared, orders, title, make(), grip=grip, age=age, silence=silence, on_end=on_end)
     if not wanted():
         raise GoalError("released before it began", reason=Reason.CANCELLED)
     run.begin()

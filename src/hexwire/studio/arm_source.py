@@ -74,6 +74,7 @@ class ArmSource:
         self.shared = SharedArm(self.arm, Lease(timeout=5.0))
         owner = self.arm.owner
         owner.observers = [*owner.observers, self._keep]
+        self._silence = silence
         self.attended = Attended(silence=silence, clock=owner.now)
         self.jog = JogController(settings.model, settings.kinematics, self.shared.path_check, silence=silence)
         self.desk = MotionDesk(self.shared, PoseFile(settings.model))
@@ -204,8 +205,15 @@ class ArmSource:
             self.attended.end(entry.who, run.progress().text or "arrived", entry.number)
             on_end()
 
+        now = self.arm.owner.now
         run = self.desk.begin(
-            lambda: self.order(tab, arrived), args, wanted=lambda: not entry.ended, on_end=ended, taught=taught
+            lambda: self.order(tab, arrived),
+            args,
+            wanted=lambda: not entry.ended,
+            age=lambda: entry.age(now()),
+            silence=self._silence,
+            on_end=ended,
+            taught=taught,
         )
         self.attended.begun(entry, lambda why: self._ender.submit(run.end, why))
 
