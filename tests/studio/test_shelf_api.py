@@ -150,3 +150,10 @@ def test_a_twin_is_found_by_name_or_by_joints() -> None:
     assert twin_for("", ("J1", "J7")) == "hex7bot"
     assert twin_for("mine", ("shoulder_pan", "gripper")) == "so101"
     assert twin_for("", ()) == twin_for("", ("K9",)) == ""
+
+
+def test_the_shapes_of_the_arm_of_a_recording_are_given(client: Client) -> None:
+    found = client.http.get("/data/geometry", params={"robot": "so101"}).json()["geometry"]
+    assert found["name"] == "so101"
+    assert found["links"]
+    assert "not known" in client.http.get("/data/geometry", params={"robot": "../x"}).json()["refused"]

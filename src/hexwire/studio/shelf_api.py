@@ -23,11 +23,14 @@ from hexwire.errors import HexwireError, UsageError
 from hexwire.model.state import LONGEST, finite
 
 from .access import Right
+from .geometry import make_geometry
 from .guard import SESSION
 from .twin import TWINS
 from .wire_api import refusal
 
 if TYPE_CHECKING:
+    from hexwire.model.arm import ArmModel
+
     from .app import Studio
 
 __all__ = ["shelf_routes"]
@@ -58,7 +61,15 @@ def shelf_routes(present: Callable[[], Studio]) -> list[Route]:
                 return JSONResponse({"refused": "this is too large"}, 413, _PLAIN)
         return await _answered(lambda: _done(present(), bytes(body)))
 
-    return [Route("/data/recordings", listed), Route("/data/recordings", done, methods=["POST"])]
+    async def geometry(request: Request) -> Response:
+        robot = request.query_params.get("robot", "")
+        return await _answered(lambda: {"geometry": _geometry(present(), robot)})
+
+    return [
+        Route("/data/recordings", listed),
+        Route("/data/recordings", done, methods=["POST"]),
+        Route("/data/geometry", geometry),
+    ]
 
 
 async def _answered(call: Callable[[], dict[str, Any]]) -> Response:
@@ -96,8 +107,22 @@ def twin_for(robot: str, joints: tuple[str, ...]) -> str:
 
 
 @functools.cache
+def _model_of(robot: str) -> ArmModel:
+    return load_driver(robot).from_url(f"sim://{robot}").model
+
+
 def _joints_of(robot: str) -> frozenset[str]:
-    return frozenset(load_driver(robot).from_url(f"sim://{robot}").model.names)
+    return frozenset(_model_of(robot).names)
+
+
+def _geometry(studio: Studio, robot: str) -> dict[str, Any] | None:
+    """The shapes of the open arm, or of one that can be emulated; None if its lengths are unknown."""
+    arm = studio.source.arm
+    if arm is not None and arm.settings.model.name == robot:
+        return make_geometry(arm.settings.model, arm.settings.links)
+    if robot not in TWINS:
+        raise UsageError("the shapes of this arm are not known")
+    return make_geometry(_model_of(robot))
 
 
 def _done(studio: Studio, body: bytes) -> dict[str, Any]:

@@ -27,7 +27,8 @@ export class Plot {
    *   title; series: [{name, unit, colour (number of a joint, "--variable" or CSS), quantity, shown, dash, digits}];
    *   window: seconds that are followed (30); keep: seconds that are kept (600); capacity: rows that are kept;
    *   height: CSS pixels of all panels (fills the element's height if it has one, else 320); origin: seconds that are
-   *   called 0; live: false where nothing is appended; toolbar, legend: false to leave out; fileName: of pictures, without ending; onPause(paused).
+   *   called 0; live: false where nothing is appended; toolbar, legend: false to leave out; fileName: of pictures, without ending; onPause(paused); onTime(t): the time under the pointer, else that of the
+   *   active cursor, else null.
    */
   constructor(element, options = {}) {
     this.element = element;
@@ -151,6 +152,7 @@ export class Plot {
     if (t !== null) this.active = name;
     else if (this.cursors[name === "a" ? "b" : "a"] !== null) this.active = name === "a" ? "b" : "a";
     this.toolbar?.update();
+    this.options.onTime?.(this.hover ?? this.cursors[this.active]);
     this._redrawCursors();
   }
 
@@ -379,6 +381,7 @@ export class Plot {
     const now = left >= 0 ? u.posToVal(left, "x") : null;
     if (now === this.hover) return;
     this.hover = now;
+    this.options.onTime?.(now ?? this.cursors[this.active]);
     this.legend?.later();
   }
 

@@ -9,7 +9,7 @@ import { make } from "/static/widgets.js";
 const DEG = 180 / Math.PI;
 const LOOK = 250; // ms between two looks at the twin
 
-export function makePlayer(page, place, view, shown) {
+export function makePlayer(page, place, view, shown, moved) {
   const state = { entry: null, list: null, times: null, names: [], on: "", poll: 0, drawn: 0, points: [], run: null };
   const number = (label, value, min, max, step) => {
     const box = make("input", { type: "number", className: "rc-number", value, min, max, step });
@@ -101,6 +101,7 @@ export function makePlayer(page, place, view, shown) {
 
   function finish(text, bad) {
     state.on = "";
+    moved(null);
     stop.hidden = true;
     bar.hidden = true;
     draw(true);
@@ -177,6 +178,7 @@ export function makePlayer(page, place, view, shown) {
   /** Note joint positions at a time of the motion, as a time of the recording. */
   function collect(elapsed, leadIn, positions) {
     const at = state.part.begin + (elapsed - leadIn) * state.part.factor;
+    moved(new Map(positions), at);
     if (at >= state.part.begin) state.points.push([at, new Map(positions)]);
     if (state.points.length > 50000) state.points.splice(0, 10000);
   }

@@ -4,6 +4,7 @@ import { Plot } from "/static/plot.js";
 import { fetchColumns } from "/static/columns.js";
 import { JOINT_SIGNALS, jointSeries, valuesOf } from "/static/signals.js";
 import { chips, make } from "/static/widgets.js";
+import { makeFigure } from "/static/recordings_arm.js";
 import { makePlayer } from "/static/recordings_play.js";
 
 const DEG = 180 / Math.PI;
@@ -23,9 +24,12 @@ export function makeView(page, place) {
   const figures = make("div", { className: "rc-figures" });
   const plotPlace = make("div", { className: "pl-plot" });
   const playPlace = make("div", { className: "rc-play" });
-  place.append(title, bar, note, playPlace, figures, pick, plotPlace);
+  const armPlace = make("div", { className: "rc-arm" });
+  const body = make("div", { className: "rc-body" }, plotPlace, armPlace);
+  place.append(title, bar, note, playPlace, figures, pick, body);
   place.hidden = true;
-  const player = makePlayer(page, playPlace, state, showPlayed);
+  const figure = makeFigure(armPlace);
+  const player = makePlayer(page, playPlace, state, showPlayed, (joints, at) => figure.live(joints, at));
 
   topics.addEventListener("change", () => { state.topic = topics.value; load(); });
   other.addEventListener("change", () => { state.other = other.value; load(); });
@@ -36,6 +40,7 @@ export function makeView(page, place) {
   function destroy() {
     state.plot?.destroy();
     player.destroy();
+    figure.destroy();
   }
 
   function choose(name) {
@@ -48,6 +53,7 @@ export function makeView(page, place) {
     state.topic = entry?.topics[0] ?? "";
     update(page.state.list);
     player.choose(entry);
+    figure.choose(entry?.twin ?? "");
     load();
     title.focus({ preventScroll: true });
     place.scrollIntoView({ block: "nearest" });
@@ -105,6 +111,7 @@ export function makeView(page, place) {
     state.joints = (state.joints ?? names).filter((name) => names.includes(name));
     if (!state.joints.length) state.joints = names;
     if (state.other) table();
+    figure.loaded(data, state.other ? ["first", "second"] : ["position", null]);
     choices();
     draw();
     player.loaded(data);
@@ -153,6 +160,7 @@ export function makeView(page, place) {
     const found = rows();
     const panels = new Set(found.map(([series]) => series.panel ?? series.unit)).size;
     const options = { title: "", live: false, fileName: state.other ? `${state.name} and ${state.other}` : state.name,
+      onTime: (t) => figure.at(t),
       series: found.map(([series]) => series), height: Math.max(300, 150 * panels), capacity: state.data.times.length + 1024 };
     const range = before && before.columns.length ? before.range : null;
     before?.destroy();
