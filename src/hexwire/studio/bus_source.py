@@ -293,7 +293,8 @@ class BusSource:
             else "off"
             if states == {False}
             else "partly on",
-            "note": "" if job is None else f"{job.what}: {job.told}" if job.told else job.what,
+            "job": "" if job is None else f"{job.what}: {job.told}" if job.told else job.what,
+            "note": "",
         }
 
     def shutdown(self) -> None:

@@ -27,7 +27,7 @@ _FILTERS = {
     "backup": "different from the backup",
     "live": "live values",
 }
-_HEAD = ("Register", "#At", "#Value", "Unit", "#Raw", "Range", "#Factory", "#Backup", "Kept", "")
+_HEAD = ("Register", "#Value", "Unit", "Change", "#Raw", "Range", "#Factory", "#Backup", "Kept", "#At")
 
 
 def build(view: View, servo_id: int) -> None:
@@ -147,15 +147,15 @@ def _cells(row: TableRow) -> tuple[str, ...]:
     )
     return (
         f'<span title="{words}">{name}</span>' + (f'<span class="sv-note">{words}</span>' if row.words else ""),
-        str(register.address),
         value,
         escape(row.unit),
+        change,
         "–" if row.raw is None else str(row.raw),
         limits,
         _marked(factory, row.differs_from_factory),
         _marked(saved, row.differs_from_backup),
         {"eeprom": "stored", "ram": "until power-off", "factory": "fixed"}.get(register.area, register.area),
-        change,
+        str(register.address),
     )
 
 

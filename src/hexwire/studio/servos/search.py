@@ -51,7 +51,7 @@ def build_search(view: View) -> None:
     html("Search", "h2", "sv-h2")
     with ui.element("div").classes("sv-form"):
         here = bus.bus.timing.baud
-        rates = {0: f"this rate ({here} baud)", -1: "all rates", **{rate: f"{rate} baud" for rate in SERVO_RATES}}
+        rates = {0: f"{here} baud (now)", -1: "all rates", **{rate: f"{rate} baud" for rate in SERVO_RATES}}
         rate = ui.select(rates, value=0, label="Rates").props("dense outlined options-dense")
         ids = ui.input("Ids", value="0-253").props("dense outlined maxlength=60")
         search = button("Search", lambda: start(), level="main")
@@ -61,6 +61,7 @@ def build_search(view: View) -> None:
     told = html("", "p", "sv-hint")
     told.props('role="status"')
     bar.set_visibility(False)
+    doing = html("", "p", "sv-doing")
     place = ui.element("div").classes("sv-list")
 
     def progress() -> None:
@@ -128,7 +129,7 @@ def build_search(view: View) -> None:
 
     view.relist = show
     show()
-    mount("servos.js", place, part="list")
+    mount("servos.js", place, part="list", doing=f"c{doing.id}")
 
 
 def _list(view: View) -> str:
@@ -150,8 +151,8 @@ def _list(view: View) -> str:
                 f"{found.servo_id}</button>"
             )
         model = escape(info.model_name or (info.series.value if info.series else "?")) if info is not None else "?"
-        version = escape(info.firmware) if info is not None else ""
-        kind = f' <span class="sv-chip">{escape(row.kind)}</span>' if row.kind else ""
+        version = info.firmware if info is not None else ""
+        more = escape(", ".join(part for part in (f"fw {version}" if version else "", row.kind) if part))
         level = "error" if row.bad else "warn" if row.remarks else "ok"
         words = "; ".join(remark.text for remark in row.remarks) or "nothing known against it"
         mark = {"error": "!", "warn": "i", "ok": "✓"}[level]
@@ -163,10 +164,10 @@ def _list(view: View) -> str:
             f'aria-label="{escape(words)}">{mark}</span>'
             f'<span class="sv-state" data-live="state" data-id="{found.servo_id}"></span>'
         )
-        rows.append((name, f"{model}{kind}", version, *live, state))
+        rows.append((name, f'{model}<span class="sv-chip">{more}</span>', *live, state))
     text = ""
     if rows:
-        head = ("Id", "Model", "Firmware", "#deg", "#V", "#°C", "")
+        head = ("Id", "Model", "#deg", "#V", "#°C", "State")
         text = table(head, rows, caption=f"Servos at {here} baud")
     elif not elsewhere:
         text = '<p class="sv-hint">No servo is known yet. Take control, then search.</p>'

@@ -93,7 +93,7 @@ def build(view: View) -> None:
                 button("Give it this id and rate", lambda: give(step), level="danger")
             facts([(joint.name, _state(setup, joint.name)) for joint in setup.order])
             for remark in setup.remarks:
-                html(_sentence(remark), "p").props('data-level="warn"')
+                html(f"{remark}.", "p").props('data-level="warn"')
 
     async def give(step: SetupStep) -> None:
         text = "\n".join(part for part in (f"{_sentence(step.text)} Both are stored.", step.warning) if part)

@@ -290,12 +290,12 @@ function header(facts) {
   const bus = facts.mode === "bus";
   const arm = facts.mode === "arm" || bus;
   const link = hexwire.connected;
-  const where = facts.opening ? `opening ${facts.opening}` : arm ? `${facts.robot} ${facts.url}${bus ? `, ${facts.baud} baud` : ""}` : "nothing open";
+  const where = facts.opening ? `opening ${facts.opening}` : arm ? `${facts.robot} ${facts.url}` : "nothing open";
   if (!link) put("connection", "no connection to the studio", "error");
   else if (arm && !facts.connected) put("connection", `lost: ${facts.error}`, "error");
   else put("connection", where, arm ? "ok" : "");
   put("dialect", arm && facts.dialect ? String(facts.dialect) : "–");
-  put("rate", arm ? `${facts.rate.toFixed(0)} Hz` : "–");
+  put("rate", bus ? `${facts.baud} baud` : arm ? `${facts.rate.toFixed(0)} Hz` : "–");
   put("trip", arm && facts.round_trip_ms !== null ? `${facts.round_trip_ms.toFixed(1)} ms` : "–");
   put("faults", arm ? facts.faults.join("; ") || "none" : "–", arm && facts.faults.length ? "error" : "");
   const mine = arm && facts.holder_tab !== "" && facts.holder_tab === hexwire.tab;

@@ -45,9 +45,11 @@ function live(element) {
   hexwire.onServos((message) => fill(element, message.rows), element);
 }
 
-function list(element) {
+function list(element, args) {
   clicks(element);
   live(element);
+  const doing = document.getElementById(args.doing);
+  if (doing) hexwire.onFacts((facts) => put(doing, facts.job || ""), element);
 }
 
 function table(element) {
@@ -86,7 +88,7 @@ function wave(element, args) {
   result.setAttribute("role", "status");
   element.append(box, result);
   const plot = new Plot(box, {
-    title: "Goal and position", window: 8, keep: 620, height: 260, fileName: "wave",
+    title: "Goal and position", window: 10, keep: 620, height: 260, fileName: "wave",
     series: [
       { name: "goal", unit: "deg", colour: 1, dash: [6, 4] },
       { name: "position", unit: "deg", colour: 0 },
@@ -177,6 +179,7 @@ function range(element) {
       rows = new Map(message.rows.map((row, i) => [row.name, [...region.querySelectorAll("tbody tr")[i].cells]]));
       for (const cells of rows.values()) {
         cells[0].className = cells[5].className = "";
+        for (const i of [0, 5]) region.querySelectorAll("thead th")[i].className = "";
         cells[4].className = "sv-range";
         cells[4].append(document.createElement("span"), document.createElement("i"));
       }
