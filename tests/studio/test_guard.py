@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from typing import Any
 
 import pytest
@@ -70,6 +71,24 @@ def test_a_session_comes_through_and_gets_the_headers() -> None:
     headers = dict(sent[0]["headers"])
     assert b"frame-ancestors 'none'" in headers[b"content-security-policy"]
     assert headers[b"referrer-policy"] == b"no-referrer"
+
+
+def test_only_the_scripts_of_a_page_may_run() -> None:
+    class Page(_Behind):
+        async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+            headers = [(b"content-type", b"text/html; charset=utf-8"), (b"content-length", b"26")]
+            await send({"type": "http.response.start", "status": 200, "headers": headers})
+            await send({"type": "http.response.body", "body": b"<script>a()</scr", "more_body": True})
+            await send({"type": "http.response.body", "body": b"ipt><scripts>"})
+
+    _, (start, body) = _ask(behind=Page())
+    found = re.fullmatch(rb'<script nonce="([\w-]+)">a\(\)</script><scripts>', body["body"])
+    assert found is not None
+    headers = dict(start["headers"])
+    policy = headers[b"content-security-policy"].decode()
+    assert f"script-src 'self' 'unsafe-eval' 'nonce-{found[1].decode()}';" in policy
+    assert headers[b"content-length"] == str(len(body["body"])).encode()
+    assert len([name for name, _ in start["headers"] if name == b"content-security-policy"]) == 1
 
 
 @pytest.mark.parametrize(

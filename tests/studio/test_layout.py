@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
+from tests.studio.conftest import ready
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Page
+    from playwright.sync_api import Browser, Page
     from tests.studio.running import RunningStudio
 
 
@@ -42,3 +43,25 @@ def test_stop_works_while_a_dialog_is_open(studio: RunningStudio, page: Page) ->
     page.get_by_text("A question.").click()
     page.keyboard.press("Escape")
     studio.until(lambda: studio.arm.owner.group.reason is not None, "the stop by Escape")
+
+
+def test_a_script_in_a_text_from_elsewhere_does_not_run(studio: RunningStudio, browser: Browser) -> None:
+    # A context of its own: the browser reports what it refuses as an error.
+    context = browser.new_context()
+    try:
+        page = context.new_page()
+        page.goto(studio.operate_url)
+        ready(page)
+        page.evaluate(
+            """() => {
+                const main = document.getElementById("hw-main");
+                main.insertAdjacentHTML("beforeend", "<img src='data:x' onerror='window.ran = 1'>");
+                const script = document.createElement("script");
+                script.textContent = "window.ran = 2";
+                main.append(script);
+            }"""
+        )
+        page.wait_for_timeout(300)
+        assert page.evaluate("window.ran === undefined")
+    finally:
+        context.close()

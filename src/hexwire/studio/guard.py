@@ -6,6 +6,8 @@ know what is served behind it.
 
 from __future__ import annotations
 
+import re
+import secrets
 import time
 from collections.abc import Callable
 from html import escape
@@ -27,13 +29,16 @@ PEER = "hexwire.peer"
 
 _SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 _POLICY = (
-    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
+    "default-src 'self'; script-src 'self' 'unsafe-eval'{}; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self'; worker-src 'self' blob:; "
     "object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
 )
-"""NiceGUI builds its pages with scripts in the page and Vue compiles templates in the browser, hence 'unsafe-*'."""
+"""Vue compiles templates in the browser and NiceGUI sends it scripts, hence 'unsafe-eval'. The scripts in NiceGUI's
+pages get a nonce, so that a script in a text from elsewhere, such as the name of a servo, does not run."""
+_CSP = b"content-security-policy"
+_SCRIPT = re.compile(rb"<script(?=[\s>])")
 _HEADERS = (
-    (b"content-security-policy", _POLICY.encode()),
+    (_CSP, _POLICY.format("").encode()),
     (b"referrer-policy", b"no-referrer"),
     (b"x-content-type-options", b"nosniff"),
     (b"x-frame-options", b"DENY"),
@@ -108,13 +113,7 @@ class Guard:
             # What has no length in its head is as bounded as what has.
             return {"type": "http.disconnect"} if left < 0 else message
 
-        async def secured(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                kept = [row for row in message.get("headers", ()) if row[0].lower() not in dict(_HEADERS)]
-                message["headers"] = [*kept, *_HEADERS]
-            await send(message)
-
-        await self.app(scope, bounded, secured)
+        await self.app(scope, bounded, _Secured(send).send)
 
     async def _enter(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer somebody who has no session yet, or shows a token."""
@@ -171,6 +170,46 @@ class Guard:
         secure = "; Secure" if self.access.secure else ""
         value = f"{self.access.cookie}={session.key}; Path=/; HttpOnly; SameSite=Strict{secure}"
         return b"set-cookie", value.encode()
+
+
+class _Secured:
+    """Adds the headers to an answer, and the nonce to the scripts of a page.
+
+    Args:
+        send: Sends to the browser.
+    """
+
+    def __init__(self, send: Send) -> None:
+        self._send = send
+        self._page: Message | None = None
+        self._body = b""
+
+    async def send(self, message: Message) -> None:
+        """Send a message of the application."""
+        if message["type"] == "http.response.start":
+            kept = [row for row in message.get("headers", ()) if row[0].lower() not in dict(_HEADERS)]
+            message["headers"] = [*kept, *_HEADERS]
+            kind = dict(kept).get(b"content-type", b"")
+            if kind.startswith(b"text/html"):
+                self._page = message
+                return
+        elif self._page is not None:
+            self._body += message.get("body", b"")
+            if message.get("more_body"):
+                return
+            await self._send_page(self._page)
+            self._page = None
+            return
+        await self._send(message)
+
+    async def _send_page(self, start: Message) -> None:
+        nonce = secrets.token_urlsafe(16)
+        body = _SCRIPT.sub(f'<script nonce="{nonce}"'.encode(), self._body)
+        policy = _POLICY.format(f" 'nonce-{nonce}'").encode()
+        rows = [row for row in start["headers"] if row[0].lower() not in (_CSP, b"content-length")]
+        length = (b"content-length", str(len(body)).encode())
+        await self._send({**start, "headers": [*rows, (_CSP, policy), length]})
+        await self._send({"type": "http.response.body", "body": body})
 
 
 def _headers(scope: Scope) -> tuple[str, str | None, dict[str, str]]:
