@@ -32,11 +32,19 @@ def test_without_arms_the_page_says_what_to_do(fleet_page: Page) -> None:
     fleet_page.get_by_text("all arms: NOT CONFIRMED").wait_for()
 
 
-def test_a_viewer_sees_the_arms_and_stops_one(
+def test_an_operator_opens_an_arm_and_a_viewer_stops_it(
     serve: Serve, studio: RunningStudio, context: BrowserContext, fleet_page: Page
 ) -> None:
     serve("lab/arm1", robot="sim")
     serve("lab/arm2", robot="sim")
+    fleet_page.get_by_role("button", name="Open lab/arm1").click()
+    fleet_page.get_by_role("heading", name="Arm", level=1).wait_for()
+    assert studio.arm.owner.robot.url.startswith("zenoh:lab/arm1")
+    fleet_page.get_by_role("link", name="Wire", exact=True).click()
+    fleet_page.get_by_text("shared by another program").wait_for()
+    studio.studio.source.close()
+    # A viewer: in this browser its session takes the place of the operator's.
+    fleet_page.get_by_role("link", name="Fleet", exact=True).click()
     viewer = context.new_page()
     viewer.goto(studio.watch_url)
     viewer.get_by_role("link", name="Fleet", exact=True).click()
@@ -57,13 +65,8 @@ def test_a_viewer_sees_the_arms_and_stops_one(
     viewer.get_by_role("button", name="Stop all arms").click()
     viewer.get_by_text("lab/arm2: stopped, holding: J1").wait_for()
     viewer.close()
-
-
-def test_an_arm_of_the_fleet_is_opened_in_the_studio(serve: Serve, studio: RunningStudio, fleet_page: Page) -> None:
-    serve("lab/arm1", robot="sim")
+    # The page of the session before says that it is no longer one, and keeps saying it.
     fleet_page.get_by_role("button", name="Open lab/arm1").click()
-    fleet_page.get_by_role("heading", name="Arm", level=1).wait_for()
-    assert studio.arm.owner.robot.url.startswith("zenoh:lab/arm1")
-    fleet_page.get_by_role("link", name="Wire", exact=True).click()
-    fleet_page.get_by_text("shared by another program").wait_for()
-    studio.studio.source.close()
+    fleet_page.get_by_text("lab/arm1 is not open here").wait_for()
+    fleet_page.wait_for_timeout(700)
+    assert fleet_page.get_by_text("lab/arm1 is not open here").is_visible()

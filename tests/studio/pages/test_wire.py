@@ -30,7 +30,14 @@ def open_file(page: Page, name: str) -> None:
     page.get_by_text(name).wait_for()
 
 
-def test_live_frames_are_filtered_and_paused(wire: Page) -> None:
+def test_live_frames_are_saved_filtered_and_paused(wire: Page, tmp_path: Path) -> None:
+    with wire.expect_download() as download:
+        wire.get_by_role("button", name="Save pcapng").click()
+    path = tmp_path / "x.pcapng"
+    download.value.save_as(path)
+    found = [each for each in read_traffic(path.read_bytes()) if isinstance(each, Passed)]
+    assert len(found) > 10
+    assert {each.direction for each in found} == set(Direction)
     wire.get_by_label("Filter", exact=True).fill("joint_state answer")
     frames = wire.get_by_role("listbox", name="Frames")
     wire.wait_for_function(
@@ -49,7 +56,7 @@ def test_live_frames_are_filtered_and_paused(wire: Page) -> None:
     wire.get_by_text("servo needs a number").wait_for()
 
 
-def test_a_byte_shows_its_field_and_a_field_its_bytes(wire: Page) -> None:
+def test_in_a_file_a_byte_shows_its_field_and_a_field_its_bytes(wire: Page) -> None:
     open_file(wire, "cut-frame.pcapng")
     detail = wire.get_by_role("region", name="The selected frame")
     detail.get_by_text("Answered by 2").wait_for()
@@ -71,9 +78,6 @@ def test_a_byte_shows_its_field_and_a_field_its_bytes(wire: Page) -> None:
     wire.get_by_role("listbox", name="Frames").press("ArrowDown")
     detail.get_by_text("Frame 3, sent").wait_for()
     assert "a board of the chapter cuts the frame there" in detail.inner_text()
-
-
-def test_a_file_is_refused_with_the_reason_and_the_line_comes_back(wire: Page) -> None:
     wire.get_by_label("Open a recording, capture or log").set_input_files(
         {"name": "x.txt", "mimeType": "text/plain", "buffer": b"hello"}
     )
@@ -82,16 +86,6 @@ def test_a_file_is_refused_with_the_reason_and_the_line_comes_back(wire: Page) -
     wire.get_by_role("option", name="status 1 legacy").wait_for()
     wire.get_by_role("button", name="Back to the line").click()
     wire.get_by_role("option", name="JOINT_STATE").first.wait_for()
-
-
-def test_the_traffic_is_saved(wire: Page, tmp_path: Path) -> None:
-    with wire.expect_download() as download:
-        wire.get_by_role("button", name="Save pcapng").click()
-    path = tmp_path / "x.pcapng"
-    download.value.save_as(path)
-    found = [each for each in read_traffic(path.read_bytes()) if isinstance(each, Passed)]
-    assert len(found) > 10
-    assert {each.direction for each in found} == set(Direction)
 
 
 def test_a_thousand_frames_a_second_are_few_elements(wire: Page, studio: RunningStudio) -> None:

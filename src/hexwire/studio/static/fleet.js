@@ -41,13 +41,14 @@ class FleetPage {
     this.summary = make("span", { role: "status" }, "Looking for arms ...");
     this.note = make("p", { class: "hw-fleet-note", hidden: true });
     this.problem = make("p", { class: "hw-fleet-error", role: "alert", hidden: true });
+    this.refusal = make("p", { class: "hw-fleet-error", role: "alert", hidden: true });
     this.results = make("ul", { class: "hw-fleet-results", "aria-live": "assertive", "aria-label": "Results of the last stop" });
     this.table = make("table", { class: "hw-fleet-table", hidden: true },
       make("thead", {}, make("tr", {}, ...HEAD.map((text) => make("th", { scope: "col" }, text || make("span", { class: "hw-fleet-hidden" }, "Actions"))))),
       this.body);
     root.replaceChildren(
       make("div", { class: "hw-fleet-bar" }, this.stopAll, this.summary),
-      this.results, this.problem, this.note,
+      this.results, this.refusal, this.problem, this.note,
       make("div", { class: "hw-fleet-scroll" }, this.table));
     const seen = () => (this.root.isConnected ? this.poll() : document.removeEventListener("visibilitychange", seen));
     document.addEventListener("visibilitychange", seen);
@@ -144,12 +145,14 @@ class FleetPage {
 
   async open(name, button) {
     button.disabled = true;
+    this.refusal.hidden = true;
     try {
       await this.ask("open", { name }, { method: "POST" });
       const link = document.querySelector('.hw-nav-link[data-path="/arm"]');
       if (link) link.click();
     } catch (error) {
-      this.fail(error.message);
+      put(this.refusal, `${name} is not open here: ${error.message}`);
+      this.refusal.hidden = false;
     }
     button.disabled = false;
   }
