@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,6 +15,7 @@ from hexwire.control import auto_calibration
 from hexwire.control.auto_calibration import AutoCalibration
 from hexwire.drivers.arm_file import load_arm_file
 from hexwire.drivers.stop_memory import StopMemory
+from hexwire.errors import UsageError
 from hexwire.link import open as link_open
 from hexwire.model.calibration import Calibration
 
@@ -190,3 +192,15 @@ def test_the_plan_is_known_to_the_view() -> None:
     auto = AutoCalibration(SoBench().described.model, plan=auto_calibration.so_arm_plan())
     rows = bus_calibrate._auto_rows(auto)
     assert rows[3] == ("wrist_flex", "-", "", "looks for its lower stop")
+
+
+def test_enter_on_standard_input(monkeypatch: pytest.MonkeyPatch) -> None:
+    reader, writer = os.pipe()
+    with os.fdopen(reader) as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        assert not bus_calibrate._entered(0.0)
+        os.write(writer, b"\n")
+        assert bus_calibrate._entered(5.0)
+        os.close(writer)
+        with pytest.raises(UsageError, match="the input has ended; give --seconds"):
+            bus_calibrate._entered(5.0)

@@ -221,12 +221,19 @@ def _rows(hand: HandCalibration) -> list[tuple[str, ...]]:
 
 
 def _entered(seconds: float) -> bool:
-    import select
+    """Wait for some time; returns whether Enter was pressed."""
+    if sys.platform == "win32":
+        import msvcrt
 
-    ready, _, _ = select.select([sys.stdin], [], [], seconds)
-    if ready and not sys.stdin.readline():
-        raise UsageError("the input has ended; give --seconds if nobody presses Enter")
-    return bool(ready)
+        time.sleep(seconds)
+        entered = any(msvcrt.getwch() == "\r" for _ in iter(msvcrt.kbhit, False))
+    else:
+        import select
+
+        entered = bool(select.select([sys.stdin], [], [], seconds)[0])
+        if entered and not sys.stdin.readline():
+            raise UsageError("the input has ended; give --seconds if nobody presses Enter")
+    return entered
 
 
 # --- automatically ---------------------------------------------------------------------------------------------
