@@ -54,7 +54,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help mutants setup system-packages demo test check lint types imports schema tests soak bench analyzers lock clean
+.PHONY: help mutants setup system-packages demo test check lint types imports schema tests soak bench pictures analyzers lock clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-9s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -73,6 +73,10 @@ analyzers: ## make the plug-in folders for Wireshark, sigrok and Logic 2: build/
 
 bench: setup ## measure the speed, as ratios against a bare reference
 	@$(BIN)/python -m tests.bench
+
+pictures: setup system-packages ## take the pictures of the documentation anew: docs/pictures
+	@$(BIN)/python docs/make_pictures.py
+	@$(BIN)/python docs/make_screenshots.py
 
 mutants: setup ## count the random faults in the code that the tests detect (a quarter of an hour)
 	$(UV) sync --quiet --frozen --python '$(PYTHON)' $(addprefix --extra ,$(EXTRAS)) --group mutants </dev/null

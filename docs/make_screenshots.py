@@ -1,0 +1,167 @@
+"""Takes the pictures of the studio: ``pictures/studio-PAGE-THEME.png``, from emulated arms and Debian's Chromium.
+
+    python docs/make_screenshots.py            all pages, light and dark
+    python docs/make_screenshots.py arm wire   these pages only
+
+Seeds, poses and sizes are the same each time; times and rates on the pages are those of the run.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+
+from tests.studio.chromium import chromium  # noqa: E402  # found by the line above
+
+from hexwire.studio.access import Access  # noqa: E402
+from hexwire.studio.app import Studio  # noqa: E402
+from hexwire.studio.server import Server  # noqa: E402
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+WIDTH, HEIGHT = 1280, 800
+HEX7BOT = "sim://hex7bot?seed=1"
+SO101 = "sim://so101?seed=1"
+
+_WAVE = """async (seconds) => {
+  const goals = (t) => ({ J1: 0.6 * Math.sin(t), J2: 1.1 + 0.3 * Math.cos(t), J3: 0.3 * Math.sin(2 * t), J5: 0.5 });
+  hexwire.hold("drag", { goals: goals(0), speed: 0.6 });
+  const begin = performance.now();
+  for (;;) {
+    const t = (performance.now() - begin) / 1000;
+    if (t > seconds) break;
+    hexwire.update({ goals: goals(t), speed: 0.6 });
+    await new Promise((next) => setTimeout(next, 50));
+  }
+  hexwire.release();
+}"""
+"""Joints that follow a wave, as somebody drags them."""
+
+
+@contextmanager
+def served() -> Iterator[tuple[Studio, str]]:
+    """A studio in this process; gives it and its address."""
+    studio = Studio(Access(frozenset()))
+    # A machine that is busy with pictures is no browser that hangs.
+    studio.source.silence = 5.0
+    server = Server(studio)
+    port = server.bind()
+    studio.access.hosts = frozenset({f"127.0.0.1:{port}"})
+    ready = threading.Event()
+    thread = threading.Thread(target=server.run, args=(ready.set,))
+    thread.start()
+    ready.wait(20)
+    try:
+        yield studio, f"http://127.0.0.1:{port}/?token={studio.access.operate_token}"
+    finally:
+        studio.source.close()
+        server.end()
+        thread.join()
+        studio.close()
+
+
+def operate(page: Page) -> None:
+    """Take control, and switch torque on."""
+    take = page.get_by_role("button", name="Take control")
+    give = page.get_by_role("button", name="Give back")
+    take.or_(give).first.wait_for()
+    if take.is_visible():
+        take.click()
+    on = page.get_by_role("button", name="Torque on")
+    off = page.get_by_role("button", name="Torque off")
+    on.or_(off).first.wait_for()
+    if on.is_visible():
+        on.click()
+    off.wait_for()
+
+
+def go(page: Page, name: str) -> None:
+    """Go to a page by its link."""
+    page.get_by_role("navigation").get_by_role("link", name=name, exact=True).click()
+    page.get_by_role("heading", name=name, level=1).wait_for()
+
+
+def show_arm(page: Page) -> None:
+    """The arm, half way, with the preview of a goal."""
+    operate(page)
+    page.evaluate(_WAVE, 4.0)
+    for axis, value in (("x", "60"), ("y", "220"), ("z", "160")):
+        page.locator(f'#arm-goto input[name="{axis}"]').fill(value)
+    page.get_by_text("Takes").first.wait_for()
+
+
+def show_plots(page: Page) -> None:
+    """Positions and goals of a few joints that moved."""
+    operate(page)
+    page.evaluate(_WAVE, 14.0)
+    page.get_by_role("button", name="Pause").click()
+
+
+def show_wire(page: Page) -> None:
+    """A frame, its layers, and a byte of it."""
+    operate(page)
+    page.evaluate(_WAVE, 2.0)
+    page.get_by_role("textbox", name="Filter").fill("JOINT_MOVE")
+    page.get_by_text("JOINT_MOVE request").last.click()
+
+
+def show_start(page: Page) -> None:
+    """What is plugged in: nothing, and what to do."""
+
+
+show_servos = show_recordings = show_fleet = show_start
+
+PAGES: dict[str, tuple[str, str, Callable[[Page], None]]] = {
+    "start": ("Connect", "", show_start),
+    "arm": ("Arm", HEX7BOT, show_arm),
+    "servos": ("Servos", SO101, show_servos),
+    "plots": ("Plots", HEX7BOT, show_plots),
+    "wire": ("Wire", HEX7BOT, show_wire),
+    "recordings": ("Recordings", HEX7BOT, show_recordings),
+    "fleet": ("Fleet", HEX7BOT, show_fleet),
+}
+"""By name of the picture: name of the page, what is open, and what somebody does there first."""
+
+
+def main() -> int:
+    """Take the pictures; returns the exit status."""
+    wanted = sys.argv[1:] or list(PAGES)
+    with ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
+        os.environ.update(XDG_RUNTIME_DIR=folder, XDG_STATE_HOME=folder, XDG_DATA_HOME=folder)
+        studio, url = stack.enter_context(served())
+        browser = stack.enter_context(chromium())
+        for theme in ("light", "dark"):
+            context = browser.new_context(
+                viewport={"width": WIDTH, "height": HEIGHT}, color_scheme=theme, reduced_motion="reduce"
+            )
+            page = context.new_page()
+            page.goto(url)
+            for picture in wanted:
+                name, port, prepare = PAGES[picture]
+                studio.source.close()
+                if port:
+                    studio.source.open(port)
+                go(page, name)
+                prepare(page)
+                page.mouse.move(WIDTH - 1, HEIGHT - 1)
+                page.wait_for_timeout(1000)
+                page.screenshot(
+                    path=HERE / "pictures" / f"studio-{picture}-{theme}.png", animations="disabled", caret="hide"
+                )
+            context.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
