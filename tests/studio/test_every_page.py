@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from axe_playwright_python.sync_playwright import Axe
 
 from hexwire.studio.pages import PAGES
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Page
+    from pathlib import Path
+
+    from playwright.sync_api import BrowserContext, Page
+    from tests.studio.running import RunningStudio
 
 SIZES = ((1440, 900), (1024, 768), (390, 844))
 FAULTY = ("serious", "critical")
@@ -22,9 +25,13 @@ def walk(page: Page, path: str) -> None:
     page.get_by_role("heading", level=1).wait_for()
 
 
-def faults(page: Page, **options: Any) -> list[str]:
-    """What axe-core finds that is serious."""
-    found = Axe().run(page, options={"resultTypes": ["violations"], **options}).response["violations"]
+def faults(page: Page, *rules: str, whole: bool = False) -> list[str]:
+    """What axe-core finds that is serious, by all of its rules or these, with or without the header."""
+    if not page.evaluate("Boolean(window.axe)"):
+        page.evaluate(Axe().axe_script)
+    place = "document" if whole else "document.getElementById('hw-main')"
+    options: dict[str, Any] = {"resultTypes": ["violations"]} | ({"runOnly": rules} if rules else {})
+    found = page.evaluate(f"(options) => axe.run({place}, options)", options)["violations"]
     return [
         f"{row['id']}: {row['help']}: {[node['html'][:200] for node in row['nodes'][:3]]}"
         for row in found
@@ -32,22 +39,65 @@ def faults(page: Page, **options: Any) -> list[str]:
     ]
 
 
-def test_accessible_and_never_wider_than_the_screen(operator: Page) -> None:
+def theme(page: Page, name: Literal["light", "dark"]) -> None:
+    """Change the colours as a desktop does, and wait until they have changed."""
+    page.emulate_media(color_scheme=name)
+    page.wait_for_function("(dark) => document.body.classList.contains('body--dark') === dark", arg=name == "dark")
+    page.wait_for_function(
+        "document.getAnimations().every((a) => a.playState !== 'running' || !a.transitionProperty)"
+    )
+
+
+def examine(page: Page, what: str, *, whole: bool = False, dark: bool = True) -> list[str]:
+    """What is wrong with what is shown on every screen; with or without the header, and the dark colours."""
+    page.set_viewport_size({"width": SIZES[0][0], "height": SIZES[0][1]})
+    wrong = [f"{what}: {fault}" for fault in faults(page, whole=whole)]
+    if dark:
+        theme(page, "dark")
+        wrong += [f"{what} dark: {fault}" for fault in faults(page, "color-contrast", whole=whole)]
+        theme(page, "light")
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+        wide = page.evaluate("document.documentElement.scrollWidth")
+        if wide > width:
+            wrong.append(f"{what} is {wide} wide at {width}x{height}")
+        stop = page.locator("#hw-stop").bounding_box()
+        assert stop is not None
+        if not (0 <= stop["x"] <= width - stop["width"] and 0 <= stop["y"] <= height - stop["height"]):
+            wrong.append(f"{what}: STOP is out of sight at {width}x{height}")
+    page.set_viewport_size({"width": SIZES[0][0], "height": SIZES[0][1]})
+    return wrong
+
+
+def test_pages_are_accessible_and_never_wider_than_the_screen(operator: Page) -> None:
     wrong: list[str] = []
     for path in [page.path for page in PAGES]:
-        operator.set_viewport_size({"width": SIZES[0][0], "height": SIZES[0][1]})
         walk(operator, path)
-        wrong += [f"{path}: {fault}" for fault in faults(operator)]
-        operator.emulate_media(color_scheme="dark")
-        wrong += [f"{path} dark: {f}" for f in faults(operator, runOnly=["color-contrast"])]
-        operator.emulate_media(color_scheme="light")
-        for width, height in SIZES:
-            operator.set_viewport_size({"width": width, "height": height})
-            wide = operator.evaluate("document.documentElement.scrollWidth")
-            if wide > width:
-                wrong.append(f"{path} is {wide} wide at {width}x{height}")
-            stop = operator.locator("#hw-stop").bounding_box()
-            assert stop is not None
-            if not (0 <= stop["x"] <= width - stop["width"] and 0 <= stop["y"] <= height - stop["height"]):
-                wrong.append(f"{path}: STOP is out of sight at {width}x{height}")
+        wrong += examine(operator, path, whole=path == "/")
     assert not wrong, "\n".join(wrong)
+
+
+def test_the_work_at_servos_is_accessible_too(
+    studio: RunningStudio, context: BrowserContext, tmp_path: Path
+) -> None:
+    studio.studio.source.open_bus(f"sim://so101?name={tmp_path.name}")
+    page = context.new_page()
+    page.goto(studio.operate_url.replace("/?", "/servos?"))
+    page.get_by_role("button", name="Take control").click()
+    page.get_by_role("button", name="Search", exact=True).click()
+    page.get_by_text("6 servos found").wait_for()
+    tabs = page.get_by_role("tab")
+    wrong: list[str] = []
+    for i in range(tabs.count()):
+        tabs.nth(i).click()
+        page.locator('[role="tab"][aria-selected="true"]', has_text=tabs.nth(i).inner_text()).wait_for()
+        wrong += examine(page, f"servos, {tabs.nth(i).inner_text()}", dark=i == 0)
+    assert not wrong, "\n".join(wrong)
+    # What is no backup is refused in words.
+    tabs.filter(has_text="Backup").click()
+    file = tmp_path / "backup.json"
+    file.write_text("[1]")
+    with page.expect_file_chooser() as chooser:
+        page.get_by_role("button", name="Load a backup").click()
+    chooser.value.set_files(file)
+    page.get_by_text("not a file of servo settings").wait_for()

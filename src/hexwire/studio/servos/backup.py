@@ -45,12 +45,14 @@ def build(view: View, servo_id: int) -> None:
         button("Back up all servos", lambda: take(bus.bench.servo_ids), level="main")
         button(f"Back up servo {servo_id}", lambda: take((servo_id,)))
         upload = ui.upload(
-            label="Load a backup (.json)",
             auto_upload=True,
             max_file_size=_LARGEST,
             on_upload=lambda event: load(event),
         )
-        upload.props('accept=".json,application/json" flat bordered').classes("sv-upload")
+        # Its own button cannot be named for a screen reader.
+        upload.props('accept=".json,application/json"').classes("hidden")
+        pick = button("Load a backup", lambda: None)
+        pick.on("click", js_handler=f"() => getElement({upload.id}).$refs.qRef.pickFiles()")
         upload.on("rejected", lambda: ui.notify("the file is larger than 1 MiB, or no JSON", type="negative"))
     place = ui.element("div")
 
