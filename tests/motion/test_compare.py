@@ -80,8 +80,9 @@ def test_what_cannot_be_compared_is_refused() -> None:
         best_lag(_motion(), [])
 
 
-def test_of_a_motion_that_repeats_itself_the_shortest_lag_is_found() -> None:
+@pytest.mark.parametrize(("speed", "lag"), [(1.4, 0.3), (3.1, -0.417), (6.0, 0.233)])
+def test_of_a_motion_that_repeats_itself_the_shortest_lag_is_found(speed: float, lag: float) -> None:
     def swing(lag: float) -> list[tuple[float, tuple[float, ...]]]:
-        return [(i / 50, tuple(math.sin(1.4 * (i / 50 - lag) + k) for k in range(3))) for i in range(2000)]
+        return [(i / 50, tuple(math.sin(speed * (i / 50 - lag) + k) for k in range(3))) for i in range(2000)]
 
-    assert best_lag(swing(0.0), swing(0.3)) == pytest.approx(0.3, abs=0.004)
+    assert best_lag(swing(0.0), swing(lag)) == pytest.approx(lag, abs=0.004)
