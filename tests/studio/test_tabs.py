@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hexwire.studio.access import Right
-from hexwire.studio.tabs import Tabs
+from hexwire.studio.tabs import MOST_TABS, Tabs
 
 
 def test_a_tab_is_found_by_its_own_session_only() -> None:
@@ -28,3 +28,14 @@ def test_the_holder_is_the_tab_with_that_grant() -> None:
     assert tabs.holder(7) is second
     assert tabs.holder(0) is None
     assert first.name != second.name
+
+
+def test_pages_that_never_opened_a_socket_are_forgotten_first() -> None:
+    tabs = Tabs()
+    live = tabs.open("s", Right.OPERATE)
+    live.live = True
+    idle = [tabs.open("s", Right.WATCH) for _ in range(MOST_TABS)]
+    assert len(tabs) == MOST_TABS
+    assert tabs.find(live.key, "s") is live
+    assert tabs.find(idle[0].key, "s") is None
+    assert tabs.find(idle[-1].key, "s") is idle[-1]

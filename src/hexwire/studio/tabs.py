@@ -11,7 +11,10 @@ from dataclasses import dataclass, field
 
 from .access import Right
 
-__all__ = ["Tab", "Tabs"]
+__all__ = ["MOST_TABS", "Tab", "Tabs"]
+
+MOST_TABS = 128
+"""Pages that are remembered; more than may have sockets, since a page is built before it opens its own."""
 
 
 @dataclass(eq=False, slots=True)
@@ -51,7 +54,10 @@ class Tabs:
         return len(self._tabs)
 
     def open(self, session: str, right: Right) -> Tab:
-        """A page is built for a session."""
+        """A page is built for a session. If there are too many, the oldest without a socket is forgotten."""
+        idle = (each for each in self._tabs.values() if not each.live)
+        if len(self._tabs) >= MOST_TABS and (oldest := next(idle, None)) is not None:
+            self.close(oldest)
         tab = Tab(f"tab {next(self._count)}", secrets.token_urlsafe(16), session, right)
         self._tabs[tab.key] = tab
         return tab
