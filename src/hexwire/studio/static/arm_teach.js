@@ -150,6 +150,17 @@ export function mountTeach(page) {
     mark(Math.min(taught.duration, played + Math.max(0, now - run.lead_in) * Number(factor.value)));
   });
   new ResizeObserver(draw).observe(plot);
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  const again = () => {
+    if (plot.isConnected) {
+      draw();
+      return;
+    }
+    dark.removeEventListener("change", again);
+    themed.disconnect();
+  };
+  const themed = new MutationObserver(again);
+  themed.observe(document.documentElement, { attributes: true, attributeFilter: ["data-theme"] });
+  dark.addEventListener("change", again);
   show();
 }
