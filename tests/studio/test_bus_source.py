@@ -126,6 +126,16 @@ def test_torque_and_a_stop_reach_the_servos(bus: BusSource) -> None:
         bus.stop("again")
 
 
+def test_a_line_that_is_lost_is_opened_again(bus: BusSource) -> None:
+    until(lambda: bus.live, "live values")
+    bus.bus.link.close()
+    until(lambda: bus.error, "the loss is seen")
+    assert bus.facts()["connected"] is False
+    bus.live = {}
+    until(lambda: bus.live and not bus.error, "values after the return")
+    assert bus.bus.link.is_open
+
+
 def test_a_servo_with_another_id_is_followed(bus: BusSource) -> None:
     servos(bus)[6].registers.put_stored("id", 20)
     row = bus.look_again(20, former=6)

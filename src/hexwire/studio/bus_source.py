@@ -6,6 +6,7 @@ backups. What may be done, and a stop, belong to `ServoBench`. Must not know pag
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import math
 import threading
@@ -36,6 +37,8 @@ _log = logging.getLogger(__name__)
 
 _PERIOD = 0.2
 """Seconds between two reads of live values."""
+_RETRY = 0.5
+"""Seconds between two attempts to open a line that was lost."""
 
 
 class BusSource:
@@ -247,6 +250,7 @@ class BusSource:
                 if not self._ending.is_set() and str(error) != self.error:
                     self.error = str(error)
                     self.on_change()
+                self._reopen()
                 continue
             except Exception:  # noqa: BLE001  # logged; the next reading may succeed
                 _log.exception("reading servos failed")
@@ -255,6 +259,12 @@ class BusSource:
             self.live = {row.servo_id: row for row in values}
             self.history.add(time.monotonic(), values)
             self.on_live(values)
+
+    def _reopen(self) -> None:
+        """Open the line again after a loss. Nothing is written: servos that kept their supply hold."""
+        if not self.bus.link.is_open and not self._ending.wait(_RETRY):
+            with contextlib.suppress(HexwireError):
+                self.bus.open()
 
     # -- facts --------------------------------------------------------------------------------------------
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import pytest
@@ -17,21 +18,10 @@ def test_a_backup_is_taken_compared_and_survives_a_file(view: Any) -> None:
     assert backup._differences(view, rows[1]) == []
     servo_of(view, 3).registers.put_stored("max_temperature", 50)
     assert backup._differences(view, rows[1]) == [("max_temperature", 50, 70)]
-    assert (
-        backup._differences(
-            view, rows[1]._replace(servo_id=99) if hasattr(rows[1], "_replace") else _other(rows[1])
-        )
-        is None
-    )
+    assert backup._differences(view, dataclasses.replace(rows[1], servo_id=99)) is None
     assert parse_backups(serialize_backups(rows).encode(), "x") == rows
     with pytest.raises(UsageError, match="search first"):
         backup._take(view, ())
-
-
-def _other(row: Any) -> Any:
-    import dataclasses
-
-    return dataclasses.replace(row, servo_id=99)
 
 
 @pytest.mark.parametrize(

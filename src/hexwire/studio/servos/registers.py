@@ -169,6 +169,7 @@ async def _ask(row: TableRow) -> tuple[str, bool] | None:
 
     register = row.register
     with ui.dialog() as dialog, ui.element("div").classes("sv-dialog"):
+        dialog.props(f'aria-label="Edit {escape(register.name)}"')
         html(f"Edit {register.name}", "h2", "sv-h2")
         if register.note:
             html(register.note, "p", "sv-hint")
