@@ -63,7 +63,8 @@ class RunningStudio:
         """
         self.studio.source.silence = silence
         rows = "&".join([f"name=studio{next(_names)}", *(f"{key}={value}" for key, value in options.items())])
-        self.studio.source.open(f"sim://{kind}?{rows}")
+        # A busy machine is not taken for a program that has died.
+        self.studio.source.open(f"sim://{kind}?{rows}", watchdog=5.0)
         self.until(lambda: self.arm.owner.state is not None, "a state")
 
     @property
