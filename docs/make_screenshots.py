@@ -9,6 +9,7 @@ Seeds, poses and sizes are the same each time; times and rates on the pages are 
 from __future__ import annotations
 
 import os
+import re
 import sys
 import tempfile
 import threading
@@ -22,6 +23,8 @@ sys.path.insert(0, str(HERE.parent))
 
 from tests.studio.chromium import chromium  # noqa: E402  # found by the line above
 
+from hexwire.fleet.service import Service  # noqa: E402
+from hexwire.fleet.service_file import read_arms  # noqa: E402
 from hexwire.studio.access import Access  # noqa: E402
 from hexwire.studio.app import Studio  # noqa: E402
 from hexwire.studio.server import Server  # noqa: E402
@@ -77,9 +80,12 @@ def operate(page: Page) -> None:
     take.or_(give).first.wait_for()
     if take.is_visible():
         take.click()
-    on = page.get_by_role("button", name="Torque on")
-    off = page.get_by_role("button", name="Torque off")
-    on.or_(off).first.wait_for()
+    on, off, resume = (page.get_by_role("button", name=name) for name in ("Torque on", "Torque off", "Resume"))
+    on.or_(off).or_(resume).first.wait_for()
+    if resume.is_visible():
+        # A machine that stalled has tripped the watchdog.
+        resume.click()
+        on.or_(off).first.wait_for()
     if on.is_visible():
         on.click()
     off.wait_for()
@@ -95,7 +101,7 @@ def show_arm(page: Page) -> None:
     """The arm, half way, with the preview of a goal."""
     operate(page)
     page.evaluate(_WAVE, 4.0)
-    for axis, value in (("x", "60"), ("y", "220"), ("z", "160")):
+    for axis, value in (("x", "-100"), ("y", "200"), ("z", "220")):
         page.locator(f'#arm-goto input[name="{axis}"]').fill(value)
     page.get_by_text("Takes").first.wait_for()
 
@@ -119,7 +125,29 @@ def show_start(page: Page) -> None:
     """What is plugged in: nothing, and what to do."""
 
 
-show_servos = show_recordings = show_fleet = show_start
+def show_servos(page: Page) -> None:
+    """The registers of a servo on a bare bus."""
+    page.get_by_role("button", name="Take control").click()
+    page.get_by_role("button", name="Search", exact=True).click()
+    page.get_by_text("6 servos found").wait_for()
+    page.get_by_role("tab", name="Registers").click()
+    page.get_by_text("max_position_limit").wait_for()
+
+
+def show_recordings(page: Page) -> None:
+    """A recording and its plot."""
+    operate(page)
+    page.get_by_role("button", name="Record the arm").click()
+    page.evaluate(_WAVE, 6.0)
+    page.get_by_role("button", name="End the recording").click()
+    page.get_by_role("button", name=re.compile("^open ")).first.click()
+    page.locator(".u-over").first.wait_for()
+
+
+def show_fleet(page: Page) -> None:
+    """Three shared arms."""
+    page.get_by_text("lab/arm3").first.wait_for()
+
 
 PAGES: dict[str, tuple[str, str, Callable[[Page], None]]] = {
     "start": ("Connect", "", show_start),
@@ -141,6 +169,7 @@ def main() -> int:
         os.environ.update(XDG_RUNTIME_DIR=folder, XDG_STATE_HOME=folder, XDG_DATA_HOME=folder)
         studio, url = stack.enter_context(served())
         browser = stack.enter_context(chromium())
+        arms: list[Service] = []
         for theme in ("light", "dark"):
             context = browser.new_context(
                 viewport={"width": WIDTH, "height": HEIGHT}, color_scheme=theme, reduced_motion="reduce"
@@ -150,8 +179,13 @@ def main() -> int:
             for picture in wanted:
                 name, port, prepare = PAGES[picture]
                 studio.source.close()
-                if port:
+                if picture == "servos":
+                    studio.source.open_bus(port)
+                elif port:
                     studio.source.open(port)
+                if picture == "fleet" and not arms:
+                    rows = {f"lab/arm{i}": {"robot": "sim"} for i in (1, 2, 3)}
+                    arms.append(stack.enter_context(Service(read_arms(rows))))
                 go(page, name)
                 prepare(page)
                 page.mouse.move(WIDTH - 1, HEIGHT - 1)
