@@ -131,6 +131,7 @@ def mount(module: str, element: Element, **args: object) -> None:
     """
     from nicegui import ui
 
-    place = f"document.getElementById('c{element.id}')"
-    call = f"import('/static/{module}').then((m) => m.mount({place}, {json.dumps(args)}))"
+    # While the module was loaded the page may have been drawn again, or left: then there is nothing to take over.
+    place = f"const place = document.getElementById('c{element.id}')"
+    call = f"import('/static/{module}').then((m) => {{ {place}; if (place) m.mount(place, {json.dumps(args)}); }})"
     ui.run_javascript(call)
