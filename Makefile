@@ -33,6 +33,8 @@ UV := $(TOOLS)/bin/uv
 READY := $(ROOT)/.venv/.ready
 CORE := $(ROOT)/.venv/.core
 BYTECODE := $(ROOT)/.venv/.bytecode
+PLUGIN := $(ROOT)/integrations/lerobot
+LEROBOT := $(ROOT)/build/lerobot
 
 # A separate folder for caches if there is no writable home.
 ifeq ($(shell test -n "$$HOME" && test -d "$$HOME" && test -w "$$HOME" && echo yes),)
@@ -54,10 +56,11 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help mutants setup system-packages demo test check lint types imports schema tests soak bench pictures analyzers lock clean
+.PHONY: help mutants setup system-packages demo test test-lerobot check lint types imports schema tests soak bench pictures \
+    analyzers lock lock-lerobot clean
 
 help: ## show this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-9s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
 
 demo: $(CORE) ## move an emulated arm there and back
 	@$(BIN)/hexwire demo
@@ -65,6 +68,10 @@ demo: $(CORE) ## move an emulated arm there and back
 test: setup system-packages ## run all checks: lint, types, import rule, tables, tests
 	@$(MAKE) --no-print-directory -j2 --output-sync=target check $(BYTECODE)
 	@$(MAKE) --no-print-directory tests
+
+# Programs of LeRobot print and log much: pytest shows it for a test that fails.
+test-lerobot: $(LEROBOT)/.ready ## run the programs of LeRobot with hexwire's arms; installs LeRobot and PyTorch, 8 GB
+	cd '$(PLUGIN)' && $(LEROBOT)/bin/python -m pytest --show-capture=no tests
 
 check: lint types imports schema ## run all checks except the tests
 
@@ -110,6 +117,11 @@ soak: setup system-packages ## run the tests that `make test` only samples at fu
 lock: $(UV) ## rewrite uv.lock after a change in pyproject.toml
 	env -u UV_INDEX -u UV_EXTRA_INDEX_URL -u UV_FIND_LINKS $(UV) lock --default-index https://pypi.org/simple
 
+lock-lerobot: $(UV) ## rewrite the versions and hashes of test-lerobot
+	cd '$(PLUGIN)' && env -u UV_INDEX -u UV_EXTRA_INDEX_URL -u UV_FIND_LINKS $(UV) pip compile --quiet --universal \
+	    --python-version 3.11 --generate-hashes --no-header --no-annotate --override overrides.txt \
+	    --default-index https://pypi.org/simple requirements.in -o requirements.txt
+
 clean: ## remove everything that make has created
 	rm -rf .venv .tools .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache build dist
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
@@ -125,6 +137,14 @@ $(READY): pyproject.toml uv.lock $(UV)
 # leaves a processor free. What cannot be collected is told by the run that follows.
 $(BYTECODE): $(READY) $(shell find '$(ROOT)/src' '$(ROOT)/tests' -name '*.py')
 	@$(BIN)/python -m pytest --collect-only -qq tests >/dev/null 2>&1 || true
+	@touch $@
+
+# An environment of its own: LeRobot pins old versions of much. Files are linked, not copied, from uv's cache.
+$(LEROBOT)/.ready: pyproject.toml $(PLUGIN)/pyproject.toml $(PLUGIN)/requirements.txt $(UV)
+	$(UV) venv --quiet --clear --python '$(PYTHON)' '$(LEROBOT)'
+	UV_LINK_MODE=hardlink $(UV) pip install --quiet --python '$(LEROBOT)' --require-hashes -r '$(PLUGIN)/requirements.txt' </dev/null
+	$(UV) pip install --quiet --python '$(LEROBOT)' --no-deps -e '$(ROOT)' </dev/null
+	$(UV) pip install --quiet --python '$(LEROBOT)' --no-deps --no-build-isolation -e '$(PLUGIN)' </dev/null
 	@touch $@
 
 # Only the dependencies of the package itself; `--inexact` keeps those that the tests have installed.

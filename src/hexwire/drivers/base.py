@@ -257,6 +257,10 @@ class RobotDriver(ABC):
     def read(self) -> JointState:
         """Read all joints. A silent servo raises no error; its joint has the flag `JointFlag.SILENT`."""
 
+    def read_positions(self) -> JointState:
+        """Read at least the positions of all joints, in the shortest time; the rest may be NaN. Else as `read`."""
+        return self.read()
+
     def stream(self, period: float, timeout: float = 1.0, *, slow: float | None = None) -> Iterator[JointState]:
         """Yield the states that the robot reports periodically, until the caller stops iterating.
 

@@ -41,6 +41,7 @@ from hexwire.wire.registers import Series
 from .arm_file import BusArmFile, load_arm_file, load_profile
 from .base import ProbeReport, RobotDriver, StopMode
 from .bus_goals import SPEED_UNIT, BusGoals
+from .bus_positions import FAULTS, PositionReader
 from .bus_probe import probe_joint
 from .replies import torque_flag
 from .stop_memory import StopMemory
@@ -52,7 +53,6 @@ if TYPE_CHECKING:
 __all__ = ["BusArm", "ChainArm", "SevenBotArm", "So100Arm", "So101Arm", "arm_class"]
 
 _LIVE_FIRST, _LIVE_COUNT = 56, 15
-_RESERVED_FAULTS = int(JointFlag(0xFF).faults) & ~int(JointFlag.SILENT)
 _MIN_DURATION = 0.02
 _ADVICE = "check power and cable; `hexwire doctor` looks for the reason"
 
@@ -103,8 +103,8 @@ class BusArm(RobotDriver):
         # waits for neither; a signal handler may call either one during the other.
         self._powering = threading.RLock()
         self._goals = BusGoals(self.bus)
-        self._positions: dict[str, float] = {}
-        self._sampled: dict[str, float] = {}
+        self._reader = PositionReader(self.model)
+        self._positions, self._sampled = self._reader.positions, self._reader.sampled
 
     @classmethod
     def described(cls) -> BusArmFile:
@@ -273,6 +273,13 @@ class BusArm(RobotDriver):
             stopped=self.epochs.stopped,
         )
 
+    def read_positions(self) -> JointState:
+        """Read positions only: half the time of `read` on the line. Velocity, load and the like are NaN."""
+        self._check_attached()
+        self.epochs.let_through()
+        readings = self.bus.sync_read("present_position", self._reader.ids)
+        return self._reader.state(readings, self._torque, self.epochs.stopped)
+
     def _live(self, i: int, joint: JointModel, block: ServoBlock) -> tuple[Any, ...]:
         registers = Series(joint.series).registers
         step = joint.scale / registers["present_position"].si_factor
@@ -294,7 +301,7 @@ class BusArm(RobotDriver):
         if counts is None:
             position, flags = self._positions.get(joint.name, math.nan), int(JointFlag.SILENT)
         else:
-            position, flags = joint.counts_to_angle(counts), status & _RESERVED_FAULTS
+            position, flags = joint.counts_to_angle(counts), status & FAULTS
         return position, *values, flags | torque_flag(self._torque[i])
 
     # -- moving -------------------------------------------------------------------------------------

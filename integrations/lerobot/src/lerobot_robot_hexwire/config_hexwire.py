@@ -1,0 +1,124 @@
+"""Configurations: what `--robot.NAME=...` and `--teleop.NAME=...` set.
+
+Owns the fields and the names under which LeRobot finds them. Must not know robots.
+"""
+
+from dataclasses import dataclass, field
+
+from lerobot.cameras import CameraConfig
+from lerobot.robots import RobotConfig
+from lerobot.teleoperators import TeleoperatorConfig
+
+__all__ = [
+    "HexwireHex7botConfig",
+    "HexwireHex7botLeaderConfig",
+    "HexwireRemoteConfig",
+    "HexwireRemoteLeaderConfig",
+    "HexwireRobotConfig",
+    "HexwireSO100Config",
+    "HexwireSO100LeaderConfig",
+    "HexwireSO101Config",
+    "HexwireSO101LeaderConfig",
+    "HexwireTeleopConfig",
+]
+
+
+@dataclass(kw_only=True)
+class HexwireRobotConfig(RobotConfig):
+    """What all robots have. The first four fields are those of LeRobot's own SO arms.
+
+    Attributes:
+        port: Port or address, as for `hexwire --port`.
+        disable_torque_on_disconnect: Switch torque off at the end: the arm sinks.
+        max_relative_target: Most that an action may differ from the present position, in units of the action; for
+            all joints or by name.
+        cameras: By name.
+        use_degrees: Joints in degrees; otherwise -100 to 100 over their range. A gripper is always 0 to 100.
+        meet_speed: Share of the speed limits at which the arm goes to the first action.
+    """
+
+    port: str
+    disable_torque_on_disconnect: bool = True
+    max_relative_target: float | dict[str, float] | None = None
+    cameras: dict[str, CameraConfig] = field(default_factory=dict)
+    use_degrees: bool = True
+    meet_speed: float = 0.2
+
+
+@dataclass(kw_only=True)
+class HexwireTeleopConfig(TeleoperatorConfig):
+    """What all leaders have.
+
+    Attributes:
+        port: Port or address, as for `hexwire --port`.
+        use_degrees: As for the robot; both must have the same value.
+    """
+
+    port: str
+    use_degrees: bool = True
+
+
+@RobotConfig.register_subclass("hexwire_so101")
+@dataclass(kw_only=True)
+class HexwireSO101Config(HexwireRobotConfig):
+    """An SO-101 follower on its servo adapter.
+
+    Attributes:
+        auto_calibration: `lerobot-calibrate` lets the arm find its stops itself. It moves!
+    """
+
+    auto_calibration: bool = False
+
+
+@RobotConfig.register_subclass("hexwire_so100")
+@dataclass(kw_only=True)
+class HexwireSO100Config(HexwireSO101Config):
+    """An SO-100 follower on its servo adapter."""
+
+
+@RobotConfig.register_subclass("hexwire_hex7bot")
+@dataclass(kw_only=True)
+class HexwireHex7botConfig(HexwireRobotConfig):
+    """A Hex7Bot on its board."""
+
+
+@RobotConfig.register_subclass("hexwire_remote")
+@dataclass(kw_only=True)
+class HexwireRemoteConfig(HexwireRobotConfig):
+    """An arm that `hexwire serve` shares; the port is its address, as in ``zenoh:lab/arm1``.
+
+    Attributes:
+        arm: Kind of the arm: so101, so100 or hex7bot. LeRobot asks for the joints before it connects.
+    """
+
+    arm: str = "so101"
+
+
+@TeleoperatorConfig.register_subclass("hexwire_so101_leader")
+@dataclass(kw_only=True)
+class HexwireSO101LeaderConfig(HexwireTeleopConfig):
+    """An SO-101 leader on its servo adapter."""
+
+
+@TeleoperatorConfig.register_subclass("hexwire_so100_leader")
+@dataclass(kw_only=True)
+class HexwireSO100LeaderConfig(HexwireTeleopConfig):
+    """An SO-100 leader on its servo adapter."""
+
+
+@TeleoperatorConfig.register_subclass("hexwire_hex7bot_leader")
+@dataclass(kw_only=True)
+class HexwireHex7botLeaderConfig(HexwireTeleopConfig):
+    """A Hex7Bot without torque, moved by hand."""
+
+
+@TeleoperatorConfig.register_subclass("hexwire_remote_leader")
+@dataclass(kw_only=True)
+class HexwireRemoteLeaderConfig(HexwireTeleopConfig):
+    """A leader that `hexwire serve` shares.
+
+    Attributes:
+        arm: As in `HexwireRemoteConfig`.
+    """
+
+    arm: str = "so101"
