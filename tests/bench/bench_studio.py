@@ -57,26 +57,23 @@ _JOG = """() => {
 }"""
 
 
-def run() -> list[str]:
+def run() -> Iterator[str]:
     """Figures of the studio, each beside its aim."""
     if not Path("/usr/bin/chromium").exists():
-        return ["left out: Chromium is not installed (`make test` installs it)"]
+        yield "left out: Chromium is not installed (`make test` installs it)"
+        return
     with ExitStack() as stack:
         bare = stack.enter_context(_process("owner", *_arm(stack)))
-        port, moves = _arm(stack)
-        studio = stack.enter_context(_process("studio", port, moves))
+        studio = stack.enter_context(_process("studio", *_arm(stack)))
         browser = stack.enter_context(chromium())
-        usable = _usable(browser, studio)
-        lines = [
-            f"from the start of `hexwire studio` to its address: {studio.started:.2f} s (aim 3 s)",
-            f"a usable page, empty cache: median {usable[0]:.2f} s, worst {usable[1]:.2f} of {_PAGES} (aim 1.5 s)",
-        ]
-        lines += _processor(browser, bare, studio)
-        lines.append(_drag(browser, studio))
-        lines.append(_memory(studio))
+        yield f"from the start of `hexwire studio` to its address: {studio.started:.2f} s (aim 3 s)"
+        usual, worst = _usable(browser, studio)
+        yield f"a usable page, empty cache: median {usual:.2f} s, worst {worst:.2f} of {_PAGES} (aim 1.5 s)"
+        yield from _processor(browser, bare, studio)
+        yield _drag(browser, studio)
+        yield _memory(studio)
     with ExitStack() as stack:
-        lines.append(_cycles(stack))
-    return lines
+        yield _cycles(stack)
 
 
 class _Process:
