@@ -55,6 +55,9 @@ def test_demo_prints_both_addresses_and_ends_at_ctrl_c() -> None:
         ["--password-file", "/not/there"],
         ["--take"],
         ["--physics"],
+        ["--robot", "nobody"],
+        ["--port", "/dev/null", "--robot", "nobody"],
+        ["--port", "nowhere://here"],
     ],
 )
 def test_what_contradicts_itself_or_is_unprotected_is_refused_in_one_line(options: list[str]) -> None:

@@ -126,6 +126,17 @@ def test_torque_and_a_stop_reach_the_servos(bus: BusSource) -> None:
         bus.stop("again")
 
 
+def test_a_stop_that_comes_after_a_resume_was_asked_for_stays(bus: BusSource) -> None:
+    bus.stop("tab 1 stopped it")
+    asked = bus.mark()
+    bus.stop("tab 2 stopped it")
+    with pytest.raises(HexwireError, match="stopped again"):
+        bus.resume(asked)
+    assert bus.facts()["stopped"] == "tab 2 stopped it"
+    bus.resume(bus.mark())
+    assert bus.facts()["stopped"] == ""
+
+
 def test_a_line_that_is_lost_is_opened_again(bus: BusSource) -> None:
     until(lambda: bus.live, "live values")
     bus.bus.link.close()

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from tests.studio.running import Visitor
+from tests.studio.running import Visitor, until
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -194,6 +194,39 @@ def test_nothing_from_before_a_stop_continues_after_resume(moving: Callable[[], 
     _is_held(studio, "the order is old")
 
 
+def test_what_a_watcher_asks_for_leaves_the_motion_of_others_alone(moving: Callable[[], _Holder]) -> None:
+    holder = moving()
+    source = holder.studio.studio.source.arm
+    assert source is not None
+    mine = source.attended.entry
+    assert mine is not None
+    watcher = Visitor(holder.studio, holder.studio.studio.access.watch_token)
+    with watcher.socket(f"/live?tab={watcher.page()}") as line:
+        order = {"do": "hold", "id": 7, "kind": "joint", "args": _JOG, "stops": source.stops}
+        line.send(json.dumps(order))
+        until(lambda: '"ended", "id": 7' in str(line.recv(timeout=10)), "the refusal")
+        assert mine.ended in ("", "no sign of life")
+
+
+def test_a_resume_from_before_a_stop_does_not_end_it(studio: RunningStudio, operator: Page) -> None:
+    owner, workers, free = studio.arm.owner, studio.studio._workers, threading.Event()
+    operator.keyboard.press("Escape")
+    operator.get_by_role("button", name="Resume").wait_for()
+    stops = owner.group.stops
+    try:
+        # All are busy, as with previews of long motions: the order has to wait.
+        for _ in range(workers._max_workers):
+            workers.submit(free.wait)
+        operator.get_by_role("button", name="Resume").click()
+        studio.until(workers._work_queue.qsize, "the order to resume")
+        operator.keyboard.press("Escape")
+        studio.until(lambda: owner.group.stops > stops, "the second stop")
+    finally:
+        free.set()
+    operator.get_by_text("a stop came after the call").wait_for()
+    assert owner.group.reason is not None
+
+
 def test_a_motion_ends_in_a_browser(studio: RunningStudio, operator: Page) -> None:
     studio.torque()
     operator.evaluate(
@@ -201,11 +234,15 @@ def test_a_motion_ends_in_a_browser(studio: RunningStudio, operator: Page) -> No
             const button = Object.assign(document.createElement("button"), {id: "jog", textContent: "J1 +"});
             document.getElementById("hw-main").prepend(button);
             hexwire.holdButton(button, "joint", jog);
+            window.jog = button;
+            // Other browsers than this one do not tell what leaves a page that it loses the focus.
+            const hide = (event) => event.target === button && event.stopImmediatePropagation();
+            window.addEventListener("blur", hide, true);
         }""",
         _JOG,
     )
     button = operator.locator("#jog")
-    for way in ("mouse", "key", "blur", "freeze", "close"):
+    for way in ("mouse", "key", "gone", "disabled", "blur", "freeze", "close"):
         operator.mouse.up()
         if way == "key":
             button.focus()
@@ -218,6 +255,10 @@ def test_a_motion_ends_in_a_browser(studio: RunningStudio, operator: Page) -> No
             operator.mouse.up()
         elif way == "key":
             operator.keyboard.up("Space")
+        elif way == "gone":
+            operator.evaluate("jog.remove()")
+        elif way == "disabled":
+            operator.evaluate("jog.disabled = true; 1")
         elif way == "freeze":
             source = studio.studio.source.arm
             assert source is not None
@@ -232,6 +273,10 @@ def test_a_motion_ends_in_a_browser(studio: RunningStudio, operator: Page) -> No
         _is_held(studio, way)
         if way == "freeze":
             source.attended.silence = 5.0
+        elif way == "gone":
+            operator.evaluate("document.getElementById('hw-main').prepend(jog)")
+        elif way == "disabled":
+            operator.evaluate("jog.disabled = false; 1")
 
 
 def test_stop_reaches_the_arm_without_the_live_socket(studio: RunningStudio, operator: Page) -> None:

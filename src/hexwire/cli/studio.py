@@ -134,10 +134,24 @@ def studio(
         raise UsageError("--take is for a shared arm, as in --port zenoh:lab/arm1")
     if take and port:
         port = f"{port}{'&' if '?' in port else '?'}take=1"
+    _check_typed("" if demo else port or "", robot, settings)
     protection = _Protection(listen, cert, key, ca, password_file)
     folder = None if recordings is None else Path(recordings)
     kind = _Demo.PHYSICS if physics else _Demo.PLAIN if demo else _Demo.NONE
     _run(kind, None if demo else port, robot, settings, protection, folder, browser=not no_browser)
+
+
+def _check_typed(port: str, robot: str | None, settings: dict[str, object]) -> None:
+    """Refuse what can never be opened; opens nothing. Whatever else fails is shown on the page."""
+    from hexwire.control.setting import Faults
+    from hexwire.control.settings_reader import read_settings
+    from hexwire.drivers.registry import is_address, load_driver
+
+    if robot:
+        load_driver(robot)
+    # What a shared arm is, only its server knows.
+    if port and not is_address(port):
+        read_settings({"port": port} | ({"robot": robot} if robot else {}) | settings, Faults())
 
 
 def _run(

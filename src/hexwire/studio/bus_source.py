@@ -20,7 +20,7 @@ from hexwire.bus.register_edits import RegisterEdits
 from hexwire.bus.setup import Found, identify, scan, shares_id
 from hexwire.bus.survey import Surveyed, survey
 from hexwire.control.servo_bench import Job, ServoBench
-from hexwire.errors import HexwireError, LeaseError, ServoError
+from hexwire.errors import HexwireError, LeaseError, ServoError, StoppedError
 
 if TYPE_CHECKING:
     from hexwire.bus.backup import ServoBackup
@@ -131,8 +131,17 @@ class BusSource:
         if unsure:
             raise ServoError(f"servo {', '.join(map(str, unsure))} did not confirm it: use the arm's switch")
 
-    def resume(self) -> None:
-        """End a stop; nothing moves."""
+    def resume(self, arrived: Token | None = None) -> None:
+        """End a stop; nothing moves.
+
+        Args:
+            arrived: When it was asked for, see `mark`; now if None.
+
+        Raises:
+            StoppedError: It was stopped again since then.
+        """
+        if arrived is not None and not self.bus.epochs.holds(arrived):
+            raise StoppedError.unsent("resume", 0, "it was stopped again meanwhile")
         self.bench.resume()
         self.on_change()
 

@@ -87,17 +87,21 @@ def _build_control(studio: Studio) -> None:
 
     async def resume() -> None:
         arm, bus = studio.source.arm, studio.source.bus
+        # Marked now: it waits for a thread, and a stop that comes meanwhile must stay.
         if bus is not None:
-            await studio.run(bus.resume, control=True)
+            since = bus.mark()
+            await studio.run(lambda: bus.resume(since), control=True)
         if arm is not None:
-            await studio.run(lambda: arm.shared.resume(arm.order(tab)), control=True)
+            token = arm.mark()
+            await studio.run(lambda: arm.shared.resume(arm.order(tab, token)), control=True)
 
     async def torque(on: bool) -> None:
         arm, bus = studio.source.arm, studio.source.bus
         if bus is not None:
             await studio.run(lambda: bus.switch_torque(on), control=True)
         if arm is not None:
-            await studio.run(lambda: arm.shared.torque(arm.order(tab), on, None), control=True)
+            token = arm.mark()
+            await studio.run(lambda: arm.shared.torque(arm.order(tab, token), on, None), control=True)
 
     def button(words: str, name: str, handler: object) -> None:
         with ui.element("button").classes("hw-button").props(f'id="hw-{name}" type="button" hidden') as made:

@@ -262,6 +262,8 @@ class Live:
             if order.get("stops") != present.stops & 0xFFFFFFFF:
                 socket.put({"kind": "ended", "id": number, "why": "the arm was stopped meanwhile"})
                 return
+            # At once: it would end what another page holds, and wait among the orders of that page.
+            studio.source.need_control(tab)
             arrived = present.mark()
             studio.holds.forget(tab)
             entry = present.attended.begin(tab.key, number)

@@ -110,7 +110,7 @@ function mountSlider(page, slider, joint, i, { low, high, share }) {
     slider.classList.add("hw-held");
     const mine = (drag = { goal: angle(event), told: performance.now(), timer: 0 });
     mark(mine.goal);
-    hexwire.hold("drag", args(mine.goal)).then((why) => over(mine, why));
+    hexwire.hold("drag", args(mine.goal), { element: slider }).then((why) => over(mine, why));
   });
   slider.addEventListener("pointermove", (event) => {
     if (!drag) return;
@@ -137,7 +137,8 @@ function mountSlider(page, slider, joint, i, { low, high, share }) {
     if (event.repeat || key || !page.mine) return;
     key = event.key;
     slider.classList.add("hw-held");
-    hexwire.hold("joint", { directions: { [joint.name]: turn }, speed: page.speed }).then((why) => {
+    const jog = { directions: { [joint.name]: turn }, speed: page.speed };
+    hexwire.hold("joint", jog, { element: slider }).then((why) => {
       key = "";
       over(null, why);
     });

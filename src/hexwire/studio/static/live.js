@@ -161,14 +161,21 @@ function hold(kind, args, options = {}) {
   const stops = hexwire.frame ? hexwire.frame.stops : (hexwire.facts || {}).stops || 0;
   let settle;
   const over = new Promise((resolve) => (settle = resolve));
-  held = { number, kind, settle, attended: Boolean(options.attended) };
+  held = { number, kind, settle, attended: Boolean(options.attended), element: options.element || null };
   if (!send({ do: "hold", id: number, kind, args, stops })) {
     ended("there is no connection to the studio");
     return over;
   }
   // With what is held by now: a change that was sent before the motion began was in vain.
-  held.timer = setInterval(() => send({ do: "beat", id: held.number, args: held.args }), BEAT);
+  held.timer = setInterval(beat, BEAT);
   return over;
+}
+
+function beat() {
+  const { element } = held;
+  // Not every browser says so: what was pressed is gone with its page, and nobody can let go of it any more.
+  if (element && (!element.isConnected || element.disabled)) release("what was pressed is gone");
+  else send({ do: "beat", id: held.number, args: held.args });
 }
 
 function update(args) {
@@ -193,7 +200,7 @@ function ended(why) {
 
 function holdButton(element, kind, args, options = {}) {
   const begin = () => {
-    const over = hold(kind, typeof args === "function" ? args() : args, options);
+    const over = hold(kind, typeof args === "function" ? args() : args, { ...options, element });
     element.classList.add("hw-held");
     over.then((why) => {
       element.classList.remove("hw-held");
