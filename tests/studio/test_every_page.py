@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Literal
 
 from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import TimeoutError  # not a subclass of Python's
 
 from hexwire.studio.pages import PAGES
 
@@ -58,8 +59,11 @@ def examine(page: Page, what: str, *, whole: bool = False, dark: bool = True) ->
         theme(page, "light")
     for width, height in SIZES:
         page.set_viewport_size({"width": width, "height": height})
-        wide = page.evaluate("document.documentElement.scrollWidth")
-        if wide > width:
+        try:
+            # Plots follow a frame or two later.
+            page.wait_for_function(f"document.documentElement.scrollWidth <= {width}", timeout=5000)
+        except TimeoutError:
+            wide = page.evaluate("document.documentElement.scrollWidth")
             wrong.append(f"{what} is {wide} wide at {width}x{height}")
         stop = page.locator("#hw-stop").bounding_box()
         assert stop is not None
