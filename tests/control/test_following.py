@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 
@@ -133,6 +134,43 @@ def test_a_leader_whose_servos_are_silent_holds_the_follower(rig: Rig) -> None:
     goals = rig.follower.goals
     rig.run(0.5)
     assert rig.follower.goals == goals
+
+
+def fastest(rig: Rig, joint: str, seconds: float) -> float:
+    """Highest speed of a joint of the follower meanwhile, degrees per second."""
+    places = []
+    end = rig.clock() + seconds
+    while rig.clock() < end:
+        places.append((rig.clock(), math.degrees(rig.follower.driver.read()[joint].position)))
+        rig.run(0.05)
+    return max(abs(b - a) / (after - before) for (before, a), (after, b) in itertools.pairwise(places))
+
+
+def test_it_meets_the_leader_again_after_the_program_was_suspended(rig: Rig) -> None:
+    rig.run(1.0)
+    rig.clock.advance(5.0)
+    rig.leader.hand("shoulder_pan", 40.0, rig.clock())
+    rig.clock.advance(1.0)
+    rig.leader.driver.read()
+    rig.clock.advance(1.0)
+    assert fastest(rig, "shoulder_pan", 1.5) < 50.0
+    assert abs(rig.apart("shoulder_pan")) < 2.0
+
+
+def test_a_follower_outside_its_limits_goes_back_slowly_also_when_it_holds(rig: Rig) -> None:
+    model = rig.follower.driver.model
+    joints = tuple(
+        replace(joint, minimum=math.radians(30.0)) if joint.name == "shoulder_pan" else joint
+        for joint in model.joints
+    )
+    rig.follower.driver.model = replace(model, joints=joints)
+    rig.rules = Following(rig.leader.driver.model, rig.follower.driver.model)
+    rig.controller._rules = rig.rules
+    rig.run(0.1)
+    rig.leader.device.wire.faults = FaultPlan(("silent:1",))
+    assert fastest(rig, "shoulder_pan", 1.5) < 50.0
+    assert "the leader is silent" in rig.notes
+    assert math.degrees(rig.follower.driver.read()["shoulder_pan"].position) == pytest.approx(30.0, abs=1.0)
 
 
 def test_a_stop_of_the_follower_ends_it(rig: Rig) -> None:

@@ -103,6 +103,23 @@ def test_a_blocked_joint_keeps_its_set_point_near() -> None:
     assert step.positions["elbow_flex"] == pytest.approx(math.radians(12.0))
 
 
+def test_a_joint_outside_its_limits_goes_back_slowly_and_then_follows() -> None:
+    """As after a calibration, when an arm without torque leans on a stop."""
+    joint = ARM.joint("elbow_flex")
+
+    def check(before: Mapping[str, float], goal: Mapping[str, float]) -> None:
+        for name, angle in goal.items():
+            if not ARM.joint(name).minimum <= angle <= ARM.joint(name).maximum:
+                raise LimitError(f"{name} is outside its limits")
+
+    run = Run(Following(ARM, ARM, share=0.1, check=check), HOME | {"elbow_flex": joint.maximum + 0.5})
+    step = run.cycle(HOME)
+    assert step.positions["elbow_flex"] == joint.maximum
+    assert step.least == pytest.approx(0.5 / (0.1 * joint.max_speed))
+    assert (run.cycle(HOME).least, run.cycles(HOME, 2000).note) == (0.0, "")
+    assert run.positions == pytest.approx(HOME)
+
+
 def test_where_the_follower_must_not_go_it_stays() -> None:
     def check(before: Mapping[str, float], goal: Mapping[str, float]) -> None:
         if goal["elbow_flex"] > 0.2:

@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 
 __all__ = ["FollowController", "FollowCounters", "Pair", "run_following"]
 
+_STALL = 0.5
+"""Seconds without a cycle, as when the program was suspended, after which the follower meets the leader again."""
+
 
 @dataclass(slots=True)
 class FollowCounters:
@@ -100,6 +103,9 @@ class FollowController:
         """The target for the leader's present position."""
         period = self._period if math.isnan(self._last) else max(self._period, now - self._last)
         self._last = now
+        if period > max(_STALL, 3.0 * self._period):
+            # Nobody knows where the leader was moved meanwhile.
+            self._rules.pause()
         leader = self._leader()
         age = self._now() - leader.stamp + max(leader.age, default=math.inf)
         self.counters.cycles += 1
@@ -119,7 +125,7 @@ class FollowController:
         self.moving = step.action is Action.MOVE
         if step.action is Action.HOLD:
             return holding(self._rules.arm, state)
-        return JointTarget.of(step.positions, OVERLAP * period) if step.positions else None
+        return JointTarget.of(step.positions, max(OVERLAP * period, step.least)) if step.positions else None
 
     def stop(self, reason: StopReason) -> None:
         """Meet the leader again before following it."""
@@ -212,15 +218,17 @@ def run_following(
             ended.set()
 
     threads = [threading.Thread(target=run, args=(pair,), name="follower") for pair in pairs[1:]]
-    for thread in threads:
-        thread.start()
     try:
+        for thread in threads:
+            thread.start()
         follow(pairs[0], shield)
     finally:
         ended.set()
         with shield():
             for thread in threads:
-                thread.join()
+                # One that Ctrl-C kept from starting has no end either.
+                if thread.ident is not None:
+                    thread.join()
     # Only another pair's end leads here.
     raise faults[0] if faults else HexwireError("another follower has ended")
 

@@ -27,22 +27,25 @@ AHEAD = 1.5
 """Duration of a step's target in steps, so that a late step does not pause the motion."""
 _SETTLE = 0.05
 """Duration of a target that holds the joints, seconds."""
+_BACK = 0.2
+"""Share of its speed limit at which a joint outside its limits goes back to them when it is held."""
 
 
 def holding(arm: ArmModel, state: JointState, joints: Collection[str] | None = None) -> JointTarget | None:
-    """A target at the present positions, within limits; None if no position is known.
+    """A target at the present positions; None if no position is known. A joint outside its limits goes back slowly.
 
     Args:
         arm: Limits.
         state: Where they are.
         joints: Only these; all if None.
     """
-    inside = {}
+    inside, duration = {}, _SETTLE
     for joint in state:
         limits = arm.joint(joint.name)
         if math.isfinite(joint.position) and (joints is None or joint.name in joints):
             inside[joint.name] = max(limits.minimum, min(limits.maximum, joint.position))
-    return JointTarget.of(inside, _SETTLE) if inside else None
+            duration = max(duration, abs(inside[joint.name] - joint.position) / (_BACK * limits.max_speed))
+    return JointTarget.of(inside, duration) if inside else None
 
 
 def step_share(since: float, step: float, duration: float) -> float:

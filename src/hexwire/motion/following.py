@@ -55,12 +55,14 @@ class Follow:
         positions: With MOVE the set-point, radians by joint name.
         met: Every joint of the follower has met the leader's.
         note: Message for the user; may be empty.
+        least: Least seconds that the set-point must take: a joint outside its limits goes back slowly.
     """
 
     action: Action
     positions: Mapping[str, float]
     met: bool = False
     note: str = ""
+    least: float = 0.0
 
 
 class Following:
@@ -141,7 +143,7 @@ class Following:
             self._active = True
             self._met.clear()
             self._grasp = None
-            self._goal = {name: positions[name] for name in self.arm.names}
+            self._goal = {joint.name: _inside(joint, positions[joint.name]) for joint in self.arm.joints}
             self._last = now
         step = min(max(now - self._last, 0.0), _LONGEST_STEP)
         self._last = now
@@ -157,7 +159,7 @@ class Following:
             except LimitError as error:
                 self._goal, note = before, str(error)
         met = len(self._met) == len(self.arm.names)
-        return Follow(Action.MOVE, self._inside(), met, note)
+        return Follow(Action.MOVE, dict(self._goal), met, note, self._way_back(positions))
 
     def _hold(self, note: str) -> Follow:
         action = Action.HOLD if self._active else Action.IDLE
@@ -172,7 +174,7 @@ class Following:
             angle = joint.minimum + (angle - low) / (high - low) * (joint.maximum - joint.minimum)
         if joint.name in self._mirror:
             angle = -angle
-        return max(joint.minimum, min(joint.maximum, angle))
+        return _inside(joint, angle)
 
     def _towards(self, joint: JointModel, wanted: float, here: float, step: float) -> float:
         goal = self._goal[joint.name]
@@ -180,14 +182,15 @@ class Following:
             self._met.add(joint.name)
         speed = joint.max_speed if joint.name in self._met else self._share * joint.max_speed
         goal += max(-speed * step, min(speed * step, wanted - goal))
-        # From outside its limits a joint moves back to them, and a blocked one keeps its set-point near.
-        return max(here - _MOST_LEAD, min(here + _MOST_LEAD, goal))
+        # A blocked joint keeps its set-point near; one outside its limits goes back to them.
+        return _inside(joint, max(here - _MOST_LEAD, min(here + _MOST_LEAD, goal)))
 
-    def _inside(self) -> dict[str, float]:
-        """The set-point; a joint that is still outside its limits goes no further out."""
-        return {
-            joint.name: max(joint.minimum, min(joint.maximum, self._goal[joint.name])) for joint in self.arm.joints
-        }
+    def _way_back(self, positions: Mapping[str, float]) -> float:
+        """Seconds that joints outside their limits need to return to them as slowly as they meet the leader."""
+        return max(
+            abs(_inside(joint, positions[joint.name]) - positions[joint.name]) / (self._share * joint.max_speed)
+            for joint in self.arm.joints
+        )
 
     def _gripped(self, grip: GripForce, wanted: float, here: float, load: float) -> float:
         """Where the jaws go: as the leader's do, but no further than to press on what is between them."""
@@ -199,3 +202,7 @@ class Following:
         if self._grasp is None and abs(load) >= grip.most and sign * (wanted - here) > grip.squeeze:
             self._grasp = here
         return wanted if self._grasp is None else grip.jaws.pressed(self._grasp, grip.squeeze)
+
+
+def _inside(joint: JointModel, angle: float) -> float:
+    return max(joint.minimum, min(joint.maximum, angle))

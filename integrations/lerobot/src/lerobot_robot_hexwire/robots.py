@@ -249,7 +249,7 @@ class HexwireRobot(Robot):
         target = {name: step.positions[name] for name in goal}
         if not target:
             return {}
-        duration = min(max(_OVERLAP * period, _SHORTEST), _LONGEST)
+        duration = max(min(max(_OVERLAP * period, _SHORTEST), _LONGEST), step.least)
         try:
             sent = self._arm.driver.write(JointTarget.of(target, duration))
         except HexwireError as error:
