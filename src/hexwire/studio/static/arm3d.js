@@ -23,7 +23,8 @@ Mouse: drag turns, wheel zooms once the view has the focus, right drag moves. To
 move; a finger that starts up or down scrolls the page. Keys: arrows turn, Shift and arrows move, + and - zoom, 0 or
 Home resets. Escape is not taken. */
 
-import { buffered, mesh, thread } from "./arm3d_forms.js";
+import { axesOf, floorParts } from "./arm3d_floor.js";
+import { mesh, thread } from "./arm3d_forms.js";
 
 let three = null;
 try {
@@ -38,7 +39,6 @@ const LOOKS = {
   dark: { sky: "#1b2129", ground: "#101419", floor: "#161b21", minor: "#2a333e", major: "#465362", text: "#a3afbd",
           shadow: "#0b0e12", key: 1.8, fill: 1.1, trace: "#efbb11", ghost: "#689bdc" },
 };
-const AXES = ["#d64545", "#3f9e4d", "#3f76d6"];
 const LABEL = "3D view of the arm. Arrow keys turn it, Shift and arrow keys move it, plus and minus zoom, 0 resets.";
 const SOFTWARE_PAUSE = 60, STILL = 250;
 const VIEWS = { home: [0.95, -1.25, 0.62], front: [1, 0, 0.12], side: [0, -1, 0.08], top: [-0.001, 0, 1] };
@@ -212,7 +212,7 @@ export class Arm3D {
     this._floor = new THREE.Group();
     this._trace = new THREE.Mesh(new THREE.BufferGeometry(), new THREE.MeshBasicMaterial({ side: THREE.DoubleSide }));
     this._trace.frustumCulled = this._trace.visible = false;
-    this._tipAxes = this._axes(0.09 * this.geometry.reach, 0.0035 * this.geometry.reach);
+    this._tipAxes = axesOf(THREE, 0.09 * this.geometry.reach, 0.0035 * this.geometry.reach);
     this._tipAxes.visible = false;
     // A lamp at the camera, so that no side that is looked at is in the dark.
     this._lamp = new THREE.DirectionalLight();
@@ -343,77 +343,12 @@ export class Arm3D {
     for (const [shade, frame] of this._arm.shades) shade.matrixWorld.multiplyMatrices(flat, frame.matrixWorld);
   }
 
-  /** The grid: a line each 50 mm, a darker one each 100 mm, with numbers. */
   _lay() {
-    const THREE = three.THREE, look = LOOKS[this.theme];
+    const { THREE } = three;
     this._clear(this._floor);
     this._floor.clear();
-    const half = Math.max(2, Math.ceil((this.geometry.reach * 1.05) / 0.1)) * 0.1, lines = { minor: [], major: [] };
-    for (let i = -Math.round(half / 0.05); i <= Math.round(half / 0.05); i++) {
-      const at = 0.05 * i, row = i % 2 ? lines.minor : lines.major;
-      row.push(at, -half, 0, at, half, 0, -half, at, 0, half, at, 0);
-    }
-    const paint = { color: look.floor, transparent: true, opacity: 0.55, side: THREE.DoubleSide, depthWrite: false };
-    const plate = new THREE.Mesh(new THREE.PlaneGeometry(2 * half, 2 * half), new THREE.MeshBasicMaterial(paint));
-    plate.position.z = -0.0006;
-    plate.renderOrder = -3;
-    this._floor.add(plate);
-    for (const [name, row] of Object.entries(lines)) {
-      const form = buffered(THREE, { position: row });
-      const ink = new THREE.LineBasicMaterial({ color: look[name], depthWrite: false });
-      const line = new THREE.LineSegments(form, ink);
-      line.renderOrder = -2;
-      this._floor.add(line);
-    }
-    this._number(look.text);
-    const axes = this._axes(0.07, 0.0018);
-    axes.position.set(-half, -half, 0.001);
-    this._floor.add(axes);
+    this._floor.add(...floorParts(THREE, this.geometry, LOOKS[this.theme]));
     this._floor.position.z = this._table ?? 0;
-  }
-
-  /** Millimetres along the arm's right side, and across in front of it, near enough to be seen with the arm. */
-  _number(colour) {
-    const { reach, heading } = this.geometry, ahead = Math.max(0.2, Math.floor(6 * reach) / 10), right = -0.13;
-    const c = Math.round(Math.cos(heading)), s = Math.round(Math.sin(heading));
-    const put = (x, y, along) => {
-      // From the arm's view of ahead and left to the frame of its foot.
-      const at = [c * x - s * y, s * x + c * y];
-      const axis = along === "ahead" ? (c ? 0 : 1) : c ? 1 : 0;
-      const words = `${Math.round(1000 * at[axis])}`;
-      this._floor.add(this._text(words === "0" ? `${"xy"[axis]} 0 mm` : words, [...at, 0.004], colour));
-    };
-    for (let x = 0; x < ahead + 0.05; x += 0.1) put(x, right, "ahead");
-    for (let y = 0; y < 0.15; y += 0.1) put(ahead + 0.03, y, "across");
-  }
-
-  _axes(length, radius) {
-    const THREE = three.THREE, axes = new THREE.Group();
-    AXES.forEach((colour, i) => {
-      const form = new THREE.CylinderGeometry(radius, radius, length, 10);
-      form.translate(0, length / 2, 0);
-      if (i === 0) form.rotateZ(-Math.PI / 2);
-      if (i === 2) form.rotateX(Math.PI / 2);
-      const paint = { color: colour, emissive: colour, emissiveIntensity: 0.35 };
-      axes.add(new THREE.Mesh(form, new THREE.MeshLambertMaterial(paint)));
-    });
-    return axes;
-  }
-
-  _text(words, place, colour) {
-    const THREE = three.THREE, canvas = document.createElement("canvas");
-    canvas.width = 160;
-    canvas.height = 48;
-    const pen = canvas.getContext("2d");
-    Object.assign(pen, { font: "500 28px system-ui, sans-serif", fillStyle: colour });
-    Object.assign(pen, { textAlign: "center", textBaseline: "middle" });
-    pen.fillText(words, 80, 24);
-    const map = new THREE.CanvasTexture(canvas);
-    map.colorSpace = THREE.SRGBColorSpace;
-    const sprite = new THREE.Sprite(new THREE.SpriteMaterial({ map, depthWrite: false }));
-    sprite.scale.set(0.16 * this.geometry.reach, 0.048 * this.geometry.reach, 1);
-    sprite.position.fromArray(place);
-    return sprite;
   }
 
   _followTip() {

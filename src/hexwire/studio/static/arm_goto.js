@@ -1,4 +1,5 @@
-/* The form Go to of the page Arm: asks for a preview after each change, shows it, and begins the motion. */
+/* The form Go to of the page Arm: asks for a preview after each change, shows it, and begins the motion. Owns the
+fields; the server plans and checks. */
 
 import { degrees, radians, showPlan } from "/static/arm.js";
 import { tipValues } from "/static/arm_tip.js";

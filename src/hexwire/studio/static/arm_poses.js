@@ -1,14 +1,9 @@
-/* Poses by name, and the gripper, of the page Arm. */
+/* Poses by name, and the gripper, of the page Arm. Owns their list and buttons; the server keeps the poses. */
 
 import { capital, fixed } from "/static/arm.js";
+import { make } from "/static/widgets.js";
 
 const SURE = 4000; // ms in which a second press confirms
-
-function make(tag, props = {}, ...children) {
-  const element = Object.assign(document.createElement(tag), props);
-  element.append(...children);
-  return element;
-}
 
 export function mountPoses(page) {
   const list = page.find("#arm-poses");

@@ -1,26 +1,13 @@
-// The fleet page: all shared arms that the studio may see, twice a second, and their stop.
+// The page Fleet: all shared arms that the studio may see, twice a second, and their stop. Owns the table and what is
+// told of a stop; the server decides who may stop and open.
+
+import { loadSheet, node, put } from "/static/widgets.js";
 
 const PERIOD = 500;
 const HEAD = ["Arm", "State", "Faults", "Lease", "Torque", "Age, ms", "Robot", "Computer", ""];
 
-function make(tag, attributes = {}, ...children) {
-  const element = document.createElement(tag);
-  for (const [name, value] of Object.entries(attributes)) {
-    if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
-    else if (value !== false) element.setAttribute(name, value === true ? "" : value);
-  }
-  element.append(...children);
-  return element;
-}
-
-function put(element, text) {
-  if (element.textContent !== text) element.textContent = text;
-}
-
 export function mount(root, args) {
-  if (!document.querySelector('link[href="/static/fleet.css"]')) {
-    document.head.append(make("link", { rel: "stylesheet", href: "/static/fleet.css" }));
-  }
+  loadSheet("/static/fleet.css");
   new FleetPage(root, args.tab, args.operate);
 }
 
@@ -36,20 +23,20 @@ class FleetPage {
     this.tab = tab;
     this.operate = operate;
     this.rows = new Map();
-    this.body = make("tbody");
-    this.stopAll = make("button", { type: "button", class: "hw-button hw-fleet-all", onclick: () => this.stop(null) }, "Stop all arms");
-    this.summary = make("span", { role: "status" }, "Looking for arms ...");
-    this.note = make("p", { class: "hw-fleet-note", hidden: true });
-    this.problem = make("p", { class: "hw-fleet-error", role: "alert", hidden: true });
-    this.refusal = make("p", { class: "hw-fleet-error", role: "alert", hidden: true });
-    this.results = make("ul", { class: "hw-fleet-results", "aria-live": "assertive", "aria-label": "Results of the last stop" });
-    this.table = make("table", { class: "hw-fleet-table", hidden: true },
-      make("thead", {}, make("tr", {}, ...HEAD.map((text) => make("th", { scope: "col" }, text || make("span", { class: "hw-fleet-hidden" }, "Actions"))))),
+    this.body = node("tbody");
+    this.stopAll = node("button", { type: "button", class: "hw-button hw-fleet-all", onclick: () => this.stop(null) }, "Stop all arms");
+    this.summary = node("span", { role: "status" }, "Looking for arms ...");
+    this.note = node("p", { class: "hw-fleet-note", hidden: true });
+    this.problem = node("p", { class: "hw-fleet-error", role: "alert", hidden: true });
+    this.refusal = node("p", { class: "hw-fleet-error", role: "alert", hidden: true });
+    this.results = node("ul", { class: "hw-fleet-results", "aria-live": "assertive", "aria-label": "Results of the last stop" });
+    this.table = node("table", { class: "hw-fleet-table", hidden: true },
+      node("thead", {}, node("tr", {}, ...HEAD.map((text) => node("th", { scope: "col" }, text || node("span", { class: "hw-fleet-hidden" }, "Actions"))))),
       this.body);
     root.replaceChildren(
-      make("div", { class: "hw-fleet-bar" }, this.stopAll, this.summary),
+      node("div", { class: "hw-fleet-bar" }, this.stopAll, this.summary),
       this.results, this.refusal, this.problem, this.note,
-      make("div", { class: "hw-fleet-scroll" }, this.table));
+      node("div", { class: "hw-fleet-scroll" }, this.table));
     const seen = () => (this.root.isConnected ? this.poll() : document.removeEventListener("visibilitychange", seen));
     document.addEventListener("visibilitychange", seen);
     this.poll();
@@ -101,13 +88,13 @@ class FleetPage {
 
   row(name) {
     if (!this.rows.has(name)) {
-      const buttons = make("td", { class: "hw-fleet-buttons" },
-        make("button", { type: "button", class: "hw-button hw-fleet-stop", "aria-label": `Stop ${name}`, onclick: () => this.stop(name) }, "Stop"));
+      const buttons = node("td", { class: "hw-fleet-buttons" },
+        node("button", { type: "button", class: "hw-button hw-fleet-stop", "aria-label": `Stop ${name}`, onclick: () => this.stop(name) }, "Stop"));
       if (this.operate) {
-        buttons.append(make("button", { type: "button", class: "hw-button", "aria-label": `Open ${name} in this studio`, onclick: (event) => this.open(name, event.currentTarget) }, "Open"));
+        buttons.append(node("button", { type: "button", class: "hw-button", "aria-label": `Open ${name} in this studio`, onclick: (event) => this.open(name, event.currentTarget) }, "Open"));
       }
-      const cells = HEAD.slice(1, -1).map((label) => make("td", { "data-label": label }));
-      this.rows.set(name, make("tr", {}, make("th", { scope: "row" }, name), ...cells, buttons));
+      const cells = HEAD.slice(1, -1).map((label) => node("td", { "data-label": label }));
+      this.rows.set(name, node("tr", {}, node("th", { scope: "row" }, name), ...cells, buttons));
     }
     return this.rows.get(name);
   }
@@ -128,17 +115,17 @@ class FleetPage {
 
   async stop(name) {
     const told = name || "all arms";
-    this.results.replaceChildren(make("li", {}, `Stopping ${told} ...`));
+    this.results.replaceChildren(node("li", {}, `Stopping ${told} ...`));
     try {
       const done = await this.ask("stop", name ? { name } : { all: "1" }, { method: "POST" });
       this.results.replaceChildren(...done.map((row) => {
         const joints = row.joints.length ? `: ${row.joints.join(" ")}` : "";
         const good = `${row.name}: stopped, holding${joints} (${(1000 * row.seconds).toFixed(0)} ms)`;
         const bad = `${row.name}: NOT CONFIRMED: ${row.error}. Switch its power off if it may move.`;
-        return make("li", { "data-level": row.confirmed ? "ok" : "error" }, row.confirmed ? good : bad);
+        return node("li", { "data-level": row.confirmed ? "ok" : "error" }, row.confirmed ? good : bad);
       }));
     } catch (error) {
-      this.results.replaceChildren(make("li", { "data-level": "error" }, `${told}: NOT CONFIRMED: ${error.message}`));
+      this.results.replaceChildren(node("li", { "data-level": "error" }, `${told}: NOT CONFIRMED: ${error.message}`));
     }
     this.poll();
   }

@@ -3,6 +3,7 @@
 // Owns the table; written at most ten times a second.
 
 import { timeText, valueText } from "./plot_look.js";
+import { put } from "./widgets.js";
 
 const PERIOD = 100; // ms
 
@@ -81,8 +82,4 @@ export class Legend {
       row.cells.forEach((cell, k) => put(cell, texts[k]));
     });
   }
-}
-
-function put(element, text) {
-  if (element.textContent !== text) element.textContent = text;
 }

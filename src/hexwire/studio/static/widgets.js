@@ -1,6 +1,6 @@
-// Small pieces of pages that plots and recordings share. Must not know what they mean.
+// Small pieces that pages share: elements, texts, style sheets, groups of switches. Must not know what they mean.
 
-/** An element with properties and children. */
+/** An element with properties, such as className, and children. */
 export function make(tag, properties = {}, ...children) {
   const made = document.createElement(tag);
   for (const [key, value] of Object.entries(properties)) {
@@ -9,6 +9,22 @@ export function make(tag, properties = {}, ...children) {
   }
   made.append(...children);
   return made;
+}
+
+/** An element with attributes, such as class; those that begin with "on" are listeners. */
+export function node(name, attributes = {}, ...children) {
+  const made = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) {
+    if (key.startsWith("on")) made.addEventListener(key.slice(2), value);
+    else if (value !== false) made.setAttribute(key, value === true ? "" : value);
+  }
+  made.append(...children);
+  return made;
+}
+
+/** Set a text; an unchanged one costs the browser nothing. */
+export function put(element, text) {
+  if (element.textContent !== text) element.textContent = text;
 }
 
 export function loadSheet(address) {

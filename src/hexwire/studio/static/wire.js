@@ -1,5 +1,7 @@
-// The wire page: asks the studio for rows as fast as the browser can draw them, and for one frame when it is selected.
+// The page Wire: asks the studio for rows as fast as the browser can draw them, and for one frame when it is selected.
+// Owns filter, source and pause; wire_list.js draws the rows, wire_detail.js one frame.
 
+import { node } from "/static/widgets.js";
 import { Detail } from "/static/wire_detail.js";
 import { FrameList, NUMBER } from "/static/wire_list.js";
 
@@ -24,19 +26,9 @@ const HELP = [
   ["not ...", "the next condition must not hold; all others must"],
 ];
 
-function make(tag, attributes = {}, ...children) {
-  const element = document.createElement(tag);
-  for (const [name, value] of Object.entries(attributes)) {
-    if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
-    else if (value !== false) element.setAttribute(name, value === true ? "" : value);
-  }
-  element.append(...children);
-  return element;
-}
-
 function loadStyle() {
   if (document.querySelector('link[href="/static/wire.css"]')) return null;
-  const link = make("link", { rel: "stylesheet", href: "/static/wire.css" });
+  const link = node("link", { rel: "stylesheet", href: "/static/wire.css" });
   document.head.append(link);
   return new Promise((resolve) => (link.onload = link.onerror = resolve));
 }
@@ -69,44 +61,44 @@ class WirePage {
   // -- elements ------------------------------------------------------------------------------------------
 
   build() {
-    const button = (text, on, more = {}) => make("button", { type: "button", class: "hw-button", onclick: on, ...more }, text);
-    this.filterBox = make("input", {
+    const button = (text, on, more = {}) => node("button", { type: "button", class: "hw-button", onclick: on, ...more }, text);
+    this.filterBox = node("input", {
       id: "hw-wire-filter", class: "hw-wire-input", type: "text", spellcheck: "false", autocomplete: "off", maxlength: "200",
       placeholder: "servo 3 bad", oninput: () => this.setFilter(), "aria-describedby": "hw-wire-problem",
     });
     this.pauseButton = button("Pause", () => this.setPaused(!this.paused), { "aria-pressed": "false" });
-    this.followBox = make("input", { type: "checkbox", checked: true, onchange: () => this.list.setFollow(this.followBox.checked) });
-    this.seriesBox = make("select", { class: "hw-wire-input", onchange: () => this.setSeries() });
-    for (const [value, text] of SERIES) this.seriesBox.append(make("option", { value }, text));
-    this.fileBox = make("input", { type: "file", class: "hw-wire-file", "aria-label": "Open a recording, capture or log", onchange: () => this.openFile(this.fileBox.files[0]) });
+    this.followBox = node("input", { type: "checkbox", checked: true, onchange: () => this.list.setFollow(this.followBox.checked) });
+    this.seriesBox = node("select", { class: "hw-wire-input", onchange: () => this.setSeries() });
+    for (const [value, text] of SERIES) this.seriesBox.append(node("option", { value }, text));
+    this.fileBox = node("input", { type: "file", class: "hw-wire-file", "aria-label": "Open a recording, capture or log", onchange: () => this.openFile(this.fileBox.files[0]) });
     this.liveButton = button("Back to the line", () => this.backToLine(), { hidden: true });
-    this.problem = make("span", { id: "hw-wire-problem", class: "hw-wire-error", role: "alert" });
-    this.refusal = make("span", { class: "hw-wire-error", role: "alert" });
-    this.status = make("span", { class: "hw-wire-status" });
-    this.note = make("p", { class: "hw-wire-note", hidden: true });
-    this.listBox = make("div", { class: "hw-wire-list", role: "listbox", tabindex: "0", "aria-label": "Frames" });
-    this.detailBox = make("section", { class: "hw-wire-detail", "aria-label": "The selected frame" });
-    const help = make("dl", { class: "hw-wire-help" });
-    for (const [word, text] of HELP) help.append(make("dt", {}, word), make("dd", {}, text));
+    this.problem = node("span", { id: "hw-wire-problem", class: "hw-wire-error", role: "alert" });
+    this.refusal = node("span", { class: "hw-wire-error", role: "alert" });
+    this.status = node("span", { class: "hw-wire-status" });
+    this.note = node("p", { class: "hw-wire-note", hidden: true });
+    this.listBox = node("div", { class: "hw-wire-list", role: "listbox", tabindex: "0", "aria-label": "Frames" });
+    this.detailBox = node("section", { class: "hw-wire-detail", "aria-label": "The selected frame" });
+    const help = node("dl", { class: "hw-wire-help" });
+    for (const [word, text] of HELP) help.append(node("dt", {}, word), node("dd", {}, text));
     this.root.replaceChildren(
-      make("div", { class: "hw-wire-bar" },
-        make("label", { class: "hw-wire-label hw-wire-grow" }, "Filter ", this.filterBox),
-        make("details", { class: "hw-wire-words" }, make("summary", {}, "Words"), help),
+      node("div", { class: "hw-wire-bar" },
+        node("label", { class: "hw-wire-label hw-wire-grow" }, "Filter ", this.filterBox),
+        node("details", { class: "hw-wire-words" }, node("summary", {}, "Words"), help),
         this.pauseButton,
-        make("label", { class: "hw-wire-label" }, this.followBox, " Follow"),
+        node("label", { class: "hw-wire-label" }, this.followBox, " Follow"),
         button("Clear", () => this.clear()),
-        make("label", { class: "hw-wire-label" }, "Servos ", this.seriesBox),
-        make("label", { class: "hw-button hw-wire-open" }, "Open file", this.fileBox),
+        node("label", { class: "hw-wire-label" }, "Servos ", this.seriesBox),
+        node("label", { class: "hw-button hw-wire-open" }, "Open file", this.fileBox),
         this.liveButton,
         button("Save MCAP", () => this.save("mcap")),
         button("Save pcapng", () => this.save("pcapng")),
       ),
-      make("div", { class: "hw-wire-line" }, this.status, this.problem, this.refusal),
+      node("div", { class: "hw-wire-line" }, this.status, this.problem, this.refusal),
       this.note,
-      make("div", { class: "hw-wire-panes" },
-        make("div", { class: "hw-wire-left" },
-          make("div", { class: "hw-wire-columns", "aria-hidden": "true" },
-            ...["No.", "Time", "", "Frame", "Answer"].map((text) => make("span", {}, text))),
+      node("div", { class: "hw-wire-panes" },
+        node("div", { class: "hw-wire-left" },
+          node("div", { class: "hw-wire-columns", "aria-hidden": "true" },
+            ...["No.", "Time", "", "Frame", "Answer"].map((text) => node("span", {}, text))),
           this.listBox),
         this.detailBox),
     );
@@ -280,7 +272,7 @@ class WirePage {
   save(form) {
     return this.act(async () => {
       const url = URL.createObjectURL(await this.ask("save", { form }));
-      make("a", { href: url, download: `traffic.${form}` }).click();
+      node("a", { href: url, download: `traffic.${form}` }).click();
       setTimeout(() => URL.revokeObjectURL(url), 10_000);
     });
   }

@@ -1,6 +1,8 @@
 // The list of frames: any number of rows, of which only the visible ones are elements. A batch of rows is drawn once,
 // in the next frame of the browser.
 
+import { put } from "/static/widgets.js";
+
 const ROW = 22; // px, as in wire.css
 const MOST = 10000; // as many as the studio keeps
 const SPARE = 8; // rows above and below what is visible
@@ -199,8 +201,4 @@ export class FrameList {
     text.title = row[PROBLEM] || row[TEXT];
     put(took, row[TOOK] !== null ? `${row[TOOK].toFixed(2)} ms` : answer ? `▸${answer[0]}` : "");
   }
-}
-
-function put(element, text) {
-  if (element.textContent !== text) element.textContent = text;
 }
