@@ -129,7 +129,8 @@ class BusSource:
         finally:
             self.on_change()
         if unsure:
-            raise ServoError(f"servo {', '.join(map(str, unsure))} did not confirm it: use the arm's switch")
+            names = ", ".join(map(str, unsure))
+            raise ServoError(f"servo {names} did not confirm it: switch the power off if it may move")
 
     def resume(self, arrived: Token | None = None) -> None:
         """End a stop; nothing moves.

@@ -244,8 +244,8 @@ function stop() {
 
 function stopByRequest() {
   fetch("/stop", { method: "POST", keepalive: true }).then(
-    (answer) => answer.ok || say("STOP was refused: use the emergency switch of the arm"),
-    () => say("STOP did not reach the studio: use the emergency switch of the arm"),
+    (answer) => answer.ok || say("STOP was refused: switch the arm's power off"),
+    () => say("STOP did not reach the studio: switch the arm's power off"),
   );
 }
 
@@ -314,7 +314,7 @@ function header(facts) {
   show("torque-on", link && mine && facts.stopped === "" && facts.torque !== "on");
   show("torque-off", link && mine && facts.torque !== "off");
   document.body.classList.toggle("hw-stopped", arm && facts.stopped !== "");
-  if (!link) say("No connection to the studio. STOP is tried by another way; use the emergency switch of the arm.");
+  if (!link) say("No connection to the studio. STOP is tried by another way; switch the arm's power off.");
   else if (arm && !facts.connected) say(`${bus ? "The servo bus cannot be read" : "The arm is not connected"}: ${facts.error}`);
   else if (arm && facts.stopped) say(`Stopped: ${facts.stopped}`);
   else say(facts.note || "");
