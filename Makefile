@@ -142,7 +142,7 @@ $(BYTECODE): $(READY) $(shell find '$(ROOT)/src' '$(ROOT)/tests' -name '*.py')
 # An environment of its own: LeRobot pins old versions of much. Files are linked, not copied, from uv's cache.
 $(LEROBOT)/.ready: pyproject.toml $(PLUGIN)/pyproject.toml $(PLUGIN)/requirements.txt $(UV)
 	$(UV) venv --quiet --clear --python '$(PYTHON)' '$(LEROBOT)'
-	UV_LINK_MODE=hardlink $(UV) pip install --quiet --python '$(LEROBOT)' --require-hashes -r '$(PLUGIN)/requirements.txt' </dev/null
+	UV_LINK_MODE=hardlink $(UV) pip install --quiet --python '$(LEROBOT)' --no-deps --require-hashes -r '$(PLUGIN)/requirements.txt' </dev/null
 	$(UV) pip install --quiet --python '$(LEROBOT)' --no-deps -e '$(ROOT)' </dev/null
 	$(UV) pip install --quiet --python '$(LEROBOT)' --no-deps --no-build-isolation -e '$(PLUGIN)' </dev/null
 	@touch $@

@@ -60,7 +60,7 @@ class Rig:
         self.follower.driver.torque(True)
         self.leader.driver.torque(False)
         self.controller = FollowController(
-            self.rules, self.leader.driver.read, self.leader.driver.now, PERIOD, self.notes.append
+            self.rules, self.leader.driver.read_positions, self.leader.driver.now, PERIOD, self.notes.append
         )
         self.owner = RobotOwner(
             self.follower.driver, borrowed=True, command_rate=1 / PERIOD, sleep=self.clock.advance

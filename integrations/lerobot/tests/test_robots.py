@@ -11,6 +11,7 @@ from typing import TypeVar
 
 import pytest
 from emulated import LOSS, bus, calibrated
+from lerobot.cameras.opencv import OpenCVCameraConfig
 from lerobot.robots import make_robot_from_config
 from lerobot.robots.so_follower import SO101Follower, SO101FollowerConfig
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
@@ -261,6 +262,43 @@ def test_an_arm_that_hexwire_moves_by_hand_meanwhile(follower: str) -> None:
     move_by_hand(follower, HandOrder("shoulder_pan", 15.0, 0.3))
     assert robot.get_observation()["shoulder_pan.pos"] - before == pytest.approx(15.0, abs=2.0)
     robot.disconnect()
+
+
+class Eye:
+    """A camera of LeRobot, as far as a robot uses one."""
+
+    is_connected = False
+    use_depth = False
+
+    def connect(self) -> None:
+        self.is_connected = True
+
+    def disconnect(self) -> None:
+        self.is_connected = False
+
+    def read_latest(self) -> str:
+        return "picture"
+
+    def read_latest_depth(self) -> str:
+        return "depth"
+
+
+@pytest.mark.parametrize("depth", [False, True])
+def test_pictures(follower: str, monkeypatch: pytest.MonkeyPatch, depth: bool) -> None:
+    eye = Eye()
+    eye.use_depth = depth
+    monkeypatch.setattr("lerobot_robot_hexwire.robots.make_cameras_from_configs", lambda configs: {"front": eye})
+    camera = OpenCVCameraConfig(index_or_path=0, width=64, height=48, fps=30)
+    robot = make(follower, cameras={"front": camera})
+    wanted = {"front": "picture", **({"front_depth": "depth"} if depth else {})}
+    sizes = {key: size for key, size in robot.observation_features.items() if size is not float}
+    assert sizes == {"front": (48, 64, 3), **({"front_depth": (48, 64, 1)} if depth else {})}
+    robot.connect()
+    seen = robot.get_observation()
+    assert {key: seen[key] for key in wanted} == wanted
+    assert seen.keys() == robot.observation_features.keys()
+    robot.disconnect()
+    assert not eye.is_connected
 
 
 def test_hex7bot() -> None:

@@ -197,7 +197,9 @@ def run_following(
     ended, faults = threading.Event(), list[BaseException]()
 
     def follow(pair: Pair, shielded: Callable[[], AbstractContextManager[object]]) -> None:
-        controller = FollowController(pair.rules, pair.leader.read, pair.leader.now, 1.0 / rate, pair.on_note)
+        controller = FollowController(
+            pair.rules, pair.leader.read_positions, pair.leader.now, 1.0 / rate, pair.on_note
+        )
         owner = RobotOwner(pair.follower, borrowed=True, command_rate=rate, sleep=sleep)
         with owner:
             owner.group.members = (controller,)

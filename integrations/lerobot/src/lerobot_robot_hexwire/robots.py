@@ -13,6 +13,7 @@ import time
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
+from lerobot.cameras import Camera
 from lerobot.cameras.utils import make_cameras_from_configs
 from lerobot.motors import Motor, MotorNormMode
 from lerobot.robots import Robot
@@ -52,6 +53,12 @@ _PAUSE = 1.0
 _OVERLAP = 1.25
 """Duration of a motion, as a multiple of the time between two actions: the arm does not stop in between."""
 _SHORTEST, _LONGEST = 0.02, 0.1
+
+
+def _pictures(name: str, camera: Camera) -> list[tuple[str, int, str]]:
+    """Key, channels and method of each picture of a camera; LeRobot 0.6 has cameras with a depth picture."""
+    found = [(name, 3, "read_latest")] if getattr(camera, "use_rgb", True) else []
+    return [*found, (f"{name}_depth", 1, "read_latest_depth")] if getattr(camera, "use_depth", False) else found
 
 
 class HexwireRobot(Robot):
@@ -101,8 +108,11 @@ class HexwireRobot(Robot):
 
     @property
     def observation_features(self) -> dict[str, Any]:
-        cameras = {name: (one.height, one.width, 3) for name, one in self.config.cameras.items()}
-        return {**self.action_features, **cameras}
+        features: dict[str, Any] = dict(self.action_features)
+        for name, camera in self.config.cameras.items():
+            for key, channels, _ in _pictures(name, self.cameras[name]):
+                features[key] = (camera.height, camera.width, channels)
+        return features
 
     @property
     def is_connected(self) -> bool:
@@ -203,8 +213,8 @@ class HexwireRobot(Robot):
         state = self._read()
         observation: dict[str, Any] = values.values(state)
         for name, camera in self.cameras.items():
-            read = getattr(camera, "read_latest", None) or camera.async_read
-            observation[name] = read()
+            for key, _, read in _pictures(name, camera):
+                observation[key] = getattr(camera, read)()
         return observation
 
     def _read(self) -> tuple[float, ...]:
