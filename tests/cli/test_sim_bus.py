@@ -10,20 +10,10 @@ from click.testing import CliRunner
 
 from hexwire.bus.servo_bus import ServoBus
 from hexwire.cli.main import cli
-from hexwire.cli.sim_bus import parse_ids
 from hexwire.emulator import serve_bus as emulator_serve_bus
 from hexwire.emulator.servo import EmulatedServo
 from hexwire.emulator.servo_motion import Motion
-from hexwire.errors import UsageError
 from hexwire.link.serial import SerialLink
-
-
-def test_ids() -> None:
-    assert parse_ids("1-3,9, 12") == [1, 2, 3, 9, 12]
-    assert parse_ids("0-253") == list(range(254))
-    for text in ("", "x", "1-", "-3", "5-2", "254", "1,,2", "1-2-3", "٣", "9" * 5000):
-        with pytest.raises(UsageError, match="servo ids"):
-            parse_ids(text)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from hexwire.bus.ids import parse_ids
 from hexwire.errors import ServoError, UsageError
 
 from . import bus_arm_setup, bus_calibrate, bus_health, bus_live, bus_setup  # noqa: F401  # their commands join the group on import
@@ -18,7 +19,6 @@ from .bus_group import BusOptions, bus, bus_options, known_servo, open_bus, refu
 from .common import confirm, json_option, on_terminal
 from .exits import note
 from .output import answer, print_json, say, say_table
-from .sim_bus import parse_ids
 
 if TYPE_CHECKING:
     from hexwire.bus.servo_bus import ServoBus

@@ -34,9 +34,12 @@ if TYPE_CHECKING:
 __all__ = ["calibrate"]
 
 _PERIOD = 0.02
+"""Seconds between two samples."""
 _REDRAW = 0.1
+"""Seconds between two drawings of a table."""
 _HEAD = ("joint", "min deg", "now", "max deg", "missing")
-_FREE = (
+_AUTO_HEAD = ("joint", "count", "ends", "")
+_BEFORE_AUTO = (
     "every joint moves to its stops, for about two minutes:",
     "- put the arm down folded, with the gripper in the middle of its roll",
     "- clear everything out of its reach",
@@ -241,7 +244,7 @@ def _entered(seconds: float) -> bool:
 
 def _automatic(bench: CalibrationBench, yes: bool) -> Calibration:
     if not yes:
-        for line in _FREE:
+        for line in _BEFORE_AUTO:
             note(line)
     confirm("Go on?", yes)
     bench.release()
@@ -262,9 +265,6 @@ def _automatic(bench: CalibrationBench, yes: bool) -> Calibration:
         except KeyboardInterrupt:
             note("ended: torque is off, nothing was saved")
             raise
-
-
-_AUTO_HEAD = ("joint", "count", "ends", "")
 
 
 def _auto_rows(auto: AutoCalibration) -> list[tuple[str, ...]]:

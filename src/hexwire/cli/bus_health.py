@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 
 import click
 
+from hexwire.bus.ids import parse_ids
 from hexwire.errors import ServoError, UsageError
 
 from .bus_group import BusOptions, bus, bus_options, open_bus, refuse_if_stopped
 from .common import confirm, json_option
 from .exits import note, shielded
 from .output import print_json, say
-from .sim_bus import parse_ids
 
 if TYPE_CHECKING:
     from hexwire.bus.health import HealthFinding, ServoSamples

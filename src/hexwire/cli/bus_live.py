@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from hexwire.bus.ids import parse_ids
 from hexwire.errors import HexwireError, ServoError
 from hexwire.model.state import JointFlag
 
@@ -25,7 +26,6 @@ from .exits import note, shielded
 from .numbers import FiniteFloat, number_option
 from .output import answer, format_table, line_width, plain, print_json, say, say_table
 from .samples import Row, SampleFiles, file_options, saving
-from .sim_bus import parse_ids
 
 if TYPE_CHECKING:
     from hexwire.bus.latency import Bins

@@ -9,13 +9,13 @@ import datetime
 
 import click
 
+from hexwire.bus.ids import parse_ids
 from hexwire.errors import ServoError, UsageError
 from hexwire.new_file import OutputFile
 
 from .bus_group import BusOptions, bus, bus_options, known_servo, open_bus, refuse_if_stopped
 from .common import confirm, force_option, json_option
 from .output import answer, print_json, say, say_table
-from .sim_bus import parse_ids
 
 __all__ = ["set_baud", "set_id"]
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from hexwire.bus.ids import parse_ids
 from hexwire.errors import UsageError
 
 from .common import is_typed
@@ -25,31 +26,13 @@ from .sim_view import shown, view_option
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
 
-__all__ = ["bus", "parse_ids"]
+__all__ = ["bus"]
 
 _ARM_BAUD = 1_000_000
 """Factory setting of the servos of an arm."""
 _NUMBER = "[0-9]{1,9}"
 _SHOWN = 40
 """Number of typed characters that an error text repeats."""
-
-
-def parse_ids(text: str) -> list[int]:
-    """Parse servo ids such as ``1-7``, ``1,2,5`` or a mixture.
-
-    Raises:
-        UsageError: The text is malformed.
-    """
-    ids: list[int] = []
-    for part in text.split(","):
-        found = re.fullmatch(rf"({_NUMBER})(?:-({_NUMBER}))?", part.strip())
-        if found is None:
-            raise UsageError(f"{text[:_SHOWN]!r} is not a list of servo ids: write 1-7 or 1,2,5")
-        low, high = int(found[1]), int(found[2] or found[1])
-        if high > 253 or low > high:
-            raise UsageError(f"{part.strip()!r} is not a list of servo ids: they are from 0 to 253")
-        ids.extend(range(low, high + 1))
-    return ids
 
 
 def _parse_rates(text: str) -> list[int]:

@@ -133,12 +133,6 @@ class Attended:
         if entry is not None and entry.who == who and number in (None, entry.number):
             self._end(entry, why)
 
-    def forget(self, who: str) -> None:
-        """End the motion of a person who does not come back."""
-        self.end(who, "its page was closed")
-        with self._lock:
-            self._last.pop(who, None)
-
     def end_all(self, why: str) -> None:
         """End the present motion, whoever attends to it."""
         self._end(self._entry, why)

@@ -33,7 +33,9 @@ if TYPE_CHECKING:
 __all__ = ["Job", "ServoBench"]
 
 _LEASE = 5.0
+"""Seconds without a renewal after which control is lost."""
 _RANK = 1
+"""All who take control have one rank: none takes it from another without asking for it."""
 _PATIENCE = 0.3
 """Seconds for which a stop waits until a search is back at the bus's own rate."""
 
@@ -154,7 +156,7 @@ class ServoBench:
         """
         with self._lock:
             if not key:
-                raise LeaseError("this page does not have control; take it first")
+                raise LeaseError("nobody has taken control here; take it first")
             self._lease.check(key, self._clock())
 
     # -- jobs ---------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from enum import IntEnum
 __all__ = ["COOKIE", "SHORTEST_PASSWORD", "Access", "Limits", "Right", "Session"]
 
 COOKIE = "hexwire_session"
-"""Begin of the name of the cookie; the port is added, since browsers share cookies between ports."""
+"""Start of the name of the cookie; the port is added, since browsers share cookies between ports."""
 SHORTEST_PASSWORD = 12
 """Characters."""
 _ATTEMPTS, _ATTEMPT_PERIOD = 5, 2.0

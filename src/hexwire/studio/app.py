@@ -127,7 +127,7 @@ class Studio:
         tab = self.tab()
         try:
             if control:
-                self.need_operator(tab)
+                self.need_control(tab)
             return await asyncio.get_running_loop().run_in_executor(self._workers, call)
         except HexwireError as error:
             ui.notify(str(error), type="negative", multi_line=True)
@@ -136,7 +136,7 @@ class Studio:
             ui.notify(f"The studio failed at this: {type(error).__name__}: {error}", type="negative")
         return FAILED
 
-    def need_operator(self, tab: Tab) -> None:
+    def need_control(self, tab: Tab) -> None:
         """Check that a tab may command now.
 
         Raises:

@@ -31,7 +31,8 @@ __all__ = ["ArmSource", "Source"]
 _log = logging.getLogger(__name__)
 
 _RANK = 1
-_NO_ARM = "no arm is open; choose a port on the start page"
+"""All pages have one rank: none takes control from another without asking for it."""
+_NO_ARM = "no arm is open; choose a port on the page Connect"
 
 
 class Source:

@@ -1,21 +1,23 @@
 from __future__ import annotations
 
-import pytest
+from typing import Any
 
-from hexwire.errors import UsageError
-from hexwire.studio.servos.search import parse_ids
-
-
-@pytest.mark.parametrize(
-    ("text", "ids"), [("0-3", [0, 1, 2, 3]), (" 7 , 2-3,7", [7, 2, 3]), ("253", [253]), ("0-253", list(range(254)))]
-)
-def test_ids(text: str, ids: list[int]) -> None:
-    assert parse_ids(text) == ids
+from hexwire.studio.servos.search import _list
 
 
-@pytest.mark.parametrize(
-    "text", ["", "a", "1-", "-1", "254", "3-1", "1;2", "٣", "1," * 200, "99999999999", "1-2-3"]
-)
-def test_what_is_no_list_of_ids(text: str) -> None:
-    with pytest.raises(UsageError):
-        parse_ids(text)
+def test_servos_at_the_rate_of_the_bus_can_be_chosen_and_others_say_their_rate(view: Any) -> None:
+    view.selected = 2
+    *here, last = view.bus.servos
+    view.bus._keep([*here, last._replace(found=last.found._replace(baud=500_000))])
+    text = _list(view)
+    assert 'data-value="2" aria-pressed="true"' in text
+    assert 'data-value="3" aria-pressed="false"' in text
+    assert "At 500000 baud: 6 " in text
+    assert 'data-do="select" data-value="6"' not in text
+    assert 'data-do="rate" data-value="500000"' in text
+
+
+def test_an_empty_list_says_what_to_do(view: Any) -> None:
+    view.bus._keep([])
+    view.selected = None
+    assert "Take control, then search" in _list(view)

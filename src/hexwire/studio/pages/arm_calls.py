@@ -99,23 +99,23 @@ class ArmCalls:
         return {"poses": [asdict(row) for row in self._arm.desk.pose_rows()]}
 
     def _save(self, args: Mapping[str, object], tab: Tab) -> dict[str, object]:
-        self._studio.need_operator(tab)
+        self._studio.need_control(tab)
         name, gripper, force = _text(args, "name"), args.get("gripper", True), args.get("force", False)
         self._arm.desk.save_pose(name, gripper=gripper is True, force=force is True)
         return self._poses(args, tab)
 
     def _rename(self, args: Mapping[str, object], tab: Tab) -> dict[str, object]:
-        self._studio.need_operator(tab)
+        self._studio.need_control(tab)
         self._arm.desk.poses.rename(_text(args, "name"), _text(args, "new"))
         return self._poses(args, tab)
 
     def _remove(self, args: Mapping[str, object], tab: Tab) -> dict[str, object]:
-        self._studio.need_operator(tab)
+        self._studio.need_control(tab)
         self._arm.desk.poses.remove(_text(args, "name"))
         return self._poses(args, tab)
 
     def _teach(self, args: Mapping[str, object], tab: Tab) -> dict[str, object]:
-        self._studio.need_operator(tab)
+        self._studio.need_control(tab)
         text = self._arm.desk.teach(self._arm.order(tab), args.get("on") is True)
         return {"text": text}
 

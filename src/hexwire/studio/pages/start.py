@@ -1,4 +1,4 @@
-"""The start page: what is plugged in, what it probably is, and opening it.
+"""The page Connect: what is plugged in, what it probably is, and opening it.
 
 Owns what the page shows. Must not know how ports are found or opened.
 """
@@ -89,7 +89,7 @@ def build(studio: Studio) -> None:
         if source.error:
             text(f"Not opened: {source.error}", "p", "hw-bad")
         if source.present is None:
-            text("Nothing is open. Choose a port, or write an address.", "p")
+            text("Nothing is open. Choose a port, or enter an address.", "p")
             return
         with ui.element("div").classes("hw-row"):
             where = source.arm.driver.url if source.arm is not None else "the servo bus"
@@ -102,7 +102,10 @@ def build(studio: Studio) -> None:
         if seen is None:
             text("Looking for ports …", "p", "hw-dim")
         elif not seen:
-            text("No serial port on this machine. Plug the board or the adapter in; try another cable.", "p")
+            text(
+                "No serial port on this machine. Plug in the board or the adapter, or try another cable.",
+                "p",
+            )
         else:
             table(seen, "Plugged in")
 

@@ -9,8 +9,8 @@ import math
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+from hexwire.bus.ids import parse_ids
 from hexwire.drivers.bus_checkup import SERVO_RATES
-from hexwire.errors import UsageError
 from hexwire.studio.layout import mount
 
 from .view import View, button, html, table
@@ -18,29 +18,7 @@ from .view import View, button, html, table
 if TYPE_CHECKING:
     from hexwire.bus.survey import Surveyed
 
-__all__ = ["build_search", "parse_ids"]
-
-_ALL = "all"
-_MOST_TEXT = 200
-
-
-def parse_ids(text: str) -> list[int]:
-    """Parse ids such as ``0-253`` or ``1,2,5-7``.
-
-    Raises:
-        UsageError: It is no such list.
-    """
-    ids: dict[int, None] = {}
-    for part in text[: _MOST_TEXT + 1].split(","):
-        low, dash, high = part.strip().partition("-")
-        numbers = [low.strip(), high.strip()] if dash else [low.strip()] * 2
-        if len(text) > _MOST_TEXT or not all(number.isascii() and number.isdigit() for number in numbers):
-            raise UsageError(f"{text[:40]!r} is no list of ids: write 0-253, or 1,2,5")
-        first, last = (int(number[:4]) for number in numbers)
-        if first > last or last > 253:
-            raise UsageError(f"{part.strip()!r}: ids go from 0 to 253")
-        ids.update(dict.fromkeys(range(first, last + 1)))
-    return list(ids)
+__all__ = ["build_search"]
 
 
 def build_search(view: View) -> None:
@@ -78,7 +56,7 @@ def build_search(view: View) -> None:
             def call() -> list[Surveyed]:
                 value = int(rate.value or 0)
                 wanted = [] if not value else list(SERVO_RATES) if value == -1 else [value]
-                return bus.search(wanted, parse_ids(str(ids.value or "")))
+                return bus.search(wanted, list(dict.fromkeys(parse_ids(str(ids.value or "")))))
 
             return await view.act(call)
 
