@@ -90,3 +90,18 @@ def test_any_text_is_a_filter_or_a_usage_error(text: str) -> None:
     except UsageError:
         return
     assert [passes(entry) for entry in make_traffic()]
+
+
+def test_what_a_board_reports_by_itself_is_no_request() -> None:
+    traffic = Traffic()
+    traffic.feed(Passed(SENT, frame(Command.JOINT_STATE), 1.0, ""))
+    traffic.feed(Passed(RECEIVED, frame(Command.JOINT_STATE, src=8, ext=0x40), 1.1, ""))
+    traffic.feed(Passed(RECEIVED, frame(Command.JOINT_STATE, src=8, ext=0x80), 1.2, ""))
+    for text, numbers in (
+        ("request", [1]),
+        ("answer", [3]),
+        ("unanswered", []),
+        ("not request", [2, 3]),
+    ):
+        passes = parse_filter(text)
+        assert [entry.number for entry in traffic.since(0) if passes(entry)] == numbers, text

@@ -24,6 +24,7 @@ from collections.abc import Callable, Iterator
 from hexwire.errors import UsageError
 from hexwire.wire import tables as t
 
+from .reading import Reading
 from .traffic import Entry
 
 __all__ = ["Condition", "parse_filter"]
@@ -40,7 +41,13 @@ def _is_answer(entry: Entry) -> bool:
 
 
 def _is_request(entry: Entry) -> bool:
-    return entry.reading.kind in ("frame", "packet") and not entry.reading.answer
+    reading = entry.reading
+    return reading.kind in ("frame", "packet") and not reading.answer and not _is_report(reading)
+
+
+def _is_report(reading: Reading) -> bool:
+    """Whether it is a frame that a board sends by itself: it asks nothing, and answers nothing."""
+    return reading.kind == "frame" and reading.data[33] == 2 and reading.data[39] & 0xC0 == 0x40
 
 
 _WORDS: dict[str, Condition] = {
