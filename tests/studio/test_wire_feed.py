@@ -84,6 +84,20 @@ def test_an_incomplete_frame_is_given_up_after_a_pause(line: Line) -> None:
     assert bad == 1
 
 
+def test_a_frame_that_goes_on_while_the_traffic_is_read_is_whole(line: Line) -> None:
+    data, rest = frame(), [frame()[30:]]
+    line.feed._ring.feed(Passed(Direction.SENT, data[:30], 100.0, ""))
+
+    def busy() -> float:
+        # Since the traffic was taken, the rest has come, and more time has passed than may be between two bytes.
+        if rest:
+            line.feed._ring.feed(Passed(Direction.SENT, rest.pop(), 100.01, ""))
+        return 100.5
+
+    line.feed._clock = busy
+    assert [row[7] for row in line.all_rows()] == [0]
+
+
 def test_many_frames_come_in_pages(line: Line) -> None:
     line.feed._ring.feed(Passed(Direction.SENT, frame() * 2500, 1.0, ""))
     first = line.feed.rows("a", 0)

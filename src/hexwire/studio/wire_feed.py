@@ -267,6 +267,8 @@ class WireFeed:
         view = self._view(tab)
         if view.kind == "file":
             return view
+        # Before the traffic is taken: what comes while it is being read is not missing.
+        now = self._clock()
         # After a time in which nobody looked, only the end is read: the rest would keep the arm waiting.
         fresh = self._ring.since(max(view.read, self._ring.newest - _BACKLOG))
         if fresh and fresh[0][0] > view.read + 1:
@@ -276,7 +278,7 @@ class WireFeed:
             view.traffic.feed(passed)
             view.read = number
         if len(fresh) < _STEP:
-            view.traffic.quiet(self._clock())
+            view.traffic.quiet(now)
         return view
 
     def _note(self, view: _View) -> str:
