@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hexwire.errors import UsageError
+from hexwire.errors import ConfigError, UsageError
 from hexwire.trace.library import Library, recordings_folder
 from hexwire.trace.recording import RecordingWriter, make_positions
 
@@ -186,3 +186,71 @@ def test_without_the_package_for_recordings_its_name_is_told(
     assert "pip install 'hexwire[record]'" in library.entries()[0].problem
     with pytest.raises(UsageError, match=r"pip install 'hexwire\[record\]'; nothing was kept"):
         library.add("b.mcap", io.BytesIO(content))
+
+
+def test_a_file_that_grows_is_not_read_again_at_every_look(
+    library: Library, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import hexwire.trace.library
+
+    read: list[str] = []
+    survey = hexwire.trace.library.survey
+    monkeypatch.setattr(
+        hexwire.trace.library, "survey", lambda file, empty: read.append(empty.name) or survey(file, empty)
+    )
+    now = [100.0]
+    monkeypatch.setattr(hexwire.trace.library.time, "monotonic", lambda: now[0])
+    # Reading takes half a second.
+    ticks = iter(0.5 * i for i in range(100))
+    monkeypatch.setattr(hexwire.trace.library, "_timed", lambda file, name: file)
+    monkeypatch.setattr(hexwire.trace.library.time, "thread_time", lambda: next(ticks))
+    content = _record(library.folder / "a.mcap", 5000)
+    path = library.folder / "a.mcap"
+    for size in (20000, 30000, 40000):
+        path.write_bytes(content[:size])
+        (one,) = library.entries()
+        assert library.find("a.mcap") == one
+    assert read == ["a.mcap"]
+    now[0] += 10.1
+    (later,) = library.entries()
+    assert later.size == 40000
+    # What is shorter is another file.
+    path.write_bytes(content[:25000])
+    assert library.entries()[0].size == 25000
+    assert library.entries(without="a.mcap") == []
+
+
+def test_the_computing_for_a_file_is_limited_and_not_the_time(
+    library: Library, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import hexwire.trace.library
+
+    _record(library.folder / "a.mcap", 10)
+    days, computed = iter(range(0, 10**9, 86400)), [0.0]
+    monkeypatch.setattr(hexwire.trace.library.time, "monotonic", lambda: float(next(days)))
+    monkeypatch.setattr(hexwire.trace.library.time, "thread_time", lambda: computed[0])
+    assert len(library.series("a.mcap").times) == 10
+
+    def hour() -> float:
+        computed[0] += 3600.0
+        return computed[0]
+
+    monkeypatch.setattr(hexwire.trace.library.time, "thread_time", hour)
+    with pytest.raises(ConfigError, match="takes more than 30 s"):
+        library.series("a.mcap")
+
+
+def test_it_says_which_files_are_not_listed(library: Library, tmp_path: Path) -> None:
+    _record(library.folder / "a.mcap", 1)
+    library.entries()
+    assert library.remark == ""
+    _record(library.folder / "Übung 1.mcap", 1)
+    (library.folder / "link.mcap").symlink_to(library.folder / "a.mcap")
+    assert [one.name for one in library.entries()] == ["a.mcap"]
+    assert library.remark.startswith("2 files are not listed: give recordings names of letters")
+
+
+def test_a_folder_that_cannot_be_read_says_why(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(UsageError, match=r"file cannot be read: Not a directory"):
+        Library(tmp_path / "file").entries()

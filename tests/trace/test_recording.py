@@ -162,3 +162,57 @@ def test_a_whole_recording_can_be_asked_for(tmp_path: Path) -> None:
     (tmp_path / "b.mcap").write_bytes(data[: len(data) // 2])
     with pytest.raises(ConfigError, match=r"b\.mcap: the recording is truncated"):
         list(read_joint_states(tmp_path / "b.mcap", whole=True))
+
+
+def _messages(path: Path, bodies: list[bytes]) -> Path:
+    from mcap.writer import Writer
+
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema(name="foxglove.JointStates", encoding="jsonschema", data=b"{}")
+        channel = writer.register_channel(topic="/joint_states", message_encoding="json", schema_id=schema)
+        for i, body in enumerate(bodies):
+            writer.add_message(channel, log_time=i + 1, publish_time=0, data=body)
+        writer.finish()
+    return path
+
+
+_LIKE = b'{"timestamp":{"sec":5,"nsec":500000000},"joints":[{"name":"J1","position":0.5,"load":1}]}'
+
+
+@pytest.mark.parametrize(
+    ("other", "why"),
+    [
+        (_LIKE.replace(b"0.5,", b'"x",'), "position must be a number"),
+        (_LIKE.replace(b"0.5,", b"NaN,"), "position must be a finite number"),
+        (_LIKE.replace(b"0.5,", b"true,"), "position must be a number"),
+        (_LIKE.replace(b"0.5,", b"20000.0,"), "position is 20000"),
+        (_LIKE.replace(b"5,", b"-5,", 1), "sec is -5"),
+        (_LIKE.replace(b"5,", b"5.0,", 1), "sec must be a whole number"),
+        (_LIKE.replace(b"500000000", b"5000000000"), "nsec is 5000000000"),
+        (_LIKE.replace(b'"name":"J1",', b""), "name is missing"),
+        (_LIKE.replace(b'{"sec":5,"nsec":500000000}', b"5"), "timestamp must be a table"),
+        (b"[]", "must be a table"),
+    ],
+)
+def test_a_state_is_checked_as_much_as_the_one_before_it(tmp_path: Path, other: bytes, why: str) -> None:
+    path = _messages(tmp_path / "a.mcap", [_LIKE, _LIKE, other])
+    with pytest.raises(ConfigError, match=f"joint state 3.*{why}"):
+        list(read_joint_states(path))
+
+
+def test_states_that_are_alike_are_read_quickly_and_as_the_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import hexwire.trace.recording
+
+    slow: list[object] = []
+    checked = hexwire.trace.recording._checked
+    monkeypatch.setattr(hexwire.trace.recording, "_checked", lambda item: slow.append(item) or checked(item))
+    other = _LIKE.replace(b"J1", b"K1")
+    states = list(read_joint_states(_messages(tmp_path / "a.mcap", [_LIKE] * 50 + [other] * 50)))
+    assert len(slow) == 2
+    assert states[0] == states[49]
+    assert states[1].values == ({"position": 0.5, "load": 1.0},)
+    assert (states[99].time, states[99].names) == (5.5, ("K1",))

@@ -36,7 +36,11 @@ _MOST_FILES = 500
 """Files that are listed, the newest."""
 _MOST_MESSAGES = 5_000_000
 _PATIENCE = 30.0
-"""Seconds for reading one file: an hour at 100 Hz takes a few."""
+"""Seconds of computing for one file, however busy the machine is: an hour at 100 Hz takes half of them."""
+_SHORT = 0.1
+"""Seconds of computing for a survey that may be repeated whenever a file has grown."""
+_REST = 20.0
+"""Share of a longer survey for which a file that grows is not read again."""
 _NSEC = 1_000_000_000
 _NAME = re.compile(r"[^\W_][\w .()+,=@-]{0,120}\.mcap", re.ASCII)
 _ENDING = ".mcap"
@@ -96,7 +100,7 @@ def survey(file: Readable, empty: Recording) -> Recording:
     robot = problem = ""
     recoverable = False
     sent = set(BYTES.values())
-    timed = TimedFile(file, empty.name, _PATIENCE)
+    timed = _timed(file, empty.name)
     try:
         for record in read_records(timed, empty.name):
             if isinstance(record, str):
@@ -132,10 +136,28 @@ def survey(file: Readable, empty: Recording) -> Recording:
     )
 
 
+def _timed(file: Readable, name: str) -> TimedFile:
+    # Not by the wall clock: beside a robot, other threads take their share.
+    return TimedFile(file, name, _PATIENCE, time.thread_time)
+
+
 def _first_state(data: bytes, name: str) -> tuple[tuple[str, ...], str]:
     _, rows = parse_joints(data, name, 1)
     said = parse_message(data, name, "joint state 1").table().get("robot")
     return tuple(row["name"].text() for row in rows), said.text(100) if said is not None else ""
+
+
+def _remark(odd: int, many: int) -> str:
+    """Which files are not listed."""
+    told = []
+    if odd:
+        told.append(
+            f"{odd} {'file is' if odd == 1 else 'files are'} not listed: give recordings names of letters A to Z, "
+            "digits, blanks and .()+,=@_- that begin with a letter or digit, and use no links"
+        )
+    if many > 0:
+        told.append(f"only the newest {_MOST_FILES} recordings are listed")
+    return "; ".join(told)
 
 
 class Library:
@@ -144,41 +166,72 @@ class Library:
     Args:
         folder: The folder.
         largest: Most bytes of a file that is added.
+
+    Attributes:
+        folder: The folder.
+        largest: Most bytes of a file that is added.
+        remark: Which files were not listed last time, and why; empty if all were.
     """
 
     def __init__(self, folder: str | Path, *, largest: int = LARGEST) -> None:
         self.folder = Path(folder)
         self.largest = largest
+        self.remark = ""
         self._known: dict[str, Recording] = {}
+        self._rests: dict[str, float] = {}
         self._lock = threading.Lock()
+        self._reading = threading.Lock()
 
-    def entries(self) -> list[Recording]:
+    def entries(self, without: str = "") -> list[Recording]:
         """The recordings, newest first. Reads those that are new or have changed.
 
+        A file that grows, and whose reading takes long, is as it was some seconds ago.
+
+        Args:
+            without: Name of a recording that is left out and not read, since it is being written.
+
         Raises:
-            UsageError: The package ``mcap`` is not installed.
+            UsageError: The folder cannot be read, or the package ``mcap`` is not installed.
         """
         found: list[tuple[float, str, int]] = []
-        with suppress(FileNotFoundError), os.scandir(self.folder) as entries:
-            for entry in entries:
-                with suppress(OSError):
-                    status = entry.stat(follow_symlinks=False)
-                    if stat.S_ISREG(status.st_mode) and _NAME.fullmatch(entry.name):
-                        found.append((status.st_mtime, entry.name, status.st_size))
+        odd = 0
+        try:
+            with suppress(FileNotFoundError), os.scandir(self.folder) as entries:
+                for entry in entries:
+                    with suppress(OSError):
+                        status = entry.stat(follow_symlinks=False)
+                        if stat.S_ISREG(status.st_mode) and _NAME.fullmatch(entry.name):
+                            found.append((status.st_mtime, entry.name, status.st_size))
+                        elif entry.name.endswith(_ENDING) and not stat.S_ISDIR(status.st_mode):
+                            odd += 1
+        except OSError as error:
+            raise UsageError(f"the folder of recordings {self.folder} cannot be read: {error.strerror}") from None
         found.sort(reverse=True)
-        listed = []
-        for changed, name, size in found[:_MOST_FILES]:
-            with self._lock:
-                known = self._known.get(name)
-            if known is None or (known.changed, known.size) != (changed, size):
-                known = self._look(Recording(name, size, changed))
-                with self._lock:
-                    self._known[name] = known
-            listed.append(known)
+        self.remark = _remark(odd, len(found) - _MOST_FILES)
+        listed = [self._entry(*one) for one in found[:_MOST_FILES] if one[1] != without]
         with self._lock:
             for gone in set(self._known) - {name for _, name, _ in found}:
                 del self._known[gone]
         return listed
+
+    def _entry(self, changed: float, name: str, size: int) -> Recording:
+        """What a file holds; it is read if that is not known."""
+        # One at a time: a page asks again while the first answer is being made.
+        with self._reading:
+            with self._lock:
+                known, rest = self._known.get(name), self._rests.get(name, 0.0)
+            if known is not None:
+                if (known.changed, known.size) == (changed, size):
+                    return known
+                if size > known.size and time.monotonic() < rest:
+                    return known
+            began = time.thread_time()
+            known = self._look(Recording(name, size, changed))
+            took = time.thread_time() - began
+            with self._lock:
+                self._known[name] = known
+                self._rests[name] = time.monotonic() + (_REST * took if took > _SHORT else 0.0)
+            return known
 
     def _look(self, empty: Recording) -> Recording:
         if not empty.size:
@@ -195,9 +248,11 @@ class Library:
         Raises:
             UsageError: There is none of this name.
         """
-        for one in self.entries():
-            if one.name == name:
-                return one
+        if _NAME.fullmatch(name):
+            with suppress(OSError):
+                status = (self.folder / name).stat(follow_symlinks=False)
+                if stat.S_ISREG(status.st_mode):
+                    return self._entry(status.st_mtime, name, status.st_size)
         raise UsageError(f"there is no recording {name!r}; it may have been removed")
 
     @contextmanager
@@ -235,11 +290,7 @@ class Library:
         """Its joint states as columns; raises as `read_series`."""
         try:
             with self.open(name) as file:
-                return read_series(
-                    TimedFile(file, name, _PATIENCE),
-                    name,
-                    topic=topic,
-                )
+                return read_series(_timed(file, name), name, topic=topic)
         except OSError as error:
             raise ConfigError(f"cannot be read: {error.strerror}", file=name) from None
 
@@ -296,7 +347,7 @@ class Library:
         """
         new = f"{name.removesuffix(_ENDING)[:100]} recovered{_ENDING}"
         with self.open(name) as file, OutputFile(self.path(new)) as out:
-            recover(TimedFile(file, name, _PATIENCE), name, out.file)
+            recover(_timed(file, name), name, out.file)
         return self.find(new)
 
     def remove(self, name: str) -> None:

@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -54,6 +55,7 @@ _CHUNK = 64 * 1024
 _MOST_JOINTS = 253
 _MOST = 1e4
 """Greatest plausible joint position, radians."""
+_NUMBERS = (float, int)
 _TIME = {
     "type": "object",
     "title": "time",
@@ -367,6 +369,7 @@ def joint_states_in(
         ConfigError: A joint state is wrong.
     """
     number, only = 0, topic
+    known: dict[str, tuple[str, ...]] = {}
     for record in read_records(file, name):
         if isinstance(record, str):
             yield record
@@ -379,7 +382,12 @@ def joint_states_in(
             if found != only and not several:
                 raise several_arms(name, only, found)
             number += 1
-            yield _joints(record[2], name, number, found)
+            item = parse_message(record[2].data, name, f"joint state {number}")
+            joints = _quick(item.value, known.get(found, ()), record[2].log_time, found)
+            if joints is None:
+                joints = _joints(item, record[2].log_time, found)
+                known[found] = joints.names
+            yield joints
 
 
 def is_joint_state(schema: Any, channel: Any) -> bool:
@@ -393,7 +401,11 @@ def parse_joints(data: bytes, file: str, number: int) -> tuple[float | None, lis
     Raises:
         ConfigError: It is not a joint state; the text says where.
     """
-    root = parse_message(data, file, f"joint state {number}").table(needed=("joints",))
+    return _checked(parse_message(data, file, f"joint state {number}"))
+
+
+def _checked(item: Item) -> tuple[float | None, list[dict[str, Item]]]:
+    root = item.table(needed=("joints",))
     stamp = None
     if "timestamp" in root and root["timestamp"].value is not None:
         parts = root["timestamp"].table(needed=("sec", "nsec"))
@@ -422,16 +434,45 @@ def topic_of(arm: str) -> str:
     return f"/{arm}{JOINT_STATES}"
 
 
-def _joints(message: Any, file: str, number: int, topic: str) -> RecordedJoints:
-    stamp, joints = parse_joints(message.data, file, number)
+def _joints(item: Item, log_time: int, topic: str) -> RecordedJoints:
+    stamp, joints = _checked(item)
     rows = [joint for joint in joints if "position" in joint and joint["position"].value is not None]
     return RecordedJoints(
-        message.log_time / _NSEC if stamp is None else stamp,
+        log_time / _NSEC if stamp is None else stamp,
         tuple([joint["name"].text() for joint in rows]),
         tuple([joint["position"].number(-_MOST, _MOST, "rad") for joint in rows]),
         tuple([_numbers(joint) for joint in rows]),
         topic,
     )
+
+
+def _quick(root: Any, names: tuple[str, ...], log_time: int, topic: str) -> RecordedJoints | None:
+    """A joint state of exactly these joints, whose names are checked; None if `_joints` must look at it.
+
+    An hour has 360,000 states that are alike: this takes a third of the time.
+    """
+    joints = root.get("joints") if type(root) is dict else None
+    if type(joints) is not list or not names or len(joints) != len(names):
+        return None
+    stamp = root.get("timestamp")
+    time = log_time / _NSEC
+    if stamp is not None:
+        sec, nsec = (stamp.get("sec"), stamp.get("nsec")) if type(stamp) is dict else (None, None)
+        if type(sec) is not int or type(nsec) is not int:
+            return None
+        if not (0 <= sec <= int(_END_OF_TIME) and 0 <= nsec < _NSEC):
+            return None
+        time = sec + nsec / _NSEC
+    positions, rows = [], []
+    for name, joint in zip(names, joints, strict=True):
+        if type(joint) is not dict or joint.get("name") != name:
+            return None
+        position: Any = joint.get("position")
+        if type(position) not in _NUMBERS or not -_MOST <= position <= _MOST:
+            return None
+        positions.append(float(position))
+        rows.append({key: float(v) for key, v in joint.items() if type(v) in _NUMBERS and isfinite(v)})
+    return RecordedJoints(time, names, tuple(positions), tuple(rows), topic)
 
 
 def _numbers(joint: dict[str, Item]) -> dict[str, float]:
