@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import io
 from collections.abc import Iterator
 from pathlib import Path
@@ -127,6 +128,17 @@ def test_a_file_is_taken_if_it_is_a_recording(client: Client, tmp_path: Path) ->
     assert answer.status_code == 200
     assert "nothing was kept" in answer.json()["refused"]
     assert [entry.name for entry in client.studio.shelf.library.entries()] == ["my arm.mcap"]
+
+
+def test_a_full_disk_is_told(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Full(io.BytesIO):
+        def write(self, data: Any, /) -> int:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("hexwire.studio.files.tempfile.TemporaryFile", Full)
+    answer = client.http.post("/data/recording?name=a.mcap", content=b"x")
+    assert answer.status_code == 200
+    assert answer.json()["refused"] == "the file cannot be written or read: No space left on device"
 
 
 def test_who_only_watches_may_send_nothing(client: Client) -> None:

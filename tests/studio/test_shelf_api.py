@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -135,6 +137,23 @@ def test_a_wrong_order_is_refused(client: Client, order: Any, why: str) -> None:
 def test_a_long_or_broken_request_is_refused(client: Client) -> None:
     assert client.http.post("/data/recordings", content=bytes(5000)).status_code == 413
     assert client.http.post("/data/recordings", content=b"[" * 4000).json()["refused"]
+
+
+def test_a_full_disk_and_a_folder_that_fails_are_told(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = client.studio.shelf.library.folder
+    record(folder, "a.mcap")
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("hexwire.trace.library.recover", full)
+    assert "No space left on device" in client.do("recover", name="a.mcap")["refused"]
+    assert [row["name"] for row in client.list()["entries"]] == ["a.mcap"]
+    (folder / "a#1.mcap").write_bytes(b"x")
+    assert client.list()["remark"].startswith("1 file is not listed")
+    shutil.rmtree(folder)
+    folder.write_text("no folder")
+    assert "Not a directory" in client.list()["refused"]
 
 
 def test_who_only_watches_changes_nothing(client: Client) -> None:

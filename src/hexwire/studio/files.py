@@ -76,6 +76,8 @@ def _told(handler: _Handler) -> _Handler:
             return JSONResponse({"refused": str(error)}, error.status, _PLAIN)
         except HexwireError as error:
             return refusal(error)
+        except OSError as error:
+            return refusal(UsageError(f"the file cannot be written or read: {error.strerror or error}"))
 
     return told
 

@@ -77,6 +77,8 @@ async def _answered(call: Callable[[], dict[str, Any]]) -> Response:
         return JSONResponse(await run_in_threadpool(call), headers=_PLAIN)
     except HexwireError as error:
         return refusal(error)
+    except OSError as error:
+        return refusal(UsageError(f"the folder of recordings failed: {error.strerror or error}"))
 
 
 def _listed(studio: Studio) -> dict[str, Any]:
@@ -84,13 +86,14 @@ def _listed(studio: Studio) -> dict[str, Any]:
     joints = arm.settings.model.names if arm is not None else ()
     state = shelf.recorder.state
     # What is being written is not damaged.
-    rows = [asdict(one) for one in shelf.library.entries() if one.name != state.name]
+    rows = [asdict(one) for one in shelf.library.entries(without=state.name)]
     for row in rows:
         unknown = [name for name in row["joints"] if name not in joints]
         row["fits"] = bool(row["joints"]) and arm is not None and not unknown
         row["twin"] = twin_for(row["robot"], row["joints"])
     return {
         "folder": str(shelf.library.folder),
+        "remark": shelf.library.remark,
         "largest": shelf.library.largest,
         "entries": rows,
         "recorder": asdict(state),

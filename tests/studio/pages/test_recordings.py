@@ -100,3 +100,23 @@ def test_closing_the_page_ends_a_recording_that_plays_on_the_arm(
     studio.until(lambda: not studio.arm.owner.group.moving, "the end of the motion")
     progress = studio.studio.source.arm.desk.progress
     assert (progress.title, progress.outcome) == ("a recording", "preempted")
+
+
+def test_a_recording_of_other_joints_shows_all_of_them_and_a_refused_motion_says_why(
+    page: Page, folder: Path
+) -> None:
+    record(folder, "one.mcap", joints=("K1",))
+    record(folder, "two.mcap", joints=("J1", "K1"))
+    record(folder, "three.mcap")
+    _open(page)
+    page.get_by_role("button", name="open one.mcap").click()
+    page.get_by_role("checkbox", name="K1", exact=True).wait_for()
+    page.get_by_role("button", name="open two.mcap").click()
+    page.get_by_role("checkbox", name="J1", exact=True).wait_for()
+    assert page.get_by_role("checkbox", name="J1", exact=True).is_checked()
+    page.get_by_role("button", name="open three.mcap").click()
+    page.locator(".uplot").first.wait_for()
+    page.get_by_label("from, s").fill("900")
+    page.get_by_role("button", name="Play on the twin").click()
+    # Beside the buttons: the top of the page may be out of sight.
+    page.locator(".rc-said[data-level=error]", has_text="nothing is left").wait_for()

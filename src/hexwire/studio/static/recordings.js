@@ -9,9 +9,10 @@ import { makeView } from "/static/recordings_view.js";
 const LOOK = 1500; // ms between two looks at the list
 
 export function mount(element, args) {
+  const none = `No recordings yet.${args.operates ? " Record the arm, add a file, or use hexwire --record FILE.mcap." : ""}`;
   loadSheet("/static/plots.css");
   loadSheet("/static/recordings.css");
-  const state = { list: null, chosen: "", shown: "" };
+  const state = { list: null, chosen: "", shown: "", looking: 0, refusal: "" };
   const note = make("p", { className: "pl-note", role: "status" });
   const record = button("Record the arm", toggleRecord, "rc-record");
   const recording = make("span", { className: "rc-recording" });
@@ -21,21 +22,23 @@ export function mount(element, args) {
   if (args.operates) bar.append(record, recording, file, add);
   const folder = make("span", { className: "rc-folder" });
   bar.append(folder);
-  const body = make("tbody");
+  const remark = make("p", { className: "pl-note rc-remark" });
+  const body = make("tbody", {}, empty("Reading the folder …"));
   const table = make("table", { className: "rc-list" },
     make("caption", { textContent: "Recordings, newest first" }),
     make("thead", {}, make("tr", {}, ...["recording", "recorded", "robot", "duration", "states", "size", "state", "actions"].map(
       (text) => make("th", { scope: "col", textContent: text })))), body);
   const frame = make("div", { className: "rc-scroll" }, table);
   const place = make("div", { className: "rc-view" });
-  element.replaceChildren(bar, note, frame, place);
+  element.replaceChildren(bar, note, frame, remark, place);
   const page = { element, args, state, act, say, entry: (name) => state.list?.entries.find((one) => one.name === name), choose };
   const view = makeView(page, place);
 
   file.addEventListener("change", upload);
   const timer = setInterval(() => {
     if (!element.isConnected) { clearInterval(timer); view.destroy(); return; }
-    if (!document.hidden) look();
+    // A large folder may take longer than the time between two looks.
+    if (!document.hidden && !state.looking) look();
   }, LOOK);
   hexwire.onHello(() => look(), element);
   look();
@@ -46,11 +49,14 @@ export function mount(element, args) {
   }
 
   async function look() {
+    state.looking += 1;
     try {
       state.list = await (await ask("/data/recordings")).json();
     } catch (error) {
       say(error.message, true);
       return;
+    } finally {
+      state.looking -= 1;
     }
     draw();
     view.update(state.list);
@@ -65,6 +71,7 @@ export function mount(element, args) {
       await look();
       return found;
     } catch (error) {
+      state.refusal = error.message;
       say(error.message, true);
       return null;
     }
@@ -113,18 +120,16 @@ export function mount(element, args) {
       ? `${recorder.name}: ${durationText(recorder.seconds)}, ${recorder.states} states${recorder.lost ? `, ${recorder.lost} lost` : ""}`
       : "";
     folder.textContent = list.folder;
+    remark.textContent = list.remark;
     const key = JSON.stringify([list.entries, state.chosen, list.robot]);
     if (key === state.shown) return;
     state.shown = key;
     const focused = body.contains(document.activeElement) ? document.activeElement.dataset.key : null;
-    body.replaceChildren(...(list.entries.length ? list.entries.map(row) : [empty()]));
+    body.replaceChildren(...(list.entries.length ? list.entries.map(row) : [empty(none)]));
     if (focused) body.querySelector(`[data-key="${CSS.escape(focused)}"]`)?.focus();
   }
 
-  function empty() {
-    const text = args.operates
-      ? "No recordings yet. Record the arm, add a file, or use hexwire --record FILE.mcap."
-      : "No recordings yet.";
+  function empty(text) {
     return make("tr", {}, make("td", { colSpan: 8, className: "rc-empty", textContent: text }));
   }
 

@@ -115,7 +115,7 @@ export function makePlayer(page, place, view, shown, moved) {
   async function playTwin() {
     prepare("twin", "starting the twin …");
     const begun = await page.act({ do: "twin", name: state.entry.name, topic: view.topic, ...state.part });
-    if (!begun) { finish("", false); return; }
+    if (!begun) { finish(page.state.refusal, true); return; }
     follow();
   }
 
@@ -154,7 +154,7 @@ export function makePlayer(page, place, view, shown, moved) {
   async function playArm() {
     prepare("arm", "checking …");
     const plan = await page.act({ do: "preview", name: state.entry.name, topic: view.topic, ...state.part });
-    if (!plan) { finish("", false); return; }
+    if (!plan) { finish(page.state.refusal, true); return; }
     if (plan.refusal) { finish(plan.refusal, true); return; }
     said.textContent = `${plan.lead_in.toFixed(1)} s to the start, then ${(plan.duration - plan.lead_in).toFixed(1)} s`;
     const why = await hexwire.hold("run", { what: "play", recording: state.entry.name, topic: view.topic || "", ...state.part }, { attended: true });

@@ -10,7 +10,7 @@ import { makePlayer } from "/static/recordings_play.js";
 const DEG = 180 / Math.PI;
 
 export function makeView(page, place) {
-  const state = { name: "", other: "", topic: "", data: null, plot: null, signals: ["position"], joints: null, align: "start", round: 0, played: null };
+  const state = { name: "", other: "", topic: "", data: null, plot: null, signals: ["position"], joints: [], names: null, align: "start", round: 0, played: null };
   const title = make("h2", { className: "rc-title", tabIndex: -1 });
   const topics = make("select", { className: "rc-select", hidden: true });
   topics.setAttribute("aria-label", "Arm in the recording");
@@ -108,8 +108,9 @@ export function makeView(page, place) {
     const left = data.head.left_out?.length ? `not in both: ${data.head.left_out.join(", ")}` : "";
     note.textContent = data.head.problem || left;
     const names = data.head.names;
-    state.joints = (state.joints ?? names).filter((name) => names.includes(name));
-    if (!state.joints.length) state.joints = names;
+    // A choice is kept for recordings of the same joints.
+    if (state.names !== names.join("\n")) state.joints = names;
+    state.names = names.join("\n");
     if (state.other) table();
     figure.loaded(data, state.other ? ["first", "second"] : ["position", null]);
     choices();
