@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import time
 from typing import TYPE_CHECKING
@@ -51,3 +52,25 @@ def test_a_request_comes_through_a_crowd(served: RunningStudio, idle: list[socke
         time.sleep(0.05)
         asking.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode())
         assert asking.recv(100).startswith(b"HTTP/1.1 401")
+
+
+def test_a_head_without_end_is_refused(served: RunningStudio) -> None:
+    port, most = int(served.url.rpartition(":")[2]), served.studio.access.limits.head
+    sent = 0
+    with socket.create_connection(("127.0.0.1", port), timeout=10) as asking:
+        asking.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nX: ".encode())
+        with contextlib.suppress(ConnectionError):
+            while sent < 100 * most:
+                asking.sendall(b"x" * 4096)
+                sent += 4096
+            asking.recv(1)
+    assert sent < 100 * most
+
+
+def test_a_long_body_is_no_head(served: RunningStudio) -> None:
+    port, most = int(served.url.rpartition(":")[2]), served.studio.access.limits.head
+    with socket.create_connection(("127.0.0.1", port), timeout=10) as asking:
+        for _ in range(2):
+            head = f"POST /stop HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nContent-Length: {4 * most}\r\n\r\n"
+            asking.sendall(head.encode() + b"x" * 4 * most)
+            assert asking.recv(1000).startswith(b"HTTP/1.1 403")

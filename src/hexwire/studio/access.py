@@ -34,6 +34,7 @@ class Limits:
 
     Attributes:
         message: Bytes of one message on a socket.
+        head: Bytes of the head of a request that is not complete.
         body: Bytes of the body of a request; pages that take uploads bound them themselves, below this.
         sockets: Sockets at a time; each open page has two.
         connections: Connections at a time that have not become a socket.
@@ -44,6 +45,7 @@ class Limits:
     """
 
     message: int = 64 * 1024
+    head: int = 64 * 1024
     body: int = 64 * 1024 * 1024
     sockets: int = 64
     connections: int = 128

@@ -38,6 +38,8 @@ def make_protocol(
 
         _timer: asyncio.TimerHandle | None = None
         _asked = False
+        _in_head = True
+        _head = 0
 
         def connection_made(self, transport: Any) -> None:
             super().connection_made(transport)
@@ -52,8 +54,20 @@ def make_protocol(
             self._forget()
             super().connection_lost(exc)
 
+        def data_received(self, data: bytes) -> None:
+            super().data_received(data)
+            if self._in_head:
+                # The parser bounds nothing, and whoever sends this may have no session.
+                self._head += len(data)
+                if self._head > limits.head:
+                    self._abort()
+
+        def on_message_begin(self) -> None:
+            self._in_head, self._head = True, 0
+            super().on_message_begin()
+
         def on_headers_complete(self) -> None:
-            self._asked = True
+            self._asked, self._in_head = True, False
             self._end_timer()
             self.scope[PEER] = self._peer()
             super().on_headers_complete()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import math
 from collections.abc import Iterator
@@ -114,3 +115,38 @@ def test_a_long_taught_motion_is_sent_with_fewer_rows(desk: Desk) -> None:
     assert len(taught["times"]) == len(taught["rows"]) <= 401
     assert (taught["times"][0], taught["times"][-1], taught["duration"]) == (0.0, 60.0, 60.0)
     assert taught["rows"][-1] == pytest.approx(rows[-1], abs=1e-4)
+
+
+def test_a_page_that_asks_for_too_many_previews_keeps_nobody_waiting(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[tuple[object, ...]] = []
+    monkeypatch.setattr(desk.calls, "_tell", lambda *what: told.append(what))
+    free = asyncio.Event()
+    asked = 0
+
+    async def run(call: object) -> dict[str, object]:
+        nonlocal asked
+        asked += 1
+        await free.wait()
+        return {}
+
+    monkeypatch.setattr(desk.studio, "run", run)
+
+    class Event:
+        def __init__(self, number: int) -> None:
+            self.args = {"detail": {"id": number, "name": "preview"}}
+
+    async def flood() -> None:
+        calls = [asyncio.create_task(desk.calls._on_call(Event(number))) for number in range(100)]
+        while len(told) < 96:
+            await asyncio.sleep(0)
+        assert asked == 4
+        assert told[0] == ("answer", 4, {"error": "this page asks for too many previews at a time"})
+        free.set()
+        await asyncio.gather(*calls)
+        # What is no preview is not refused, and a later preview is not, either.
+        await desk.calls._on_call(Event(100))
+
+    asyncio.run(flood())
+    assert asked == 5

@@ -29,6 +29,8 @@ _ROWS = 60
 _TAUGHT_ROWS = 400
 """Most rows of a taught motion that a browser is sent."""
 _DIGITS = 5
+_MOST_PLANS = 4
+"""Previews of one page that may be planned at a time."""
 
 
 class ArmCalls:
@@ -44,6 +46,7 @@ class ArmCalls:
         self._studio, self._arm, self._tab = studio, arm, studio.tab()
         self._element = element
         self._told: tuple[object, ...] = ()
+        self._planning = 0
         element.on("hw-call", self._on_call, args=["detail"])
 
     async def _on_call(self, event: Any) -> None:
@@ -52,7 +55,15 @@ class ArmCalls:
             return
         name, args = str(detail.get("name")), detail.get("args")
         values = args if isinstance(args, dict) else {}
-        answer = await self._studio.run(lambda: self.answer(name, values, self._tab))
+        if name == "preview" and self._planning >= _MOST_PLANS:
+            # Planning takes a while, in threads that other pages need, too.
+            self._tell("answer", detail["id"], {"error": "this page asks for too many previews at a time"})
+            return
+        self._planning += name == "preview"
+        try:
+            answer = await self._studio.run(lambda: self.answer(name, values, self._tab))
+        finally:
+            self._planning -= name == "preview"
         self._tell("answer", detail["id"], answer if isinstance(answer, dict) else {"error": "the studio failed"})
 
     def answer(self, name: str, args: Mapping[str, object], tab: Tab) -> dict[str, object]:
