@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hexwire.control.attended import SILENCE, Attended
+from hexwire.control.attended import SILENCE, Attended, silence_for
 
 
 class _Clock:
@@ -83,3 +83,10 @@ def test_another_motion_ends_the_one_before() -> None:
     assert first is not None
     assert ended == ["another motion was begun"]
     assert not attended.beat("ann", 1)
+
+
+def test_a_slow_line_needs_less_silence() -> None:
+    assert silence_for(0.1) == SILENCE
+    assert silence_for(1.0) == 0.15
+    assert silence_for(1.0, 0.1) == 0.1
+    assert silence_for(0.1, 5.0) == 5.0

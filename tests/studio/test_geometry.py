@@ -17,7 +17,7 @@ from hexwire.model.palette import DARK, LIGHT
 from hexwire.model.pose import Matrix, Pose, Vector, multiply, rotation_about
 from hexwire.model.puma260 import PUMA260
 from hexwire.model.shapes import moved
-from hexwire.studio.geometry import make_geometry
+from hexwire.studio.geometry import make_geometry, make_turns
 
 ARMS = [HEX7BOT, PUMA260, load_profile("so100").model, load_profile("so101").model]
 
@@ -124,3 +124,21 @@ def test_the_tip_is_within_reach(arm: ArmModel) -> None:
     assert model is not None
     far = max(math.hypot(*model.forward(a[: len(model.ranges)]).position) for a in random_angles(52, 300))
     assert 0.75 * geometry["reach"] < far < geometry["reach"]
+
+
+def test_pitch_and_roll_of_the_tool_are_sums_that_a_browser_computes() -> None:
+    model = load_profile("so101").model
+    kinematics = kinematics_for(model)
+    assert kinematics is not None
+    turns = make_turns(model, kinematics)
+    assert turns is not None
+    angles = random_angles(7, 1)[0][: len(kinematics.ranges)]
+    positions = [kinematics.to_joints(angles).get(name, 0.0) for name in model.names]
+    sums = [row["offset"] + sum(f * positions[i] for i, f in row["factors"].items()) for row in turns]
+    assert sums == pytest.approx(kinematics.pitch_and_roll(angles))
+
+
+def test_an_arm_of_six_joints_has_no_such_sums() -> None:
+    kinematics = kinematics_for(HEX7BOT)
+    assert kinematics is not None
+    assert make_turns(HEX7BOT, kinematics) is None

@@ -11,10 +11,23 @@ import threading
 import time
 from collections.abc import Callable
 
-__all__ = ["SILENCE", "Attended", "Entry"]
+__all__ = ["SILENCE", "Attended", "Entry", "silence_for"]
 
 SILENCE = 0.25
 """Seconds without a sign of life after which an attended motion ends."""
+_SLOW, _SHORT_SILENCE = 0.3, 0.15
+"""Seconds between two targets from which a line is slow; the silence that is enough there."""
+
+
+def silence_for(period: float, silence: float = SILENCE) -> float:
+    """Seconds without a sign of life after which an attended motion ends on a line of some speed.
+
+    Args:
+        period: Seconds between two targets.
+        silence: Seconds on a fast line.
+    """
+    # Sending takes a good part of a second on a slow line, which leaves less for waiting.
+    return min(silence, _SHORT_SILENCE) if period > _SLOW else silence
 
 
 class Entry:

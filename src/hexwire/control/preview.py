@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from .arm import Arm
 
-__all__ = ["Branch", "Place", "Planner", "Preview", "goal_of"]
+__all__ = ["PLAY_FACTORS", "Branch", "Place", "Planner", "Preview", "goal_of"]
 
 _MARGIN = 0.98
 """Share of the wanted speed that is planned: between the points that are sent, a joint may be slightly faster."""
@@ -42,7 +42,7 @@ _STEP = 0.02
 """Least seconds between two points that are sent."""
 _MOST_POINTS = MAX_POINTS - 1
 _SLOWEST = 0.01
-_FACTORS = (0.1, 4.0)
+PLAY_FACTORS = (0.1, 4.0)
 """Slowest and fastest factor at which a taught motion is played."""
 
 
@@ -220,7 +220,7 @@ class Planner:
             UsageError: The arm lacks one of its joints, nothing is left of it, or a number is out of range.
             HexwireError: The arm cannot be reached.
         """
-        low, high = _FACTORS
+        low, high = PLAY_FACTORS
         if not low <= finite(factor, "the factor of the speed") <= high:
             raise UsageError(f"a taught motion is played at {low:g} to {high:g} times its speed, not {factor:g}")
         for name in taught.names:

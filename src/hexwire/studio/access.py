@@ -11,12 +11,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import IntEnum
 
-__all__ = ["COOKIE", "SHORTEST_PASSWORD", "Access", "Limits", "Right", "Session"]
+__all__ = ["COOKIE", "SHORTEST_PASSWORD", "WATCHING_ONLY", "Access", "Limits", "Right", "Session"]
 
 COOKIE = "hexwire_session"
 """Start of the name of the cookie; the port is added, since browsers share cookies between ports."""
 SHORTEST_PASSWORD = 12
 """Characters."""
+WATCHING_ONLY = "this address is for watching only; open the other one that hexwire studio has printed"
+"""Why something is refused that needs `Right.OPERATE`."""
 _ATTEMPTS, _ATTEMPT_PERIOD = 5, 2.0
 """Passwords that may be tried at once, and seconds until another one may be."""
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 from hexwire.errors import HexwireError, LeaseError
 
-from .access import Access, Right
+from .access import WATCHING_ONLY, Access, Right
 from .bus_source import live_row
 from .fleet_watch import FleetWatch
 from .holds import Holds
@@ -40,9 +40,6 @@ __all__ = ["FAILED", "Studio"]
 _log = logging.getLogger(__name__)
 
 _T = TypeVar("_T")
-
-
-_WATCHING = "this address is for watching only; open the other one that hexwire studio has printed"
 
 
 class _Failed:
@@ -155,7 +152,7 @@ class Studio:
             LeaseError: Its session may only watch, or another tab has control.
         """
         if tab.right < Right.OPERATE:
-            raise LeaseError(_WATCHING)
+            raise LeaseError(WATCHING_ONLY)
         self.source.take(tab, force=force)
 
     def open(self, tab: Tab, url: str, robot: str | None = None) -> None:
@@ -175,7 +172,7 @@ class Studio:
 
     def _may_switch(self, tab: Tab) -> None:
         if tab.right < Right.OPERATE:
-            raise LeaseError(_WATCHING)
+            raise LeaseError(WATCHING_ONLY)
         present = self.source.present
         holder = present.holder if present is not None else None
         if holder is not None and not self.source.has_control(tab):

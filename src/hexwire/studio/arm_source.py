@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 from hexwire.control.arm import Arm
-from hexwire.control.attended import SILENCE, Attended, Entry
+from hexwire.control.attended import SILENCE, Attended, Entry, silence_for
 from hexwire.control.history import History
 from hexwire.control.holding import hold_moving
 from hexwire.control.jog import JogController, read_request
@@ -39,9 +39,6 @@ if TYPE_CHECKING:
 __all__ = ["ArmSource"]
 
 _log = logging.getLogger(__name__)
-
-_SLOW, _SHORT_SILENCE = 0.3, 0.15
-"""Seconds between two targets from which a line is slow; seconds of silence that end a hold there."""
 
 
 class ArmSource:
@@ -104,9 +101,8 @@ class ArmSource:
     def start(self) -> None:
         """Connect and start; raises as `Arm.connect`."""
         self.arm.connect()
-        if self.arm.owner.command_period > _SLOW:
-            # Sending takes a good part of a second there, which leaves less for waiting.
-            self.attended.silence = self.jog.silence = min(self.attended.silence, _SHORT_SILENCE)
+        self._silence = silence_for(self.arm.owner.command_period, self._silence)
+        self.attended.silence = self.jog.silence = self._silence
         self.arm.start()
         owner = self.arm.owner
         with owner.locked():

@@ -25,7 +25,7 @@ from starlette.routing import Route
 from hexwire.errors import HexwireError, UsageError
 from hexwire.trace.series import write_csv, write_mcap
 
-from .access import Right
+from .access import WATCHING_ONLY, Right
 from .columns import history_columns, serialize_columns, series_columns
 from .guard import SESSION
 from .wire_api import refusal
@@ -169,7 +169,7 @@ class _Files:
     async def upload(self, request: Request) -> Response:
         """Take a file that somebody brings."""
         if request.scope[SESSION].right < Right.OPERATE:
-            raise _RefusedError(403, "this address is for watching only")
+            raise _RefusedError(403, WATCHING_ONLY)
         if self._uploading:
             raise _RefusedError(429, "another file is being taken; try again soon")
         name, library = _text(request, "name"), self._present().shelf.library

@@ -15,9 +15,10 @@ from hexwire.model.shapes import COLOURS
 
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
+    from hexwire.model.kinematics import KinematicModel
     from hexwire.model.shapes import ArmShapes, Shape, ShapeJoint
 
-__all__ = ["make_geometry"]
+__all__ = ["make_geometry", "make_turns"]
 
 _DIGITS = 7
 """Of metres and of quaternions: a ten-thousandth of a millimetre, at a third of the bytes."""
@@ -70,6 +71,25 @@ def make_geometry(arm: ArmModel, links: str = "A") -> dict[str, Any] | None:
 
 
 _THEMES = ("light", "dark")
+
+
+def make_turns(arm: ArmModel, kinematics: KinematicModel) -> list[dict[str, Any]] | None:
+    """How a browser computes pitch and roll of the tool in each frame: both are sums of joint angles.
+
+    Returns:
+        Pitch, then roll, each with an ``offset`` in radians and its ``factors`` by place of the joint in the arm;
+        None for an arm that aims its tool by other angles.
+    """
+    n = len(kinematics.ranges)
+    zero = kinematics.pitch_and_roll([0.0] * n)
+    if zero is None:
+        return None
+    ones = [kinematics.pitch_and_roll([float(i == k) for k in range(n)]) or zero for i in range(n)]
+    places = [arm.index(name) for name in kinematics.joint_names]
+    return [
+        {"offset": zero[row], "factors": {places[i]: one[row] - zero[row] for i, one in enumerate(ones)}}
+        for row in range(2)
+    ]
 
 
 def _frame(joint: ShapeJoint | None, place: Mapping[str, int], order: Mapping[str, int]) -> dict[str, Any]:

@@ -18,11 +18,12 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
+from hexwire.control.preview import PLAY_FACTORS
 from hexwire.drivers.registry import load_driver
 from hexwire.errors import HexwireError, UsageError
 from hexwire.model.state import LONGEST, finite
 
-from .access import Right
+from .access import WATCHING_ONLY, Right
 from .geometry import make_geometry
 from .guard import SESSION
 from .twin import TWINS
@@ -38,7 +39,6 @@ __all__ = ["shelf_routes"]
 _PLAIN = {"Cache-Control": "no-store"}
 _MOST = 4096
 """Bytes of a request."""
-_FACTORS = (0.1, 4.0)
 
 
 def shelf_routes(present: Callable[[], Studio]) -> list[Route]:
@@ -53,7 +53,7 @@ def shelf_routes(present: Callable[[], Studio]) -> list[Route]:
 
     async def done(request: Request) -> Response:
         if request.scope[SESSION].right < Right.OPERATE:
-            return JSONResponse({"refused": "this address is for watching only"}, 403, _PLAIN)
+            return JSONResponse({"refused": WATCHING_ONLY}, 403, _PLAIN)
         body = bytearray()
         async for part in request.stream():
             body += part
@@ -229,7 +229,7 @@ def _part(order: dict[str, Any]) -> tuple[float, float, float]:
     begin = finite(order.get("begin", 0.0), "the beginning")
     end = finite(order.get("end", LONGEST), "the end")
     factor = finite(order.get("factor", 1.0), "the factor of the speed")
-    low, high = _FACTORS
+    low, high = PLAY_FACTORS
     if not 0.0 <= begin < end or math.isinf(end):
         raise UsageError("the part to play must begin at 0 s or later, and end after its beginning")
     if not low <= factor <= high:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING
 
-from hexwire.studio.geometry import make_geometry
+from hexwire.studio.geometry import make_geometry, make_turns
 from hexwire.studio.layout import mount
 
 from .arm_calls import ArmCalls
@@ -81,24 +81,12 @@ def page_html(arm: ArmSource, emulated: str = "") -> str:
 def arguments(arm: ArmSource) -> dict[str, object]:
     """What `static/arm.js` is told about the arm."""
     kinematics, model, jaws = arm.settings.kinematics, arm.settings.model, arm.desk.jaws
-    turns = None
-    if kinematics is not None:
-        n = len(kinematics.ranges)
-        zero = kinematics.pitch_and_roll([0.0] * n)
-        if zero is not None:
-            # Both are sums of joint angles, so that the browser can compute them in each frame.
-            ones = [kinematics.pitch_and_roll([float(i == k) for k in range(n)]) or zero for i in range(n)]
-            places = [model.index(name) for name in kinematics.joint_names]
-            turns = [
-                {"offset": zero[row], "factors": {places[i]: one[row] - zero[row] for i, one in enumerate(ones)}}
-                for row in range(2)
-            ]
     return {
         "geometry": make_geometry(model, arm.settings.links),
         "joints": [{"name": joint.name, "min": joint.minimum, "max": joint.maximum} for joint in model.joints],
         "table": arm.settings.table,
         "jaws": None if jaws is None else {"joint": jaws.joint, "closed": jaws.closed, "opened": jaws.opened},
-        "turns": turns,
+        "turns": None if kinematics is None else make_turns(model, kinematics),
     }
 
 
