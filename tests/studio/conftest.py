@@ -1,7 +1,7 @@
 """A studio in this process on an emulated arm, and pages of a real browser that show it.
 
 NiceGUI has one app in a program, so there is one server for all tests of a worker; each test that asks for `studio`
-gets a fresh emulated arm in it. The browser is started once per worker too; each test has windows of its own.
+gets a fresh emulated arm in it. The browser is started once per worker too, and its tests share a window in turn.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import pytest
+from playwright.sync_api import Error
 from tests.studio.chromium import chromium
 from tests.studio.running import PATIENCE, RunningStudio
 
@@ -20,10 +21,19 @@ from hexwire.studio.access import Access
 from hexwire.studio.app import Studio
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, BrowserContext, Page
+    from playwright.sync_api import (
+        Browser,
+        BrowserContext,
+        ConsoleMessage,
+        Page,
+        Request,
+        ViewportSize,
+        WebError,
+    )
 
 _SERVERS_OWN = re.compile(r"AnyIO worker thread|asyncio_\d+|studio( orders| stops)?_\d+")
 """Threads of the server of this worker, which begin when they are first needed."""
+_VIEWPORT: ViewportSize = {"width": 1440, "height": 900}
 
 
 @pytest.fixture(autouse=True)
@@ -95,22 +105,90 @@ def browser(_chromium: tuple[Browser, asyncio.AbstractEventLoop]) -> Iterator[Br
         asyncio._set_running_loop(None)
 
 
+class _Windows:
+    """The windows of this worker's tests: a new process of the browser costs a second, so one page stays for all.
+
+    Between two tests it forgets what it has shown and stored; whatever a test does to it that cannot be taken back,
+    such as closing it, costs it its place.
+    """
+
+    def __init__(self) -> None:
+        self.context: BrowserContext | None = None
+        self.page: Page | None = None
+
+    def open(self, browser: Browser) -> tuple[BrowserContext, Page]:
+        """The context and its page, as if both were new."""
+        if self.context is None or self.page is None:
+            self.context = browser.new_context(viewport=_VIEWPORT)
+            self.context.set_default_timeout(1000 * PATIENCE)
+            self.page = self.context.new_page()
+        return self.context, self.page
+
+    def forget(self) -> None:
+        """Leave what is shown, and everything that the browser keeps of it."""
+        if self.context is None or self.page is None:
+            return
+        try:
+            for other in self.context.pages:
+                if other is not self.page:
+                    other.close()
+            self.page.mouse.up()
+            self.page.mouse.move(0, 0)
+            if self.page.url.startswith("http"):
+                self.page.evaluate("localStorage.clear(); sessionStorage.clear()")
+            self.page.goto("about:blank")
+            self.page.unroute_all()
+            self.context.unroute_all()
+            self.context.clear_cookies()
+            self.page.set_viewport_size(_VIEWPORT)
+            self.page.emulate_media(color_scheme="light")
+        except Error:
+            self.context.close()
+            self.context = self.page = None
+
+
+@pytest.fixture(scope="session")
+def _windows(_chromium: tuple[Browser, asyncio.AbstractEventLoop]) -> _Windows:
+    return _Windows()
+
+
 @pytest.fixture
-def context(browser: Browser) -> Iterator[BrowserContext]:
+def context(browser: Browser, _windows: _Windows) -> Iterator[BrowserContext]:
     """A browser without cookies; fails the test if a page wrote an error or asked for anything outside."""
-    made = browser.new_context(viewport={"width": 1440, "height": 900})
-    made.set_default_timeout(1000 * PATIENCE)
+    made, _ = _windows.open(browser)
     faults: list[str] = []
-    made.on("console", lambda message: faults.append(message.text) if message.type == "error" else None)
-    made.on("weberror", lambda error: faults.append(str(error.error)))
     outside: list[str] = []
-    made.on("request", lambda request: None if "//127.0.0.1:" in request.url else outside.append(request.url))
+
+    def said(message: ConsoleMessage) -> None:
+        if message.type == "error":
+            faults.append(message.text)
+
+    def raised(error: WebError) -> None:
+        faults.append(str(error.error))
+
+    def asked(request: Request) -> None:
+        if "//127.0.0.1:" not in request.url:
+            outside.append(request.url)
+
+    made.on("console", said)
+    made.on("weberror", raised)
+    made.on("request", asked)
     try:
         yield made
     finally:
-        made.close()
+        made.remove_listener("console", said)
+        made.remove_listener("weberror", raised)
+        made.remove_listener("request", asked)
+        _windows.forget()
     assert not faults, faults
     assert not [url for url in outside if not url.startswith(("data:", "blob:"))]
+
+
+@pytest.fixture
+def blank(context: BrowserContext, _windows: _Windows) -> Page:
+    """A page that shows nothing yet; cheaper than `context.new_page()`."""
+    assert _windows.page is not None
+    return _windows.page
 
 
 def ready(page: Page) -> Page:
@@ -120,11 +198,10 @@ def ready(page: Page) -> Page:
 
 
 @pytest.fixture
-def page(studio: RunningStudio, context: BrowserContext) -> Page:
+def page(studio: RunningStudio, blank: Page) -> Page:
     """A page of the studio, with its first frame."""
-    made = context.new_page()
-    made.goto(studio.operate_url)
-    return ready(made)
+    blank.goto(studio.operate_url)
+    return ready(blank)
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ from hexwire.model.pose import quaternion
 from hexwire.studio import geometry
 
 if TYPE_CHECKING:
-    from playwright.sync_api import BrowserContext, Page, Route
+    from playwright.sync_api import Page, Route
 
 STATIC = Path(geometry.__file__).parent / "static"
 SCENE = Path(nicegui.__file__).parent / "elements" / "scene" / "dist"
@@ -49,12 +49,11 @@ def _serve(route: Route) -> None:
 
 
 @pytest.fixture
-def blank(context: BrowserContext) -> Page:
+def blank(blank: Page) -> Page:
     """A page without a studio behind it."""
-    context.route("**/*", _serve)
-    page = context.new_page()
-    page.goto(ADDRESS)
-    return page
+    blank.route("**/*", _serve)
+    blank.goto(ADDRESS)
+    return blank
 
 
 def show(page: Page, arm: ArmModel = HEX7BOT, **options: Any) -> Page:
@@ -230,9 +229,8 @@ def test_without_webgl_it_says_so_and_does_nothing(blank: Page) -> None:
     assert blank.evaluate("[view.available, view.tip()]") == [False, None]
 
 
-def test_without_its_library_it_says_so(context: BrowserContext) -> None:
-    context.route("**/*", _serve)
-    page = context.new_page()
+def test_without_its_library_it_says_so(blank: Page) -> None:
+    page = blank
     page.route("**/scene/**", lambda route: route.fulfill(body="export {};", content_type="text/javascript"))
     page.goto(ADDRESS)
     show(page)

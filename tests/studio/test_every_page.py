@@ -12,7 +12,7 @@ from hexwire.studio.pages import PAGES
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from playwright.sync_api import BrowserContext, Page
+    from playwright.sync_api import Page
     from tests.studio.running import RunningStudio
 
 SIZES = ((1440, 900), (1024, 768), (390, 844))
@@ -81,11 +81,9 @@ def test_pages_are_accessible_and_never_wider_than_the_screen(operator: Page) ->
     assert not wrong, "\n".join(wrong)
 
 
-def test_the_work_at_servos_is_accessible_too(
-    studio: RunningStudio, context: BrowserContext, tmp_path: Path
-) -> None:
+def test_the_work_at_servos_is_accessible_too(studio: RunningStudio, blank: Page, tmp_path: Path) -> None:
     studio.studio.source.open_bus(f"sim://so101?name={tmp_path.name}")
-    page = context.new_page()
+    page = blank
     page.goto(studio.operate_url.replace("/?", "/servos?"))
     page.get_by_role("button", name="Take control").click()
     page.get_by_role("button", name="Search", exact=True).click()

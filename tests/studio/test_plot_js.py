@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import BrowserContext, Page
+from playwright.sync_api import Page
 
 import hexwire
 
@@ -49,8 +49,8 @@ def files() -> Iterator[str]:
 
 
 @pytest.fixture
-def page(files: str, context: BrowserContext) -> Page:
-    page = context.new_page()
+def page(files: str, blank: Page) -> Page:
+    page = blank
     page.set_viewport_size({"width": 900, "height": 700})
     page.goto(files)
     return page

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from playwright.sync_api import BrowserContext
+    from playwright.sync_api import Page
     from tests.studio.running import RunningStudio
 
     from hexwire.emulator.board import EmulatedBoard
@@ -43,10 +43,10 @@ def _plugged(board: EmulatedBoard, port: Path) -> Iterator[None]:
 
 
 def test_a_board_that_returns_is_there_again_and_stopped(
-    served: RunningStudio, context: BrowserContext, tmp_path: Path
+    served: RunningStudio, blank: Page, tmp_path: Path
 ) -> None:
     board, port = make_hex7bot_board(baud=0, start=time.monotonic()), tmp_path / "ttyUSB0"
-    page = context.new_page()
+    page = blank
     try:
         with _plugged(board, port):
             served.studio.source.silence = 5.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from playwright.sync_api import BrowserContext, Page
+    from playwright.sync_api import Page
     from tests.studio.running import RunningStudio
 
 
@@ -14,9 +14,9 @@ def test_page_has_its_heading(page: Page) -> None:
     page.get_by_role("heading", name="Servos", level=1).wait_for()
 
 
-def test_an_arm_on_an_adapter_is_left_for_its_servos(served: RunningStudio, context: BrowserContext) -> None:
+def test_an_arm_on_an_adapter_is_left_for_its_servos(served: RunningStudio, blank: Page) -> None:
     served.open("so101")
-    page = context.new_page()
+    page = blank
     page.goto(served.operate_url.replace("/?", "/servos?"))
     page.get_by_role("button", name="Take control").click()
     page.get_by_role("button", name="Give back").wait_for()

@@ -8,7 +8,7 @@ from hexwire.studio.plugged import Plugged
 
 if TYPE_CHECKING:
     import pytest
-    from playwright.sync_api import BrowserContext
+    from playwright.sync_api import Page
     from tests.studio.running import RunningStudio
 
 _ROWS = [
@@ -17,10 +17,10 @@ _ROWS = [
 
 
 def test_a_port_is_shown_with_its_obstacle_and_an_arm_is_opened(
-    served: RunningStudio, context: BrowserContext, monkeypatch: pytest.MonkeyPatch
+    served: RunningStudio, blank: Page, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("hexwire.studio.pages.start.find_plugged", lambda: _ROWS)
-    page = context.new_page()
+    page = blank
     try:
         page.goto(served.operate_url)
         page.get_by_role("heading", name="Connect", level=1).wait_for()
@@ -41,8 +41,8 @@ def test_a_port_is_shown_with_its_obstacle_and_an_arm_is_opened(
         served.studio.access.end_all()
 
 
-def test_a_watcher_opens_nothing(served: RunningStudio, context: BrowserContext) -> None:
-    page = context.new_page()
+def test_a_watcher_opens_nothing(served: RunningStudio, blank: Page) -> None:
+    page = blank
     try:
         page.goto(served.watch_url)
         page.get_by_role("row", name="sim://so101").wait_for()

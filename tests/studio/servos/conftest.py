@@ -14,7 +14,7 @@ from hexwire.emulator.servo import EmulatedServo
 from hexwire.studio.source import Source
 
 if TYPE_CHECKING:
-    from playwright.sync_api import BrowserContext, Page
+    from playwright.sync_api import Page
 
     from hexwire.studio.bus_source import BusSource
 
@@ -65,10 +65,10 @@ class Bench:
 
 
 @pytest.fixture
-def bench(served: RunningStudio, context: BrowserContext) -> Iterator[Bench]:
+def bench(served: RunningStudio, blank: Page) -> Iterator[Bench]:
     served.studio.source.silence = 5.0
     served.studio.source.open_bus(f"sim://so101?name=servos{next(_names)}")
-    page = context.new_page()
+    page = blank
     page.goto(served.operate_url.replace("/?", "/servos?"))
     page.get_by_role("button", name="Take control").click()
     page.get_by_role("button", name="Give back").wait_for()
