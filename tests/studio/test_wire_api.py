@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
+from typing import SupportsIndex
 
 import pytest
 from tests.studio.asking import Asker
@@ -88,3 +90,31 @@ def test_a_file_that_never_ends_is_refused_on_the_way(desk: Desk) -> None:
     assert "larger than 16 MiB" in desk.ask("/wire/open", "POST", pieces, tab=desk.tab)["refused"]
     assert len(pieces) == 8
     assert desk.ask("/wire/rows", tab=desk.tab)["view"] == "live"
+
+
+class _Meanwhile(list[bytes]):
+    """A body while which others come, each one before the end of the former."""
+
+    def __init__(self, desk: Desk, others: int, answers: list[dict[str, str]]) -> None:
+        super().__init__([PING])
+        self._desk, self._others, self._answers = desk, others, answers
+
+    def pop(self, at: SupportsIndex = -1) -> bytes:
+        if self._others:
+            body = _Meanwhile(self._desk, self._others - 1, self._answers)
+
+            def ask() -> None:
+                self._answers.append(self._desk.ask("/wire/open", "POST", body, tab=self._desk.tab, name="a.txt"))
+
+            thread = threading.Thread(target=ask)
+            thread.start()
+            thread.join()
+        return super().pop(at)
+
+
+def test_only_so_many_files_are_taken_at_a_time(desk: Desk) -> None:
+    answers: list[dict[str, str]] = []
+    for _ in range(2):
+        desk.ask("/wire/open", "POST", _Meanwhile(desk, 5, answers), tab=desk.tab, name="a.txt")
+    refused = {"refused": "other files are being opened; try again soon"}
+    assert answers == 2 * [refused, *3 * [{"opened": "a.txt"}]]

@@ -28,6 +28,8 @@ __all__ = ["wire_routes"]
 
 _LARGEST_NUMBER = 2**53
 _NAME = 80
+_MOST_TAKEN = 4
+"""Files that are taken at a time: each is in memory meanwhile."""
 _NO_TAB = "this page is no longer known to the studio: load it again"
 _HEADERS = {"cache-control": "no-store"}
 
@@ -52,7 +54,13 @@ def wire_routes(present: Callable[[], Studio]) -> list[Route]:
 
         return endpoint
 
+    taking = 0
+
     async def open_file(request: Request) -> Response:
+        nonlocal taking
+        if taking >= _MOST_TAKEN:
+            return JSONResponse({"refused": "other files are being opened; try again soon"}, headers=_HEADERS)
+        taking += 1
         try:
             studio = present()
             tab = tab_of(studio, request).key
@@ -66,6 +74,8 @@ def wire_routes(present: Callable[[], Studio]) -> list[Route]:
             await run_in_threadpool(studio.wire.open_file, tab, bytes(data), name, series)
         except HexwireError as error:
             return refusal(error)
+        finally:
+            taking -= 1
         return JSONResponse({"opened": name}, headers=_HEADERS)
 
     return [
