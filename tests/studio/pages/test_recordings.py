@@ -32,7 +32,7 @@ def test_the_session_is_recorded_and_plays_on_the_arm(operator: Page, folder: Pa
     operator.get_by_text("No recordings yet").wait_for()
     operator.get_by_role("button", name="Record the arm").click()
     operator.locator(".rc-recording", has_text="states").wait_for()
-    studio.until(lambda: studio.studio.shelf.recorder.state.states > 20, "states")
+    studio.until(lambda: studio.studio.shelf.recorder.state.states > 100, "states")
     operator.get_by_role("button", name="End the recording").click()
     operator.get_by_role("button", name="open 2").click()
     operator.locator(".uplot").first.wait_for()
@@ -74,6 +74,11 @@ def test_a_file_is_added_compared_and_deleted(page: Page, folder: Path, tmp_path
 
 def test_a_damaged_recording_says_so_and_is_recovered(page: Page, folder: Path) -> None:
     record(folder, "a.mcap")
+    _open(page)
+    page.get_by_role("button", name="open a.mcap").click()
+    page.get_by_label("Compare with").get_by_text("there is no other").wait_for(state="attached")
+    page.get_by_role("link", name="Plots", exact=True).click()
+    page.get_by_role("heading", name="Plots", level=1).wait_for()
     content = (folder / "a.mcap").read_bytes()
     (folder / "a.mcap").write_bytes(content[:-40])
     _open(page)
@@ -116,6 +121,18 @@ def test_a_recording_of_other_joints_shows_all_of_them_and_a_refused_motion_says
     assert page.get_by_role("checkbox", name="J1", exact=True).is_checked()
     page.get_by_role("button", name="open three.mcap").click()
     page.locator(".uplot").first.wait_for()
+    page.evaluate("""() => {
+        const draw = CanvasRenderingContext2D.prototype.fillText;
+        window.drawn = [];
+        CanvasRenderingContext2D.prototype.fillText = function (text, ...place) {
+            window.drawn.push(text);
+            return draw.call(this, text, ...place);
+        };
+    }""")
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Save as PNG").click()
+    assert saved.value.suggested_filename == "three.mcap.png"
+    assert "three.mcap" in page.evaluate("window.drawn")
     page.get_by_label("from, s").fill("900")
     page.get_by_role("button", name="Play on the twin").click()
     # Beside the buttons: the top of the page may be out of sight.

@@ -18,7 +18,9 @@ export function picture(plot) {
   const cell = Math.max(80 * ratio, ...entries.map((one) => ctx.measureText(one.text).width)) + 40 * ratio;
   const columns = Math.max(1, Math.floor((width - 2 * pad) / cell));
   const rows = Math.ceil(entries.length / columns);
-  const top = plot.options.title ? 30 * ratio : pad;
+  // Where the page has the title, the picture has none: the name of its file tells what it shows.
+  const title = plot.options.title || plot.options.fileName || "";
+  const top = title ? 30 * ratio : pad;
   const cursors = cursorText(plot);
   const tall = charts.reduce((sum, one) => sum + one.height, 0);
   canvas.width = width;
@@ -29,7 +31,7 @@ export function picture(plot) {
   ctx.fillStyle = plot.theme.text;
   ctx.textBaseline = "middle";
   ctx.font = font(15, "600");
-  ctx.fillText(plot.options.title, pad, top / 2);
+  ctx.fillText(title, pad, top / 2, width - 2 * pad);
   let y = top;
   for (const one of charts) { ctx.drawImage(one, 0, y); y += one.height; }
   ctx.font = font(12);

@@ -96,7 +96,7 @@ export function mount(element, args) {
     state.rows = rows();
     const panels = new Set(state.rows.map((row) => row.series.panel ?? row.series.unit)).size;
     const height = Math.max(320, Math.min(window.innerHeight - 330, 640), 130 * panels);
-    const options = { title: "", fileName: "hexwire plot", series: state.rows.map((row) => row.series), height,
+    const options = { title: "", fileName: `${hexwire.model.robot || "hexwire"} plot`, series: state.rows.map((row) => row.series), height,
       keep: 600, capacity: 66048, window: before?.window ?? 30, origin: state.origin ?? 0 };
     before?.destroy();
     state.plot = new Plot(place, options);

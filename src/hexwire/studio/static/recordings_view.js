@@ -71,7 +71,7 @@ export function makeView(page, place) {
     }
     const names = list.entries.filter((one) => one.states && one.name !== state.name).map((one) => one.name);
     const wanted = ["", ...names];
-    if ([...other.options].map((one) => one.value).join("\n") !== wanted.join("\n")) {
+    if (!other.options.length || [...other.options].map((one) => one.value).join("\n") !== wanted.join("\n")) {
       other.replaceChildren(new Option(names.length ? "nothing" : "there is no other", ""), ...names.map((name) => new Option(name, name)));
     }
     other.value = names.includes(state.other) ? state.other : "";
