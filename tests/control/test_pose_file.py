@@ -114,7 +114,7 @@ def test_the_number_of_poses_is_bounded(file: PoseFile) -> None:
         ("[poses.a]\nJ1 = 'x'", "number"),
         ("[poses.a]\nJ1 = inf", "finite"),
         ("[poses.a]\n", "names no joint"),
-        ('[poses."a\\nb"]\nJ1 = 1', "does not belong"),
+        ('[poses."a\\nb"]\nJ1 = 1', "a name cannot have"),
         ("[poses.a", "poses"),
     ],
 )

@@ -52,7 +52,7 @@ def check_pose_name(name: str) -> str:
         The name.
 
     Raises:
-        UsageError: It is empty, too long, or has a character that does not belong into a name.
+        UsageError: It is empty, too long, or has a character that a name cannot have.
     """
     name = name.strip()
     if not name:
@@ -60,7 +60,7 @@ def check_pose_name(name: str) -> str:
     if len(name) > _LONGEST_NAME:
         raise UsageError(f"the name of a pose has at most {_LONGEST_NAME} characters, not {len(name)}")
     if not name.isprintable() or any(c in '"\\' for c in name) or name.count(".") > _MOST_DOTS:
-        raise UsageError(f"the name {name!a} has a character that does not belong into a name")
+        raise UsageError(f"the name {name!a} has a character that a name cannot have")
     return name
 
 

@@ -36,6 +36,8 @@ _LEASE = 5.0
 """Seconds without a renewal after which control is lost."""
 _RANK = 1
 """All who take control have one rank: none takes it from another without asking for it."""
+_ANYWHERE = 100.0
+"""Radians: more turns than a servo counts."""
 _PATIENCE = 0.3
 """Seconds for which a stop waits until a search is back at the bus's own rate."""
 
@@ -222,18 +224,26 @@ class ServoBench:
         if self.stopped:
             raise StoppedError.unsent(what, int(Status.STOPPED), "the servos are stopped; resume first")
 
-    def arm_of(self, servo_ids: Sequence[int]) -> BusArm:
-        """Make an arm of servos, for torque and stops; its joints may be anywhere. Attach it before use."""
+    def describe(self, servo_ids: Sequence[int], reach: float) -> BusArmFile:
+        """Describe an arm of servos of which nothing else is known.
+
+        Args:
+            servo_ids: Its servos.
+            reach: How far a joint may be from the middle of its servo, radians.
+        """
         joints = []
         for servo_id in servo_ids:
             series = self.bus.series_of(servo_id)
             scale = math.radians(series.range_deg) / series.counts_per_rev
             joint = JointModel(
-                f"servo {servo_id}", servo_id, series.value, series.neutral, 1, 0.0, scale, -100.0, 100.0, math.inf
+                f"servo {servo_id}", servo_id, series.value, series.neutral, 1, 0.0, scale, -reach, reach, math.inf
             )
             joints.append(joint)
-        arm = BusArmFile(ArmModel("servos", tuple(joints)), self.bus.timing.baud)
-        return BusArm(self.bus.link, arm=arm, bus=self.bus)
+        return BusArmFile(ArmModel("servos", tuple(joints)), self.bus.timing.baud)
+
+    def arm_of(self, servo_ids: Sequence[int]) -> BusArm:
+        """Make an arm of servos, for torque and stops; its joints may be anywhere. Attach it before use."""
+        return BusArm(self.bus.link, arm=self.describe(servo_ids, _ANYWHERE), bus=self.bus)
 
     def torque(self, on: bool, servo_ids: Sequence[int]) -> tuple[int, ...]:
         """Switch torque; a servo that gets it holds where it is.

@@ -12,10 +12,9 @@ import time
 from typing import TYPE_CHECKING
 
 from hexwire.control.calibrating import CalibrationBench, counting_arm, store
-from hexwire.drivers.arm_file import BusArmFile, load_profile
+from hexwire.drivers.arm_file import load_profile
 from hexwire.drivers.bus_arm import BusArm
 from hexwire.errors import DeviceError, HexwireError, UsageError
-from hexwire.model.arm import ArmModel, JointModel
 
 if TYPE_CHECKING:
     from hexwire.model.calibration import Calibration
@@ -27,6 +26,9 @@ __all__ = ["ARMS", "CalibrationRun"]
 
 ARMS = {"so101": "SO-101", "so100": "SO-100", "servos": "the servos here"}
 _PERIOD, _TELL = 0.02, 0.1
+"""Seconds between two samples, and between two messages."""
+_REACH = 1.6
+"""Radians to either side that a joint of an unknown arm usually goes."""
 
 
 class CalibrationRun:
@@ -50,7 +52,7 @@ class CalibrationRun:
     def __init__(self, studio: Studio, bus: BusSource, tab: Tab, arm: str) -> None:
         if arm not in ARMS:
             raise UsageError(f"there is no arm {arm[:20]!r}")
-        described = load_profile(arm) if arm != "servos" else _of_servos(bus)
+        described = load_profile(arm) if arm != "servos" else bus.bench.describe(bus.bench.servo_ids, _REACH)
         missing = {joint.servo_id for joint in described.model.joints} - set(bus.bench.servo_ids)
         if missing or not described.model.joints:
             names = ", ".join(map(str, sorted(missing)))
@@ -125,20 +127,6 @@ class CalibrationRun:
         """Store offsets and limits in the servos; raises as `control.calibrating.store`."""
         with self._bus.bench.working("storing a calibration", acts=True):
             return store(self._bus.bus, found)
-
-
-def _of_servos(bus: BusSource) -> BusArmFile:
-    """An arm of all servos that were found, of which nothing else is known."""
-    joints = []
-    for servo_id in bus.bench.servo_ids:
-        series = bus.bus.series_of(servo_id)
-        scale = math.radians(series.range_deg) / series.counts_per_rev
-        joints.append(
-            JointModel(
-                f"servo {servo_id}", servo_id, series.value, series.neutral, 1, 0.0, scale, -1.6, 1.6, math.inf
-            )
-        )
-    return BusArmFile(ArmModel("servos", tuple(joints)), bus.bus.timing.baud)
 
 
 def _degrees(angle: float) -> float | None:
