@@ -113,6 +113,13 @@ def test_a_sag_that_only_the_status_saw() -> None:
     assert (found[0].topic, found[0].text) == ("faults", "reports voltage")
 
 
+def test_one_servo_in_the_chain_with_less_supply_than_the_others() -> None:
+    found = wrong(servo(1, live(1)), servo(2, live(2, volts=4.8)), servo(3, live(3)))
+    assert [(row.rank, row.servo_ids, row.text) for row in found] == [
+        (Rank.HINT, (2,), "4.8 V at servo 2, but 7.4 V at servo 1")
+    ]
+
+
 def test_volts_lost_along_the_chain() -> None:
     found = wrong(servo(1, live(1, volts=7.4)), servo(2, live(2, volts=7.1)), servo(3, live(3, volts=6.7)))
     assert (found[0].topic, found[0].text) == ("supply", "7.4 V at servo 1, but 6.7 V at servo 3")

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
+import threading
 from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
 
-from hexwire.control.following import FollowController, Pair, run_following
+from hexwire.control.following import FollowController, Pair, ReadAhead, run_following
 from hexwire.control.owner import RobotOwner
 from hexwire.control.ownership import release
 from hexwire.drivers.bus_arm import So101Arm
@@ -19,6 +20,7 @@ from hexwire.emulator.hand import HandOrder, Hands
 from hexwire.emulator.serve import BoardLink, FakeClock
 from hexwire.emulator.so_arms import make_so_arm
 from hexwire.errors import HexwireError, UsageError
+from hexwire.model.state import JointState
 from hexwire.motion.following import Following
 
 PERIOD = 0.02
@@ -182,6 +184,34 @@ def test_a_stop_of_the_follower_ends_it(rig: Rig) -> None:
     assert rig.follower.goals == goals
 
 
+def test_a_leader_whose_network_is_silent_keeps_no_follower_from_its_cycle(rig: Rig) -> None:
+    """Reading it blocks for a second and more; a follower with a watchdog would be stopped."""
+    again, begun = threading.Event(), threading.Event()
+
+    def read() -> JointState:
+        if begun.is_set():
+            again.wait(10.0)
+        begun.set()
+        return first
+
+    first = rig.leader.driver.read()
+    ahead = ReadAhead(read)
+    rig.controller._leader = ahead
+    rig.run(1.0)
+    assert "the leader is silent" in rig.notes
+    assert rig.controller.counters.cycles > 30
+    again.set()
+    ahead.end()
+
+
+def test_a_fault_of_a_leader_that_is_read_ahead_is_raised_in_the_cycle(rig: Rig) -> None:
+    ahead = ReadAhead(rig.leader.driver.read)
+    rig.leader.link.lost = True
+    ahead._thread.join(10.0)
+    with pytest.raises(HexwireError, match="unplugged"):
+        ahead()
+
+
 # --- run_following ------------------------------------------------------------------------------------------
 
 
@@ -189,12 +219,34 @@ class EndError(Exception):
     pass
 
 
-def pair(clock: FakeClock, notes: list[object]) -> tuple[Pair, Arm, Arm]:
+def pair(clock: FakeClock, notes: list[object], *, ahead: bool = False) -> tuple[Pair, Arm, Arm]:
     leader, follower = Arm(clock, leader=True), Arm(clock)
     leader.driver.attach()
     follower.driver.attach()
     rules = Following(leader.driver.model, follower.driver.model)
-    return Pair(leader.driver, follower.driver, rules, notes.append), leader, follower
+    return Pair(leader.driver, follower.driver, rules, notes.append, ahead), leader, follower
+
+
+def test_a_leader_on_a_network_is_read_in_a_thread_that_ends_with_the_motion() -> None:
+    clock = FakeClock()
+    one, leader, _ = pair(clock, [], ahead=True)
+    readers: set[str] = set()
+    read = leader.driver.read_positions
+
+    def seen() -> JointState:
+        readers.add(threading.current_thread().name)
+        return read()
+
+    leader.driver.read_positions = seen  # type: ignore[method-assign]
+
+    def sleep(seconds: float) -> None:
+        clock.advance(seconds)
+        if "leader" in readers:
+            raise EndError
+
+    with pytest.raises(EndError):
+        run_following([one], 1 / PERIOD, sleep=sleep)
+    assert "leader" not in {thread.name for thread in threading.enumerate()}
 
 
 def test_at_the_end_the_follower_holds_with_torque() -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 
 import pytest
@@ -45,6 +46,21 @@ def test_what_was_written_goes_out_before_the_port_is_closed(device: str) -> Non
         with PySerialLink(device) as port:
             port.write(data, soon())
         assert read_bytes(line, len(data)) == data
+
+
+def test_closing_waits_for_a_slow_line(device: str) -> None:
+    """At 9600 baud the bytes that wait need longer than the second that closing grants a port that is stuck."""
+    data = ALL_BYTES * 60
+    with PtyEnd(Path(device)) as line:
+        port = PySerialLink(device, 9600)
+        port.open()
+        port.write(data, soon())
+        late = threading.Timer(1.5, lambda: got.append(read_bytes(line, len(data))))
+        got: list[bytes] = []
+        late.start()
+        port.close()
+        late.join()
+        assert got == [data]
 
 
 def test_bytes_leave_at_the_rate_at_which_they_were_written(device: str) -> None:

@@ -240,6 +240,11 @@ def _supply_along(servos: Sequence[ServoSamples]) -> list[HealthFinding]:
             text = f"{first[1]:.1f} V at servo {first[0]}, but {last[1]:.1f} V at servo {last[0]}"
             advice = "the cables of the chain are too thin, or a plug is bad"
             findings.append(HealthFinding(Rank.HINT, (last[0],), "supply", text, advice))
+            return findings
+        low, high = (choose(means, key=lambda one: one[1]) for choose in (min, max))
+        if high[1] - low[1] > _DROP:
+            text = f"{low[1]:.1f} V at servo {low[0]}, but {high[1]:.1f} V at servo {high[0]}"
+            findings.append(HealthFinding(Rank.HINT, (low[0],), "supply", text, "its plug is bad, or its sensor"))
     return findings
 
 

@@ -72,7 +72,8 @@ def follow(
         for place in range(0, len(made), 2):
             leader, follower = made[place], made[place + 1]
             rules = _rules(leader, follower, mirror, meet, grip / 100, table)
-            pairs.append(Pair(leader, follower, rules, _teller(follower, len(made) > 2)))
+            ahead = is_address(leader.url)
+            pairs.append(Pair(leader, follower, rules, _teller(follower, len(made) > 2), ahead))
         for driver in made:
             stack.enter_context(attached(driver))
 
@@ -124,7 +125,7 @@ def _rules(
 
 def _teller(follower: RobotDriver, several: bool) -> Callable[[object], None]:
     def tell(said: object) -> None:
-        text = said if isinstance(said, str) else f"stopped: {said}; clear it with 'hexwire resume'"
+        text = said if isinstance(said, str) else f"stopped: {said}; end this, then 'hexwire resume'"
         note(f"{follower.url}: {text}" if several else text)
 
     return tell

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NoReturn
 
@@ -30,10 +30,12 @@ if TYPE_CHECKING:
 
     from .outcomes import Ended, GoalListener
 
-__all__ = ["FollowController", "FollowCounters", "Pair", "run_following"]
+__all__ = ["FollowController", "FollowCounters", "Pair", "ReadAhead", "run_following"]
 
 _STALL = 0.5
 """Seconds without a cycle, as when the program was suspended, after which the follower meets the leader again."""
+_LAST_READING = 0.5
+"""Seconds for which the end waits for a leader that is being read."""
 
 
 @dataclass(slots=True)
@@ -148,6 +150,39 @@ class FollowController:
         self._said = said
 
 
+class ReadAhead:
+    """Reads a leader in a thread of its own, so that one whose network is silent keeps no follower from its cycle.
+
+    Args:
+        read: Reads the leader.
+    """
+
+    def __init__(self, read: Callable[[], JointState]) -> None:
+        self._read, self._state = read, read()
+        self._fault: BaseException | None = None
+        self._ended = False
+        self._thread = threading.Thread(target=self._run, name="leader", daemon=True)
+        self._thread.start()
+
+    def __call__(self) -> JointState:
+        """The newest state, however old; raises what ended the reading."""
+        if self._fault is not None:
+            raise self._fault
+        return self._state
+
+    def end(self) -> None:
+        """Read no more. The last reading may still be under way: its leader may be silent."""
+        self._ended = True
+        self._thread.join(_LAST_READING)
+
+    def _run(self) -> None:
+        try:
+            while not self._ended:
+                self._state = self._read()
+        except BaseException as error:  # noqa: BLE001  # raised in the follower's cycle
+            self._fault = error
+
+
 @dataclass(frozen=True, slots=True)
 class Pair:
     """A leader and its follower, both attached.
@@ -157,12 +192,14 @@ class Pair:
         follower: Follows.
         rules: How it follows.
         on_note: As in `FollowController`.
+        ahead: The leader is read in a thread, since reading it may block, as on a network.
     """
 
     leader: RobotDriver
     follower: RobotDriver
     rules: Following
     on_note: Callable[[str | StopReason], object] = lambda said: None
+    ahead: bool = False
 
 
 def run_following(
@@ -192,16 +229,19 @@ def run_following(
     for pair in pairs:
         on = pair.follower.torque(True)
         if missing := [name for name in pair.rules.arm.names if name not in on]:
-            raise UsageError(f"{pair.follower.model.name} does not confirm torque of {', '.join(missing)}")
+            raise UsageError(f"the follower {pair.follower.url} does not confirm torque of {', '.join(missing)}")
     on_ready()
     ended, faults = threading.Event(), list[BaseException]()
 
     def follow(pair: Pair, shielded: Callable[[], AbstractContextManager[object]]) -> None:
-        controller = FollowController(
-            pair.rules, pair.leader.read_positions, pair.leader.now, 1.0 / rate, pair.on_note
-        )
+        read = pair.leader.read_positions
+        ahead = ReadAhead(read) if pair.ahead else None
+        controller = FollowController(pair.rules, ahead or read, pair.leader.now, 1.0 / rate, pair.on_note)
         owner = RobotOwner(pair.follower, borrowed=True, command_rate=rate, sleep=sleep)
-        with owner:
+        with ExitStack() as steps:
+            if ahead is not None:
+                steps.callback(ahead.end)
+            steps.enter_context(owner)
             owner.group.members = (controller,)
             try:
                 while not ended.is_set():
@@ -243,4 +283,4 @@ def _release(leader: RobotDriver) -> None:
     """
     off = leader.torque(False)
     if missing := [name for name in leader.model.names if name not in off]:
-        raise UsageError(f"{leader.model.name} does not confirm that {', '.join(missing)} has no torque")
+        raise UsageError(f"the leader {leader.url} does not confirm that {', '.join(missing)} has no torque")

@@ -43,7 +43,7 @@ __all__ = ["PySerialLink"]
 _SLICE = 0.1
 """Seconds after which the reading thread checks whether the link is closed: Windows may lose an early cancel."""
 _LAST = 1.0
-"""Seconds for which closing waits for bytes that the port has not accepted yet."""
+"""Seconds, besides their time on the line, for which closing waits for bytes that the port has not accepted yet."""
 _AHEAD = 4096
 """Bytes that may wait for the port, about as many as a terminal of the system holds."""
 _PIECE = 4096
@@ -91,10 +91,11 @@ class PySerialLink(PollLink):
     def set_baud(self, baud: int) -> None:
         """As `SerialLink.set_baud`; bytes that were written before leave at the old rate."""
         check_baud(baud)
+        patience = self._patience()
         self.baud, self.url = baud, serial_url(self.device, baud)
         if self.is_open:
             with self._idle:
-                self._idle.wait_for(lambda: not self._ahead, _LAST)
+                self._idle.wait_for(lambda: not self._ahead, patience)
             try:
                 self._port.baudrate = baud
             except ValueError as error:
@@ -169,7 +170,7 @@ class PySerialLink(PollLink):
             with contextlib.suppress(OSError):
                 self._near.shutdown(socket.SHUT_WR)
             for pump in self._pumps[1:]:
-                pump.join(_LAST)
+                pump.join(self._patience())
             with contextlib.suppress(OSError):
                 self._near.shutdown(socket.SHUT_RDWR)
             for cancel in ("cancel_write", "cancel_read"):
@@ -185,6 +186,10 @@ class PySerialLink(PollLink):
             port, self._port = self._port, None
             with contextlib.suppress(OSError):
                 port.close()
+
+    def _patience(self) -> float:
+        """Seconds for which bytes on their way are waited for; 10 bits to a byte."""
+        return _LAST + 10.0 * self._ahead / self.baud
 
     # --- the two threads --------------------------------------------------------------------------------------
 
