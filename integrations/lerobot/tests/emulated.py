@@ -8,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 HOME = Path(tempfile.mkdtemp(prefix="hexwire-lerobot-"))
@@ -25,6 +25,7 @@ from hexwire.control.calibrating import store  # noqa: E402
 from hexwire.drivers.arm_file import load_calibration  # noqa: E402
 from hexwire.drivers.bus_arm import So101Arm  # noqa: E402
 from hexwire.emulator.so_arms import make_so_arm  # noqa: E402
+from hexwire.errors import HexwireError  # noqa: E402
 
 CALIBRATION = HOME / "lerobot" / "calibration"
 BUS = (sys.executable, "-m", "hexwire.cli", "sim", "bus", "--arm", "so101", "--until-eof")
@@ -72,6 +73,8 @@ def calibrated(port: str, name: str, *, leader: bool = False) -> Path:
     arm = So101Arm.from_url(port)
     # The emulator is a program that stalls when the machine does.
     arm.bus.retries = 20
-    with arm:
-        store(arm.bus, load_calibration(file))
+    for attempt in range(10):
+        with suppress(*((HexwireError,) if attempt < 9 else ())), arm:
+            store(arm.bus, load_calibration(file))
+            break
     return file

@@ -24,7 +24,7 @@ ADDRESS = "zenoh:lab/arm1"
 def shared() -> Iterator[str]:
     command = [sys.executable, "-m", "hexwire.cli", "serve", "--port", "sim://so101", "--robot", "so101"]
     with subprocess.Popen(
-        [*command, "--name", "lab/arm1", "--no-table"], stdout=subprocess.PIPE, text=True
+        [*command, "--name", "lab/arm1", "--no-table", "--lease", "5"], stdout=subprocess.PIPE, text=True
     ) as server:
         try:
             assert server.stdout is not None

@@ -17,7 +17,7 @@ from hexwire.control.calibrating import CalibrationBench, counting_arm, store
 from hexwire.drivers.arm_file import load_calibration
 from hexwire.new_file import OutputFile
 
-from .connection import faults
+from .connection import RETRIES, faults
 
 if TYPE_CHECKING:
     from hexwire.control.auto_calibration import AutoCalibration
@@ -52,6 +52,7 @@ def calibrate(arm: type[BusArm], link: Link, file: Path, *, auto: bool) -> None:
         answer = input(f"Press ENTER to use the calibration in {file}, or type 'c' and press ENTER for a new one: ")
         if answer.strip().lower() != "c":
             with faults(), arm(link) as driver:
+                driver.bus.retries = RETRIES
                 off = driver.torque(False)
                 if len(off) < len(driver.model.names):
                     raise RuntimeError("not every joint confirms torque off; nothing was changed")
@@ -64,6 +65,7 @@ def calibrate(arm: type[BusArm], link: Link, file: Path, *, auto: bool) -> None:
             return
     described = arm.described()
     with faults(), arm(link, arm=counting_arm(described)) as driver:
+        driver.bus.retries = RETRIES
         if driver.epochs.stopped:
             raise RuntimeError("the arm is stopped; `hexwire resume` ends that")
         bench = CalibrationBench(driver, described)

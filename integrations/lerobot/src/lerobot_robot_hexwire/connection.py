@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     from hexwire.model.calibration import Calibration
     from hexwire.model.state import JointState
 
-__all__ = ["Connection", "faults"]
+__all__ = ["RETRIES", "Connection", "faults"]
 
 _PATIENCE = 0.1
 """Seconds in which a position that did not arrive is asked for again."""
-_RETRIES = 5
+RETRIES = 5
 """Repeats for a servo that does not answer: recording must not end because the computer stalled."""
 _STORED = ("position_offset", "min_position_limit", "max_position_limit")
 
@@ -120,7 +120,7 @@ class Connection:
                 self._link = self._link or make_link(self.port)
                 self.calibration = _load(self.file, self.robot) if self.file.is_file() else None
                 arm = _bus_arm(self.robot)(self._link, calibration=self.calibration)
-                arm.bus.retries = _RETRIES
+                arm.bus.retries = RETRIES
                 self._driver = arm
             try:
                 self._driver.attach()
