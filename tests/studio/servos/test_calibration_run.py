@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import threading
 from typing import Any
 
@@ -7,8 +8,9 @@ import pytest
 from tests.studio.running import until
 from tests.studio.servos.conftest import servo_of
 
-from hexwire.errors import HexwireError, UsageError
-from hexwire.studio.servos.calibration_run import CalibrationRun
+from hexwire.drivers.arm_file import load_profile
+from hexwire.errors import ConfigError, HexwireError, UsageError
+from hexwire.studio.servos.calibration_run import CalibrationRun, parse_file, store_in
 
 
 def working(view: Any, run: CalibrationRun) -> tuple[threading.Thread, list[str]]:
@@ -48,7 +50,7 @@ def test_every_servo_is_moved_to_its_ends_and_the_result_stored(view: Any) -> No
     thread.join(10.0)
     assert errors == []
     assert run.found is not None
-    run.store(run.found)
+    store_in(view.bus, run.found)
     low, high = (servo_of(view, 1).registers.stored(f"{end}_position_limit") for end in ("min", "max"))
     assert high - low == pytest.approx(1000, abs=60)
     assert view.bus.job is None
@@ -76,3 +78,30 @@ def test_an_arm_that_is_not_there_is_refused(view: Any) -> None:
     view.bus.bench.servo_ids = (1, 2)
     with pytest.raises(UsageError, match="servo 3, 4, 5, 6 of this arm was not found"):
         CalibrationRun(view.studio, view.bus, view.tab, "so101")
+
+
+def lerobot(**changed: int) -> bytes:
+    names = load_profile("so101").model.names
+    row = {"drive_mode": 0, "homing_offset": 15, "range_min": 900, "range_max": 3100, **changed}
+    return json.dumps({name: {"id": i, **row} for i, name in enumerate(names, 1)}).encode()
+
+
+def test_a_file_of_lerobot_is_stored_and_written_again(view: Any) -> None:
+    found = parse_file(view.bus, "my_arm.json", lerobot(), "so101")
+    assert store_in(view.bus, found) == load_profile("so101").model.names
+    registers = servo_of(view, 3).registers
+    assert [registers.stored(f"{end}_position_limit") for end in ("min", "max")] == [900, 3100]
+    assert registers.stored("position_offset") == 15
+    assert json.loads(found.to_lerobot()) == json.loads(lerobot())
+    assert parse_file(view.bus, "my_arm.toml", found.serialize().encode(), "so101") == found
+
+
+def test_a_file_of_other_servos_or_of_another_kind_is_refused(view: Any) -> None:
+    with pytest.raises(UsageError, match="calibrated on servo 6"):
+        parse_file(view.bus, "a.json", lerobot(id=6), "so101")
+    for data in (b"\xff", b"{}", b"[1]"):
+        with pytest.raises(ConfigError):
+            parse_file(view.bus, "a.json", data, "servos")
+    view.bus.bench.servo_ids = (1, 2, 3)
+    with pytest.raises(UsageError, match="servo 4, 5, 6 of this file was not found"):
+        parse_file(view.bus, "a.json", lerobot(), "so101")

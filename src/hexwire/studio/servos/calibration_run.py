@@ -1,6 +1,7 @@
-"""Runs a calibration by hand for a tab: samples the joints, tells the page, and stores the result.
+"""Runs a calibration by hand for a tab: samples the joints, tells the page, stores the result or a file.
 
-Owns the messages. `control.calibrating` owns the calibration. Nothing moves by itself.
+Owns the messages, and which file fits the servos here. `control.calibrating` owns the calibration. Nothing moves by
+itself.
 """
 
 from __future__ import annotations
@@ -14,15 +15,15 @@ from typing import TYPE_CHECKING
 from hexwire.control.calibrating import CalibrationBench, counting_arm, store
 from hexwire.drivers.arm_file import load_profile
 from hexwire.drivers.bus_arm import BusArm
-from hexwire.errors import DeviceError, HexwireError, UsageError
+from hexwire.errors import ConfigError, DeviceError, HexwireError, UsageError
+from hexwire.model.calibration import Calibration
 
 if TYPE_CHECKING:
-    from hexwire.model.calibration import Calibration
     from hexwire.studio.app import Studio
     from hexwire.studio.bus_source import BusSource
     from hexwire.studio.tabs import Tab
 
-__all__ = ["ARMS", "CalibrationRun"]
+__all__ = ["ARMS", "CalibrationRun", "parse_file", "store_in"]
 
 ARMS = {"so101": "SO-101", "so100": "SO-100", "servos": "the servos here"}
 _PERIOD, _TELL = 0.02, 0.1
@@ -123,10 +124,42 @@ class CalibrationRun:
             for row in progress
         ]
 
-    def store(self, found: Calibration) -> tuple[str, ...]:
-        """Store offsets and limits in the servos; raises as `control.calibrating.store`."""
-        with self._bus.bench.working("storing a calibration", acts=True):
-            return store(self._bus.bus, found)
+
+def store_in(bus: BusSource, found: Calibration) -> tuple[str, ...]:
+    """Store offsets and limits in the servos; raises as `control.calibrating.store`."""
+    with bus.bench.working("storing a calibration", acts=True):
+        return store(bus.bus, found)
+
+
+def parse_file(bus: BusSource, name: str, data: bytes, arm: str) -> Calibration:
+    """Read a calibration of hexwire, or of LeRobot if the file's name ends with ``.json``.
+
+    Args:
+        bus: The servo bus.
+        name: Name of the file.
+        data: What is in it.
+        arm: A key of `ARMS`.
+
+    Raises:
+        ConfigError: It is no calibration.
+        UsageError: It is of another arm, or its servos are not here.
+    """
+    if arm not in ARMS:
+        raise UsageError(f"there is no arm {arm[:20]!r}")
+    try:
+        text = data.decode()
+    except UnicodeDecodeError:
+        raise ConfigError("this file is no text", file=name) from None
+    if name.lower().endswith(".json"):
+        found = Calibration.from_lerobot(text, arm=arm, file=name)
+    else:
+        found = Calibration.parse(text, file=name)
+    if arm != "servos":
+        found.apply(load_profile(arm).model)
+    missing = sorted({row.servo_id for row in found.joints} - set(bus.bench.servo_ids))
+    if missing or not found.joints:
+        raise UsageError(f"servo {', '.join(map(str, missing))} of this file was not found; search first")
+    return found
 
 
 def _degrees(angle: float) -> float | None:

@@ -5,19 +5,25 @@ Owns what is asked and shown; `bus.setup` sets a middle, `control.calibrating` c
 
 from __future__ import annotations
 
+from html import escape
 from typing import TYPE_CHECKING
 
 from hexwire.bus import setup as servo_setup
+from hexwire.errors import HexwireError, UsageError
 from hexwire.studio.app import FAILED
 from hexwire.studio.layout import mount
 
-from .calibration_run import ARMS, CalibrationRun
-from .view import View, button, download, html, question, section
+from .calibration_run import ARMS, CalibrationRun, parse_file, store_in
+from .view import View, button, download, html, question, section, table
 
 if TYPE_CHECKING:
+    from nicegui.events import UploadEventArguments
+
     from hexwire.model.calibration import Calibration
 
 __all__ = ["build"]
+
+_LARGEST = 1 << 18
 
 
 def build(view: View, servo_id: int) -> None:
@@ -49,7 +55,8 @@ def build(view: View, servo_id: int) -> None:
     section(
         "Calibration by hand",
         "Without torque, move every joint to both of its ends; the table says what is missing. Offsets and limits "
-        "can then be stored in the servos, and the calibration saved to a file.",
+        "can then be stored in the servos, and the calibration saved to a file, also for LeRobot. In place of "
+        "measuring, a file of either kind can be loaded.",
     )
     _calibration(view)
 
@@ -65,6 +72,14 @@ def _calibration(view: View) -> None:
         mark = button("Joints without stops are in their middle", lambda: mark_middle())
         finish = button("Finish", lambda: end(), level="main")
         cancel = button("Cancel", lambda: bus.bench.cancel())
+        upload = ui.upload(auto_upload=True, max_file_size=_LARGEST, on_upload=lambda event: load(event))
+        # Its own button cannot be named for a screen reader.
+        upload.props('accept=".toml,.json"').classes("hidden")
+        pick = button("Load a calibration", lambda: None)
+        pick.on("click", js_handler=f"() => getElement({upload.id}).$refs.qRef.pickFiles()")
+        upload.on(
+            "rejected", lambda: ui.notify("the file is larger than 256 KiB, or no .toml or .json", type="negative")
+        )
     place = ui.element("div")
     result = ui.element("div")
     mount("servos.js", place, part="range")
@@ -72,6 +87,7 @@ def _calibration(view: View) -> None:
     def buttons(running: bool, needs_middle: bool = False) -> None:
         for made, shown in (
             (begin, not running),
+            (pick, not running),
             (mark, running and needs_middle),
             (finish, running),
             (cancel, running),
@@ -94,7 +110,20 @@ def _calibration(view: View) -> None:
         await view.act(made.work)
         buttons(False)
         if made.found is not None:
-            show(made, made.found)
+            show(made.found, "Calibrated")
+
+    async def load(event: UploadEventArguments) -> None:
+        data = await event.file.read()
+        upload.reset()
+        try:
+            if len(data) > _LARGEST:
+                raise UsageError("the file is larger than 256 KiB")
+            found = parse_file(bus, event.file.name, data, str(arm.value))
+        except HexwireError as error:
+            ui.notify(str(error), type="negative")
+            return
+        result.clear()
+        show(found, f"Loaded from {event.file.name}")
 
     def mark_middle() -> None:
         if run and run[0].mark_middle():
@@ -104,10 +133,15 @@ def _calibration(view: View) -> None:
         if run:
             run[0].finish()
 
-    def show(made: CalibrationRun, found: Calibration) -> None:
+    def show(found: Calibration, how: str) -> None:
         with result:
-            names = ", ".join(joint.name for joint in found.joints)
-            html(f"Calibrated: {names}.", "p")
+            html(f"{how}.", "p").props('role="status"')
+            rows = [
+                (escape(row.name), str(row.servo_id), _offset(row.servo_offset), str(row.low), str(row.high))
+                for row in found.joints
+            ]
+            head = ("Joint", "#Servo", "#Offset", "#Lowest count", "#Highest count")
+            ui.html(table(head, rows, caption="Calibration"), sanitize=False)
 
             async def store() -> None:
                 text = (
@@ -115,13 +149,24 @@ def _calibration(view: View) -> None:
                     "If one fails, all get their old values."
                 )
                 if await question("Store in the servos", text, "Store them"):
-                    changed = await view.act(lambda: made.store(found))
+                    changed = await view.act(lambda: store_in(bus, found))
                     if changed is not FAILED:
                         ui.notify(f"stored: {', '.join(changed) or 'nothing to change'}", type="positive")
 
             with ui.element("div").classes("hw-row"):
                 button("Store in the servos", store, level="danger")
                 button("Save as file", lambda: download("calibration.toml", found.serialize()))
+                button("Save for LeRobot", lambda: save_lerobot(found))
+
+    def save_lerobot(found: Calibration) -> None:
+        try:
+            download("calibration.json", found.to_lerobot())
+        except UsageError as error:
+            ui.notify(str(error), type="negative")
+
+
+def _offset(value: int | None) -> str:
+    return "–" if value is None else str(value)
 
 
 def _likely(view: View) -> str:
