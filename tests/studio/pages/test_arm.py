@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from playwright.sync_api import expect
+from tests.studio.conftest import shrink_views
 from tests.studio.running import PATIENCE
 
 from hexwire.model.aim import Tip
@@ -56,6 +57,7 @@ def type_goal(page: Page, **values: float) -> None:
 
 
 def test_joints_move_only_while_somebody_holds_them(studio: RunningStudio, page: Page) -> None:
+    shrink_views(page)
     page.get_by_role("link", name="Arm", exact=True).click()
     expect(page.locator("#arm-hint")).to_contain_text("take control first")
     expect(page.get_by_role("button", name="Jog J1 up")).to_be_disabled()
@@ -103,6 +105,7 @@ def test_a_goal_is_previewed_and_reached_a_pose_recalled_a_motion_taught(
     studio: RunningStudio, operator: Page
 ) -> None:
     page = operator
+    shrink_views(page)
     page.get_by_role("link", name="Arm", exact=True).click()
     prepare(page, speed=100)
     plan, go = page.locator("#arm-plan"), page.get_by_role("button", name="Go", exact=True)

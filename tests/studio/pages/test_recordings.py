@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from tests.studio.conftest import shrink_views
 from tests.studio.test_shelf import record
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ def folder(studio: RunningStudio, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 
 def _open(page: Page) -> None:
+    shrink_views(page)
     page.get_by_role("link", name="Recordings", exact=True).click()
     page.get_by_role("heading", name="Recordings", level=1).wait_for()
 
