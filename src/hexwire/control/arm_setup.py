@@ -20,6 +20,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple
 
 from hexwire.bus.servo_facts import Remark
+from hexwire.model.so_arm_links import is_so_arm
 
 if TYPE_CHECKING:
     from hexwire.bus.setup import ServoInfo
@@ -29,7 +30,6 @@ __all__ = ["ArmSetup", "SeenServo", "SetupStep", "StepKind", "label", "picture"]
 
 FACTORY_ID = 1
 _MODELS = ("sts3215", "sts3250")
-_SO_ARMS = ("so100", "so101")
 _WHERE = {
     "shoulder_pan": "in the base; it turns the whole arm",
     "shoulder_lift": "at the shoulder; it leans the upper arm",
@@ -265,7 +265,7 @@ class ArmSetup:
 
     @property
     def _so_arm(self) -> bool:
-        return (self.model.geometry or self.model.name) in _SO_ARMS
+        return is_so_arm(self.model)
 
     def _connect(self, joint: JointModel) -> str:
         how = "alone" if self.only is not None else "alone, or with those that are set up"
@@ -275,7 +275,7 @@ class ArmSetup:
 def label(model: ArmModel, joint: str, *, leader: bool | None) -> str:
     """The gears of a joint's servo and the part number with them, as on its label; empty if not known."""
     name = model.geometry or model.name
-    if name not in _SO_ARMS or leader is None or (leader and name != "so101"):
+    if not is_so_arm(model) or leader is None or (leader and name != "so101"):
         return ""
     return _LEADER_GEARS.get(joint, "") if leader else "1:345 (C001 for 7.4 V, C018 for 12 V)"
 
@@ -283,7 +283,7 @@ def label(model: ArmModel, joint: str, *, leader: bool | None) -> str:
 def picture(setup: ArmSetup) -> tuple[str, ...]:
     """The arm from its side, as lines of text: (6) is the servo to connect, [5] is set up; none for other arms."""
     model = setup.model
-    if (model.geometry or model.name) not in _SO_ARMS:
+    if not is_so_arm(model):
         return ()
     target = setup.target
     marks = {}

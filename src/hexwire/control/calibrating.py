@@ -23,6 +23,7 @@ from hexwire.drivers.arm_file import BusArmFile
 from hexwire.errors import HexwireError, NotSupportedError, ServoError, StoppedError, UsageError
 from hexwire.model.arm import ArmModel
 from hexwire.model.calibration import Calibration
+from hexwire.model.so_arm_links import is_so_arm
 from hexwire.wire.command_frame import Status
 
 from .auto_calibration import COUNT, FORCE, USUAL_FORCE, AutoCalibration
@@ -46,7 +47,6 @@ _FASTEST = math.radians(60.0)
 _STORED = ("position_offset", "min_position_limit", "max_position_limit")
 _CLOSE = 100
 """Counts that a joint without torque may move while its offset is stored."""
-_SO_ARMS = ("so100", "so101")
 _HOLDS = "the arm is stopped and holds with low torque; put it down, `hexwire resume`, then `hexwire torque off`"
 
 
@@ -140,8 +140,7 @@ class CalibrationBench:
             StoppedError: The arm was stopped; it holds with low torque.
             ServoError: Something odd happened; the text says what and to which joint.
         """
-        name = self.model.geometry or self.model.name
-        if name not in _SO_ARMS or any(joint.series != "sts_sms" for joint in self.model.joints):
+        if not is_so_arm(self.model) or any(joint.series != "sts_sms" for joint in self.model.joints):
             raise NotSupportedError(f"the order of motions is known only for SO arms, not for {self.model.name}")
         start = self._at_rest()
         gains = {joint.name: self.arm.bus.read(joint.servo_id, "position_p").raw for joint in self.model.joints}

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from hexwire.errors import UsageError
 from hexwire.model.calibration import Calibration, JointCalibration
+from hexwire.model.so_arm_links import is_so_arm
 
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel, JointModel
@@ -34,12 +35,11 @@ _GAP = 0.2
 """Seconds without an answer after which a joint may have moved on unseen."""
 _UNSEEN = 1024
 """Counts in such a time after which the direction is unknown: a quarter of a turn."""
-_SO_ARMS = ("so100", "so101")
 
 
 def endless_joints(model: ArmModel) -> tuple[str, ...]:
     """Joints without mechanical stops, whose middle a person shows: wrist_roll of an SO arm."""
-    return ("wrist_roll",) if (model.geometry or model.name) in _SO_ARMS else ()
+    return ("wrist_roll",) if is_so_arm(model) else ()
 
 
 class ServoFacts(NamedTuple):

@@ -17,12 +17,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from hexwire.errors import UsageError
 
 from .kinematics import JointRange
 
-__all__ = ["SO_ARMS", "SoArmLinks", "so_arm_links"]
+if TYPE_CHECKING:
+    from .arm import ArmModel
+
+__all__ = ["SO_ARMS", "SoArmLinks", "is_so_arm", "so_arm_links"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +133,11 @@ SO_ARMS = {
     ),
 }
 """The published arms by the name of the robot."""
+
+
+def is_so_arm(arm: ArmModel) -> bool:
+    """Whether an arm is one of the published arms, also in a file with its own limits or calibration."""
+    return (arm.geometry or arm.name) in SO_ARMS
 
 
 def so_arm_links(name: str) -> SoArmLinks:
