@@ -74,6 +74,21 @@ def test_a_session_that_has_ended_cannot_be_replayed(studio: RunningStudio, owne
     assert _is_refused(owner, _SOCKETS[1])
 
 
+def test_a_page_whose_session_has_ended_stops_the_arm_and_does_nothing_else(
+    studio: RunningStudio, owner: Visitor
+) -> None:
+    tab = owner.page()
+    studio.studio.access.leave(owner.cookie.partition("=")[2])
+    assert owner.ask("/fleet/stop?all=1", "POST", b"")[0] == 401
+    assert owner.ask("/data/recordings", "POST", b'{"do": "record"}')[0] == 401
+    assert _is_refused(owner, f"/live?tab={tab}")
+    assert owner.ask("/stop", "POST", b"", Origin="http://evil.example")[0] == 403
+    assert owner.ask("/stop", "POST", b"", Cookie=owner.cookie[:-4] + "AAAA")[0] == 401
+    assert studio.arm.owner.group.reason is None
+    assert owner.ask("/stop", "POST", b"")[0] == 200
+    studio.until(lambda: studio.arm.owner.group.reason is not None, "the stop")
+
+
 def test_an_open_socket_ends_with_its_session(studio: RunningStudio, owner: Visitor) -> None:
     with owner.socket(f"/live?tab={owner.page()}") as line:
         line.recv(timeout=10)

@@ -22,6 +22,9 @@ WATCHING_ONLY = "this address is for watching only; open the other one that hexw
 _ATTEMPTS, _ATTEMPT_PERIOD = 5, 2.0
 """Passwords that may be tried at once, and seconds until another one may be."""
 
+_FORMER = 256
+"""Sessions that have ended whose pages may stop the arm."""
+
 
 class Right(IntEnum):
     """What a session may do. Everybody may stop the arm."""
@@ -100,6 +103,8 @@ class Access:
     operate_token: str = field(default="", repr=False)
     watch_token: str = field(default="", repr=False)
     _sessions: dict[str, Session] = field(default_factory=dict, repr=False)
+    _former: dict[str, None] = field(default_factory=dict, repr=False)
+    """Keys of sessions that have ended, oldest first."""
     _tries: float = _ATTEMPTS
     _tried: float = 0.0
 
@@ -164,7 +169,7 @@ class Access:
             others = [session for session in self._sessions.values() if session.right <= right]
             if not others:
                 return None
-            del self._sessions[min(others, key=lambda session: (session.right, session.seen)).key]
+            self.leave(min(others, key=lambda session: (session.right, session.seen)).key)
         session = Session(self.new_secret(), right, now)
         self._sessions[session.key] = session
         return session
@@ -177,15 +182,23 @@ class Access:
             found.seen = now
         return found
 
+    def may_stop(self, key: str | None) -> bool:
+        """Whether a cookie is that of a session that has ended: the STOP of its page must still work."""
+        return key in self._former
+
     def leave(self, key: str) -> None:
         """End a session."""
-        self._sessions.pop(key, None)
+        if self._sessions.pop(key, None) is not None:
+            self._former[key] = None
+            if len(self._former) > _FORMER:
+                del self._former[next(iter(self._former))]
 
     def end_all(self) -> None:
-        """End all sessions."""
+        """End all sessions, for good."""
         self._sessions.clear()
+        self._former.clear()
 
     def _expire(self, now: float) -> None:
         old = [s.key for s in self._sessions.values() if now - s.seen > self.limits.session_age]
         for key in old:
-            del self._sessions[key]
+            self.leave(key)

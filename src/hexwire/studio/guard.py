@@ -95,7 +95,11 @@ class Guard:
         if _length(scope) > access.limits.body:
             await _answer(send, 413, "This is too large.")
             return
-        session = access.session(cookies.get(access.cookie), self._clock())
+        key = cookies.get(access.cookie)
+        session = access.session(key, self._clock())
+        if session is None and (scope["method"], scope["path"]) == ("POST", "/stop") and access.may_stop(key):
+            await self.app(scope, receive, _Secured(send).send)
+            return
         if session is None or b"token=" in scope["query_string"]:
             await self._enter(scope, receive, send)
             return
