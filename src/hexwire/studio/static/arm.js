@@ -9,6 +9,7 @@ import { mountTip } from "/static/arm_tip.js";
 import { mountGoto } from "/static/arm_goto.js";
 import { mountPoses, mountGripper } from "/static/arm_poses.js";
 import { mountTeach } from "/static/arm_teach.js";
+import { loadSheet } from "/static/widgets.js";
 
 const PATIENCE = 20000; // ms for an answer of the server
 const READ = 6000; // ms for which a reason stays in sight
@@ -37,18 +38,8 @@ window.hexwireArm = {
   },
 };
 
-/** Load a style sheet; without it the page would jump under a pointer. */
-function loadStyle(href) {
-  if (document.querySelector(`link[href="${href}"]`)) return Promise.resolve();
-  const link = document.createElement("link");
-  return new Promise((resolve) => {
-    Object.assign(link, { rel: "stylesheet", href, onload: resolve, onerror: resolve });
-    document.head.append(link);
-  });
-}
-
 export async function mount(root, args) {
-  await Promise.all([loadStyle("/static/palette.css"), loadStyle("/static/arm.css")]);
+  await Promise.all([loadSheet("/static/palette.css"), loadSheet("/static/arm.css")]);
   if (!root.isConnected) return;
   const page = (present = makePage(root, args));
   mountBar(page);

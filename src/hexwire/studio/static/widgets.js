@@ -27,9 +27,12 @@ export function put(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
+/** Load a style sheet once. @returns {Promise} when it is there: without it the page would jump under a pointer */
 export function loadSheet(address) {
-  if (document.querySelector(`link[href="${address}"]`)) return;
-  document.head.append(make("link", { rel: "stylesheet", href: address }));
+  if (document.querySelector(`link[href="${address}"]`)) return Promise.resolve();
+  return new Promise((resolve) => {
+    document.head.append(make("link", { rel: "stylesheet", href: address, onload: resolve, onerror: resolve }));
+  });
 }
 
 /** A group of switches; `changed` gets the keys that are on, in order. */

@@ -1,7 +1,7 @@
 // The page Wire: asks the studio for rows as fast as the browser can draw them, and for one frame when it is selected.
 // Owns filter, source and pause; wire_list.js draws the rows, wire_detail.js one frame.
 
-import { node } from "/static/widgets.js";
+import { loadSheet, node } from "/static/widgets.js";
 import { Detail } from "/static/wire_detail.js";
 import { FrameList, NUMBER } from "/static/wire_list.js";
 
@@ -26,15 +26,8 @@ const HELP = [
   ["not ...", "the next condition must not hold; all others must"],
 ];
 
-function loadStyle() {
-  if (document.querySelector('link[href="/static/wire.css"]')) return null;
-  const link = node("link", { rel: "stylesheet", href: "/static/wire.css" });
-  document.head.append(link);
-  return new Promise((resolve) => (link.onload = link.onerror = resolve));
-}
-
 export async function mount(root, args) {
-  await loadStyle();
+  await loadSheet("/static/wire.css");
   new WirePage(root, args.tab);
 }
 
