@@ -38,6 +38,17 @@ def test_signals_of_joints_are_drawn_with_their_history_and_saved(page: Page, st
         head, *rows = csv.reader(file)
     assert "J4.voltage" in head
     assert "J3.position" not in head
+    # A difference is saved as the two values that it is of, also alone.
+    signals = page.get_by_role("group", name="Signals")
+    for name in ("position deg", "goal deg", "voltage V"):
+        signals.get_by_role("checkbox", name=name, exact=True).uncheck()
+    signals.get_by_role("checkbox", name="goal − position").check()
+    page.get_by_role("row", name="J4 goal − position").wait_for()
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Save what is shown as CSV").click()
+    with open(saved.value.path(), encoding="utf-8") as file:  # noqa: PTH123
+        head = next(csv.reader(file))
+    assert head[1:] == [f"J{i}.{key}" for i in (1, 2, 4, 5, 6, 7) for key in ("position", "goal")]
     kept = studio.studio.source.arm.history.rows()
     assert len(rows) > 5
     assert kept.times[0] == began

@@ -145,8 +145,10 @@ export function mount(element, args) {
   async function exported(kind, button) {
     const whole = document.getElementById("pl-all").checked;
     const [from, to] = state.plot.range;
-    const columns = state.rows.filter(({ signal }) => signal.key !== "error")
-      .map(({ signal, joint }) => (joint ? `${joint}.${signal.key}` : signal.key));
+    // Of a difference, the two values that it is of.
+    const kept = ({ signal, joint }) => (signal.key === "error" ? ["goal", "position"] : [signal.key])
+      .map((key) => (joint ? `${joint}.${key}` : key));
+    const columns = [...new Set(state.rows.flatMap(kept))];
     button.disabled = true;
     note.textContent = "";
     try {
