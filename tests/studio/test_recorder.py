@@ -32,7 +32,7 @@ def test_states_and_goals_of_the_open_arm_are_recorded(arm: ArmSource, tmp_path:
     assert recorder.state.name == name
     said = recorder.stop()
     assert said.startswith(f"{name}: ")
-    assert arm.watchers == ()
+    assert arm.listeners == ()
     (one,) = library.entries()
     assert one.robot == "hex7bot"
     assert one.states > 5
@@ -64,7 +64,7 @@ def test_a_disk_that_fails_ends_the_recording_and_is_told(
     until(lambda: not present.active, "the end")
     assert "No space left on device" in recorder.state.ended
     assert recorder.state.name == ""
-    assert arm.watchers == ()
+    assert arm.listeners == ()
     recorder.stop()
 
 

@@ -122,10 +122,10 @@ def test_a_motion_that_is_refused_does_not_begin(source: Source) -> None:
     assert arm.desk.progress is None
 
 
-def test_the_last_minutes_are_kept_and_watchers_hear_every_state(source: Source) -> None:
+def test_the_last_minutes_are_kept_and_listeners_hear_every_state(source: Source) -> None:
     arm = source.open("sim://hex7bot?name=kept")
     heard: list[float] = []
-    arm.watchers = (lambda state, goals: heard.append(state.stamp),)
+    arm.listeners = (lambda state, goals: heard.append(state.stamp),)
     until(lambda: len(set(heard) & set(arm.history.rows().times)) >= 3, "states")
     assert arm.history.names == arm.settings.model.names
 

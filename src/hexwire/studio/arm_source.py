@@ -59,14 +59,14 @@ class ArmSource:
         goals: Last set-point of each joint, radians.
         desk: Motions to a goal, poses, teach mode.
         history: The last ten minutes.
-        watchers: Called with each state and the goals, in the owner's thread; they must not wait.
+        listeners: Called with each state and the goals, in the owner's thread; they must not wait.
     """
 
     def __init__(self, settings: Any, driver: RobotDriver, silence: float = SILENCE) -> None:
         self.driver, self.settings = driver, settings
         self.goals: dict[str, float] = {}
         self.history = History(settings.model.names)
-        self.watchers: tuple[Callable[[JointState, Mapping[str, float]], object], ...] = ()
+        self.listeners: tuple[Callable[[JointState, Mapping[str, float]], object], ...] = ()
         self.arm = Arm(driver, settings, monitored=False, on_sent=self._sent)
         self.shared = SharedArm(self.arm, Lease(timeout=5.0))
         owner = self.arm.owner
@@ -86,8 +86,8 @@ class ArmSource:
     def _keep(self, state: JointState) -> None:
         owner, trips = self.arm.owner, self.driver.round_trips
         self.history.append(state, self.goals, rate=owner.rate, round_trip=trips[-1] if trips else math.nan)
-        for watcher in self.watchers:
-            watcher(state, self.goals)
+        for listener in self.listeners:
+            listener(state, self.goals)
 
     def _on_stop(self) -> None:
         # May run in a signal handler: nothing here locks.

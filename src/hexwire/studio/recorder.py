@@ -119,7 +119,7 @@ class _Present:
         self._queue: queue.SimpleQueue[tuple[JointState, dict[str, float]] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
         self._thread.start()
-        arm.watchers = (*arm.watchers, self._see)
+        arm.listeners = (*arm.listeners, self._see)
 
     @property
     def active(self) -> bool:
@@ -161,7 +161,7 @@ class _Present:
             self.ended = f"{self.name} is incomplete: {error}"
 
     def _forget(self) -> None:
-        self.arm.watchers = tuple(watcher for watcher in self.arm.watchers if watcher != self._see)
+        self.arm.listeners = tuple(listener for listener in self.arm.listeners if listener != self._see)
 
     def stop(self) -> str:
         self._forget()

@@ -33,7 +33,7 @@ def test_without_arms_the_page_says_what_to_do(fleet_page: Page) -> None:
     fleet_page.get_by_text("all arms: NOT CONFIRMED").wait_for()
 
 
-def test_an_operator_opens_an_arm_and_a_viewer_stops_it(
+def test_an_operator_opens_an_arm_and_a_watcher_stops_it(
     serve: Serve, studio: RunningStudio, context: BrowserContext, fleet_page: Page
 ) -> None:
     serve("lab/arm1", robot="sim")

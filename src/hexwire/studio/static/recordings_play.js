@@ -4,9 +4,9 @@
 
 import hexwire from "/static/live.js";
 import { fetchColumns } from "/static/columns.js";
+import { DEG } from "/static/signals.js";
 import { make } from "/static/widgets.js";
 
-const DEG = 180 / Math.PI;
 const LOOK = 250; // ms between two looks at the twin
 
 export function makePlayer(page, place, view, shown, moved) {

@@ -2,12 +2,10 @@
 
 import { Plot } from "/static/plot.js";
 import { fetchColumns } from "/static/columns.js";
-import { JOINT_SIGNALS, jointSeries, valuesOf } from "/static/signals.js";
+import { DEG, JOINT_SIGNALS, jointSeries, valuesOf } from "/static/signals.js";
 import { chips, make } from "/static/widgets.js";
 import { makeFigure } from "/static/recordings_arm.js";
 import { makePlayer } from "/static/recordings_play.js";
-
-const DEG = 180 / Math.PI;
 
 export function makeView(page, place) {
   const state = { name: "", other: "", topic: "", data: null, plot: null, signals: ["position"], joints: [], names: null, align: "start", round: 0, played: null };

@@ -1,6 +1,7 @@
 // The quantities of an arm as people read them: words, units, factors from SI. The same for live plots and recordings.
 
-const DEG = 180 / Math.PI;
+/** Degrees in a radian. */
+export const DEG = 180 / Math.PI;
 
 export const JOINT_SIGNALS = [
   { key: "position", words: "position", unit: "deg", factor: DEG },
