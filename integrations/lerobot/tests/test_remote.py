@@ -50,7 +50,9 @@ def test_a_shared_arm_moves_and_a_stop_of_another_program_is_respected(shared: s
         with pytest.raises(RuntimeError):
             robot.send_action(goal)
         assert len(robot.get_observation()) == 6
-        other.resume()
+    # Its own program holds the lease, and so ends the stop.
+    robot._arm.driver.resume()
+    robot.send_action(goal)
     robot.disconnect()
     leader = HexwireRemoteLeader(HexwireRemoteLeaderConfig(port=shared))
     leader.connect()

@@ -9,12 +9,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from hexwire.bus.setup import write_setting
+from hexwire.errors import ServoError
 
 if TYPE_CHECKING:
     from hexwire.bus.servo_bus import ServoBus
     from hexwire.model.arm import ArmModel
 
 __all__ = ["FOLLOWER", "GRIPPER", "LEADER", "configure"]
+
+_TRIES = 3
 
 LEADER = {"return_delay": 0, "mode": 0}
 FOLLOWER = {**LEADER, "position_p": 16, "position_i": 0, "position_d": 32}
@@ -39,8 +42,18 @@ def configure(bus: ServoBus, model: ArmModel, *, leader: bool) -> tuple[str, ...
             if reading.raw is None:
                 reading.check()
             if reading.raw != raw:
-                write_setting(bus, joint.servo_id, name, raw)
+                _write(bus, joint.servo_id, name, raw)
                 written.append(f"{joint.name} {name}")
                 if name == "return_delay":
                     bus.set_return_delay(joint.servo_id, 0.0)
     return tuple(written)
+
+
+def _write(bus: ServoBus, servo_id: int, name: str, raw: int) -> None:
+    for _ in range(_TRIES - 1):
+        try:
+            return write_setting(bus, servo_id, name, raw)
+        except ServoError:
+            # Silent for a moment, such as a stall of the computer: the same value may be written again.
+            continue
+    return write_setting(bus, servo_id, name, raw)
