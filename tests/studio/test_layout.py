@@ -8,7 +8,7 @@ import pytest
 from tests.studio.conftest import ready
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Browser, BrowserContext, Page
     from tests.studio.running import RunningStudio
 
 
@@ -65,3 +65,24 @@ def test_a_script_in_a_text_from_elsewhere_does_not_run(studio: RunningStudio, b
         assert page.evaluate("window.ran === undefined")
     finally:
         context.close()
+
+
+def test_the_facts_have_room_beside_all_buttons(served: RunningStudio, context: BrowserContext) -> None:
+    served.studio.source.silence = 5.0
+    served.studio.source.open_bus("sim://so101?name=facts")
+    try:
+        page = context.new_page()
+        page.goto(served.operate_url.replace("/?", "/servos?"))
+        page.get_by_role("button", name="Take control").click()
+        page.get_by_role("button", name="Torque off", exact=True).wait_for()
+        boxes = [fact.bounding_box() for fact in page.locator(".hw-fact").all()]
+        first, second, last = (box for box in (boxes[0], boxes[1], boxes[-1]) if box is not None)
+        assert first["width"] > 90
+        assert first["x"] + first["width"] <= second["x"] or first["y"] < second["y"]
+        actions = page.locator(".hw-actions").bounding_box()
+        assert actions is not None
+        assert last["x"] + last["width"] <= actions["x"]
+        text = page.locator(".hw-fact").first.evaluate("(fact) => fact.scrollWidth - fact.clientWidth")
+        assert text <= 1
+    finally:
+        served.studio.source.close()
