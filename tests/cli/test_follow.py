@@ -25,6 +25,7 @@ def run(*words: str) -> Result:
     [
         (("a",), 2, "give a LEADER and a FOLLOWER for each pair"),
         (("a", "a"), 2, "an arm is named twice"),
+        (("so101@/none/a", "so100@/none/a"), 2, "an arm is named twice"),
         (("a", "b", "--meet", "2"), 2, "--meet must be at most 1"),
         (("a", "b", "--grip", "101"), 2, "--grip must be at most 100"),
         (("so101@/none/a", "so101@/none/b"), 1, "/none/a does not exist"),

@@ -67,6 +67,9 @@ def follow(
     if len(arms) > 2 and click.get_current_context().find_root().params.get("record"):
         raise UsageError("--record tells no pair from another; record one pair at a time")
     made = [_make(text, robot, observed=bool(place % 2)) for place, text in enumerate(arms)]
+    # so101@PORT and PORT are one arm: it would follow itself.
+    if len({driver.url for driver in made}) < len(made):
+        raise UsageError("an arm is named twice")
     with ExitStack() as stack:
         pairs = []
         for place in range(0, len(made), 2):
