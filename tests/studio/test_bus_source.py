@@ -12,6 +12,7 @@ import pytest
 from tests.studio.running import until
 
 from hexwire.bus.live_values import LiveValues
+from hexwire.bus.setup import scan
 from hexwire.emulator.servo import EmulatedServo
 from hexwire.errors import DeviceError, HexwireError, LeaseError, ServoError, UsageError
 from hexwire.studio.access import Right
@@ -49,6 +50,18 @@ def tab(source: Source, bus: BusSource) -> Tab:
 def servos(bus: BusSource) -> dict[int, EmulatedServo]:
     link: Any = bus.bus.link
     return {servo.servo_id: servo for servo in link.device.wire.servos}
+
+
+def test_a_servo_whose_answer_was_late_is_asked_again(bus: BusSource, monkeypatch: pytest.MonkeyPatch) -> None:
+    looks: list[int] = []
+
+    def late(*args: Any, **named: Any) -> Any:
+        looks.append(1)
+        return scan(*args, **named)[2 if len(looks) == 1 else 0 :]
+
+    monkeypatch.setattr("hexwire.studio.bus_source.scan", late)
+    bus.search((), range(1, 8))
+    assert [row.found.servo_id for row in bus.servos] == list(IDS)
 
 
 def test_a_search_finds_the_servos_and_their_values_come(source: Source, bus: BusSource) -> None:

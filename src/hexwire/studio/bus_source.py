@@ -184,6 +184,13 @@ class BusSource:
                 done += 1
 
             found = scan(self.bus, bauds=bauds, ids=ids, progress=progress)
+            if len(bauds) == 1:
+                # An answer that was late, as on a busy machine, must not hide a servo: ask silent ids once more.
+                here_already = {row.servo_id for row in found}
+                silent = [servo_id for servo_id in ids if servo_id not in here_already]
+                total += len(silent)
+                found += scan(self.bus, bauds=bauds, ids=silent, progress=progress)
+                found.sort(key=lambda row: row.servo_id)
             here = self.bus.timing.baud
             if found and not any(row.baud == here for row in found):
                 # All are at another rate: work there.
