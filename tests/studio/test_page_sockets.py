@@ -50,3 +50,14 @@ def test_a_watcher_who_knows_the_id_of_another_page_cannot_press_its_buttons(
     # The same event of the page itself is obeyed.
     page.get_by_role("button", name="Take control").click()
     studio.until(lambda: arm.shared.holder is not None, "control")
+
+
+def test_a_page_that_the_server_has_forgotten_is_told_to_load_itself_again(studio: RunningStudio) -> None:
+    with Visitor(studio, studio.studio.access.operate_token) as owner:
+        query = "EIO=4&transport=websocket&client_id=gone&implicit_handshake=true&tab_id=x&document_id=x"
+        with owner.socket(f"/_nicegui_ws/socket.io/?{query}&next_message_id=0") as line:
+            assert str(line.recv(timeout=10)).startswith("0{")
+            line.send("40")
+            answer = str(line.recv(timeout=10))
+            assert answer.startswith("44")
+            assert "Implicit handshake failed" in answer

@@ -46,7 +46,8 @@ def guard_page_sockets() -> None:
 
         query = parse_qs(environ.get("QUERY_STRING", ""))
         claimed = query.get("client_id", [None])[0]
-        if claimed is not None and not _owns(sid, {"client_id": claimed}, environ):
+        # NiceGUI itself refuses a page that it has forgotten, in the words on which the page loads itself again.
+        if claimed in Client.instances and not _owns(sid, {"client_id": claimed}, environ):
             _log.warning("a socket asked for a page of another session")
             return False
         return await connect(sid, environ, auth)
