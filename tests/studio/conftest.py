@@ -143,8 +143,13 @@ class _Windows:
             self.page.set_viewport_size(_VIEWPORT)
             self.page.emulate_media(color_scheme="light")
         except Error:
+            self.close()
+
+    def close(self) -> None:
+        """Close the window, and with it every connection of the browser."""
+        if self.context is not None:
             self.context.close()
-            self.context = self.page = None
+        self.context = self.page = None
 
 
 @pytest.fixture(scope="session")
@@ -182,6 +187,12 @@ def context(browser: Browser, _windows: _Windows) -> Iterator[BrowserContext]:
         _windows.forget()
     assert not faults, faults
     assert not [url for url in outside if not url.startswith(("data:", "blob:"))]
+
+
+@pytest.fixture
+def no_window(browser: Browser, _windows: _Windows) -> None:
+    """For tests that count connections: a window keeps some open."""
+    _windows.close()
 
 
 @pytest.fixture

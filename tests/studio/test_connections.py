@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @pytest.fixture
-def idle(served: RunningStudio) -> Iterator[list[socket.socket]]:
+def idle(served: RunningStudio, no_window: None) -> Iterator[list[socket.socket]]:
     """Connections that ask for nothing: twice as many as are allowed."""
     port = int(served.url.rpartition(":")[2])
     made: list[socket.socket] = []
