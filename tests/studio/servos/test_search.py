@@ -21,3 +21,11 @@ def test_an_empty_list_says_what_to_do(view: Any) -> None:
     view.bus._keep([])
     view.selected = None
     assert "Take control, then search" in _list(view)
+
+
+def test_a_servo_that_cannot_be_chosen_says_why_in_its_row(view: Any) -> None:
+    view.selected = 1
+    first, second, *rest = view.bus.servos
+    view.bus._keep([first, second._replace(found=second.found._replace(shared=True)), *rest])
+    assert 'data-value="2"' not in _list(view)
+    assert _list(view).count('class="sv-note"') == 1

@@ -134,6 +134,8 @@ def _list(view: View) -> str:
         level = "error" if row.bad else "warn" if row.remarks else "ok"
         words = "; ".join(remark.text for remark in row.remarks) or "nothing known against it"
         mark = {"error": "!", "warn": "i", "ok": "✓"}[level]
+        # It cannot be chosen, so the reason must be in sight here.
+        why = "" if usable else f'<span class="sv-note" data-level="{level}">{escape(words)}</span>'
         live = [
             f'<span data-live="{name}" data-id="{found.servo_id}">–</span>' for name in ("deg", "volts", "celsius")
         ]
@@ -142,7 +144,7 @@ def _list(view: View) -> str:
             f'aria-label="{escape(words)}">{mark}</span>'
             f'<span class="sv-state" data-live="state" data-id="{found.servo_id}"></span>'
         )
-        rows.append((name, f'{model}<span class="sv-chip">{more}</span>', *live, state))
+        rows.append((name, f'{model}<span class="sv-chip">{more}</span>{why}', *live, state))
     text = ""
     if rows:
         head = ("Id", "Model", "#deg", "#V", "#°C", "State")
