@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, Self
 
 from hexwire.errors import UsageError
-from hexwire.system import CLOSE_ON_EXEC, HAS_FOLDER_DESCRIPTORS, NO_FOLLOW, user_id, user_name
+from hexwire.system import BINARY, CLOSE_ON_EXEC, HAS_FOLDER_DESCRIPTORS, NO_FOLLOW, user_id, user_name
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -30,7 +30,7 @@ __all__ = [
     "runtime_folder",
 ]
 
-_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | NO_FOLLOW | CLOSE_ON_EXEC | getattr(os, "O_BINARY", 0)
+_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | NO_FOLLOW | CLOSE_ON_EXEC | BINARY
 _MOST_LINKS = 40
 """Most symbolic links followed on the way to a folder: as many as Linux follows."""
 

@@ -19,11 +19,13 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 __all__ = [
+    "BINARY",
     "CLOSE_ON_EXEC",
     "END_SIGNALS",
     "HANG_UP",
     "HAS_FOLDER_DESCRIPTORS",
     "NO_FOLLOW",
+    "NO_WAIT",
     "READABLE",
     "WRITABLE",
     "Poll",
@@ -45,6 +47,10 @@ NO_FOLLOW: int = getattr(os, "O_NOFOLLOW", 0)
 """Flag of `os.open`: fail on a symbolic link. 0 if the system has no such flag."""
 CLOSE_ON_EXEC: int = getattr(os, "O_CLOEXEC", 0)
 """Flag of `os.open`: programs started later do not inherit the file. 0 where that is so anyway."""
+NO_WAIT: int = getattr(os, "O_NONBLOCK", 0)
+"""Flag of `os.open`: do not wait for the other end of a pipe. 0 if the system has no such flag."""
+BINARY: int = getattr(os, "O_BINARY", 0)
+"""Flag of `os.open`: change no byte. 0 where that is so anyway."""
 HAS_FOLDER_DESCRIPTORS = sys.platform == "linux" and hasattr(os, "O_PATH")
 """A folder can be opened without reading it, and files be named relative to it, so that nobody can exchange it."""
 

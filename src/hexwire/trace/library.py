@@ -22,6 +22,7 @@ from hexwire.errors import ConfigError, HexwireError, UsageError
 from hexwire.folders import make_folder
 from hexwire.inputs import parse_message
 from hexwire.new_file import OutputFile
+from hexwire.system import BINARY, CLOSE_ON_EXEC, NO_FOLLOW, NO_WAIT
 
 from .capture import BYTES, recover
 from .mcap_file import Readable, read_records
@@ -266,7 +267,7 @@ class Library:
         path = self.path(name)
         try:
             # Neither a link to a file elsewhere, nor a pipe that never ends.
-            fd = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+            fd = os.open(path, os.O_RDONLY | NO_FOLLOW | NO_WAIT | CLOSE_ON_EXEC | BINARY)
         except FileNotFoundError:
             raise UsageError(f"there is no recording {name!r}; it may have been removed") from None
         with os.fdopen(fd, "rb") as file:
