@@ -151,7 +151,11 @@ def test_each_command_says_and_returns_the_same_for_each_robot(folder: Path, kin
             if stopped and command in SAYS_MORE:
                 assert remote.stderr.splitlines()[-1].startswith("error: ")
                 continue
-            assert (command, says(remote.output)) == (command, says(direct.output))
+            texts = [says(remote.output), says(direct.output)]
+            if command.startswith("play"):
+                # Whether an arm stands near enough to the beginning is not the server's doing.
+                texts = [[line for line in text if not line.startswith("approach:")] for text in texts]
+            assert (command, texts[0]) == (command, texts[1])
         examined = run("doctor")
         assert examined.exit_code == 0, examined.output
         assert "is not examined through the server" in examined.stdout

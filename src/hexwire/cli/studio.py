@@ -191,11 +191,13 @@ def _run(
             threading.Thread(target=_open, args=opening, name="opening", daemon=True).start()
         server = _serve(module, made, protection, listen)
 
+        first = "/arm" if port else "/"
+
         def started() -> None:
             for words, token in (("operate:", made.access.operate_token), ("watch:  ", made.access.watch_token)):
-                say(f"{words} {module.url_of(server, token)}", flush=True)
+                say(f"{words} {module.url_of(server, token, first)}", flush=True)
             if browser:
-                _show(module.url_of(server, made.access.operate_token), stack)
+                _show(module.url_of(server, made.access.operate_token, first), stack)
 
         # From here on a signal only asks for the end, so that no second one can interrupt what makes the arm safe.
         shutdown.interrupts = False

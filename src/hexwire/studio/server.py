@@ -202,7 +202,13 @@ def _make_pages() -> Any:
     return app
 
 
-def url_of(server: Server, token: str) -> str:
-    """The address to open."""
+def url_of(server: Server, token: str, path: str = "/") -> str:
+    """The address to open.
+
+    Args:
+        server: The server.
+        token: Of an operator or a watcher.
+        path: The page to begin with.
+    """
     host = f"[{server.host}]" if ":" in server.host else server.host
-    return f"{server.studio.access.scheme}://{host}:{server.port}/?token={token}"
+    return f"{server.studio.access.scheme}://{host}:{server.port}{path}?token={token}"

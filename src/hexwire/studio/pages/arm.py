@@ -34,12 +34,13 @@ def build(studio: Studio) -> None:
 
     ui.html("Arm", sanitize=False, tag="h1")
     place = ui.element("div")
-    shown: tuple[str, ArmSource | None] | None = None
+    shown: tuple[str, ArmSource | None, str] | None = None
     calls: ArmCalls | None = None
 
     def follow() -> None:
         nonlocal shown, calls
-        now = (studio.source.mode, studio.source.arm)
+        source = studio.source
+        now = (source.mode, source.arm, source.error if source.arm is None else "")
         if now == shown:
             if calls is not None:
                 calls.tell_changes()
@@ -48,7 +49,7 @@ def build(studio: Studio) -> None:
         place.clear()
         with place:
             if now[1] is None:
-                ui.html(_nothing(now[0]), sanitize=False)
+                ui.html(_nothing(now[0], now[2]), sanitize=False)
                 return
             body = ui.html(page_html(now[1], studio.emulated(now[1])), sanitize=False)
             calls = ArmCalls(studio, now[1], body)
@@ -120,7 +121,7 @@ def _view_html(known: bool, emulated: str) -> str:
 </section>"""
 
 
-def _nothing(mode: str) -> str:
+def _nothing(mode: str, error: str) -> str:
     if mode == "opening":
         return "<p>The arm is being opened.</p>"
     if mode == "bus":
@@ -128,4 +129,5 @@ def _nothing(mode: str) -> str:
             "<p>The servos are open one by one, without the arm around them. "
             'To move the arm as a whole, open it on <a href="/">Connect</a>.</p>'
         )
-    return '<p>No arm is open. Choose one on <a href="/">Connect</a>.</p>'
+    problem = f'<p class="hw-bad">Not opened: {escape(error)}</p>' if error else ""
+    return f'{problem}<p>No arm is open. Choose one on <a href="/">Connect</a>.</p>'
