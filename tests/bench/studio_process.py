@@ -15,7 +15,7 @@ import threading
 from hexwire.control import loop
 from hexwire.control.shutdown import Shutdown
 
-_SWITCH = 0.0001
+_SWITCH = 0.00002
 """As `hexwire studio` sets it."""
 
 

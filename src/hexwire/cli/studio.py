@@ -36,9 +36,9 @@ __all__ = ["studio"]
 
 _PATIENCE = 12.0
 """Seconds from the signal in which the arm must be safe."""
-_SWITCH = 0.0001
-"""Seconds for which one thread may run while others wait: the owner of the arm waits for no page. A tenth of what
-`hexwire serve` sets, since pages keep their thread busy for longer; `make bench` measures how late the
+_SWITCH = 0.00002
+"""Seconds for which one thread may run while others wait: the owner of the arm waits for no page. Much less
+than `hexwire serve` sets, since pages keep their thread busy for longer; `make bench` measures how late the
 owner's cycles are."""
 _MISSING = "the studio is not installed: pip install 'hexwire[studio]'"
 
