@@ -3,6 +3,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.emulator.loopback import Loopback
 
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.serve import BoardLink, FakeClock, PacedLine
@@ -12,33 +13,6 @@ from hexwire.errors import (
     LinkLostError,
 )
 from hexwire.wire.command_frame import Command, Frame, serialize_frame
-
-
-class Loopback:
-    """A device that says what it hears, and how often it was reset."""
-
-    def __init__(self) -> None:
-        self.heard = b""
-        self.out = b""
-        self.resets = 0
-
-    def receive(self, data: bytes, now: float) -> None:
-        self.heard += data
-        self.out += data
-
-    def step(self, now: float) -> None:
-        pass
-
-    def data_to_send(self) -> bytes:
-        out, self.out = self.out, b""
-        return out
-
-    def next_event_time(self) -> float | None:
-        return None
-
-    def reset(self, now: float) -> None:
-        self.resets += 1
-
 
 # --- PacedLine -------------------------------------------------------------------------------------------------
 

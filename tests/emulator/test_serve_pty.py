@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from tests.emulator.loopback import Loopback
 
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.emulator.board import make_hex7bot_board
@@ -25,33 +26,6 @@ from hexwire.link.open import make_link
 from hexwire.link.serial import SerialLink
 from hexwire.session.policy import ReconnectPolicy
 from hexwire.wire.command_frame import Command, Frame, serialize_frame
-
-
-class Loopback:
-    """A device that says what it hears, and how often it was reset."""
-
-    def __init__(self) -> None:
-        self.heard = b""
-        self.out = b""
-        self.resets = 0
-
-    def receive(self, data: bytes, now: float) -> None:
-        self.heard += data
-        self.out += data
-
-    def step(self, now: float) -> None:
-        pass
-
-    def data_to_send(self) -> bytes:
-        out, self.out = self.out, b""
-        return out
-
-    def next_event_time(self) -> float | None:
-        return None
-
-    def reset(self, now: float) -> None:
-        self.resets += 1
-
 
 # --- PacedLine -------------------------------------------------------------------------------------------------
 
