@@ -124,8 +124,9 @@ def teleop(
     mode; buttons 0 and 1 close and open the gripper. Without --device, --from or --conf, the only joystick of this
     machine is used. If the board has a watchdog, it stops the arm when this program dies.
     """
+    from hexwire.control.guided import OVERLAP
     from hexwire.control.path_check import PathCheck
-    from hexwire.control.teleop import OVERLAP, TeleopController, run_teleop
+    from hexwire.control.teleop import TeleopController, run_teleop
     from hexwire.model.geometry import kinematics_or_none
     from hexwire.motion.teleop import JogMode, StickMap, Teleop
 

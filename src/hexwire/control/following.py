@@ -18,17 +18,16 @@ from hexwire.model.state import JointTarget
 from hexwire.motion.safety import StopReason, board_stop
 from hexwire.motion.teleop import Action
 
-from .loop import check_rate
+from .guided import OVERLAP, GuidedController
 from .owner import RobotOwner
 from .target import holding
-from .teleop import OVERLAP, hold_at_end
+from .teleop import hold_at_end
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.state import JointState
     from hexwire.motion.following import Following
 
-    from .outcomes import Ended, GoalListener
 
 __all__ = ["FollowController", "FollowCounters", "Pair", "ReadAhead", "run_following"]
 
@@ -53,7 +52,7 @@ class FollowCounters:
     pauses: int = 0
 
 
-class FollowController:
+class FollowController(GuidedController):
     """Moves all joints of a follower.
 
     It reads the leader in its own cycle, right before the set-point, so that no position waits for the next cycle.
@@ -74,38 +73,15 @@ class FollowController:
         period: float,
         on_note: Callable[[str | StopReason], object] = lambda said: None,
     ) -> None:
-        check_rate(1.0 / period)
-        self._rules, self._leader, self._now, self._period = rules, leader, now, period
-        self._on_note = on_note
-        self._last = math.nan
-        self._said: str | StopReason = ""
-        self._stopped = self._met = False
-        self.moving = False
+        super().__init__(rules.arm, period, on_note)
+        self._rules, self._leader, self._now = rules, leader, now
+        self._met = False
         self.counters = FollowCounters()
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Names."""
-        return self._rules.arm.names
-
-    @property
-    def busy(self) -> bool:
-        """It is moving its joints."""
-        return self.moving
-
-    @property
-    def reason(self) -> StopReason | None:
-        """Always None: a stop of the follower ends the motion with an error of its next target."""
-        return None
-
-    def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
-        """Do nothing: the operator watches the arm."""
 
     def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | None:
         """The target for the leader's present position."""
-        period = self._period if math.isnan(self._last) else max(self._period, now - self._last)
-        self._last = now
-        if period > max(_STALL, 3.0 * self._period):
+        period = self._period(now)
+        if period > max(_STALL, 3.0 * self._least):
             # Nobody knows where the leader was moved meanwhile.
             self._rules.pause()
         leader = self._leader()
@@ -128,26 +104,6 @@ class FollowController:
         if step.action is Action.HOLD:
             return holding(self._rules.arm, state)
         return JointTarget.of(step.positions, max(OVERLAP * period, step.least)) if step.positions else None
-
-    def stop(self, reason: StopReason) -> None:
-        """Meet the leader again before following it."""
-        self._stopped, self.moving = True, False
-
-    def reset(self) -> None:
-        """Do nothing: nothing moves."""
-
-    def release(self, why: str) -> None:
-        """Same as `stop`."""
-        self._stopped, self.moving = True, False
-
-    def take_ended(self) -> list[tuple[GoalListener, Ended]]:
-        """There are no goals."""
-        return []
-
-    def _say(self, said: str | StopReason) -> None:
-        if said and said != self._said:
-            self._on_note(said)
-        self._said = said
 
 
 class ReadAhead:

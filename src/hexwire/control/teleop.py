@@ -16,7 +16,7 @@ from hexwire.model.state import JointTarget
 from hexwire.motion.safety import StopReason, board_stop
 from hexwire.motion.teleop import Action, within_limits
 
-from .loop import check_rate
+from .guided import OVERLAP, GuidedController
 from .owner import RobotOwner
 from .target import holding
 
@@ -25,18 +25,14 @@ if TYPE_CHECKING:
     from hexwire.model.state import JointState
     from hexwire.motion.teleop import Teleop
 
-    from .outcomes import Ended, GoalListener
 
-__all__ = ["OVERLAP", "Stick", "TeleopController", "hold_at_end", "run_teleop"]
+__all__ = ["Stick", "TeleopController", "hold_at_end", "run_teleop"]
 
 Stick = Callable[[], tuple[Sequence[float], int, float]]
 """Returns the newest axes (-1..1), buttons (bit i is button i) and their age in seconds, infinite at first."""
 
-OVERLAP = 2.5
-"""Duration of a target in cycles, so that a late one does not pause the motion."""
 
-
-class TeleopController:
+class TeleopController(GuidedController):
     """Moves all joints of an arm with a joystick.
 
     After a stop, the arm moves again when it was resumed and the button was released and pressed again.
@@ -55,36 +51,12 @@ class TeleopController:
         period: float,
         on_note: Callable[[str | StopReason], object] = lambda said: None,
     ) -> None:
-        check_rate(1.0 / period)
-        self._rules, self._stick, self._period, self._on_note = rules, stick, period, on_note
-        self._last = math.nan
-        self._said: str | StopReason = ""
-        self._stopped = False
-        self.moving = False
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Names."""
-        return self._rules.arm.names
-
-    @property
-    def busy(self) -> bool:
-        """It is moving its joints."""
-        return self.moving
-
-    @property
-    def reason(self) -> StopReason | None:
-        """Always None: it latches no stop, but waits for the button."""
-        return None
-
-    def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
-        """Do nothing: the operator watches the arm."""
+        super().__init__(rules.arm, period, on_note)
+        self._rules, self._stick = rules, stick
 
     def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | None:
         """The target for the joystick's present position."""
-        # With the chapter's board, a cycle takes longer than requested.
-        period = self._period if math.isnan(self._last) else max(self._period, now - self._last)
-        self._last = now
+        period = self._period(now)
         axes, buttons, age = self._stick()
         stopped, self._stopped = self._stopped or state.stopped, False
         if stopped:
@@ -101,26 +73,6 @@ class TeleopController:
         # A joint outside its limits stays where it is.
         inside = within_limits(self._rules.arm, jog.positions)
         return JointTarget.of(inside, OVERLAP * period) if inside else None
-
-    def stop(self, reason: StopReason) -> None:
-        """Require that the button is released before the arm moves again."""
-        self._stopped, self.moving = True, False
-
-    def reset(self) -> None:
-        """Do nothing: nothing moves."""
-
-    def release(self, why: str) -> None:
-        """Same as `stop`."""
-        self._stopped, self.moving = True, False
-
-    def take_ended(self) -> list[tuple[GoalListener, Ended]]:
-        """There are no goals."""
-        return []
-
-    def _say(self, said: str | StopReason) -> None:
-        if said and said != self._said:
-            self._on_note(said)
-        self._said = said
 
 
 def run_teleop(

@@ -1,0 +1,86 @@
+"""What controllers share that a person guides without goals: by a joystick, or by another arm.
+
+Owns when such a controller moves, what it says, and how long its last cycle took. Must not know what guides it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+from .loop import check_rate
+
+if TYPE_CHECKING:
+    from hexwire.model.arm import ArmModel
+    from hexwire.model.state import JointState
+    from hexwire.motion.safety import StopReason
+
+    from .outcomes import Ended, GoalListener
+
+__all__ = ["OVERLAP", "GuidedController"]
+
+OVERLAP = 2.5
+"""Duration of a target in cycles, so that a late one does not pause the motion."""
+
+
+class GuidedController:
+    """Moves all joints of an arm. It latches no stop, and has no goals that could end. A subclass has `cycle`.
+
+    Args:
+        arm: The arm.
+        period: Least seconds between two cycles.
+        on_note: Called with a new note for the operator, or with the reason for a stop.
+    """
+
+    def __init__(self, arm: ArmModel, period: float, on_note: Callable[[str | StopReason], object]) -> None:
+        check_rate(1.0 / period)
+        self._arm, self._least, self._on_note = arm, period, on_note
+        self._last = math.nan
+        self._said: str | StopReason = ""
+        self._stopped = False
+        self.moving = False
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names."""
+        return self._arm.names
+
+    @property
+    def busy(self) -> bool:
+        """It is moving its joints."""
+        return self.moving
+
+    @property
+    def reason(self) -> StopReason | None:
+        """Always None: it latches no stop."""
+        return None
+
+    def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
+        """Do nothing: the operator watches the arm."""
+
+    def stop(self, reason: StopReason) -> None:
+        """Stop moving; the subclass decides what must happen before it moves again."""
+        self._stopped, self.moving = True, False
+
+    def reset(self) -> None:
+        """Do nothing: nothing moves."""
+
+    def release(self, why: str) -> None:
+        """Same as `stop`."""
+        self._stopped, self.moving = True, False
+
+    def take_ended(self) -> list[tuple[GoalListener, Ended]]:
+        """There are no goals."""
+        return []
+
+    def _period(self, now: float) -> float:
+        """Seconds since the last cycle, at least the wanted period; with a slow line, a cycle takes longer."""
+        period = self._least if math.isnan(self._last) else max(self._least, now - self._last)
+        self._last = now
+        return period
+
+    def _say(self, said: str | StopReason) -> None:
+        if said and said != self._said:
+            self._on_note(said)
+        self._said = said
