@@ -170,9 +170,7 @@ def test_low_latency_is_asked_for_and_optional(device: str, monkeypatch: pytest.
 
 
 def test_a_port_is_not_adopted_through_a_planted_link(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    from hexwire.link import port_identity
-
-    monkeypatch.setattr(port_identity, "why_not", lambda _: "is the terminal that this program runs in")
+    monkeypatch.setattr("hexwire.link.serial_port.why_not", lambda _: "is the terminal that this program runs in")
     with PtyEnd(Path(device)), pytest.raises(LinkNotFoundError, match="nothing was written to it"):
         PySerialLink(device).open()
 

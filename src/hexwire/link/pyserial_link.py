@@ -30,7 +30,8 @@ from .serial_port import (
     bad_baud,
     busy_port,
     check_baud,
-    forbidden_port,
+    check_intended,
+    explain_opening,
     missing_port,
     serial_url,
 )
@@ -47,7 +48,6 @@ _LAST = 1.0
 _AHEAD = 4096
 """Bytes that may wait for the port, about as many as a terminal of the system holds."""
 _PIECE = 4096
-_BUSY = (errno.EBUSY, errno.EAGAIN)
 
 
 class PySerialLink(PollLink):
@@ -157,11 +157,7 @@ class PySerialLink(PollLink):
             raise
         except OSError as error:
             raise self._explain(error) from error
-        problem = port_identity.why_not(identity)
-        if not problem and self._identity is not None:
-            problem = port_identity.why_not_again(self._identity, identity)
-        if problem:
-            raise LinkNotFoundError(f"{self.device} {problem}; nothing was written to it", url=self.url)
+        check_intended(identity, self._identity, self.device, self.url)
         return identity
 
     def _close(self) -> None:
@@ -248,18 +244,13 @@ class PySerialLink(PollLink):
     def _explain(self, error: OSError) -> LinkError:
         # On Windows pyserial keeps the cause in the text alone, and a port in use shows as a refused access.
         text = str(error)
-        if error.errno in _BUSY or "Could not exclusively lock" in text or "PermissionError(13" in text:
+        if error.errno == errno.EAGAIN or "Could not exclusively lock" in text or "PermissionError(13" in text:
             return busy_port(self.device, self.url)
-        if error.errno in (errno.EACCES, errno.EPERM):
-            return forbidden_port(self.device, self.url)
-        if error.errno == errno.ENOENT or "FileNotFoundError(2" in text:
+        if "FileNotFoundError(2" in text:
             return self._no_port("does not exist")
-        if error.errno in (errno.ENOTDIR, errno.ENXIO, errno.ENODEV, errno.ELOOP):
-            return self._no_port("has no device behind it")
-        no_terminal = f"Could not configure port: ({errno.ENOTTY}," in text
-        if no_terminal or error.errno in (errno.EISDIR, errno.EROFS, errno.ETXTBSY):
+        if f"Could not configure port: ({errno.ENOTTY}," in text:
             return self._no_port("is not a serial port")
-        return LinkError(f"{self.device} cannot be opened: {error.strerror or text}", url=self.url)
+        return explain_opening(error, self.device, self.url)
 
     def _no_port(self, what: str) -> LinkNotFoundError:
         return missing_port(self.device, what, self.url)

@@ -16,7 +16,6 @@ if sys.platform != "linux":
 
 import array
 import contextlib
-import errno
 import fcntl
 import os
 import stat
@@ -37,7 +36,8 @@ from .serial_port import (
     bad_baud,
     busy_port,
     check_baud,
-    forbidden_port,
+    check_intended,
+    explain_opening,
     missing_port,
     serial_url,
 )
@@ -153,7 +153,7 @@ class SerialLink(PollLink):
             # Non-blocking also means not waiting for a modem's carrier.
             self._port = os.open(self.device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
         except OSError as error:
-            raise self._explain(error) from error
+            raise explain_opening(error, self.device, self.url) from error
         if not stat.S_ISCHR(os.fstat(self._port).st_mode) or not os.isatty(self._port):
             raise self._no_port("is not a serial port")
         # Before anything is set or locked: it may be a terminal in which a program runs.
@@ -171,12 +171,8 @@ class SerialLink(PollLink):
         try:
             identity = port_identity.identify_port(self.device, os.fstat(self._port))
         except OSError as error:  # the symbolic link has just changed
-            raise self._explain(error) from error
-        problem = port_identity.why_not(identity)
-        if not problem and self._identity is not None:
-            problem = port_identity.why_not_again(self._identity, identity)
-        if problem:
-            raise LinkNotFoundError(f"{self.device} {problem}; nothing was written to it", url=self.url)
+            raise explain_opening(error, self.device, self.url) from error
+        check_intended(identity, self._identity, self.device, self.url)
         return identity
 
     def _close(self) -> None:
@@ -262,17 +258,6 @@ class SerialLink(PollLink):
             fcntl.ioctl(self._port, termios.TIOCSSERIAL, settings)
 
     # --- errors -----------------------------------------------------------------------------------
-
-    def _explain(self, error: OSError) -> LinkError:
-        if error.errno in (errno.EACCES, errno.EPERM):
-            return forbidden_port(self.device, self.url)
-        if error.errno == errno.EBUSY:
-            return busy_port(self.device, self.url)
-        if error.errno in (errno.ENOENT, errno.ENOTDIR, errno.ENXIO, errno.ENODEV, errno.ELOOP):
-            return self._no_port("does not exist" if error.errno == errno.ENOENT else "has no device behind it")
-        if error.errno in (errno.EISDIR, errno.EROFS, errno.ETXTBSY):
-            return self._no_port("is not a serial port")
-        return LinkError(f"{self.device} cannot be opened: {error.strerror}", url=self.url)
 
     def _no_port(self, what: str) -> LinkNotFoundError:
         return missing_port(self.device, what, self.url)

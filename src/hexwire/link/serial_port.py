@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import stat
 from pathlib import Path
 
-from hexwire.errors import LinkBusyError, LinkNotFoundError, LinkPermissionError, UsageError
+from hexwire.errors import LinkBusyError, LinkError, LinkNotFoundError, LinkPermissionError, UsageError
 from hexwire.system import group_name, user_name
 
 from . import owner, ports
+from .port_identity import PortIdentity, why_not, why_not_again
 
 __all__ = [
     "BAUD_HIGH",
@@ -19,6 +21,8 @@ __all__ = [
     "bad_baud",
     "busy_port",
     "check_baud",
+    "check_intended",
+    "explain_opening",
     "forbidden_port",
     "missing_port",
     "serial_url",
@@ -63,6 +67,39 @@ def busy_port(device: str, url: str) -> LinkBusyError:
 def forbidden_port(device: str, url: str) -> LinkPermissionError:
     """This user may not open the port."""
     return LinkPermissionError(f"no permission for {device}: {_permission_advice(device)}", url=url)
+
+
+def explain_opening(error: OSError, device: str, url: str) -> LinkError:
+    """Why the system did not open a port, with what to do."""
+    if error.errno in (errno.EACCES, errno.EPERM):
+        return forbidden_port(device, url)
+    if error.errno == errno.EBUSY:
+        return busy_port(device, url)
+    if error.errno in (errno.ENOENT, errno.ENOTDIR, errno.ENXIO, errno.ENODEV, errno.ELOOP):
+        what = "does not exist" if error.errno == errno.ENOENT else "has no device behind it"
+        return missing_port(device, what, url)
+    if error.errno in (errno.EISDIR, errno.EROFS, errno.ETXTBSY):
+        return missing_port(device, "is not a serial port", url)
+    return LinkError(f"{device} cannot be opened: {error.strerror or error}", url=url)
+
+
+def check_intended(found: PortIdentity, before: PortIdentity | None, device: str, url: str) -> None:
+    """Refuse a port that is not the intended one, before anything is written to it.
+
+    Args:
+        found: The port behind the name.
+        before: The one that was open before under this name, or None.
+        device: The name.
+        url: Address of the link.
+
+    Raises:
+        LinkNotFoundError: It is another one.
+    """
+    problem = why_not(found)
+    if not problem and before is not None:
+        problem = why_not_again(before, found)
+    if problem:
+        raise LinkNotFoundError(f"{device} {problem}; nothing was written to it", url=url)
 
 
 def bad_baud(device: str, baud: int, why: str) -> UsageError:
