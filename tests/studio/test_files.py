@@ -10,31 +10,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from starlette.applications import Starlette
-from starlette.testclient import TestClient
+from tests.studio.gate import GatedClient
 from tests.studio.running import until
 from tests.studio.test_columns import parsed
 from tests.studio.test_shelf import record
 
-from hexwire.studio.access import Access, Right, Session
+from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio
 from hexwire.studio.files import make_routes
-from hexwire.studio.guard import SESSION
 from hexwire.trace.recording import read_joint_states
 
 
-class Client:
-    """A browser behind the gate: `right` is what its session may do."""
-
+class Client(GatedClient):
     def __init__(self, studio: Studio) -> None:
-        self.studio, self.right = studio, Right.OPERATE
-        app = Starlette(routes=make_routes(lambda: studio))
-
-        async def served(scope: Any, receive: Any, send: Any) -> None:
-            scope[SESSION] = Session("key", self.right, 0.0)
-            await app(scope, receive, send)
-
-        self.http = TestClient(served)
+        super().__init__(studio, make_routes(lambda: studio))
 
     def get(self, address: str, **query: Any) -> Any:
         return self.http.get(address, params=query)

@@ -9,27 +9,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from starlette.applications import Starlette
-from starlette.testclient import TestClient
+from tests.studio.gate import GatedClient
 from tests.studio.running import until
 from tests.studio.test_shelf import record
 
-from hexwire.studio.access import Access, Right, Session
+from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio
-from hexwire.studio.guard import SESSION
 from hexwire.studio.shelf_api import shelf_routes, twin_for
 
 
-class Client:
+class Client(GatedClient):
     def __init__(self, studio: Studio) -> None:
-        self.studio, self.right = studio, Right.OPERATE
-        app = Starlette(routes=shelf_routes(lambda: studio))
-
-        async def served(scope: Any, receive: Any, send: Any) -> None:
-            scope[SESSION] = Session("key", self.right, 0.0)
-            await app(scope, receive, send)
-
-        self.http = TestClient(served)
+        super().__init__(studio, shelf_routes(lambda: studio))
 
     def list(self) -> dict[str, Any]:
         return dict(self.http.get("/data/recordings").json())

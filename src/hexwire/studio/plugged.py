@@ -31,7 +31,7 @@ class Plugged:
         device: What to open.
         guess: What it probably is.
         robots: Robots that it may lead to, the likely one first; empty if it is probably something else.
-        obstacle: Why it cannot be opened; empty if nothing speaks against it.
+        obstacle: Why it cannot be opened; empty if it can.
         advice: What to do about it, or what else to mend.
     """
 

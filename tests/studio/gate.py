@@ -1,0 +1,27 @@
+"""A browser behind the studio's gate, for the tests of what it is served."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.routing import BaseRoute
+from starlette.testclient import TestClient
+
+from hexwire.studio.access import Right, Session
+from hexwire.studio.app import Studio
+from hexwire.studio.guard import SESSION
+
+
+class GatedClient:
+    """`right` is what its session may do."""
+
+    def __init__(self, studio: Studio, routes: list[BaseRoute]) -> None:
+        self.studio, self.right = studio, Right.OPERATE
+        app = Starlette(routes=routes)
+
+        async def served(scope: Any, receive: Any, send: Any) -> None:
+            scope[SESSION] = Session("key", self.right, 0.0)
+            await app(scope, receive, send)
+
+        self.http = TestClient(served)
