@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
+from hexwire.control import motion_run
 from hexwire.errors import UsageError
+from hexwire.studio.access import Right
 from hexwire.studio.source import Source
+from hexwire.studio.tabs import Tab
 
 
 @pytest.fixture
@@ -54,3 +58,30 @@ def test_every_stop_counts_whoever_makes_it(source: Source) -> None:
     assert arm.stops == by_page
     arm.driver.stop()
     assert arm.stops > by_page
+
+
+def test_a_motion_ends_because_its_page_was_closed_not_for_its_lease(
+    source: Source, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(motion_run, "_FAREWELL", 60.0)
+    source.silence = 60.0
+    arm = source.open("sim://hex7bot?name=leaves")
+    arm.arm.enable(True)
+    tab = Tab("tab 1", "key", "session", Right.OPERATE)
+    source.take(tab)
+    entry = arm.attended.begin(tab.key, 1)
+    assert entry is not None
+    arm.begin_run(tab, entry, {"what": "joints", "goals": {"J1": 1.0}, "speed": 0.05}, arm.mark())
+    # The thread that ends motions is late; the one that gives control back is not.
+    late = threading.Event()
+    arm._ender.submit(late.wait, 10.0)
+    arm.attended.end(tab.key, "its page was closed")
+    leaving = threading.Thread(target=source.leave, args=(tab,))
+    leaving.start()
+    leaving.join(0.2)
+    late.set()
+    leaving.join()
+    progress = arm.desk.progress
+    assert progress is not None
+    assert (progress.outcome, progress.text) == ("preempted", "its page was closed")
+    assert arm.holder is None

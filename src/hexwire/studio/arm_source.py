@@ -137,6 +137,15 @@ class ArmSource:
         """Stop the arm; raises `HexwireError` if it does not confirm it."""
         self.shared.stop(why)
 
+    def leave(self, tab: Tab, grant: int) -> None:
+        """Take control back from a tab; what moves holds."""
+        self.attended.end(tab.key, "control was given back")
+        # First: else the end of the lease overtakes it, and the motion's outcome blames the lease.
+        self._settle()
+        self.shared.leave(grant, finish=False)
+        if self.shared.holder is None:
+            self.release()
+
     def release(self) -> None:
         """Give the lease of an arm that another program serves back, so that others there can command it."""
         try:

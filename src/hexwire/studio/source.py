@@ -214,10 +214,7 @@ class Source:
         if self.bus is not None and grant:
             self.bus.leave(tab, grant)
         if self.arm is not None and grant:
-            self.arm.attended.end(tab.key, "control was given back")
-            self.arm.shared.leave(grant, finish=False)
-            if self.arm.shared.holder is None:
-                self.arm.release()
+            self.arm.leave(tab, grant)
 
     def has_control(self, tab: Tab) -> bool:
         """Whether a tab has control."""
