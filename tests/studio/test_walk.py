@@ -74,6 +74,9 @@ def test_a_silent_servo_and_a_pulled_cable(board: PtyBoard, operator: Page) -> N
     fact(page, "faults", "none")
     board.unplug()
     fact(page, "connection", "lost")
+    # What was true before may be wrong now.
+    fact(page, "torque", "unknown")
+    fact(page, "trip", "–")
     page.get_by_role("status").filter(has_text="The arm is not connected").wait_for()
     board.plug()
     # It comes back by itself, but does not move before somebody says so.

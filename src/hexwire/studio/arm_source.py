@@ -263,8 +263,10 @@ class ArmSource:
     def facts(self) -> dict[str, object]:
         """What is always in sight, for JSON."""
         owner, driver = self.arm.owner, self.driver
-        state, probe = owner.state, owner.probe
-        trips = driver.round_trips
+        probe = owner.probe
+        # What was true before the link was lost may be wrong now.
+        state = owner.state if owner.connected else None
+        trips = driver.round_trips if owner.connected else ()
         holder = self.shared.holder
         reason = owner.group.reason
         joints = state or ()
@@ -276,7 +278,7 @@ class ArmSource:
             "connected": owner.connected,
             "error": "" if owner.connected else owner.error,
             "dialect": probe.dialect if probe is not None else 0,
-            "rate": round(owner.rate, 1) if math.isfinite(owner.rate) else 0.0,
+            "rate": round(owner.rate, 1) if owner.connected and math.isfinite(owner.rate) else 0.0,
             "round_trip_ms": round(1000.0 * trips[-1], 2) if trips else None,
             "faults": faults,
             # That of an arm which another program serves, if nobody here has control.

@@ -20,14 +20,18 @@ export function mount(element, args) {
   const exports = make("div", { className: "pl-export", role: "group", ariaLabel: "Export" });
   element.replaceChildren(pick, note, place, exports);
 
-  for (const [label, kind] of [["CSV", "csv"], ["MCAP", "mcap"]]) {
-    const button = make("button", { type: "button", className: "hw-button", textContent: label,
-      title: `Save what is shown as ${label}`, ariaLabel: `Save what is shown as ${label}` });
+  const kinds = [
+    ["CSV", "csv", "Save what is shown as CSV"],
+    // A recording has whole states, so that it can be played.
+    ["MCAP", "mcap", "Save the time shown, with all joints, as MCAP"],
+  ];
+  for (const [label, kind, title] of kinds) {
+    const button = make("button", { type: "button", className: "hw-button", textContent: label, title, ariaLabel: title });
     button.addEventListener("click", () => exported(kind, button));
     exports.append(button);
   }
   const all = make("label", {}, make("input", { type: "checkbox", id: "pl-all" }), " all ten minutes");
-  exports.prepend(make("span", { textContent: "Save what is shown:" }));
+  exports.prepend(make("span", { textContent: "Save:" }));
   exports.append(all);
 
   hexwire.onHello((model) => model.joints.length ? begin(model) : end("No arm is open."), element);
