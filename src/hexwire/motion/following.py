@@ -25,6 +25,9 @@ _MET = math.radians(1.5)
 """Distance at which a joint of the follower has met the leader's."""
 _MOST_LEAD = math.radians(12.0)
 """How far a set-point may run ahead of a blocked joint, which must not jump when it is released."""
+_PUSHES, _STANDS = 0.1, math.radians(1.0)
+"""Seconds of load without a motion of more than this, radians, after which jaws hold something: a servo reports
+load while it accelerates, brakes or turns fast, too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +116,8 @@ class Following:
         self._met: set[str] = set()
         # Where the jaws stood when they met something; None if they hold nothing.
         self._grasp: float | None = None
+        # Since when, and where, the jaws push without moving.
+        self._push: tuple[float, float] | None = None
 
     def pause(self) -> None:
         """Forget the set-point: the joints meet the leader's again."""
@@ -142,7 +147,7 @@ class Following:
         if not self._active:
             self._active = True
             self._met.clear()
-            self._grasp = None
+            self._grasp = self._push = None
             self._goal = {joint.name: _inside(joint, positions[joint.name]) for joint in self.arm.joints}
             self._last = now
         step = min(max(now - self._last, 0.0), _LONGEST_STEP)
@@ -151,7 +156,8 @@ class Following:
         for joint in self.arm.joints:
             wanted = self._wanted(joint, leader[joint.name])
             if self._grip is not None and joint.name == self._grip.jaws.joint:
-                wanted = self._gripped(self._grip, wanted, positions[joint.name], loads.get(joint.name, math.nan))
+                load = loads.get(joint.name, math.nan)
+                wanted = self._gripped(self._grip, wanted, positions[joint.name], load, now)
             self._goal[joint.name] = self._towards(joint, wanted, positions[joint.name], step)
         if self._goal != before:
             try:
@@ -192,16 +198,27 @@ class Following:
             for joint in self.arm.joints
         )
 
-    def _gripped(self, grip: GripForce, wanted: float, here: float, load: float) -> float:
+    def _gripped(self, grip: GripForce, wanted: float, here: float, load: float, now: float) -> float:
         """Where the jaws go: as the leader's do, but no further than to press on what is between them."""
         sign = math.copysign(1.0, grip.jaws.closed - grip.jaws.opened)
         if self._grasp is not None:
             slipped = sign * (here - self._grasp) > 2.0 * grip.squeeze
             if slipped or sign * (wanted - self._grasp) <= 0.0:
                 self._grasp = None
-        if self._grasp is None and abs(load) >= grip.most and sign * (wanted - here) > grip.squeeze:
+        if self._grasp is None and self._pushes(grip, sign * (wanted - here), here, load, now):
             self._grasp = here
         return wanted if self._grasp is None else grip.jaws.pressed(self._grasp, grip.squeeze)
+
+    def _pushes(self, grip: GripForce, ahead: float, here: float, load: float, now: float) -> bool:
+        """Whether the jaws have been standing against something for long enough."""
+        if math.isnan(load):
+            return False
+        if abs(load) < grip.most or ahead <= grip.squeeze:
+            self._push = None
+            return False
+        if self._push is None or abs(here - self._push[1]) > _STANDS:
+            self._push = (now, here)
+        return now - self._push[0] >= _PUSHES
 
 
 def _inside(joint: JointModel, angle: float) -> float:
