@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import json
 import os
+import select
+import termios
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -204,3 +206,18 @@ def test_enter_on_standard_input(monkeypatch: pytest.MonkeyPatch) -> None:
         os.close(writer)
         with pytest.raises(UsageError, match="the input has ended; give --seconds"):
             bus_calibrate._entered(5.0)
+
+
+def test_enter_does_not_move_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    keyboard, terminal = os.openpty()
+    with os.fdopen(terminal) as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        monkeypatch.setattr(bus_calibrate, "on_terminal", lambda: True)
+        before = termios.tcgetattr(terminal)
+        with bus_calibrate._screen() as show:
+            show([("gripper", "0.0", "0.0", "0.0", "not moved yet")], "")
+            os.write(keyboard, b"\n")
+            assert bus_calibrate._entered(5.0)
+        assert termios.tcgetattr(terminal) == before
+        assert select.select([keyboard], [], [], 0.0)[0] == []
+    os.close(keyboard)

@@ -287,10 +287,28 @@ def _screen(head: tuple[str, ...] = _HEAD) -> Iterator[Callable[[list[tuple[str,
 
     from .draw import live
 
-    with live() as screen:
+    with _no_echo(), live() as screen:
 
         def show(rows: list[tuple[str, ...]], below: str) -> None:
             table = format_table(head, rows, width=line_width())
             screen.update(Text(f"{table}\n{below}"), refresh=True)
 
         yield show
+
+
+@contextmanager
+def _no_echo() -> Iterator[None]:
+    """Keep the terminal from showing what is typed: each Enter would move a table that is redrawn in place."""
+    if sys.platform == "win32" or not sys.stdin.isatty():
+        yield
+        return
+    import termios
+
+    before = termios.tcgetattr(sys.stdin)
+    quiet = termios.tcgetattr(sys.stdin)
+    quiet[3] &= ~termios.ECHO
+    termios.tcsetattr(sys.stdin, termios.TCSADRAIN, quiet)
+    try:
+        yield
+    finally:
+        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
