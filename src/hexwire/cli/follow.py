@@ -76,17 +76,17 @@ def follow(
             leader, follower = made[place], made[place + 1]
             rules = _rules(leader, follower, mirror, meet, grip / 100, table)
             ahead = is_address(leader.url)
-            pairs.append(Pair(leader, follower, rules, _teller(follower, len(made) > 2), ahead))
+            pairs.append(Pair(leader, follower, rules, _teller(arms[place + 1], len(made) > 2), ahead))
         for driver in made:
             stack.enter_context(attached(driver))
 
         def announce() -> None:
-            for pair in pairs:
-                note(f"{pair.follower.url} follows {pair.leader.url}; Ctrl-C ends it, and it holds")
+            for pair, leader, follower in zip(pairs, arms[::2], arms[1::2], strict=True):
+                note(f"{follower} follows {leader}; Ctrl-C ends it, and it holds")
                 if not pair.follower.has_own_watchdog and not is_address(pair.follower.url):
                     note(
-                        f"warning: nothing stops {pair.follower.url} if this program dies: its servos go to their "
-                        "last set-point and hold there"
+                        f"warning: nothing stops {follower} if this program dies: its servos go to their last "
+                        "set-point and hold there"
                     )
 
         run_following(pairs, rate, on_ready=announce, shield=shielded)
@@ -126,9 +126,9 @@ def _rules(
     )
 
 
-def _teller(follower: RobotDriver, several: bool) -> Callable[[object], None]:
+def _teller(follower: str, several: bool) -> Callable[[object], None]:
     def tell(said: object) -> None:
         text = said if isinstance(said, str) else f"stopped: {said}; end this, then 'hexwire resume'"
-        note(f"{follower.url}: {text}" if several else text)
+        note(f"{follower}: {text}" if several else text)
 
     return tell
