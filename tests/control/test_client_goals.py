@@ -15,7 +15,7 @@ from tests.control.owner_bench import wait_for
 from tests.motion.arms import HOME, NAMES
 
 from hexwire.control.client_goals import ClientGoal, ClientGoals, Request
-from hexwire.control.goals import Point, TrajectoryGoal
+from hexwire.control.goals import Component, ComponentTolerance, Point, TrajectoryGoal
 from hexwire.control.outcomes import Ended, Outcome, Reason
 
 
@@ -36,6 +36,7 @@ class Client:
 
     def ended(self, ended: Ended) -> None:
         assert (ended.outcome is Outcome.SUCCEEDED) == (ended.reason is Reason.REACHED)
+        assert (ended.outcome is Outcome.PREEMPTED) == (ended.reason in {Reason.REPLACED, Reason.CANCELLED})
         self._note((ended.reason.value, ended.text))
 
     def _note(self, what: str | tuple[str, str]) -> None:
@@ -50,10 +51,11 @@ class Client:
 class Goals:
     """Goals of an emulated arm that has torque."""
 
-    def __init__(self, *, answer_after: float = 0.0, **settings: Any) -> None:
+    def __init__(self, *, answer_after: float = 0.0, in_log: Any = None, **settings: Any) -> None:
         self.bench = Bench(**({"check_table": False} | (settings or {"allow_partial_joints_goal": True})))
         self.bench.ask(lambda: self.bench.arm.enable(True))
-        self.goals: ClientGoals[Client] = ClientGoals(self.bench.arm, answer_after=answer_after)
+        words = {} if in_log is None else {"in_log": in_log}
+        self.goals: ClientGoals[Client] = ClientGoals(self.bench.arm, answer_after=answer_after, **words)
 
     def send(
         self,
@@ -99,7 +101,7 @@ def test_a_goal_that_is_cancelled_during_its_path_check_is_held(goals: Goals) ->
     goals.bench.turn(1.0)
     goals.goals.cancel("", "one")
     wait_for(lambda: client.over)
-    assert client.said == ["accepted", ("replaced", "cancelled")]
+    assert client.said == ["accepted", ("cancelled", "cancelled")]
 
 
 @pytest.mark.parametrize("when", ["before", "while it is checked"])
@@ -150,7 +152,7 @@ def test_two_controllers_may_have_goals_of_one_key() -> None:
     wait_for(lambda: first.said and second.said)
     goals.goals.cancel("arm", "one")
     wait_for(lambda: first.over)
-    assert first.said[-1] == ("replaced", "cancelled")
+    assert first.said[-1] == ("cancelled", "cancelled")
     assert goals.goals.open
     goals.bench.until(lambda: second.over)
     assert second.said[-1] == ("reached", "")
@@ -167,7 +169,7 @@ def test_the_end_of_a_goal_is_not_that_of_another_one_with_its_key(goals: Goals)
     assert goals.goals.open
     goals.goals.cancel("", "one")
     wait_for(lambda: second.over)
-    assert second.said[-1] == ("replaced", "cancelled")
+    assert second.said[-1] == ("cancelled", "cancelled")
 
 
 def test_a_programming_error_refuses_its_goal_and_no_other(
@@ -211,6 +213,28 @@ def test_a_stop_aborts_and_the_end_is_told_before_all_is_closed(goals: Goals) ->
     assert client.said == ["accepted", ("stopped", "stopped: test")]
 
 
+def test_a_goal_that_another_one_replaces_is_not_one_that_its_client_cancels(goals: Goals) -> None:
+    goals.goals.start()
+    first = goals.send({"J1": HOME["J1"] + 0.5}, 5.0)
+    second = goals.send({"J1": HOME["J1"] - 0.1}, key="two")
+    wait_for(lambda: first.over and second.said)
+    assert first.said == ["accepted", ("replaced", "replaced by a new goal")]
+    assert second.said == ["accepted"]
+
+
+def test_the_log_says_why_in_the_words_of_the_front(caplog: pytest.LogCaptureFixture) -> None:
+    goals = Goals(in_log=lambda reason, text: f"<{reason.name}> {text}")
+    goals.goals.start()
+    refused, stopped = goals.send({"elbow": 0.0}), goals.send({"J1": HOME["J1"] + 0.5}, 5.0, key="two")
+    wait_for(lambda: refused.over and stopped.said)
+    goals.bench.arm.stop("test")
+    goals.goals.close()
+    assert stopped.over
+    lines = [record.getMessage() for record in caplog.records if record.name == "hexwire.control.client_goals"]
+    assert lines[0].startswith("goal refused: <WRONG_JOINTS> joint_names: 'elbow' unknown")
+    assert lines[1:] == ["goal aborted: <STOPPED> stopped: test"]
+
+
 @pytest.mark.parametrize("wanted", [HOME["J1"] + 0.2, math.nan], ids=["accepted", "refused"])
 def test_no_client_is_answered_before_its_time(wanted: float) -> None:
     goals = Goals(answer_after=0.05)
@@ -236,6 +260,11 @@ def test_answers_keep_their_order_and_are_given_before_the_end(goals: Goals) -> 
     ("own", "reason"),
     [
         ({"path": [("J1", 0.02, 0.0, 0.0)]}, "path tolerance"),
+        ({"path_components": [ComponentTolerance("J1", Component.ROTATION, 0.02)]}, "path tolerance"),
+        (
+            {"goal_components": [ComponentTolerance("J1", Component.ROTATION, 0.02)], "goal_time": 0.5},
+            "goal tolerance",
+        ),
         ({"goal": [("J1", 0.02, 0.0, 0.0)], "goal_time": 0.5}, "goal tolerance"),
         ({}, "reached"),
     ],

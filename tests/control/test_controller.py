@@ -10,6 +10,7 @@ import pytest
 from tests.control.arm_bench import (
     ABORTED_GOAL,
     ABORTED_PATH,
+    CANCELLED,
     LEAD,
     NOT_READY,
     PREEMPTED,
@@ -252,6 +253,18 @@ def test_a_refused_goal_leaves_the_other_alone() -> None:
     assert first.outcome == SUCCEEDED
 
 
+def test_a_controller_refuses_a_goal_that_does_not_end_at_rest_if_that_is_its_rule() -> None:
+    sent = order((1.0, {"J1": J1 + 0.1}), still=True)
+    moving = replace(sent.points[0], velocities=tuple(0.1 for _ in NAMES))
+    Loop().send(replace(sent, points=(moving,)))
+    strict = Loop(end_at_rest=True)
+    with pytest.raises(GoalError, match="the last point must have velocity 0"):
+        strict.send(replace(sent, points=(moving,)))
+    told = strict.send(sent)
+    strict.run(2.0)
+    assert told.outcome == SUCCEEDED
+
+
 def test_cancel_holds_and_only_for_the_goal_that_is_followed() -> None:
     loop = Loop()
     first = loop.send(order((2.0, {"J1": J1 + 1.0})))
@@ -262,7 +275,7 @@ def test_cancel_holds_and_only_for_the_goal_that_is_followed() -> None:
     loop.run(0.5)
     loop.controller.cancel(second)
     loop.deliver()
-    assert second.outcome == PREEMPTED
+    assert second.outcome == CANCELLED
     assert second.text == "cancelled"
     loop.run(0.1)
     stood = loop.where("J1")

@@ -145,6 +145,28 @@ def test_an_effort_of_zeros_is_no_feed_forward() -> None:
     assert spline.goal == REST
 
 
+@pytest.mark.parametrize("end_at_rest", [False, True])
+def test_the_arm_must_rest_at_the_end_if_that_is_the_rule(end_at_rest: bool) -> None:
+    moving = Point(2.0, (0.0, 0.0, 0.0), (0.0, 0.0, -0.1))
+    sent = order(Point(1.0, (0.1, 0.2, 0.3), (0.5, 0.0, 0.0)), moving)
+    if end_at_rest:
+        with pytest.raises(GoalError) as refused:
+            check_goal(sent, JOINTS, allow_partial=False, end_at_rest=True)
+        assert refused.value.reason == Reason.MALFORMED
+        assert str(refused.value) == "points[1].velocities: J3 is -0.1; the last point must have velocity 0"
+    else:
+        check_goal(sent, JOINTS, allow_partial=False)
+    for velocities in ((), (0.0, 0.0, 0.0), (1e-7, -1e-7, 0.0)):
+        rests = replace(sent, points=(*sent.points[:-1], replace(moving, velocities=velocities)))
+        check_goal(rests, JOINTS, allow_partial=False, end_at_rest=end_at_rest)
+    check_goal(order(), JOINTS, allow_partial=False, end_at_rest=end_at_rest)
+
+
+def test_joints_with_several_axes_are_refused_before_anything_else() -> None:
+    text = refusal(replace(order(), free=("base", "b\n")), Reason.MALFORMED)
+    assert text == r"multi_dof_trajectory is for 'base', 'b\n'; every joint of this arm has one axis"
+
+
 @pytest.mark.parametrize("delay", HOSTILE)
 def test_a_stamp_must_be_a_time(delay: float) -> None:
     text = refusal(order(Point(1.0, REST), delay=delay), Reason.MALFORMED)

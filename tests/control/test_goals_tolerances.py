@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from hexwire.control.arrival import Tolerance, deviations, in_words
-from hexwire.control.goals import Tolerances
+from hexwire.control.goals import Component, ComponentTolerance, Tolerances
 from hexwire.control.outcomes import Reason
 from hexwire.errors import GoalError
 from hexwire.motion.waypoints import Sample
@@ -40,6 +40,49 @@ def test_zero_keeps_a_negative_number_switches_off_and_others_set() -> None:
 @pytest.mark.parametrize(("asked", "goal_time"), [(0.0, 2.0), (-0.0, 2.0), (-1.0, 0.0), (-0.5, 0.0), (7.0, 7.0)])
 def test_the_goal_time_follows_the_same_rule(asked: float, goal_time: float) -> None:
     assert DEFAULTS.overridden([], [], asked).goal_time == goal_time
+
+
+def test_the_rotation_of_a_joint_is_its_angle() -> None:
+    rows = [ComponentTolerance("J2", 5, -1.0, 0.5, -3.0)]
+    result = DEFAULTS.overridden([("J1", 0.2, 0.0, 0.0)], [], 0.0, rows, [ComponentTolerance("J3", 5, 0.2)])
+    assert result.path == {"J1": Tolerance(0.2), "J2": Tolerance(0.0, 0.5), "J3": Tolerance(0.1)}
+    assert result.goal == {**DEFAULTS.goal, "J3": Tolerance(0.2, 0.01)}
+
+
+@pytest.mark.parametrize(
+    ("component", "words"),
+    [
+        (Component.X_AXIS, "X_AXIS"),
+        (2, "Y_AXIS"),
+        (3, "Z_AXIS"),
+        (4, "TRANSLATION"),
+        (0, "the unknown component 0"),
+        (65535, "the unknown component 65535"),
+    ],
+)
+def test_a_component_that_no_joint_has_is_refused_whatever_its_tolerance(component: int, words: str) -> None:
+    rows = [ComponentTolerance("J2", component)]
+    for field, sent in (("path", {"path_components": rows}), ("goal", {"goal_components": rows})):
+        with pytest.raises(GoalError) as refused:
+            DEFAULTS.overridden([], [], 0.0, **sent)
+        text = f"component_{field}_tolerance of 'J2' is for {words}; joints of this arm have only ROTATION"
+        assert (str(refused.value), refused.value.reason) == (text, Reason.MALFORMED)
+
+
+@pytest.mark.parametrize(
+    ("row", "reason", "text"),
+    [
+        (ComponentTolerance("J9", 5, 0.1), WRONG, "'J9'"),
+        (ComponentTolerance("J1", 5, 0.1), WRONG, "given twice for J1"),
+        (ComponentTolerance("J2", 5, math.nan), Reason.MALFORMED, "position of J2 is nan"),
+    ],
+)
+def test_component_tolerances_follow_the_rules_of_the_others(
+    row: ComponentTolerance, reason: Reason, text: str
+) -> None:
+    with pytest.raises(GoalError, match=text) as refused:
+        DEFAULTS.overridden([("J1", 0.1, 0.0, 0.0)], [], 0.0, [row])
+    assert refused.value.reason == reason
 
 
 @pytest.mark.parametrize(

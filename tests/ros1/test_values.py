@@ -10,7 +10,7 @@ import pytest
 from hexwire.control.goals import Point, TrajectoryGoal
 from hexwire.errors import UsageError
 from hexwire.ros1.messages import _OSRF
-from hexwire.ros1.values import set_points_of, tolerances_of, trajectory_of
+from hexwire.ros1.values import set_points_of, trajectory_of
 from hexwire.wire.robot_bodies import COMMAND_ARRAYS
 
 
@@ -56,11 +56,6 @@ def test_trajectory_is_read_as_it_is() -> None:
 @pytest.mark.parametrize("nanoseconds", [250_000_001, 1, -500_000_000])
 def test_stamp_is_told_from_now_and_exactly(nanoseconds: int) -> None:
     assert trajectory_of(_trajectory(NOW.nanoseconds + nanoseconds), NOW).delay == nanoseconds / 1e9
-
-
-def test_tolerances() -> None:
-    rows = [SimpleNamespace(name="J1", position=0.1, velocity=-1.0, acceleration=0.0)]
-    assert tolerances_of(rows) == [("J1", 0.1, -1.0, 0.0)]
 
 
 def _commands(names: list[str], **fields: list[float]) -> Any:

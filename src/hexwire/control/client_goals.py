@@ -22,7 +22,7 @@ from .outcomes import Outcome, Reason
 
 if TYPE_CHECKING:
     from .arm import Arm
-    from .goals import TrajectoryGoal
+    from .goals import ComponentTolerance, TrajectoryGoal
     from .outcomes import Ended
 
 __all__ = ["Client", "ClientGoal", "ClientGoals", "Request"]
@@ -58,12 +58,16 @@ class Request:
         path: Tolerances on the path, as in `Tolerances.overridden`.
         goal: Tolerances at the goal; likewise.
         goal_time: Seconds; likewise.
+        path_components: Likewise.
+        goal_components: Likewise.
     """
 
     trajectory: TrajectoryGoal
     path: Sequence[tuple[str, float, float, float]] = ()
     goal: Sequence[tuple[str, float, float, float]] = ()
     goal_time: float = 0.0
+    path_components: Sequence[ComponentTolerance] = ()
+    goal_components: Sequence[ComponentTolerance] = ()
 
 
 class ClientGoal(Generic[_C]):
@@ -100,10 +104,17 @@ class ClientGoals(Generic[_C]):
     Args:
         arm: The arm that follows them.
         answer_after: Least seconds until a client is answered.
+        in_log: How the log words why a goal was refused or aborted.
     """
 
-    def __init__(self, arm: Arm, *, answer_after: float) -> None:
-        self._arm, self._answer_after = arm, answer_after
+    def __init__(
+        self,
+        arm: Arm,
+        *,
+        answer_after: float,
+        in_log: Callable[[Reason, str], str] = lambda reason, text: text,
+    ) -> None:
+        self._arm, self._answer_after, self._in_log = arm, answer_after, in_log
         self._goals: dict[tuple[str, str], ClientGoal[_C]] = {}
         # Goals and ends, in order; checking a goal takes longer than its sender may be blocked.
         self._work: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
@@ -157,7 +168,7 @@ class ClientGoals(Generic[_C]):
         try:
             request = read()
             tolerances = self._arm.controllers[goal.controller].settings.tolerances.overridden(
-                request.path, request.goal, request.goal_time
+                request.path, request.goal, request.goal_time, request.path_components, request.goal_components
             )
             self._arm.command(
                 goal.controller,
@@ -168,7 +179,7 @@ class ClientGoals(Generic[_C]):
             )
         except GoalError as error:
             if not goal.cancelled:
-                _log.warning("goal refused: %s", error)
+                _log.warning("goal refused: %s", self._in_log(Reason(error.reason), str(error)))
             self._answer(goal, partial(self._refuse, goal, Reason(error.reason), str(error)))
         except Exception as error:
             # The client must get an answer.
@@ -195,7 +206,7 @@ class ClientGoals(Generic[_C]):
     def _finish(self, goal: ClientGoal[_C], ended: Ended) -> None:
         self._forget(goal)
         if ended.outcome is Outcome.ABORTED:
-            _log.warning("goal aborted: %s", ended.text)
+            _log.warning("goal aborted: %s", self._in_log(ended.reason, ended.text))
         goal.client.ended(ended)
 
     def _forget(self, goal: ClientGoal[_C]) -> None:

@@ -187,7 +187,9 @@ class TrajectoryController:
         Raises:
             GoalError: It is malformed or not for these joints.
         """
-        check_goal(goal, self.joints, allow_partial=self.settings.allow_partial)
+        check_goal(
+            goal, self.joints, allow_partial=self.settings.allow_partial, end_at_rest=self.settings.end_at_rest
+        )
         return Plan(goal, self.joints, received)
 
     def check_path(
@@ -304,7 +306,8 @@ class TrajectoryController:
     def cancel(self, listener: GoalListener) -> None:
         """Hold, if the active goal is this listener's."""
         if self.listener is listener:
-            self.hold("cancelled")
+            self.follower.hold()
+            self._end(Outcome.PREEMPTED, Reason.CANCELLED, "cancelled")
 
     def stop(self, reason: StopReason) -> None:
         """Latch a stop; the active goal is aborted."""

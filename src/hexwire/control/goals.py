@@ -10,6 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 
 from hexwire.errors import GoalError
 from hexwire.motion.waypoints import Sample
@@ -19,6 +20,8 @@ from .outcomes import Reason
 
 __all__ = [
     "MAX_POINTS",
+    "Component",
+    "ComponentTolerance",
     "Point",
     "Tolerances",
     "TrajectoryGoal",
@@ -34,6 +37,8 @@ _LONGEST = 2.0**31
 """Seconds; the limit of a duration with signed 32-bit seconds."""
 _TICK = 1e-9
 """Seconds; times are whole nanoseconds. Times closer to now count as now."""
+_REST = 1.2e-7
+"""Radians per second; smaller velocities of a last point count as 0, such as the rounding of a 32-bit float."""
 _SHOWN = 5
 """Most names or faults listed in a text."""
 
@@ -65,11 +70,43 @@ class TrajectoryGoal:
         names: Joint names, in any order.
         points: Values in the order of the names.
         delay: Seconds from now to the goal's stamp; 0 for no stamp, negative if it has passed.
+        free: Names of further joints with several degrees of freedom each, for which the client wants a motion too.
+            No supported arm has one, so such a goal is refused.
     """
 
     names: tuple[str, ...]
     points: tuple[Point, ...]
     delay: float = 0.0
+    free: tuple[str, ...] = ()
+
+
+class Component(IntEnum):
+    """What of a joint's motion a tolerance is for, with the numbers of the usual messages."""
+
+    X_AXIS = 1
+    Y_AXIS = 2
+    Z_AXIS = 3
+    TRANSLATION = 4
+    ROTATION = 5
+
+
+@dataclass(frozen=True, slots=True)
+class ComponentTolerance:
+    """A client's tolerance for one component of a joint; 0 keeps the value, a negative number disables the check.
+
+    Attributes:
+        joint: Its name.
+        component: One of `Component`; another number is refused.
+        position: Radians for a rotation, metres otherwise.
+        velocity: Per second.
+        acceleration: Per second squared.
+    """
+
+    joint: str
+    component: int
+    position: float = 0.0
+    velocity: float = 0.0
+    acceleration: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +128,8 @@ class Tolerances:
         path: Sequence[tuple[str, float, float, float]],
         goal: Sequence[tuple[str, float, float, float]],
         goal_time: float,
+        path_components: Sequence[ComponentTolerance] = (),
+        goal_components: Sequence[ComponentTolerance] = (),
     ) -> Tolerances:
         """These tolerances, changed by those of a goal: 0 keeps the value, a negative number disables the check.
 
@@ -98,15 +137,19 @@ class Tolerances:
             path: Joint, radians, radians per second, radians per second squared.
             goal: Likewise.
             goal_time: Seconds.
+            path_components: Like `path`, for components. The rotation of a joint is its angle; the joints of the
+                supported arms have no other component.
+            goal_components: Likewise.
 
         Raises:
-            GoalError: WRONG_JOINTS for a joint that is unknown or given twice, MALFORMED for NaN and infinity.
+            GoalError: WRONG_JOINTS for a joint that is unknown or given twice, MALFORMED for NaN, infinity and
+                components that the joint does not have.
         """
         if not math.isfinite(goal_time):
             raise GoalError(f"goal_time_tolerance is {goal_time}, not a number", reason=Reason.MALFORMED)
         return Tolerances(
-            _merged(self.path, path, "path_tolerance"),
-            _merged(self.goal, goal, "goal_tolerance"),
+            _merged(self.path, path, path_components, "path_tolerance"),
+            _merged(self.goal, goal, goal_components, "goal_tolerance"),
             _resolved(goal_time, self.goal_time),
         )
 
@@ -135,10 +178,14 @@ def _resolved(asked: float, default: float) -> float:
 
 
 def _merged(
-    defaults: Mapping[str, Tolerance], rows: Sequence[tuple[str, float, float, float]], field: str
+    defaults: Mapping[str, Tolerance],
+    rows: Sequence[tuple[str, float, float, float]],
+    components: Sequence[ComponentTolerance],
+    field: str,
 ) -> dict[str, Tolerance]:
     merged: dict[str, Tolerance] = {}
-    for name, *values in rows:
+    rotations = [_rotation(row, f"component_{field}") for row in components]
+    for name, *values in (*rows, *rotations):
         if name not in defaults:
             text = f"{field} is for {_quoted(name)}; this controller has {_listed(defaults)}"
             raise GoalError(text, reason=Reason.WRONG_JOINTS)
@@ -154,6 +201,16 @@ def _merged(
     return {**defaults, **merged}
 
 
+def _rotation(row: ComponentTolerance, field: str) -> tuple[str, float, float, float]:
+    """A component tolerance as one of the joint's angle."""
+    if row.component != Component.ROTATION:
+        known = row.component in set(Component)
+        what = Component(row.component).name if known else f"the unknown component {row.component}"
+        text = f"{field} of {_quoted(row.joint)} is for {what}; joints of this arm have only ROTATION"
+        raise GoalError(text, reason=Reason.MALFORMED)
+    return row.joint, row.position, row.velocity, row.acceleration
+
+
 def _quoted(name: str) -> str:
     """A client's name, shortened and escaped to stay on one line."""
     return ascii(name if len(name) <= 40 else name[:40] + "...")
@@ -165,7 +222,9 @@ def _listed(names: Iterable[str]) -> str:
     return ", ".join(names[:_SHOWN] + more)
 
 
-def check_goal(goal: TrajectoryGoal, joints: tuple[str, ...], *, allow_partial: bool) -> None:
+def check_goal(
+    goal: TrajectoryGoal, joints: tuple[str, ...], *, allow_partial: bool, end_at_rest: bool = False
+) -> None:
     """Refuse a goal that the rules forbid. One without points passes; the caller handles it.
 
     The path check (limits, speeds, joint coupling limits, table) is not done here.
@@ -174,10 +233,14 @@ def check_goal(goal: TrajectoryGoal, joints: tuple[str, ...], *, allow_partial: 
         goal: The goal.
         joints: Joints of the controller.
         allow_partial: Whether the goal may omit joints.
+        end_at_rest: Whether the velocities of the last point must be 0.
 
     Raises:
         GoalError: WRONG_JOINTS if the names are wrong, MALFORMED for everything else. Points are counted from 0.
     """
+    if goal.free:
+        names = _listed([_quoted(name) for name in goal.free])
+        raise _invalid(f"multi_dof_trajectory is for {names}; every joint of this arm has one axis")
     _check_names(goal.names, joints, allow_partial)
     if not math.isfinite(goal.delay):
         raise _invalid(f"header.stamp is {goal.delay} s from now, not a time")
@@ -188,6 +251,8 @@ def check_goal(goal: TrajectoryGoal, joints: tuple[str, ...], *, allow_partial: 
         _check_time(i, point.time, before)
         before = point.time
         _check_values(i, point, goal.names)
+    if end_at_rest and goal.points:
+        _check_rest(len(goal.points) - 1, goal.points[-1], goal.names)
 
 
 def _invalid(text: str) -> GoalError:
@@ -221,6 +286,12 @@ def _check_time(i: int, time: float, before: float) -> None:
         raise _invalid(
             f"{field} is {time:.10g} s, not after the {before:.10g} s of points[{i - 1}]; times must increase"
         )
+
+
+def _check_rest(i: int, point: Point, names: tuple[str, ...]) -> None:
+    for name, value in zip(names, point.velocities, strict=False):
+        if abs(value) > _REST:
+            raise _invalid(f"points[{i}].velocities: {name} is {value:g}; the last point must have velocity 0")
 
 
 def _check_values(i: int, point: Point, names: tuple[str, ...]) -> None:

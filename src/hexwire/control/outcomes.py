@@ -22,7 +22,7 @@ class Reason(StrEnum):
     REPLACED = "replaced"
     """Another goal is active, or the joints hold."""
     CANCELLED = "cancelled"
-    """Cancelled before it began."""
+    """Cancelled by its client."""
     MALFORMED = "malformed"
     """Values are missing, duplicated, out of order or not numbers."""
     WRONG_JOINTS = "wrong joints"

@@ -30,12 +30,14 @@ class ControllerSettings:
         joints: Names in the controller's order.
         allow_partial: A trajectory may omit joints.
         tolerances: Defaults for goals that give none.
+        end_at_rest: Refuse a trajectory whose last point has a velocity.
     """
 
     name: str
     joints: tuple[str, ...]
     allow_partial: bool
     tolerances: Tolerances
+    end_at_rest: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,10 +9,11 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from hexwire.control.client_goals import ClientGoals, Request
+from hexwire.control.goal_fields import tolerance_rows
 from hexwire.control.outcomes import Outcome, Reason
 
 from .codes import CODES
-from .values import tolerances_of, trajectory_of
+from .values import trajectory_of
 
 if TYPE_CHECKING:
     from hexwire.control.arm import Arm
@@ -88,7 +89,7 @@ class ActionGoals(ClientGoals[ActionClient]):
     def _request(self, message: Any) -> Request:
         return Request(
             trajectory_of(message.trajectory, self._now()),
-            tolerances_of(message.path_tolerance),
-            tolerances_of(message.goal_tolerance),
+            tolerance_rows(message.path_tolerance),
+            tolerance_rows(message.goal_tolerance),
             message.goal_time_tolerance.to_sec(),
         )

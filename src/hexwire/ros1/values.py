@@ -1,4 +1,4 @@
-"""Converts ROS messages to plain values: trajectories, tolerances, set-points.
+"""Converts ROS messages to plain values: trajectories and set-points.
 
 Owns reading the messages, without needing their classes. Must not import rospy, nor know which values are valid.
 """
@@ -6,14 +6,14 @@ Owns reading the messages, without needing their classes. Must not import rospy,
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from typing import Any
 
-from hexwire.control.goals import Point, TrajectoryGoal
+from hexwire.control.goal_fields import trajectory_goal
+from hexwire.control.goals import TrajectoryGoal
 from hexwire.errors import UsageError
 from hexwire.wire.robot_bodies import COMMAND_ARRAYS
 
-__all__ = ["set_points_of", "tolerances_of", "trajectory_of"]
+__all__ = ["set_points_of", "trajectory_of"]
 
 
 def trajectory_of(message: Any, now: Any) -> TrajectoryGoal:
@@ -26,22 +26,7 @@ def trajectory_of(message: Any, now: Any) -> TrajectoryGoal:
     stamp = message.header.stamp
     # Subtract times, not floats, which have a resolution of a microsecond at best.
     delay = 0.0 if stamp.is_zero() else (stamp - now).to_sec()
-    points = tuple(
-        Point(
-            point.time_from_start.to_sec(),
-            tuple(point.positions),
-            tuple(point.velocities),
-            tuple(point.accelerations),
-            tuple(point.effort),
-        )
-        for point in message.points
-    )
-    return TrajectoryGoal(tuple(message.joint_names), points, delay)
-
-
-def tolerances_of(rows: Iterable[Any]) -> list[tuple[str, float, float, float]]:
-    """Name, position, velocity and acceleration of each control_msgs/JointTolerance."""
-    return [(row.name, row.position, row.velocity, row.acceleration) for row in rows]
+    return trajectory_goal(message, delay, lambda duration: duration.to_sec())
 
 
 def set_points_of(message: Any) -> tuple[dict[str, float], tuple[str, ...]]:
