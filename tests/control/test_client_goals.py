@@ -301,3 +301,14 @@ def test_a_machine_that_stood_still_answers_no_sooner(monkeypatch: pytest.Monkey
         # The client had its turns of the processor, as often as a clock that runs on would have given it.
         assert answered_after[0] - looks_before >= 10
     goals.goals.close()
+
+
+def test_a_goal_that_waited_during_a_stop_is_refused_after_the_reset(goals: Goals) -> None:
+    client = goals.send({"J1": HOME["J1"] + 0.3})
+    arm, bench = goals.bench.arm, goals.bench
+    bench.ask(lambda: arm.stop("by the test"))
+    bench.ask(arm.reset)
+    goals.goals.start()
+    wait_for(lambda: client.over)
+    assert client.said == [("stopped", "the arm was stopped since it was asked for; ask again")]
+    assert not bench.controller.busy

@@ -10,7 +10,7 @@ import pytest
 from hexwire.control.arrival import Tolerance
 from hexwire.control.setting import Faults
 from hexwire.control.settings import SETTINGS, Settings
-from hexwire.control.settings_reader import read_settings
+from hexwire.control.settings_reader import read_settings, reread
 from hexwire.drivers import registry
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.hex7bot import Hex7BotDriver
@@ -388,3 +388,35 @@ def test_an_emulated_arm_needs_no_robot_named() -> None:
     settings, driver = read_settings({"port": "sim://so101"}, Faults())
     assert (settings.model.name, driver.model.name, driver.url) == ("so101", "so101", "sim://so101")
     assert read_settings({"port": "sim://so101", "robot": "so100"}, Faults())[1].model.name == "so100"
+
+
+# -- settings of an arm in use ----------------------------------------------------------------------------
+
+
+def test_only_what_may_change_is_read_again() -> None:
+    settings = load(poses={"home": {"J1": 0.0}}, pose_speed=0.5)
+    faults = Faults()
+    again = reread(settings, {"pose_speed": 0.7, "port": "/dev/other", "watchdog": -1.0}, faults)
+    assert faults.texts == []
+    assert again.pose_speed == 0.7
+    changed = [
+        field.name for field in fields(Settings) if getattr(again, field.name) != getattr(settings, field.name)
+    ]
+    assert changed == ["pose_speed"]
+
+
+@pytest.mark.parametrize(
+    ("given", "fault"),
+    [
+        ({"pose_speed": 2.0}, "pose_speed: 2 must be above 0 and at most 1"),
+        ({"constraints": {"goal_time": -1.0}}, "constraints/goal_time: -1 must be 0 to 3600 s"),
+        ({"constraints": {"J9": {"goal": 0.1}}}, "constraints/J9: no joint 'J9' here, there are J1, J2"),
+        ({"joints": ["J1"]}, "controllers: the joints of a controller cannot change while the arm is in use"),
+        ({"controllers": {"arm": {"joints": ["J1", "J2"]}}}, "controllers: replaces joints: give those inside"),
+    ],
+)
+def test_a_wrong_change_is_a_fault_and_changes_nothing(given: dict[str, object], fault: str) -> None:
+    settings = load(joints=["J1", "J2"])
+    faults = Faults()
+    assert reread(settings, {"joints": ["J1", "J2"], **given}, faults) == settings
+    assert fault in faults.texts[0]

@@ -7,6 +7,7 @@ plain values, and answers are texts.
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -127,6 +128,17 @@ class Arm:
         """Stop all motion, and detach from the robot."""
         self.owner.shutdown(torque_off=self.settings.torque_off_at_exit)
 
+    def mark(self) -> int:
+        """A mark of now, for requests that are carried out later: a stop voids those with an earlier mark."""
+        return self.owner.group.stops
+
+    def adopt(self, settings: Settings) -> None:
+        """Use changed settings, as `settings_reader.reread` makes them; a goal that is followed keeps its own."""
+        with self.owner.locked():
+            self.settings = settings
+            for row in settings.controllers:
+                self.controllers[row.name].settings = row
+
     # -- trajectories and set-points ------------------------------------------------------------------
 
     def command(
@@ -139,6 +151,7 @@ class Arm:
         wanted: Callable[[], bool] = lambda: True,
         accepting: Callable[[], object] = lambda: None,
         received: float | None = None,
+        asked: int | None = None,
     ) -> None:
         """Let a controller follow a trajectory; a trajectory without points means hold.
 
@@ -150,12 +163,15 @@ class Arm:
             wanted: Called during the path check, which takes time, and after it: whether the goal is still wanted.
             accepting: Called right before it is accepted, under the lock of the controllers.
             received: Time to which the goal's delay refers, seconds of the owner's clock; now if None.
+            asked: The `mark` of when it was asked for; now if None.
 
         Raises:
             GoalError: The goal is refused; the previous motion continues.
         """
         controller, owner = self.controllers[name], self.owner
+        asked = self.mark() if asked is None else asked
         try:
+            self._refuse_void(asked)
             received = owner.now() if received is None else received
             self.teach_mode.hand.refuse()
             state = owner.newest()
@@ -170,6 +186,7 @@ class Arm:
             controller.check_path(plan.trajectory(start, received), state, others, wanted=wanted)
             with owner.locked():
                 self.teach_mode.hand.refuse()
+                self._refuse_void(asked)
                 if not wanted():
                     raise GoalError("cancelled before it began", reason=Reason.CANCELLED)
                 accepting()
@@ -209,16 +226,22 @@ class Arm:
             self.controllers[name].cancel(listener)
         self.owner.group.deliver()
 
-    def set_points(self, positions: Mapping[str, float]) -> None:
+    def set_points(
+        self, positions: Mapping[str, float], *, near: float = math.inf, asked: int | None = None
+    ) -> None:
         """Follow set-points: all of them, or none.
 
         Args:
             positions: Radians by joint.
+            near: A joint that follows no set-points must be this close to its first one, radians.
+            asked: As in `command`.
 
         Raises:
-            UsageError: There is none, a joint is unknown, or a position is not a number or outside its limits.
+            UsageError: There is none, a joint is unknown or too far from its first set-point, or a position is not
+                a number or outside its limits.
             HexwireError: The arm is stopped or cannot be reached.
         """
+        asked = self.mark() if asked is None else asked
         owner = self.owner
         self.teach_mode.hand.refuse()
         shares: dict[str, dict[str, float]] = {}
@@ -231,9 +254,10 @@ class Arm:
             raise UsageError("it has no positions, and these servos accept nothing else")
         with owner.locked():
             self.teach_mode.hand.refuse()
+            self._refuse_void(asked)
             state, now = owner.newest(), owner.now()
             for key, share in shares.items():
-                self.controllers[key].check_set_points(share, state)
+                self.controllers[key].check_set_points(share, state, near)
             self._check.posture(state.positions, positions)
             for key, share in shares.items():
                 self.controllers[key].follow_set_points(share, now)
@@ -259,49 +283,70 @@ class Arm:
             raise UsageError(f"stopped, but {', '.join(missing)} did not confirm it")
         return "stopped; all joints confirmed it"
 
-    def reset(self) -> str:
+    def reset(self, asked: int | None = None) -> str:
         """Clear a latched stop. Nothing moves.
+
+        Args:
+            asked: As in `command`: a later stop is not cleared.
 
         Raises:
             HexwireError: Its cause persists, or the robot refuses.
         """
-        self.owner.reset()
+        if asked is not None and asked != self.mark():
+            raise UsageError("the arm was stopped again; reset it again")
+        self.owner.reset(asked)
         return "reset; nothing moves until the next command"
 
-    def enable(self, on: bool) -> str:
+    def enable(self, on: bool, asked: int | None = None) -> str:
         """Switch torque of all controlled joints on, at the present position, or off.
+
+        Args:
+            on: On, not off.
+            asked: As in `command`; torque off is never void.
 
         Raises:
             HexwireError: The arm is stopped or in teach mode, or not every joint confirmed it.
         """
         with self.teach_mode.hand.power:
             self.teach_mode.hand.refuse()
+            if on and asked is not None:
+                self._refuse_void(asked)
             switch_torque(self.owner, on, self._all_joints())
         return f"torque is {'on' if on else 'off'}"
 
     # -- poses and teaching -----------------------------------------------------------------------------
 
-    def go_to(self, pose: str) -> str:
+    def go_to(self, pose: str, asked: int | None = None) -> str:
         """Move to a named pose, and wait for the arrival. Replaces the running motion.
+
+        Args:
+            pose: Its name.
+            asked: As in `command`.
 
         Raises:
             HexwireError: There is no such pose, the path is not allowed, or the arm did not arrive.
         """
+        asked = self.mark() if asked is None else asked
         goals = self.settings.poses.get(pose)
         if goals is None:
             raise UsageError(f"no pose {pose!r}; there are {', '.join(self.settings.poses) or 'none'}")
         with self._exclusive():
-            self._move_to(goals, f"replaced by a motion to {pose}")
+            self._move_to(goals, f"replaced by a motion to {pose}", asked)
         return f"at {pose}"
 
-    def teach_start(self) -> str:
+    def teach_start(self, asked: int | None = None) -> str:
         """Start teach mode: switch torque off and record the motion of the arm. Somebody must hold the arm.
+
+        Args:
+            asked: As in `command`.
 
         Raises:
             HexwireError: As `TeachMode.start`, or the arm is busy.
         """
         names = self._all_joints()
         with self._exclusive():
+            if asked is not None:
+                self._refuse_void(asked)
             self.teach_mode.start(names)
         return f"teaching {', '.join(names)}; they have no torque"
 
@@ -314,18 +359,23 @@ class Arm:
         with self._exclusive():
             return self.teach_mode.stop()
 
-    def teach_play(self) -> str:
+    def teach_play(self, asked: int | None = None) -> str:
         """Move to the start of the taught motion, play it, and wait for its end.
+
+        Args:
+            asked: As in `command`.
 
         Raises:
             HexwireError: Nothing was taught, the path is not allowed, or the arm did not arrive.
         """
+        asked = self.mark() if asked is None else asked
         taught = self.teach_mode.taught
         if taught is None:
             raise UsageError("nothing was taught since the start")
         with self._exclusive():
-            self._move_to(dict(zip(taught.names, taught.rows[0], strict=True)), "replaced by the taught motion")
-            self._run({key: taught_part(taught, c.joints) for key, c in self.controllers.items()})
+            first = dict(zip(taught.names, taught.rows[0], strict=True))
+            self._move_to(first, "replaced by the taught motion", asked)
+            self._run({key: taught_part(taught, c.joints) for key, c in self.controllers.items()}, asked)
         return f"played {taught.duration:.1f} s"
 
     # -- diagnostics ----------------------------------------------------------------------------------
@@ -366,13 +416,18 @@ class Arm:
         paths = [c.follower.ahead(when) for name, c in self.controllers.items() if name not in names]
         return [path for path in paths if path is not None]
 
+    def _refuse_void(self, asked: int) -> None:
+        """Refuse what was asked for before a stop; under the lock of the controllers, or to refuse it early."""
+        if asked != self.owner.group.stops:
+            raise GoalError("the arm was stopped since it was asked for; ask again", reason=Reason.STOPPED)
+
     def _exclusive(self) -> TryLock:
         return TryLock(self._busy)
 
     def _all_joints(self) -> tuple[str, ...]:
         return tuple(name for controller in self.controllers.values() for name in controller.joints)
 
-    def _move_to(self, goals: Mapping[str, float], why: str) -> None:
+    def _move_to(self, goals: Mapping[str, float], why: str, asked: int) -> None:
         """Hold, then move slowly to positions, and wait for the arrival."""
         lost = [name for name in goals if name not in self._all_joints()]
         if lost:
@@ -380,6 +435,7 @@ class Arm:
         paths: dict[str, Trajectory] = {}
         with self.owner.locked():
             self.teach_mode.hand.refuse()
+            self._refuse_void(asked)
             state, now = self.owner.newest(), self.owner.now()
             for key, controller in self.controllers.items():
                 joints = controller.joints
@@ -390,9 +446,9 @@ class Arm:
                 there = [goals.get(name, angle) for name, angle in zip(joints, here, strict=True)]
                 paths[key] = approach(self.settings.model, joints, here, there, speed=self.settings.pose_speed)
         self.owner.group.deliver()
-        self._run(paths)
+        self._run(paths, asked)
 
-    def _run(self, paths: Mapping[str, Trajectory]) -> None:
+    def _run(self, paths: Mapping[str, Trajectory], asked: int) -> None:
         """Check trajectories, one per controller, follow them together, and wait until all have ended."""
         owner = self.owner
         state = owner.newest()
@@ -404,6 +460,7 @@ class Arm:
         waiter = Waiter(len(paths))
         try:
             with owner.locked():
+                self._refuse_void(asked)
                 for key, path in paths.items():
                     tolerances = self.controllers[key].settings.tolerances
                     tolerances = replace(tolerances, goal_time=tolerances.goal_time or _GRACE)

@@ -77,6 +77,7 @@ class ClientGoal(Generic[_C]):
         controller: Name of its controller.
         key: The client's id of the goal; the same id may be in use at two controllers.
         client: Its sender.
+        asked: The arm's mark of when it arrived; a later stop voids it.
         on_end: Called with this goal and how it ended.
 
     Attributes:
@@ -86,9 +87,9 @@ class ClientGoal(Generic[_C]):
     """
 
     def __init__(
-        self, controller: str, key: str, client: _C, on_end: Callable[[ClientGoal[_C], Ended], object]
+        self, controller: str, key: str, client: _C, asked: int, on_end: Callable[[ClientGoal[_C], Ended], object]
     ) -> None:
-        self.controller, self.key, self.client = controller, key, client
+        self.controller, self.key, self.client, self.asked = controller, key, client, asked
         self.accepted = self.cancelled = False
         self.answerable: float | None = None
         self._on_end = on_end
@@ -152,7 +153,7 @@ class ClientGoals(Generic[_C]):
             client: Gets the answers.
             read: Returns the contents; called in the worker thread.
         """
-        goal = ClientGoal(controller, key, client, self._end)
+        goal = ClientGoal(controller, key, client, self._arm.mark(), self._end)
         self._goals[controller, key] = goal
         self._work.put(partial(self._begin, goal, read))
 
@@ -176,6 +177,7 @@ class ClientGoals(Generic[_C]):
                 listener=goal,
                 tolerances=tolerances,
                 wanted=lambda: not goal.cancelled,
+                asked=goal.asked,
             )
         except GoalError as error:
             if not goal.cancelled:

@@ -280,11 +280,16 @@ class TrajectoryController:
         self.check_set_points(positions, state)
         self.follow_set_points(positions, now)
 
-    def check_set_points(self, positions: Collection[str], state: JointState) -> None:
+    def check_set_points(self, positions: Mapping[str, float], state: JointState, near: float = math.inf) -> None:
         """Check that joints can follow set-points now; changes nothing.
 
+        Args:
+            positions: Radians by joint.
+            state: The newest state.
+            near: A joint that follows no set-points must be this close to its first one, radians.
+
         Raises:
-            GoalError: As `set_points`.
+            GoalError: As `set_points`, or a joint is too far away.
         """
         self._refuse_unready(positions, state)
         self.follower.observe(state)
@@ -292,6 +297,21 @@ class TrajectoryController:
             self.follower.desired(tuple(positions), 0.0)
         except HexwireError as error:
             raise GoalError(str(error), reason=Reason.NOT_READY) from None
+        if near < math.inf:
+            self._refuse_far(positions, state, near)
+
+    def _refuse_far(self, positions: Mapping[str, float], state: JointState, near: float) -> None:
+        following, far = self.follower.streaming, []
+        for name, angle in positions.items():
+            if name not in following:
+                # A joint under load is some way off its last command; both are where it is.
+                (told,) = self.follower.desired((name,), 0.0).position
+                gap = min(abs(angle - told), abs(angle - state.positions[name]))
+                if gap > near:
+                    far.append(f"{name} by {gap:.3g} rad")
+        if far:
+            text = f"the first set-point is away from the arm: {', '.join(far)}; it must be within {near:g} rad"
+            raise GoalError(text, reason=Reason.PATH_NOT_ALLOWED)
 
     def follow_set_points(self, positions: Mapping[str, float], now: float) -> None:
         """Follow set-points after `check_set_points`; otherwise as `set_points`."""

@@ -440,14 +440,17 @@ class RobotOwner:
             raise LinkLostError(f"the stop cannot be sent to the robot: {self.error}")
         return self.robot.stop(mode)
 
-    def reset(self) -> None:
+    def reset(self, asked: int | None = None) -> None:
         """Clear a latched stop. Nothing moves.
+
+        Args:
+            asked: Number of stops when it was asked for; a later stop is not cleared. Now if None.
 
         Raises:
             UsageError: Its cause persists, or the arm was stopped again.
             HexwireError: The robot refuses.
         """
-        stops = self.group.stops
+        stops = self.group.stops if asked is None else asked
         self.call(lambda: self._output.reset(stops))
 
     def torque(self, on: bool, names: Sequence[str]) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.model.kinematics import KinematicModel
 
-__all__ = ["CONTROLLER_SETTINGS", "SETTINGS", "ControllerSettings", "Settings"]
+__all__ = ["CHANGEABLE", "CONTROLLER_SETTINGS", "REPORT_SETTINGS", "SETTINGS", "ControllerSettings", "Settings"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,3 +141,15 @@ SETTINGS = (
 
 CONTROLLER_SETTINGS = ("joints", "allow_partial_joints_goal", "constraints")
 """Names of the settings of a controller; if there is only one, they are at the top level."""
+
+CHANGEABLE = ("pose_speed", "allow_partial_joints_goal", "constraints", "controllers")
+"""Names of the settings that may change while the arm is in use, but not the joints of a controller."""
+
+REPORT_SETTINGS = (
+    rate_setting("state_publish_rate", 50.0, "controller states per second"),
+    rate_setting("action_monitor_rate", 20.0, "feedback messages per second while a goal is active"),
+    rate_setting("diagnostics_rate", 1.0, "diagnostics per second; a change is published immediately", high=100.0),
+    Setting("frame_id", "", "frame in the headers of joint states"),
+    Setting("hardware_id", "", "hardware id in the diagnostics; empty means the URL of the link"),
+)
+"""Settings of a program that publishes what the arm does; they do not concern the arm."""

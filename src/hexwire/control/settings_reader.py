@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
 from hexwire.drivers.registry import DEFAULT_ROBOT, PORT_VARIABLE, is_address, load_driver, make_driver, robot_at
@@ -21,14 +21,14 @@ from hexwire.motion.safety import SafetyLimits
 from .arrival import Tolerance
 from .goals import Tolerances
 from .setting import Faults, Setting
-from .settings import CONTROLLER_SETTINGS, SETTINGS, ControllerSettings, Settings
+from .settings import CHANGEABLE, CONTROLLER_SETTINGS, SETTINGS, ControllerSettings, Settings
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.arm import ArmModel, JointModel
     from hexwire.model.kinematics import KinematicModel
 
-__all__ = ["read_settings"]
+__all__ = ["read_settings", "reread"]
 
 _ROWS = {row.name: row for row in SETTINGS}
 _JOINT_CONSTRAINTS = ("trajectory", "goal")
@@ -78,6 +78,27 @@ def read_settings(
     checks_table = values["check_table"] and kinematics is not None
     values["table"] = values["table_height"] if checks_table else None
     return Settings(**{field.name: values[field.name] for field in fields(Settings)}), driver
+
+
+def reread(settings: Settings, given: Mapping[str, object], faults: Faults) -> Settings:
+    """Settings of an arm in use, with changed values of those in `CHANGEABLE`.
+
+    Args:
+        settings: The present ones.
+        given: All values by name as for `read_settings`, changed ones among them; others than those are ignored.
+        faults: Collects what is wrong; then the result is of no use.
+    """
+    values = {name: faults.read(_ROWS[name], given.get(name, _ROWS[name].default)) for name in CHANGEABLE}
+    values["joints"] = faults.names("joints", given.get("joints", ()))
+    controllers = _make_controllers(values, settings.model, faults)
+    before = {row.name: row for row in settings.controllers}
+    if faults.texts:
+        return settings
+    if [(row.name, row.joints) for row in controllers] != [(row.name, row.joints) for row in settings.controllers]:
+        faults.add("controllers", "the joints of a controller cannot change while the arm is in use")
+        return settings
+    controllers = tuple(replace(row, end_at_rest=before[row.name].end_at_rest) for row in controllers)
+    return replace(settings, pose_speed=values["pose_speed"], controllers=controllers)
 
 
 # -- the robot ------------------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from hexwire.control.shared_goals import SharedGoals
+from hexwire.control.workers import Gathering, Worker
 from hexwire.drivers.values import StopMode
 from hexwire.errors import (
     DeviceError,
@@ -36,7 +37,6 @@ from .failures import describe
 from .names import Keys, Role, name_of
 from .rows import as_probe_rows, joints_of
 from .trajectories import goal_row, trajectory_goal
-from .workers import Gathering, Worker
 
 if TYPE_CHECKING:
     from hexwire.control.shared import SharedArm

@@ -7,7 +7,7 @@ latched. Time comes in as an argument. Must not know robots, clocks or threads.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
@@ -219,6 +219,11 @@ class Follower:
         self.hold()
         self._command, self._command_due, self._state = {}, -math.inf, None
         self.guard.forget()
+
+    @property
+    def streaming(self) -> Collection[str]:
+        """Joints that follow set-points."""
+        return self._set_point if self.mode is Mode.STREAM else ()
 
     @property
     def done(self) -> bool:

@@ -40,13 +40,13 @@ from hexwire.control.diagnostics import ChangeWatch, Level, Row, diagnose
 from hexwire.control.log_limiter import LogLimiter
 from hexwire.control.rate import Periodic
 from hexwire.control.shutdown import Shutdown
+from hexwire.control.stamps import StampClock
 from hexwire.control.teaching import to_points, tolerance_of
 from hexwire.errors import DeviceError, HexwireError, UsageError
 
 from .actions import ActionGoals
 from .messages import control_msgs, control_srvs, osrf_msgs
 from .parameters import load_parameters
-from .stamps import StampClock
 from .values import set_points_of, trajectory_of
 
 if TYPE_CHECKING:

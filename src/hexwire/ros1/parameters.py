@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from hexwire.control.setting import Faults, Setting, rate_setting
-from hexwire.control.settings import CONTROLLER_SETTINGS, SETTINGS
+from hexwire.control.setting import Faults, Setting
+from hexwire.control.settings import CONTROLLER_SETTINGS, REPORT_SETTINGS, SETTINGS
 from hexwire.control.settings_reader import read_settings
 from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.link.ports import find_only_board
@@ -23,13 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FOREIGN", "OWN", "PARAMETERS", "Parameters", "default_text", "load_parameters"]
 
-OWN = (
-    rate_setting("state_publish_rate", 50.0, "controller states per second"),
-    rate_setting("action_monitor_rate", 20.0, "feedback messages per second while a goal is active"),
-    rate_setting("diagnostics_rate", 1.0, "diagnostics per second; a change is published immediately", high=100.0),
-    Setting("frame_id", "", "frame in the headers of joint states"),
-    Setting("hardware_id", "", "hardware id in the diagnostics; empty means the URL of the link"),
-)
+OWN = REPORT_SETTINGS
 """Parameters that only this node has."""
 
 PARAMETERS = (*SETTINGS, *OWN)

@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from hexwire.fleet.workers import Gathering, Worker
+from hexwire.control.workers import Gathering, Worker
 
 
 def test_jobs_are_done_in_order_and_too_many_are_refused() -> None:

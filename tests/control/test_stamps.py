@@ -7,7 +7,7 @@ import random
 
 import pytest
 
-from hexwire.ros1.stamps import StampClock
+from hexwire.control.stamps import StampClock
 
 
 class Clocks:

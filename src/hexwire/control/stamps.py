@@ -1,7 +1,7 @@
 """Converts monotonic times to wall-clock times, for message stamps.
 
 Owns the offset between the two clocks, and keeps stamps in order. The clocks come in as arguments; must not know
-ROS, nor what is stamped.
+what is stamped.
 """
 
 from __future__ import annotations
