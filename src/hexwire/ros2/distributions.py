@@ -1,0 +1,45 @@
+"""Which interfaces and which type hashes each distribution of ROS 2 has.
+
+Owns what differs between them. Must not know what a message is used for. The versions are those of the index of
+released packages (ros/rosdistro) of August 2026.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+__all__ = ["NO_TYPE_HASH", "Distribution"]
+
+NO_TYPE_HASH = "TypeHashNotSupported"
+"""What rmw_zenoh writes in place of a type hash where ROS has none."""
+
+
+class Distribution(Enum):
+    """A distribution of ROS 2; its value is the name that ROS gives it."""
+
+    HUMBLE = "humble"
+    JAZZY = "jazzy"
+    KILTED = "kilted"
+    ROLLING = "rolling"
+
+    @property
+    def has_type_hashes(self) -> bool:
+        """Whether peers know type hashes and descriptions; they came after Humble."""
+        return self is not Distribution.HUMBLE
+
+    @property
+    def variants(self) -> tuple[str, ...]:
+        """Folders of ``interfaces/variants`` whose files replace those of the same package.
+
+        control_msgs is 4.9 in Humble, 5.9 in Jazzy and 6.10 in Kilted and Rolling. `JointTrajectoryControllerState`
+        has ``desired`` and ``actual`` in Humble only, and ``speed_scaling_factor`` after it, from 5.3. The feedback
+        of `FollowJointTrajectory` has ``index`` and ``multi_dof_index`` from 6.3.
+        """
+        return _VARIANTS.get(self, ())
+
+
+_VARIANTS = {
+    Distribution.HUMBLE: ("control_msgs_4",),
+    Distribution.KILTED: ("control_msgs_6.3",),
+    Distribution.ROLLING: ("control_msgs_6.3",),
+}
