@@ -86,13 +86,16 @@ class Faults:
     """How users write a number that is meant as text."""
     listing: ClassVar[str] = ""
     """Where users find all names; empty to list them."""
+    separator: ClassVar[str] = "/"
+    """What separates the parts of a nested name where users write it."""
 
     texts: list[str] = field(default_factory=list)
 
     def add(self, name: str, text: object) -> None:
         """Add a fault of the setting `name`; for a nested one, `name` is a path with slashes."""
         # Texts from elsewhere may have several lines.
-        self.texts.append(f"{self.mark}{name}: {' '.join(str(text).split())}")
+        shown = name.replace("/", self.separator)
+        self.texts.append(f"{self.mark}{shown}: {' '.join(str(text).split())}")
 
     def check(self) -> None:
         """Raise all faults as one error.
@@ -177,7 +180,8 @@ class Faults:
         others = tuple(known)
         near = get_close_matches(last, others, n=1)
         if near:
-            self.add(name, f"unknown, did you mean {self.mark}{above}{slash}{near[0]}?")
+            right = f"{above}{slash}{near[0]}".replace("/", self.separator)
+            self.add(name, f"unknown, did you mean {self.mark}{right}?")
         elif slash or not self.listing:
             self.add(name, f"unknown, there are {', '.join(others)}")
         else:

@@ -1,0 +1,321 @@
+"""The node's parameters: the settings of every arm, those that only this node has, and which of them may change.
+
+Owns the node's own parameters, their flat names (``constraints.J1.goal``), the ROS wording of errors, and the list
+of ros2_control parameters without effect here. Values come in as plain ones, from wherever ROS takes them. Must not
+know messages, services or Zenoh.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from hexwire.control.setting import Faults, Setting
+from hexwire.control.settings import CHANGEABLE, REPORT_SETTINGS, SETTINGS
+from hexwire.control.settings_reader import read_settings, reread
+from hexwire.errors import LinkNotFoundError, UsageError
+from hexwire.link.ports import find_only_board
+
+from .distributions import Distribution
+
+if TYPE_CHECKING:
+    from hexwire.control.settings import ControllerSettings, Settings
+    from hexwire.drivers.base import RobotDriver
+
+__all__ = ["DISTRIBUTION_VARIABLE", "FOREIGN", "OWN", "PARAMETERS", "NodeSettings", "changed", "load_settings"]
+
+DISTRIBUTION_VARIABLE = "ROS_DISTRO"
+_USUAL_DISTRIBUTION = Distribution.JAZZY
+
+OWN = (
+    *REPORT_SETTINGS,
+    Setting(
+        "distribution",
+        "",
+        f"distribution of the other nodes: {', '.join(row.value for row in Distribution)}; empty means "
+        f"{DISTRIBUTION_VARIABLE}, else {_USUAL_DISTRIBUTION.value}",
+    ),
+    Setting("controller_name", "joint_trajectory_controller", "name of the only controller"),
+    Setting(
+        "allow_nonzero_velocity_at_trajectory_end",
+        False,
+        "accept a trajectory whose last point has a velocity; the arm stops there all the same",
+    ),
+    Setting("robot_description", "", "URDF to publish; empty means that of hexwire, if the arm has a geometry"),
+    Setting("publish_robot_description", True, "publish robot_description"),
+    Setting("publish_tf", False, "publish /tf and /tf_static, where no robot_state_publisher does"),
+    Setting(
+        "joint_states_topic", "robot_joint_states", "joint states for a controller manager elsewhere; empty: none"
+    ),
+    Setting("joint_commands_topic", "robot_joint_commands", "joint commands of a controller manager; empty: none"),
+    Setting(
+        "joint_commands_start_tolerance",
+        0.1,
+        "greatest distance of the first joint command from the arm; 0 means any",
+        "rad",
+        low=0.0,
+        high=7.0,
+    ),
+)
+"""Parameters that only this node has."""
+
+PARAMETERS = (*SETTINGS, *OWN)
+"""Every parameter of the node, in the order of the documentation."""
+
+_ROWS = {row.name: row for row in PARAMETERS}
+_CHANGEABLE_OWN = (
+    "state_publish_rate",
+    "action_monitor_rate",
+    "diagnostics_rate",
+    "frame_id",
+    "hardware_id",
+    "joint_commands_start_tolerance",
+)
+_POSE_NAME = re.compile(r"[A-Za-z](?:_?[A-Za-z0-9])*", re.ASCII)
+_GRAPH_NAME = re.compile(r"[A-Za-z](?:_?[A-Za-z0-9])*(?:/[A-Za-z](?:_?[A-Za-z0-9])*)*", re.ASCII)
+_SERVO_LOOP = "the servos close the loop themselves; their gains are registers, see `hexwire bus table`"
+_POSITIONS = "the joints take positions, and report positions and velocities"
+
+FOREIGN = {
+    "type": "this node is the controller",
+    "update_rate": "use command_rate",
+    "command_interfaces": _POSITIONS,
+    "state_interfaces": _POSITIONS,
+    "command_joints": "use joints",
+    "gains": _SERVO_LOOP,
+    "open_loop_control": _SERVO_LOOP,
+    "interpolate_from_desired_state": "a trajectory always begins at the last set-point",
+    "interpolation_method": "the points decide: positions only, with velocities, or with accelerations too",
+    "allow_integration_in_goal_trajectories": "positions are always needed",
+    "allow_trajectory_replacement": "a new trajectory always blends in",
+    "cmd_timeout": "the arm holds at the end of a trajectory; for set-points use command_timeout",
+    "set_last_command_interface_value_as_state_on_activation": "a motion always begins where the arm is",
+    "speed_scaling": "the arm always moves within its speed limits",
+    "state_publish_rate": "use state_publish_rate, for the whole node",
+    "action_monitor_rate": "use action_monitor_rate, for the whole node",
+    "allow_nonzero_velocity_at_trajectory_end": "use it for the whole node",
+}
+"""Parameters of ros2_control and its trajectory controller without effect here, and what to use instead."""
+
+_OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides")
+"""Parameters that ROS gives to every node; the node declares them itself, or does without."""
+
+
+@dataclass(frozen=True, slots=True)
+class NodeSettings:
+    """The node's parameters, checked.
+
+    Attributes:
+        arm: Settings of the arm; a single controller has the empty name there.
+        own: Values of `OWN` by name.
+        distribution: Of the other nodes.
+        tables: Every value by name, with tables as nested mappings.
+        warnings: One line for each given parameter that has no effect.
+        use_sim_time: Stamps of others come from a simulation.
+    """
+
+    arm: Settings
+    own: Mapping[str, Any]
+    distribution: Distribution
+    tables: Mapping[str, object]
+    warnings: tuple[str, ...]
+    use_sim_time: bool
+
+    def topic(self, controller: str) -> str:
+        """The name of a controller in topics."""
+        return controller or str(self.own["controller_name"])
+
+    @property
+    def near(self) -> float:
+        """Greatest distance of a first joint command from the arm, radians."""
+        return float(self.own["joint_commands_start_tolerance"]) or float("inf")
+
+    def flat(self) -> dict[str, object]:
+        """Every parameter by its flat name, those with defaults too; numbers, texts, switches, lists of texts."""
+        values: dict[str, object] = {}
+        for name, value in self.tables.items():
+            values.update(_flattened(name, value))
+        for row in self.arm.controllers:
+            at = f"controllers.{row.name}." if row.name else ""
+            values.update(_of_controller(at, row))
+        return dict(sorted(values.items()))
+
+    def row(self, name: str) -> Setting | None:
+        """The row of a flat name; None for one inside a table, which has no bounds of its own."""
+        return _ROWS.get(name)
+
+    def may_change(self, name: str) -> bool:
+        """Whether a parameter may change while the node runs."""
+        first, _, rest = name.partition(".")
+        if first == "controllers":
+            return not rest.endswith(".joints")
+        return first in CHANGEABLE or first in _CHANGEABLE_OWN
+
+
+def load_settings(given: Mapping[str, object], environ: Mapping[str, str]) -> tuple[NodeSettings, RobotDriver]:
+    """Check the node's parameters and build the robot's driver; nothing is opened.
+
+    Args:
+        given: Values by flat name.
+        environ: Environment variables.
+
+    Returns:
+        The settings, and the driver, which is not attached.
+
+    Raises:
+        UsageError: Parameters are wrong; the text lists all of them.
+        LinkNotFoundError: All parameters are right, but no port is given and no likely board is plugged in.
+    """
+    faults = _ParameterFaults()
+    simulated = faults.switch("use_sim_time", given.get("use_sim_time", False))
+    tables = _nested({k: v for k, v in given.items() if k.partition(".")[0] not in _OF_ROS}, faults)
+    warnings = _take_foreign(tables)
+    known = [row.name for row in PARAMETERS]
+    for name in [name for name in tables if name not in known]:
+        faults.unknown(name, known)
+        del tables[name]
+    own = _read_own(tables, faults)
+    distribution = _distribution(own["distribution"], environ, faults)
+    _check_names(tables, own, faults)
+    controllers = tables.get("controllers")
+    if isinstance(controllers, Mapping):
+        for name, table in controllers.items():
+            if isinstance(table, dict):
+                warnings += _take_foreign(table, f"controllers.{name}.")
+    of_arm = {name: value for name, value in tables.items() if name not in own}
+    settings, driver = read_settings(of_arm, faults, find_port=_find_port)
+    values = {row.name: tables.get(row.name, row.default) for row in PARAMETERS}
+    values |= {"port": settings.port, "distribution": distribution.value}
+    settings = _with_ends(settings, own)
+    return NodeSettings(settings, own, distribution, values, tuple(warnings), simulated), driver
+
+
+def changed(settings: NodeSettings, changes: Mapping[str, object]) -> NodeSettings:
+    """Settings with changed values, all of them or none.
+
+    Args:
+        settings: The present ones.
+        changes: Values by flat name, of the types that the parameters have.
+
+    Raises:
+        UsageError: A value is wrong, or may not change while the node runs; the text says which and why.
+    """
+    faults = _ParameterFaults()
+    for name in changes:
+        if not settings.may_change(name):
+            faults.add(name, "it is read at the start only; restart the node with the new value")
+    faults.check()
+    given = {name: value for name, value in settings.flat().items() if value not in ([], ())} | dict(changes)
+    tables = _nested(given, faults)
+    own = _read_own(tables, faults)
+    arm = reread(settings.arm, tables, faults)
+    faults.check()
+    return replace(settings, arm=arm, own=own, tables={**settings.tables, **tables})
+
+
+class _ParameterFaults(Faults):
+    """Words faults for ROS users."""
+
+    noun = "parameter"
+    # The shell and YAML take one pair of quotes away each.
+    quoting = "in quotes, for example -p port:='\"5\"'"
+    listing = "'hexwire-ros2 --help' lists them"
+    separator = "."
+
+
+def _read_own(tables: Mapping[str, object], faults: Faults) -> dict[str, Any]:
+    return {row.name: faults.read(row, tables.get(row.name, row.default)) for row in OWN}
+
+
+def _distribution(name: str, environ: Mapping[str, str], faults: Faults) -> Distribution:
+    known = {row.value: row for row in Distribution}
+    if name and name not in known:
+        faults.add("distribution", f"unknown: {name!r}; there are {', '.join(known)}")
+    return known.get(name or environ.get(DISTRIBUTION_VARIABLE, ""), _USUAL_DISTRIBUTION)
+
+
+def _check_names(tables: Mapping[str, object], own: Mapping[str, Any], faults: Faults) -> None:
+    rule = "a letter first, then letters and digits with single _ between them"
+    if not _GRAPH_NAME.fullmatch(own["controller_name"]):
+        faults.add("controller_name", f"not a ROS name: {rule}")
+    for name in ("joint_states_topic", "joint_commands_topic"):
+        if own[name] and not _GRAPH_NAME.fullmatch(own[name].removeprefix("/").removeprefix("~/")):
+            faults.add(name, f"not a topic: {rule}, parts separated by /")
+    poses, controllers = tables.get("poses"), tables.get("controllers")
+    for name in poses if isinstance(poses, Mapping) else ():
+        if not _POSE_NAME.fullmatch(name):
+            faults.add(f"poses/{name}", f"not a service name: {rule}")
+    for name in controllers if isinstance(controllers, Mapping) else ():
+        if not _GRAPH_NAME.fullmatch(name):
+            faults.add(f"controllers.{name}", f"not a ROS name: {rule}")
+
+
+def _nested(given: Mapping[str, object], faults: Faults) -> dict[str, Any]:
+    """Nested tables from flat names."""
+    tables: dict[str, Any] = {}
+    for name, value in given.items():
+        *above, last = name.split(".")
+        table = tables
+        for part in above:
+            inner = table.setdefault(part, {})
+            if not isinstance(inner, dict):
+                break
+            table = inner
+        else:
+            if not isinstance(table.get(last), dict):
+                table[last] = value
+                continue
+        faults.add(name, "a value, where another parameter has a table of names and values")
+    return tables
+
+
+def _flattened(name: str, value: object) -> Iterator[tuple[str, object]]:
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            yield from _flattened(f"{name}.{key}", inner)
+        return
+    row = _ROWS.get(name)
+    is_number = isinstance(value, int) and not isinstance(value, bool)
+    if is_number and (row is None or isinstance(row.default, float)):
+        # Every number is a double, however it was written.
+        value = float(value)  # type: ignore[arg-type]  # it is an int
+    yield name, list(value) if isinstance(value, tuple) else value
+
+
+def _of_controller(at: str, row: ControllerSettings) -> Iterator[tuple[str, object]]:
+    """The parameters of a controller, with their defaults, as the usual trajectory controller declares them."""
+    tolerances = row.tolerances
+    yield f"{at}joints", list(row.joints)
+    yield f"{at}allow_partial_joints_goal", row.allow_partial
+    yield f"{at}constraints.goal_time", tolerances.goal_time
+    speeds = [tolerances.goal[joint].velocity for joint in row.joints]
+    yield f"{at}constraints.stopped_velocity_tolerance", speeds[0] if speeds else 0.0
+    for joint in row.joints:
+        yield f"{at}constraints.{joint}.trajectory", tolerances.path[joint].position
+        yield f"{at}constraints.{joint}.goal", tolerances.goal[joint].position
+
+
+def _with_ends(settings: Settings, own: Mapping[str, Any]) -> Settings:
+    end_at_rest = not own["allow_nonzero_velocity_at_trajectory_end"]
+    rows = tuple(replace(row, end_at_rest=end_at_rest) for row in settings.controllers)
+    return replace(settings, controllers=rows)
+
+
+def _take_foreign(table: dict[str, Any], above: str = "") -> list[str]:
+    """Remove parameters without effect from a table; returns a warning for each."""
+    foreign = [name for name in table if name in FOREIGN and (above or name not in _ROWS)]
+    for name in foreign:
+        del table[name]
+    return [f"{above}{name}: a parameter of ros2_control without effect here; {FOREIGN[name]}" for name in foreign]
+
+
+def _find_port() -> str:
+    """Find the only likely board; reword errors, which name command-line options."""
+    try:
+        return find_only_board()
+    except LinkNotFoundError as error:
+        raise LinkNotFoundError(str(error).replace("--port", "-p port:=PORT")) from None
+    except UsageError as error:
+        raise UsageError(f"1 parameter is wrong: port: {str(error).replace('--port', '-p port:=PORT')}") from None
