@@ -1,0 +1,230 @@
+"""Services and clients of a node.
+
+Owns which request an answer belongs to: the id of the client and its sequence number. Must not know what messages
+mean.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from hexwire.errors import LinkTimeoutError, ProtocolError, RemoteProtocolError
+
+from .attachment import Attachment
+from .keys import Endpoint, Role
+from .parts import Owner, Part, ServiceCodec
+from .zenoh_session import Request, Session
+
+__all__ = ["Client", "Deferred", "RequestId", "Service"]
+
+_MOST_PENDING = 1000
+"""Requests of one service that may wait for their answers."""
+_LOOK = 0.02
+"""Seconds between two looks for a service."""
+
+
+@dataclass(frozen=True, slots=True)
+class RequestId:
+    """Which request of which client.
+
+    Attributes:
+        gid: Id of the client, 16 bytes.
+        sequence: Its number.
+        stamp: When it was sent, nanoseconds of Unix time.
+    """
+
+    gid: bytes
+    sequence: int
+    stamp: int
+
+
+class Deferred:
+    """The answer to a request, which is given later. A service's callback returns it."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._send: Callable[[Any], None] | None = None
+        self._response: Any = None
+        self._answered = False
+
+    def answer(self, response: Any) -> None:
+        """Answer; only the first answer counts. Any thread may call it, at any time."""
+        with self._lock:
+            if self._answered:
+                return
+            self._answered, self._response = True, response
+            send = self._send
+        if send is not None:
+            send(response)
+
+    def bind(self, send: Callable[[Any], None]) -> None:
+        """Give it the way to its client; for the node."""
+        with self._lock:
+            self._send = send
+            answered = self._answered
+        if answered:
+            send(self._response)
+
+
+class Service(Part):
+    """Answers requests.
+
+    Attributes:
+        malformed: Requests that could not be read.
+        current: The request that the callback is called for.
+    """
+
+    def __init__(
+        self,
+        owner: Owner,
+        endpoint: Endpoint,
+        service: ServiceCodec,
+        session: Session,
+        callback: Callable[[Any], Any],
+    ) -> None:
+        super().__init__(owner, endpoint)
+        self.type, self._callback = service, callback
+        self.malformed = 0
+        self.current: RequestId | None = None
+        self._lock = threading.Lock()
+        self._pending: dict[tuple[bytes, int], Request] = {}
+        self._inbox = owner.callbacks.inbox(self.qos.depth, self._handle)
+        self._begin(session.answer(endpoint.key, self._asked))
+
+    @property
+    def name(self) -> str:
+        """Its full name."""
+        return self.endpoint.name
+
+    @property
+    def pending(self) -> int:
+        """Requests that wait for their answers."""
+        with self._lock:
+            return len(self._pending)
+
+    def forget_client(self, gid: bytes) -> None:
+        """Drop the requests of a client that has ended."""
+        with self._lock:
+            gone = [self._pending.pop(key) for key in list(self._pending) if key[0] == gid]
+        for request in gone:
+            request.drop()
+
+    def _asked(self, request: Request) -> None:
+        dropped = self._inbox.put(request)
+        if dropped is not None:
+            dropped.drop()
+            self._owner.warn(f"a request to {self.name} is dropped: too many wait")
+
+    def _handle(self, request: Request) -> None:
+        try:
+            attachment = Attachment.parse(request.attachment)
+            message = self.type.request.parse(request.payload)
+            self._remember(attachment, request)
+        except ProtocolError as error:
+            self.malformed += 1
+            request.drop()
+            self._owner.warn(f"a request to {self.name} is dropped: {error}")
+            return
+        self.current = RequestId(attachment.gid, attachment.sequence, attachment.stamp)
+        try:
+            response = self._callback(message)
+        except Exception as error:
+            self._take(attachment)
+            request.fail(f"{self.name} failed: {error}")
+            raise
+        finally:
+            self.current = None
+        if isinstance(response, Deferred):
+            response.bind(lambda value: self._send(attachment, value))
+        else:
+            self._send(attachment, response)
+
+    def _remember(self, attachment: Attachment, request: Request) -> None:
+        key = attachment.gid, attachment.sequence
+        with self._lock:
+            if key in self._pending:
+                raise RemoteProtocolError(f"its number {attachment.sequence} is that of a request that waits")
+            if len(self._pending) >= _MOST_PENDING:
+                raise RemoteProtocolError(f"{_MOST_PENDING} requests wait for their answers")
+            self._pending[key] = request
+
+    def _take(self, attachment: Attachment) -> Request | None:
+        with self._lock:
+            return self._pending.pop((attachment.gid, attachment.sequence), None)
+
+    def _send(self, attachment: Attachment, response: Any) -> None:
+        request = self._take(attachment)
+        if request is None:
+            return
+        try:
+            payload = self.type.response.serialize(response)
+        except Exception as error:
+            request.fail(f"{self.name} failed: {error}")
+            raise
+        beside = Attachment(attachment.sequence, time.time_ns(), attachment.gid)
+        request.reply(payload, beside.serialize())
+
+
+class Client(Part):
+    """Asks a service."""
+
+    def __init__(self, owner: Owner, endpoint: Endpoint, service: ServiceCodec, session: Session) -> None:
+        super().__init__(owner, endpoint)
+        self.type, self._session = service, session
+        self._lock = threading.Lock()
+        self._sequence = 0
+        self._begin(lambda: None)
+
+    @property
+    def name(self) -> str:
+        """Full name of the service."""
+        return self.endpoint.name
+
+    def is_offered(self) -> bool:
+        """Whether a node offers the service."""
+        return any(each.key == self.endpoint.key for each in self._owner.graph.find(Role.SERVICE, self.name))
+
+    def wait_for_service(self, timeout: float) -> bool:
+        """Wait until a node offers the service; returns whether one does.
+
+        Args:
+            timeout: Seconds.
+        """
+        deadline = time.monotonic() + timeout
+        while not self.is_offered():
+            if time.monotonic() >= deadline:
+                return False
+            time.sleep(_LOOK)
+        return True
+
+    def call(self, request: Any, timeout: float = 5.0) -> Any:
+        """Ask, and wait for the answer.
+
+        Args:
+            request: The request.
+            timeout: Seconds.
+
+        Raises:
+            LinkTimeoutError: There is no answer in that time.
+            LocalProtocolError: A field of the request does not fit its type.
+        """
+        payload = self.type.request.serialize(request)
+        with self._lock:
+            self._sequence += 1
+            sequence = self._sequence
+        beside = Attachment(sequence, time.time_ns(), self.gid).serialize()
+        for answer, attached in self._session.ask(self.endpoint.key, payload, beside, timeout):
+            try:
+                attachment = Attachment.parse(attached)
+                response = self.type.response.parse(answer)
+            except ProtocolError as error:
+                self._owner.warn(f"an answer of {self.name} is dropped: {error}")
+                continue
+            if (attachment.gid, attachment.sequence) == (self.gid, sequence):
+                return response
+            self._owner.warn(f"an answer of {self.name} is dropped: it is for another request")
+        raise LinkTimeoutError(f"{self.name} gives no answer")

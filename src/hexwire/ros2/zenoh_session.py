@@ -1,0 +1,314 @@
+"""The Zenoh session of a ROS 2 node: set up as `rmw_zenoh` does it, and what a node declares in it.
+
+Owns Zenoh's settings and objects. The only module of this room that imports Zenoh. Must not know messages, names,
+nor what a token says.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import re
+import threading
+import weakref
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from hexwire.errors import LinkClosedError, LinkPermissionError, NotSupportedError, UsageError
+
+from .qos import History, Qos, Reliability
+
+__all__ = ["Request", "Session", "ZenohSettings", "load_zenoh"]
+
+_log = logging.getLogger(__name__)
+
+_HEARTBEAT = 0.5
+"""Seconds between two checks for lost samples, as in `rmw_zenoh`."""
+_RETRY = {"period_init_ms": 250, "period_max_ms": 1000, "period_increase_factor": 2}
+_ROUTER = "tcp/localhost:7447"
+_LISTEN = "tcp/localhost:0"
+_QUERY = 600_000
+"""Time-out for requests, milliseconds, as in `rmw_zenoh`."""
+
+Received = Callable[[bytes, bytes | None], object]
+"""Gets payload and attachment."""
+
+
+def load_zenoh() -> Any:
+    """Zenoh's module.
+
+    Raises:
+        NotSupportedError: It is not installed.
+    """
+    try:
+        import zenoh.ext
+    except ImportError:
+        raise NotSupportedError(
+            "ROS 2 needs Eclipse Zenoh, which is not installed: pip install 'hexwire[ros2]'"
+        ) from None
+    return zenoh
+
+
+@dataclass(frozen=True, slots=True)
+class ZenohSettings:
+    """How a session is set up.
+
+    Attributes:
+        connect: Endpoints of routers.
+        listen: Where other nodes may connect.
+    """
+
+    connect: tuple[str, ...] = (_ROUTER,)
+    listen: tuple[str, ...] = (_LISTEN,)
+
+    def rows(self) -> dict[str, Any]:
+        """Zenoh's settings: `rmw_zenoh`'s defaults with these."""
+        return {
+            "mode": "peer",
+            "connect/endpoints": list(self.connect),
+            "connect/timeout_ms": {"router": -1, "peer": -1, "client": 0},
+            "connect/exit_on_failure": {"router": False, "peer": False, "client": True},
+            "connect/retry": _RETRY,
+            "listen/endpoints": list(self.listen),
+            "listen/timeout_ms": 0,
+            "listen/exit_on_failure": True,
+            "scouting/multicast/enabled": False,
+            "scouting/gossip/enabled": True,
+            "scouting/gossip/target": {"router": ["router", "peer"], "peer": ["router"]},
+            "scouting/gossip/autoconnect": {"router": [], "peer": ["router", "peer"]},
+            "scouting/gossip/autoconnect_strategy": {"peer": {"to_router": "always", "to_peer": "greater-zid"}},
+            "timestamping/enabled": {"router": True, "peer": True, "client": True},
+            "queries_default_timeout": _QUERY,
+            "adminspace/enabled": False,
+            "transport/shared_memory/enabled": False,
+        }
+
+    def open(self) -> Session:
+        """Open a session. It connects to the router in the background, and again after a loss.
+
+        Raises:
+            LinkPermissionError: It cannot listen.
+            NotSupportedError: Zenoh is not installed.
+            UsageError: Zenoh refuses a setting.
+        """
+        zenoh = load_zenoh()
+        zenoh.init_log_from_env_or("off")
+        config = zenoh.Config()
+        for key, value in self.rows().items():
+            try:
+                config.insert_json5(key, json.dumps(value))
+            except zenoh.ZError as error:
+                raise UsageError(f"{key} is not a setting of Zenoh: {_first_line(error)}") from None
+        try:
+            return Session(zenoh.open(config))
+        except zenoh.ZError as error:
+            raise LinkPermissionError(f"cannot open a Zenoh session: {_first_line(error)}") from None
+
+
+def _first_line(error: Exception) -> str:
+    """What Zenoh says, without the places in its source."""
+    return re.sub(r" at /\S*", "", str(error).partition("\n")[0])[:300].strip()
+
+
+class Request:
+    """A request that arrived at a service."""
+
+    def __init__(self, key: str, query: Any) -> None:
+        self._key, self._query = key, query
+
+    @property
+    def payload(self) -> bytes:
+        """Its bytes."""
+        return _bytes(self._query.payload) or b""
+
+    @property
+    def attachment(self) -> bytes | None:
+        """What stands beside it."""
+        return _bytes(self._query.attachment)
+
+    def reply(self, payload: bytes, attachment: bytes) -> None:
+        """Answer it, once. Whoever asked may have ended."""
+        with contextlib.suppress(Exception):
+            self._query.reply(self._key, payload, attachment=attachment)
+        self.drop()
+
+    def fail(self, reason: str) -> None:
+        """Say why there is no answer."""
+        with contextlib.suppress(Exception):
+            self._query.reply_err(reason.encode())
+        self.drop()
+
+    def drop(self) -> None:
+        """Do not answer."""
+        with contextlib.suppress(Exception):
+            self._query.drop()
+
+
+class Session:
+    """An open session. Any thread may call it; what it calls runs in Zenoh's threads and must not wait."""
+
+    def __init__(self, session: Any) -> None:
+        self._session = session
+        self._zenoh = load_zenoh()
+        self._closing = weakref.finalize(self, _close, session, self._zenoh.ZError)
+
+    @property
+    def zid(self) -> str:
+        """Its id."""
+        return str(self._session.zid())
+
+    @property
+    def routers(self) -> int:
+        """Number of routers that it is connected to."""
+        with contextlib.suppress(self._zenoh.ZError):
+            return len(list(self._session.info.routers_zid()))
+        return 0
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether it was closed."""
+        return bool(self._session.is_closed())
+
+    def close(self) -> None:
+        """Close it; everything declared in it ends."""
+        self._closing()
+
+    def publisher(self, key: str, qos: Qos) -> tuple[Callable[[bytes, bytes], None], Callable[[], None]]:
+        """Declare a publisher.
+
+        Returns:
+            A function that publishes payload and attachment, and one that undeclares the publisher. Publishing
+            waits for a slow receiver only with `RELIABLE` and `KEEP_ALL`.
+        """
+        zenoh, options = self._zenoh, {}
+        reliable = qos.reliability is not Reliability.BEST_EFFORT
+        keeps_all = reliable and qos.history is History.KEEP_ALL
+        if qos.latched:
+            options["cache"] = zenoh.ext.CacheConfig(max_samples=max(1, qos.depth))
+            options["publisher_detection"] = True
+            if reliable:
+                options["sample_miss_detection"] = zenoh.ext.MissDetectionConfig(
+                    heartbeat=None, sporadic_heartbeat=_HEARTBEAT
+                )
+        with self._lost():
+            publisher = zenoh.ext.declare_advanced_publisher(
+                self._session,
+                key,
+                congestion_control=zenoh.CongestionControl.BLOCK if keeps_all else zenoh.CongestionControl.DROP,
+                reliability=zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT,
+                **options,
+            )
+
+        def put(payload: bytes, attachment: bytes) -> None:
+            try:
+                publisher.put(payload, attachment=attachment)
+            except zenoh.ZError:
+                _log.debug("the session is closed; nothing is published at %s", key)
+
+        return put, self._ending(publisher)
+
+    def subscribe(self, key: str, qos: Qos, received: Received) -> Callable[[], None]:
+        """Declare a subscription; returns a function that ends it."""
+        zenoh, options = self._zenoh, {}
+        if qos.latched:
+            options["history"] = zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=max(1, qos.depth))
+            options["subscriber_detection"] = True
+            if qos.reliability is not Reliability.BEST_EFFORT:
+                options["recovery"] = zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True)
+
+        def arrived(sample: Any) -> None:
+            received(_bytes(sample.payload) or b"", _bytes(sample.attachment))
+
+        with self._lost():
+            return self._ending(
+                zenoh.ext.declare_advanced_subscriber(self._session, key, self._direct(arrived), **options)
+            )
+
+    def answer(self, key: str, asked: Callable[[Request], object]) -> Callable[[], None]:
+        """Declare a service; returns a function that ends it."""
+        with self._lost():
+            return self._ending(
+                self._session.declare_queryable(
+                    key, self._direct(lambda query: asked(Request(key, query))), complete=True
+                )
+            )
+
+    def ask(
+        self, key: str, payload: bytes, attachment: bytes, timeout: float
+    ) -> Iterator[tuple[bytes, bytes | None]]:
+        """Ask a service; gives payload and attachment of each answer until none is left or the time is over."""
+        zenoh = self._zenoh
+        with self._lost():
+            replies = self._session.get(
+                key,
+                payload=payload,
+                attachment=attachment,
+                timeout=timeout,
+                target=zenoh.QueryTarget.ALL_COMPLETE,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+            )
+        for reply in replies:
+            if reply.ok is not None:
+                yield _bytes(reply.ok.payload) or b"", _bytes(reply.ok.attachment)
+
+    def declare_token(self, key: str) -> Callable[[], None]:
+        """Show a liveliness token; returns a function that takes it back."""
+        with self._lost():
+            return self._ending(self._session.liveliness().declare_token(key))
+
+    def watch_tokens(self, pattern: str, changed: Callable[[str, bool], object]) -> Callable[[], None]:
+        """Call a function with each token that is there, appears (True) or vanishes (False); returns its end."""
+        put = self._zenoh.SampleKind.PUT
+
+        def arrived(sample: Any) -> None:
+            changed(str(sample.key_expr), sample.kind == put)
+
+        with self._lost():
+            return self._ending(
+                self._session.liveliness().declare_subscriber(pattern, self._direct(arrived), history=True)
+            )
+
+    def tokens(self, pattern: str, timeout: float) -> list[str]:
+        """The tokens that answer in that time, seconds."""
+        with contextlib.suppress(self._zenoh.ZError):
+            replies = self._session.liveliness().get(pattern, timeout=timeout)
+            return sorted(str(reply.ok.key_expr) for reply in replies if reply.ok is not None)
+        return []
+
+    def _direct(self, function: Callable[[Any], object]) -> Any:
+        # Zenoh's own threads for callbacks would keep a program alive that ends without closing the session.
+        def guarded(item: Any) -> None:
+            try:
+                function(item)
+            except Exception:  # noqa: BLE001  # logged; the next one may be right
+                _log.exception("a message failed")
+
+        return self._zenoh.handlers.Callback(guarded, indirect=False)
+
+    def _ending(self, declared: Any) -> Callable[[], None]:
+        lock, lost = threading.Lock(), self._zenoh.ZError
+
+        def end() -> None:
+            with lock, contextlib.suppress(lost):
+                declared.undeclare()
+
+        return end
+
+    @contextlib.contextmanager
+    def _lost(self) -> Iterator[None]:
+        try:
+            yield
+        except self._zenoh.ZError as error:
+            raise LinkClosedError(f"the Zenoh session is closed: {_first_line(error)}") from None
+
+
+def _bytes(data: Any) -> bytes | None:
+    return None if data is None else bytes(data.to_bytes())
+
+
+def _close(session: Any, error: type[Exception]) -> None:
+    with contextlib.suppress(error):
+        session.close()

@@ -1,0 +1,34 @@
+from __future__ import annotations
+
+import pytest
+
+from hexwire.ros2 import graph as module
+from hexwire.ros2.graph import Graph
+from hexwire.ros2.keys import Role
+
+TOKEN = "@ros2_lv/0/ab/0/{}/MS/%/%/node/%chatter/T_/H/::,10:,:,:,,"
+
+
+def test_tokens_are_added_once_and_removed() -> None:
+    graph = Graph()
+    added = graph.add(TOKEN.format(1))
+    assert added is not None
+    assert graph.add(TOKEN.format(1)) is None
+    assert graph.find(Role.SUBSCRIPTION, "/chatter") == [added]
+    assert graph.find(Role.SUBSCRIPTION, "/other") == graph.find(Role.PUBLISHER) == []
+    assert graph.remove(TOKEN.format(1)) == added
+    assert graph.remove(TOKEN.format(1)) is None
+    assert list(graph) == []
+
+
+def test_malformed_tokens_are_counted() -> None:
+    graph = Graph()
+    assert graph.add("@ros2_lv/x") is None
+    assert (graph.malformed, list(graph)) == (1, [])
+
+
+def test_there_is_room_for_so_many_tokens_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_MOST", 2)
+    graph = Graph()
+    assert [graph.add(TOKEN.format(number)) is not None for number in range(4)] == [True, True, False, False]
+    assert graph.left_out == 2

@@ -1,0 +1,34 @@
+"""A router in the test's process, at a port of its own."""
+
+from __future__ import annotations
+
+import json
+import socket
+from typing import Any
+
+import zenoh
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+class Router:
+    """A router in this process, which can be restarted at the same place."""
+
+    def __init__(self) -> None:
+        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+        self._session: Any = None
+        self.start()
+
+    def start(self) -> None:
+        config = zenoh.Config()
+        config.insert_json5("mode", json.dumps("router"))
+        config.insert_json5("listen/endpoints", json.dumps([self.endpoint]))
+        config.insert_json5("scouting/multicast/enabled", "false")
+        self._session = zenoh.open(config)
+
+    def stop(self) -> None:
+        self._session.close()
