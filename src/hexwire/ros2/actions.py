@@ -1,0 +1,92 @@
+"""Goals of FollowJointTrajectory clients: from an action server to the arm, and the results back.
+
+Owns which end of a goal is which end in ROS 2. Must not know when a goal is valid.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from hexwire.control.client_goals import ClientGoals
+from hexwire.control.outcomes import Outcome, Reason
+
+from .codes import CODES, in_log
+from .values import request_of
+
+if TYPE_CHECKING:
+    from hexwire.control.arm import Arm
+    from hexwire.control.outcomes import Ended
+
+    from .action_server import GoalHandle
+
+__all__ = ["FOLLOW_JOINT_TRAJECTORY", "ActionClient", "ActionGoals"]
+
+FOLLOW_JOINT_TRAJECTORY = "control_msgs/action/FollowJointTrajectory"
+
+
+class ActionClient:
+    """Answers an action client.
+
+    Args:
+        handle: The client's goal.
+        result: Makes a FollowJointTrajectory_Result.
+
+    Attributes:
+        handle: As given.
+    """
+
+    def __init__(self, handle: GoalHandle, result: Callable[..., Any]) -> None:
+        self.handle, self._result_type = handle, result
+
+    def accepted(self) -> None:
+        """See `Client.accepted`."""
+        self.handle.accept()
+
+    def refused(self, reason: Reason, text: str) -> None:
+        """See `Client.refused`."""
+        if reason is Reason.CANCELLED:
+            # The client that cancelled it has been told that it is being cancelled, so it was a goal.
+            self.handle.accept()
+            self.handle.canceled(self._result(reason, text))
+        else:
+            # ROS 2 has no room for a reason here; the log has it.
+            self.handle.refuse()
+
+    def ended(self, ended: Ended) -> None:
+        """See `Client.ended`."""
+        result = self._result(ended.reason, ended.text)
+        if ended.outcome is Outcome.SUCCEEDED:
+            self.handle.succeed(result)
+        elif ended.reason is Reason.CANCELLED:
+            self.handle.canceled(result)
+        else:
+            # Also a goal that another one replaces: only who asked for a cancel is told CANCELED.
+            self.handle.abort(result)
+
+    def _result(self, reason: Reason, text: str) -> Any:
+        return self._result_type(error_code=int(CODES[reason]), error_string=text)
+
+
+class ActionGoals(ClientGoals[ActionClient]):
+    """Goals of action clients, for all controllers of an arm.
+
+    Args:
+        arm: The arm that follows them.
+        result: Makes a FollowJointTrajectory_Result.
+        ros_time: Returns the ROS time, nanoseconds.
+    """
+
+    def __init__(self, arm: Arm, result: Callable[..., Any], ros_time: Callable[[], int] = time.time_ns) -> None:
+        super().__init__(arm, answer_after=0.0, in_log=in_log)
+        self._result, self._ros_time = result, ros_time
+
+    def on_goal(self, controller: str, handle: GoalHandle) -> None:
+        """Take a new goal for a controller."""
+        client = ActionClient(handle, self._result)
+        self.send(controller, handle.id.hex(), client, lambda: request_of(handle.goal, self._ros_time()))
+
+    def on_cancel(self, controller: str, handle: GoalHandle) -> None:
+        """Cancel a goal."""
+        self.cancel(controller, handle.id.hex())

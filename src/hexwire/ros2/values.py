@@ -1,0 +1,58 @@
+"""Converts ROS 2 messages to plain values: trajectories, goals, times.
+
+Owns reading the messages. Must not know which values are valid.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hexwire.control.client_goals import Request
+from hexwire.control.goal_fields import component_rows, tolerance_rows, trajectory_goal
+from hexwire.control.goals import TrajectoryGoal
+
+__all__ = ["nanoseconds_of", "request_of", "seconds_of", "trajectory_of"]
+
+
+def nanoseconds_of(time: Any) -> int:
+    """A builtin_interfaces Time or Duration in nanoseconds."""
+    return int(time.sec) * 1_000_000_000 + int(time.nanosec)
+
+
+def seconds_of(time: Any) -> float:
+    """A builtin_interfaces Time or Duration in seconds."""
+    return nanoseconds_of(time) / 1e9
+
+
+def trajectory_of(message: Any, now: int, multi_dof: Any = None) -> TrajectoryGoal:
+    """The goal in a trajectory_msgs/msg/JointTrajectory.
+
+    Args:
+        message: The message.
+        now: Current ROS time, nanoseconds.
+        multi_dof: A trajectory_msgs/msg/MultiDOFJointTrajectory that comes with it.
+    """
+    stamp = nanoseconds_of(message.header.stamp)
+    # Subtract times, not floats, which have a resolution of a microsecond at best.
+    delay = (stamp - now) / 1e9 if stamp else 0.0
+    free = ()
+    if multi_dof is not None and multi_dof.points:
+        free = tuple(multi_dof.joint_names) or ("joints without a name",)
+    return trajectory_goal(message, delay, seconds_of, free)
+
+
+def request_of(goal: Any, now: int) -> Request:
+    """The contents of a FollowJointTrajectory_Goal.
+
+    Args:
+        goal: The message.
+        now: Current ROS time, nanoseconds.
+    """
+    return Request(
+        trajectory_of(goal.trajectory, now, goal.multi_dof_trajectory),
+        tolerance_rows(goal.path_tolerance),
+        tolerance_rows(goal.goal_tolerance),
+        seconds_of(goal.goal_time_tolerance),
+        component_rows(goal.component_path_tolerance),
+        component_rows(goal.component_goal_tolerance),
+    )
