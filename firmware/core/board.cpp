@@ -15,6 +15,10 @@ constexpr uint16_t kChapterMs = 1000;
 // A report is made when the previous one is almost sent, so that its samples are fresh.
 constexpr uint8_t kReportBacklog = 24;
 
+bool is_stop(const Frame& frame) {
+  return frame.cmd == gen::CMD_STOP && frame.size == gen::STOP_REQUEST_SIZE && frame.body[0] < kStopModes;
+}
+
 }  // namespace
 
 Board::Board(Platform& platform)
@@ -113,50 +117,55 @@ void Board::receive() {
 }
 
 void Board::accept(const Frame& frame) {
-  if (frame.proto == gen::PROTO_HEXWIRE) {
-    if (frame.dst != gen::MODULE_ARM_7BOT_ARDUINO_TRX) return;
-    if (frame.ext & (gen::EXT_REPLY | gen::EXT_UNSOLICITED)) return;
-  } else {
+  const bool chapter = frame.proto != gen::PROTO_HEXWIRE;
+  if (chapter) {
     chapter_heard_ = true;
     chapter_heard_ms_ = ms_;
+  } else {
+    if (frame.dst != gen::MODULE_ARM_7BOT_ARDUINO_TRX) return;
+    if (frame.ext & (gen::EXT_REPLY | gen::EXT_UNSOLICITED)) return;
   }
   heard_ms_ = ms_;
   fed_ = true;
-  if (frame.proto == gen::PROTO_HEXWIRE) {
-    if (frame.cmd == gen::CMD_IDENTIFY) {
-      stored_.forget(frame.src);
-      voided_.forget(frame.src);
-    }
-    const ReplyStore::Entry* entry = stored_.find(frame, ms_);
-    if (entry != nullptr) {
-      ++stats_.repeats;
-      memcpy(body(), entry->reply, entry->reply_size);
-      send(gen::PROTO_HEXWIRE, frame.src, frame.seq, frame.cmd, gen::EXT_REPLY | entry->status, entry->reply_size);
-      return;
-    }
-    if (voided_.holds(frame, ms_)) {
-      ++stats_.repeats;
-      send(gen::PROTO_HEXWIRE, frame.src, frame.seq, frame.cmd, gen::EXT_REPLY | gen::STATUS_STOPPED, 0);
-      return;
-    }
-    const bool stops = frame.cmd == gen::CMD_STOP && frame.size == gen::STOP_REQUEST_SIZE && frame.body[0] < kStopModes;
-    if (queue_.holds(frame) || (stops && stops_.holds(frame.src, frame.seq, frame.body[0]))) {
-      // Its answer will follow.
-      ++stats_.repeats;
-      return;
-    }
-    if (stops) {
-      const bool room = stops_.add(frame.src, frame.seq, frame.body[0]);
-      stop(frame.body[0]);
-      if (!room) send(gen::PROTO_HEXWIRE, frame.src, frame.seq, frame.cmd, gen::EXT_REPLY | gen::STATUS_BUSY, 0);
-      return;
-    }
-  }
+  if (!chapter && (is_repeat(frame) || accept_stop(frame))) return;
   if (queue_.push(frame)) {
     if (queue_.count() > stats_.queue_high_water) stats_.queue_high_water = queue_.count();
-  } else if (frame.proto == gen::PROTO_HEXWIRE) {
-    send(gen::PROTO_HEXWIRE, frame.src, frame.seq, frame.cmd, gen::EXT_REPLY | gen::STATUS_BUSY, 0);
+  } else if (!chapter) {
+    answer(frame, gen::STATUS_BUSY, 0);
   }
+}
+
+// Whether a request came before. It is answered as then, or the answer is still to come.
+bool Board::is_repeat(const Frame& frame) {
+  if (frame.cmd == gen::CMD_IDENTIFY) {
+    stored_.forget(frame.src);
+    voided_.forget(frame.src);
+  }
+  const ReplyStore::Entry* entry = stored_.find(frame, ms_);
+  if (entry != nullptr) {
+    memcpy(body(), entry->reply, entry->reply_size);
+    answer(frame, entry->status, entry->reply_size);
+  } else if (voided_.holds(frame, ms_)) {
+    answer(frame, gen::STATUS_STOPPED, 0);
+  } else if (!queue_.holds(frame) && !(is_stop(frame) && stops_.holds(frame.src, frame.seq, frame.body[0]))) {
+    return false;
+  }
+  ++stats_.repeats;
+  return true;
+}
+
+// Obeys a valid STOP at once.
+bool Board::accept_stop(const Frame& frame) {
+  if (!is_stop(frame)) return false;
+  const bool room = stops_.add(frame.src, frame.seq, frame.body[0]);
+  stop(frame.body[0]);
+  if (!room) answer(frame, gen::STATUS_BUSY, 0);
+  return true;
+}
+
+// Answers a frame of dialect 2 that is not executed.
+void Board::answer(const Frame& frame, uint8_t status, uint8_t size) {
+  send(gen::PROTO_HEXWIRE, frame.src, frame.seq, frame.cmd, gen::EXT_REPLY | status, size);
 }
 
 void Board::check_watchdog() {

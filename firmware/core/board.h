@@ -33,7 +33,8 @@ class Board {
  private:
   friend struct BoardProbe;  // of the fuzz target
 
-  // The steps of a job. Sweeps and packets use the bus, the other steps are immediate.
+  // The steps of a job, in groups: reading, aiming, sending, checking, answering. Reading and sending use the bus, the
+  // other steps are immediate.
   enum class Step : uint8_t {
     kReadPosition,
     kReadStale,        // positions too old to compute a distance from
@@ -105,6 +106,9 @@ class Board {
   void tick();
   void receive();
   void accept(const Frame& frame);
+  bool is_repeat(const Frame& frame);
+  bool accept_stop(const Frame& frame);
+  void answer(const Frame& frame, uint8_t status, uint8_t size);
   void check_watchdog();
   void send(uint8_t proto, int32_t dst, uint8_t seq, uint8_t cmd, uint8_t ext, uint8_t size);
   uint8_t* body() { return tx_ + kBodyAt; }
@@ -117,6 +121,7 @@ class Board {
 
   // commands.cpp: one function per command
   void execute();
+  void execute_other();
   void execute_chapter();
   void identify();
   void joint_state();
@@ -132,6 +137,7 @@ class Board {
   void end_maintenance();
   void reply_maintenance();
   uint8_t put_state(uint8_t fields);
+  uint8_t* put_joint(uint8_t* row, const Joint& joint, uint8_t fields) const;
 
   // packets.cpp: servo packets of a host, through the packet gate and back
   const uint8_t* packet() const;
@@ -160,6 +166,8 @@ class Board {
   void finish_stop(uint8_t status, Mask confirmed);
   void aim_hold();
   bool take_torque(Mask mask);
+  bool take_back(Mask mask);
+  Mask in_other_mode() const;
   void check_torque();
   void check_target();
   void note_positions();
@@ -171,12 +179,23 @@ class Board {
   bool start_next();
   void run_job();
   bool run_step();
+  bool read_step(Step step);
+  bool aim_step(Step step);
+  bool send_step(Step step);
+  bool check_step(Step step);
+  bool answer_step(Step step);
+  bool done();
+  bool sent(bool packet);
   bool needs_bus() const;
+  bool wants_bus() const { return job_.active && needs_bus(); }
+  bool keeps_line_free() const;
+  void take_result();
   Mask asked(Step step) const;
   bool sweep(Item item, Mask mask);
   void next_step();
   void back_to(Step step);
   void begin_again();
+  bool try_again();
   void drop_job();
   void run_bus();
 
@@ -188,7 +207,10 @@ class Board {
   void aim(Mask mask);
   bool make_targets(uint8_t series);
   void aim_move();
+  uint32_t aim_row(uint8_t id, int16_t wanted, uint32_t duration);
+  bool can_move(uint8_t joint) const;
   void confirm_torque();
+  void reply_torque(bool on, uint8_t status, Mask confirmed);
   void reply_move();
   bool reply_saved();
   void enter_maintenance();

@@ -18,6 +18,26 @@ constexpr uint16_t kCapabilities = gen::CAPABILITY_REPORT | gen::CAPABILITY_JOIN
                                    gen::CAPABILITY_SYNC_READ | gen::CAPABILITY_IO | gen::CAPABILITY_MAINTENANCE;
 constexpr uint16_t kNever = 0xFFFF;
 
+uint8_t* put_next(uint8_t* at, uint16_t value) {
+  put16(at, value);
+  return at + 2;
+}
+
+uint8_t status_of(const Joint& joint) {
+  uint8_t status = joint.error & kErrorBits;
+  if (joint.clamped) status |= gen::SERVO_FLAG_CLAMPED;
+  if (joint.torque_on) status |= gen::SERVO_FLAG_TORQUE_ON;
+  if (!joint.present) status |= gen::SERVO_FLAG_SILENT;
+  return status;
+}
+
+// Milliseconds since the joint's last sample, as JOINT_STATE shows them.
+uint16_t age_of(const Joint& joint, uint32_t now_ms) {
+  if (!joint.known) return kNever;
+  const uint32_t age = now_ms - joint.sampled_ms;
+  return age < kNever ? static_cast<uint16_t>(age) : kNever - 1;
+}
+
 }  // namespace
 
 void Board::execute() {
@@ -29,12 +49,8 @@ void Board::execute() {
       return pass_packet();
     case gen::CMD_SYNC_WRITE:
       return pass_move();
-    case gen::CMD_IDENTIFY:
-      return identify();
     case gen::CMD_JOINT_STATE:
       return joint_state();
-    case gen::CMD_REPORT:
-      return set_report();
     case gen::CMD_JOINT_MOVE:
       return joint_move();
     case gen::CMD_TORQUE:
@@ -44,6 +60,18 @@ void Board::execute() {
       return refuse(now_running_.size == gen::STOP_REQUEST_SIZE ? gen::STATUS_BAD_RANGE : gen::STATUS_BAD_LENGTH);
     case gen::CMD_RESUME:
       return resume();
+    default:
+      return execute_other();
+  }
+}
+
+// Commands that are about the board itself.
+void Board::execute_other() {
+  switch (now_running_.cmd) {
+    case gen::CMD_IDENTIFY:
+      return identify();
+    case gen::CMD_REPORT:
+      return set_report();
     case gen::CMD_WATCHDOG:
       return watchdog();
     case gen::CMD_LIMITS:
@@ -110,35 +138,21 @@ uint8_t Board::put_state(uint8_t fields) {
   p[gen::JOINT_STATE_REPLY_JOINTS] = kJoints;
   p[gen::JOINT_STATE_REPLY_SPARE] = 0;
   uint8_t* row = p + gen::JOINT_STATE_REPLY_SIZE;
-  for (uint8_t i = 0; i < kJoints; ++i) {
-    const Joint& joint = joints_[i];
-    put16(row, static_cast<uint16_t>(joint.position));
-    row[2] = static_cast<uint8_t>((joint.error & kErrorBits) | (joint.clamped ? gen::SERVO_FLAG_CLAMPED : 0) |
-                                  (joint.torque_on ? gen::SERVO_FLAG_TORQUE_ON : 0) |
-                                  (joint.present ? 0 : gen::SERVO_FLAG_SILENT));
-    row += 3;
-    if (fields & gen::STATE_FIELD_SPEED) {
-      put16(row, static_cast<uint16_t>(joint.speed));
-      row += 2;
-    }
-    if (fields & gen::STATE_FIELD_LOAD) {
-      put16(row, static_cast<uint16_t>(joint.load));
-      row += 2;
-    }
-    if (fields & gen::STATE_FIELD_VOLTAGE) *row++ = joint.voltage;
-    if (fields & gen::STATE_FIELD_TEMPERATURE) *row++ = static_cast<uint8_t>(joint.temperature);
-    if (fields & gen::STATE_FIELD_CURRENT) {
-      put16(row, static_cast<uint16_t>(joint.current));
-      row += 2;
-    }
-    if (fields & gen::STATE_FIELD_AGE) {
-      const uint32_t age = ms_ - joint.sampled_ms;
-      const uint16_t shown = age < kNever ? static_cast<uint16_t>(age) : kNever - 1;
-      put16(row, joint.known ? shown : kNever);
-      row += 2;
-    }
-  }
+  for (uint8_t i = 0; i < kJoints; ++i) row = put_joint(row, joints_[i], fields);
   return static_cast<uint8_t>(row - p);
+}
+
+// Writes the row of a joint; returns its end.
+uint8_t* Board::put_joint(uint8_t* row, const Joint& joint, uint8_t fields) const {
+  row = put_next(row, static_cast<uint16_t>(joint.position));
+  *row++ = status_of(joint);
+  if (fields & gen::STATE_FIELD_SPEED) row = put_next(row, static_cast<uint16_t>(joint.speed));
+  if (fields & gen::STATE_FIELD_LOAD) row = put_next(row, static_cast<uint16_t>(joint.load));
+  if (fields & gen::STATE_FIELD_VOLTAGE) *row++ = joint.voltage;
+  if (fields & gen::STATE_FIELD_TEMPERATURE) *row++ = static_cast<uint8_t>(joint.temperature);
+  if (fields & gen::STATE_FIELD_CURRENT) row = put_next(row, static_cast<uint16_t>(joint.current));
+  if (fields & gen::STATE_FIELD_AGE) row = put_next(row, age_of(joint, ms_));
+  return row;
 }
 
 void Board::joint_state() {

@@ -23,6 +23,20 @@ bool may_start(const uint8_t* p, uint8_t count) {
   return true;
 }
 
+// Whether flag and dialect are known, and the lengths belong to a frame of that size.
+bool sizes_agree(const uint8_t* app, uint32_t size) {
+  if (app[0] != gen::FRAME_FLAG || (app[1] != gen::PROTO_CHAPTER && app[1] != gen::PROTO_HEXWIRE)) return false;
+  const uint8_t pad = app[3];
+  const uint16_t body = get16(app + 4);
+  if (body > kMaxBody || pad != pad_of(static_cast<uint8_t>(body))) return false;
+  return size == static_cast<uint32_t>(gen::FRAME_OVERHEAD) + body + pad;
+}
+
+uint16_t check_of(const uint8_t* p, uint16_t covered) {
+  const uint16_t check = crc16(p, covered);
+  return check == gen::UNCHECKED ? 0 : check;
+}
+
 }  // namespace
 
 #if defined(__GNUC__)
@@ -59,19 +73,13 @@ uint8_t FrameDecoder::examine(const uint8_t* p, uint8_t count) const {
   if (size < gen::FRAME_OVERHEAD || size > gen::MAX_SERIAL_FRAME) return kNoFrame;
   if (count < kBodyAt) return kMore;
   const uint8_t* app = p + kAppAt;
-  const uint8_t pad = app[3];
-  const uint16_t body = get16(app + 4);
-  if (app[0] != gen::FRAME_FLAG || (app[1] != gen::PROTO_CHAPTER && app[1] != gen::PROTO_HEXWIRE)) return kNoFrame;
-  const uint32_t wanted = static_cast<uint32_t>(gen::FRAME_OVERHEAD) + body + pad;
-  if (body > kMaxBody || pad != pad_of(static_cast<uint8_t>(body)) || size != wanted) return kNoFrame;
+  if (!sizes_agree(app, size)) return kNoFrame;
   const uint8_t whole = static_cast<uint8_t>(size);
   if (count < whole) return kMore;
   if (p[whole - 2] != gen::TAIL_0 || p[whole - 1] != gen::TAIL_1) return kBadTail;
   if (app[1] == gen::PROTO_HEXWIRE) {
-    const uint16_t covered = static_cast<uint16_t>(kBodyAt + body);
-    uint16_t check = crc16(p, covered);
-    if (check == gen::UNCHECKED) check = 0;
-    if (get16(p + covered) != check) return kBadCheck;
+    const uint16_t covered = static_cast<uint16_t>(kBodyAt + get16(app + 4));
+    if (get16(p + covered) != check_of(p, covered)) return kBadCheck;
   }
   return whole;
 }
@@ -160,11 +168,8 @@ uint8_t finish_frame(uint8_t* frame, const FrameHead& head, uint8_t body_size) {
   put16(app + 4, body_size);
   app[6] = head.cmd;
   app[7] = head.ext;
-  uint16_t check = gen::UNCHECKED;
-  if (head.proto == gen::PROTO_HEXWIRE) {
-    check = crc16(frame, static_cast<uint16_t>(kBodyAt + body_size));
-    if (check == gen::UNCHECKED) check = 0;
-  }
+  const uint16_t covered = static_cast<uint16_t>(kBodyAt + body_size);
+  const uint16_t check = head.proto == gen::PROTO_HEXWIRE ? check_of(frame, covered) : gen::UNCHECKED;
   uint8_t* end = frame + kBodyAt + body_size;
   put16(end, check);
   memset(end + 2, gen::FRAME_PAD_BYTE, pad);

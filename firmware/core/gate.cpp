@@ -18,6 +18,27 @@ static_assert(gen::SEVEN_BOT_REG_TARGET_POSITION == kTarget, "one address for bo
 static_assert(gen::SEVEN_BOT_REG_TORQUE_ENABLE == kTorque, "one address for both series");
 static_assert(kRunTime == gen::HLS_REG_GOAL_TORQUE && kRamEnd == gen::HLS_REG_KM, "PROTOCOL.md, section 6.4");
 
+// Whether a sync write has rows, all of them complete, that end at the last register at most.
+bool whole_rows(const uint8_t* p, uint8_t parameters) {
+  if (parameters <= 2 || p[6] == 0 || p[5] + p[6] > 0x100) return false;
+  const uint16_t each = static_cast<uint16_t>(p[6] + 1);
+  return (parameters - 2) % each == 0;
+}
+
+// Speed, run time or acceleration: they may accompany a target, not stand alone.
+bool is_pace(uint8_t address, bool old) {
+  if (old) return address == kRunTime || address == kRunTime + 1;
+  return address == gen::HLS_REG_ACCELERATION || address == gen::HLS_REG_GOAL_SPEED ||
+         address == gen::HLS_REG_GOAL_SPEED + 1;
+}
+
+// Registers in RAM that neither move a joint nor are lost with its power.
+bool is_ram(uint8_t address, bool old) {
+  if (old) return false;
+  return address == gen::HLS_REG_GOAL_TORQUE || address == gen::HLS_REG_GOAL_TORQUE + 1 ||
+         (address >= gen::HLS_REG_TORQUE_LIMIT && address <= kRamEnd);
+}
+
 }  // namespace
 
 bool sound_packet(const uint8_t* p, uint8_t size) {
@@ -32,15 +53,12 @@ bool Gate::well_formed(const uint8_t* p, uint8_t size) {
     case gen::INST_READ:
       return parameters == 2 && p[6] != 0 && p[6] + kMinPacket <= kMaxHostAnswer;
     case gen::INST_SYNC_READ:
-      return parameters > 2 && parameters <= 2 + gen::MAX_JOINTS && p[6] != 0 &&
-             (p[6] + kMinPacket) * (parameters - 2) <= kMaxHostAnswer;
+      if (parameters <= 2 || parameters > 2 + gen::MAX_JOINTS || p[6] == 0) return false;
+      return (p[6] + kMinPacket) * (parameters - 2) <= kMaxHostAnswer;
     case gen::INST_WRITE:
       return parameters >= 2 && p[5] + (parameters - 1) <= 0x100;
-    case gen::INST_SYNC_WRITE: {
-      if (parameters <= 2 || p[6] == 0 || p[5] + p[6] > 0x100) return false;
-      const uint16_t each = static_cast<uint16_t>(p[6] + 1);
-      return (parameters - 2) % each == 0;
-    }
+    case gen::INST_SYNC_WRITE:
+      return whole_rows(p, parameters);
     default:
       return true;
   }
@@ -97,17 +115,25 @@ uint8_t Gate::judge_row(const Row& row, const Circumstances& now, Verdict* verdi
 }
 
 uint8_t Gate::judge_register(const Row& row, uint8_t address, const Circumstances& now, Verdict* verdict) const {
+  switch (address) {
+    case kTorque:
+      if (*row.at(address) <= 1) return judge_torque(row, *row.at(address), now, verdict);
+      return judge_setting(row, address, now);
+    case kTarget:
+      return judge_target(row, now, verdict);
+    case kTarget + 1:
+      return gen::STATUS_OK;  // checked with its other half
+    default:
+      return judge_setting(row, address, now);
+  }
+}
+
+// A register that neither moves a joint nor gives it torque.
+uint8_t Gate::judge_setting(const Row& row, uint8_t address, const Circumstances& now) const {
   const bool joint = row.joint != kNoJoint;
   const bool old = joint && legacy(row.joint);
-  if (address == kTorque && *row.at(address) <= 1) return judge_torque(row, *row.at(address), now, verdict);
-  if (address == kTarget) return judge_target(row, now, verdict);
-  if (address == kTarget + 1) return gen::STATUS_OK;  // checked with its other half
-  const bool speed = old ? address == kRunTime || address == kRunTime + 1
-                         : address == gen::HLS_REG_ACCELERATION || address == gen::HLS_REG_GOAL_SPEED ||
-                               address == gen::HLS_REG_GOAL_SPEED + 1;
-  if (speed) return row.covers(kTarget) ? gen::STATUS_OK : gen::STATUS_FORBIDDEN;
-  const bool ram = !old && (address == gen::HLS_REG_GOAL_TORQUE || address == gen::HLS_REG_GOAL_TORQUE + 1 ||
-                            (address >= gen::HLS_REG_TORQUE_LIMIT && address <= kRamEnd));
+  if (is_pace(address, old)) return row.covers(kTarget) ? gen::STATUS_OK : gen::STATUS_FORBIDDEN;
+  const bool ram = is_ram(address, old);
   if (ram && joint) return gen::STATUS_OK;
   // Settings, and broadcasts.
   return now.maintenance && (!ram || row.id == gen::BROADCAST_ID) ? gen::STATUS_OK : gen::STATUS_FORBIDDEN;
@@ -135,12 +161,18 @@ uint8_t Gate::judge_target(const Row& row, const Circumstances& now, Verdict* ve
   verdict->way = Way::kTargets;
   verdict->mask |= only(row.joint);
   if (joints_.other_mode(row.joint)) return gen::STATUS_SERVO_FAULT;
-  if (joint.present && (joints_.mode_unknown(row.joint) || (!now.chapter && !joint.torque_known))) {
+  if (is_unclear(row.joint, now)) {
     verdict->unclear |= only(row.joint);
     return gen::STATUS_OK;
   }
   if (!now.chapter && !joint.torque_on) return gen::STATUS_TORQUE_OFF;
   return joint.present && joint.known ? gen::STATUS_OK : gen::STATUS_SERVO_SILENT;
+}
+
+// Whether something must be read before a target for a joint can be judged.
+bool Gate::is_unclear(uint8_t i, const Circumstances& now) const {
+  const Joint& joint = joints_[i];
+  return joint.present && (joints_.mode_unknown(i) || (!now.chapter && !joint.torque_known));
 }
 
 // The chapter's board ignores everything after an unknown id.
@@ -153,16 +185,20 @@ Gate::Verdict Gate::judge_move(const uint8_t* p, uint8_t size, const Circumstanc
   for (const uint8_t* at = p + 7; at + kMoveRow + 1 < p + size; at += kMoveRow + 1) {
     const uint8_t i = joints_.find(at[0]);
     if (i == kNoJoint) break;
-    const Joint& joint = joints_[i];
     verdict.mask |= only(i);
-    if (joint.present && (joints_.mode_unknown(i) || (!now.chapter && !joint.torque_known))) verdict.unclear |= only(i);
-    if (!joint.present || !joint.known || joints_.other_mode(i)) {
-      verdict.silent |= only(i);
-    } else if (!now.chapter && joint.torque_known && !joint.torque_on) {
-      verdict.status = gen::STATUS_TORQUE_OFF;
-    }
+    judge_moved(i, now, &verdict);
   }
   return verdict;
+}
+
+void Gate::judge_moved(uint8_t i, const Circumstances& now, Verdict* verdict) const {
+  const Joint& joint = joints_[i];
+  if (is_unclear(i, now)) verdict->unclear |= only(i);
+  if (!joint.present || !joint.known || joints_.other_mode(i)) {
+    verdict->silent |= only(i);
+  } else if (!now.chapter && joint.torque_known && !joint.torque_on) {
+    verdict->status = gen::STATUS_TORQUE_OFF;
+  }
 }
 
 bool Gate::find_row(const uint8_t* p, uint8_t joint, Row* row) const {

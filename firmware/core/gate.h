@@ -85,8 +85,11 @@ class Gate {
   Row row_of(uint8_t id, uint8_t address, uint8_t size, const uint8_t* data) const;
   uint8_t judge_row(const Row& row, const Circumstances& now, Verdict* verdict) const;
   uint8_t judge_register(const Row& row, uint8_t address, const Circumstances& now, Verdict* verdict) const;
+  uint8_t judge_setting(const Row& row, uint8_t address, const Circumstances& now) const;
   uint8_t judge_torque(const Row& row, uint8_t value, const Circumstances& now, Verdict* verdict) const;
   uint8_t judge_target(const Row& row, const Circumstances& now, Verdict* verdict) const;
+  void judge_moved(uint8_t joint, const Circumstances& now, Verdict* verdict) const;
+  bool is_unclear(uint8_t joint, const Circumstances& now) const;
   bool legacy(uint8_t joint) const { return joints_[joint].series == gen::SERIES_SEVEN_BOT; }
   uint16_t fastest(uint8_t joint) const;
   bool find_row(const uint8_t* packet, uint8_t joint, Row* row) const;

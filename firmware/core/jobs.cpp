@@ -8,7 +8,12 @@ namespace hexwire {
 
 namespace {
 
+constexpr uint8_t kMoreTries = 2;
 constexpr uint8_t kPauseMs = 20;
+
+// What each reading step reads, in the order of the steps.
+const Item kItems[] = {Item::kPosition, Item::kPosition, Item::kTorque, Item::kTorque,   Item::kMode,
+                       Item::kMode,     Item::kCeiling,  Item::kTarget, Item::kPosition, Item::kTorque};
 
 }  // namespace
 
@@ -62,6 +67,14 @@ void Board::begin_again() {
   job_.limp = job_.bad = job_.moving = 0;
 }
 
+// Whether a job that did not have its effect may have another attempt; counts it.
+bool Board::try_again() {
+  if (job_.repeats == kMoreTries) return false;
+  ++job_.repeats;
+  ++stats_.bus_retries;
+  return true;
+}
+
 void Board::drop_job() {
   job_.active = false;
   if (owner_ == Owner::kJob) owner_ = Owner::kNobody;
@@ -80,22 +93,25 @@ void Board::back_to(Step step) {
 // One pass over everything that uses the bus.
 void Board::run_bus() {
   bus_.poll(last_us_);
-  if (bus_.finished()) {
-    const Owner owner = owner_;
-    owner_ = Owner::kNobody;
-    if (owner == Owner::kPoller) poller_.take_result(last_us_, ms_);
-    if (owner == Owner::kJob && job_.entered) sweep_.take_result(last_us_, ms_);
-  }
+  if (bus_.finished()) take_result();
   if (!job_.active) start_next();
   // Start the next transaction before computing anything: the line should not lie idle meanwhile.
-  if (job_.active && needs_bus()) run_job();
-  // While a host that speaks the chapter's dialect is sending, the line is kept free for its request.
-  const bool keep_free = decoder_.receiving() && (chapter_heard_ || !poller_.busy(ms_));
-  const bool wanted = job_.active && needs_bus();
-  if (bus_.idle() && !wanted && !keep_free && poller_.start(last_us_, ms_)) owner_ = Owner::kPoller;
+  if (wants_bus()) run_job();
+  if (bus_.idle() && !wants_bus() && !keeps_line_free() && poller_.start(last_us_, ms_)) owner_ = Owner::kPoller;
   poller_.digest();
   run_job();
 }
+
+// Gives the result of a transaction to whoever started it.
+void Board::take_result() {
+  const Owner owner = owner_;
+  owner_ = Owner::kNobody;
+  if (owner == Owner::kPoller) poller_.take_result(last_us_, ms_);
+  if (owner == Owner::kJob && job_.entered) sweep_.take_result(last_us_, ms_);
+}
+
+// While a host that speaks the chapter's dialect is sending, the line is kept free for its request.
+bool Board::keeps_line_free() const { return decoder_.receiving() && (chapter_heard_ || !poller_.busy(ms_)); }
 
 // A stop first; after it no request starts before every voided request and every stop is answered.
 bool Board::start_next() {
@@ -145,56 +161,51 @@ bool Board::needs_bus() const {
 // False if the step needs more time.
 bool Board::run_step() {
   const Step step = job_.program[job_.pc];
-  if (step <= Step::kReadTaken && !job_.entered && asked(step) == 0) {
-    next_step();
-    return true;
-  }
+  if (step <= Step::kReadTaken) return read_step(step);
   if (!bus_.idle() && needs_bus()) return false;
-  bool silent = false;  // a packet without an answer is in the send buffer
+  if (step <= Step::kJudgePacket) return aim_step(step);
+  if (step <= Step::kTakeRest) return send_step(step);
+  if (step <= Step::kEndIfLimp) return check_step(step);
+  return answer_step(step);
+}
+
+bool Board::read_step(Step step) {
+  const Mask mask = asked(step);
+  if (!job_.entered && mask == 0) return done();
+  return bus_.idle() && sweep(kItems[static_cast<uint8_t>(step)], mask);
+}
+
+// Steps that compute targets.
+bool Board::aim_step(Step step) {
   switch (step) {
-    case Step::kReadPosition:
-    case Step::kReadStale:
-    case Step::kReadMoving:
-      return sweep(Item::kPosition, asked(step));
-    case Step::kReadTorque:
-    case Step::kReadUnsure:
-    case Step::kReadTaken:
-      return sweep(Item::kTorque, asked(step));
-    case Step::kReadMode:
-    case Step::kReadUnknownMode:
-      return sweep(Item::kMode, asked(step));
-    case Step::kReadTarget:
-      return sweep(Item::kTarget, asked(step));
-    case Step::kReadCeiling:
-      return sweep(Item::kCeiling, asked(step));
     case Step::kAimPresent:
       aim(job_.mask);
-      break;
+      return done();
     case Step::kAimHold:
       aim_hold();
-      break;
+      return done();
     case Step::kAimMove:
       aim_move();
       return true;
     case Step::kAimSyncWrite:
       aim_sync_write();
       return true;
-    case Step::kJudgePacket:
+    default:
       judge_packet();
       return true;
+  }
+}
+
+// Steps that send a packet; most of these packets have no answer.
+bool Board::send_step(Step step) {
+  switch (step) {
     case Step::kSendLegacy:
-      silent = make_targets(gen::SERIES_SEVEN_BOT);
-      break;
+      return sent(make_targets(gen::SERIES_SEVEN_BOT));
     case Step::kSendHls:
-      silent = make_targets(gen::SERIES_HLS);
-      break;
+      return sent(make_targets(gen::SERIES_HLS));
     case Step::kSendTorque:
-      if (job_.program == kTorqueOn) {
-        silent = joints_.make_torque(bus_, job_.targets.mask, true);
-      } else {
-        silent = take_torque(job_.mask);
-      }
-      break;
+      return sent(job_.program == kTorqueOn ? joints_.make_torque(bus_, job_.targets.mask, true)
+                                            : take_torque(job_.mask));
     case Step::kSendPacket:
       next_step();
       start_packet(false);
@@ -205,21 +216,16 @@ bool Board::run_step() {
     case Step::kSendPacketHls:
       next_step();
       return !send_targets(gen::SERIES_HLS);
-    case Step::kTakeOtherMode: {
-      Mask wrong = 0;
-      for (uint8_t i = 0; i < kJoints; ++i) {
-        if (joints_[i].torque_on && joints_.other_mode(i)) wrong |= only(i);
-      }
-      silent = take_torque(wrong);
-      job_.taken |= wrong;
-      job_.targets.mask &= static_cast<Mask>(~wrong);
-      break;
-    }
-    case Step::kTakeRest:
-      silent = take_torque(job_.bad | job_.moving);
-      job_.taken |= job_.bad | job_.moving;
-      job_.targets.mask &= static_cast<Mask>(~job_.taken);
-      break;
+    case Step::kTakeOtherMode:
+      return sent(take_back(in_other_mode()));
+    default:
+      return sent(take_back(job_.bad | job_.moving));
+  }
+}
+
+// Steps that look at what was read.
+bool Board::check_step(Step step) {
+  switch (step) {
     case Step::kCheckTorque:
       check_torque();
       return true;
@@ -228,20 +234,25 @@ bool Board::run_step() {
       return true;
     case Step::kNote:
       note_positions();
-      break;
+      return done();
     case Step::kPause:
-      if (job_.moving && ms_ - job_.noted_ms < kPauseMs) return false;
-      break;
+      return !(job_.moving && ms_ - job_.noted_ms < kPauseMs) && done();
     case Step::kCheckStill:
       check_still();
       return true;
     case Step::kFinishHold:
       finish_hold();
       return true;
-    case Step::kEndIfLimp:
-      if (job_.targets.mask || job_.taken) break;
+    default:  // kEndIfLimp
+      if (job_.targets.mask || job_.taken) return done();
       job_.active = false;
       return true;
+  }
+}
+
+// Steps that answer the request, or wait for what it needs.
+bool Board::answer_step(Step step) {
+  switch (step) {
     case Step::kConfirmTorque:
       confirm_torque();
       return true;
@@ -255,8 +266,7 @@ bool Board::run_step() {
       reply_packet();
       return true;
     case Step::kAwaitCycle:
-      if (job_.cycles == poller_.cycles()) return false;
-      break;
+      return job_.cycles != poller_.cycles() && done();
     case Step::kReplyState:
       reply(gen::STATUS_OK, put_state(job_.argument));
       return true;
@@ -267,12 +277,21 @@ bool Board::run_step() {
       return true;
     case Step::kAwaitSaved:
       return reply_saved();
-    case Step::kMaintain:
+    default:  // kMaintain
       enter_maintenance();
       return true;
   }
+}
+
+bool Board::done() {
   next_step();
-  if (!silent) return true;
+  return true;
+}
+
+// Ends a step that put a packet without an answer into the send buffer, unless there was nothing to send.
+bool Board::sent(bool packet) {
+  next_step();
+  if (!packet) return true;
   bus_.start_silent();
   owner_ = Owner::kJob;
   return false;

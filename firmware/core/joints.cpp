@@ -1,5 +1,3 @@
-// Over 500 lines, since every rule for a joint reads and changes the same private table.
-
 #include "hot.h"  // first
 
 #include "joints.h"
@@ -24,10 +22,34 @@ constexpr uint8_t kHlsMotionSize = gen::HLS_REG_PRESENT_TEMPERATURE + 1 - gen::H
 // Place of a register in the parameters of that read.
 constexpr uint8_t motion_at(uint8_t address) { return static_cast<uint8_t>(address - gen::HLS_REG_PRESENT_POSITION); }
 
+struct Place {
+  uint8_t address;
+  uint8_t size;
+};
+
+// In the order of the items. One that the series does not have is never asked for.
+const Place kLegacyPlaces[] = {
+    {gen::SEVEN_BOT_REG_PRESENT_POSITION, 2}, {gen::SEVEN_BOT_REG_TORQUE_ENABLE, 1},
+    {gen::SEVEN_BOT_REG_TARGET_POSITION, 2},  {0, 2},
+    {gen::SEVEN_BOT_REG_PRESENT_POSITION, 2}, {gen::SEVEN_BOT_REG_PRESENT_VOLTAGE, 2},
+    {gen::SEVEN_BOT_REG_PRESENT_CURRENT, 2},  {0, 1},
+};
+const Place kHlsPlaces[] = {
+    {gen::HLS_REG_PRESENT_POSITION, 2}, {gen::HLS_REG_TORQUE_ENABLE, 1},
+    {gen::HLS_REG_GOAL_POSITION, 2},    {gen::HLS_REG_GOAL_TORQUE, 2},
+    {gen::HLS_REG_PRESENT_POSITION, kHlsMotionSize}, {0, 2},
+    {gen::HLS_REG_PRESENT_CURRENT, 2},  {gen::HLS_REG_MODE, 1},
+};
+
 bool legacy(uint8_t series) { return series == gen::SERIES_SEVEN_BOT; }
 
 int16_t narrow(int32_t value) {
   return static_cast<int16_t>(value > 32767 ? 32767 : value < -32768 ? -32768 : value);
+}
+
+// 6.5 mA per count.
+int16_t hls_current(uint16_t raw) {
+  return narrow(static_cast<int32_t>(decode_signed(raw, gen::HLS_REG_PRESENT_CURRENT_SIGN)) * 13 / 2);
 }
 
 }  // namespace
@@ -68,38 +90,10 @@ bool Joints::has(uint8_t joint, Item item) const {
 
 // Address and size of an item's register.
 void Joints::locate(uint8_t joint, Item item, uint8_t* address, uint8_t* size) const {
-  const bool old = legacy(joints_[joint].series);
-  *address = 0;
-  *size = 2;
-  switch (item) {
-    case Item::kPosition:
-      *address = old ? gen::SEVEN_BOT_REG_PRESENT_POSITION : gen::HLS_REG_PRESENT_POSITION;
-      break;
-    case Item::kTorque:
-      *address = old ? gen::SEVEN_BOT_REG_TORQUE_ENABLE : gen::HLS_REG_TORQUE_ENABLE;
-      *size = 1;
-      break;
-    case Item::kTarget:
-      *address = old ? gen::SEVEN_BOT_REG_TARGET_POSITION : gen::HLS_REG_GOAL_POSITION;
-      break;
-    case Item::kCeiling:
-      *address = gen::HLS_REG_GOAL_TORQUE;
-      break;
-    case Item::kMotion:
-      *address = old ? gen::SEVEN_BOT_REG_PRESENT_POSITION : gen::HLS_REG_PRESENT_POSITION;
-      if (!old) *size = kHlsMotionSize;
-      break;
-    case Item::kSupply:
-      *address = gen::SEVEN_BOT_REG_PRESENT_VOLTAGE;
-      break;
-    case Item::kMode:
-      *address = gen::HLS_REG_MODE;
-      *size = 1;
-      break;
-    case Item::kCurrent:
-      *address = old ? gen::SEVEN_BOT_REG_PRESENT_CURRENT : gen::HLS_REG_PRESENT_CURRENT;
-      break;
-  }
+  const Place* places = legacy(joints_[joint].series) ? kLegacyPlaces : kHlsPlaces;
+  const Place& place = places[static_cast<uint8_t>(item)];
+  *address = place.address;
+  *size = place.size;
 }
 
 void Joints::store_position(Joint& joint, uint16_t raw, uint32_t now_us, uint32_t now_ms) {
@@ -125,21 +119,15 @@ int16_t Joints::store(uint8_t index, Item item, const uint8_t* p, uint8_t error,
   joint.error = error;
   joint.present = true;
   const uint16_t raw = old ? get16_big(p) : get16(p);
+  if (item != Item::kPosition && item != Item::kMotion) return store_other(joint, item, p, raw);
+  if (item == Item::kMotion && !old) store_motion(joint, p);
+  store_position(joint, raw, now_us, now_ms);
+  return joint.position;
+}
+
+int16_t Joints::store_other(Joint& joint, Item item, const uint8_t* p, uint16_t raw) {
+  const bool old = legacy(joint.series);
   switch (item) {
-    case Item::kMotion:
-      if (!old) {
-        const uint16_t speed = get16(p + motion_at(gen::HLS_REG_PRESENT_SPEED));
-        const int16_t units = decode_signed(speed, gen::HLS_REG_PRESENT_SPEED_SIGN);
-        joint.speed = narrow(static_cast<int32_t>(units) * kHlsSpeedUnit);
-        joint.load = decode_signed(get16(p + motion_at(gen::HLS_REG_PRESENT_LOAD)), gen::HLS_REG_PRESENT_LOAD_SIGN);
-        joint.voltage = p[motion_at(gen::HLS_REG_PRESENT_VOLTAGE)];
-        joint.temperature = static_cast<int8_t>(p[motion_at(gen::HLS_REG_PRESENT_TEMPERATURE)]);
-      }
-      store_position(joint, raw, now_us, now_ms);
-      return joint.position;
-    case Item::kPosition:
-      store_position(joint, raw, now_us, now_ms);
-      return joint.position;
     case Item::kTorque:
       joint.torque_on = p[0] == 1;
       joint.torque_known = true;
@@ -159,16 +147,20 @@ int16_t Joints::store(uint8_t index, Item item, const uint8_t* p, uint8_t error,
       joint.voltage = p[0];
       joint.temperature = static_cast<int8_t>(p[1]);
       return 0;
-    case Item::kCurrent:
-      if (old) {
-        joint.current = narrow(raw);
-      } else {
-        // 6.5 mA per count.
-        joint.current = narrow(static_cast<int32_t>(decode_signed(raw, gen::HLS_REG_PRESENT_CURRENT_SIGN)) * 13 / 2);
-      }
+    default:  // kCurrent
+      joint.current = old ? narrow(raw) : hls_current(raw);
       return joint.current;
   }
-  return 0;
+}
+
+// Stores what an HLS servo gives besides its position.
+void Joints::store_motion(Joint& joint, const uint8_t* p) {
+  const uint16_t speed = get16(p + motion_at(gen::HLS_REG_PRESENT_SPEED));
+  const int16_t units = decode_signed(speed, gen::HLS_REG_PRESENT_SPEED_SIGN);
+  joint.speed = narrow(static_cast<int32_t>(units) * kHlsSpeedUnit);
+  joint.load = decode_signed(get16(p + motion_at(gen::HLS_REG_PRESENT_LOAD)), gen::HLS_REG_PRESENT_LOAD_SIGN);
+  joint.voltage = p[motion_at(gen::HLS_REG_PRESENT_VOLTAGE)];
+  joint.temperature = static_cast<int8_t>(p[motion_at(gen::HLS_REG_PRESENT_TEMPERATURE)]);
 }
 
 void Joints::missed(uint8_t index) {

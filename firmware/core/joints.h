@@ -18,7 +18,7 @@ constexpr uint16_t kHlsSpeedUnit = 50;  // counts/s
 
 inline Mask only(uint8_t joint) { return static_cast<Mask>(1U << joint); }
 
-// What a sweep reads.
+// What a sweep reads; joints.cpp has their registers in this order.
 enum class Item : uint8_t {
   kPosition,
   kTorque,
@@ -103,6 +103,8 @@ class Joints {
 
  private:
   void locate(uint8_t joint, Item item, uint8_t* address, uint8_t* size) const;
+  static int16_t store_other(Joint& joint, Item item, const uint8_t* parameters, uint16_t raw);
+  static void store_motion(Joint& joint, const uint8_t* parameters);
   static void store_position(Joint& joint, uint16_t raw, uint32_t now_us, uint32_t now_ms);
 
   Joint joints_[kJoints];

@@ -10,7 +10,6 @@ namespace hexwire {
 
 namespace {
 
-constexpr uint8_t kMoreTries = 2;
 constexpr uint8_t kFreshMs = 50;  // no distance is computed from a position older than this
 
 }  // namespace
@@ -84,16 +83,7 @@ void Board::aim_move() {
   uint32_t duration = get16(p + gen::JOINT_MOVE_REQUEST_DURATION_MS);
   for (uint8_t row = 0; row < p[gen::JOINT_MOVE_REQUEST_COUNT]; ++row) {
     const uint8_t* at = p + gen::JOINT_MOVE_REQUEST_SIZE + row * gen::JOINT_MOVE_REQUEST_ROW_SIZE;
-    const int16_t wanted = static_cast<int16_t>(get16(at + gen::JOINT_MOVE_REQUEST_ROW_POSITION));
-    for (uint8_t i = 0; i < kJoints; ++i) {
-      const Joint& joint = joints_[i];
-      if (at[0] != joint.id && at[0] != gen::BROADCAST_ID) continue;
-      if (!joint.present || !joint.torque_known || joints_.other_mode(i)) continue;
-      if (!joint.ceiling_known && joints_.has(i, Item::kCeiling)) continue;
-      job_.targets.mask |= only(i);
-      job_.targets.position[i] = gate_.clamp(i, wanted);
-      duration = gate_.at_least(duration, i, job_.targets.position[i], ms_);
-    }
+    duration = aim_row(at[0], static_cast<int16_t>(get16(at + gen::JOINT_MOVE_REQUEST_ROW_POSITION)), duration);
   }
   job_.duration_ms = duration > 0xFFFF ? 0xFFFF : static_cast<uint16_t>(duration);
   for (uint8_t i = 0; i < kJoints; ++i) {
@@ -102,33 +92,47 @@ void Board::aim_move() {
   next_step();
 }
 
+// Aims the joints of a row of JOINT_MOVE; returns the duration that they need.
+uint32_t Board::aim_row(uint8_t id, int16_t wanted, uint32_t duration) {
+  for (uint8_t i = 0; i < kJoints; ++i) {
+    if ((id != joints_[i].id && id != gen::BROADCAST_ID) || !can_move(i)) continue;
+    job_.targets.mask |= only(i);
+    job_.targets.position[i] = gate_.clamp(i, wanted);
+    duration = gate_.at_least(duration, i, job_.targets.position[i], ms_);
+  }
+  return duration;
+}
+
+// Whether everything is known that a target for a joint requires.
+bool Board::can_move(uint8_t i) const {
+  const Joint& joint = joints_[i];
+  if (!joint.present || !joint.torque_known || joints_.other_mode(i)) return false;
+  return joint.ceiling_known || !joints_.has(i, Item::kCeiling);
+}
+
 void Board::confirm_torque() {
   const bool on = job_.program == kTorqueOn;
   Mask confirmed = 0;
   Mask other_mode = 0;
-  bool wrong = false;
+  Mask wrong = 0;
   for (uint8_t i = 0; i < kJoints; ++i) {
-    if (!(job_.mask & only(i))) continue;
     if (on && joints_.other_mode(i)) {
       other_mode |= only(i);
     } else if (sweep_.answered() & only(i)) {
-      if (sweep_.value(i) == (on ? 1 : 0)) {
-        confirmed |= only(i);
-      } else {
-        wrong = true;
-      }
+      (sweep_.value(i) == on ? confirmed : wrong) |= only(i);
     }
   }
-  if (wrong && job_.repeats < kMoreTries) {
-    // A servo is present but did not get the packet: noise may destroy a packet that has no answer.
-    ++job_.repeats;
-    ++stats_.bus_retries;
-    return begin_again();
-  }
-  uint8_t status = gen::STATUS_OK;
-  if (other_mode) status = gen::STATUS_SERVO_FAULT;
-  if ((confirmed | other_mode) != job_.mask) status = gen::STATUS_SERVO_SILENT;
+  confirmed &= job_.mask;
+  other_mode &= job_.mask;
+  // A servo is present but did not get the packet: noise may destroy a packet that has no answer.
+  if ((wrong & job_.mask) && try_again()) return begin_again();
+  const bool all = (confirmed | other_mode) == job_.mask;
+  const uint8_t status = !all ? gen::STATUS_SERVO_SILENT : other_mode ? gen::STATUS_SERVO_FAULT : gen::STATUS_OK;
   if (job_.owner == For::kStop) return finish_stop(status, confirmed);
+  reply_torque(on, status, confirmed);
+}
+
+void Board::reply_torque(bool on, uint8_t status, Mask confirmed) {
   body()[gen::TORQUE_REPLY_ON] = on ? 1 : 0;
   put16(body() + gen::TORQUE_REPLY_MASK, confirmed);
   reply(status, gen::TORQUE_REPLY_SIZE);

@@ -103,28 +103,37 @@ bool Poller::start_extra(uint32_t now_ms) {
 }
 
 bool Poller::start(uint32_t now_us, uint32_t now_ms) {
-  if (phase_ != Phase::kRest) {
-    if (sweep_.start_next(now_ms)) return true;
-    if (phase_ == Phase::kCycle) end_cycle(now_us, now_ms);
-    phase_ = Phase::kRest;
-  }
+  if (phase_ != Phase::kRest && go_on(now_us, now_ms)) return true;
   if (awake_ && !awake(now_ms)) awake_ = false;
   if (extra_due_) {
     extra_due_ = false;
     if (start_extra(now_ms)) return true;
   }
-  const bool rested = now_ms - cycle_at_ms_ >= kIdleCycleMs;
-  if (period_ms_ == 0) {
-    if (!awake_ && !rested) return false;
-  } else {
+  const bool due = cycle_due(now_ms);
+  if (period_ms_) {
     // The cycle should end when the report is due; the time left before it goes to the slow items.
     const int32_t spare = static_cast<int32_t>(report_at_us_ - cycle_us_ - now_us);
-    if (spare > 0) {
-      if (spare < static_cast<int32_t>(cycle_us_)) return spare > kExtraUs && extras_left_ && start_extra(now_ms);
-      if (!awake_ && !rested) return extras_left_ && start_extra(now_ms);
-    }
+    if (spare > 0 && (!due || spare < static_cast<int32_t>(cycle_us_))) return start_spare(spare, now_ms);
+  } else if (!due) {
+    return false;
   }
   return start_cycle(now_us, now_ms);
+}
+
+bool Poller::cycle_due(uint32_t now_ms) const { return awake_ || now_ms - cycle_at_ms_ >= kIdleCycleMs; }
+
+// Asks for a slow item before a report, if there is time.
+bool Poller::start_spare(int32_t spare_us, uint32_t now_ms) {
+  if (spare_us < static_cast<int32_t>(cycle_us_) && spare_us <= kExtraUs) return false;
+  return extras_left_ && start_extra(now_ms);
+}
+
+// Starts the next transaction of what is under way; false if it is complete.
+bool Poller::go_on(uint32_t now_us, uint32_t now_ms) {
+  if (sweep_.start_next(now_ms)) return true;
+  if (phase_ == Phase::kCycle) end_cycle(now_us, now_ms);
+  phase_ = Phase::kRest;
+  return false;
 }
 
 void Poller::take_result(uint32_t now_us, uint32_t now_ms) {

@@ -43,7 +43,10 @@ class Poller {
 
   Mask worth_asking(uint32_t now_ms) const;
   bool start_cycle(uint32_t now_us, uint32_t now_ms);
+  bool go_on(uint32_t now_us, uint32_t now_ms);
   bool start_extra(uint32_t now_ms);
+  bool cycle_due(uint32_t now_ms) const;
+  bool start_spare(int32_t spare_us, uint32_t now_ms);
   void end_cycle(uint32_t now_us, uint32_t now_ms);
 
   ServoBus& bus_;

@@ -186,15 +186,19 @@ void ServoBus::receive() {
     search();
     if (complete()) return finish(BusResult::kOk);
   }
-  if (state_ != State::kWaiting) return;
+  if (state_ == State::kWaiting) check_end();
+}
+
+// Ends a transaction that waits for nothing, or has waited long enough.
+void ServoBus::check_end() {
+  const uint32_t waited = now_ - since_;
   if (kind_ == Kind::kSilent) {
     // The echo, if there is one, ends with the stop bit; one byte later the line is free.
-    if (now - since_ >= kByteUs || !echo_seen_) finish(BusResult::kOk);
+    if (waited >= kByteUs || !echo_seen_) finish(BusResult::kOk);
     return;
   }
-  const uint32_t waited = now - since_;
-  const uint32_t quiet = now - last_rx_;
-  if (hurried_ && (quiet >= kHurryUs || now - hurried_at_ >= kMaxHurryUs)) return fail();
+  const uint32_t quiet = now_ - last_rx_;
+  if (hurried_ && (quiet >= kHurryUs || now_ - hurried_at_ >= kMaxHurryUs)) return fail();
   const uint32_t answer_us = static_cast<uint32_t>(kMaxAnswer) * kByteUs;
   if ((waited >= timeout_us_ && quiet >= kGapUs) || waited >= timeout_us_ + answer_us + kMarginUs) fail();
 }
@@ -241,21 +245,10 @@ void ServoBus::search() {
 // Examines the packet that begins at `at`; false if more bytes are needed to decide.
 bool ServoBus::match_at(uint8_t at) {
   const uint8_t* p = answer_ + at;
-  const uint8_t available = static_cast<uint8_t>(received_ - at);
-  bool fits = p[0] == 0xFF && (expect_.header == kAnyHeader ? p[1] == 0xFF || p[1] == 0xF5 : p[1] == expect_.header);
-  uint8_t index = 0;
-  if (fits) {
-    while (index < wanted_ && (at_[index] != kNoAnswer || (ids_[index] != p[2] && ids_[index] != gen::BROADCAST_ID))) {
-      ++index;
-    }
-    fits = index < wanted_;
-  }
-  if (fits && !expect_.ping) {
-    fits = expect_.parameters == kAnyLength ? p[3] >= 2 && p[3] <= sizeof(answer_) - 4 : p[3] == expect_.parameters + 2;
-  }
-  if (fits) {
+  const uint8_t index = right_header(p) ? awaited(p[2]) : wanted_;
+  if (index < wanted_ && right_length(p[3])) {
     const uint8_t size = expect_.ping ? kStatusOverhead : static_cast<uint8_t>(p[3] + 4);
-    if (available < size) return false;
+    if (received_ - at < size) return false;
     if (p[size - 1] == servo_checksum(p + 2, static_cast<uint8_t>(size - 3))) {
       at_[index] = at;
       ++got_;
@@ -267,10 +260,30 @@ bool ServoBus::match_at(uint8_t at) {
   return true;
 }
 
+bool ServoBus::right_header(const uint8_t* p) const {
+  if (p[0] != 0xFF) return false;
+  return expect_.header == kAnyHeader ? p[1] == 0xFF || p[1] == 0xF5 : p[1] == expect_.header;
+}
+
+// Place of a servo whose answer is still missing; `wanted_` if there is none.
+uint8_t ServoBus::awaited(uint8_t id) const {
+  uint8_t index = 0;
+  while (index < wanted_ && (at_[index] != kNoAnswer || (ids_[index] != id && ids_[index] != gen::BROADCAST_ID))) {
+    ++index;
+  }
+  return index;
+}
+
+bool ServoBus::right_length(uint8_t length) const {
+  if (expect_.ping) return true;
+  if (expect_.parameters == kAnyLength) return length >= 2 && length <= sizeof(answer_) - 4;
+  return length == expect_.parameters + 2;
+}
+
 void ServoBus::fail() {
-  // An answer may equal its request byte for byte (for example, of a ping with error bit 0 set). On a line that is
-  // known not to echo, what was taken for the echo is then the answer.
-  if (echo_over_ && echo_matched_ == size_ && received_ == 0 && !echo_seen_ && kind_ != Kind::kSilent) {
+  if (only_an_echo() && !echo_seen_ && kind_ != Kind::kSilent) {
+    // An answer may equal its request byte for byte (for example, of a ping with error bit 0 set). On a line that is
+    // known not to echo, what was taken for the echo is then the answer.
     received_ = size_ < sizeof(answer_) ? size_ : sizeof(answer_);
     memcpy(answer_, packet_, received_);
     echo_matched_ = 0;
@@ -279,11 +292,7 @@ void ServoBus::fail() {
   }
   line_dirty_ = true;
   const bool nothing = received_ == 0;
-  if (nothing) {
-    ++stats_.bus_timeouts;
-  } else {
-    ++stats_.bus_bad;
-  }
+  ++(nothing ? stats_.bus_timeouts : stats_.bus_bad);
   if (tries_left_ && got_ == 0 && !hurried_) {
     ++stats_.bus_retries;
     return wait_for_quiet();

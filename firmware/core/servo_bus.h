@@ -79,6 +79,11 @@ class ServoBus {
   void search();
   bool complete() const;
   bool match_at(uint8_t at);
+  bool right_header(const uint8_t* packet) const;
+  bool right_length(uint8_t length) const;
+  uint8_t awaited(uint8_t id) const;
+  bool only_an_echo() const { return echo_over_ && echo_matched_ == size_ && received_ == 0; }
+  void check_end();
   void fail();
   void finish(BusResult result);
 

@@ -7,7 +7,6 @@ namespace hexwire {
 
 namespace {
 
-constexpr uint8_t kMoreTries = 2;
 constexpr uint8_t kStill = 4;          // most counts between two samples of a joint that holds
 constexpr uint16_t kSettleMs = 400;
 constexpr uint8_t kStopAnswer = gen::FRAME_OVERHEAD + gen::STOP_REPLY_SIZE + 1;
@@ -110,6 +109,22 @@ bool Board::take_torque(Mask mask) {
   return joints_.make_torque(bus_, mask, false);
 }
 
+// Does the same to joints that cannot be held.
+bool Board::take_back(Mask mask) {
+  const bool any = take_torque(mask);
+  job_.taken |= mask;
+  job_.targets.mask &= static_cast<Mask>(~job_.taken);
+  return any;
+}
+
+Mask Board::in_other_mode() const {
+  Mask mask = 0;
+  for (uint8_t i = 0; i < kJoints; ++i) {
+    if (joints_[i].torque_on && joints_.other_mode(i)) mask |= only(i);
+  }
+  return mask;
+}
+
 void Board::check_torque() {
   bool again = false;
   for (uint8_t i = 0; i < kJoints; ++i) {
@@ -125,11 +140,7 @@ void Board::check_torque() {
       again = true;
     }
   }
-  if (again && job_.repeats < kMoreTries) {
-    ++job_.repeats;
-    ++stats_.bus_retries;
-    return begin_again();
-  }
+  if (again && try_again()) return begin_again();
   next_step();
 }
 
@@ -143,12 +154,8 @@ void Board::check_target() {
       wrong |= only(i);
     }
   }
-  if (wrong && job_.repeats < kMoreTries) {
-    // A servo is present but did not get the packet: noise may destroy a packet that has no answer.
-    ++job_.repeats;
-    ++stats_.bus_retries;
-    return begin_again();
-  }
+  // A servo is present but did not get the packet: noise may destroy a packet that has no answer.
+  if (wrong && try_again()) return begin_again();
   job_.bad |= wrong;
   job_.moving = job_.targets.mask & static_cast<Mask>(~job_.bad);
   job_.settle_ms = ms_;
@@ -178,11 +185,7 @@ void Board::finish_hold() {
     if (!(job_.taken & sweep_.answered() & only(i))) continue;
     (sweep_.value(i) == 0 ? off : job_.bad) |= only(i);
   }
-  if (job_.bad && job_.repeats < kMoreTries) {
-    ++job_.repeats;
-    ++stats_.bus_retries;
-    return back_to(Step::kTakeRest);
-  }
+  if (job_.bad && try_again()) return back_to(Step::kTakeRest);
   if (job_.owner == For::kBoot) {
     job_.active = false;
     return;

@@ -7,6 +7,7 @@ import runpy
 import subprocess
 from pathlib import Path
 
+import lizard
 import pytest
 from tests.avr import machines
 from tests.avr.client import Client
@@ -51,6 +52,17 @@ def test_the_core_stays_portable() -> None:
         wrong += [f"{file.name} includes {name}" for name in sorted(includes)]
         wrong += [f"{file.name} uses {word.strip()}" for word in words if word in text]
     assert not wrong, "\n".join(wrong)
+
+
+def test_no_function_branches_more_than_twelve_ways() -> None:
+    files = [*CORE, *(FIRMWARE / "boards").rglob("*.cpp"), *(FIRMWARE / "boards").rglob("*.h")]
+    seen = [
+        (function.cyclomatic_complexity, f"{file.name}: {function.name}")
+        for file in files
+        for function in lizard.analyze_file(str(file)).function_list
+    ]
+    assert len(seen) > 300
+    assert not [name for ways, name in seen if ways > 12]
 
 
 def test_no_loop_of_the_core_waits_for_hardware() -> None:

@@ -21,7 +21,8 @@ def test_a_goal_from_ros_moves_the_firmwares_servos(tmp_path: Path) -> None:
         # Less than what counts as off its way: on a loaded machine the chip runs slower than the clock.
         there = {**here, "J1": here["J1"] + 0.15, "J5": here["J5"] - 0.1}
         arm.send("there", there, 2.0)
-        assert arm.result("there")["state"] == "SUCCEEDED"
+        done = arm.result("there")
+        assert done["state"] == "SUCCEEDED", done
         assert near(there, arm.position())
         arm.send("back", here, 5.0)
         arm.client.wait_active(key="back")

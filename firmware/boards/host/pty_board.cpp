@@ -67,6 +67,25 @@ void write_from(int fd, std::vector<uint8_t>& from) {
   if (count > 0) from.erase(from.begin(), from.begin() + count);
 }
 
+// Passes bytes between the lines and the board until a signal arrives.
+void serve(int host, int bus, bool real_bus) {
+  hexwire::HostBoard board;
+  // A pseudo-terminal takes no time: an answer may arrive at once.
+  if (!real_bus) board.bus_byte_us = 0;
+  const uint64_t start = now_us();
+  board.board.begin(static_cast<uint32_t>(time(nullptr)), 0);
+  while (!ended) {
+    pollfd lines[2] = {{host, POLLIN, 0}, {bus, POLLIN, 0}};
+    poll(lines, 2, 1);
+    if (lines[0].revents & POLLIN) read_into(host, board.from_host);
+    if (lines[1].revents & POLLIN) read_into(bus, board.from_bus);
+    board.now_us = now_us() - start;
+    board.board.poll();
+    write_from(bus, board.to_bus);
+    write_from(host, board.to_host);
+  }
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -83,21 +102,6 @@ int main(int argc, char** argv) {
   const int bus = bus_name ? open_port(bus_name) : open_pty("bus");
   if (host < 0 || bus < 0) return 1;
   fflush(stdout);
-
-  hexwire::HostBoard board;
-  // A pseudo-terminal takes no time: an answer may arrive at once.
-  if (!bus_name) board.bus_byte_us = 0;
-  const uint64_t start = now_us();
-  board.board.begin(static_cast<uint32_t>(time(nullptr)), 0);
-  while (!ended) {
-    pollfd lines[2] = {{host, POLLIN, 0}, {bus, POLLIN, 0}};
-    poll(lines, 2, 1);
-    if (lines[0].revents & POLLIN) read_into(host, board.from_host);
-    if (lines[1].revents & POLLIN) read_into(bus, board.from_bus);
-    board.now_us = now_us() - start;
-    board.board.poll();
-    write_from(bus, board.to_bus);
-    write_from(host, board.to_host);
-  }
+  serve(host, bus, bus_name != nullptr);
   return 0;
 }
