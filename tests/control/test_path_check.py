@@ -11,7 +11,9 @@ from tests.motion.arms import HOME, state
 from hexwire.control import path_check
 from hexwire.control.outcomes import Reason
 from hexwire.control.path_check import PathCheck
+from hexwire.drivers.arm_file import load_profile
 from hexwire.errors import GoalError, LimitError, UsageError
+from hexwire.model.geometry import kinematics_or_none
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.state import JointFlag
@@ -125,6 +127,21 @@ def test_targets_and_postures_are_checked_at_limits_and_coupling() -> None:
     CHECK.target(unknown, {"J7": 0.1})
     with pytest.raises(UsageError, match="the position of J2 is unknown"):
         CHECK.posture(unknown, {"J1": 0.1})
+
+
+def test_an_arm_without_a_coupling_limit_is_checked_at_its_table_only() -> None:
+    arm = load_profile("so101").model
+    here = dict.fromkeys(arm.names, 0.0) | {"shoulder_lift": math.radians(-45)}
+    low = here | {"shoulder_lift": math.radians(60)}
+    model = kinematics_or_none("so101")
+    assert model is not None
+    assert not model.has_coupling
+    assert Hex7BotModel().has_coupling
+    PathCheck(arm, model, None).posture(here, low)
+    with pytest.raises(LimitError, match="below the table"):
+        PathCheck(arm, model, 0.0).posture(here, low)
+    with pytest.raises(LimitError, match="outside its limits"):
+        PathCheck(arm, model, None).posture(here, here | {"elbow_flex": 3.0})
 
 
 def test_the_table_counts_where_there_is_one() -> None:

@@ -5,11 +5,16 @@ from __future__ import annotations
 import math
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from tests.bus.bus_bench import make_bus
 
 from hexwire.drivers.bus_goals import SPEED_UNIT, BusGoals
 from hexwire.model.arm import JointModel
 from hexwire.wire.registers import Series
+
+ANGLES = st.floats(-6.0, 6.0)
+"""Of these some are counts below zero."""
 
 
 def joint(series: str, servo_id: int = 1) -> JointModel:
@@ -65,3 +70,40 @@ def test_no_time_is_too_short_or_too_long(duration: float) -> None:
     for series in ("sts_sms", "scs", "hls", "seven_bot"):
         _, data = goals.make(joint(series), 4000, duration, -math.pi)
         assert data[-2:] != b"\0\0" or series == "scs"
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(["sts_sms", "hls", "seven_bot", "scs"]), ANGLES, ANGLES | st.none()), max_size=5
+    )
+)
+def test_goals_of_several_joints_are_those_of_each_one(moves: list[tuple[str, float, float | None]]) -> None:
+    goals = BusGoals(make_bus((1,))[0])
+    arms = [
+        JointModel(f"J{i}", i, series, 2048, (-1) ** i, 0.1 * i, 0.0015, -9.0, 9.0, 9.0)
+        for i, (series, _, _) in enumerate(moves, 1)
+    ]
+    starts = {arm.name: start for arm, (_, _, start) in zip(arms, moves, strict=True) if start is not None}
+    wanted = {
+        (arm.servo_id, *goals.make(arm, arm.angle_to_counts(angle), 0.05, start))
+        for arm, (_, angle, start) in zip(arms, moves, strict=True)
+    }
+    angles = [angle for _, angle, _ in moves]
+    packets, sent = goals.make_packets(zip(arms, angles, strict=True), 0.05, starts)
+    assert {(i, address, data) for (address, _), rows in packets.items() for i, data in rows.items()} == wanted
+    assert all(len(data) == length for (_, length), rows in packets.items() for data in rows.values())
+    rounded = [
+        (arm.name, arm.counts_to_angle(arm.angle_to_counts(angle))) for arm, angle in zip(arms, angles, strict=True)
+    ]
+    assert sent == tuple(rounded)
+
+
+def test_what_was_learned_counts_from_then_on() -> None:
+    """The prepared goals of a joint are made anew."""
+    bus, _ = make_bus((1,))
+    goals, arm = BusGoals(bus), joint("sts_sms")
+    before = goals.make_packets([(arm, 1.0)], 1.0, {"a": 0.0})
+    bus.write_raw(1, "lock", 0)
+    bus.write_raw(1, "phase", (bus.read(1, "phase").raw or 0) ^ 0x04)
+    goals.learn(arm)
+    assert goals.make_packets([(arm, 1.0)], 1.0, {"a": 0.0}) != before

@@ -349,7 +349,12 @@ class ServoBus(Openable):
 
     def sync_write_bytes(self, address: int, data: Mapping[int, bytes]) -> None:
         """Write neighbouring registers of several servos in one packet. Only the size of the packet is checked."""
-        self._line.send(packets.make_sync_write(address, data))
+        packet = packets.make_sync_write(address, data)
+        line = self._line
+        # It always acts, so that it need not be asked whether it does.
+        token = line.epochs.token("a servo packet")
+        with self._lock:
+            line.post(packet, token)
 
     # --- other instructions ------------------------------------------------------------------------------------
 

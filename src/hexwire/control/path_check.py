@@ -62,6 +62,8 @@ class PathCheck:
     def __init__(self, arm: ArmModel, kinematics: KinematicModel | None, table: float | None) -> None:
         self._arm, self._kinematics, self._table = arm, kinematics, table
         self._running = None if kinematics is None else Fence(kinematics, table, moving=True)
+        # Without a table, an arm without a joint coupling limit has only the limits of its joints.
+        self._fenced = kinematics is not None and (table is not None or kinematics.has_coupling)
         self._bridge_arm = replace(
             arm, joints=tuple(replace(joint, max_speed=_BRIDGE_GRACE * joint.max_speed) for joint in arm.joints)
         )
@@ -130,7 +132,7 @@ class PathCheck:
             LimitError: The goal is not allowed.
         """
         self.limits(goal)
-        if self._kinematics is None or goal.keys().isdisjoint(self._kinematics.joint_names):
+        if not self._fenced or self._kinematics is None or goal.keys().isdisjoint(self._kinematics.joint_names):
             return
         fence = Fence(self._kinematics, self._table)
         if found := fence.check_end(here, {**here, **goal}):

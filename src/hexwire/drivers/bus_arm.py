@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -47,6 +46,7 @@ from .replies import torque_flag
 from .stop_memory import StopMemory
 
 if TYPE_CHECKING:
+    from hexwire.epochs import Token
     from hexwire.link.base import Link
     from hexwire.link.diagnose import Finding
 
@@ -308,51 +308,49 @@ class BusArm(RobotDriver):
 
     def write(self, target: JointTarget) -> SentTarget:
         self._check_attached()
-        with self.epochs.calling("a move"), self._stop_again(), self._powering:
-            return self._move(target)
+        with self.epochs.calling("a move") as call:
+            try:
+                with self._powering:
+                    return self._move(target)
+            except (PreemptedError, StoppedError):
+                self._stop_again(call.token)
+                raise
 
-    @contextmanager
-    def _stop_again(self) -> Iterator[None]:
+    def _stop_again(self, token: Token | None) -> None:
         """Stop again after a signal handler's stop: a packet may leave after it, and no servo latches a stop."""
-        token = self.epochs.of_this_call
-        try:
-            yield
-        except (PreemptedError, StoppedError):
-            if token is not None and not self.epochs.holds(token) and self.epochs.stopped_by_this_thread:
-                with self.epochs.stopping():
-                    self._stop(self._mode)
-            raise
+        if token is not None and not self.epochs.holds(token) and self.epochs.stopped_by_this_thread:
+            with self.epochs.stopping():
+                self._stop(self._mode)
 
     def _move(self, target: JointTarget) -> SentTarget:
         self._refuse_if_stopped("a move")
-        joints = [self.model.joint(name) for name, _ in target.positions]
-        self._refuse_without_torque(joints)
-        if any(joint.name not in self._positions for joint in joints):
+        model, positions = self.model, self._positions
+        joints = [model.joint(name) for name, _ in target.positions]
+        if not all(self._torque):
+            self._refuse_without_torque(joints)
+        if len(positions) < len(model.names) and any(joint.name not in positions for joint in joints):
             self.read()
-        checked = check_target(self.model, target, self._positions)
+        checked = check_target(model, target, positions)
         duration = max(checked.duration, _MIN_DURATION)
-        goals = {name: self.model.joint(name).angle_to_counts(angle) for name, angle in checked.positions}
-        self._send(goals, duration)
+        moves = zip(joints, [angle for _, angle in checked.positions], strict=True)
+        # One packet for each address and length of goal registers.
+        packets, sent = self._goals.make_packets(moves, duration, positions)
+        for (address, _), rows in packets.items():
+            self.bus.sync_write_bytes(address, rows)
         # The start of the next move, until the next read.
-        self._positions.update(checked.positions)
-        sent = tuple((name, self.model.joint(name).counts_to_angle(counts)) for name, counts in goals.items())
+        positions.update(checked.positions)
         return SentTarget(sent, duration)
-
-    def _send(self, goals: Mapping[str, int], duration: float) -> None:
-        """Send one packet for each address and length of goal registers."""
-        packets: dict[int, dict[int, bytes]] = {}
-        for name, counts in goals.items():
-            joint = self.model.joint(name)
-            address, data = self._goals.make(joint, counts, duration, self._positions.get(name))
-            packets.setdefault(address << 8 | len(data), {})[joint.servo_id] = data
-        for key, rows in packets.items():
-            self.bus.sync_write_bytes(key >> 8, rows)
 
     def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
         self._check_attached()
         what = "torque on" if on else "torque off"
-        with self.epochs.calling(what, freeing=not on), self._stop_again(), self._powering:
-            return self._switch(on, joints)
+        with self.epochs.calling(what, freeing=not on) as call:
+            try:
+                with self._powering:
+                    return self._switch(on, joints)
+            except (PreemptedError, StoppedError):
+                self._stop_again(call.token)
+                raise
 
     def _switch(self, on: bool, joints: Sequence[str] | None) -> tuple[str, ...]:
         if on:

@@ -2,17 +2,22 @@
 
 Owns the stored settings that a goal depends on: each servo's unit of speed and its current ceiling. Must not know
 stops, torque or callers.
+
+Loops send goals of all joints hundreds of times a second, so what depends on the joint alone is prepared once.
 """
 
 from __future__ import annotations
 
 import math
+from struct import Struct
 from typing import TYPE_CHECKING
 
 from hexwire.wire.registers import Series
 from hexwire.wire.tables import DEFAULT_CEILING
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
     from hexwire.bus.servo_bus import ServoBus
     from hexwire.model.arm import JointModel
 
@@ -25,6 +30,16 @@ _PHASE_SPEED_UNIT = 0x04
 _SHORTEST, _LONGEST = 9, 0x7FFE
 """Milliseconds of a motion that a servo accepts; the shortest applies to the legacy series."""
 _FASTEST = 0x7FFF
+_STS_GOAL = Struct("<BHHH").pack
+"""Acceleration, position, time (the current ceiling of HLS) and speed, which are adjacent registers."""
+_STS_ROW = (Series.STS_SMS.register("acceleration").address, 7)
+_STS_SERIES = frozenset((Series.STS_SMS.value, Series.HLS.value))
+_MOST_COUNTS = 0x7FFF
+"""Goals of STS and HLS servos up to this count have no sign bit."""
+
+_Row = tuple["JointModel", bool, int, int, float, float, int, float, int]
+"""What the goals of a joint depend on: the joint, whether its servo is STS or HLS, id, sign, offset, scale,
+neutral, unit of speed, ceiling."""
 
 
 class BusGoals:
@@ -38,9 +53,11 @@ class BusGoals:
         self._bus = bus
         self._speed_units: dict[int, float] = {}
         self._ceilings: dict[int, int] = {}
+        self._rows: dict[str, _Row] = {}
 
     def learn(self, joint: JointModel) -> None:
         """Read the settings that the goals of a servo depend on."""
+        self._rows.clear()
         servo_id, series = joint.servo_id, Series(joint.series)
         if series is Series.STS_SMS:
             phase = self._bus.read(servo_id, "phase").raw
@@ -74,6 +91,64 @@ class BusGoals:
             return position.address, goal + b"\0\0"
         distance = abs(counts - joint.angle_to_counts(start)) if start is not None else 0
         speed = min(max(1, math.ceil(distance / duration / self.speed_unit(joint))), _FASTEST)
-        ceiling = self._ceilings.get(joint.servo_id, DEFAULT_CEILING) if series is Series.HLS else 0
-        data = b"\0" + position.encode(counts) + ceiling.to_bytes(2, "little")
+        data = b"\0" + position.encode(counts) + self._ceiling(joint).to_bytes(2, "little")
         return series.register("acceleration").address, data + series.register("goal_speed").encode(speed)
+
+    def make_packets(
+        self, moves: Iterable[tuple[JointModel, float]], duration: float, starts: Mapping[str, float]
+    ) -> tuple[dict[tuple[int, int], dict[int, bytes]], tuple[tuple[str, float], ...]]:
+        """Make the goals of several joints; each as by `make`.
+
+        Args:
+            moves: Joints with the angles to which they go, radians.
+            duration: Seconds.
+            starts: Angles at the start by joint name, radians, where they are known.
+
+        Returns:
+            The bytes by servo id, for each address and length; and the angles as the servos round them.
+        """
+        packets: dict[tuple[int, int], dict[int, bytes]] = {}
+        sent, rows = [], self._rows
+        sts: dict[int, bytes] = {}
+        for joint, angle in moves:
+            name = joint.name
+            row = rows.get(name)
+            if row is None or row[0] is not joint:
+                rows[name] = row = self._make_row(joint)
+            _, like_sts, servo_id, sign, offset, scale, neutral, unit, ceiling = row
+            start = starts.get(name)
+            if like_sts and start is not None:
+                steps = round(sign * (angle - offset) / scale)
+                counts = steps + neutral
+                if 0 <= counts <= _MOST_COUNTS:
+                    distance = abs(steps - round(sign * (start - offset) / scale))
+                    speed = math.ceil(distance / duration / unit) or 1
+                    sts[servo_id] = _STS_GOAL(0, counts, ceiling, speed if speed < _FASTEST else _FASTEST)
+                    sent.append((name, sign * steps * scale + offset))
+                    continue
+            counts = joint.angle_to_counts(angle)
+            address, data = self.make(joint, counts, duration, start)
+            packets.setdefault((address, len(data)), {})[joint.servo_id] = data
+            sent.append((name, joint.counts_to_angle(counts)))
+        if sts:
+            packets.setdefault(_STS_ROW, {}).update(sts)
+        return packets, tuple(sent)
+
+    def _make_row(self, joint: JointModel) -> _Row:
+        return (
+            joint,
+            joint.series in _STS_SERIES,
+            joint.servo_id,
+            joint.sign,
+            joint.offset,
+            joint.scale,
+            joint.neutral,
+            self.speed_unit(joint),
+            self._ceiling(joint),
+        )
+
+    def _ceiling(self, joint: JointModel) -> int:
+        """Most current of an HLS servo; other servos have none, and 0 in its place."""
+        if Series(joint.series) is not Series.HLS:
+            return 0
+        return self._ceilings.get(joint.servo_id, DEFAULT_CEILING)

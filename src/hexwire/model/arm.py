@@ -94,6 +94,7 @@ class ArmModel:
     geometry: str = ""
     names: tuple[str, ...] = field(init=False, repr=False, compare=False)
     _by_name: Mapping[str, int] = field(init=False, repr=False, compare=False)
+    _joints: Mapping[str, JointModel] = field(init=False, repr=False, compare=False)
     _by_id: Mapping[int, int] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -104,6 +105,7 @@ class ArmModel:
         # Stored, since every state is compared with them.
         object.__setattr__(self, "names", tuple(by_name))
         object.__setattr__(self, "_by_name", by_name)
+        object.__setattr__(self, "_joints", {joint.name: joint for joint in self.joints})
         object.__setattr__(self, "_by_id", by_id)
 
     def joint(self, name: str) -> JointModel:
@@ -112,7 +114,8 @@ class ArmModel:
         Raises:
             UsageError: There is no such joint; the text lists the joints.
         """
-        return self.joints[self.index(name)]
+        # Asked for each joint of each target.
+        return self._joints.get(name) or self.joints[self.index(name)]
 
     def index(self, name: str) -> int:
         """Index of a joint.

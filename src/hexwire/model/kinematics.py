@@ -265,6 +265,11 @@ class KinematicModel(ABC):
         """Excess over the joint coupling limit in radians; 0 if it is not violated, or there is none."""
         return 0.0
 
+    @property
+    def has_coupling(self) -> bool:
+        """Whether the arm has a joint coupling limit, so that `coupling_excess` may be above 0."""
+        return type(self).coupling_excess is not KinematicModel.coupling_excess
+
     def check(self, angles: Sequence[float]) -> None:
         """Refuse joint angles that violate limits.
 

@@ -203,6 +203,8 @@ class JointTarget:
     duration: float = 1.0
 
     def __post_init__(self) -> None:
+        if _plainly_right(self.positions, self.duration):
+            return
         names = [name for name, _ in self.positions]
         if not names:
             raise UsageError("a target names no joint")
@@ -210,11 +212,7 @@ class JointTarget:
             raise UsageError(f"a target names joints by text, not {names!r}")
         if len(set(names)) != len(names):
             raise UsageError(f"a target names a joint twice: {', '.join(names)}")
-        # Targets are made in every cycle: the text is formatted only for what is not plainly right.
-        plain = all(type(value) is float and math.isfinite(value) for _, value in self.positions)
-        positions = tuple(
-            [(name, value if plain else finite(value, f"target of {name}")) for name, value in self.positions]
-        )
+        positions = tuple([(name, finite(value, f"target of {name}")) for name, value in self.positions])
         if not all(abs(value) <= _MOST for _, value in positions):
             name, value = next((name, value) for name, value in positions if not abs(value) <= _MOST)
             raise UsageError(f"target of {name} is {value:g} rad, which no joint reaches; give radians")
@@ -234,6 +232,22 @@ class JointTarget:
         if not isinstance(positions, Mapping):
             raise UsageError(f"a target maps joint names to radians; this is {positions!r}")
         return cls(tuple(positions.items()), duration)
+
+
+def _plainly_right(positions: object, duration: object) -> bool:
+    """Whether a target needs neither a conversion nor an error: targets are made in every cycle."""
+    if type(duration) is not float or not 0.0 <= duration <= LONGEST or type(positions) is not tuple:
+        return False
+    names = set()
+    for pair in positions:
+        if type(pair) is not tuple or len(pair) != 2:
+            return False
+        name, value = pair
+        # Neither NaN nor an infinite value passes the comparison.
+        if type(name) is not str or type(value) is not float or not -_MOST <= value <= _MOST:
+            return False
+        names.add(name)
+    return 0 < len(names) == len(positions)
 
 
 @dataclass(frozen=True, slots=True)

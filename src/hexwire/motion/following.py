@@ -110,6 +110,11 @@ class Following:
         self.arm = follower
         self._mirror, self._share, self._stale, self._grip, self._check = mirror, share, stale, grip, check
         self._leader = {name: leader.joint(name) for name in follower.names}
+        # One cycle takes a few microseconds: what stays the same is looked up once.
+        jaws = None if grip is None else grip.jaws.joint
+        self._rows = [
+            (one, one.name, one.minimum, one.maximum, one.max_speed, one.name == jaws) for one in follower.joints
+        ]
         self._active = False
         self._last = 0.0
         self._goal: dict[str, float] = {}
@@ -140,9 +145,10 @@ class Following:
             loads: Loads of the follower as signed fractions of full scale; NaN where unknown.
             now: Seconds, monotonic.
         """
-        if not age < self._stale or not all(math.isfinite(leader.get(name, math.nan)) for name in self.arm.names):
+        names = self.arm.names
+        if not age < self._stale or not _known(leader, names):
             return self._hold("the leader is silent")
-        if not all(math.isfinite(positions.get(name, math.nan)) for name in self.arm.names):
+        if not _known(positions, names):
             return self._hold("the positions of the follower are unknown")
         if not self._active:
             self._active = True
@@ -152,20 +158,31 @@ class Following:
             self._last = now
         step = min(max(now - self._last, 0.0), _LONGEST_STEP)
         self._last = now
-        before, note = dict(self._goal), ""
-        for joint in self.arm.joints:
-            wanted = self._wanted(joint, leader[joint.name])
-            if self._grip is not None and joint.name == self._grip.jaws.joint:
-                load = loads.get(joint.name, math.nan)
-                wanted = self._gripped(self._grip, wanted, positions[joint.name], load, now)
-            self._goal[joint.name] = self._towards(joint, wanted, positions[joint.name], step)
-        if self._goal != before:
+        before, goals, note, way_back = self._goal, {}, "", 0.0
+        for joint, name, low, high, speed, jaws in self._rows:
+            here, wanted = positions[name], leader[name]
+            if jaws and self._grip is not None:
+                load = loads.get(name, math.nan)
+                wanted = self._gripped(self._grip, self._wanted(joint, wanted), here, load, now)
+            elif self._mirror:
+                wanted = self._wanted(joint, wanted)
+            elif wanted < low:
+                wanted = low
+            elif wanted > high:
+                wanted = high
+            goals[name] = self._towards(joint, wanted, here, step)
+            if not low <= here <= high:
+                # Joints outside their limits return to them as slowly as they meet the leader.
+                way_back = max(way_back, abs(_inside(joint, here) - here) / (self._share * speed))
+        if goals != before:
             try:
-                self._check(before, self._goal)
+                self._check(before, goals)
             except LimitError as error:
-                self._goal, note = before, str(error)
-        met = len(self._met) == len(self.arm.names)
-        return Follow(Action.MOVE, dict(self._goal), met, note, self._way_back(positions))
+                goals, note = before, str(error)
+        self._goal = goals
+        met = len(self._met) == len(names)
+        # The caller gets them to read; the next cycle makes new ones.
+        return Follow(Action.MOVE, goals, met, note, way_back)
 
     def _hold(self, note: str) -> Follow:
         action = Action.HOLD if self._active else Action.IDLE
@@ -183,20 +200,23 @@ class Following:
         return _inside(joint, angle)
 
     def _towards(self, joint: JointModel, wanted: float, here: float, step: float) -> float:
-        goal = self._goal[joint.name]
-        if abs(wanted - goal) <= _MET:
-            self._met.add(joint.name)
-        speed = joint.max_speed if joint.name in self._met else self._share * joint.max_speed
-        goal += max(-speed * step, min(speed * step, wanted - goal))
+        name, most = joint.name, joint.max_speed * step
+        goal = self._goal[name]
+        way = wanted - goal
+        if -_MET <= way <= _MET:
+            self._met.add(name)
+        elif name not in self._met:
+            most *= self._share
+        if way > most:
+            wanted = goal + most
+        elif way < -most:
+            wanted = goal - most
         # A blocked joint keeps its set-point near; one outside its limits goes back to them.
-        return _inside(joint, max(here - _MOST_LEAD, min(here + _MOST_LEAD, goal)))
-
-    def _way_back(self, positions: Mapping[str, float]) -> float:
-        """Seconds that joints outside their limits need to return to them as slowly as they meet the leader."""
-        return max(
-            abs(_inside(joint, positions[joint.name]) - positions[joint.name]) / (self._share * joint.max_speed)
-            for joint in self.arm.joints
-        )
+        if wanted > here + _MOST_LEAD:
+            wanted = here + _MOST_LEAD
+        elif wanted < here - _MOST_LEAD:
+            wanted = here - _MOST_LEAD
+        return joint.minimum if wanted < joint.minimum else min(wanted, joint.maximum)
 
     def _gripped(self, grip: GripForce, wanted: float, here: float, load: float, now: float) -> float:
         """Where the jaws go: as the leader's do, but no further than to press on what is between them."""
@@ -219,6 +239,12 @@ class Following:
         if self._push is None or abs(here - self._push[1]) > _STANDS:
             self._push = (now, here)
         return now - self._push[0] >= _PUSHES
+
+
+def _known(values: Mapping[str, float], names: tuple[str, ...]) -> bool:
+    """Whether there is a finite value for each name."""
+    get = values.get
+    return all(map(math.isfinite, [get(name, math.nan) for name in names]))
 
 
 def _inside(joint: JointModel, angle: float) -> float:

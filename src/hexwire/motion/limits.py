@@ -48,12 +48,19 @@ def check_target(model: ArmModel, target: JointTarget, start: Mapping[str, float
         LimitError: A position is outside its limits; nothing may be sent.
         UsageError: A joint does not exist, or is named twice.
     """
-    positions: dict[str, float] = {}
+    # Every target of every cycle comes here: it is made anew only if something changes.
+    duration, positions, renamed = target.duration, {}, False
     for name, angle in target.positions:
         joint = model.joint(name)
         joint.check(angle)
-        if joint.name in positions:
-            raise UsageError(f"a target names {joint.name} twice")
-        positions[joint.name] = angle
-    duration = max(target.duration, needed_duration(model, start, positions))
+        own = joint.name
+        if own in positions:
+            raise UsageError(f"a target names {own} twice")
+        positions[own] = angle
+        renamed |= own != name
+        # False for a start that is missing, not a number or infinite.
+        if duration < (needed := abs(angle - start.get(own, math.nan)) / joint.max_speed) < math.inf:
+            duration = needed
+    if duration == target.duration and not renamed:
+        return target
     return replace(target, positions=tuple(positions.items()), duration=duration)

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from enum import IntEnum
+from functools import lru_cache
 from typing import NamedTuple
 
 from hexwire.errors import RemoteProtocolError, UsageError
@@ -203,8 +204,8 @@ def make_calibrate(servo_id: int, position: bytes | None = None) -> bytes:
     return make_packet(servo_id, Instruction.CALIBRATE, position or b"")
 
 
-def _checked_ids(ids: Iterable[int]) -> bytes:
-    listed = list(ids)
+@lru_cache(maxsize=256)
+def _checked_ids(listed: tuple[int, ...]) -> bytes:
     if not listed:
         raise UsageError("a sync packet needs at least one servo id")
     if len(set(listed)) != len(listed):
@@ -218,7 +219,7 @@ def _checked_ids(ids: Iterable[int]) -> bytes:
 def make_sync_read(address: int, count: int, ids: Iterable[int]) -> bytes:
     """Build SYNC_READ: the servos answer in the order of `ids` (STS/SMS and HLS only)."""
     head = bytes((_address(address), _count(count)))
-    return make_packet(BROADCAST_ID, Instruction.SYNC_READ, head + _checked_ids(ids))
+    return make_packet(BROADCAST_ID, Instruction.SYNC_READ, head + _checked_ids(tuple(ids)))
 
 
 def make_sync_write(address: int, data: Mapping[int, bytes] | Iterable[tuple[int, bytes]]) -> bytes:
@@ -229,12 +230,14 @@ def make_sync_write(address: int, data: Mapping[int, bytes] | Iterable[tuple[int
         data: Bytes by id, in the byte order of each servo.
     """
     items = list(data.items()) if isinstance(data, Mapping) else list(data)
-    _checked_ids(servo_id for servo_id, _ in items)
+    ids = _checked_ids(tuple([servo_id for servo_id, _ in items]))
     size = len(items[0][1])
-    if not size or any(len(values) != size for _, values in items):
-        raise UsageError("a sync write needs the same number of bytes, at least one, for every servo")
-    rows = b"".join(bytes((servo_id,)) + values for servo_id, values in items)
-    return make_packet(BROADCAST_ID, Instruction.SYNC_WRITE, bytes((_address(address), size)) + rows)
+    parts = [bytes((_address(address), size))]
+    for i, (_, values) in enumerate(items):
+        if not len(values) == size > 0:
+            raise UsageError("a sync write needs the same number of bytes, at least one, for every servo")
+        parts += ids[i : i + 1], values
+    return make_packet(BROADCAST_ID, Instruction.SYNC_WRITE, b"".join(parts))
 
 
 def make_status(servo_id: int, error: int = 0, params: bytes = b"", *, legacy: bool = False) -> bytes:
