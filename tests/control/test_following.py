@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import pytest
 
-from hexwire.control.following import FollowController, Pair, ReadAhead, run_following
+from hexwire.control.following import BriefReader, FollowController, Pair, ReadAhead, run_following
 from hexwire.control.owner import RobotOwner
 from hexwire.control.ownership import release
 from hexwire.drivers.bus_arm import So101Arm
@@ -112,6 +112,23 @@ def test_lost_answers_of_the_leader_end_nothing_and_mislead_nobody() -> None:
     # It went there and stayed: no value of a lost answer in between.
     assert all(b - a > -math.radians(1.0) for a, b in itertools.pairwise(sent))
     release(rig.follower.driver, rig.owner)
+
+
+def test_the_load_of_a_follower_is_read_a_hundred_times_a_second_and_its_positions_always() -> None:
+    arm = Arm(FakeClock())
+    arm.driver.attach()
+    reads = itertools.count()
+    whole = arm.driver.read
+    arm.driver.read = lambda: (next(reads), whole())[1]  # type: ignore[method-assign]
+    read = BriefReader(arm.driver)
+    first, begin = read(), arm.link.clock()
+    arm.hand("shoulder_pan", 20.0, begin)
+    states = [read() for _ in range(200)]
+    seconds = arm.link.clock() - begin
+    assert next(reads) - 1 == pytest.approx(100 * seconds, rel=0.2)
+    assert all(math.isfinite(state.load[0]) and state.voltage == first.voltage for state in states)
+    assert all(state.age == first.age for state in states)
+    assert math.degrees(states[-1].position[0] - first.position[0]) > 5.0
 
 
 def test_a_leader_that_is_unplugged_ends_it_and_stops_the_follower(rig: Rig) -> None:

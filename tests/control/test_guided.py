@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+import itertools
+
 import pytest
 
-from hexwire.control.guided import GuidedController
+from hexwire.control.guided import GuidedController, Notes
 from hexwire.errors import UsageError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.motion.safety import StopReason
@@ -27,9 +29,31 @@ def test_a_cycle_counts_as_long_as_it_was_but_never_less_than_wanted() -> None:
 def test_each_note_is_said_once_until_another_one_comes() -> None:
     said: list[object] = []
     controller = GuidedController(HEX7BOT, 0.05, said.append)
-    for note in ("a", "a", "", "a", "b", ""):
+    for i, note in enumerate(("a", "a", "", "a", "b", "", "")):
+        controller._period(0.6 * i)
         controller._say(note)
     assert said == ["a", "a", "b"]
+    stops = [StopReason("asked", "one"), StopReason("asked", "one"), StopReason("board", "two")]
+    for reason in (*stops, "", stops[0]):
+        controller._say(reason)
+    assert said[3:] == [stops[0], stops[2], stops[0]]
+
+
+def test_a_note_whose_number_changes_or_that_comes_and_goes_is_not_new() -> None:
+    notes = Notes()
+    cycle = itertools.count()
+
+    def new(note: str, after: float = 0.01) -> bool:
+        return notes.is_new(note, 0.01 * next(cycle) + after)
+
+    assert [new(f"the tool would be {d} mm below the table") for d in ("2.6", "12", "-3.25")] == [
+        True,
+        False,
+        False,
+    ]
+    assert [new(text) for text in ("", "the tool would be 4.1 mm below the table")] == [False, False]
+    assert [new(text) for text in ("J1=90 deg is too far", "J2=90 deg is too far", "")] == [True, True, False]
+    assert new("J2=91 deg is too far", after=2.0)
 
 
 def test_a_period_that_no_loop_keeps_is_refused() -> None:

@@ -10,7 +10,7 @@ import math
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NoReturn
 
 from hexwire.errors import HexwireError, UsageError
@@ -29,10 +29,12 @@ if TYPE_CHECKING:
     from hexwire.motion.following import Following
 
 
-__all__ = ["FollowController", "FollowCounters", "Pair", "ReadAhead", "run_following"]
+__all__ = ["BriefReader", "FollowController", "FollowCounters", "Pair", "ReadAhead", "run_following"]
 
 _STALL = 0.5
 """Seconds without a cycle, as when the program was suspended, after which the follower meets the leader again."""
+_REST_EVERY = 0.009
+"""Seconds between readings of a follower's load and the like: a gripper closes little meanwhile."""
 _LAST_READING = 0.5
 """Seconds for which the end waits for a leader that is being read."""
 
@@ -104,6 +106,35 @@ class FollowController(GuidedController):
         if step.action is Action.HOLD:
             return holding(self._rules.arm, state)
         return JointTarget.of(step.positions, max(OVERLAP * period, step.least)) if step.positions else None
+
+
+class BriefReader:
+    """Reads a follower: its positions in every cycle, the rest at times, since that takes twice as long.
+
+    Args:
+        robot: The follower.
+    """
+
+    def __init__(self, robot: RobotDriver) -> None:
+        self._robot = robot
+        self._whole: JointState | None = None
+        self._whole_at = -math.inf
+
+    def __call__(self) -> JointState:
+        """The state, with load, current, voltage and temperature of the last reading that had them."""
+        robot, whole = self._robot, self._whole
+        now = robot.now()
+        if whole is None or now - self._whole_at >= _REST_EVERY:
+            self._whole_at = now
+            self._whole = whole = robot.read()
+            return whole
+        return replace(
+            robot.read_positions(),
+            load=whole.load,
+            current=whole.current,
+            voltage=whole.voltage,
+            temperature=whole.temperature,
+        )
 
 
 class ReadAhead:
@@ -193,7 +224,9 @@ def run_following(
         read = pair.leader.read_positions
         ahead = ReadAhead(read) if pair.ahead else None
         controller = FollowController(pair.rules, ahead or read, pair.leader.now, 1.0 / rate, pair.on_note)
-        owner = RobotOwner(pair.follower, borrowed=True, command_rate=rate, sleep=sleep)
+        owner = RobotOwner(
+            pair.follower, borrowed=True, command_rate=rate, sleep=sleep, read=BriefReader(pair.follower)
+        )
         with ExitStack() as steps:
             if ahead is not None:
                 steps.callback(ahead.end)

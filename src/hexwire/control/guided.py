@@ -6,6 +6,7 @@ Owns when such a controller moves, what it says, and how long its last cycle too
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
@@ -18,10 +19,39 @@ if TYPE_CHECKING:
 
     from .outcomes import Ended, GoalListener
 
-__all__ = ["OVERLAP", "GuidedController"]
+__all__ = ["OVERLAP", "GuidedController", "Notes"]
 
+_FORGOTTEN = 1.0
+"""Seconds without a note after which it is new again: at a limit it comes and goes."""
+_NUMBER = re.compile(r"(?<![\w.])-?\d+(\.\d+)?")
 OVERLAP = 2.5
 """Duration of a target in cycles, so that a late one does not pause the motion."""
+
+
+class Notes:
+    """Tells which notes are worth saying, where every cycle may have one.
+
+    A note with other numbers, such as how deep below the table a joint would be, is the same note. It is new after
+    a second without it.
+    """
+
+    def __init__(self) -> None:
+        self._kind = ""
+        self._at = -math.inf
+
+    def is_new(self, note: str, now: float) -> bool:
+        """Whether to say a note; never for an empty one, which says that there is none now.
+
+        Args:
+            note: What the cycle has to say.
+            now: Seconds, monotonic.
+        """
+        if not note:
+            return False
+        kind = _NUMBER.sub("", note)
+        new = kind != self._kind or not now - self._at < _FORGOTTEN
+        self._kind, self._at = kind, now
+        return new
 
 
 class GuidedController:
@@ -37,6 +67,7 @@ class GuidedController:
         check_rate(1.0 / period)
         self._arm, self._least, self._on_note = arm, period, on_note
         self._last = math.nan
+        self._notes = Notes()
         self._said: str | StopReason = ""
         self._stopped = False
         self.moving = False
@@ -81,6 +112,12 @@ class GuidedController:
         return period
 
     def _say(self, said: str | StopReason) -> None:
-        if said and said != self._said:
+        if not isinstance(said, str):
+            if said != self._said:
+                self._on_note(said)
+            self._said = said
+        elif self._notes.is_new(said, self._last):
+            self._said = said
             self._on_note(said)
-        self._said = said
+        elif not said:
+            self._said = said

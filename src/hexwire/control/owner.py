@@ -94,6 +94,7 @@ class RobotOwner:
         asked: Marks when the motion was asked for; a later stop cancels it. Now if None.
         clock: Monotonic seconds; the robot's clock if None.
         sleep: Waits for a number of seconds; if None, a wait that `shutdown` ends.
+        read: Reads a state of a borrowed robot; the robot's `read` if None.
 
     Attributes:
         robot: As given.
@@ -122,8 +123,10 @@ class RobotOwner:
         asked: Token | None = None,
         clock: Callable[[], float] | None = None,
         sleep: Callable[[float], object] | None = None,
+        read: Callable[[], JointState] | None = None,
     ) -> None:
         self.robot = robot
+        self._read = read
         self.group = ControllerGroup()
         self.connected, self.error, self.waits_for = False, "not connected yet", ""
         self.reconnects = 0
@@ -578,7 +581,9 @@ class RobotOwner:
         if not self._borrowed:
             # Every target needs a state, even if states are published rarely.
             rate = max(self._publish_rate, rate, _FEEDS / self.watchdog if self.watchdog else 0.0)
-        reader = StateReader(self.robot, rate, ask=self._borrowed, clock=self._clock, sleep=self._sleep)
+        reader = StateReader(
+            self.robot, rate, ask=self._borrowed, read=self._read, clock=self._clock, sleep=self._sleep
+        )
         self._latest.begin(reader.period, max(_SILENT, 3.0 * self.command_period))
         self._restarts = self.robot.restarts
         return reader

@@ -60,6 +60,7 @@ class StateReader:
         robot: The robot.
         rate: States per second, as far as the line allows.
         ask: Request every state, even if the robot could report it.
+        read: Requests one; the robot's `read` if None.
         clock: Monotonic seconds.
         sleep: Waits for a number of seconds.
 
@@ -74,6 +75,7 @@ class StateReader:
         rate: float,
         *,
         ask: bool = False,
+        read: Callable[[], JointState] | None = None,
         clock: Callable[[], float],
         sleep: Callable[[float], object],
     ) -> None:
@@ -81,6 +83,7 @@ class StateReader:
         self.timing = RateLoop(1.0 / self.period, clock=clock, sleep=sleep)
         self._ask = ask
         self._robot = robot
+        self._ask_for = read
         self._states: Generator[JointState, None, None] | None = None
         self._reports = False
 
@@ -123,4 +126,4 @@ class StateReader:
             yield from self._robot.stream(self.period, _SILENCE, slow=_SLOW)
             return
         for _ in self.timing.ticks():
-            yield self._robot.read()
+            yield self._robot.read() if self._ask_for is None else self._ask_for()
