@@ -74,6 +74,24 @@ def test_an_arm_from_six_new_servos(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "so101 is set up; next: `hexwire bus calibrate`" in result.stdout
 
 
+def test_a_servo_that_is_connected_from_the_beginning_is_asked_about_after_the_picture(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bench, servo = SetupCli(monkeypatch), new(0)
+    bench.plug(servo)()
+    result = bench.run(Person("y", "q"), "so101")
+    picture, question = result.stderr.index("(6) gripper"), result.stderr.index("gripper becomes servo 6")
+    assert picture < question
+    assert result.stderr.count("(6) gripper") == 1
+    assert servo.servo_id == 6
+
+
+def test_an_arm_is_a_leader_or_a_follower(monkeypatch: pytest.MonkeyPatch) -> None:
+    result = SetupCli(monkeypatch).run(Person(), "so101", "--leader", "--follower")
+    assert result.exit_code == 2
+    assert "--leader and --follower contradict each other" in result.stderr
+
+
 def test_it_can_be_ended_and_resumed(monkeypatch: pytest.MonkeyPatch) -> None:
     bench, servos = SetupCli(monkeypatch), [new(i) for i in range(6)]
     first = bench.run(Person(bench.plug(servos[0]), "y", "q"), "so100", "--yes")

@@ -30,6 +30,9 @@ def run(*words: str) -> Result:
         (("a", "b", "--grip", "101"), 2, "--grip must be at most 100"),
         (("so101@/none/a", "so101@/none/b"), 1, "/none/a does not exist"),
         (("so101@/none/a", "hex7bot@/none/b"), 2, "so101 cannot lead hex7bot: it has no J1"),
+        (("--leader", "a", "--follower", "b"), 2, "No such option '--leader'"),
+        (("a", "b", "--leader", "c"), 2, "No such option '--leader'"),
+        (("a", "b", "--table", "5", "--no-table"), 2, "--table and --no-table contradict each other"),
         (("none.toml@/none/a", "so101@/none/b"), 2, "none.toml"),
     ],
 )
@@ -37,6 +40,15 @@ def test_mistakes(words: tuple[str, ...], status: int, text: str) -> None:
     result = run(*words)
     assert (result.exit_code, text in result.stderr) == (status, True), result.stderr
     assert result.stderr.count("\n") == 1
+
+
+def test_options_before_the_command() -> None:
+    result = CliRunner().invoke(cli, ["--port", "/none/c", "follow", "/none/a", "/none/b"])
+    assert result.exit_code == 2
+    assert "name the ports as LEADER and FOLLOWER" in result.stderr
+    result = CliRunner().invoke(cli, ["--robot", "nobody", "follow", "/none/a", "/none/b"])
+    assert result.exit_code == 2
+    assert "nobody" in result.stderr
 
 
 @pytest.mark.system

@@ -26,13 +26,21 @@ __all__ = ["setup"]
 
 @bus.command()
 @click.argument("robot")
-@click.option("--leader", "role", flag_value="leader", help="A leader arm: its servos have other gears.")
-@click.option("--follower", "role", flag_value="follower", help="A follower arm.")
+@click.option("--leader", is_flag=True, help="A leader arm: its servos have other gears.")
+@click.option("--follower", is_flag=True, help="A follower arm.")
 @click.option("--joint", metavar="NAME", help="Only this joint, as after a repair: connect its servo alone.")
 @click.option("--yes", is_flag=True, help="Do not ask before a change; servos must still be connected by hand.")
 @bus_options
 @json_option
-def setup(robot: str, role: str | None, joint: str | None, yes: bool, options: BusOptions, as_json: bool) -> None:
+def setup(
+    robot: str,
+    leader: bool,
+    follower: bool,
+    joint: str | None,
+    yes: bool,
+    options: BusOptions,
+    as_json: bool,
+) -> None:
     """Give every servo of ROBOT (so101, so100, or a TOML file) its id and line rate, one at a time.
 
     Shows which servo to connect, alone or added to those that are set up already. Each servo is identified, checked
@@ -44,9 +52,10 @@ def setup(robot: str, role: str | None, joint: str | None, yes: bool, options: B
     from hexwire.control.arm_setup import ArmSetup
     from hexwire.drivers.registry import load_bus_arm
 
+    if leader and follower:
+        raise UsageError("--leader and --follower contradict each other: the arm is one of them")
     described = load_bus_arm(robot).described()
-    leader = None if role is None else role == "leader"
-    plan = ArmSetup(described.model, described.baud, leader=leader, only=joint)
+    plan = ArmSetup(described.model, described.baud, leader=leader if leader or follower else None, only=joint)
     if options.series:
         raise UsageError("--series does not apply: the servos are asked")
     with open_bus(options) as opened:
@@ -74,13 +83,16 @@ def _run(opened: ServoBus, plan: ArmSetup, yes: bool) -> bool:
     from hexwire.control.arm_setup import StepKind
 
     _look(opened, plan)
+    drawn = None
     while True:
         step = plan.step
         if step.kind is StepKind.DONE:
             return True
+        # A servo that is connected already: which one it should be is seen before the question.
+        if step.kind is StepKind.CONNECT or (step.kind is StepKind.ASSIGN and drawn != step.joint):
+            _draw(plan)
+            drawn = plan.target
         if step.kind is not StepKind.ASSIGN:
-            if step.kind is StepKind.CONNECT:
-                _draw(plan)
             note(step.text)
             answer = _ask("then press Enter (all: search every id and rate; q: end)")
         else:

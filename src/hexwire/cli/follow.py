@@ -56,6 +56,10 @@ def follow(
     from hexwire.control.following import Pair, run_following
     from hexwire.drivers.registry import is_address
 
+    context = click.get_current_context()
+    if context.find_root().params.get("port"):
+        raise UsageError("--port is for commands with one arm; name the ports as LEADER and FOLLOWER")
+    robot = robot or context.find_root().params.get("robot")
     if len(arms) % 2:
         raise UsageError("give a LEADER and a FOLLOWER for each pair")
     if len(set(arms)) < len(arms):
@@ -64,7 +68,7 @@ def follow(
         if share > 1.0:
             raise UsageError(f"{name} must be at most {'1' if name == '--meet' else '100'}")
     # Joints of the same names: a recording shows those of the follower.
-    if len(arms) > 2 and click.get_current_context().find_root().params.get("record"):
+    if len(arms) > 2 and context.find_root().params.get("record"):
         raise UsageError("--record tells no pair from another; record one pair at a time")
     made = [_make(text, robot, observed=bool(place % 2)) for place, text in enumerate(arms)]
     # so101@PORT and PORT are one arm: it would follow itself.
