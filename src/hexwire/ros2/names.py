@@ -32,7 +32,8 @@ _LONGEST_NODE = 255
 _SUBSTITUTION = re.compile(r"\{([^{}]*)\}")
 _PLAIN = re.compile(r"[A-Za-z0-9_/~{}]", re.ASCII)
 _WORD = re.compile(r"[A-Za-z0-9_]", re.ASCII)
-_MOST_RULES = 1000
+_RULE = re.compile(r"(?:([A-Za-z0-9_]+):(?!=|//))?(rostopic://|rosservice://)?(.+?):=(.+)", re.ASCII | re.DOTALL)
+_RULE_NAME = re.compile(r"(?:~/|/)?[A-Za-z0-9_]+(?:/[A-Za-z0-9_]+)*", re.ASCII)
 
 
 class Kind(Flag):
@@ -59,6 +60,9 @@ class Remap:
     old: str
     new: str
     node: str = ""
+
+
+_SCHEMES = {"": Kind.TOPIC | Kind.SERVICE, "rostopic://": Kind.TOPIC, "rosservice://": Kind.SERVICE}
 
 
 def _refuse(text: str, reason: str) -> UsageError:
@@ -234,27 +238,20 @@ def parse_remap(text: str) -> Remap:
     Raises:
         UsageError: It is not a rule.
     """
-    old, found, new = text.partition(":=")
-    if not found or not old or not new:
-        raise _refuse(text, "a remap rule has the form FROM:=TO")
-    kind = Kind.TOPIC | Kind.SERVICE
-    node = ""
-    for scheme, only in (("rostopic://", Kind.TOPIC), ("rosservice://", Kind.SERVICE)):
-        if scheme in old:
-            before, _, old = old.partition(scheme)
-            if before and not before.endswith(":"):
-                raise _refuse(text, "a remap rule has the form FROM:=TO")
-            kind, node = only, before.removesuffix(":")
-            break
-    else:
-        if ":" in old:
-            node, _, old = old.partition(":")
-    if node:
-        check_node_name(node)
-    if old in ("__node", "__name"):
+    match = _RULE.fullmatch(text)
+    if match is None:
+        raise _refuse(text, "a remap rule has the form FROM:=TO or NODE:FROM:=TO")
+    node, scheme, old, new = (part or "" for part in match.groups())
+    if not scheme and old in ("__node", "__name"):
         return Remap(Kind.NODE, "", check_node_name(new), node)
-    if old == "__ns":
+    if not scheme and old == "__ns":
         return Remap(Kind.NAMESPACE, "", check_namespace(new), node)
-    _check_unexpanded(old)
-    _check_unexpanded(new)
-    return Remap(kind, old, new, node)
+    for wildcard in ("**", "*"):
+        if wildcard in old:
+            raise _refuse(text, f"Wildcard '{wildcard}' is not implemented")
+    if "\\" in new:
+        raise _refuse(text, "Backreferences are not implemented")
+    for name in (old, new):
+        if not _RULE_NAME.fullmatch(name):
+            raise _refuse(text, f"{name[:100]!r} is not a name that a rule may have")
+    return Remap(_SCHEMES[scheme], old, new, node)
