@@ -10,8 +10,8 @@ ROS1 := python3-actionlib python3-diagnostic-msgs python3-rosmaster python3-rosp
     python3-rosbag python3-roslaunch python3-rosmsg python3-rosnode python3-rosparam python3-rosservice \
     python3-rostopic python3-tf2-msgs ros-robot-state-publisher
 # The Debian packages that the tests use.
-APT_TEST := arduino-core-avr avr-libc avrdude binutils-avr chromium clang g++ gcc gcc-avr libclang-rt-dev libegl1 libelf-dev \
-    iproute2 libgl1-mesa-dri libsimavr-dev make nftables sigrok-cli tshark xvfb $(ROS1)
+APT_TEST := ament-cmake arduino-core-avr avr-libc avrdude binutils-avr chromium clang g++ gcc gcc-avr \
+    libclang-rt-dev libegl1 libelf-dev iproute2 libgl1-mesa-dri libsimavr-dev liburdfdom-tools make nftables sigrok-cli tshark xvfb $(ROS1)
 
 # The first Python that is new enough; `make PYTHON=/path/to/python3.12 test` selects another.
 PYTHON ?= $(firstword $(foreach p,python3 python3.13 python3.12 python3.11,\

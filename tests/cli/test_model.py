@@ -199,3 +199,73 @@ def test_pitch_of_an_arm_of_six_joints_is_refused() -> None:
     result = run("ik", 0, 200, 100, "--pitch", 90)
     assert result.exit_code == 2
     assert "hex7bot has six joints: give its rotation" in result.stderr
+
+
+# -- ros2-package ----------------------------------------------------------------------------------------------
+
+
+def package_files(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_ros2_package_writes_a_folder(tmp_path: Path) -> None:
+    folder = tmp_path / "ws" / "src" / "arm"
+    result = run("ros2-package", folder, "--robot", "so101", "--distribution", "Kilted")
+    assert result.exit_code == 0, result.output
+    assert result.stdout == f"hexwire_so101 for ROS 2 kilted: {len(package_files(folder))} files in {folder}\n"
+    assert {"package.xml", "urdf/so101.urdf", "config/so101.srdf"} <= set(package_files(folder))
+    # Others build it, too.
+    assert (folder / "package.xml").stat().st_mode & 0o777 == 0o644
+
+
+def test_ros2_package_overwrites_only_by_force_and_nothing_otherwise(tmp_path: Path) -> None:
+    assert run("ros2-package", tmp_path).exit_code == 0
+    before = package_files(tmp_path)
+    mine = tmp_path / "config" / "joint_limits.yaml"
+    mine.write_text("mine")
+    (tmp_path / "CMakeLists.txt").unlink()
+    result = run("ros2-package", tmp_path)
+    assert result.exit_code == 2
+    assert "already exists; --force overwrites it" in result.stderr
+    assert mine.read_text() == "mine"
+    # Not even the file that was missing: all or none.
+    assert not (tmp_path / "CMakeLists.txt").exists()
+    assert run("ros2-package", tmp_path, "--force").exit_code == 0
+    assert package_files(tmp_path) == before
+
+
+def test_ros2_package_does_not_mix_two_arms(tmp_path: Path) -> None:
+    assert run("ros2-package", tmp_path, "--robot", "so100").exit_code == 0
+    before = package_files(tmp_path)
+    for more in ([], ["--force"]):
+        result = run("ros2-package", tmp_path, "--robot", "so101", *more)
+        assert result.exit_code == 2
+        assert "contains another package; choose a folder of its own for hexwire_so101" in result.stderr
+    assert package_files(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (("--distribution", "foxy"), "no ROS 2 distribution 'foxy'"),
+        (("--robot", "sevenbot"), "no geometry is known for 'sevenbot'"),
+        (("--links", "C"), "no link set 'C'"),
+    ],
+)
+def test_ros2_package_refuses_unknown_names(tmp_path: Path, words: tuple[str, ...], reason: str) -> None:
+    result = run("ros2-package", tmp_path / "new", *words)
+    assert result.exit_code == 2
+    assert reason in result.stderr
+    assert not (tmp_path / "new").exists()
+
+
+def test_ros2_package_follows_no_link(tmp_path: Path) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.write_text("mine")
+    folder = tmp_path / "arm"
+    folder.mkdir()
+    (folder / "README.md").symlink_to(elsewhere)
+    result = run("ros2-package", folder, "--force")
+    assert result.exit_code == 2
+    assert "symbolic link" in result.stderr
+    assert elsewhere.read_text() == "mine"

@@ -10,13 +10,14 @@ import functools
 import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
 from hexwire.errors import ConfigError, LimitError, UsageError
-from hexwire.inputs import LARGEST_TEXT, Item, parse_json, read_bytes, read_stream
+from hexwire.inputs import LARGEST_TEXT, Item, parse_json, read_bytes, read_stream, read_text
 from hexwire.model.geometry import ROBOTS, make_kinematics
 from hexwire.new_file import OutputFile
 from hexwire.units import decimal
@@ -367,6 +368,50 @@ def urdf(links: str, robot: str, output: str | None, force: bool) -> None:
     else:
         with OutputFile(output, force=force) as out:
             out.file.write(text.encode())
+
+
+@model.command("ros2-package")
+@click.argument("folder", metavar="DIR")
+@click.option(
+    "--distribution",
+    default="jazzy",
+    show_default=True,
+    metavar="NAME",
+    help="ROS 2 distribution: humble, jazzy, kilted or rolling.",
+)
+@links_option
+@_robot_option
+@force_option
+def ros2_package(folder: str, distribution: str, links: str, robot: str, force: bool) -> None:
+    """Write a ROS 2 package of the arm to the folder DIR, for a workspace's src/.
+
+    It has the URDF with the tags of ros2_control, controllers, the MoveIt configuration, and launch
+    files for the arm alone, under ros2_control, and with MoveIt. No ROS is needed to make it.
+    """
+    from hexwire.folders import make_folder
+    from hexwire.ros2.package import make_package, package_name
+
+    files = make_package(robot, links, distribution)
+    target = Path(folder)
+    name = package_name(robot)
+    _refuse_other_package(target, name)
+    with ExitStack() as stack:
+        # All are opened before any is written: an existing file leaves everything as it was.
+        opened = []
+        for path, text in files.items():
+            make_folder((target / path).parent)
+            out = stack.enter_context(OutputFile(target / path, force=force, mode=0o644))
+            opened.append((out, text))
+        for out, text in opened:
+            out.file.write(text.encode())
+    say(f"{name} for ROS 2 {distribution.lower()}: {len(files)} files in {folder}")
+
+
+def _refuse_other_package(folder: Path, name: str) -> None:
+    """Refuse to mix two packages in one folder, which --force does not allow either."""
+    manifest = folder / "package.xml"
+    if manifest.is_file() and f"<name>{name}</name>" not in read_text(manifest):
+        raise UsageError(f"{folder} contains another package; choose a folder of its own for {name}")
 
 
 def _short(violations: Sequence[str]) -> str:

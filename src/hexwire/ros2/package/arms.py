@@ -1,0 +1,186 @@
+"""What MoveIt and ros2_control are told of an arm: joints, groups, poses.
+
+Owns the names of groups and controllers, and the poses that get names. Limits are the narrower of the driver's and
+the robot description's, so that neither refuses what the other plans. Must not know the format of any file.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from hexwire.drivers.arm_file import load_profile
+from hexwire.model.arm import ArmModel
+from hexwire.model.geometry import make_kinematics, make_shapes
+from hexwire.model.gripper import Jaws, jaws_of
+from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.hex7bot_links import LINK_SETS
+from hexwire.model.kinematics import KinematicModel
+from hexwire.model.puma260 import PUMA260
+from hexwire.model.shapes import ArmShapes
+
+__all__ = ["ACCELERATION", "ARM_GROUP", "GRIPPER_GROUP", "NamedPose", "PackageArm", "PackageJoint", "make_arm"]
+
+ARM_GROUP = "arm"
+GRIPPER_GROUP = "gripper"
+ACCELERATION = 6.0
+"""Radians per second squared: what `hexwire goto` plans with. No arm's own limit is published."""
+
+_DIGITS = 4
+
+# The same as in the parameter files of the ROS 1 package.
+_POSES: Mapping[str, Mapping[str, tuple[float, ...]]] = {
+    "hex7bot": {
+        "home": (-0.087, 0.960, -0.044, 0.0, 0.0, 0.0),
+        "ready": (-0.087, 0.904, 0.499, 0.0, 1.029, 0.0),
+        "rest": (-0.087, 2.007, 0.305, 0.0, 0.0, 0.0),
+    },
+    "puma260": {"home": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), "ready": (0.0, -0.8, -0.4, 0.0, 1.2, 0.0)},
+    "so100": {"home": (0.0, 0.0, 0.0, 0.0, 0.0)},
+    "so101": {"home": (0.0, 0.0, 0.0, 0.0, 0.0)},
+}
+_DRAWN_IN = ("rest", ("A", "B"))
+"""The 7Bot's pose in which other link sets than these may touch themselves: those of V1 do."""
+_POSE_SPEED: Mapping[str, float] = {"hex7bot": 0.3, "puma260": 0.3, "so100": 0.15, "so101": 0.15}
+
+
+@dataclass(frozen=True, slots=True)
+class PackageJoint:
+    """One joint of the driver.
+
+    Attributes:
+        name: Name.
+        lower: Radians.
+        upper: Radians.
+        speed: Radians per second.
+    """
+
+    name: str
+    lower: float
+    upper: float
+    speed: float
+
+
+@dataclass(frozen=True, slots=True)
+class NamedPose:
+    """A pose with a name.
+
+    Attributes:
+        name: Name, unique in its group.
+        group: `ARM_GROUP` or `GRIPPER_GROUP`.
+        positions: Radians by joint.
+    """
+
+    name: str
+    group: str
+    positions: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class PackageArm:
+    """An arm as its package describes it.
+
+    Attributes:
+        name: Of the robot.
+        links: Name of the 7Bot's link set, or path of the file with one's own; empty for other arms.
+        kinematics: Its kinematics.
+        shapes: Its links and joints.
+        joints: The driver's joints, in order.
+        jaws: The gripper; None if it has none.
+        poses: The named poses.
+        pose_speed: Share of the joints' speed with which poses are approached.
+    """
+
+    name: str
+    links: str
+    kinematics: KinematicModel
+    shapes: ArmShapes
+    joints: tuple[PackageJoint, ...]
+    jaws: Jaws | None
+    poses: tuple[NamedPose, ...]
+    pose_speed: float
+
+    @property
+    def arm_joints(self) -> tuple[str, ...]:
+        """Names of the joints that move the tool."""
+        return tuple(joint.name for joint in self.joints if self.jaws is None or joint.name != self.jaws.joint)
+
+    @property
+    def gripper_joints(self) -> tuple[str, ...]:
+        """The gripper's joint, and those that only follow it; empty without a gripper."""
+        if self.jaws is None:
+            return ()
+        return tuple(
+            joint.name
+            for joint in self.shapes.joints
+            if joint.drive is not None and joint.drive.joint == self.jaws.joint
+        )
+
+    @property
+    def groups(self) -> Mapping[str, tuple[str, ...]]:
+        """The driver's joints by group; there is one controller for each."""
+        groups = {ARM_GROUP: self.arm_joints}
+        if self.jaws is not None:
+            groups[GRIPPER_GROUP] = (self.jaws.joint,)
+        return groups
+
+
+def make_arm(robot: str, links: str = "A") -> PackageArm:
+    """The arm of a robot that has a geometry.
+
+    Args:
+        robot: One of `hexwire.model.geometry.ROBOTS`.
+        links: Link set of the 7Bot, as in `make_kinematics`.
+
+    Raises:
+        UsageError: As `make_kinematics`.
+    """
+    kinematics = make_kinematics(robot, links)
+    shapes = make_shapes(kinematics)
+    model = _model(robot)
+    jaws = jaws_of(model)
+    drawn = {joint.name: joint.limits for joint in shapes.joints}
+    joints = []
+    for joint in model.joints:
+        low, high, _ = drawn[joint.name]
+        # Rounded inwards: a value that is typed from the file is within both.
+        lower = math.ceil(max(low, joint.minimum) * 10**_DIGITS) / 10**_DIGITS
+        upper = math.floor(min(high, joint.maximum) * 10**_DIGITS) / 10**_DIGITS
+        joints.append(PackageJoint(joint.name, lower, upper, joint.max_speed))
+    names = [joint.name for joint in joints if jaws is None or joint.name != jaws.joint]
+    own = _links(kinematics, links)
+    poses = [
+        NamedPose(name, ARM_GROUP, dict(zip(names, angles, strict=True)))
+        for name, angles in _POSES[robot].items()
+        if name != _DRAWN_IN[0] or own in _DRAWN_IN[1]
+    ]
+    if jaws is not None:
+        grip = next(joint for joint in joints if joint.name == jaws.joint)
+        for name, angle in (("open", jaws.opened), ("closed", jaws.closed)):
+            poses.append(NamedPose(name, GRIPPER_GROUP, {jaws.joint: min(max(angle, grip.lower), grip.upper)}))
+    return PackageArm(
+        robot,
+        own,
+        kinematics,
+        shapes,
+        tuple(joints),
+        jaws,
+        tuple(poses),
+        _POSE_SPEED[robot],
+    )
+
+
+def _links(kinematics: KinematicModel, given: str) -> str:
+    """The name of a published link set, or the path of the file with another one."""
+    if not isinstance(kinematics, Hex7BotModel):
+        return ""
+    own = kinematics.links
+    return own.name if LINK_SETS.get(own.name) == own else str(Path(given).absolute())
+
+
+def _model(robot: str) -> ArmModel:
+    known = {"hex7bot": HEX7BOT, "puma260": PUMA260}
+    return known[robot] if robot in known else load_profile(robot).model
