@@ -1,0 +1,325 @@
+"""The parameter server of a node that is made up, against the rules of rclcpp."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+from tests.ros2.fake_node import FakeNode
+
+from hexwire.control.setting import Setting
+from hexwire.control.settings import SETTINGS
+from hexwire.errors import UsageError
+from hexwire.ros2.parameters import Descriptor, ParameterServer, ParameterType, Value, descriptor_of, type_of
+from hexwire.ros2.qos import Qos
+
+NOW = 1_700_000_000_000_000_007
+ALL: dict[str, Value] = {
+    "constraints.J1.goal": 0.1,
+    "constraints.J1.trajectory": 0.2,
+    "constraints.goal_time": 0.0,
+    "enable_on_start": False,
+    "joints": ["J1", "J2"],
+    "limits": [1.5, 2.5],
+    "port": "/dev/null",
+    "rate": 100.0,
+    "retries": 3,
+}
+
+
+class World:
+    """A server with parameters of every kind in use."""
+
+    def __init__(self) -> None:
+        self.node = FakeNode(namespace="/lab")
+        self.asked: list[dict[str, Value]] = []
+        self.fault = ""
+        self.server = ParameterServer(
+            self.node,  # type: ignore[arg-type]  # as much of it as needed
+            self.node.types,
+            on_set=self._on_set,
+            ros_time=lambda: NOW,
+        )
+        for name, value in ALL.items():
+            self.server.declare(name, value, self.descriptor(name))
+        self.server.offer()
+
+    @staticmethod
+    def descriptor(name: str) -> Descriptor | None:
+        return {
+            "port": Descriptor("where the arm is", read_only=True),
+            "rate": Descriptor("how often", "a rule", low=1.0, high=200.0),
+            "retries": Descriptor(low=0.0, high=5.0),
+        }.get(name)
+
+    def _on_set(self, changes: Mapping[str, Value]) -> None:
+        self.asked.append(dict(changes))
+        if self.fault:
+            raise UsageError(self.fault)
+
+    def ask(self, service: str, **fields: Any) -> Any:
+        return self.node.ask(f"/lab/arm/{service}", **fields)
+
+    def row(self, name: str, value: Any, kind: int | None = None) -> Any:
+        make = self.node.types.message
+        kind = type_of(value) if kind is None else kind
+        fields = {} if kind not in FIELDS else {FIELDS[kind]: value}
+        held = make("rcl_interfaces/msg/ParameterValue")(type=kind, **fields)
+        return make("rcl_interfaces/msg/Parameter")(name=name, value=held)
+
+    def set(self, *rows: Any) -> list[tuple[bool, str]]:
+        results = self.ask("set_parameters", parameters=list(rows)).results
+        return [(row.successful, row.reason) for row in results]
+
+    def set_all(self, *rows: Any) -> tuple[bool, str]:
+        result = self.ask("set_parameters_atomically", parameters=list(rows)).result
+        return result.successful, result.reason
+
+    def names(self, *prefixes: str, depth: int = 0) -> list[str]:
+        return list(self.ask("list_parameters", prefixes=list(prefixes), depth=depth).result.names)
+
+    @property
+    def events(self) -> list[tuple[list[str], list[tuple[str, Any]]]]:
+        """Names of new parameters, and changed ones with their values."""
+        found = []
+        for event in self.node.publishers["/parameter_events"].sent:
+            assert (event.node, event.deleted_parameters) == ("/lab/arm", [])
+            assert (event.stamp.sec, event.stamp.nanosec) == (1_700_000_000, 7)
+            changed = [(row.name, getattr(row.value, FIELDS[row.value.type])) for row in event.changed_parameters]
+            found.append(([row.name for row in event.new_parameters], changed))
+        return found
+
+
+# Fields of rcl_interfaces/msg/ParameterValue, by type.
+FIELDS = {
+    1: "bool_value",
+    2: "integer_value",
+    3: "double_value",
+    4: "string_value",
+    5: "byte_array_value",
+    6: "bool_array_value",
+    7: "integer_array_value",
+    8: "double_array_value",
+    9: "string_array_value",
+}
+
+
+@pytest.fixture
+def world() -> World:
+    return World()
+
+
+def test_names_types_and_quality_of_service_are_those_of_rclcpp(world: World) -> None:
+    names = ("DescribeParameters", "GetParameters", "GetParameterTypes", "ListParameters", "SetParameters")
+    expected = {kind: f"rcl_interfaces/srv/{kind}" for kind in (*names, "SetParametersAtomically")}
+    services = {each.type.name: (name, each.qos) for name, each in world.node.services.items()}
+    assert services == {
+        full: ("/lab/arm/" + "".join(f"_{c.lower()}" if c.isupper() else c for c in kind)[1:], Qos(depth=1000))
+        for kind, full in expected.items()
+    }
+    (events,) = world.node.publishers.values()
+    assert (events.topic, events.type.name) == ("/parameter_events", "rcl_interfaces/msg/ParameterEvent")
+    assert events.qos == Qos(depth=1000)
+    assert world.events == [(sorted(ALL), [])], "all parameters are told once"
+
+
+def test_the_numbers_of_types_are_those_of_the_message(world: World) -> None:
+    constants = world.node.types.message("rcl_interfaces/msg/ParameterType").constants
+    assert {f"PARAMETER_{kind.name}": kind.value for kind in ParameterType} == dict(constants)
+
+
+@pytest.mark.parametrize(
+    ("value", "kind"),
+    [
+        (True, 1),
+        (1, 2),
+        (1.0, 3),
+        ("", 4),
+        (b"\1", 5),
+        ([True, False], 6),
+        ((1, 2), 7),
+        ([0.5], 8),
+        (["a"], 9),
+        ([], 9),
+        ((), 9),
+    ],
+)
+def test_the_type_of_a_value(value: Value, kind: int) -> None:
+    assert type_of(value) == kind
+
+
+@pytest.mark.parametrize("value", [None, {}, [1, 2.0], [True, 1], [["a"]], [b""], object()])
+def test_other_values_are_no_parameters(value: Any) -> None:
+    with pytest.raises(TypeError, match="is no value of a parameter"):
+        type_of(value)
+
+
+def test_nothing_is_declared_twice(world: World) -> None:
+    with pytest.raises(ValueError, match="port is declared already"):
+        world.server.declare("port", 1)
+
+
+def test_values_and_types_are_told_in_the_order_asked_for(world: World) -> None:
+    names = ["rate", "joints", "port", "enable_on_start", "retries", "limits", "rate"]
+    values = world.ask("get_parameters", names=names).values
+    assert [getattr(value, FIELDS[value.type]) for value in values] == [ALL[name] for name in names]
+    assert list(world.ask("get_parameter_types", names=names).types) == [3, 9, 4, 1, 2, 8, 3]
+    assert world.ask("get_parameters", names=[]).values == []
+
+
+def test_one_unknown_name_spoils_the_answer_as_in_rclcpp(world: World) -> None:
+    names = ["rate", "speed"]
+    assert world.ask("get_parameters", names=names).values == []
+    assert list(world.ask("get_parameter_types", names=names).types) == []
+    assert world.ask("describe_parameters", names=names).descriptors == []
+
+
+def test_descriptors(world: World) -> None:
+    port, rate, retries, joints = world.ask(
+        "describe_parameters", names=["port", "rate", "retries", "joints"]
+    ).descriptors
+    assert (port.name, port.type, port.description, port.read_only) == ("port", 4, "where the arm is", True)
+    assert port.floating_point_range == port.integer_range == []
+    assert (rate.type, rate.additional_constraints, rate.read_only, rate.dynamic_typing) == (
+        3,
+        "a rule",
+        False,
+        False,
+    )
+    assert [(row.from_value, row.to_value, row.step) for row in rate.floating_point_range] == [(1.0, 200.0, 0.0)]
+    assert rate.integer_range == retries.floating_point_range == []
+    assert [(row.from_value, row.to_value, row.step) for row in retries.integer_range] == [(0, 5, 1)]
+    assert (joints.name, joints.type, joints.description) == ("joints", 9, "")
+
+
+@pytest.mark.parametrize(
+    ("row", "low", "high", "constraints"),
+    [
+        (Setting("a", 1.0, "what", "Hz", low=0.5, high=2.0), 0.5, 2.0, ""),
+        (Setting("a", 1.0, "what", "Hz", low=0.5), 0.5, math.inf, "0.5 or more Hz"),
+        (
+            Setting("a", 1.0, "what", "Hz", low=0.0, high=2.0, above=True),
+            -math.inf,
+            math.inf,
+            "above 0 and at most 2 Hz",
+        ),
+        (Setting("a", 1.0, "what", "Hz", low=0.5, high=2.0, zero=True), -math.inf, math.inf, "0, or 0.5 to 2 Hz"),
+        (Setting("a", 1.0, "what", "Hz"), -math.inf, math.inf, ""),
+    ],
+)
+def test_the_descriptor_of_a_setting_says_its_bounds(
+    row: Setting, low: float, high: float, constraints: str
+) -> None:
+    assert descriptor_of(row, read_only=True) == Descriptor("what, Hz", constraints, True, low, high)
+
+
+def test_a_descriptor_refuses_nothing_that_its_setting_allows() -> None:
+    for row in SETTINGS:
+        described = descriptor_of(row, read_only=False)
+        if isinstance(row.default, float) and described.ranged:
+            assert row.allows(described.low)
+            assert row.allows(described.high)
+
+
+@pytest.mark.parametrize(
+    ("prefixes", "depth", "names"),
+    [
+        ([], 0, sorted(ALL)),
+        ([], 1, [name for name in sorted(ALL) if "." not in name]),
+        ([], 2, [name for name in sorted(ALL) if name.count(".") < 2]),
+        ([], 3, sorted(ALL)),
+        (["constraints"], 0, ["constraints.J1.goal", "constraints.J1.trajectory", "constraints.goal_time"]),
+        (["constraints"], 1, ["constraints.goal_time"]),
+        (["constraints"], 2, ["constraints.J1.goal", "constraints.J1.trajectory", "constraints.goal_time"]),
+        (["constraints.J1"], 1, ["constraints.J1.goal", "constraints.J1.trajectory"]),
+        (["constraint"], 0, []),
+        (["rate", "constraints.J1", "nothing"], 1, ["constraints.J1.goal", "constraints.J1.trajectory", "rate"]),
+    ],
+)
+def test_lists_by_prefix_and_depth(world: World, prefixes: list[str], depth: int, names: list[str]) -> None:
+    assert world.names(*prefixes, depth=depth) == names
+    found = world.ask("list_parameters", prefixes=prefixes, depth=depth).result.prefixes
+    assert found == list(dict.fromkeys(name.rpartition(".")[0] for name in names if "." in name))
+
+
+def test_a_value_is_set_and_told(world: World) -> None:
+    assert world.set(world.row("rate", 50.0), world.row("joints", ["J1"])) == [(True, ""), (True, "")]
+    assert world.asked == [{"rate": 50.0}, {"joints": ["J1"]}]
+    assert world.events[1:] == [([], [("rate", 50.0)]), ([], [("joints", ["J1"])])]
+    assert world.server.values()["rate"] == 50.0
+    assert world.ask("get_parameters", names=["rate"]).values[0].double_value == 50.0
+    assert world.server.values()["port"] == "/dev/null"
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("speed", 1.0, "there is no parameter 'speed'"),
+        ("", 1.0, "there is no parameter ''"),
+        ("port", "/dev/ttyUSB0", "port is read-only"),
+        ("rate", 50, "rate is of type double, not integer; write 50.0"),
+        ("rate", "50", "rate is of type double, not string"),
+        ("rate", True, "rate is of type double, not bool"),
+        ("enable_on_start", 1, "enable_on_start is of type bool, not integer"),
+        ("joints", [1, 2], "joints is of type string array, not integer array"),
+        ("rate", 0.5, "rate: 0.5 must be 1 to 200"),
+        ("rate", 201.0, "rate: 201 must be 1 to 200"),
+        ("rate", math.nan, "rate: nan must be 1 to 200"),
+        ("retries", 6, "retries: 6 must be 0 to 5"),
+    ],
+)
+def test_a_wrong_value_is_refused_with_its_reason(world: World, name: str, value: Any, reason: str) -> None:
+    for successful, said in (world.set(world.row(name, value))[0], world.set_all(world.row(name, value))):
+        assert not successful
+        assert said.startswith(reason)
+    assert (world.asked, world.server.values(), len(world.events)) == ([], ALL, 1)
+
+
+@pytest.mark.parametrize(("kind", "reason"), [(0, "cannot be deleted"), (77, "has no type 77")])
+def test_a_value_without_a_type_is_refused(world: World, kind: int, reason: str) -> None:
+    ((successful, said),) = world.set(world.row("rate", None, kind))
+    assert (successful, said) == (False, f"'rate' {reason}; the parameters of this node keep their types")
+    assert world.server.values() == ALL
+
+
+@pytest.mark.parametrize("value", [1.0, 200.0, 1.0 - 1e-16, 200.0 + 1e-13])
+def test_both_ends_of_a_range_are_allowed_and_so_is_their_rounding(world: World, value: float) -> None:
+    assert world.set(world.row("rate", value)) == [(True, "")]
+
+
+def test_an_empty_list_fits_every_list(world: World) -> None:
+    assert world.set(world.row("limits", [], 9), world.row("joints", [], 9)) == [(True, "")] * 2
+    assert world.ask("get_parameter_types", names=["limits", "joints"]).types == bytes([8, 9])
+    assert not world.set(world.row("rate", [], 9))[0][0]
+
+
+def test_who_declares_a_parameter_may_refuse_a_value(world: World) -> None:
+    world.fault = "1 parameter is wrong: rate: the arm is slower"
+    assert world.set(world.row("rate", 50.0)) == [(False, world.fault)]
+    assert world.asked == [{"rate": 50.0}]
+    assert (world.server.values(), len(world.events)) == (ALL, 1)
+
+
+def test_one_by_one_keeps_what_is_right(world: World) -> None:
+    results = world.set(world.row("rate", 50.0), world.row("rate", 500.0), world.row("retries", 1))
+    assert [successful for successful, _ in results] == [True, False, True]
+    assert (world.server.values()["rate"], world.server.values()["retries"]) == (50.0, 1)
+
+
+def test_atomically_is_all_or_nothing(world: World) -> None:
+    good, bad = world.row("retries", 1), world.row("rate", 500.0)
+    assert world.set_all(good, bad) == (False, "rate: 500 must be 1 to 200")
+    assert (world.asked, world.server.values(), len(world.events)) == ([], ALL, 1)
+    assert world.set_all(good, world.row("rate", 50.0)) == (True, "")
+    assert world.asked == [{"retries": 1, "rate": 50.0}]
+    assert world.events[1:] == [([], [("retries", 1), ("rate", 50.0)])]
+    assert world.set_all() == (False, "there is no parameter to set")
+
+
+def test_the_program_sets_by_the_same_rules(world: World) -> None:
+    with pytest.raises(UsageError, match="must be 1 to 200"):
+        world.server.set({"rate": 500.0})
+    world.server.set({"rate": 20.0})
+    assert world.events[1:] == [([], [("rate", 20.0)])]
