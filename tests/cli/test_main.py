@@ -98,7 +98,7 @@ def test_the_module_runs_as_the_program() -> None:
     assert done.stdout.startswith("hexwire ")
 
 
-@pytest.mark.parametrize("program", ["main", "ros1"])
+@pytest.mark.parametrize("program", ["main", "ros1", "ros2"])
 def test_ctrl_c_while_the_program_loads_ends_it_without_a_traceback(tmp_path: Path, program: str) -> None:
     (tmp_path / "click.py").write_text("import signal\nsignal.raise_signal(signal.SIGINT)\n")
     done = subprocess.run(

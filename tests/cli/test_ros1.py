@@ -12,7 +12,7 @@ import pytest
 
 import hexwire
 from hexwire.cli import ros1
-from hexwire.ros1.parameters import PARAMETERS, default_text
+from hexwire.ros1.parameters import PARAMETERS
 from hexwire.ros1.path import ROS_MISSING
 
 SCRIPTS = Path(sys.executable).parent
@@ -45,7 +45,7 @@ def test_help_says_what_it_is_and_how_parameters_are_given() -> None:
 
 def test_help_has_every_parameter_with_its_default() -> None:
     words = _run("--help").stdout.split()
-    assert {f"_{row.name}:={default_text(row)}" for row in PARAMETERS} <= set(words)
+    assert {f"_{row.name}:={row.default_text}" for row in PARAMETERS} <= set(words)
 
 
 def test_version() -> None:

@@ -9,7 +9,7 @@ import pytest
 from hexwire.drivers import registry
 from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.link import ports
-from hexwire.ros1.parameters import FOREIGN, OWN, PARAMETERS, Parameters, default_text, load_parameters
+from hexwire.ros1.parameters import FOREIGN, OWN, PARAMETERS, Parameters, load_parameters
 
 ALL = ("J1", "J2", "J3", "J4", "J5", "J6", "J7")
 
@@ -55,7 +55,7 @@ def test_rows_are_whole() -> None:
 
 
 def test_defaults_as_a_parameter_file_has_them() -> None:
-    texts = {row.name: default_text(row) for row in PARAMETERS}
+    texts = {row.name: row.default_text for row in PARAMETERS}
     assert texts["port"] == '""'
     assert texts["robot"] == "hex7bot"
     assert texts["publish_rate"] == "100.0"

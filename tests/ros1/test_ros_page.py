@@ -9,7 +9,7 @@ from tests.ros1.ros_world import Arm
 
 import hexwire.ros1
 from hexwire.ros1.codes import ErrorCode
-from hexwire.ros1.parameters import PARAMETERS, default_text
+from hexwire.ros1.parameters import PARAMETERS
 from hexwire.ros1.path import _NEEDED
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -26,7 +26,7 @@ def test_parameters_are_all_there_with_defaults_and_bounds() -> None:
     for row in PARAMETERS:
         limits = f"{row.bounds} {row.unit}".strip()
         words = f"{row.help} ({limits})" if limits else row.help
-        rows.append(f"| `{row.name}` | `{default_text(row)}` | {words} |")
+        rows.append(f"| `{row.name}` | `{row.default_text}` | {words} |")
     listed = [line for line in _section("Parameters").splitlines() if line.startswith("| `")]
     assert listed == rows
 

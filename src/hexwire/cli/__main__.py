@@ -1,4 +1,4 @@
-"""The programs: `hexwire`, which is also `python -m hexwire.cli`, and `hexwire-ros1`.
+"""The programs: `hexwire`, which is also `python -m hexwire.cli`, `hexwire-ros1` and `hexwire-ros2`.
 
 Owns the moment before anything is loaded. Must not import anything slow itself.
 """
@@ -11,7 +11,7 @@ import os
 import signal
 import sys
 
-__all__ = ["main", "ros1"]
+__all__ = ["main", "ros1", "ros2"]
 
 
 def main() -> None:
@@ -22,6 +22,11 @@ def main() -> None:
 def ros1() -> None:
     """Entry point of `hexwire-ros1`."""
     _start("ros1")
+
+
+def ros2() -> None:
+    """Entry point of `hexwire-ros2`."""
+    _start("ros2")
 
 
 def _start(name: str) -> None:

@@ -11,19 +11,15 @@ import shlex
 import shutil
 import signal
 import sys
-import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from hexwire.errors import UsageError
 from hexwire.system import END_SIGNALS
 
 from .exits import ends_like_ctrl_c, run
 from .output import say, say_document
-
-if TYPE_CHECKING:
-    from hexwire.control.setting import Setting
+from .parameter_table import table
 
 __all__ = ["PROGRAM", "environment", "main", "package_path"]
 
@@ -64,7 +60,6 @@ Services:
   query_state                                                           control_msgs/QueryTrajectoryState
 With several controllers, state, command, query_state and follow_joint_trajectory are below each controller's name.
 """
-_WIDTH = 112
 
 
 def main() -> None:
@@ -153,20 +148,9 @@ def _start(args: list[str]) -> int | None:
 
 
 def _help() -> str:
-    from hexwire.ros1.parameters import PARAMETERS, default_text
+    from hexwire.ros1.parameters import PARAMETERS
 
-    rows = [(f"_{row.name}:={default_text(row)}", _describe(row)) for row in PARAMETERS]
-    width = max(len(name) for name, _ in rows) + 4
-    lines = []
-    for name, text in rows:
-        first = f"  {name}".ljust(width)
-        lines += textwrap.wrap(text, _WIDTH, initial_indent=first, subsequent_indent=" " * width)
-    return _HELP.format(parameters="\n".join(lines)).rstrip()
-
-
-def _describe(row: Setting) -> str:
-    limits = f"{row.bounds} {row.unit}".strip()
-    return f"{row.help} ({limits})" if limits else row.help
+    return _HELP.format(parameters=table((f"_{row.name}:={row.default_text}", row) for row in PARAMETERS)).rstrip()
 
 
 def _version() -> str:

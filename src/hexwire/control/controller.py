@@ -107,6 +107,11 @@ class TrajectoryController:
         return self._active.listener if self._active else None
 
     @property
+    def begins(self) -> float:
+        """When the active goal began or begins, seconds; infinite if there is none."""
+        return self._active.begins if self._active else math.inf
+
+    @property
     def busy(self) -> bool:
         """A goal is active or planned, or the joints are moving."""
         return self._active is not None or self._pending is not None or not self.follower.done

@@ -56,6 +56,23 @@ class Setting:
             words = f"{self.low:g} to {self.high:g}"
         return f"0, or {words}" if self.zero else words
 
+    @property
+    def default_text(self) -> str:
+        """The default as written in a file of parameters."""
+        if isinstance(self.default, bool):
+            return str(self.default).lower()
+        if isinstance(self.default, str):
+            return self.default or '""'
+        if isinstance(self.default, float):
+            return str(self.default)
+        return "{}" if isinstance(self.default, Mapping) else "[]"
+
+    @property
+    def description(self) -> str:
+        """What it does, with its bounds and unit."""
+        limits = f"{self.bounds} {self.unit}".strip()
+        return f"{self.help} ({limits})" if limits else self.help
+
     def allows(self, value: float) -> bool:
         """Whether a number is within the bounds."""
         if self.zero and value == 0.0:

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from hexwire.control.setting import Faults, Setting
+from hexwire.control.setting import Faults
 from hexwire.control.settings import CONTROLLER_SETTINGS, REPORT_SETTINGS, SETTINGS
 from hexwire.control.settings_reader import read_settings
 from hexwire.errors import LinkNotFoundError, UsageError
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from hexwire.control.settings import Settings
     from hexwire.drivers.base import RobotDriver
 
-__all__ = ["FOREIGN", "OWN", "PARAMETERS", "Parameters", "default_text", "load_parameters"]
+__all__ = ["FOREIGN", "OWN", "PARAMETERS", "Parameters", "load_parameters"]
 
 OWN = REPORT_SETTINGS
 """Parameters that only this node has."""
@@ -112,17 +112,6 @@ def load_parameters(params: Mapping[str, object]) -> tuple[Parameters, RobotDriv
             warnings += _take_foreign(table, f"controllers/{name}/")
     settings, driver = read_settings(given, faults, find_port=_find_port)
     return Parameters(settings=settings, **own, warnings=tuple(warnings)), driver
-
-
-def default_text(row: Setting) -> str:
-    """A default as written in a parameter file."""
-    if isinstance(row.default, bool):
-        return str(row.default).lower()
-    if isinstance(row.default, str):
-        return row.default or '""'
-    if isinstance(row.default, float):
-        return str(row.default)
-    return "{}" if isinstance(row.default, Mapping) else "[]"
 
 
 class _ParameterFaults(Faults):

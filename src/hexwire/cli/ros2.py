@@ -1,0 +1,121 @@
+"""The program `hexwire-ros2`: the ROS 2 node `hardware_interface`.
+
+Owns its help and its own options; ROS's arguments are passed on unchanged. Must not know what the node does, and
+loads it only to start it.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from hexwire.errors import UsageError
+from hexwire.system import END_SIGNALS
+
+from .exits import ends_like_ctrl_c, run
+from .output import say_document
+from .parameter_table import table
+
+if TYPE_CHECKING:
+    from hexwire.control.setting import Setting
+
+__all__ = ["PROGRAM", "main"]
+
+PROGRAM = "hexwire-ros2"
+
+_HELP = """\
+Usage: hexwire-ros2 [--ros-args [-r RULE | -p PARAMETER:=VALUE | --params-file FILE | --log-level LEVEL]...]
+       hexwire-ros2 --help | --version
+
+The ROS 2 node 'hardware_interface': publishes joint states of a robot arm and follows trajectories. It needs no ROS
+on this machine; other nodes use rmw_zenoh and its router (ros2 run rmw_zenoh_cpp rmw_zenohd, or hexwire fleet
+router). Starting or restarting the node does not move the arm.
+
+  hexwire-ros2 --ros-args -p port:=/dev/ttyUSB0
+  hexwire-ros2 --ros-args -r __ns:=/left -p port:=sim://hex7bot --params-file left.yaml
+
+Options:
+  -h, --help      Show this text.
+  -V, --version   Show the version of hexwire.
+
+Parameters with their defaults:
+{parameters}
+
+Publishes:
+  joint_states                          sensor_msgs/JointState
+  robot_joint_states                    the same, for a controller manager (joint_state_topic_hardware_interface)
+  robot_description                     std_msgs/String, latched
+  CONTROLLER/controller_state           control_msgs/JointTrajectoryControllerState
+  ~/taught                              trajectory_msgs/JointTrajectory, latched
+  /diagnostics                          diagnostic_msgs/DiagnosticArray
+  /tf, /tf_static                       tf2_msgs/TFMessage, if publish_tf is set
+Subscribes and serves:
+  CONTROLLER/joint_trajectory           trajectory_msgs/JointTrajectory; one without points means hold
+  CONTROLLER/follow_joint_trajectory    action control_msgs/FollowJointTrajectory
+  forward_position_controller/commands  std_msgs/Float64MultiArray: positions of all joints
+  robot_joint_commands                  sensor_msgs/JointState of a controller manager elsewhere; NaN: no command
+Services:
+  ~/stop, ~/reset, ~/go_to/POSE, ~/teach/start, ~/teach/stop, ~/teach/play    std_srvs/Trigger
+  ~/enable                                                                    std_srvs/SetBool
+  CONTROLLER/query_state                                                      control_msgs/QueryTrajectoryState
+CONTROLLER is joint_trajectory_controller, or each name in controllers.
+"""
+
+# How the values inside a table are given.
+_TABLES = {
+    "poses": "poses.POSE.JOINT:=ANGLE",
+    "safety": "safety.NAME:=VALUE",
+    "constraints": "constraints.NAME:=VALUE",
+    "controllers": "controllers.CONTROLLER.NAME:=VALUE",
+}
+
+
+def main() -> None:
+    """Entry point of the program."""
+    ends_like_ctrl_c()
+    status = run(lambda: _main(sys.argv[1:]))
+    # The arm is safe. A second Ctrl-C ends the rest without a traceback.
+    for number in (signal.SIGINT, *END_SIGNALS):
+        signal.signal(number, signal.SIG_DFL)
+    sys.exit(status)
+
+
+def _main(args: Sequence[str]) -> int | None:
+    own = args[0] if args else ""
+    if own in _OPTIONS:
+        if len(args) > 1:
+            raise UsageError(f"{own} must be the only argument (see '{PROGRAM} --help')")
+        say_document(_OPTIONS[own]())
+        return None
+    if own.startswith("-") and own not in {"--ros-args", "--"}:
+        raise UsageError(f"no option {own!r} (see '{PROGRAM} --help')")
+    from hexwire.ros2.start import run as run_node
+
+    return run_node(args, os.environ)
+
+
+def _help() -> str:
+    return _HELP.format(parameters=table(_rows())).rstrip()
+
+
+def _rows() -> Iterator[tuple[str, Setting]]:
+    from hexwire.ros2.settings import PARAMETERS
+
+    for row in PARAMETERS:
+        yield _TABLES.get(row.name, f"{row.name}:={row.default_text}"), row
+
+
+def _version() -> str:
+    import hexwire
+
+    return f"{PROGRAM} {hexwire.__version__}"
+
+
+_OPTIONS: dict[str, Callable[[], str]] = {"-h": _help, "--help": _help, "-V": _version, "--version": _version}
+
+
+if __name__ == "__main__":
+    main()

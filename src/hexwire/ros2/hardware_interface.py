@@ -1,0 +1,388 @@
+"""The ROS 2 node `hardware_interface`: passes messages between ROS and `hexwire.control`.
+
+Owns topics, services and actions, and the node's start and shutdown. Must not decide anything about the arm:
+`control` does.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from hexwire.control.arm import Arm
+from hexwire.control.client_goals import ClientGoal
+from hexwire.control.diagnostics import ChangeWatch, diagnose
+from hexwire.control.log_limiter import LogLimiter
+from hexwire.control.rate import Periodic
+from hexwire.control.shutdown import Shutdown
+from hexwire.control.stamps import StampClock
+from hexwire.control.workers import Worker
+from hexwire.errors import DeviceError, HexwireError, UsageError
+from hexwire.model.geometry import make_shapes
+from hexwire.model.urdf import make_urdf
+
+from .action_server import ActionServer
+from .actions import FOLLOW_JOINT_TRAJECTORY, ActionClient, ActionGoals
+from .keys import Role
+from .node import Deferred, Node
+from .qos import DEFAULT, LATCHED, Qos
+from .reports import CONTROLLER_STATE, DIAGNOSTICS, JOINT_STATE, TRAJECTORY, Reports
+from .set_points import ARRAY, of_array, of_joint_state
+from .transforms import TRANSFORMS, Transforms
+from .types import Types
+from .values import nanoseconds_of, trajectory_of
+
+if TYPE_CHECKING:
+    from hexwire.control.known_state import KnownState
+    from hexwire.drivers.base import RobotDriver
+    from hexwire.model.state import JointState
+    from hexwire.motion.teach import Taught
+
+    from .node import NodeOptions, Publisher
+    from .settings import NodeSettings
+
+__all__ = ["NAME", "HardwareInterface"]
+
+_log = logging.getLogger(__name__)
+
+NAME = "hardware_interface"
+"""Name of the node, if it is not remapped."""
+COMMANDS = "forward_position_controller/commands"
+"""Topic of set-points, named as the usual forward command controller for positions."""
+
+STRING = "std_msgs/msg/String"
+TRIGGER, SWITCH, QUERY = "std_srvs/srv/Trigger", "std_srvs/srv/SetBool", "control_msgs/srv/QueryTrajectoryState"
+
+_TICK = 0.1
+_LONGEST_SHUTDOWN = 30.0
+"""Seconds from a signal to the end of the process; with a robot that does not answer, it takes about ten."""
+_RESULTS_WAIT = 0.2
+"""Seconds to wait until the last results are on their way."""
+_LOOK_AROUND = 1.0
+"""Seconds in which another node of the same name is found, or has vanished."""
+_ROUTER_WAIT = 2.0
+"""Seconds after which a router that is not there is reported."""
+_TRAJECTORIES = 10
+"""Trajectories that may wait for their path check."""
+_MOST_CALLS = 16
+"""Services that may be at work at the same time."""
+_NEWEST = Qos(depth=1)
+_CLOSE_WAIT = 1.0
+
+
+class HardwareInterface:
+    """The node. `run` is its main loop; most other methods are callbacks.
+
+    Args:
+        options: Name, namespace, remapping rules and Zenoh's settings.
+        settings: The node's parameters.
+        robot: Not attached.
+    """
+
+    def __init__(self, options: NodeOptions, settings: NodeSettings, robot: RobotDriver) -> None:
+        self._settings = settings
+        self._types = types = Types(settings.distribution)
+        self._reports = Reports(types)
+        self._node = Node(options, types)
+        self._arm = Arm(robot, settings.arm, on_state=self._publish_state, on_taught=self._publish_taught)
+        self._goals = ActionGoals(self._arm, types.action(FOLLOW_JOINT_TRAJECTORY).result)
+        self._trajectories = Worker("trajectories", _TRAJECTORIES)
+        self._calls = threading.BoundedSemaphore(_MOST_CALLS)
+        self._states: dict[str, Publisher] = {}
+        self._shutdown = Shutdown(_LONGEST_SHUTDOWN)
+        self._log_limiter = LogLimiter()
+        self._watch = ChangeWatch(1.0 / settings.own["diagnostics_rate"])
+        self._state_due, self._feedback_due = Periodic(), Periodic()
+        self._stamps = StampClock(time.time, time.monotonic)
+        self._frames: Transforms | None = None
+        self._for_manager: Publisher | None = None
+        self._tf: Publisher | None = None
+        self._routers, self._opened = -1, 0.0
+
+    def run(self) -> int:
+        """Connect, offer topics, services and actions, and run until a signal ends it; returns the exit status.
+
+        Raises:
+            LinkError: The robot's port or the Zenoh session cannot be opened.
+            DeviceError: The robot does not answer, another node has this name, or the node failed.
+        """
+        for text in self._settings.warnings:
+            _log.warning("%s", text)
+        if self._settings.use_sim_time:
+            _log.warning("use_sim_time has no effect: the arm runs in real time, and so do the stamps")
+        # Until the arm is connected, nothing must be made safe, and the wait for a board may be long.
+        self._shutdown.interrupts = True
+        self._shutdown.listen()
+        try:
+            with self._opened_node():
+                return self._serve()
+        except KeyboardInterrupt:
+            return 0
+
+    @contextmanager
+    def _opened_node(self) -> Iterator[None]:
+        try:
+            self._node.open()
+            self._opened = time.monotonic()
+            yield
+        finally:
+            self._node.close()
+
+    def _serve(self) -> int:
+        try:
+            self._refuse_namesake()
+            self._offer_topics()
+            self._arm.connect()
+            self._shutdown.interrupts = False
+            self._offer_controllers()
+            self._goals.start()
+            self._arm.start()
+            self._offer_services()
+            _log.info("%s is ready at %s", self._settings.arm.model.name, self._settings.arm.port)
+            while not self._shutdown.wait(_TICK):
+                self._tick()
+        finally:
+            self._shutdown.interrupts = False
+            self._shutdown.request()
+            had_goals = self._goals.open
+            self._arm.shutdown()
+            self._goals.close()
+            self._trajectories.close(_CLOSE_WAIT)
+            if had_goals:
+                time.sleep(_RESULTS_WAIT)
+        return 0
+
+    def _refuse_namesake(self) -> None:
+        """Two nodes of one name would both follow what is meant for one."""
+        deadline = time.monotonic() + _LOOK_AROUND
+        while self._namesakes():
+            if time.monotonic() >= deadline:
+                name = self._node.full_name
+                raise DeviceError(
+                    f"there is a node {name} already; end it, or give this one another namespace: "
+                    "--ros-args -r __ns:=/NAMESPACE"
+                )
+            time.sleep(_TICK)
+
+    def _namesakes(self) -> int:
+        mine = self._node.namespace, self._node.name
+        found = [each for each in self._node.graph.find(Role.NODE) if (each.namespace, each.node) == mine]
+        return len(found) - 1
+
+    def _tick(self) -> None:
+        crash = self._arm.owner.crash
+        if crash is not None:
+            raise DeviceError(f"the node failed: {crash!r}") from crash
+        facts = self._arm.facts()
+        rows = diagnose(facts, states="joint_states")
+        if self._watch.due(rows, time.monotonic()):
+            hardware_id = self._settings.own["hardware_id"] or facts.url
+            self._diagnostics.publish(self._reports.diagnostics(rows, time.time(), self._node.name, hardware_id))
+        self._see_routers()
+
+    def _see_routers(self) -> None:
+        before, self._routers = self._routers, self._node.routers
+        where = ", ".join(self._node.options.zenoh.connect)
+        if self._routers and before <= 0:
+            _log.info("connected to the Zenoh router at %s", where)
+        elif before > 0 and not self._routers:
+            _log.warning("the Zenoh router at %s is gone; the arm goes on, and the node connects again", where)
+        elif before == -1 and not self._routers:
+            if time.monotonic() < self._opened + _ROUTER_WAIT:
+                self._routers = before
+                return
+            how = "`ros2 run rmw_zenoh_cpp rmw_zenohd` or `hexwire fleet router`"
+            _log.warning("no Zenoh router at %s yet; other nodes see this one once there is one: %s", where, how)
+
+    # -- topics, services, actions --------------------------------------------------------------------
+
+    def _offer_topics(self) -> None:
+        node, own = self._node, self._settings.own
+        self._joint_states = node.publisher("joint_states", JOINT_STATE)
+        if own["joint_states_topic"]:
+            self._for_manager = node.publisher(own["joint_states_topic"], JOINT_STATE)
+        self._diagnostics = node.publisher("/diagnostics", DIAGNOSTICS)
+        self._taught = node.publisher("~/taught", TRAJECTORY, LATCHED)
+        kinematics = self._settings.arm.kinematics
+        text = own["robot_description"] or ("" if kinematics is None else make_urdf(kinematics))
+        if text and own["publish_robot_description"]:
+            description = node.publisher("robot_description", STRING, LATCHED)
+            description.publish(self._types.message(STRING)(data=text))
+        if own["publish_tf"]:
+            if kinematics is None:
+                raise UsageError(f"publish_tf: {self._settings.arm.model.name} has no geometry")
+            self._frames = Transforms(self._types, make_shapes(kinematics))
+            self._tf = node.publisher("/tf", TRANSFORMS, Qos(depth=100))
+            fixed = node.publisher("/tf_static", TRANSFORMS, LATCHED)
+            fixed.publish(self._frames.fixed(self._reports.stamp(time.time())))
+
+    def _offer_controllers(self) -> None:
+        node = self._node
+        for name in self._arm.controllers:
+            at = self._settings.topic(name)
+            self._states[name] = node.publisher(f"{at}/controller_state", CONTROLLER_STATE)
+            node.subscribe(f"{at}/joint_trajectory", TRAJECTORY, DEFAULT, partial(self._on_trajectory, name))
+            ActionServer(
+                node,
+                self._types,
+                f"{at}/follow_joint_trajectory",
+                FOLLOW_JOINT_TRAJECTORY,
+                on_goal=partial(self._goals.on_goal, name),
+                on_cancel=partial(self._goals.on_cancel, name),
+            )
+            node.service(f"{at}/query_state", QUERY, partial(self._query_state, name))
+        node.subscribe(COMMANDS, ARRAY, _NEWEST, self._on_commands)
+        topic = self._settings.own["joint_commands_topic"]
+        if topic:
+            node.subscribe(topic, JOINT_STATE, _NEWEST, partial(self._on_joint_commands, topic))
+
+    def _offer_services(self) -> None:
+        arm, node = self._arm, self._node
+        calls: dict[str, Callable[[int], str]] = {
+            "~/reset": arm.reset,
+            "~/teach/start": arm.teach_start,
+            "~/teach/stop": lambda asked: arm.teach_stop(),
+            "~/teach/play": arm.teach_play,
+        }
+        calls |= {f"~/go_to/{pose}": partial(arm.go_to, pose) for pose in self._settings.arm.poses}
+        for name, call in calls.items():
+            node.service(name, TRIGGER, partial(self._on_trigger, call))
+        node.service("~/enable", SWITCH, self._on_enable)
+        node.service("~/stop", TRIGGER, self._on_stop)
+
+    def _on_stop(self, request: Any) -> Deferred:
+        response = self._types.service(TRIGGER).response
+        return self._answer_later(response, lambda: self._arm.stop("requested by service"))
+
+    def _on_trigger(self, call: Callable[[int], str], request: Any) -> Any:
+        response = self._types.service(TRIGGER).response
+        return self._in_turn(response, partial(call, self._arm.mark()))
+
+    def _on_enable(self, request: Any) -> Any:
+        response = self._types.service(SWITCH).response
+        return self._in_turn(response, partial(self._arm.enable, request.data, self._arm.mark()))
+
+    def _in_turn(self, response: Callable[..., Any], call: Callable[[], str]) -> Any:
+        """Answer later, unless too many services are at work; a stop is always carried out."""
+        if not self._calls.acquire(blocking=False):
+            return response(success=False, message="the node is busy with other services; try again")
+
+        def work() -> str:
+            try:
+                return call()
+            finally:
+                self._calls.release()
+
+        return self._answer_later(response, work)
+
+    @staticmethod
+    def _answer_later(response: Callable[..., Any], call: Callable[[], str]) -> Deferred:
+        """Answer in a thread of its own, since the call waits for the arm."""
+        answer = Deferred()
+
+        def work() -> None:
+            try:
+                answer.answer(response(success=True, message=call()))
+            except HexwireError as error:
+                _log.warning("%s", error)
+                answer.answer(response(success=False, message=str(error)))
+            except Exception as error:  # noqa: BLE001  # logged, and told to the client
+                # The client must get an answer.
+                _log.exception("a service failed")
+                answer.answer(response(success=False, message=f"the node failed: {error!r}"))
+
+        threading.Thread(target=work, name="service", daemon=True).start()
+        return answer
+
+    def _query_state(self, name: str, request: Any) -> Any:
+        response = self._types.service(QUERY).response
+        # A time of zero means now, as in a stamp.
+        when = nanoseconds_of(request.time)
+        try:
+            desired = self._arm.query(name, (when - time.time_ns()) / 1e9 if when else 0.0)
+        except HexwireError as error:
+            return response(success=False, message=str(error))
+        return response(
+            success=True,
+            name=self._arm.controllers[name].joints,
+            position=desired.position,
+            velocity=desired.velocity,
+            acceleration=desired.acceleration,
+        )
+
+    # -- commands -------------------------------------------------------------------------------------
+
+    def _on_trajectory(self, name: str, message: Any, sent: int) -> None:
+        topic = f"{self._settings.topic(name)}/joint_trajectory"
+        goal = trajectory_of(message, time.time_ns())
+        received, asked = self._arm.owner.now(), self._arm.mark()
+
+        def follow() -> None:
+            try:
+                self._arm.command(name, goal, received=received, asked=asked)
+            except HexwireError as error:
+                self._warn(f"{topic} refused: {error}")
+
+        # Its path check takes long.
+        if not self._trajectories.put(follow):
+            self._warn(f"{topic} refused: too many trajectories wait for their check")
+
+    def _on_commands(self, message: Any, sent: int) -> None:
+        joints = [joint for controller in self._arm.controllers.values() for joint in controller.joints]
+        try:
+            self._arm.set_points(of_array(message, joints))
+        except HexwireError as error:
+            self._warn(f"{COMMANDS} refused: {error}")
+
+    def _on_joint_commands(self, topic: str, message: Any, sent: int) -> None:
+        try:
+            positions = of_joint_state(message)
+            if positions:
+                self._arm.set_points(positions, near=self._settings.near)
+        except HexwireError as error:
+            self._warn(f"{topic} refused: {error}")
+
+    def _warn(self, text: str, period: float = 1.0) -> None:
+        if self._log_limiter.due(text, time.monotonic(), period):
+            _log.warning("%s", text)
+
+    # -- publishing -----------------------------------------------------------------------------------
+
+    def _publish_state(self, state: JointState, published: KnownState) -> None:
+        own = self._settings.own
+        wall = self._stamps.stamp(state.stamp - published.age)
+        message = self._reports.joint_state(published, wall, own["frame_id"])
+        self._joint_states.publish(message)
+        if self._for_manager is not None:
+            self._for_manager.publish(message)
+        if self._tf is not None and self._frames is not None:
+            positions = dict(zip(published.names, published.position, strict=True))
+            self._tf.publish(self._frames.moving(positions, message.header.stamp))
+        now = time.monotonic()
+        if self._state_due.due(now, 1.0 / own["state_publish_rate"]):
+            self._publish_controllers()
+        if self._feedback_due.due(now, 1.0 / own["action_monitor_rate"]):
+            self._publish_feedback()
+
+    def _publish_controllers(self) -> None:
+        for name, controller in self._arm.controllers.items():
+            publisher, progress = self._states.get(name), controller.progress
+            if progress is not None and publisher is not None and publisher.subscriber_count():
+                publisher.publish(self._reports.controller_state(progress, self._stamps.stamp(progress.stamp)))
+
+    def _publish_feedback(self) -> None:
+        for controller in self._arm.controllers.values():
+            goal, progress = controller.listener, controller.progress
+            if isinstance(goal, ClientGoal) and goal.accepted and progress is not None:
+                client: ActionClient = goal.client
+                wall = self._stamps.stamp(progress.stamp)
+                elapsed = progress.stamp - controller.begins
+                client.handle.publish_feedback(self._reports.feedback(progress, wall, client.handle.goal, elapsed))
+
+    def _publish_taught(self, taught: Taught) -> None:
+        self._taught.publish(self._reports.taught(taught, self._settings.arm.model))

@@ -1,0 +1,147 @@
+"""Messages about an arm: joint states, states of controllers, feedback, diagnostics, taught motions.
+
+Owns which value is in which field, also where distributions differ. Must not know topics, clocks, nor when a
+message is due.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from hexwire.control.teaching import to_points, tolerance_of
+
+if TYPE_CHECKING:
+    from hexwire.control.diagnostics import Row
+    from hexwire.control.known_state import KnownState
+    from hexwire.control.outcomes import Progress
+    from hexwire.model.arm import ArmModel
+    from hexwire.motion.teach import Taught
+
+    from .types import Types
+
+__all__ = ["CONTROLLER_STATE", "DIAGNOSTICS", "JOINT_STATE", "TRAJECTORY", "Reports"]
+
+CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+JOINT_STATE = "sensor_msgs/msg/JointState"
+TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+
+
+class Reports:
+    """Makes the messages of one distribution.
+
+    Args:
+        types: Its types.
+    """
+
+    def __init__(self, types: Types) -> None:
+        self._time = types.message("builtin_interfaces/msg/Time")
+        self._duration = types.message("builtin_interfaces/msg/Duration")
+        self._header = types.message("std_msgs/msg/Header")
+        self._joint_state = types.message(JOINT_STATE)
+        self._trajectory = types.message(TRAJECTORY)
+        self._point = types.message("trajectory_msgs/msg/JointTrajectoryPoint")
+        self._controller_state = types.message(CONTROLLER_STATE)
+        self._feedback = types.action("control_msgs/action/FollowJointTrajectory").feedback_content
+        self._diagnostics = types.message(DIAGNOSTICS)
+        self._status = types.message("diagnostic_msgs/msg/DiagnosticStatus")
+        self._key_value = types.message("diagnostic_msgs/msg/KeyValue")
+
+    def stamp(self, wall: float) -> Any:
+        """A time, given in seconds of the wall clock."""
+        seconds = math.floor(wall)
+        return self._time(sec=seconds, nanosec=min(999_999_999, int((wall - seconds) * 1e9)))
+
+    def header(self, wall: float, frame: str = "") -> Any:
+        """A header; time as in `stamp`."""
+        return self._header(stamp=self.stamp(wall), frame_id=frame)
+
+    def joint_state(self, state: KnownState, wall: float, frame: str) -> Any:
+        """A JointState, without efforts: servos measure none in newton metres."""
+        return self._joint_state(
+            header=self.header(wall, frame), name=state.names, position=state.position, velocity=state.velocity
+        )
+
+    def controller_state(self, progress: Progress, wall: float) -> Any:
+        """A JointTrajectoryControllerState."""
+        wanted, actual, error = self._points(progress)
+        message = self._controller_state(
+            header=self.header(wall), joint_names=progress.names, reference=wanted, feedback=actual, error=error
+        )
+        # What is sent to the servos is what is wanted: they close the loop.
+        message.output = self._point(positions=progress.desired.position)
+        for field, value in (("desired", wanted), ("actual", actual), ("speed_scaling_factor", 1.0)):
+            if field in self._controller_state.fields:
+                setattr(message, field, value)
+        return message
+
+    def feedback(self, progress: Progress, wall: float, goal: Any, elapsed: float) -> Any:
+        """The feedback of FollowJointTrajectory.
+
+        Args:
+            progress: Progress of the goal.
+            wall: As in `stamp`.
+            goal: The FollowJointTrajectory_Goal.
+            elapsed: Seconds since the goal began; negative before.
+        """
+        wanted, actual, error = self._points(progress)
+        message = self._feedback(
+            header=self.header(wall), joint_names=progress.names, desired=wanted, actual=actual, error=error
+        )
+        if "index" in self._feedback.fields:
+            message.index = _index(goal.trajectory.points, elapsed)
+        return message
+
+    def _points(self, progress: Progress) -> tuple[Any, Any, Any]:
+        desired = progress.desired
+        speeds = [d - v for d, v in zip(desired.velocity, progress.velocity, strict=True)]
+        return (
+            self._point(
+                positions=desired.position, velocities=desired.velocity, accelerations=desired.acceleration
+            ),
+            self._point(positions=progress.position, velocities=progress.velocity),
+            self._point(positions=progress.error, velocities=speeds),
+        )
+
+    def diagnostics(self, rows: Iterable[Row], wall: float, node: str, hardware_id: str) -> Any:
+        """A DiagnosticArray according to REP-107.
+
+        Args:
+            rows: Of the arm; their levels have the numbers of ROS.
+            wall: As in `stamp`.
+            node: Name of the node.
+            hardware_id: Of the arm.
+        """
+        status = [
+            self._status(
+                level=int(row.level),
+                name=f"{node}: {row.name}",
+                message=row.text,
+                hardware_id=hardware_id,
+                values=[self._key_value(key=key, value=value) for key, value in row.values],
+            )
+            for row in rows
+        ]
+        return self._diagnostics(header=self.header(wall), status=status)
+
+    def taught(self, taught: Taught, arm: ArmModel) -> Any:
+        """A taught motion as a JointTrajectory."""
+        points = [
+            self._point(positions=point.positions, time_from_start=self._seconds(point.time))
+            for point in to_points(taught, tolerance_of(arm))
+        ]
+        return self._trajectory(joint_names=taught.names, points=points)
+
+    def _seconds(self, seconds: float) -> Any:
+        nanoseconds = round(seconds * 1e9)
+        return self._duration(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
+
+
+def _index(points: Sequence[Any], elapsed: float) -> int:
+    """Index of the point to which the joints move."""
+    for i, point in enumerate(points):
+        if elapsed < point.time_from_start.sec + point.time_from_start.nanosec * 1e-9:
+            return i
+    return max(0, len(points) - 1)

@@ -1,0 +1,73 @@
+"""Fixtures around one node for the tests of a module; a test that breaks more has its own.
+
+They end with the module: a node that publishes takes a tenth of a processor from all tests after it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.ros2.node_world import Arm, PtyBoard, World, made
+
+POSES = {"J1": -0.087, "J2": 0.96, "J3": -0.044, "J4": 0.0, "J5": 0.0, "J6": 0.0}
+SETTINGS = (
+    *("-p", "enable_on_start:=true"),
+    *("-p", "allow_partial_joints_goal:=true"),
+    *("-p", "constraints.goal_time:=3.0"),
+    *("-p", "constraints.stopped_velocity_tolerance:=0.2"),
+)
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
+    with made(tmp_path_factory.mktemp("ros2")) as world:
+        yield world
+
+
+@pytest.fixture(scope="module")
+def shared_arm(world: World) -> Iterator[Arm]:
+    board = PtyBoard(world.folder / "shared")
+    poses = [word for joint, angle in POSES.items() for word in ("-p", f"poses.home.{joint}:={angle}")]
+    try:
+        node = world.node(
+            *("-p", f"port:={board.port}", "-p", "pose_speed:=1.0", "-p", "hardware_id:=arm-7"),
+            *("-p", f"teach_directory:={world.folder / 'taught'}", "-p", "publish_tf:=true"),
+            *SETTINGS,
+            *poses,
+        )
+        arm = Arm(world, node, board)
+        yield arm
+        assert node.end() == 0
+        arm.peer.close()
+    finally:
+        board.close()
+
+
+@pytest.fixture
+def arm(shared_arm: Arm) -> Iterator[Arm]:
+    """The arm of all tests, holding with torque, and nothing wrong with it."""
+    before = len(shared_arm.node.err)
+    yield shared_arm
+    print("the node said:", shared_arm.node.err[before:])
+    shared_arm.board.faults()
+    shared_arm.trigger("stop")
+    shared_arm.trigger("reset")
+    shared_arm.enable()
+
+
+@pytest.fixture
+def own_arm(world: World, tmp_path: Path) -> Iterator[Arm]:
+    """An arm and a node that a test may break."""
+    at = f"own{len(list(world.folder.glob('own*')))}"
+    board = PtyBoard(world.folder / at)
+    try:
+        node = world.node("-r", f"__ns:=/{at}", "-p", f"port:={board.port}", *SETTINGS)
+        arm = Arm(world, node, board, at=f"/{at}/")
+        yield arm
+        print(world.report())
+        node.kill_all()
+        arm.peer.close()
+    finally:
+        board.close()

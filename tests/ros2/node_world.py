@@ -1,0 +1,235 @@
+"""A router, emulated arms, nodes in processes of their own, and a client in the test's process.
+
+Every process is ended with its world, whatever happens, and every wait has a deadline that only a fault meets.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sys
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from tests.ros1.ros_world import PATIENCE, Program, PtyBoard, near, still, until
+from tests.ros2.world import Router
+
+from hexwire.model.hex7bot import HEX7BOT
+from hexwire.ros2.distributions import Distribution
+from hexwire.ros2.node import Client, Node, NodeOptions, Publisher
+from hexwire.ros2.qos import DEFAULT, Qos
+from hexwire.ros2.types import Types
+from hexwire.ros2.zenoh_session import ZenohSettings
+
+__all__ = ["JOINTS", "NODE", "Arm", "Peer", "PtyBoard", "World", "made", "near", "still", "until"]
+
+T = TypeVar("T")
+NODE = (sys.executable, "-m", "hexwire.cli.ros2")
+JOINTS = HEX7BOT.names
+CONTROLLER = "joint_trajectory_controller"
+
+
+class World:
+    """A router on a free loopback port.
+
+    Args:
+        folder: For output; a new one.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.router = Router()
+        self._programs: list[Program] = []
+        kept = {k: v for k, v in os.environ.items() if not k.startswith(("ROS_", "HEXWIRE_", "PYTHON", "ZENOH_"))}
+        self.env = {
+            **kept,
+            "ZENOH_CONFIG_OVERRIDE": f"connect/endpoints={json.dumps([self.router.endpoint])}",
+            "PYTHONFAULTHANDLER": "1",
+            "HOME": str(folder),
+        }
+
+    def start(self, *command: str, **env: str) -> Program:
+        name = f"{len(self._programs):03}-{Path(command[0]).name}"
+        program = Program(command, {**self.env, **env}, self.folder, name)
+        self._programs.append(program)
+        return program
+
+    def node(self, *args: str, ready: bool = True, **env: str) -> Program:
+        """The node under test; arguments are those after ``--ros-args``."""
+        program = self.start(*NODE, "--ros-args", *args, **env)
+        if ready:
+            program.said("is ready at")
+        return program
+
+    def peer(self, name: str = "tester", distribution: Distribution = Distribution.JAZZY, **options: Any) -> Peer:
+        """Another node."""
+        zenoh = ZenohSettings(connect=(self.router.endpoint,))
+        return Peer(Node(NodeOptions(name, zenoh=zenoh, **options), Types(distribution)))
+
+    def report(self) -> str:
+        return "\n".join(program.report() for program in self._programs[-6:])
+
+    def close(self) -> None:
+        for program in reversed(self._programs):
+            program.kill_all()
+        self.router.stop()
+
+
+class Peer:
+    """Another node, with what it has received."""
+
+    def __init__(self, node: Node) -> None:
+        self.node, self.types = node, node.types
+        self.received: dict[str, list[Any]] = {}
+        self.sent: dict[str, list[int]] = {}
+        self._clients: dict[str, Client] = {}
+        self._publishers: dict[str, Publisher] = {}
+        self._changed = threading.Condition()
+        node.open()
+
+    def close(self) -> None:
+        self.node.close()
+
+    def listen(self, topic: str, type_name: str, qos: Qos = DEFAULT) -> None:
+        """Receive a topic from now on."""
+        if topic in self.received:
+            return
+        self.received[topic], self.sent[topic] = [], []
+
+        def take(message: Any, sent: int) -> None:
+            with self._changed:
+                self.received[topic].append(message)
+                self.sent[topic].append(sent)
+                self._changed.notify_all()
+
+        self.node.subscribe(topic, type_name, qos, take)
+
+    def collect(self, topic: str, type_name: str, count: int = 1, qos: Qos = DEFAULT) -> list[Any]:
+        """The next messages of a topic; also those that a latched one keeps."""
+        self.listen(topic, type_name, qos)
+        with self._changed:
+            begin = 0 if qos.latched else len(self.received[topic])
+            enough = self._changed.wait_for(lambda: len(self.received[topic]) >= begin + count, PATIENCE)
+            assert enough, f"waited in vain for {topic}"
+            return self.received[topic][begin : begin + count]
+
+    def publish(self, topic: str, type_name: str, **fields: Any) -> None:
+        """Publish a message once somebody subscribes."""
+        publisher = self._publishers.get(topic)
+        if publisher is None:
+            publisher = self._publishers[topic] = self.node.publisher(topic, type_name)
+            until(publisher.subscriber_count, f"somebody subscribes to {topic}")
+        publisher.publish(self.types.message(type_name)(**fields))  # type: ignore[operator]  # a message type
+
+    def call(self, service: str, type_name: str, timeout: float = PATIENCE, **fields: Any) -> Any:
+        """Call a service."""
+        client = self._clients.get(service)
+        if client is None:
+            client = self._clients[service] = self.node.client(service, type_name)
+        assert client.wait_for_service(PATIENCE), f"nobody offers {service}"
+        return client.call(self.types.service(type_name).request(**fields), timeout)  # type: ignore[operator]
+
+
+class Arm:
+    """A node and what a client does with it.
+
+    Args:
+        world: Its router.
+        node: Running.
+        board: Behind it, if that is in this process.
+        peer: The client; a new one if None.
+        at: Namespace of the node, with a slash at both ends.
+    """
+
+    def __init__(
+        self, world: World, node: Program, board: PtyBoard | None = None, peer: Peer | None = None, at: str = "/"
+    ) -> None:
+        self.world, self.node, self._board, self.at = world, node, board, at
+        self.peer = peer or world.peer()
+
+    @property
+    def board(self) -> PtyBoard:
+        assert self._board is not None
+        return self._board
+
+    def trigger(self, name: str) -> str:
+        """Call a service that must succeed."""
+        answer = self.peer.call(f"{self.at}hardware_interface/{name}", "std_srvs/srv/Trigger")
+        assert answer.success, answer.message
+        return str(answer.message)
+
+    def refused(self, name: str) -> str:
+        """Call a service that must not succeed."""
+        answer = self.peer.call(f"{self.at}hardware_interface/{name}", "std_srvs/srv/Trigger")
+        assert not answer.success, answer.message
+        return str(answer.message)
+
+    def enable(self, on: bool = True) -> None:
+        answer = self.peer.call(f"{self.at}hardware_interface/enable", "std_srvs/srv/SetBool", data=on)
+        assert answer.success, answer.message
+
+    def position(self) -> dict[str, float]:
+        """As it is published."""
+        (message,) = self.peer.collect(f"{self.at}joint_states", "sensor_msgs/msg/JointState")
+        return dict(zip(message.name, message.position, strict=True))
+
+    def trajectory(
+        self, *points: tuple[float, Mapping[str, float]], names: tuple[str, ...] = (), stamp: float = 0.0
+    ) -> Any:
+        """A JointTrajectory: seconds and angles of each point."""
+        message = self.peer.types.message
+        rows: Any = [
+            message("trajectory_msgs/msg/JointTrajectoryPoint")(  # type: ignore[operator]
+                positions=list(angles.values()), time_from_start=self.duration(seconds)
+            )
+            for seconds, angles in points
+        ]
+        trajectory = message("trajectory_msgs/msg/JointTrajectory")(  # type: ignore[operator]
+            joint_names=list(names or (points[0][1] if points else ())), points=rows
+        )
+        trajectory.header.stamp.sec, trajectory.header.stamp.nanosec = int(stamp), int(stamp % 1 * 1e9)
+        return trajectory
+
+    def duration(self, seconds: float) -> Any:
+        type_ = self.peer.types.message("builtin_interfaces/msg/Duration")
+        return type_(sec=int(seconds), nanosec=int(seconds % 1 * 1e9))  # type: ignore[operator]
+
+    def send(self, *points: tuple[float, Mapping[str, float]], controller: str = CONTROLLER, **more: Any) -> None:
+        """Send a trajectory by topic."""
+        trajectory = self.trajectory(*points, **more)
+        self.peer.publish(
+            f"{self.at}{controller}/joint_trajectory",
+            "trajectory_msgs/msg/JointTrajectory",
+            header=trajectory.header,
+            joint_names=trajectory.joint_names,
+            points=trajectory.points,
+        )
+
+    def stream(self, topic: str, type_name: str, seconds: float, **fields: Any) -> None:
+        """Publish the same message at 50 Hz."""
+        for _ in range(round(seconds * 50)):
+            self.peer.publish(topic, type_name, **fields)
+            time.sleep(0.02)
+
+    def diagnosed(self, part: str, level: int, text: str = "") -> Any:
+        """Wait for a row of a level with a text in its message."""
+
+        def row() -> Any:
+            (message,) = self.peer.collect("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
+            found = [each for each in message.status if each.name == f"hardware_interface: {part}"]
+            return next((each for each in found if each.level == level and text in each.message), None)
+
+        return until(row, f"{part} is at level {level} for {text!r}", self.node.report)
+
+
+@contextlib.contextmanager
+def made(folder: Path) -> Iterator[World]:
+    world = World(folder)
+    try:
+        yield world
+    finally:
+        world.close()

@@ -1,0 +1,173 @@
+"""The node as others meet it: a router, a client of its own session, an emulated arm."""
+
+from __future__ import annotations
+
+import math
+import time
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from tests.ros2.node_fixtures import arm, shared_arm, world
+from tests.ros2.node_world import CONTROLLER, JOINTS, Arm, near, still, until
+
+from hexwire.ros2.qos import LATCHED
+
+__all__ = ["arm", "shared_arm", "world"]
+
+pytestmark = pytest.mark.system
+STATE, STRING = "sensor_msgs/msg/JointState", "std_msgs/msg/String"
+
+
+def aside(arm: Arm, angle: float = 0.2) -> float:
+    """A place for J1 so far away, towards its middle."""
+    here = arm.position()["J1"]
+    return here - math.copysign(angle, here)
+
+
+# -- what is published ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("topic", ["joint_states", "robot_joint_states"])
+def test_joint_states_have_the_stamps_of_their_samples(arm: Arm, topic: str) -> None:
+    messages = arm.peer.collect(f"/{topic}", STATE, 150)
+    assert all(tuple(message.name) == JOINTS for message in messages)
+    assert all(len(m.position) == len(m.velocity) == len(JOINTS) and not m.effort for m in messages)
+    stamps = [message.header.stamp.sec + message.header.stamp.nanosec * 1e-9 for message in messages]
+    assert stamps == sorted(set(stamps))
+    assert abs(stamps[-1] - time.time()) < 20.0
+    # A busy machine makes gaps, never a shorter period: those that it leaves alone are the short ones.
+    steps = sorted(later - earlier for earlier, later in pairwise(stamps))
+    assert 1 / 140 < steps[len(steps) // 4] < 1 / 60
+    assert near(arm.position(), arm.board.positions)
+
+
+def test_the_state_of_the_controller_says_what_is_wanted_and_what_is(arm: Arm) -> None:
+    (message,) = arm.peer.collect(
+        f"/{CONTROLLER}/controller_state", "control_msgs/msg/JointTrajectoryControllerState"
+    )
+    assert tuple(message.joint_names) == JOINTS
+    actual = dict(zip(JOINTS, message.feedback.positions, strict=True))
+    assert near(actual, arm.board.positions)
+    assert near(dict(zip(JOINTS, message.reference.positions, strict=True)), actual)
+
+
+def test_whoever_comes_late_gets_the_description(arm: Arm) -> None:
+    (message,) = arm.peer.collect("/robot_description", STRING, qos=LATCHED)
+    assert message.data.startswith("<?xml")
+    assert all(f'<joint name="{joint}"' in message.data for joint in JOINTS)
+
+
+def test_every_frame_has_a_transform(arm: Arm) -> None:
+    (fixed,) = arm.peer.collect("/tf_static", "tf2_msgs/msg/TFMessage", qos=LATCHED)
+    (moving,) = arm.peer.collect("/tf", "tf2_msgs/msg/TFMessage")
+    (description,) = arm.peer.collect("/robot_description", STRING, qos=LATCHED)
+    frames = {each.child_frame_id for each in [*fixed.transforms, *moving.transforms]}
+    assert len(frames) == description.data.count("<joint name=")
+
+
+def test_diagnostics_name_the_node_and_the_arm(arm: Arm) -> None:
+    row = arm.diagnosed("link", 0, "ok")
+    assert row.hardware_id == "arm-7"
+    assert arm.diagnosed("J1 (servo 0)", 0).hardware_id == "arm-7"
+    arm.trigger("stop")
+    arm.diagnosed("board", 1, "stopped")
+
+
+# -- commands ----------------------------------------------------------------------------------------------------
+
+
+def test_a_trajectory_moves_the_arm_and_an_empty_one_holds_it(arm: Arm) -> None:
+    target, start = {"J1": aside(arm, 0.6)}, arm.board.positions
+    arm.send((4.0, target))
+    until(lambda: not near(start, arm.board.positions), "it moves", arm.node.report)
+    arm.send()
+    stood = still(lambda: arm.board.positions)
+    assert not near(target, stood)
+    arm.send((1.0, {"J1": start["J1"]}))
+    until(lambda: near({"J1": start["J1"]}, arm.board.positions), "it is back", arm.node.report)
+
+
+WRONG: dict[str, tuple[dict[str, float], str]] = {
+    "unknown joint": ({"elbow": 0.0}, "elbow"),
+    "not a number": ({"J1": math.nan}, "nan"),
+    "outside limits": ({"J1": 9.0}, "limits"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_wrong_trajectory_is_logged_and_moves_nothing(arm: Arm, case: str) -> None:
+    angles, text = WRONG[case]
+    before, said = arm.board.positions, len(arm.node.err)
+    arm.send((2.0, angles))
+    until(lambda: "joint_trajectory refused" in arm.node.err[said:], "it is logged", arm.node.report)
+    assert text in arm.node.err[said:]
+    assert near(before, arm.board.positions, 0.002)
+
+
+def test_query_state_says_where_the_arm_is_meant_to_be(arm: Arm) -> None:
+    query: dict[str, Any] = {
+        "service": f"/{CONTROLLER}/query_state",
+        "type_name": "control_msgs/srv/QueryTrajectoryState",
+    }
+    at_rest = arm.peer.call(**query)
+    assert at_rest.success
+    assert tuple(at_rest.name) == JOINTS
+    assert near(dict(zip(JOINTS, at_rest.position, strict=True)), arm.board.positions)
+    assert set(at_rest.velocity) == {0.0}
+    long_ago = arm.peer.types.message("builtin_interfaces/msg/Time")(sec=1)  # type: ignore[operator]
+    refused = arm.peer.call(**query, time=long_ago)
+    assert not refused.success
+    assert "is not available" in refused.message
+    arm.trigger("stop")
+    assert "stopped" in arm.peer.call(**query).message
+
+
+def test_set_points_of_a_forward_command_controller_are_followed(arm: Arm) -> None:
+    target = {**arm.position(), "J1": aside(arm)}
+    values = [target[joint] for joint in JOINTS]
+    arm.stream("/forward_position_controller/commands", "std_msgs/msg/Float64MultiArray", 1.5, data=values)
+    until(lambda: near(target, arm.board.positions), "it is there", arm.node.report)
+
+
+# -- services ----------------------------------------------------------------------------------------------------
+
+
+def test_a_stop_is_latched_until_a_reset_that_moves_nothing(arm: Arm) -> None:
+    target = {"J1": aside(arm, 0.6)}
+    start = arm.board.positions
+    arm.send((6.0, target))
+    until(lambda: not near(start, arm.board.positions, 0.02), "it moves", arm.node.report)
+    assert arm.trigger("stop") == "stopped; all joints confirmed it"
+    stood = still(lambda: arm.board.positions)
+    said = len(arm.node.err)
+    arm.send((2.0, target))
+    until(lambda: "refused: the arm is stopped" in arm.node.err[said:], "it is refused", arm.node.report)
+    assert "stopped" in arm.refused("go_to/home")
+    arm.trigger("reset")
+    assert near(stood, still(lambda: arm.board.positions), 0.01)
+
+
+def test_a_pose_is_answered_on_arrival(arm: Arm) -> None:
+    arm.send((1.0, {"J1": aside(arm, 0.3)}))
+    still(lambda: arm.board.positions)
+    assert arm.trigger("go_to/home") == "at home"
+    assert near({"J1": -0.087, "J2": 0.96}, arm.board.positions)
+
+
+def test_torque_is_switched_by_service(arm: Arm) -> None:
+    arm.enable(False)
+    assert not any(servo.torque_on for servo in arm.board.board.wire.servos)
+    arm.enable()
+    assert all(servo.torque_on for servo in arm.board.board.wire.servos)
+
+
+def test_a_taught_motion_is_latched_saved_and_played(arm: Arm) -> None:
+    arm.trigger("teach/start")
+    arm.board.lead("J1", 0.3, 1.0)
+    assert "taught" in arm.trigger("teach/stop")
+    (message,) = arm.peer.collect("/hardware_interface/taught", "trajectory_msgs/msg/JointTrajectory", qos=LATCHED)
+    assert tuple(message.joint_names) == JOINTS
+    assert list((arm.world.folder / "taught").glob("*.json"))
+    assert arm.trigger("teach/play").startswith("played")
+    assert "is not in teach mode" in arm.refused("teach/stop")
