@@ -32,8 +32,11 @@ def make_node(settings: ZenohSettings) -> Iterator[Callable[..., Node]]:
     with contextlib.ExitStack() as stack:
 
         def make(name: str = "talker", **options: Any) -> Node:
-            types = options.pop("types", None) or TinyTypes()
-            return stack.enter_context(Node(NodeOptions(name, zenoh=settings, **options), types))
+            types = options.pop("types", None)
+            # Tiny types know neither log records nor descriptions.
+            extras = {"rosout": types is not None, "type_descriptions": types is not None}
+            chosen = NodeOptions(name, zenoh=settings, **(extras | options))
+            return stack.enter_context(Node(chosen, types or TinyTypes()))
 
         yield make
 

@@ -1,15 +1,21 @@
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 from tests.fleet.eventually import eventually
 from tests.ros2.tiny_types import HASH, Text, TinyTypes
+from tests.ros2.world import Router, free_port
 
 from hexwire.errors import LinkClosedError
+from hexwire.ros2.distributions import Distribution
 from hexwire.ros2.keys import Role
 from hexwire.ros2.node import Node, NodeOptions
+from hexwire.ros2.qos import LATCHED, ROSOUT
+from hexwire.ros2.types import Types
+from hexwire.ros2.zenoh_session import ZenohSettings
 
 pytestmark = pytest.mark.system
 
@@ -57,3 +63,122 @@ def test_everything_comes_back_when_the_router_restarts(
 def test_a_node_must_be_open_to_publish() -> None:
     with pytest.raises(LinkClosedError, match="/talker is not open"):
         Node(NodeOptions("talker"), TinyTypes()).publisher("chatter", STRING)
+
+
+def test_the_log_of_the_program_is_on_rosout(make_node: Callable[..., Node]) -> None:
+    types = Types()
+    node = make_node("driver", namespace="/arm", types=types)
+    node.get_logger("goals").warning("before the subscription")
+    found: list[Any] = []
+    make_node("reader", types=types, rosout=False).subscribe(
+        "/rosout", "rcl_interfaces/msg/Log", ROSOUT, lambda message, stamp: found.append(message)
+    )
+    logging.getLogger("hexwire.control").error("elsewhere")
+
+    def seen(text: str) -> list[tuple[int, str]]:
+        return [(each.level, each.name) for each in found if each.msg == text]
+
+    eventually(lambda: seen("before the subscription") == [(30, "arm.driver.goals")])
+    eventually(lambda: seen("elsewhere") == [(40, "arm.driver")])
+    node.close()
+    handlers = len(logging.getLogger("hexwire").handlers)
+    logging.getLogger("hexwire.control").error("after the end")
+    assert not seen("after the end")
+    assert handlers == 0
+
+
+def test_last_words_are_published(make_node: Callable[..., Node]) -> None:
+    types = Types()
+    node = make_node("driver", types=types)
+    found: list[str] = []
+    reader = make_node("reader", types=types, rosout=False)
+    subscription = reader.subscribe(
+        "/rosout", "rcl_interfaces/msg/Log", ROSOUT, lambda each, _: found.append(each.msg)
+    )
+    eventually(lambda: subscription.publisher_count() == 1)
+    node.get_logger().error("the arm is stopped")
+    node.close()
+    eventually(lambda: "the arm is stopped" in found)
+
+
+def test_types_in_use_are_described(make_node: Callable[..., Node]) -> None:
+    types = Types()
+    node = make_node("driver", types=types)
+    node.publisher("joint_states", "sensor_msgs/msg/JointState")
+    client = make_node("asking", types=types).client(
+        "/driver/get_type_description", "type_description_interfaces/srv/GetTypeDescription"
+    )
+    assert client.wait_for_service(20)
+    state = types.message("sensor_msgs/msg/JointState")
+    action = types.action("control_msgs/action/FollowJointTrajectory")
+    asked = client.type.request(type_name=state.name, type_hash=state.hash, include_type_sources=True)
+    assert client.call(asked, 10).type_description.type_description.type_name == state.name
+    asked = client.type.request(type_name=action.name, type_hash=action.hash)
+    assert client.call(asked, 10).failure_reason == "Type not currently in use by this node"
+    node.tell_type(action)
+    assert client.call(asked, 10).successful
+
+
+def test_humble_has_no_descriptions(make_node: Callable[..., Node]) -> None:
+    node = make_node("driver", types=Types(Distribution.HUMBLE))
+    assert node.graph.find(Role.SERVICE) == []
+    assert node.graph.find(Role.PUBLISHER, "/rosout")[0].type_hash == "TypeHashNotSupported"
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_incompatible_quality_of_service_is_logged(
+    make_node: Callable[..., Node], caplog: pytest.LogCaptureFixture, late: bool
+) -> None:
+    node, other = make_node("talker"), make_node("listener")
+
+    def publish() -> None:
+        node.publisher("chatter", STRING)
+
+    def subscribe() -> None:
+        other.subscribe("chatter", STRING, LATCHED, lambda *_: None)
+
+    first, second = (subscribe, publish) if late else (publish, subscribe)
+    first()
+    eventually(lambda: any(each.name == "/chatter" for each in (node if late else other).graph))
+    second()
+    words = "requesting incompatible QoS. No messages will be sent to it"
+    eventually(lambda: words in caplog.text and "DURABILITY_QOS_POLICY" in caplog.text)
+
+
+def test_another_node_of_the_same_name_is_mentioned(
+    make_node: Callable[..., Node], caplog: pytest.LogCaptureFixture
+) -> None:
+    make_node("driver"), make_node("driver", namespace="/left")
+    assert "share an exact name" not in caplog.text
+    make_node("driver")
+    eventually(lambda: "Another node has the name '/driver'" in caplog.text)
+    assert "/left" not in caplog.text
+
+
+def test_a_node_opens_without_a_router_and_says_so(caplog: pytest.LogCaptureFixture) -> None:
+    types = Types()
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with Node(NodeOptions("driver", zenoh=ZenohSettings(connect=(endpoint,))), types) as node:
+        assert f"Unable to connect to a Zenoh router at {endpoint}" in caplog.text
+        router = Router(endpoint)
+        try:
+            eventually(lambda: node.routers == 1)
+            with Node(NodeOptions("late", zenoh=ZenohSettings(connect=(endpoint,))), types) as late:
+                eventually(lambda: "driver" in {each.node for each in late.graph.find(Role.NODE)})
+        finally:
+            router.stop()
+
+
+def test_hostile_tokens_are_counted_and_change_nothing(make_node: Callable[..., Node], raw: Any) -> None:
+    node = make_node()
+    declared = [
+        raw.liveliness().declare_token(key)
+        for key in (
+            "@ros2_lv/0/x",
+            "@ros2_lv/0/ab/0/1/MP/%/%/n/%chatter/T_/H/9::,x:,:,:,,",
+            "@ros2_lv/0/" + "n" * 3000,
+        )
+    ]
+    eventually(lambda: node.graph.malformed == 3)
+    assert [each.node for each in node.graph] == ["talker"]
+    assert len(declared) == 3

@@ -18,8 +18,8 @@ def free_port() -> int:
 class Router:
     """A router in this process, which can be restarted at the same place."""
 
-    def __init__(self) -> None:
-        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+    def __init__(self, endpoint: str = "") -> None:
+        self.endpoint = endpoint or f"tcp/127.0.0.1:{free_port()}"
         self._session: Any = None
         self.start()
 

@@ -16,12 +16,16 @@ from typing import Any, TypeVar
 from hexwire.control.log_limiter import LogLimiter
 from hexwire.errors import LinkClosedError, UsageError
 
-from .callbacks import Callbacks
+from . import type_descriptions
+from .callbacks import Callbacks, Inbox
 from .graph import Graph
 from .keys import Endpoint, Role, gid_of, graph_pattern
+from .logging import LOG, TIME, RosoutHandler
+from .mismatches import describe_mismatch
 from .names import Kind, Remap, full_name, remap_node, resolve
 from .parts import MessageCodec, Part, ServiceCodec, TypeSource
-from .qos import DEFAULT, SERVICES, Qos
+from .qos import DEFAULT, ROSOUT, SERVICES, Qos
+from .router_watch import RouterWatch
 from .services import Client, Deferred, RequestId, Service
 from .topics import Publisher, Subscription
 from .zenoh_session import Session, ZenohSettings
@@ -29,6 +33,10 @@ from .zenoh_session import Session, ZenohSettings
 __all__ = ["Client", "Deferred", "Node", "NodeOptions", "Publisher", "RequestId", "Service", "Subscription"]
 
 _MOST_DOMAIN = 4294967295
+_MOST_NEWS = 10_000
+"""Changes in the graph that may wait."""
+_PROGRAM = "hexwire"
+"""The logger whose records are published."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +50,8 @@ class NodeOptions:
         remaps: Rules; the first that applies counts.
         enclave: Its security enclave, ``/`` for none.
         zenoh: How its session is set up.
+        rosout: Whether it publishes the program's log.
+        type_descriptions: Whether it serves what its messages consist of.
     """
 
     name: str
@@ -50,6 +60,8 @@ class NodeOptions:
     remaps: tuple[Remap, ...] = ()
     enclave: str = "/"
     zenoh: ZenohSettings = field(default_factory=ZenohSettings)
+    rosout: bool = True
+    type_descriptions: bool = True
 
     def __post_init__(self) -> None:
         if not 0 <= self.domain <= _MOST_DOMAIN:
@@ -87,6 +99,8 @@ class Node:
         self._parts: list[Part] = []
         self._next_id = 0
         self._end: list[Callable[[], None]] = []
+        self._news = self.callbacks.inbox(_MOST_NEWS, self._noticed)
+        self._more_types: dict[str, Any] = {}
 
     @property
     def full_name(self) -> str:
@@ -107,20 +121,34 @@ class Node:
             UsageError: A setting of Zenoh is not valid.
         """
         gid_of("")
-        self._session = session = self.options.zenoh.open()
+        settings = self.options.zenoh
+        self._session = session = settings.open()
         self.callbacks.start()
         watch = session.watch_tokens(graph_pattern(self.options.domain), self._changed)
         self._end = [self.show(self._endpoint(Role.NODE)), watch]
+        if self.options.rosout:
+            self._end.insert(0, self._publish_log())
+        if self.options.type_descriptions:
+            self._serve_type_descriptions()
+        if settings.attempts >= 0:
+            router = RouterWatch(lambda: session.routers, settings.connect, self.log)
+            router.wait(settings.attempts)
+            router.start()
+            self._end.insert(0, router.stop)
 
     def close(self) -> None:
         """Vanish from the graph: every endpoint, then the node itself."""
-        session = self._session
-        if session is None or session.is_closed:
+        session, ends = self._session, self._end
+        self._end = []
+        if session is None or not ends:
             return
+        *before, token, watch = ends
+        for end in before:
+            end()
         for part in reversed(self._parts.copy()):
             part.close()
-        for end in self._end:
-            end()
+        token()
+        watch()
         self.callbacks.stop()
         session.close()
 
@@ -214,6 +242,38 @@ class Node:
         with self._lock, contextlib.suppress(ValueError):
             self._parts.remove(part)
 
+    def tell_type(self, kind: Any) -> None:
+        """Serve the description of a type that the node uses as a whole, such as an action."""
+        with self._lock:
+            self._more_types[kind.hash] = kind
+
+    def _types_in_use(self) -> dict[str, Any]:
+        with self._lock:
+            return self._more_types | {part.type.hash: part.type for part in self._parts}
+
+    def _serve_type_descriptions(self) -> None:
+        service = self.types.service(type_descriptions.TYPE)
+        # Humble knows neither hashes nor this service.
+        if service.hash.startswith("RIHS01_"):
+            answer = type_descriptions.make_answer(service.response, self._types_in_use)
+            self.service(type_descriptions.NAME, type_descriptions.TYPE, answer)
+
+    def _publish_log(self) -> Callable[[], None]:
+        """Publish the log of the program; returns a function that ends it."""
+        publisher = self.publisher("/rosout", LOG, ROSOUT)
+        types = self.types.message(LOG), self.types.message(TIME)
+        wake: Inbox[None] = self.callbacks.inbox(1, lambda _: handler.flush())
+        name = self.full_name.strip("/").replace("/", ".")
+        handler = RosoutHandler(name, self.log.name, types, publisher.publish, lambda: wake.put(None))
+        logger = logging.getLogger(_PROGRAM)
+        logger.addHandler(handler)
+
+        def end() -> None:
+            logger.removeHandler(handler)
+            handler.flush()
+
+        return end
+
     @property
     def _open_session(self) -> Session:
         if self._session is None:
@@ -235,14 +295,41 @@ class Node:
     def _add(self, part: _T) -> _T:
         with self._lock:
             self._parts.append(part)
+        self._compare(part)
         return part
 
     def _changed(self, token: str, alive: bool) -> None:
         endpoint = self.graph.add(token) if alive else self.graph.remove(token)
-        if endpoint is not None and endpoint.role is Role.CLIENT and not alive:
-            gid = gid_of(token)
-            for part in self._services(endpoint.key):
-                part.forget_client(gid)
+        if endpoint is not None:
+            self._news.put((endpoint, alive))
+
+    def _noticed(self, news: tuple[Endpoint, bool]) -> None:
+        """Draw the consequences of a change in the graph."""
+        endpoint, alive = news
+        if not alive:
+            if endpoint.role is Role.CLIENT:
+                gid = gid_of(endpoint.token)
+                for service in self._services(endpoint.key):
+                    service.forget_client(gid)
+        elif endpoint.role is Role.NODE:
+            own = endpoint.session_node == (self._open_session.zid, "0")
+            if not own and full_name(endpoint.namespace, endpoint.node) == self.full_name:
+                self.log.warning(
+                    "Another node has the name '%s', too. Be aware that nodes in the graph that share an exact "
+                    "name can have unintended side effects",
+                    self.full_name,
+                )
+        else:
+            with self._lock:
+                parts = self._parts.copy()
+            for text in {describe_mismatch(part.endpoint, endpoint) for part in parts} - {""}:
+                self.log.warning("%s", text)
+
+    def _compare(self, part: Part) -> None:
+        """Compare a new endpoint with those that are in the graph already."""
+        for endpoint in self.graph:
+            if endpoint.name == part.endpoint.name and (text := describe_mismatch(part.endpoint, endpoint)):
+                self.log.warning("%s", text)
 
     def _services(self, key: str) -> Iterator[Service]:
         with self._lock:

@@ -32,6 +32,9 @@ class MessageCodec(Protocol):
     def hash(self) -> str:
         """As in ``RIHS01_...``."""
 
+    def __call__(self, **fields: Any) -> Any:
+        """A new message."""
+
     def serialize(self, message: Any) -> bytes:
         """The bytes of a message; raises `LocalProtocolError` if a field does not fit."""
 
@@ -91,6 +94,9 @@ class Owner(Protocol):
 
 class Part:
     """What every endpoint has: its token, its id, and its end."""
+
+    type: MessageCodec | ServiceCodec
+    """Of its messages or requests."""
 
     def __init__(self, owner: Owner, endpoint: Endpoint) -> None:
         self._owner, self.endpoint = owner, endpoint

@@ -78,6 +78,8 @@ class Service(Part):
         current: The request that the callback is called for.
     """
 
+    type: ServiceCodec
+
     def __init__(
         self,
         owner: Owner,
@@ -171,6 +173,8 @@ class Service(Part):
 
 class Client(Part):
     """Asks a service."""
+
+    type: ServiceCodec
 
     def __init__(self, owner: Owner, endpoint: Endpoint, service: ServiceCodec, session: Session) -> None:
         super().__init__(owner, endpoint)

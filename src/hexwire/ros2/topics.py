@@ -27,6 +27,8 @@ _KEEP_ALL = 10_000
 class Publisher(Part):
     """Publishes messages of one topic."""
 
+    type: MessageCodec
+
     def __init__(self, owner: Owner, endpoint: Endpoint, message: MessageCodec, session: Session) -> None:
         super().__init__(owner, endpoint)
         self.type = message
@@ -63,6 +65,8 @@ class Subscription(Part):
     Attributes:
         malformed: Messages that could not be read.
     """
+
+    type: MessageCodec
 
     def __init__(
         self,

@@ -58,10 +58,13 @@ class ZenohSettings:
     Attributes:
         connect: Endpoints of routers.
         listen: Where other nodes may connect.
+        attempts: Seconds to wait for a router, as ZENOH_ROUTER_CHECK_ATTEMPTS: 0 for no limit, less for not even
+            looking for one.
     """
 
     connect: tuple[str, ...] = (_ROUTER,)
     listen: tuple[str, ...] = (_LISTEN,)
+    attempts: int = 1
 
     def rows(self) -> dict[str, Any]:
         """Zenoh's settings: `rmw_zenoh`'s defaults with these."""
