@@ -11,6 +11,7 @@ from tests.ros2.fake_node import Call, FakeNode
 from hexwire.ros2.action_server import ActionServer, GoalHandle, default_result_timeout
 from hexwire.ros2.distributions import Distribution
 from hexwire.ros2.goals import CancelCode, GoalStatus
+from hexwire.ros2.node import Deferred
 from hexwire.ros2.qos import Durability, Qos, Reliability
 from hexwire.ros2.types import Types
 
@@ -152,6 +153,17 @@ def test_all_who_ask_get_the_result_first_and_the_state_follows(world: World, en
     names = [name.removeprefix(f"{BASE}/") for name, _ in world.node.said]
     assert names == ["get_result", "get_result", "status", "get_result"]
     assert world.statuses[-1] == [(1, status)]
+
+
+def test_a_client_that_cannot_be_answered_hinders_nobody(world: World, caplog: pytest.LogCaptureFixture) -> None:
+    handle = world.accept(1)
+    lost, waits = Deferred(), world.get_result(1)
+    lost.bind(lambda _: 1 / 0)
+    world.server._goals._goals[handle.id].waiting.insert(0, lost)
+    with caplog.at_level(logging.CRITICAL, logger="hexwire"):
+        handle.succeed(world.result())
+    assert waits.response.status == GoalStatus.SUCCEEDED
+    assert world.statuses[-1] == [(1, GoalStatus.SUCCEEDED)]
 
 
 def test_each_client_gets_the_result_of_its_own_goal(world: World) -> None:

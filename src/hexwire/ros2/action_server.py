@@ -163,7 +163,7 @@ class ActionServer:
         """See `GoalHandle.accept`."""
         with self._lock:
             self._goals.accept(goal)
-            handle.answer.answer(self.type.send_goal.response(accepted=True, stamp=self._stamp(goal.stamp)))
+            self._answer(handle.answer, self.type.send_goal.response(accepted=True, stamp=self._stamp(goal.stamp)))
             self._publish_status()
 
     def refuse(self, handle: GoalHandle, goal: Goal[Deferred]) -> None:
@@ -171,9 +171,9 @@ class ActionServer:
         with self._lock:
             waiting = self._goals.refuse(goal)
             self._handles.pop(goal.id, None)
-            handle.answer.answer(self.type.send_goal.response(accepted=False))
+            self._answer(handle.answer, self.type.send_goal.response(accepted=False))
             for waiter in waiting:
-                waiter.answer(self._result(GoalStatus.UNKNOWN, None))
+                self._answer(waiter, self._result(GoalStatus.UNKNOWN, None))
 
     def end(self, goal: Goal[Deferred], status: GoalStatus, result: Any) -> None:
         """See `GoalHandle.succeed`."""
@@ -181,12 +181,19 @@ class ActionServer:
             waiting = self._goals.end(goal, status, result, self._clock())
             self._handles.pop(goal.id, None)
             for waiter in waiting:
-                waiter.answer(self._result(status, result))
+                self._answer(waiter, self._result(status, result))
             self._publish_status()
 
     def publish_feedback(self, goal_id: bytes, feedback: Any) -> None:
         """See `GoalHandle.publish_feedback`."""
         self._feedback.publish(self.type.feedback(goal_id=self._uuid(uuid=goal_id), feedback=feedback))
+
+    def _answer(self, waiter: Deferred, response: Any) -> None:
+        try:
+            waiter.answer(response)
+        except Exception:  # noqa: BLE001
+            # The others must get their answers, and all of them the state.
+            _log.exception("%s: a client could not be answered", self.name)
 
     # -- requests, in the thread of callbacks --------------------------------------------------------------------
 
