@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.errors import RemoteProtocolError, UsageError
+from hexwire.errors import LocalProtocolError, RemoteProtocolError
 from hexwire.ros2.types import Types
 
 TYPES = Types()
@@ -85,5 +85,5 @@ def test_a_cut_message_is_refused(data: st.DataObject) -> None:
 def test_an_unsuitable_value_is_named(field: str, value: object, why: str) -> None:
     message = JOINT_STATE()
     setattr(message, field, value)
-    with pytest.raises(UsageError, match=why):
+    with pytest.raises(LocalProtocolError, match=why):
         JOINT_STATE.serialize(message)

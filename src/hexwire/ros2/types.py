@@ -18,7 +18,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, ClassVar, TypeVar
 
-from hexwire.errors import RemoteProtocolError, UsageError
+from hexwire.errors import LocalProtocolError, RemoteProtocolError, UsageError
 
 from .cdr import MOST_BYTES, MOST_PADDING, make_parser, make_serializer
 from .definitions import (
@@ -144,13 +144,13 @@ class MessageType(_Type):
                 char in `bytes` or a sequence.
 
         Raises:
-            UsageError: A field has an unsuitable value; the text names it.
+            LocalProtocolError: A field has an unsuitable value; the text names it.
         """
         try:
             data: bytes = self._serializer(message)
         except _BAD_VALUES as error:
             fault = find_fault(self._definition, message, self._types.lookup) or f": {error}"
-            raise UsageError(f"cannot send {self.name}{fault}") from None
+            raise LocalProtocolError(f"cannot send {self.name}{fault}") from None
         return data
 
     def parse(self, data: bytes | bytearray | memoryview) -> Any:
