@@ -12,11 +12,14 @@ from tests.ros2.fake_node import FakeNode
 from hexwire.control.setting import Setting
 from hexwire.control.settings import SETTINGS
 from hexwire.errors import UsageError
+from hexwire.ros2.distributions import Distribution
 from hexwire.ros2.parameters import Descriptor, ParameterServer, ParameterType, Value, descriptor_of, type_of
 from hexwire.ros2.qos import Qos
+from hexwire.ros2.types import Types
 
 NOW = 1_700_000_000_000_000_007
-ALL: dict[str, Value] = {
+OF_ROS: dict[str, Value] = {"start_type_description_service": True}
+OWN: dict[str, Value] = {
     "constraints.J1.goal": 0.1,
     "constraints.J1.trajectory": 0.2,
     "constraints.goal_time": 0.0,
@@ -27,13 +30,14 @@ ALL: dict[str, Value] = {
     "rate": 100.0,
     "retries": 3,
 }
+ALL = OWN | OF_ROS
 
 
 class World:
     """A server with parameters of every kind in use."""
 
-    def __init__(self) -> None:
-        self.node = FakeNode(namespace="/lab")
+    def __init__(self, distribution: Distribution = Distribution.JAZZY) -> None:
+        self.node = FakeNode(Types(distribution), namespace="/lab")
         self.asked: list[dict[str, Value]] = []
         self.fault = ""
         self.server = ParameterServer(
@@ -42,7 +46,7 @@ class World:
             on_set=self._on_set,
             ros_time=lambda: NOW,
         )
-        for name, value in ALL.items():
+        for name, value in OWN.items():
             self.server.declare(name, value, self.descriptor(name))
         self.server.offer()
 
@@ -316,6 +320,13 @@ def test_atomically_is_all_or_nothing(world: World) -> None:
     assert world.asked == [{"retries": 1, "rate": 50.0}]
     assert world.events[1:] == [([], [("retries", 1), ("rate", 50.0)])]
     assert world.set_all() == (False, "there is no parameter to set")
+
+
+def test_every_node_has_the_parameter_that_ros_gives_it(world: World) -> None:
+    assert world.set(world.row("start_type_description_service", False))[0][1].startswith(
+        "start_type_description_service is read-only"
+    )
+    assert "start_type_description_service" not in World(Distribution.HUMBLE).server.values()
 
 
 def test_the_program_sets_by_the_same_rules(world: World) -> None:

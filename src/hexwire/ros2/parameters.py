@@ -27,6 +27,7 @@ __all__ = ["Descriptor", "ParameterServer", "ParameterType", "Value", "descripto
 
 Value = bool | int | float | str | bytes | Sequence[bool] | Sequence[int] | Sequence[float] | Sequence[str]
 
+_DESCRIPTIONS = "start_type_description_service"
 _MOST_NAMES = 10_000
 """Most names in one request; more are garbage."""
 _ULP = 100.0
@@ -147,6 +148,8 @@ class _Parameter:
 class ParameterServer:
     """The parameters of a node. Declare all of them, then `offer` them; any thread may then call `set`.
 
+    ``start_type_description_service``, which every node of ROS has since type hashes, is declared already.
+
     Args:
         node: The node; must be open when the parameters are offered.
         types: Its types.
@@ -181,6 +184,8 @@ class ParameterServer:
         self._lock = threading.RLock()
         self._parameters: dict[str, _Parameter] = {}
         self._events: Any = None
+        if types.distribution.has_type_hashes:
+            self.declare(_DESCRIPTIONS, True, Descriptor("describe types to others", read_only=True))
 
     def declare(self, name: str, value: Value, descriptor: Descriptor | None = None) -> None:
         """Declare a parameter; its type is that of the value.
