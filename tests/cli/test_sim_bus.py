@@ -26,6 +26,7 @@ from hexwire.link.serial import SerialLink
         ("--baud", "9600"),
         ("--baud", "9" * 5000),
         ("--fault", "x"),
+        ("--fault", "reset:3"),
         ("--arm", "so102"),
         ("--arm", "so101", "--ids", "1-6"),
         ("--arm", "so101", "--series", "sts"),

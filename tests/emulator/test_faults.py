@@ -166,3 +166,16 @@ def test_board_switches() -> None:
     plan = FaultPlan(["boot:2", "boot:1.5", "sketch"])
     assert plan.boot_time == 2.0
     assert plan.sketch
+
+
+def test_a_bus_without_a_board_has_its_faults_on_the_bus_at_the_time_of_its_start() -> None:
+    plan = FaultPlan.for_bus(["flip:1", "brownout:3:1"], start=100.0)
+    assert plan.bus_heard(b"\x00") != b"\x00"
+    assert plan.host_in(b"\x00", 100.0) == b"\x00"
+    assert [plan.bus_dead(now) for now in (102.9, 103.5, 104.1)] == [False, True, False]
+
+
+@pytest.mark.parametrize("spec", ["reset:3", "boot:1", "sketch", "host.flip:1", "host.echo"])
+def test_a_fault_that_only_a_board_can_have_is_refused_for_a_bus(spec: str) -> None:
+    with pytest.raises(UsageError, match="happens on a board, and there is none on a servo bus"):
+        FaultPlan.for_bus([spec])

@@ -126,7 +126,7 @@ def bus(
     else:
         kinds = [as_series(name.strip()) for name in series.split(",")]
         servos = make_servos(kinds, parse_ids(ids), baud=rates, seed=seed, start=time.monotonic())
-    plan = FaultPlan(faults, seed=seed)
+    plan = FaultPlan.for_bus(faults, seed=seed, start=time.monotonic())
     ended = threading.Event()
     if until_eof:
         threading.Thread(target=_wait_for_eof, args=(ended,), daemon=True).start()

@@ -34,7 +34,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from hexwire.errors import UsageError
@@ -122,6 +122,15 @@ def parse_fault(spec: str) -> Fault:
     )
 
 
+def _on_bus(spec: str) -> Fault:
+    fault = parse_fault(spec)
+    if "." not in spec.partition(":")[0] and "bus" in _KINDS[fault.kind][0]:
+        return replace(fault, place="bus")
+    if fault.place != "bus" and fault.kind != "brownout":
+        raise UsageError(f"fault {spec!r} happens on a board, and there is none on a servo bus")
+    return fault
+
+
 def _number(spec: str, name: str, text: str) -> float:
     try:
         value = int(text) if name == "servo_id" else float(text)
@@ -164,6 +173,15 @@ class FaultPlan:
             UsageError: As `parse_fault`.
         """
         return cls(specs, seed=seed, start=start)
+
+    @classmethod
+    def for_bus(cls, specs: Iterable[str], *, seed: int = 0, start: float = 0.0) -> FaultPlan:
+        """Make the plan of a servo bus without a board: a fault without a place happens on the bus.
+
+        Raises:
+            UsageError: As `parse_fault`; or a fault that only a board can have.
+        """
+        return cls([_on_bus(spec) for spec in specs], seed=seed, start=start)
 
     def _of(self, *kinds: str, place: str = "") -> list[Fault]:
         return [f for f in self.faults if f.kind in kinds and (not place or f.place == place)]
