@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -70,6 +71,17 @@ def test_a_robot_that_was_never_attached_keeps_no_session(serve: Serve, opened: 
         end(RemoteRobot.from_url("zenoh:lab/arm1"))
     assert [node.is_closed for node in opened] == [True] * 3
     del opened[:]
+
+
+def test_an_arm_of_ones_own_is_of_the_kind_that_its_file_is_based_on(serve: Serve, tmp_path: Path) -> None:
+    file = tmp_path / "left.toml"
+    file.write_text('name = "left"\nbase = "so101"\n')
+    serve("lab/left", robot=str(file), port="sim://so101")
+    for kind in ("so101", "left"):
+        with RemoteRobot.from_url("zenoh:lab/left", robot=kind) as robot:
+            assert robot.model.name == "left"
+    with pytest.raises(UsageError, match="is a left, not a so100"):
+        RemoteRobot.from_url("zenoh:lab/left", robot="so100")
 
 
 def test_states_that_stop_arriving_are_reported(serve: Serve, caplog: pytest.LogCaptureFixture) -> None:

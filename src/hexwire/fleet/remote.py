@@ -99,7 +99,7 @@ class RemoteRobot(Following, Described):
 
         Args:
             url: As in ``zenoh:lab/arm1?router=tls/lab-pc:7447``.
-            **options: ``robot``: the name that the model must have.
+            **options: ``robot``: the name that the model must have, or the robot whose geometry it has.
 
         Raises:
             UsageError: The address is wrong, or the arm is another model.
@@ -112,7 +112,7 @@ class RemoteRobot(Following, Described):
         node = address.network().open()
         try:
             facts = decoded(ask(node, address, Keys(address.name).ask, m.Ask("facts"), _TIMEOUT), m.Facts)
-            if robot is not None and robot != facts.robot:
+            if robot not in (None, facts.robot, facts.geometry or None):
                 raise UsageError(f"{address.text} is a {facts.robot}, not a {robot}; its server names the robot")
             driver = cls(address, facts)
         except BaseException:
