@@ -27,18 +27,24 @@ ROW = {"id": 1, "drive_mode": 0, "homing_offset": -1470, "range_min": 758, "rang
 class CalibrateCli:
     """Runs `hexwire bus calibrate so101` on an emulated arm in simulated time."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, *, pose: int | None = None) -> None:
-        self.parts = SoBench(7, pose)
+    def __init__(
+        self, monkeypatch: pytest.MonkeyPatch, *, pose: int | None = None, bench: SoBench | None = None
+    ) -> None:
+        self.parts = bench or SoBench(7, pose)
+        self.turns = iter(range(10_000))
+        self.enters = {150, 151}
+        """Turns of the loop in which Enter is pressed."""
+        self.plug_in(monkeypatch)
+
+    def plug_in(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Make this arm the one that every port leads to."""
         clock = self.parts.link.clock
         monkeypatch.setattr(link_open, "make_link", lambda url: self.parts.link)
         # Less time to simulate; test_calibrating has the real speeds.
         monkeypatch.setattr(auto_calibration, "_FAST", 900.0)
         monkeypatch.setattr(auto_calibration, "_SLOW", 300.0)
         monkeypatch.setattr(bus_calibrate, "time", SimpleNamespace(monotonic=clock, sleep=clock.advance))
-        self.turns = iter(range(10_000))
         monkeypatch.setattr(bus_calibrate, "_entered", self.entered)
-        self.enters = {150, 151}
-        """Turns of the loop in which Enter is pressed."""
 
     def entered(self, seconds: float) -> bool:
         """Move every joint a little further toward both of its stops, one after the other."""

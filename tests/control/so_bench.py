@@ -25,6 +25,7 @@ class SoBench:
         faults: Of the bus.
         echo: The adapter echoes.
         leader: A leader arm.
+        any_horns: The horns are mounted anywhere; otherwise as in `hexwire sim bus --arm so101`.
     """
 
     def __init__(
@@ -35,8 +36,9 @@ class SoBench:
         faults: tuple[str, ...] = (),
         echo: bool = False,
         leader: bool = False,
+        any_horns: bool = True,
     ) -> None:
-        self.arm: SoArm = make_so_arm("so101", any_horns=True, seed=seed, leader=leader)
+        self.arm: SoArm = make_so_arm("so101", any_horns=any_horns, seed=seed, leader=leader)
         if pose is not None:
             draw = random.Random(pose)
             for servo in self.arm.servos:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import shutil
 import sys
 from collections.abc import Callable, Iterator
+from functools import cache
 from importlib import import_module
 
 import pytest
+from draccus.wrappers import docstring
 
 # Before LeRobot: it sets the folders that LeRobot reads when it is imported.
 from emulated import HOME, bus, calibrated
@@ -17,6 +19,8 @@ from lerobot.utils.import_utils import register_third_party_plugins
 def pytest_sessionstart() -> None:
     # As the programs of LeRobot do: it finds the plug-in by its name.
     register_third_party_plugins()
+    # For the help of its options LeRobot reads the source of each configuration again in each program: 5 s.
+    docstring.get_attribute_docstring = cache(docstring.get_attribute_docstring)
 
 
 def pytest_sessionfinish() -> None:

@@ -7,10 +7,13 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TypeVar
 
+T = TypeVar("T")
 HOME = Path(tempfile.mkdtemp(prefix="hexwire-lerobot-"))
 # LeRobot reads these when it is imported.
 os.environ.update(
@@ -78,3 +81,12 @@ def calibrated(port: str, name: str, *, leader: bool = False) -> Path:
             store(arm.bus, load_calibration(file))
             break
     return file
+
+
+def patiently(call: Callable[[], T]) -> T:
+    """Ask LeRobot's own arm until it answers: it gives up after 50 ms, which the emulator may be late by."""
+    for _ in range(30):
+        with suppress(ConnectionError, RuntimeError):
+            return call()
+        time.sleep(0.1)
+    return call()

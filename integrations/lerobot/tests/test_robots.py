@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
-from contextlib import suppress
+from collections.abc import Iterator
 from itertools import pairwise
-from typing import TypeVar
 
 import pytest
-from emulated import LOSS, bus, calibrated
+from emulated import LOSS, bus, calibrated, patiently
 from lerobot.cameras.opencv import OpenCVCameraConfig
 from lerobot.robots import make_robot_from_config
 from lerobot.robots.so_follower import SO101Follower, SO101FollowerConfig
@@ -33,7 +31,6 @@ from hexwire.emulator.serve_hand import move_by_hand
 
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 PERIOD = 1 / 60
-T = TypeVar("T")
 
 
 def make(port: str, **options: object) -> HexwireSO101:
@@ -52,15 +49,6 @@ def arm(follower: str) -> Iterator[HexwireSO101]:
     yield robot
     if robot.is_connected:
         robot.disconnect()
-
-
-def patiently(call: Callable[[], T]) -> T:
-    """Ask LeRobot's own arm until it answers: it gives up after 50 ms, which the emulator may be late by."""
-    for _ in range(30):
-        with suppress(ConnectionError, RuntimeError):
-            return call()
-        time.sleep(0.1)
-    return call()
 
 
 def go(robot: HexwireSO101, action: dict[str, float], seconds: float) -> list[dict[str, float]]:
