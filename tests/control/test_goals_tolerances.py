@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -47,6 +48,35 @@ def test_the_rotation_of_a_joint_is_its_angle() -> None:
     result = DEFAULTS.overridden([("J1", 0.2, 0.0, 0.0)], [], 0.0, rows, [ComponentTolerance("J3", 5, 0.2)])
     assert result.path == {"J1": Tolerance(0.2), "J2": Tolerance(0.0, 0.5), "J3": Tolerance(0.1)}
     assert result.goal == {**DEFAULTS.goal, "J3": Tolerance(0.2, 0.01)}
+
+
+@pytest.mark.parametrize("value", [0.0, -0.0, 0.2, -1.0, -1.0000001])
+def test_zero_and_minus_one_are_always_allowed(value: float) -> None:
+    row = ("J1", value, value, value)
+    component = ComponentTolerance("J2", 5, value, value, value)
+    for asked in ([row], [row], value, [component], [component]), ([], [], value):
+        strict, usual = DEFAULTS.overridden(*asked, only_minus_one=True), DEFAULTS.overridden(*asked)
+        assert strict == usual
+
+
+@pytest.mark.parametrize(
+    ("fields", "what"),
+    [
+        ({"goal_time": -0.5}, "goal_time_tolerance"),
+        ({"path": [("J1", 0.1, -0.5, 0.0)]}, "path_tolerance for the velocity of J1"),
+        ({"goal": [("J1", 0.1, 0.0, -0.5)]}, "goal_tolerance for the acceleration of J1"),
+        ({"path_components": [ComponentTolerance("J2", 5, -0.5)]}, "path_tolerance for the position of J2"),
+    ],
+)
+def test_another_negative_number_disables_a_check_only_where_that_is_the_rule(
+    fields: dict[str, Any], what: str
+) -> None:
+    asked: dict[str, Any] = {"path": [], "goal": [], "goal_time": 0.0} | fields
+    DEFAULTS.overridden(**asked)
+    with pytest.raises(GoalError) as refused:
+        DEFAULTS.overridden(**asked, only_minus_one=True)
+    assert str(refused.value) == f"{what} is -0.5; 0 means the default, and only -1 disables the check"
+    assert refused.value.reason == Reason.MALFORMED
 
 
 @pytest.mark.parametrize(

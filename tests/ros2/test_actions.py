@@ -208,9 +208,12 @@ def test_what_the_arm_cannot_have_is_refused(world: World, caplog: pytest.LogCap
     assert not world.send({"J1": J1 + 0.1}, multi_dof_trajectory=multi).accepted()
     sideways = [make("control_msgs/msg/JointComponentTolerance")(joint_name="J1", component=1, position=0.1)]
     assert not world.send({"J1": J1 + 0.1}, component_path_tolerance=sideways).accepted()
+    doubtful = [make("control_msgs/msg/JointTolerance")(name="J1", position=-0.1)]
+    assert not world.send({"J1": J1 + 0.1}, path_tolerance=doubtful).accepted()
     late = world.send({"J1": J1 + 0.1})
     assert late.accepted(), "the same goal without them"
-    first, second = refusals(caplog)
+    first, second, third = refusals(caplog)
+    assert third.startswith("goal refused: INVALID_GOAL: path_tolerance for the position of J1 is -0.1")
     assert first.startswith("goal refused: INVALID_GOAL: multi_dof_trajectory is for 'base'")
     assert second.startswith("goal refused: INVALID_GOAL: component_path_tolerance of 'J1' is for X_AXIS")
 

@@ -108,4 +108,5 @@ def test_a_goal_is_read_whole() -> None:
         -1.0,
         [ComponentTolerance("J1", 5, 0.3)],
         [ComponentTolerance("J2", 1, 0.0, 0.4, 0.6)],
+        only_minus_one=True,
     )

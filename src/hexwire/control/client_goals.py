@@ -60,6 +60,7 @@ class Request:
         goal_time: Seconds; likewise.
         path_components: Likewise.
         goal_components: Likewise.
+        only_minus_one: Likewise.
     """
 
     trajectory: TrajectoryGoal
@@ -68,6 +69,7 @@ class Request:
     goal_time: float = 0.0
     path_components: Sequence[ComponentTolerance] = ()
     goal_components: Sequence[ComponentTolerance] = ()
+    only_minus_one: bool = False
 
 
 class ClientGoal(Generic[_C]):
@@ -169,7 +171,12 @@ class ClientGoals(Generic[_C]):
         try:
             request = read()
             tolerances = self._arm.controllers[goal.controller].settings.tolerances.overridden(
-                request.path, request.goal, request.goal_time, request.path_components, request.goal_components
+                request.path,
+                request.goal,
+                request.goal_time,
+                request.path_components,
+                request.goal_components,
+                only_minus_one=request.only_minus_one,
             )
             self._arm.command(
                 goal.controller,

@@ -37,8 +37,8 @@ _LONGEST = 2.0**31
 """Seconds; the limit of a duration with signed 32-bit seconds."""
 _TICK = 1e-9
 """Seconds; times are whole nanoseconds. Times closer to now count as now."""
-_REST = 1.2e-7
-"""Radians per second; smaller velocities of a last point count as 0, such as the rounding of a 32-bit float."""
+_ROUNDING = 1.2e-7
+"""Numbers closer to 0, or to -1, count as that: the rounding of a 32-bit float."""
 _SHOWN = 5
 """Most names or faults listed in a text."""
 
@@ -130,6 +130,8 @@ class Tolerances:
         goal_time: float,
         path_components: Sequence[ComponentTolerance] = (),
         goal_components: Sequence[ComponentTolerance] = (),
+        *,
+        only_minus_one: bool = False,
     ) -> Tolerances:
         """These tolerances, changed by those of a goal: 0 keeps the value, a negative number disables the check.
 
@@ -140,16 +142,19 @@ class Tolerances:
             path_components: Like `path`, for components. The rotation of a joint is its angle; the joints of the
                 supported arms have no other component.
             goal_components: Likewise.
+            only_minus_one: Of the negative numbers only -1 disables a check; others are refused.
 
         Raises:
-            GoalError: WRONG_JOINTS for a joint that is unknown or given twice, MALFORMED for NaN, infinity and
-                components that the joint does not have.
+            GoalError: WRONG_JOINTS for a joint that is unknown or given twice, MALFORMED for NaN, infinity, refused
+                negative numbers, and components that the joint does not have.
         """
         if not math.isfinite(goal_time):
             raise GoalError(f"goal_time_tolerance is {goal_time}, not a number", reason=Reason.MALFORMED)
+        if only_minus_one:
+            _refuse_negative("goal_time_tolerance", goal_time)
         return Tolerances(
-            _merged(self.path, path, path_components, "path_tolerance"),
-            _merged(self.goal, goal, goal_components, "goal_tolerance"),
+            _merged(self.path, path, path_components, "path_tolerance", only_minus_one),
+            _merged(self.goal, goal, goal_components, "goal_tolerance", only_minus_one),
             _resolved(goal_time, self.goal_time),
         )
 
@@ -177,11 +182,18 @@ def _resolved(asked: float, default: float) -> float:
     return max(0.0, asked)
 
 
+def _refuse_negative(what: str, value: float) -> None:
+    if value < 0.0 and abs(value + 1.0) > _ROUNDING:
+        text = f"{what} is {value:g}; 0 means the default, and only -1 disables the check"
+        raise GoalError(text, reason=Reason.MALFORMED)
+
+
 def _merged(
     defaults: Mapping[str, Tolerance],
     rows: Sequence[tuple[str, float, float, float]],
     components: Sequence[ComponentTolerance],
     field: str,
+    only_minus_one: bool,
 ) -> dict[str, Tolerance]:
     merged: dict[str, Tolerance] = {}
     rotations = [_rotation(row, f"component_{field}") for row in components]
@@ -197,6 +209,8 @@ def _merged(
             if not math.isfinite(value):
                 text = f"{field} for the {kind} of {name} is {value}, not a number; -1 disables the check"
                 raise GoalError(text, reason=Reason.MALFORMED)
+            if only_minus_one:
+                _refuse_negative(f"{field} for the {kind} of {name}", value)
         merged[name] = Tolerance(*map(_resolved, values, kept))
     return {**defaults, **merged}
 
@@ -290,7 +304,7 @@ def _check_time(i: int, time: float, before: float) -> None:
 
 def _check_rest(i: int, point: Point, names: tuple[str, ...]) -> None:
     for name, value in zip(names, point.velocities, strict=False):
-        if abs(value) > _REST:
+        if abs(value) > _ROUNDING:
             raise _invalid(f"points[{i}].velocities: {name} is {value:g}; the last point must have velocity 0")
 
 

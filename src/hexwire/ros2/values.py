@@ -55,4 +55,5 @@ def request_of(goal: Any, now: int) -> Request:
         seconds_of(goal.goal_time_tolerance),
         component_rows(goal.component_path_tolerance),
         component_rows(goal.component_goal_tolerance),
+        only_minus_one=True,
     )
