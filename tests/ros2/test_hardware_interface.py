@@ -171,3 +171,83 @@ def test_a_taught_motion_is_latched_saved_and_played(arm: Arm) -> None:
     assert list((arm.world.folder / "taught").glob("*.json"))
     assert arm.trigger("teach/play").startswith("played")
     assert "is not in teach mode" in arm.refused("teach/stop")
+
+
+# -- parameters and life cycle -------------------------------------------------------------------------------------
+
+
+def parameter(arm: Arm, name: str, service: str = "hardware_interface") -> Any:
+    """The value of a parameter, as its message has it."""
+    answer = arm.peer.call(f"/{service}/get_parameters", "rcl_interfaces/srv/GetParameters", names=[name])
+    (value,) = answer.values
+    return value
+
+
+def set_parameter(arm: Arm, name: str, value: float | str) -> str:
+    """Set a parameter; returns why that was refused."""
+    make = arm.peer.types.message
+    kind = {"type": 3, "double_value": value} if isinstance(value, float) else {"type": 4, "string_value": value}
+    row = make("rcl_interfaces/msg/Parameter")(  # type: ignore[operator]
+        name=name,
+        value=make("rcl_interfaces/msg/ParameterValue")(**kind),  # type: ignore[operator]
+    )
+    answer = arm.peer.call(
+        "/hardware_interface/set_parameters", "rcl_interfaces/srv/SetParameters", parameters=[row]
+    )
+    (result,) = answer.results
+    assert result.successful == (not result.reason)
+    return str(result.reason)
+
+
+def test_every_parameter_is_listed_with_its_value_and_what_it_is_for(arm: Arm) -> None:
+    listed = arm.peer.call("/hardware_interface/list_parameters", "rcl_interfaces/srv/ListParameters").result
+    wanted = {"port", "use_sim_time", "poses.home.J1", "constraints.goal_time", "constraints.J1.goal", "joints"}
+    assert wanted <= set(listed.names)
+    assert parameter(arm, "port").string_value == arm.board.port
+    assert parameter(arm, "constraints.goal_time").double_value == 3.0
+    assert parameter(arm, "joints").string_array_value == list(JOINTS)
+    described = arm.peer.call(
+        "/hardware_interface/describe_parameters",
+        "rcl_interfaces/srv/DescribeParameters",
+        names=["watchdog", "diagnostics_rate"],
+    )
+    watchdog, rate = described.descriptors
+    assert (watchdog.read_only, rate.read_only) == (True, False)
+    assert "silence after which the board stops the arm" in watchdog.description
+
+
+def test_a_parameter_takes_effect_and_a_wrong_value_is_refused_with_the_reason(arm: Arm) -> None:
+    assert set_parameter(arm, "frame_id", "base_link") == ""
+    frames = {message.header.frame_id for message in arm.peer.collect("/joint_states", STATE, 100)}
+    assert frames in ({"base_link"}, {"", "base_link"})
+    assert set_parameter(arm, "constraints.J1.goal", 0.25) == ""
+    assert parameter(arm, "constraints.J1.goal").double_value == 0.25
+    assert "must be above 0" in set_parameter(arm, "pose_speed", -1.0)
+    assert "read-only" in set_parameter(arm, "port", "/dev/null")
+    assert "type" in set_parameter(arm, "pose_speed", "fast")
+    assert parameter(arm, "pose_speed").double_value == 1.0
+    assert set_parameter(arm, "frame_id", "") == ""
+
+
+def test_the_life_cycle_says_whether_the_arm_can_move(arm: Arm) -> None:
+    def label() -> str:
+        answer = arm.peer.call("/hardware_interface/get_state", "lifecycle_msgs/srv/GetState")
+        return str(answer.current_state.label)
+
+    def change(number: int) -> bool:
+        transition = arm.peer.types.message("lifecycle_msgs/msg/Transition")(id=number)  # type: ignore[operator]
+        answer = arm.peer.call(
+            "/hardware_interface/change_state", "lifecycle_msgs/srv/ChangeState", transition=transition
+        )
+        return bool(answer.success)
+
+    until(lambda: label() == "active", "it is active", arm.node.report)
+    assert change(4)
+    until(lambda: label() == "inactive", "it is inactive", arm.node.report)
+    assert not change(3), "a stop is latched"
+    arm.trigger("reset")
+    until(lambda: label() == "active", "it is active again", arm.node.report)
+    arm.enable(False)
+    until(lambda: label() == "inactive", "it has no torque", arm.node.report)
+    assert change(3)
+    assert all(servo.torque_on for servo in arm.board.board.wire.servos)

@@ -99,8 +99,10 @@ class Arm:
 
     def connect(self) -> None:
         """Connect to the robot and create its controllers; raises as `RobotOwner.connect`."""
-        settings, owner = self.settings, self.owner
-        owner.connect(settings.connect_timeout)
+        owner = self.owner
+        owner.connect(self.settings.connect_timeout)
+        # They may have changed meanwhile.
+        settings = self.settings
         limits = settings.safety_at(1.0 / owner.command_period)
         self.controllers = {
             row.name: TrajectoryController(
@@ -136,7 +138,7 @@ class Arm:
         """Use changed settings, as `settings_reader.reread` makes them; a goal that is followed keeps its own."""
         with self.owner.locked():
             self.settings = settings
-            for row in settings.controllers:
+            for row in settings.controllers if self.controllers else ():
                 self.controllers[row.name].settings = row
 
     # -- trajectories and set-points ------------------------------------------------------------------

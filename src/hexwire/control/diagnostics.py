@@ -118,10 +118,13 @@ class ChangeWatch:
 
     Args:
         period: Seconds.
+
+    Attributes:
+        period: As given; may change.
     """
 
     def __init__(self, period: float = 1.0) -> None:
-        self._period = period
+        self.period = period
         self._said: frozenset[tuple[str, Level, str]] | None = None
         self._when = -math.inf
         self._next = -math.inf
@@ -134,13 +137,13 @@ class ChangeWatch:
             now: Monotonic clock, seconds.
         """
         saying = frozenset((row.name, row.level, row.text) for row in rows)
-        changed = saying != self._said and now - self._when >= min(_SHORTEST, self._period)
+        changed = saying != self._said and now - self._when >= min(_SHORTEST, self.period)
         # A caller that asks once per period is sometimes slightly early, and must not wait for another period.
-        in_turn = now >= self._next - 0.1 * self._period
+        in_turn = now >= self._next - 0.1 * self.period
         if not changed and not in_turn:
             return False
-        on_time = in_turn and now - self._next <= 0.5 * self._period
-        self._next = (self._next if on_time else now) + self._period
+        on_time = in_turn and now - self._next <= 0.5 * self.period
+        self._next = (self._next if on_time else now) + self.period
         self._said, self._when = saying, now
         return True
 

@@ -26,18 +26,24 @@ from hexwire.errors import DeviceError, HexwireError, UsageError
 from hexwire.model.geometry import make_shapes
 from hexwire.model.urdf import make_urdf
 
+from . import arm_lifecycle
 from .action_server import ActionServer
 from .actions import FOLLOW_JOINT_TRAJECTORY, ActionClient, ActionGoals
 from .keys import Role
+from .lifecycle import Lifecycle, State
 from .node import Deferred, Node
+from .parameters import Descriptor, ParameterServer, descriptor_of
 from .qos import DEFAULT, LATCHED, Qos
 from .reports import CONTROLLER_STATE, DIAGNOSTICS, JOINT_STATE, TRAJECTORY, Reports
 from .set_points import ARRAY, of_array, of_joint_state
+from .settings import changed
 from .transforms import TRANSFORMS, Transforms
 from .types import Types
 from .values import nanoseconds_of, trajectory_of
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from hexwire.control.known_state import KnownState
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.state import JointState
@@ -102,6 +108,7 @@ class HardwareInterface:
         self._frames: Transforms | None = None
         self._for_manager: Publisher | None = None
         self._tf: Publisher | None = None
+        self._lifecycle: Lifecycle | None = None
         self._routers, self._opened = -1, 0.0
 
     def run(self) -> int:
@@ -137,6 +144,8 @@ class HardwareInterface:
         try:
             self._refuse_namesake()
             self._offer_topics()
+            self._offer_parameters()
+            self._lifecycle = Lifecycle(self._node, self._types, partial(arm_lifecycle.carry_out, self._arm))
             self._arm.connect()
             self._shutdown.interrupts = False
             self._offer_controllers()
@@ -153,6 +162,8 @@ class HardwareInterface:
             self._arm.shutdown()
             self._goals.close()
             self._trajectories.close(_CLOSE_WAIT)
+            if self._lifecycle is not None:
+                self._lifecycle.mirror(State.FINALIZED)
             if had_goals:
                 time.sleep(_RESULTS_WAIT)
         return 0
@@ -183,6 +194,8 @@ class HardwareInterface:
         if self._watch.due(rows, time.monotonic()):
             hardware_id = self._settings.own["hardware_id"] or facts.url
             self._diagnostics.publish(self._reports.diagnostics(rows, time.time(), self._node.name, hardware_id))
+        if self._lifecycle is not None:
+            self._lifecycle.mirror(arm_lifecycle.state_of(self._arm))
         self._see_routers()
 
     def _see_routers(self) -> None:
@@ -220,6 +233,21 @@ class HardwareInterface:
             self._tf = node.publisher("/tf", TRANSFORMS, Qos(depth=100))
             fixed = node.publisher("/tf_static", TRANSFORMS, LATCHED)
             fixed.publish(self._frames.fixed(self._reports.stamp(time.time())))
+
+    def _offer_parameters(self) -> None:
+        server = ParameterServer(self._node, self._types, on_set=self._on_parameters)
+        settings = self._settings
+        for name, value in settings.flat().items():
+            row, read_only = settings.row(name), not settings.may_change(name)
+            said = Descriptor(read_only=read_only) if row is None else descriptor_of(row, read_only=read_only)
+            server.declare(name, value, said)
+        server.offer()
+
+    def _on_parameters(self, changes: Mapping[str, object]) -> None:
+        settings = changed(self._settings, changes)
+        self._arm.adopt(settings.arm)
+        self._settings = settings
+        self._watch.period = 1.0 / settings.own["diagnostics_rate"]
 
     def _offer_controllers(self) -> None:
         node = self._node

@@ -132,19 +132,20 @@ class NodeSettings:
         """Greatest distance of a first joint command from the arm, radians."""
         return float(self.own["joint_commands_start_tolerance"]) or float("inf")
 
-    def flat(self) -> dict[str, object]:
+    def flat(self) -> dict[str, Any]:
         """Every parameter by its flat name, those with defaults too; numbers, texts, switches, lists of texts."""
-        values: dict[str, object] = {}
+        values: dict[str, Any] = {}
         for name, value in self.tables.items():
             values.update(_flattened(name, value))
         for row in self.arm.controllers:
             at = f"controllers.{row.name}." if row.name else ""
             values.update(_of_controller(at, row))
+        values["use_sim_time"] = self.use_sim_time
         return dict(sorted(values.items()))
 
     def row(self, name: str) -> Setting | None:
-        """The row of a flat name; None for one inside a table, which has no bounds of its own."""
-        return _ROWS.get(name)
+        """The row of a flat name; for one inside a table, that of the table, without bounds."""
+        return _ROWS.get(name.partition(".")[0])
 
     def may_change(self, name: str) -> bool:
         """Whether a parameter may change while the node runs."""
@@ -207,7 +208,9 @@ def changed(settings: NodeSettings, changes: Mapping[str, object]) -> NodeSettin
         if not settings.may_change(name):
             faults.add(name, "it is read at the start only; restart the node with the new value")
     faults.check()
-    given = {name: value for name, value in settings.flat().items() if value not in ([], ())} | dict(changes)
+    given = settings.flat() | dict(changes)
+    # An empty list of joints means all, where there is only one controller.
+    given = {name: value for name, value in given.items() if value != [] and name not in _OF_ROS}
     tables = _nested(given, faults)
     own = _read_own(tables, faults)
     arm = reread(settings.arm, tables, faults)
