@@ -22,7 +22,7 @@ from hexwire.control.rate import Periodic
 from hexwire.control.shutdown import Shutdown
 from hexwire.control.stamps import StampClock
 from hexwire.control.workers import Worker
-from hexwire.errors import DeviceError, HexwireError, UsageError
+from hexwire.errors import DeviceError, HexwireError
 from hexwire.model.geometry import make_shapes
 from hexwire.model.urdf import make_urdf
 
@@ -71,8 +71,6 @@ _RESULTS_WAIT = 0.2
 """Seconds to wait until the last results are on their way."""
 _LOOK_AROUND = 1.0
 """Seconds in which another node of the same name is found, or has vanished."""
-_ROUTER_WAIT = 2.0
-"""Seconds after which a router that is not there is reported."""
 _TRAJECTORIES = 10
 """Trajectories that may wait for their path check."""
 _MOST_CALLS = 16
@@ -109,7 +107,6 @@ class HardwareInterface:
         self._for_manager: Publisher | None = None
         self._tf: Publisher | None = None
         self._lifecycle: Lifecycle | None = None
-        self._routers, self._opened = -1, 0.0
 
     def run(self) -> int:
         """Connect, offer topics, services and actions, and run until a signal ends it; returns the exit status.
@@ -135,7 +132,6 @@ class HardwareInterface:
     def _opened_node(self) -> Iterator[None]:
         try:
             self._node.open()
-            self._opened = time.monotonic()
             yield
         finally:
             self._node.close()
@@ -196,21 +192,6 @@ class HardwareInterface:
             self._diagnostics.publish(self._reports.diagnostics(rows, time.time(), self._node.name, hardware_id))
         if self._lifecycle is not None:
             self._lifecycle.mirror(arm_lifecycle.state_of(self._arm))
-        self._see_routers()
-
-    def _see_routers(self) -> None:
-        before, self._routers = self._routers, self._node.routers
-        where = ", ".join(self._node.options.zenoh.connect)
-        if self._routers and before <= 0:
-            _log.info("connected to the Zenoh router at %s", where)
-        elif before > 0 and not self._routers:
-            _log.warning("the Zenoh router at %s is gone; the arm goes on, and the node connects again", where)
-        elif before == -1 and not self._routers:
-            if time.monotonic() < self._opened + _ROUTER_WAIT:
-                self._routers = before
-                return
-            how = "`ros2 run rmw_zenoh_cpp rmw_zenohd` or `hexwire fleet router`"
-            _log.warning("no Zenoh router at %s yet; other nodes see this one once there is one: %s", where, how)
 
     # -- topics, services, actions --------------------------------------------------------------------
 
@@ -226,9 +207,7 @@ class HardwareInterface:
         if text and own["publish_robot_description"]:
             description = node.publisher("robot_description", STRING, LATCHED)
             description.publish(self._types.message(STRING)(data=text))
-        if own["publish_tf"]:
-            if kinematics is None:
-                raise UsageError(f"publish_tf: {self._settings.arm.model.name} has no geometry")
+        if own["publish_tf"] and kinematics is not None:
             self._frames = Transforms(self._types, make_shapes(kinematics))
             self._tf = node.publisher("/tf", TRANSFORMS, Qos(depth=100))
             fixed = node.publisher("/tf_static", TRANSFORMS, LATCHED)
@@ -251,6 +230,7 @@ class HardwareInterface:
 
     def _offer_controllers(self) -> None:
         node = self._node
+        node.tell_type(self._types.action(FOLLOW_JOINT_TRAJECTORY))
         for name in self._arm.controllers:
             at = self._settings.topic(name)
             self._states[name] = node.publisher(f"{at}/controller_state", CONTROLLER_STATE)

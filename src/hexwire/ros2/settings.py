@@ -187,6 +187,9 @@ def load_settings(given: Mapping[str, object], environ: Mapping[str, str]) -> tu
                 warnings += _take_foreign(table, f"controllers.{name}.")
     of_arm = {name: value for name, value in tables.items() if name not in own}
     settings, driver = read_settings(of_arm, faults, find_port=_find_port)
+    if own["publish_tf"] and settings.kinematics is None:
+        faults.add("publish_tf", f"{settings.model.name} has no geometry; set it to false")
+        faults.check()
     values = {row.name: tables.get(row.name, row.default) for row in PARAMETERS}
     values |= {"port": settings.port, "distribution": distribution.value}
     settings = _with_ends(settings, own)
