@@ -7,7 +7,18 @@ from collections.abc import Mapping
 from typing import Any
 
 import pytest
-from tests.control.arm_bench import PREEMPTED, SPLIT, SUCCEEDED, Bench, Told, free, guide, make_bench, order
+from tests.control.arm_bench import (
+    CANCELLED,
+    PREEMPTED,
+    SPLIT,
+    SUCCEEDED,
+    Bench,
+    Told,
+    free,
+    guide,
+    make_bench,
+    order,
+)
 from tests.motion.arms import HOME, NAMES
 
 from hexwire.control.diagnostics import diagnose
@@ -77,7 +88,7 @@ def test_cancel_by_name() -> None:
     bench.arm.cancel("hand", told)
     assert told.ends == []
     bench.arm.cancel("arm", told)
-    assert told.outcome == PREEMPTED
+    assert told.outcome == CANCELLED
 
 
 # -- set-points --------------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from tests.control.arm_bench import (
     ABORTED_LATE,
+    CANCELLED,
     NOT_READY,
     PREEMPTED,
     STOPPED,
@@ -50,7 +51,7 @@ def test_a_waiting_goal_can_be_cancelled_stopped_and_replaced() -> None:
     told = loop.send(order((1.0, {"J1": J1 + 0.5}), delay=1.0))
     loop.controller.cancel(told)
     loop.run(3.0)
-    assert told.outcome == PREEMPTED
+    assert told.outcome == CANCELLED
     assert loop.where("J1") == J1
     many = [loop.send(order((1.0, {"J1": J1 + 0.5}), delay=1.0 + i)) for i in range(100)]
     assert [told.outcome for told in many[:-1]] == [PREEMPTED] * 99
