@@ -21,6 +21,21 @@ def test_tokens_are_added_once_and_removed() -> None:
     assert list(graph) == []
 
 
+def test_endpoints_are_found_by_role_and_name_among_others() -> None:
+    graph = Graph()
+    tokens = [TOKEN.format(number) for number in range(3)]
+    others = [TOKEN.format(9).replace("%chatter", "%other"), TOKEN.format(8).replace("/MS/", "/MP/")]
+    for token in tokens + others:
+        graph.add(token)
+    assert [each.token for each in graph.find(Role.SUBSCRIPTION, "/chatter")] == tokens
+    assert len(graph.find(Role.SUBSCRIPTION)) == 4
+    graph.remove(tokens[1])
+    graph.remove(others[1])
+    assert [each.token for each in graph.find(Role.SUBSCRIPTION, "/chatter")] == [tokens[0], tokens[2]]
+    assert graph.find(Role.PUBLISHER, "/chatter") == []
+    assert len(list(graph)) == 3
+
+
 def test_malformed_tokens_are_counted() -> None:
     graph = Graph()
     assert graph.add("@ros2_lv/x") is None

@@ -53,6 +53,19 @@ def test_each_message_has_number_time_and_id_beside_it(make_node: Callable[..., 
     assert {each.gid for each in attachments} == {gid_of(publisher.endpoint.token)}
 
 
+def test_bytes_that_were_made_before_count_as_messages(make_node: Callable[..., Node], raw: Any) -> None:
+    samples: list[Any] = []
+    raw.declare_subscriber(CHATTER, samples.append)
+    publisher = make_node().publisher("chatter", STRING)
+    payload = publisher.type.serialize(Text("made"))
+    eventually(lambda: publisher.publish_serialized(payload) or len(samples) >= 2)
+    publisher.publish(Text("made"))
+    eventually(lambda: len(samples) >= 3)
+    assert {sample.payload.to_bytes() for sample in samples} == {payload}
+    numbers = [Attachment.parse(sample.attachment.to_bytes()).sequence for sample in samples]
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+
+
 def test_a_late_subscription_gets_the_last_latched_message(make_node: Callable[..., Node]) -> None:
     publisher = make_node().publisher("description", STRING, LATCHED)
     publisher.publish(Text("old"))

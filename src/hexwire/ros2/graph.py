@@ -29,6 +29,8 @@ class Graph:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._known: dict[str, Endpoint] = {}
+        # Asked for with every message, in a graph of any size.
+        self._by_name: dict[tuple[Role, str], dict[str, Endpoint]] = {}
         self.malformed = 0
         self.left_out = 0
 
@@ -50,12 +52,19 @@ class Graph:
                 self.left_out += 1
                 return None
             self._known[token] = endpoint
+            self._by_name.setdefault((endpoint.role, endpoint.name), {})[token] = endpoint
         return endpoint
 
     def remove(self, token: str) -> Endpoint | None:
         """Remove a token; returns what it showed, None if it was not known."""
         with self._lock:
-            return self._known.pop(token, None)
+            endpoint = self._known.pop(token, None)
+            if endpoint is not None:
+                at = endpoint.role, endpoint.name
+                del self._by_name[at][token]
+                if not self._by_name[at]:
+                    del self._by_name[at]
+            return endpoint
 
     def find(self, role: Role, name: str | None = None) -> list[Endpoint]:
         """Nodes or endpoints.
@@ -64,7 +73,10 @@ class Graph:
             role: What.
             name: Full name of topic or service; None for all.
         """
-        return [each for each in self if each.role is role and name in (None, each.name)]
+        with self._lock:
+            if name is not None:
+                return list(self._by_name.get((role, name), {}).values())
+            return [each for each in self._known.values() if each.role is role]
 
     def __iter__(self) -> Iterator[Endpoint]:
         with self._lock:

@@ -365,9 +365,11 @@ class HardwareInterface:
         own = self._settings.own
         wall = self._stamps.stamp(state.stamp - published.age)
         message = self._reports.joint_state(published, wall, own["frame_id"])
-        self._joint_states.publish(message)
+        # The same bytes for both: this happens for every state.
+        payload = self._joint_states.type.serialize(message)
+        self._joint_states.publish_serialized(payload)
         if self._for_manager is not None:
-            self._for_manager.publish(message)
+            self._for_manager.publish_serialized(payload)
         if self._tf is not None and self._frames is not None:
             positions = dict(zip(published.names, published.position, strict=True))
             self._tf.publish(self._frames.moving(positions, message.header.stamp))

@@ -48,7 +48,10 @@ class Publisher(Part):
         Raises:
             LocalProtocolError: A field of the message does not fit its type.
         """
-        payload = self.type.serialize(message)
+        self.publish_serialized(self.type.serialize(message))
+
+    def publish_serialized(self, payload: bytes) -> None:
+        """Publish bytes that the type's `serialize` returned, for a message that has several topics."""
         with self._lock:
             self._sequence += 1
             self._put(payload, Attachment(self._sequence, time.time_ns(), self.gid).serialize())
