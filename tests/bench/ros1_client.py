@@ -1,8 +1,8 @@
 """The far side of `bench_ros1`, in processes of its own: Debian's Python with Debian's rospy.
 
 `listen TOPIC SECONDS` prints when messages came and were stamped, `publish TOPIC RATE` is a bare publisher of joint
-states, `send` and `echo` tell how long one way takes, `goals COUNT` sends goals and prints when. Times are of the
-monotonic clock, which is the same in all processes.
+states, `send` and `echo` tell how long one way takes, `goals COUNT` sends goals and prints when, `services COUNT`
+calls a service. Times are of the monotonic clock, which is the same in all processes.
 """
 
 from __future__ import annotations
@@ -98,6 +98,22 @@ def goals(count: str) -> None:
     print(json.dumps(sent))
 
 
+def services(count: str) -> None:
+    """Seconds that each call of a service takes, over one connection."""
+    from hexwire.ros1.messages import control_srvs
+
+    rospy.wait_for_service("query_state", 10)
+    proxy = rospy.ServiceProxy("query_state", control_srvs().QueryTrajectoryState, persistent=True)
+    times = []
+    for _ in range(int(count)):
+        time.sleep(0.005)
+        begin = time.perf_counter()
+        proxy(time=rospy.Time.now())
+        times.append(time.perf_counter() - begin)
+    print(json.dumps(times))
+
+
 if __name__ == "__main__":
     rospy.init_node("bench", anonymous=True)
-    {"listen": listen, "publish": publish, "echo": echo, "send": send, "goals": goals}[sys.argv[1]](*sys.argv[2:])
+    parts = {"listen": listen, "publish": publish, "echo": echo, "send": send, "goals": goals, "services": services}
+    parts[sys.argv[1]](*sys.argv[2:])
