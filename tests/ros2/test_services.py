@@ -73,6 +73,30 @@ def test_answers_of_twenty_clients_are_never_crossed(make_node: Callable[..., No
     assert answers == {number: Text(f"of {number}") for number in range(20)}
 
 
+def test_a_burst_of_requests_waits_for_a_slow_callback(make_node: Callable[..., Node]) -> None:
+    go_on = threading.Event()
+
+    def slow(request: Text) -> Text:
+        assert go_on.wait(20)
+        return request
+
+    service = make_node("server").service("echo", ECHO, slow)
+    client = make_node("client").client("echo", ECHO)
+    assert client.wait_for_service(10)
+    answers: set[str] = set()
+    threads = [
+        threading.Thread(target=lambda i=i: answers.add(client.call(Text(str(i)), 20).data))  # type: ignore[misc]
+        for i in range(60)
+    ]
+    for thread in threads:
+        thread.start()
+    eventually(lambda: len(service._inbox._items) == 59)
+    go_on.set()
+    for thread in threads:
+        thread.join()
+    assert answers == {str(i) for i in range(60)}
+
+
 def test_a_service_that_fails_gives_no_answer_and_goes_on(make_node: Callable[..., Node]) -> None:
     def answer(request: Text) -> Text:
         if request.data == "bad":

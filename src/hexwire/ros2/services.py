@@ -23,6 +23,9 @@ __all__ = ["Client", "Deferred", "RequestId", "Service"]
 
 _MOST_PENDING = 1000
 """Requests of one service that may wait for their answers."""
+_BURST = 200
+"""Requests that may wait for the callback, if the quality of service does not allow more. `rmw_zenoh` drops the
+oldest of eleven; here many clients may ask at once, and a dropped request leaves its client without any answer."""
 _LOOK = 0.02
 """Seconds between two looks for a service."""
 
@@ -94,7 +97,7 @@ class Service(Part):
         self.current: RequestId | None = None
         self._lock = threading.Lock()
         self._pending: dict[tuple[bytes, int], Request] = {}
-        self._inbox = owner.callbacks.inbox(self.qos.depth, self._handle)
+        self._inbox = owner.callbacks.inbox(max(_BURST, self.qos.depth), self._handle)
         self._begin(session.answer(endpoint.key, self._asked))
 
     @property
