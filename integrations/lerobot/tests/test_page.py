@@ -98,7 +98,7 @@ class Owner:
 
     def install(self, words: list[str]) -> None:
         """As pip does, but beside the packages of this environment, and without the internet."""
-        (uv,) = (ROOT / ".tools").glob("uv-*/bin/uv")
+        uv = max((ROOT / ".tools").glob("uv-*/bin/uv"))
         target = self.folder / "packages"
         how = ("--quiet", "--no-deps", "--no-build-isolation", "--offline", "--python", sys.executable)
         subprocess.run([uv, "pip", *words, *how, "--target", target], cwd=ROOT, check=True)
