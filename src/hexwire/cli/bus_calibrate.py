@@ -226,7 +226,7 @@ def _rows(hand: HandCalibration) -> list[tuple[str, ...]]:
 
 
 def _wait_for_enter(text: str) -> None:
-    """Wait for Enter at a terminal. Unlike with `click.pause`, Ctrl-C ends the command: what follows needs a yes."""
+    """Wait for Enter at a terminal. Unlike with `click.pause`, Ctrl-C ends the command: the arm may not be held."""
     if sys.stdin.isatty():
         click.echo(text, nl=False, err=True)
         sys.stdin.readline()
