@@ -18,7 +18,7 @@ from string import Template
 
 import numpy as np
 import pytest
-from emulated import bus, calibrated, patiently
+from emulated import bus, calibrated, patiently, reach
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.robots.so_follower import SO101Follower, SO101FollowerConfig
 from lerobot.teleoperators.so_leader import SO101Leader, SO101LeaderConfig
@@ -159,7 +159,7 @@ def test_the_page_from_calibrated_arms_to_a_policy(
                     SO101Follower(SO101FollowerConfig(port=follower, id="black")),
                     SO101Leader(SO101LeaderConfig(port=leader, id="blue")),
                 ):
-                    patiently(own.bus.connect)
+                    reach(own.bus)
                     assert len(own.calibration) == 6
                     assert patiently(lambda own=own: own.bus.is_calibrated)
                     own.bus.disconnect(disable_torque=False)
