@@ -170,14 +170,14 @@ def _store(bench: CalibrationBench, found: Calibration) -> None:
 def _by_hand(bench: CalibrationBench, seconds: int | None, yes: bool) -> Calibration:
     note("torque will be switched off: hold the arm")
     if not yes:
-        _wait_for_enter("press Enter when you hold it ")
+        _wait_for_enter("press Enter when you hold it")
     with _told_at_ctrl_c():
         bench.release()
         hand = bench.by_hand()
         if hand.endless:
             middle = f"put {' and '.join(hand.endless)} in its middle"
             note(f"{middle}: it has no stops, so this is where its angle is 0")
-            _wait_for_enter("then press Enter ")
+            _wait_for_enter("then press Enter")
         _sample(bench, hand)
         hand.mark_middle()
         note("now move every joint to both ends" + (", then press Enter" if seconds is None else ""))
@@ -228,7 +228,7 @@ def _rows(hand: HandCalibration) -> list[tuple[str, ...]]:
 def _wait_for_enter(text: str) -> None:
     """Wait for Enter at a terminal. Unlike with `click.pause`, Ctrl-C ends the command: the arm may not be held."""
     if sys.stdin.isatty():
-        click.echo(text, nl=False, err=True)
+        note(text)
         sys.stdin.readline()
 
 
