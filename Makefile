@@ -35,6 +35,7 @@ CORE := $(ROOT)/.venv/.core
 BYTECODE := $(ROOT)/.venv/.bytecode
 PLUGIN := $(ROOT)/integrations/lerobot
 LEROBOT := $(ROOT)/build/lerobot
+WITNESSES := $(ROOT)/build/witnesses
 
 # A separate folder for caches if there is no writable home.
 ifeq ($(shell test -n "$$HOME" && test -d "$$HOME" && test -w "$$HOME" && echo yes),)
@@ -57,7 +58,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .PHONY: help mutants setup system-packages demo test test-lerobot check lint types imports schema tests soak bench pictures \
-    analyzers lock lock-lerobot clean
+    analyzers lock lock-lerobot lock-witnesses clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -108,10 +109,10 @@ schema: setup
 	$(BIN)/python schema/generate.py --check
 
 # The code blocks of the documentation are tests too.
-tests: setup system-packages analyzers
+tests: setup system-packages analyzers $(WITNESSES)/.ready
 	$(BIN)/python -m pytest $(PYTEST_ARGS) --markdown-docs tests $(wildcard README.md docs)
 
-soak: setup system-packages ## run the tests that `make test` only samples at full length (an hour)
+soak: setup system-packages $(WITNESSES)/.ready ## run the tests that `make test` only samples at full length (an hour)
 	SOAK=1 $(BIN)/python -m pytest $(PYTEST_ARGS) -m soak --timeout 7200 tests
 
 lock: $(UV) ## rewrite uv.lock after a change in pyproject.toml
@@ -120,6 +121,11 @@ lock: $(UV) ## rewrite uv.lock after a change in pyproject.toml
 lock-lerobot: $(UV) ## rewrite the versions and hashes of test-lerobot
 	cd '$(PLUGIN)' && env -u UV_INDEX -u UV_EXTRA_INDEX_URL -u UV_FIND_LINKS $(UV) pip compile --quiet --universal \
 	    --python-version 3.11 --generate-hashes --no-header --no-annotate --override overrides.txt \
+	    --default-index https://pypi.org/simple requirements.in -o requirements.txt
+
+lock-witnesses: $(UV) ## rewrite the versions and hashes of the ROS 2 programs of others that the tests use
+	cd '$(ROOT)/tests/ros2/witnesses' && env -u UV_INDEX -u UV_EXTRA_INDEX_URL -u UV_FIND_LINKS $(UV) pip compile --quiet \
+	    --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
 	    --default-index https://pypi.org/simple requirements.in -o requirements.txt
 
 clean: ## remove everything that make has created
@@ -145,6 +151,12 @@ $(LEROBOT)/.ready: pyproject.toml $(PLUGIN)/pyproject.toml $(PLUGIN)/requirement
 	UV_LINK_MODE=hardlink $(UV) pip install --quiet --python '$(LEROBOT)' --no-deps --require-hashes -r '$(PLUGIN)/requirements.txt' </dev/null
 	$(UV) pip install --quiet --python '$(LEROBOT)' --no-deps -e '$(ROOT)' </dev/null
 	$(UV) pip install --quiet --python '$(LEROBOT)' --no-deps --no-build-isolation -e '$(PLUGIN)' </dev/null
+	@touch $@
+
+# ROS 2 over Zenoh by others: they pin versions, and pull in what nothing else here needs.
+$(WITNESSES)/.ready: tests/ros2/witnesses/requirements.txt $(UV)
+	$(UV) venv --quiet --clear --python '$(PYTHON)' '$(WITNESSES)'
+	UV_LINK_MODE=hardlink $(UV) pip install --quiet --python '$(WITNESSES)' --no-deps --require-hashes -r $< </dev/null
 	@touch $@
 
 # Only the dependencies of the package itself; `--inexact` keeps those that the tests have installed.

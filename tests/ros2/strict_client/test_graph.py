@@ -1,0 +1,165 @@
+"""What a peer sees of the node in the graph: `ros2 node info`, `ros2 topic info -v`, `ros2 service list -t`."""
+
+from __future__ import annotations
+
+import pytest
+from tests.ros2.strict_client.definitions import HASHES, dds_name
+from tests.ros2.strict_client.wire import (
+    DEFAULT,
+    LATCHED,
+    PARAMETERS,
+    ROSOUT,
+    SERVICES,
+    STATUS,
+    Participant,
+    Token,
+    until,
+)
+from tests.ros2.strict_client.world import ACTION, CONTROLLER, NODE, Arm
+
+FOLLOW = "control_msgs/action/FollowJointTrajectory"
+TRIGGER = "std_srvs/srv/Trigger"
+# kind, name, type, QoS; None where ROS leaves it to the node: reliable and volatile, any depth.
+ENDPOINTS = [
+    ("MP", "/rosout", "rcl_interfaces/msg/Log", ROSOUT),
+    ("MP", "/parameter_events", "rcl_interfaces/msg/ParameterEvent", PARAMETERS),
+    ("MP", "/joint_states", "sensor_msgs/msg/JointState", None),
+    ("MP", "/robot_description", "std_msgs/msg/String", LATCHED),
+    ("MP", "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", None),
+    ("MP", f"{CONTROLLER}/controller_state", "control_msgs/msg/JointTrajectoryControllerState", None),
+    ("MP", f"{NODE}/transition_event", "lifecycle_msgs/msg/TransitionEvent", None),
+    ("MP", f"{ACTION}/_action/feedback", f"{FOLLOW}_FeedbackMessage", DEFAULT),
+    ("MP", f"{ACTION}/_action/status", "action_msgs/msg/GoalStatusArray", STATUS),
+    ("MS", f"{CONTROLLER}/joint_trajectory", "trajectory_msgs/msg/JointTrajectory", None),
+    ("SS", f"{ACTION}/_action/send_goal", f"{FOLLOW}_SendGoal", SERVICES),
+    ("SS", f"{ACTION}/_action/get_result", f"{FOLLOW}_GetResult", SERVICES),
+    ("SS", f"{ACTION}/_action/cancel_goal", "action_msgs/srv/CancelGoal", SERVICES),
+    ("SS", f"{NODE}/get_parameters", "rcl_interfaces/srv/GetParameters", PARAMETERS),
+    ("SS", f"{NODE}/get_parameter_types", "rcl_interfaces/srv/GetParameterTypes", PARAMETERS),
+    ("SS", f"{NODE}/set_parameters", "rcl_interfaces/srv/SetParameters", PARAMETERS),
+    ("SS", f"{NODE}/set_parameters_atomically", "rcl_interfaces/srv/SetParametersAtomically", PARAMETERS),
+    ("SS", f"{NODE}/describe_parameters", "rcl_interfaces/srv/DescribeParameters", PARAMETERS),
+    ("SS", f"{NODE}/list_parameters", "rcl_interfaces/srv/ListParameters", PARAMETERS),
+    ("SS", f"{NODE}/get_type_description", "type_description_interfaces/srv/GetTypeDescription", SERVICES),
+    ("SS", f"{NODE}/get_state", "lifecycle_msgs/srv/GetState", SERVICES),
+    ("SS", f"{NODE}/get_available_states", "lifecycle_msgs/srv/GetAvailableStates", SERVICES),
+    ("SS", f"{NODE}/get_available_transitions", "lifecycle_msgs/srv/GetAvailableTransitions", SERVICES),
+    ("SS", f"{NODE}/get_transition_graph", "lifecycle_msgs/srv/GetAvailableTransitions", SERVICES),
+    ("SS", f"{NODE}/change_state", "lifecycle_msgs/srv/ChangeState", SERVICES),
+    ("SS", f"{NODE}/stop", TRIGGER, SERVICES),
+    ("SS", f"{NODE}/reset", TRIGGER, SERVICES),
+    ("SS", f"{NODE}/enable", "std_srvs/srv/SetBool", SERVICES),
+    ("SS", f"{NODE}/go_to/home", TRIGGER, SERVICES),
+    ("SS", f"{NODE}/teach/start", TRIGGER, SERVICES),
+    ("SS", f"{NODE}/teach/stop", TRIGGER, SERVICES),
+    ("SS", f"{NODE}/teach/play", TRIGGER, SERVICES),
+    ("SS", f"{CONTROLLER}/query_state", "control_msgs/srv/QueryTrajectoryState", SERVICES),
+]
+IDS = [f"{kind} {name}" for kind, name, _, _ in ENDPOINTS]
+
+
+def mine(arm: Arm) -> list[Token]:
+    return [token for token in arm.me.graph.tokens() if token.full_node == NODE]
+
+
+@pytest.mark.parametrize(("kind", "name", "type_name", "qos"), ENDPOINTS, ids=IDS)
+def test_endpoint(arm: Arm, kind: str, name: str, type_name: str, qos: str | None) -> None:
+    token = arm.me.graph.one(kind=kind, topic=name, full_node=NODE)
+    assert token.type == dds_name(type_name)
+    assert token.hash == HASHES[type_name]
+    if qos is None:
+        assert token.qos.startswith("::,"), "reliable and volatile"
+        assert token.qos.endswith(":,:,:,,")
+    else:
+        assert token.qos == qos
+
+
+def test_every_token_is_canonical(arm: Arm) -> None:
+    for text in arm.me.graph.texts:
+        assert Token.parse(text).text == text
+
+
+def test_the_node_has_one_token(arm: Arm) -> None:
+    node = arm.me.graph.one(kind="NN", full_node=NODE)
+    assert (node.domain, node.namespace, node.node, node.enclave) == (0, "/", "hardware_interface", "/")
+
+
+def test_the_node_is_the_first_of_its_session(arm: Arm) -> None:
+    node = arm.me.graph.one(kind="NN", full_node=NODE)
+    assert node.id == node.node_id == 0
+
+
+def test_every_endpoint_belongs_to_the_node(arm: Arm) -> None:
+    assert {(token.zid, token.node_id, token.enclave, token.namespace, token.domain) for token in mine(arm)} == {
+        (mine(arm)[0].zid, 0, "/", "/", 0)
+    }
+
+
+def test_ids_are_one_counter_without_gaps(arm: Arm) -> None:
+    ids = sorted(token.id for token in mine(arm))
+    assert ids == list(range(len(ids)))
+
+
+def test_the_zid_is_that_of_the_session_of_the_node(arm: Arm) -> None:
+    (zid,) = {token.zid for token in mine(arm)}
+    # Zenoh's own form: hexadecimal, without leading zeros, at most 16 bytes.
+    assert int(zid, 16) > 0
+    assert zid == zid.lower().lstrip("0")
+    assert len(zid) <= 32
+    assert zid in {str(peer) for peer in arm.me.session.info.peers_zid()} | {
+        str(r) for r in arm.me.session.info.routers_zid()
+    }
+
+
+def test_gids_differ(arm: Arm) -> None:
+    gids = [token.gid for token in mine(arm)]
+    assert len(set(gids)) == len(gids)
+
+
+def test_every_name_is_whole(arm: Arm) -> None:
+    for token in mine(arm):
+        if token.kind != "NN":
+            assert token.topic.startswith("/")
+            assert not token.topic.endswith("/")
+            assert "//" not in token.topic
+            assert "~" not in token.topic
+
+
+def test_no_endpoint_is_there_twice(arm: Arm) -> None:
+    names = [(token.kind, token.topic, token.type) for token in mine(arm) if token.kind != "NN"]
+    assert sorted(set(names)) == sorted(names)
+
+
+def test_the_action_client_of_the_specification_finds_a_whole_server(arm: Arm) -> None:
+    """`ros2 action list -t` takes an action's type from its feedback topic or its send_goal service."""
+    ends = {(t.kind, t.topic.rpartition("/")[2]) for t in mine(arm) if t.topic.startswith(f"{ACTION}/_action/")}
+    assert ends == {
+        ("SS", "send_goal"),
+        ("SS", "get_result"),
+        ("SS", "cancel_goal"),
+        ("MP", "feedback"),
+        ("MP", "status"),
+    }
+
+
+def test_a_get_answers_what_the_subscriber_heard(arm: Arm) -> None:
+    texts = {token.text for token in mine(arm)}
+    assert until(lambda: texts <= arm.me.graph.asked(), "a get of the tokens answers them all")
+
+
+def test_a_late_participant_sees_the_whole_graph(arm: Arm) -> None:
+    texts = {token.text for token in mine(arm)}
+    with Participant(arm.port, "late") as late:
+        until(lambda: texts <= set(late.graph.texts), "the graph is there")
+
+
+def test_tokens_of_another_domain_are_not_here(arm: Arm) -> None:
+    with Participant(arm.port, "elsewhere", domain=5) as elsewhere:
+        until(lambda: elsewhere.node.text in elsewhere.graph.asked(), "its own token is there")
+        assert {Token.parse(text).full_node for text in elsewhere.graph.asked()} == {"/elsewhere"}
+
+
+def test_nothing_comes_and_goes_while_nothing_happens(arm: Arm) -> None:
+    arm.joint_states.take()
+    gone = [text for text in arm.me.graph.gone if Token.parse(text).full_node == NODE]
+    assert gone == []

@@ -1,0 +1,67 @@
+"""The lifecycle as `ros2 lifecycle` asks for it: names and ids of lifecycle_msgs."""
+
+from __future__ import annotations
+
+from tests.ros2.strict_client.wire import until
+from tests.ros2.strict_client.world import NODE, Arm
+
+STATES = {1: "unconfigured", 2: "inactive", 3: "active", 4: "finalized"}
+
+
+def state(arm: Arm) -> tuple[int, str]:
+    answer = arm.service(f"{NODE}/get_state", "lifecycle_msgs/srv/GetState").call().current_state
+    return answer.id, answer.label
+
+
+def test_an_arm_with_torque_is_active(arm: Arm) -> None:
+    assert until(lambda: state(arm) == (3, "active"), "the node is active")
+
+
+def test_an_arm_without_torque_is_inactive(arm: Arm) -> None:
+    arm.enable(False)
+    assert until(lambda: state(arm) == (2, "inactive"), "the node is inactive")
+
+
+def test_a_state_has_the_label_of_its_id(arm: Arm) -> None:
+    number, label = state(arm)
+    assert STATES[number] == label
+
+
+def test_the_four_primary_states_are_available(arm: Arm) -> None:
+    answer = arm.service(f"{NODE}/get_available_states", "lifecycle_msgs/srv/GetAvailableStates").call()
+    listed = {each.id: each.label for each in answer.available_states}
+    assert {number: listed.get(number) for number in STATES} == STATES
+
+
+def test_available_transitions_start_at_the_state(arm: Arm) -> None:
+    answer = arm.service(f"{NODE}/get_available_transitions", "lifecycle_msgs/srv/GetAvailableTransitions").call()
+    here = state(arm)[0]
+    assert all(each.start_state.id == here for each in answer.available_transitions)
+    listed = {each.transition.id: each.transition.label for each in answer.available_transitions}
+    # lifecycle_msgs/Transition: deactivate 4, shutdown of an active node 7.
+    assert set(listed) <= {4, 7}
+
+
+def test_the_whole_graph_of_transitions(arm: Arm) -> None:
+    answer = arm.service(f"{NODE}/get_transition_graph", "lifecycle_msgs/srv/GetAvailableTransitions").call()
+    graph = {(each.transition.id, each.start_state.id) for each in answer.available_transitions}
+    assert {(1, 1), (3, 2), (4, 3)} <= graph  # configure, activate, deactivate
+
+
+def test_an_impossible_transition_is_refused(arm: Arm) -> None:
+    change = arm.service(f"{NODE}/change_state", "lifecycle_msgs/srv/ChangeState")
+    assert not change.call(transition={"id": 1, "label": "configure"}).success
+    assert state(arm)[0] in STATES
+
+
+def test_an_unknown_transition_is_refused(arm: Arm) -> None:
+    change = arm.service(f"{NODE}/change_state", "lifecycle_msgs/srv/ChangeState")
+    assert not change.call(transition={"id": 77, "label": "fly"}).success
+
+
+def test_a_change_is_an_event(arm: Arm) -> None:
+    events = arm.me.subscribe(f"{NODE}/transition_event", "lifecycle_msgs/msg/TransitionEvent")
+    until(lambda: state(arm)[0] == 3, "the node is active")
+    arm.enable(False)
+    event = events.wait(lambda message: message.goal_state.id == 2).message
+    assert event.goal_state.label == "inactive"

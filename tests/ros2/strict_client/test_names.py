@@ -1,0 +1,156 @@
+"""Namespaces, remaps, domains, distributions, and the end of a node; each with a node of its own."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+
+import pytest
+from tests.link.far_ends import free_port
+from tests.ros2.strict_client.action import SUCCEEDED, goal, point
+from tests.ros2.strict_client.definitions import NO_HASH, Definitions, dds_name
+from tests.ros2.strict_client.wire import Participant, Token, router, until
+from tests.ros2.strict_client.world import ACTION, CONTROLLER, NODE, Arm, NodeProcess, running
+
+FEEDBACK = "control_msgs/action/FollowJointTrajectory_FeedbackMessage"
+STATE = "control_msgs/msg/JointTrajectoryControllerState"
+
+
+def test_a_namespace(tmp_path: Path) -> None:
+    with (
+        running(tmp_path, "enable_on_start:=true", arguments=("-r", "__ns:=/lab/left")) as (port, node),
+        Participant(port) as me,
+    ):
+        arm = Arm(me, port, node, "/lab/left/hardware_interface", "/lab/left")
+        own = me.graph.one(kind="NN", full_node="/lab/left/hardware_interface")
+        assert own.text.endswith("/NN/%/%lab%left/hardware_interface")
+        assert arm.joint_states.token.key.startswith("0/lab/left/joint_states/")
+        # Absolute names stay.
+        for topic in ("/rosout", "/diagnostics", "/parameter_events"):
+            assert me.graph.one(kind="MP", topic=topic, zid=own.zid).namespace == "/lab/left"
+        for topic in ("/lab/left/robot_description", f"/lab/left{CONTROLLER}/controller_state"):
+            me.graph.one(kind="MP", topic=topic)
+        arm.rest()
+        assert arm.send(arm.short_goal()).result().status == SUCCEEDED
+        arm.send(goal(["nobody"], [point([0.0], 1.0)])).reply.message()
+        assert arm.rosout.take().message.name == "lab.left.hardware_interface"
+
+
+def test_a_parameter_file(tmp_path: Path) -> None:
+    file = tmp_path / "arm.yaml"
+    file.write_text("/**:\n  ros__parameters:\n    frame_id: base\n    constraints:\n      goal_time: 7.5\n")
+    with (
+        running(tmp_path / "node", arguments=("--params-file", str(file))) as (port, node),
+        Participant(port) as me,
+    ):
+        arm = Arm(me, port, node)
+        assert arm.joint_states.take().message.header.frame_id == "base"
+        assert arm.parameters.get("frame_id") == "base"
+
+
+def test_a_domain(tmp_path: Path) -> None:
+    with running(tmp_path, env={"ROS_DOMAIN_ID": "42"}) as (port, node), Participant(port, domain=42) as me:
+        arm = Arm(me, port, node)
+        assert me.graph.one(kind="NN", full_node=NODE).domain == 42
+        assert arm.joint_states.take().key.startswith("42/joint_states/")
+        with Participant(port, domain=0) as outside:
+            assert outside.graph.tokens(full_node=NODE) == []
+
+
+@pytest.mark.parametrize("distribution", ["humble", "rolling"])
+def test_a_distribution(tmp_path: Path, distribution: str) -> None:
+    """Feedback has indices from control_msgs 6.3 on; Humble has no hashes."""
+    wanted = Definitions(distribution)
+    with (
+        running(tmp_path, "enable_on_start:=true", f"distribution:={distribution}") as (port, node),
+        Participant(port, distribution=distribution) as me,
+    ):
+        arm = Arm(me, port, node)
+        feedback = me.graph.one(kind="MP", topic=f"{ACTION}/_action/feedback")
+        assert (feedback.type, feedback.hash) == (dds_name(FEEDBACK), wanted.hash(FEEDBACK))
+        arm.rest()
+        made = arm.send(arm.short_goal(0.2, 1.0))
+        assert made.result().status == SUCCEEDED
+        message = arm.action.feedback.take().message.feedback
+        assert hasattr(message, "index") == (distribution == "rolling")
+        me.subscribe(f"{CONTROLLER}/controller_state", STATE).take()
+        if distribution == "humble":
+            assert {token.hash for token in me.graph.tokens(full_node=NODE) if token.kind != "NN"} == {NO_HASH}
+
+
+def test_two_arms_at_one_router(tmp_path: Path) -> None:
+    with (
+        running(tmp_path / "a", "enable_on_start:=true", arguments=("-r", "__ns:=/a")) as (port, first),
+        running(tmp_path / "b", "enable_on_start:=true", port=port, arguments=("-r", "__ns:=/b")) as (_, second),
+        Participant(port) as me,
+    ):
+        arms = [
+            Arm(me, port, node, f"/{ns}/hardware_interface", f"/{ns}") for ns, node in (("a", first), ("b", second))
+        ]
+        for arm in arms:
+            arm.rest()
+        before = arms[1].positions()
+        made = arms[0].send(arms[0].short_goal(0.3, 1.0))
+        assert made.result().status == SUCCEEDED
+        assert arms[1].positions() == pytest.approx(before, abs=0.03)
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_all_tokens_go_with_the_node(tmp_path: Path, how: signal.Signals) -> None:
+    """With the node process itself; the router and the others stay."""
+
+    port = free_port()
+    with router(port):
+        node = NodeProcess(port, tmp_path, "port:=sim://hex7bot")
+        try:
+            with Participant(port) as me:
+                Arm(me, port, node)
+                own = [token.text for token in me.graph.tokens(full_node=NODE)]
+                status = node.end(how)
+                until(lambda: not set(own) & set(me.graph.texts), "all its tokens are gone")
+                # Endpoints before their node: who hears the node go need not look for its endpoints.
+                gone = [Token.parse(text) for text in me.graph.gone if text in own]
+                assert gone[-1].kind == "NN"
+            assert status == 0, node.said
+            assert "Traceback" not in node.said
+        finally:
+            node.kill()
+
+
+def test_a_killed_node_goes_from_the_graph(tmp_path: Path) -> None:
+
+    port = free_port()
+    with router(port), Participant(port) as me:
+        node = NodeProcess(port, tmp_path, "port:=sim://hex7bot")
+        try:
+            Arm(me, port, node)
+        finally:
+            node.kill()
+        until(lambda: me.graph.tokens(full_node=NODE) == [], "its tokens are gone")
+
+
+def test_a_node_that_starts_before_the_router_is_found(tmp_path: Path) -> None:
+    """rmw_zenoh_cpp waits for the router, and connects when it comes."""
+
+    port = free_port()
+    node = NodeProcess(port, tmp_path, "port:=sim://hex7bot")
+    try:
+        until(lambda: node.check() or "outer" in node.said, "it says that there is no router")
+        with router(port), Participant(port) as me:
+            Arm(me, port, node)
+    finally:
+        node.kill()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("-p", "nobody:=1"), ("-p", "publish_rate:=fast"), ("-r", "a b:=c"), ("--params-file", "/nowhere.yaml")],
+)
+def test_wrong_arguments_are_one_line_and_status_2(tmp_path: Path, arguments: tuple[str, str]) -> None:
+
+    node = NodeProcess(1, tmp_path, arguments=arguments)
+    try:
+        assert node.process.wait(60) == 2, node.said
+        assert "Traceback" not in node.said
+    finally:
+        node.kill()

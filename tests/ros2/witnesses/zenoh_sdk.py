@@ -1,0 +1,140 @@
+"""What zenoh-ros2-sdk sees and does, as JSON on standard output; runs in the environment of the witnesses.
+
+    python zenoh_sdk.py PORT NODE
+
+The SDK loads definitions from GitHub if it is not given any: it is given all, so nothing is fetched.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import queue
+import sys
+from collections.abc import Callable
+from typing import Any
+
+# GitPython looks for git when it is imported; nothing here needs it.
+os.environ["GIT_PYTHON_REFRESH"] = "quiet"
+
+from rosbags.typesys import Stores, get_typestore
+from zenoh_ros2_sdk import ROS2Publisher, ROS2ServiceClient, ROS2Subscriber
+from zenoh_ros2_sdk.discovery import get_service_names_and_types, get_topic_info, get_topic_names_and_types
+from zenoh_ros2_sdk.qos import QosDurability, QosProfile
+from zenoh_ros2_sdk.session import ZenohSession
+from zenoh_ros2_sdk.utils import compute_service_type_hash
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+
+
+def definition(name: str) -> str:
+    return STORE.generate_msgdef(name, ros_version=2)[0]
+
+
+def main(port: int, node: str) -> dict[str, Any]:
+    at = {"router_ip": "127.0.0.1", "router_port": port, "domain_id": 0}
+    ZenohSession.get_instance("127.0.0.1", port).store.register(STORE.fielddefs)
+    seen: dict[str, Any] = {}
+    where = {"router_ip": "127.0.0.1", "router_port": port, "domain_id": 0, "timeout": 2.0}
+
+    def ask(question: Callable[[], Any], enough: Callable[[Any], bool]) -> Any:
+        """It asks for the tokens once; a fresh session may not know them all yet."""
+        for _ in range(20):
+            answer = question()
+            if enough(answer):
+                break
+        return answer
+
+    topics = {"/joint_states", "/joint_trajectory_controller/joint_trajectory", "/robot_description", "/rosout"}
+    services = {f"{node}/reset", f"{node}/get_state", f"{node}/list_parameters"}
+    seen["topics"] = ask(lambda: dict(get_topic_names_and_types(**where)), topics.issubset)
+    seen["services"] = ask(lambda: dict(get_service_names_and_types(**where)), services.issubset)
+    info = ask(
+        lambda: get_topic_info("/joint_states", verbose=True, **where),
+        lambda found: bool(found and found.publishers),
+    )
+    seen["publishers"] = [end.node_name for end in info.publishers]
+
+    def hear(topic: str, name: str, count: int, wait: float = 30.0, **more: Any) -> list[Any]:
+        heard: queue.Queue[Any] = queue.Queue()
+        subscriber = ROS2Subscriber(
+            topic, name, heard.put, msg_definition=definition(name), type_hash=STORE.hash_rihs01(name), **at, **more
+        )
+        try:
+            return [heard.get(timeout=wait) for _ in range(count)]
+        finally:
+            subscriber.close()
+
+    states = hear("/joint_states", "sensor_msgs/msg/JointState", 20)
+    seen["joints"] = states[0].name
+    seen["positions"] = [float(position) for position in states[-1].position]
+    seen["stamps"] = [state.header.stamp.sec + state.header.stamp.nanosec * 1e-9 for state in states]
+    latched = QosProfile(durability=QosDurability.TRANSIENT_LOCAL, history_depth=1)
+    for _ in range(10):
+        # It asks for the history once, when it starts.
+        with contextlib.suppress(queue.Empty):
+            seen["description"] = hear("/robot_description", "std_msgs/msg/String", 1, 3.0, qos=latched)[0].data
+            break
+
+    # An empty text counts as none.
+    request, response = "# nothing\n", "bool success\nstring message\n"
+    seen["trigger_hash"] = compute_service_type_hash(
+        "std_srvs/srv/Trigger", request_definition=request, response_definition=response
+    )
+    client = ROS2ServiceClient(
+        f"{node}/reset",
+        "std_srvs/srv/Trigger",
+        request_definition=request,
+        response_definition=response,
+        type_hash=seen["trigger_hash"],
+        **at,
+    )
+    answer = None
+    for _ in range(5):
+        # Its first request may come before its session knows the way.
+        answer = client.call()
+        if answer is not None:
+            break
+    seen["reset"] = [bool(answer.success), answer.message] if answer is not None else None
+    client.close()
+
+    name = "trajectory_msgs/msg/JointTrajectory"
+    publisher = ROS2Publisher(
+        "/joint_trajectory_controller/joint_trajectory",
+        name,
+        msg_definition=definition(name),
+        type_hash=STORE.hash_rihs01(name),
+        **at,
+    )
+    types = ZenohSession.get_instance().store.types
+    import numpy as np
+
+    before = seen["positions"]
+    by = -0.15 if before[0] > 0 else 0.15
+    goal = np.array([before[0] + by, *before[1:]])
+    none = np.array([], dtype=np.float64)
+    point = types["trajectory_msgs/msg/JointTrajectoryPoint"](
+        positions=goal,
+        velocities=none,
+        accelerations=none,
+        effort=none,
+        time_from_start=types["builtin_interfaces/msg/Duration"](sec=1, nanosec=0),
+    )
+    stamp = types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
+    header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
+    reached = False
+    for _ in range(10):
+        publisher.publish(header=header, joint_names=list(seen["joints"]), points=[point])
+        last = hear("/joint_states", "sensor_msgs/msg/JointState", 150)[-1]
+        reached = abs(float(last.position[0]) - goal[0]) < 0.05
+        if reached:
+            break
+    seen["reached"] = bool(reached)
+    publisher.close()
+    ZenohSession.get_instance().close()
+    return seen
+
+
+if __name__ == "__main__":
+    json.dump(main(int(sys.argv[1]), sys.argv[2]), sys.stdout)
