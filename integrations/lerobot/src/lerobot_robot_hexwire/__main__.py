@@ -9,7 +9,7 @@ from importlib.metadata import distribution
 import lerobot_robot_hexwire as _plug_in  # noqa: F401  # registers the configurations
 
 
-def main() -> object:
+def main() -> str | int | None:
     """Run the program that the first argument names, such as ``lerobot-find-joint-limits``."""
     points = {
         point.name: point for point in distribution("lerobot").entry_points if point.group == "console_scripts"
@@ -19,7 +19,8 @@ def main() -> object:
             f"usage: python -m lerobot_robot_hexwire PROGRAM [ARGUMENT]...; programs: {', '.join(sorted(points))}"
         )
     sys.argv = sys.argv[1:]
-    return points[sys.argv[0]].load()()
+    status = points[sys.argv[0]].load()()
+    return status if isinstance(status, str | int) else None
 
 
 if __name__ == "__main__":

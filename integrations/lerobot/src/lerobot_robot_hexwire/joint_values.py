@@ -7,6 +7,7 @@ gripper. Must not know LeRobot, robots or calibrations; the limits of the arm's 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Collection, Iterable, Mapping
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 __all__ = ["SUFFIX", "JointValues", "names_of"]
 
 SUFFIX = ".pos"
+_MOST = sys.float_info.max
+"""Degrees have no ends; an infinite value is no number of degrees."""
 
 
 def names_of(joints: Iterable[str]) -> tuple[str, ...]:
@@ -44,7 +47,7 @@ class JointValues:
             if jaws is not None and joint.name == jaws.joint:
                 ends, first, last = (0.0, 100.0), jaws.closed, jaws.opened
             elif degrees:
-                self._rows.append((name, math.degrees(1.0), 0.0, -math.inf, math.inf))
+                self._rows.append((name, math.degrees(1.0), 0.0, -_MOST, _MOST))
                 continue
             else:
                 ends, first, last = (-100.0, 100.0), joint.minimum, joint.maximum
@@ -53,18 +56,24 @@ class JointValues:
             slope = (ends[1] - ends[0]) / (last - first)
             self._rows.append((name, slope, ends[0] - slope * first, *ends))
         self._by_name = {row[0]: (joint, row) for joint, row in zip(self.joints, self._rows, strict=True)}
+        self._by_joint = dict(zip(self.joints, self._rows, strict=True))
 
     def values(self, angles: Iterable[float]) -> dict[str, float]:
         """Values by name of the angles of all joints, radians."""
-        return {
-            name: min(most, max(least, slope * angle + shift))
-            for angle, (name, slope, shift, least, most) in zip(angles, self._rows, strict=True)
-        }
+        return self.named(zip(self.joints, angles, strict=True))
+
+    def named(self, positions: Iterable[tuple[str, float]]) -> dict[str, float]:
+        """Values by name of pairs of joint and angle in radians."""
+        found, rows = {}, self._by_joint
+        for joint, angle in positions:
+            name, slope, shift, least, most = rows[joint]
+            value = slope * angle + shift
+            found[name] = value if least <= value <= most else min(most, max(least, value))
+        return found
 
     def value(self, joint: str, angle: float) -> float:
         """Value of one joint at an angle in radians."""
-        _, slope, shift, least, most = self._by_name[joint + SUFFIX][1]
-        return min(most, max(least, slope * angle + shift))
+        return self.named([(joint, angle)])[joint + SUFFIX]
 
     def angles(self, action: Mapping[str, float]) -> dict[str, float]:
         """Angles in radians by joint of an action, which may name some of the joints. Other keys are left out.
@@ -81,7 +90,9 @@ class JointValues:
                 continue
             joint, (_, slope, shift, least, most) = found
             value = float(given)
-            if not math.isfinite(value):
-                raise ValueError(f"the action of {joint} is {value}; nothing was sent")
-            angles[joint] = (min(most, max(least, value)) - shift) / slope
+            if not least <= value <= most:
+                if not math.isfinite(value):
+                    raise ValueError(f"the action of {joint} is {value}; nothing was sent")
+                value = min(most, max(least, value))
+            angles[joint] = (value - shift) / slope
         return angles

@@ -19,17 +19,14 @@ from lerobot.motors import Motor, MotorNormMode
 from lerobot.robots import Robot
 from lerobot.robots.so_follower import SOFollower
 from lerobot.robots.utils import ensure_safe_goal_position
-from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
+from hexwire.control.guided import Notes
 from hexwire.control.path_check import PathCheck
-from hexwire.drivers.bus_arm import BusArm
-from hexwire.drivers.registry import load_bus_arm
 from hexwire.errors import HexwireError
 from hexwire.model.geometry import kinematics_or_none
 from hexwire.model.state import JointTarget
 from hexwire.motion.following import Following
 
-from .calibrating import calibrate
 from .config_hexwire import (
     HexwireHex7botConfig,
     HexwireRemoteConfig,
@@ -37,10 +34,9 @@ from .config_hexwire import (
     HexwireSO100Config,
     HexwireSO101Config,
 )
-from .connection import Connection, faults, translated
-from .joint_values import SUFFIX, names_of
-from .kinds import joints_of
-from .settings import configure
+from .connection import faults, translated
+from .device import HexwireDevice, RemoteDevice, SoDevice
+from .joint_values import SUFFIX
 
 __all__ = ["HexwireHex7bot", "HexwireRemote", "HexwireRobot", "HexwireSO100", "HexwireSO101"]
 
@@ -61,22 +57,17 @@ def _pictures(name: str, camera: Camera) -> list[tuple[str, int, str]]:
     return [*found, (f"{name}_depth", 1, "read_latest_depth")] if getattr(camera, "use_depth", False) else found
 
 
-class HexwireRobot(Robot):
-    """An arm of hexwire.
-
-    Values are LeRobot's: ``shoulder_pan.pos`` in degrees or -100 to 100, a gripper 0 to 100.
-    """
+class HexwireRobot(HexwireDevice, Robot):
+    """An arm of hexwire that follows actions."""
 
     config_class: ClassVar[type[HexwireRobotConfig]] = HexwireRobotConfig
-    kind: ClassVar[str]
-    """Robot of hexwire, such as ``so101``."""
+    config: HexwireRobotConfig
 
     def __init__(self, config: HexwireRobotConfig) -> None:
         super().__init__(config)
-        self.config = config
         if not 0.0 < config.meet_speed <= 1.0:
             raise ValueError(f"meet_speed must be above 0 and at most 1, not {config.meet_speed:g}")
-        self._arm = self._make_connection()
+        self._begin(config)
         self.cameras = make_cameras_from_configs(config.cameras)
         # LeRobot's programs look for the joints here (lerobot-find-joint-limits).
         self.bus = SimpleNamespace(motors=self._motors())
@@ -84,27 +75,16 @@ class HexwireRobot(Robot):
         self._here: dict[str, float] = {}
         self._here_at = self._sent_at = -math.inf
         self._goal: dict[str, float] = {}
-        self._said = ""
-
-    def _make_connection(self) -> Connection:
-        return Connection(self.config.port, self._kind, degrees=self.config.use_degrees)
-
-    @property
-    def _kind(self) -> str:
-        return self.kind
+        self._notes = Notes()
 
     def _motors(self) -> dict[str, Motor]:
         body = MotorNormMode.DEGREES if self.config.use_degrees else MotorNormMode.RANGE_M100_100
         return {
             name: Motor(servo_id, model, MotorNormMode.RANGE_0_100 if jaws else body)
-            for name, servo_id, model, jaws in joints_of(self._kind)
+            for name, servo_id, model, jaws in self._joints
         }
 
     # -- features; nothing is sent --------------------------------------------------------------------
-
-    @property
-    def action_features(self) -> dict[str, type]:
-        return dict.fromkeys(names_of(self.bus.motors), float)
 
     @property
     def observation_features(self) -> dict[str, Any]:
@@ -118,40 +98,16 @@ class HexwireRobot(Robot):
     def is_connected(self) -> bool:
         return self._arm.is_open and all(camera.is_connected for camera in self.cameras.values())
 
-    @property
-    def is_calibrated(self) -> bool:
-        return self._arm.is_calibrated
-
     # -- connecting -----------------------------------------------------------------------------------
 
-    def connect(self, calibrate: bool = True) -> None:
-        """Attach the arm and switch its torque on where it stands; an arm that is not calibrated gets none.
-
-        Args:
-            calibrate: Calibrate it now if it has no calibration, or another one than its file.
-
-        Raises:
-            DeviceAlreadyConnectedError: It is connected.
-            ConnectionError: It cannot be reached.
-            RuntimeError: It is stopped; `hexwire resume` ends that.
-        """
-        if self._arm.is_open:
-            raise DeviceAlreadyConnectedError(f"{self} is already connected.")
-        self._arm.open()
-        try:
-            if not self.is_calibrated and calibrate:
-                logger.info("The servos and the calibration file differ, or there is no file")
-                self.calibrate()
-            for camera in self.cameras.values():
-                camera.connect()
-            self.configure()
-        except BaseException:
-            self._release(torque_off=self.config.disable_torque_on_disconnect)
-            raise
-        logger.info("%s connected.", self)
+    def _open_more(self) -> None:
+        for camera in self.cameras.values():
+            camera.connect()
 
     def calibrate(self) -> None:
-        """Do nothing: this arm needs no calibration."""
+        # Until it is configured again, the arm has no torque, and follows nothing.
+        self._rules = None
+        super().calibrate()
 
     def configure(self) -> None:
         """Write settings that differ, switch torque on, and begin to follow anew."""
@@ -160,40 +116,20 @@ class HexwireRobot(Robot):
         driver = self._arm.driver
         with faults():
             self._write_settings()
-            on = driver.torque(True)
-            if missing := [name for name in driver.model.names if name not in on]:
-                raise ConnectionError(f"{', '.join(missing)} does not confirm torque on")
+        self._torque(True)
         kinematics = kinematics_or_none(driver.model.geometry or driver.model.name)
         kinematics = None if kinematics is None else kinematics.for_arm(driver.model)
         check = PathCheck(driver.model, kinematics, None).posture
         self._rules = Following(driver.model, driver.model, share=self.config.meet_speed, check=check)
         self._here_at = self._sent_at = -math.inf
 
-    def _write_settings(self) -> None:
-        """Write what this kind of arm needs."""
-
-    def disconnect(self) -> None:
-        """Switch torque off, unless the configuration says otherwise, and close the arm and the cameras.
-
-        Raises:
-            DeviceNotConnectedError: It is not connected.
-            ConnectionError: The line is lost, or a joint does not confirm torque off; everything is closed.
-        """
-        if not self._arm.was_opened:
-            raise DeviceNotConnectedError(f"{self} is not connected.")
-        self._release(torque_off=self.config.disable_torque_on_disconnect)
-        logger.info("%s disconnected.", self)
-
-    def _release(self, *, torque_off: bool) -> None:
+    def _release(self) -> None:
         self._rules = None
         try:
-            if torque_off and self._arm.is_open:
-                with faults():
-                    off = self._arm.driver.torque(False)
-                if missing := [name for name in self._arm.driver.model.names if name not in off]:
-                    raise ConnectionError(f"{', '.join(missing)} does not confirm torque off: hold the arm")
+            if self.config.disable_torque_on_disconnect and self._arm.is_open:
+                self._torque(False, ": hold the arm")
         finally:
-            self._arm.close()
+            super()._release()
             for camera in self.cameras.values():
                 if camera.is_connected:
                     camera.disconnect()
@@ -253,12 +189,13 @@ class HexwireRobot(Robot):
             self._goal = dict(self._here)
         self._goal.update(goal)
         step = rules.update(self._goal, 0.0, self._here, {}, now)
-        if step.note and step.note != self._said:
+        if self._notes.is_new(step.note, now):
             logger.warning("%s", step.note)
-        self._said = step.note
-        target = {name: step.positions[name] for name in goal}
-        if not target:
+        if not goal:
             return {}
+        target = step.positions
+        if len(goal) < len(target):
+            target = {name: target[name] for name in goal}
         duration = max(min(max(_OVERLAP * period, _SHORTEST), _LONGEST), step.least)
         try:
             sent = self._arm.driver.write(JointTarget.of(target, duration))
@@ -266,7 +203,7 @@ class HexwireRobot(Robot):
             rules.pause()
             raise translated(error) from error
         self._sent_at = now
-        return {name + SUFFIX: values.value(name, angle) for name, angle in sent.positions}
+        return values.named(sent.positions)
 
     def _capped(self, goal: dict[str, float]) -> dict[str, float]:
         """The goal, no further from the present position than LeRobot's setting says."""
@@ -274,49 +211,23 @@ class HexwireRobot(Robot):
         pairs = {
             name: (values.value(name, angle), values.value(name, self._here[name])) for name, angle in goal.items()
         }
-        capped = ensure_safe_goal_position(pairs, float(most) if isinstance(most, int) else most)
+        assert most is not None
+        # LeRobot's function takes no whole number.
+        capped = ensure_safe_goal_position(pairs, most if isinstance(most, dict) else float(most))
         return values.angles({name + SUFFIX: value for name, value in capped.items()})
 
-    def _check_connected(self) -> None:
-        # One look at each part, since this is asked in every cycle.
-        if not self._arm.is_open:
-            raise DeviceNotConnectedError(f"{self} is not connected. Run `.connect()` first.")
 
-
-class HexwireSO101(HexwireRobot):
+class HexwireSO101(SoDevice, HexwireRobot):
     """An SO-101 follower; shares calibration files with LeRobot's own `so101_follower`."""
 
     config_class = HexwireSO101Config
     # The name of LeRobot's own class: datasets record it, and calibration files are in a folder of this name.
     name = SOFollower.name
     kind = "so101"
-    config: HexwireSO101Config
-
-    def _make_connection(self) -> Connection:
-        config = self.config
-        return Connection(
-            config.port, self.kind, degrees=config.use_degrees, calibration_file=self.calibration_fpath
-        )
-
-    def calibrate(self) -> None:
-        """Ask whether the file is to be used, or calibrate by hand or automatically; write file and servos.
-
-        Raises:
-            DeviceNotConnectedError: It is not connected.
-            RuntimeError: Something odd happened; the text says what.
-        """
-        self._check_connected()
-        self._rules = None
-        with self._arm.set_aside() as link:
-            calibrate(load_bus_arm(self.kind), link, self.calibration_fpath, auto=self.config.auto_calibration)
-        self._load_calibration()
 
     def _write_settings(self) -> None:
-        driver = self._arm.driver
-        assert isinstance(driver, BusArm)
-        driver.torque(False)
-        if written := configure(driver.bus, driver.model, leader=False):
-            logger.info("Written to the servos: %s", ", ".join(written))
+        self._arm.driver.torque(False)
+        super()._write_settings()
 
 
 class HexwireSO100(HexwireSO101):
@@ -334,19 +245,14 @@ class HexwireHex7bot(HexwireRobot):
     kind = "hex7bot"
 
 
-class HexwireRemote(HexwireRobot):
+class HexwireRemote(RemoteDevice, HexwireRobot):
     """An arm that `hexwire serve` shares, anywhere on the network."""
 
     config_class = HexwireRemoteConfig
     name = "hexwire_remote"
-    config: HexwireRemoteConfig
 
     def __init__(self, config: HexwireRemoteConfig) -> None:
         super().__init__(config)
         if config.arm in ("so100", "so101"):
             # Its datasets are those of an SO arm.
             self.robot_type = self.name = SOFollower.name
-
-    @property
-    def _kind(self) -> str:
-        return self.config.arm

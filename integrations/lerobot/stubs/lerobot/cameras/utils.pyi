@@ -1,0 +1,3 @@
+from . import Camera, CameraConfig
+
+def make_cameras_from_configs(camera_configs: dict[str, CameraConfig]) -> dict[str, Camera]: ...

@@ -1,0 +1,5 @@
+import abc
+
+from .. import Robot
+
+class SOFollower(Robot, metaclass=abc.ABCMeta): ...

@@ -1,0 +1,3 @@
+def ensure_safe_goal_position(
+    goal_present_pos: dict[str, tuple[float, float]], max_relative_target: float | dict[str, float]
+) -> dict[str, float]: ...

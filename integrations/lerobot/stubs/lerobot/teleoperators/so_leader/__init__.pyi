@@ -1,0 +1,5 @@
+import abc
+
+from .. import Teleoperator
+
+class SOLeader(Teleoperator, metaclass=abc.ABCMeta): ...
