@@ -54,6 +54,7 @@ __all__ = ["BusArm", "ChainArm", "SevenBotArm", "So100Arm", "So101Arm", "arm_cla
 
 _LIVE_FIRST, _LIVE_COUNT = 56, 15
 _MIN_DURATION = 0.02
+_SILENT = int(JointFlag.SILENT)
 _ADVICE = "check power and cable; `hexwire doctor` looks for the reason"
 
 
@@ -255,7 +256,7 @@ class BusArm(RobotDriver):
         now = bus.now()
         columns = list(zip(*rows, strict=True))
         for joint, angle, condition in zip(joints, columns[0], columns[6], strict=True):
-            if not condition & JointFlag.SILENT:
+            if not condition & _SILENT:
                 self._positions[joint.name], self._sampled[joint.name] = angle, now
         position, velocity, load, current, voltage, temperature, flags = columns
         ages = tuple(now - self._sampled.get(joint.name, -math.inf) for joint in joints)
@@ -299,7 +300,7 @@ class BusArm(RobotDriver):
         self, i: int, joint: JointModel, counts: int | None, status: int, values: list[float]
     ) -> tuple[Any, ...]:
         if counts is None:
-            position, flags = self._positions.get(joint.name, math.nan), int(JointFlag.SILENT)
+            position, flags = self._positions.get(joint.name, math.nan), _SILENT
         else:
             position, flags = joint.counts_to_angle(counts), status & FAULTS
         return position, *values, flags | torque_flag(self._torque[i])

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 __all__ = ["FAULTS", "PositionReader"]
 
-FAULTS = int(JointFlag(0xFF).faults) & ~int(JointFlag.SILENT)
+_SILENT = int(JointFlag.SILENT)
+FAULTS = int(JointFlag(0xFF).faults) & ~_SILENT
 """The bits of a servo's error byte that are faults of its joint."""
 
 
@@ -68,7 +69,7 @@ class PositionReader:
             angles = []
             for i, (joint, one) in enumerate(zip(joints, readings, strict=True)):
                 if one.raw is None:
-                    flags[i] |= int(JointFlag.SILENT)
+                    flags[i] |= _SILENT
                 else:
                     flags[i] |= one.status & FAULTS
                     self.positions[joint.name] = joint.counts_to_angle(one.raw)

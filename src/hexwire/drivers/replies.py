@@ -27,15 +27,14 @@ _ADVICE: dict[int, str] = {
         "servo settings need `maintenance(True)`, and nothing moves until `maintenance(False)`"
     ),
 }
+_TORQUE_FLAGS = {None: int(JointFlag.TORQUE_UNKNOWN), True: int(JointFlag.TORQUE_ON), False: 0}
 _FORBIDDEN_MAINTENANCE = "a joint has torque; `hexwire torque off` first"
 _FORBIDDEN_MOTION = "the board is in maintenance; `maintenance(False)` ends that"
 
 
 def torque_flag(torque: bool | None) -> int:
     """Return the flag of a joint whose torque is on, off, or unknown."""
-    if torque is None:
-        return int(JointFlag.TORQUE_UNKNOWN)
-    return int(JointFlag.TORQUE_ON) if torque else 0
+    return _TORQUE_FLAGS[torque]
 
 
 def check_reply(reply: Reply, *accepted: Status) -> Reply:

@@ -73,6 +73,7 @@ BOARD_ID = 0xFF
 _QUIRK_LENGTH = 6
 _MAX_ERROR = 0x7F  # the vendor's SDK treats a higher error byte as noise
 _MIN_PACKET = 6
+_SYNC_WRITE = INSTRUCTIONS["SYNC_WRITE"]
 _KNOWN = frozenset(INSTRUCTIONS.values())
 _new = tuple.__new__
 
@@ -131,7 +132,11 @@ def make_packet(servo_id: int, instruction: int, params: bytes = b"") -> bytes:
     length = len(params) + 2
     if length + 4 > MAX_SERVO_PACKET:
         raise UsageError(f"a packet of {length + 4} bytes is too long; at most {MAX_SERVO_PACKET}")
-    body = bytes((servo_id, length, instruction)) + params
+    return _finished(bytes((servo_id, length, instruction)) + params)
+
+
+def _finished(body: bytes) -> bytes:
+    """Return the packet with header and checksum."""
     return SERVO_HEADER + body + bytes((~sum(body) & 0xFF,))
 
 
@@ -232,12 +237,15 @@ def make_sync_write(address: int, data: Mapping[int, bytes] | Iterable[tuple[int
     items = list(data.items()) if isinstance(data, Mapping) else list(data)
     ids = _checked_ids(tuple([servo_id for servo_id, _ in items]))
     size = len(items[0][1])
-    parts = [bytes((_address(address), size))]
+    length = len(items) * (size + 1) + 4
+    if length + 4 > MAX_SERVO_PACKET:
+        raise UsageError(f"a packet of {length + 4} bytes is too long; at most {MAX_SERVO_PACKET}")
+    parts = [bytes((BROADCAST_ID, length, _SYNC_WRITE, _address(address), size))]
     for i, (_, values) in enumerate(items):
         if not len(values) == size > 0:
             raise UsageError("a sync write needs the same number of bytes, at least one, for every servo")
         parts += ids[i : i + 1], values
-    return make_packet(BROADCAST_ID, Instruction.SYNC_WRITE, b"".join(parts))
+    return _finished(b"".join(parts))
 
 
 def make_status(servo_id: int, error: int = 0, params: bytes = b"", *, legacy: bool = False) -> bytes:
