@@ -42,7 +42,7 @@ def run() -> list[str]:
         return ["no C compiler here: sudo apt-get install gcc libc6-dev"]
     with tempfile.TemporaryDirectory() as folder:
         emulator = str(Path(folder) / "busemu")
-        subprocess.run([compiler, "-O2", "-o", emulator, str(HERE / "busemu.c"), "-lutil"], check=True)
+        subprocess.run([compiler, "-O2", "-o", emulator, str(HERE / "busemu.c"), "-lutil", "-lpthread"], check=True)
         peers = bus_peers.installed()
         absent = [peer for peer in bus_peers.PEERS if peer not in peers]
         lines = [f"peers not installed here: {', '.join(absent)}"] if absent else []

@@ -2,18 +2,29 @@
  *
  *   busemu serve [--ids 1-7] [--baud N] [--fault drop|flip|junk|short:RATE] [--mute ID] [--echo AFTER]
  *                [--seed N] [--cpu N]
+ *   busemu pair [--baud N] [--fault drop|flip|junk|short:RATE] [--seed N]
  *   busemu client PATH read|sync_read|sync_write|cycle COUNT [--ids 1-7] [--cpu N]
  *
  * `serve` prints the path of its terminal and runs until its standard input closes. Servos are STS: position and
  * goal are the same register pair, so a position read tells which goal landed. Baud 0 costs no time; any other
  * rate delivers each packet when its last bit would have come over the line (10 bits a byte). AFTER requests pass
- * before the adapter starts to echo. `client` prints p50, p99 and mean wall time and the CPU time of a call, all in
+ * before the adapter starts to echo.
+ *
+ * `pair` serves two lines with servos 1 to 6: a leader whose joints go up and down in small steps, and a follower
+ * whose goals it records. It prints both paths, leader first. Lines on its standard input: "begin", or "faults" for
+ * one with faults, begins a recording and prints the time; "end" ends it, and prints the number of goals, the time of
+ * step 0, seconds between steps, counts of a step, and steps from the lowest count to the highest; then a line for
+ * each goal: the time at which its last byte had come over the line, and the counts of the servos. At step 0 the
+ * leader is at the lowest count, 2048 less half of the steps. Times are seconds of CLOCK_MONOTONIC.
+ *
+ * `client` prints p50, p99 and mean wall time and the CPU time of a call, all in
  * microseconds, then calls a second.
  */
 #define _GNU_SOURCE
 #include <errno.h>
 #include <fcntl.h>
 #include <poll.h>
+#include <pthread.h>
 #include <pty.h>
 #include <sched.h>
 #include <stdint.h>
@@ -29,13 +40,30 @@
 enum { PING = 1, READ = 2, WRITE = 3, SYNC_READ = 0x82, SYNC_WRITE = 0x83, ALL = 0xFE };
 enum fault { NONE, DROP, FLIP, JUNK, SHORT };
 
-static uint8_t regs[254][256];
-static int present[254], first_id = 1, last_id = 7, mute = -1, line;
-static long baud, echo_after = -1, requests;
+enum { MIDDLE = 2048, STEP = 4, STEPS = 128, JOINTS = 6, MOST_GOALS = 200000 };
+#define STEP_TIME 0.02371 /* no multiple of anybody's period */
+
+static int first_id = 1, last_id = 7, mute = -1;
+static long baud, echo_after = -1;
 static enum fault fault;
 static double fault_rate;
-static uint64_t seed = 1;
-static double line_time; /* when the wire is free again */
+static volatile int faulty = 1;
+static uint64_t first_seed = 1;
+
+/* Of one line; each has a thread. */
+static _Thread_local uint8_t regs[254][256];
+static _Thread_local int present[254], line, leads, follows;
+static _Thread_local long requests;
+static _Thread_local uint64_t seed;
+static _Thread_local double line_time; /* when the wire is free again */
+
+/* Of the follower's goals. */
+static struct goal {
+    double when;
+    int counts[JOINTS];
+} goals[MOST_GOALS];
+static volatile int recording, goals_n;
+static double origin;
 
 static double now(void)
 {
@@ -73,8 +101,8 @@ static void put(const uint8_t *data, int n)
 }
 
 /* Bytes cross the wire, then arrive in one piece. Without a line rate they are gathered, and `flush_out` sends them. */
-static uint8_t gathered[65536];
-static int gathered_n;
+static _Thread_local uint8_t gathered[65536];
+static _Thread_local int gathered_n;
 
 static void flush_out(void)
 {
@@ -95,12 +123,42 @@ static void deliver(const uint8_t *data, int n)
     put(data, n);
 }
 
+static int led(double when)
+{
+    int at = (long)((when - origin) / STEP_TIME) % (2 * STEPS);
+    return MIDDLE + STEP * ((at < STEPS ? at : 2 * STEPS - at) - STEPS / 2);
+}
+
+static void record(double when)
+{
+    if (!recording || goals_n == MOST_GOALS)
+        return;
+    goals[goals_n].when = when;
+    for (int i = 0; i < JOINTS; i++)
+        goals[goals_n].counts[i] = regs[1 + i][42] | regs[1 + i][43] << 8;
+    goals_n++;
+}
+
+/* Without inertia: a servo is where its goal is. */
+static void written(int id, int address, int n)
+{
+    if (address <= 42 && address + n >= 44)
+        memcpy(regs[id] + 56, regs[id] + 42, 2);
+}
+
 static void answer(int id, const uint8_t *params, int n)
 {
     uint8_t p[300];
     int sum = id + n + 2, size = n + 6;
     if (id == mute)
         return;
+    if (leads) {
+        /* It samples when it answers. */
+        double t = now();
+        int counts = led(line_time > t ? line_time : t);
+        regs[id][56] = counts & 0xFF;
+        regs[id][57] = counts >> 8;
+    }
     p[0] = p[1] = 0xFF;
     p[2] = id;
     p[3] = n + 2;
@@ -108,7 +166,7 @@ static void answer(int id, const uint8_t *params, int n)
     for (int i = 0; i < n; i++)
         sum += p[5 + i] = params[i];
     p[5 + n] = ~sum;
-    if (fault != NONE && chance() < fault_rate) {
+    if (fault != NONE && faulty && chance() < fault_rate) {
         uint8_t junk[5];
         if (fault == DROP)
             return;
@@ -149,22 +207,27 @@ static void handle(const uint8_t *p, int size)
         for (int i = 2; i + params[1] < n; i += params[1] + 1) {
             if (params[i] < 254 && present[params[i]]) {
                 memcpy(regs[params[i]] + params[0], params + i + 1, params[1]);
-                if (params[0] == 42)
-                    memcpy(regs[params[i]] + 56, params + i + 1, 2);
+                written(params[i], params[0], params[1]);
             }
         }
-    else if (id < 254 && present[id]) {
+    else if (inst == WRITE && id == ALL && n > 1) {
+        for (int i = first_id; i <= last_id; i++) {
+            memcpy(regs[i] + params[0], params + 1, n - 1);
+            written(i, params[0], n - 1);
+        }
+    } else if (id < 254 && present[id]) {
         if (inst == PING)
             answer(id, NULL, 0);
         else if (inst == READ && n == 2 && params[0] + params[1] <= 256)
             answer(id, regs[id] + params[0], params[1]);
         else if (inst == WRITE && n > 1) {
             memcpy(regs[id] + params[0], params + 1, n - 1);
-            if (params[0] == 42)
-                memcpy(regs[id] + 56, params + 1, 2);
+            written(id, params[0], n - 1);
             answer(id, NULL, 0);
         }
     }
+    if (follows && inst == SYNC_WRITE && params[0] <= 42 && params[0] + params[1] >= 44)
+        record(baud ? line_time : now());
     flush_out();
 }
 
@@ -176,14 +239,14 @@ static void raw(int fd)
     tcsetattr(fd, TCSANOW, &t);
 }
 
-static int serve(void)
+/* Opens a terminal, keeps its other end open, and makes its servos. */
+static int open_line(char *path)
 {
-    char path[128];
-    uint8_t buf[8192];
-    int slave, have = 0;
+    int slave;
     if (openpty(&line, &slave, path, NULL, NULL))
         return perror("openpty"), 1;
     raw(slave);
+    seed = first_seed;
     for (int id = first_id; id <= last_id; id++) {
         int position = 1000 + 100 * id;
         present[id] = 1;
@@ -200,12 +263,17 @@ static int serve(void)
         regs[id][62] = 74;
         regs[id][63] = 31;
     }
+    return 0;
+}
+
+static int run_line(int until_eof)
+{
+    uint8_t buf[8192];
+    int have = 0;
     prctl(PR_SET_TIMERSLACK, 1);
-    printf("%s\n", path);
-    fflush(stdout);
     for (;;) {
         struct pollfd watched[2] = {{line, POLLIN, 0}, {0, POLLIN, 0}};
-        if (poll(watched, 2, -1) < 0 && errno != EINTR)
+        if (poll(watched, until_eof ? 2 : 1, -1) < 0 && errno != EINTR)
             return 1;
         if (watched[1].revents) {
             char c;
@@ -240,6 +308,79 @@ static int serve(void)
         if (have == sizeof buf)
             have = 0;
     }
+}
+
+static int serve(void)
+{
+    char path[128];
+    if (open_line(path))
+        return 1;
+    printf("%s\n", path);
+    fflush(stdout);
+    return run_line(1);
+}
+
+static char pair_paths[2][128];
+static volatile int pair_ready;
+
+static void *run_one(void *which)
+{
+    int i = *(int *)which;
+    if (open_line(pair_paths[i]))
+        exit(1);
+    seed += 0x9E3779B97F4A7C15u * i;
+    leads = !i;
+    follows = i;
+    for (int id = first_id; id <= last_id; id++) {
+        regs[id][42] = regs[id][56] = MIDDLE & 0xFF;
+        regs[id][43] = regs[id][57] = MIDDLE >> 8;
+        /* The upper arm is raised by 45 degrees, so that no joint comes near the table. */
+        int middle = MIDDLE + (id == 2 ? 512 : 0);
+        regs[id][9] = (middle - 1000) & 0xFF;
+        regs[id][10] = (middle - 1000) >> 8;
+        regs[id][11] = (middle + 1000) & 0xFF;
+        regs[id][12] = (middle + 1000) >> 8;
+    }
+    __sync_fetch_and_add(&pair_ready, 1);
+    exit(run_line(0));
+}
+
+static int pair(void)
+{
+    static int numbers[2] = {0, 1};
+    pthread_t threads[2];
+    char words[64];
+    first_id = 1;
+    last_id = JOINTS;
+    faulty = 0;
+    origin = now();
+    for (int i = 0; i < 2; i++)
+        if (pthread_create(&threads[i], NULL, run_one, &numbers[i]))
+            return perror("pthread_create"), 1;
+    while (pair_ready < 2)
+        usleep(1000);
+    printf("%s %s\n", pair_paths[0], pair_paths[1]);
+    fflush(stdout);
+    while (fgets(words, sizeof words, stdin)) {
+        if (!strcmp(words, "end\n")) {
+            recording = faulty = 0;
+            usleep(20000);
+            printf("%d %.9f %.9f %d %d\n", goals_n, origin, STEP_TIME, STEP, STEPS);
+            for (int i = 0; i < goals_n; i++) {
+                printf("%.9f", goals[i].when);
+                for (int j = 0; j < JOINTS; j++)
+                    printf(" %d", goals[i].counts[j]);
+                printf("\n");
+            }
+        } else {
+            goals_n = 0;
+            faulty = !strcmp(words, "faults\n");
+            recording = 1;
+            printf("%.9f\n", now());
+        }
+        fflush(stdout);
+    }
+    return 0;
 }
 
 /* --- the floor: write, then read until the answer is whole ------------------------------------------------------ */
@@ -355,7 +496,7 @@ int main(int argc, char **argv)
     baud = atol(option(argc, argv, "--baud", "0"));
     mute = atoi(option(argc, argv, "--mute", "-1"));
     echo_after = atol(option(argc, argv, "--echo", "-1"));
-    seed = strtoull(option(argc, argv, "--seed", "88172645463325252"), NULL, 0);
+    first_seed = strtoull(option(argc, argv, "--seed", "88172645463325252"), NULL, 0);
     if (kind) {
         static const char *names[] = {"none", "drop", "flip", "junk", "short"};
         for (int i = DROP; i <= SHORT; i++)
@@ -368,7 +509,9 @@ int main(int argc, char **argv)
     }
     if (argc > 1 && !strcmp(argv[1], "serve"))
         return serve();
+    if (argc > 1 && !strcmp(argv[1], "pair"))
+        return pair();
     if (argc > 4 && !strcmp(argv[1], "client"))
         return client(argv[2], argv[3], atol(argv[4]));
-    return fprintf(stderr, "busemu serve|client ...\n"), 2;
+    return fprintf(stderr, "busemu serve|pair|client ...\n"), 2;
 }
