@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import struct
+import tracemalloc
 from array import array
+from contextlib import suppress
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from hexwire.errors import LocalProtocolError, RemoteProtocolError
+from hexwire.ros2.cdr import MOST_BYTES
 from hexwire.ros2.types import Types
+
+from .messages import messages
 
 TYPES = Types()
 JOINT_STATE = TYPES.message("sensor_msgs/msg/JointState")
@@ -64,12 +69,123 @@ def test_a_message_without_fields_is_one_byte() -> None:
     assert request.parse(b"\x00\x01\x00\x00\x00") == request.parse(b"\x00\x01\x00\x00") == request()
 
 
-@given(st.data())
-def test_a_cut_message_is_refused(data: st.DataObject) -> None:
-    whole = JOINT_STATE.serialize(JOINT_STATE(name=["a", "bc"], position=[1.0, 2.0], effort=[3.0]))
+# Types with every kind of field; a peer sends most of them to a node.
+RECEIVED = [
+    "sensor_msgs/msg/JointState",
+    "trajectory_msgs/msg/JointTrajectory",
+    "control_msgs/action/FollowJointTrajectory_SendGoal_Request",
+    "control_msgs/action/FollowJointTrajectory_FeedbackMessage",
+    "action_msgs/srv/CancelGoal_Request",
+    "rcl_interfaces/srv/SetParameters_Request",
+    "rcl_interfaces/srv/DescribeParameters_Response",
+    "type_description_interfaces/msg/TypeDescription",
+    "diagnostic_msgs/msg/DiagnosticArray",
+    "sensor_msgs/msg/Imu",
+]
+
+
+@pytest.mark.parametrize("name", RECEIVED)
+@given(data=st.data())
+def test_every_message_comes_back(name: str, data: st.DataObject) -> None:
+    type_ = TYPES.message(name)
+    message = data.draw(messages(TYPES, type_))
+    assert type_.parse(type_.serialize(message)) == message
+
+
+@pytest.mark.parametrize("name", RECEIVED)
+@given(data=st.data())
+def test_a_cut_message_is_refused(name: str, data: st.DataObject) -> None:
+    type_ = TYPES.message(name)
+    whole = type_.serialize(data.draw(messages(TYPES, type_)))
     end = data.draw(st.integers(0, len(whole) - 1))
     with pytest.raises(RemoteProtocolError):
-        JOINT_STATE.parse(whole[:end])
+        type_.parse(whole[:end])
+
+
+@pytest.mark.parametrize("name", RECEIVED)
+@given(noise=st.binary(max_size=400), header=st.sampled_from([b"", b"\0\0\0\0", b"\0\1\0\0"]))
+def test_noise_is_a_message_or_a_protocol_error(name: str, noise: bytes, header: bytes) -> None:
+    with suppress(RemoteProtocolError):
+        TYPES.message(name).parse(header + noise)
+
+
+@pytest.mark.parametrize("name", RECEIVED)
+@given(data=st.data())
+def test_a_changed_message_is_a_message_or_a_protocol_error(name: str, data: st.DataObject) -> None:
+    type_ = TYPES.message(name)
+    changed = bytearray(type_.serialize(data.draw(messages(TYPES, type_))))
+    for _ in range(data.draw(st.integers(1, 4))):
+        start = data.draw(st.integers(0, len(changed) - 1))
+        changed[start : start + 4] = data.draw(st.sampled_from([b"\xff" * 4, b"\0\0\0\x7f", b"\1\0\0\0", b"\0"]))
+    with suppress(RemoteProtocolError):
+        type_.parse(bytes(changed))
+
+
+@pytest.mark.parametrize("length", [0xFFFFFFFF, 0x7FFFFFFF, 0x00FFFFFF])
+@pytest.mark.parametrize("name", RECEIVED)
+def test_no_length_costs_more_memory_than_the_message_has_bytes(name: str, length: int) -> None:
+    type_ = TYPES.message(name)
+    zeros = bytes(400)
+    type_.message_class()
+    with suppress(RemoteProtocolError):
+        type_.parse(b"\0\1\0\0" + zeros)
+    tracemalloc.start()
+    try:
+        for start in range(0, 400, 4):
+            data = bytearray(b"\0\1\0\0" + zeros)
+            data[4 + start : 8 + start] = struct.pack("<I", length)
+            with suppress(RemoteProtocolError):
+                type_.parse(bytes(data))
+        assert tracemalloc.get_traced_memory()[1] < 200_000
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_message_that_is_too_large_is_refused() -> None:
+    with pytest.raises(RemoteProtocolError, match="at most"):
+        TYPES.message("std_msgs/msg/String").parse(bytes(MOST_BYTES + 1))
+
+
+@pytest.mark.parametrize("header", [b"\0\2\0\0", b"\0\7\0\1", b"\1\1\0\0"])
+def test_another_encoding_is_refused(header: bytes) -> None:
+    with pytest.raises(RemoteProtocolError, match="is not the header of CDR"):
+        JOINT_STATE.parse(header + bytes(40))
+
+
+def test_bytes_after_a_message_are_padding_or_refused() -> None:
+    data = JOINT_STATE.serialize(JOINT_STATE())
+    assert JOINT_STATE.parse(data + bytes(3)) == JOINT_STATE()
+    with pytest.raises(RemoteProtocolError, match="4 bytes after the end"):
+        JOINT_STATE.parse(data + bytes(4))
+
+
+def test_bounds_are_kept() -> None:
+    ranges = TYPES.message("rcl_interfaces/msg/ParameterDescriptor")
+    data = bytearray(ranges.serialize(ranges(name="", type=0)))
+    data[-4:] = struct.pack("<I", 2)
+    with pytest.raises(RemoteProtocolError, match="integer_range: 2 values, at most 1"):
+        ranges.parse(bytes(data) + bytes(48))
+    field = TYPES.message("type_description_interfaces/msg/FieldType")
+    with pytest.raises(RemoteProtocolError, match="longer than 255 bytes"):
+        field.parse(b"\0\1\0\0" + bytes(24) + struct.pack("<I", 257) + b"x" * 256 + b"\0")
+
+
+def test_a_string_needs_its_end_and_need_not_be_utf8() -> None:
+    string = TYPES.message("std_msgs/msg/String")
+    with pytest.raises(RemoteProtocolError, match="without its end"):
+        string.parse(b"\0\1\0\0" + struct.pack("<I", 2) + b"ab")
+    assert string.parse(b"\0\1\0\0" + struct.pack("<I", 2) + b"\xff\0").data == "\ufffd"
+    # Some encoders send an empty string as no bytes at all.
+    assert string.parse(b"\0\1\0\0" + bytes(4)).data == ""
+
+
+def test_names_that_change_are_not_taken_from_the_message_before() -> None:
+    for names in (["a", "bc"], ["a", "bd"], ["a"], [], ["a", "bc"], ["a" * 5000]):
+        message = JOINT_STATE(name=names)
+        first, second = (JOINT_STATE.parse(JOINT_STATE.serialize(message)) for _ in range(2))
+        assert first.name == second.name == names
+        first.name.append("x")
+        assert JOINT_STATE.parse(JOINT_STATE.serialize(message)).name == names
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,8 @@ NAMES = sorted(
 )
 
 
-def _messages(types: Types, name: str) -> list[Any]:
+def messages_of(types: Types, name: str) -> list[Any]:
+    """The message types of a message, service or action."""
     if "/msg/" in name:
         return [types.message(name)]
     if "/srv/" in name:
@@ -36,7 +37,7 @@ def test_every_type_has_default_messages(distribution: Distribution) -> None:
     types = Types(distribution)
     assert len(NAMES) > 100
     for name in NAMES:
-        for type_ in _messages(types, name):
+        for type_ in messages_of(types, name):
             assert type_.parse(type_.serialize(type_())) == type_()
 
 

@@ -22,7 +22,7 @@ __all__ = ["LITTLE", "MOST_BYTES", "MOST_PADDING", "Lookup", "make_parser", "mak
 LITTLE = b"\x00\x01\x00\x00"
 """The header of a little-endian message."""
 
-MOST_BYTES = 64 * 1024 * 1024
+MOST_BYTES = 16 * 1024 * 1024
 """Size of the largest message that is parsed."""
 
 MOST_PADDING = 3
