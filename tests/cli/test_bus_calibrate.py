@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+import io
 import json
 import os
 import select
+import sys
 import termios
 from pathlib import Path
 from types import SimpleNamespace
@@ -144,6 +146,29 @@ def test_ctrl_c_leaves_the_arm_without_torque(monkeypatch: pytest.MonkeyPatch, t
     assert "ended: torque is off, nothing was saved" in result.stderr
     assert not any(servo.torque_on for servo in arm.parts.arm.servos)
     assert not (tmp_path / "cal.toml").exists()
+
+
+@pytest.mark.parametrize("enters", [0, 1])
+def test_ctrl_c_at_a_question_ends_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, enters: int) -> None:
+    class Keyboard(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+        def readline(self, size: int | None = -1) -> str:
+            if next(pressed) >= enters:
+                raise KeyboardInterrupt
+            return "\n"
+
+    pressed = iter(range(10))
+    arm = CalibrateCli(monkeypatch)
+    for servo in arm.parts.arm.servos:
+        servo.registers.write(servo.registers.rows["torque_enable"].address, b"\x01")
+    monkeypatch.setattr(bus_calibrate, "sys", SimpleNamespace(stdin=Keyboard(), platform=sys.platform))
+    result = arm.run("so101", str(tmp_path / "cal.toml"))
+    assert result.exit_code == 130
+    assert ("torque is off, nothing was saved" in result.stderr) == (enters == 1)
+    # Nobody has said yet that the arm is held.
+    assert {servo.torque_on for servo in arm.parts.arm.servos} == {enters == 0}
 
 
 def test_a_stopped_arm_is_not_calibrated(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -55,6 +55,7 @@ OFFLINE = {
     "record info": ("{}/a.mcap",),
     "record export": ("{}/a.mcap", "{}/a.csv"),
     "record recover": ("{}/a.mcap", "{}/c.mcap"),
+    "record ros2": ("{}/a.mcap", "{}/bag"),
     "record plot": ("{}/a.mcap", "{}/a.svg"),
     "model fk": ("90", "100", "80", "90", "45", "90"),
     "model ik": ("0", "220", "200", "--rpy", "180", "0", "0"),
@@ -79,6 +80,7 @@ WITHOUT = {
     # What they print is a document or an address for other programs, or they run until they are stopped.
     *(
         "model urdf",
+        "model ros2-package",
         "conf convert",
         "sim board",
         "sim bus",

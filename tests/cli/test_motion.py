@@ -381,6 +381,36 @@ def test_limits_of_the_calibration_choose_the_branch(so_arm: SoArm) -> None:
         assert "wrist_roll=75 deg is 15 deg above its limits -60.03 to 60.03 deg" in result.stderr
 
 
+def test_an_arm_that_rests_on_a_stop_moves_and_plays_what_it_was_taught_there(
+    so_bench: Callable[..., Result], tmp_path: Path
+) -> None:
+    # The base rests 7 counts outside its limit, as a calibration leaves it that ends just before the stop.
+    joints = tuple(
+        JointCalibration(
+            joint.name, joint.servo_id, *((2100, 2055) if joint.name == "shoulder_pan" else (2048, 1000)), 3200
+        )
+        for joint in load_profile("so101").model.joints
+    )
+    (tmp_path / "cal.toml").write_text(Calibration("so101", "", joints).serialize(), encoding="utf-8")
+    file = tmp_path / "left.toml"
+    file.write_text('name = "left"\nbase = "so101"\ncalibration = "cal.toml"\n', encoding="utf-8")
+    arm = SoArm(so_bench, str(file))
+    names, rest = load_profile("so101").model.names, math.radians((2048 - 2100) * 360 / 4096)
+    with RecordingWriter(tmp_path / "a.mcap") as writer:
+        for i in range(41):
+            share = 0.5 - 0.5 * math.cos(math.pi * i / 40)
+            pan = rest + (0.3 - rest) * share
+            writer.joint_state(make_positions(names, (pan, 0.0, 0.0, 0.0, 0.0, 0.0)), 1.7e9 + i / 20)
+    assert arm.angles()[0] == pytest.approx(rest, abs=0.005)
+    result = arm.run("play", str(tmp_path / "a.mcap"))
+    assert result.exit_code == 0, result.output
+    assert "a joint that rested on its stop goes to its limit instead" in result.stderr
+    assert arm.angles()[0] == pytest.approx(0.3, abs=0.01)
+    arm.ok("move", "shoulder_pan=0.7", "--wait")
+    arm.ok("goto", "240", "-60", "80", "--pitch", "70")
+    assert arm.tip() == pytest.approx([240, -60, 80], abs=1.0)
+
+
 def test_pitch_is_for_five_joints(bench: Any) -> None:
     result = bench.run("goto", "0", "220", "200", "--pitch", "90")
     assert result.exit_code == 2

@@ -6,6 +6,7 @@ import pytest
 from tests.drivers.test_base import Guarded
 
 from hexwire.drivers import registry
+from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.model.state import JointState
@@ -47,7 +48,7 @@ def test_connect_takes_the_port_given_then_that_of_the_environment(monkeypatch: 
 @pytest.mark.parametrize("name", registry.robot_names())
 def test_a_driver_under_observation_makes_robots_of_its_class(name: str) -> None:
     usual = registry.load_driver(name)
-    watched = registry.observed(usual, lambda _: None)
+    watched = registry.observed(usual, lambda *_: None)
     robot = watched.from_url("tcp://127.0.0.1:9")
     assert type(robot) is watched
     assert isinstance(robot, usual)
@@ -55,11 +56,11 @@ def test_a_driver_under_observation_makes_robots_of_its_class(name: str) -> None
 
 
 def test_an_observer_gets_every_state_that_the_robot_reads_and_no_other_robots() -> None:
-    seen: list[JointState] = []
-    robot, other = registry.observed(Guarded, seen.append)(), Guarded()
+    seen: list[tuple[RobotDriver, JointState]] = []
+    robot, other = registry.observed(Guarded, lambda *each: seen.append(each))(), Guarded()
     state = robot.read()
     other.read()
-    assert seen == [state]
+    assert seen == [(robot, state)]
     with robot.watched(0.5):
         assert len(seen) == 2
 

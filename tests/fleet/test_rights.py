@@ -96,6 +96,14 @@ def test_equal_rights_share_their_rules_so_that_a_large_lab_stays_small() -> Non
     assert len(access_control(many)["rules"]) == len(access_control(many[:1])["rules"])
 
 
+def test_ros_domains_are_numbers_and_no_arms() -> None:
+    assert Rights.from_uris(Rights(Kind.ROS, ("0", "42")).uris()) == Rights(Kind.ROS, ("0", "42"))
+    assert not Rights(Kind.ROS, ("0",)).covers("0")
+    for arms in ((), ("lab/*",), ("**",), ("00",), ("-1",)):
+        with pytest.raises(UsageError, match="numbers, as in --for 0"):
+            Rights(Kind.ROS, arms)
+
+
 # -- what gets through a router ---------------------------------------------------------------------------
 
 

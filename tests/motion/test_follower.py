@@ -139,6 +139,16 @@ def test_halting_before_a_limit_does_not_swing_beyond_it() -> None:
     assert after[-1][1] == pytest.approx(here)
 
 
+def test_a_joint_that_rests_just_outside_a_limit_begins_at_the_limit() -> None:
+    follower, end = Follower(HEX7BOT), HEX7BOT.joint("J1").maximum
+    follower.cycle(state({"J1": end + 0.02}), 0.0, LEAD)
+    follower.follow(way(end, end - 0.5), 0.0)
+    commands = run(follower, 0.0, 2.0)
+    assert max(angle for _, angle in commands) == pytest.approx(end, abs=0.001)
+    assert all(angle <= end for _, angle in commands)
+    assert commands[-1][1] == pytest.approx(end - 0.5)
+
+
 def test_after_forgetting_motion_starts_where_a_hand_has_led_the_arm() -> None:
     follower = started()
     follower.follow(way(J1, J1 + 1.0), 0.0)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointTarget
-from hexwire.motion.limits import check_target, needed_duration
+from hexwire.motion.limits import check_target, needed_duration, resting_inside
 
 ZERO = dict.fromkeys(HEX7BOT.names, 0.0)
 
@@ -79,3 +79,14 @@ def test_whatever_passes_is_inside_and_slow_enough(
 def _inside(name: str, angle: float) -> bool:
     joint = HEX7BOT.joint(name)
     return joint.minimum - joint.scale / 2 <= angle <= joint.maximum + joint.scale / 2
+
+
+def test_a_joint_that_rests_on_its_stop_begins_at_its_limit() -> None:
+    joint = HEX7BOT.joint("J1")
+    little, much = math.radians(1.0), math.radians(2.0)
+    for limit, side in ((joint.minimum, -1.0), (joint.maximum, 1.0)):
+        assert resting_inside(HEX7BOT, {"J1": limit + side * little}) == {"J1": limit}
+        far = {"J1": limit + side * much}
+        assert resting_inside(HEX7BOT, far) == far
+    assert resting_inside(HEX7BOT, {"J2": joint.minimum + 0.1}) == {"J2": joint.minimum + 0.1}
+    assert math.isnan(resting_inside(HEX7BOT, {"J1": math.nan})["J1"])

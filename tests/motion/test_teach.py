@@ -159,3 +159,10 @@ def test_a_sample_that_is_no_number_or_not_later_is_left_out() -> None:
     assert Taught.of(["J1"], samples) == Taught(("J1",), (0.0, 1.0), ((0.0,), (1.0,)))
     with pytest.raises(UsageError, match="nothing was recorded"):
         Taught.of(["J1"], [(math.nan, (0.0,))])
+
+
+def test_where_joints_rested_on_their_stops_they_are_at_their_limits() -> None:
+    end = HEX7BOT.joint("J1").maximum
+    t = taught([0.0, end + 0.01, end - 0.01, end + 0.1])
+    assert t.within(HEX7BOT).rows == ((0.0,), (end,), (end - 0.01,), (end + 0.1,))
+    assert t.within(HEX7BOT).times == t.times

@@ -11,12 +11,13 @@ import os
 import sys
 import threading
 import time
+import uuid
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 from tests.ros1.ros_world import PATIENCE, Program, PtyBoard, near, still, until
-from tests.ros2.world import Router
+from tests.ros2.world import Router, free_port
 
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.ros2.distributions import Distribution
@@ -25,12 +26,32 @@ from hexwire.ros2.qos import DEFAULT, Qos
 from hexwire.ros2.types import Types
 from hexwire.ros2.zenoh_session import ZenohSettings
 
-__all__ = ["JOINTS", "NODE", "Arm", "Peer", "PtyBoard", "World", "made", "near", "still", "until"]
+__all__ = [
+    "ABORTED",
+    "ACTION",
+    "CANCELED",
+    "CONTROLLER",
+    "JOINTS",
+    "NODE",
+    "SUCCEEDED",
+    "Arm",
+    "Goal",
+    "Peer",
+    "PtyBoard",
+    "World",
+    "made",
+    "near",
+    "still",
+    "until",
+]
 
 T = TypeVar("T")
 NODE = (sys.executable, "-m", "hexwire.cli.ros2")
 JOINTS = HEX7BOT.names
 CONTROLLER = "joint_trajectory_controller"
+ACTION = "control_msgs/action/FollowJointTrajectory"
+SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
+"""States of a goal."""
 
 
 class World:
@@ -38,16 +59,18 @@ class World:
 
     Args:
         folder: For output; a new one.
+        routed: The router runs; otherwise only its address is known.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, routed: bool = True) -> None:
         self.folder = folder
-        self.router = Router()
+        self._router = Router() if routed else None
+        self.endpoint = self._router.endpoint if self._router else f"tcp/127.0.0.1:{free_port()}"
         self._programs: list[Program] = []
         kept = {k: v for k, v in os.environ.items() if not k.startswith(("ROS_", "HEXWIRE_", "PYTHON", "ZENOH_"))}
         self.env = {
             **kept,
-            "ZENOH_CONFIG_OVERRIDE": f"connect/endpoints={json.dumps([self.router.endpoint])}",
+            "ZENOH_CONFIG_OVERRIDE": f"connect/endpoints={json.dumps([self.endpoint])}",
             "PYTHONFAULTHANDLER": "1",
             "HOME": str(folder),
         }
@@ -67,7 +90,7 @@ class World:
 
     def peer(self, name: str = "tester", distribution: Distribution = Distribution.JAZZY, **options: Any) -> Peer:
         """Another node."""
-        zenoh = ZenohSettings(connect=(self.router.endpoint,))
+        zenoh = ZenohSettings(connect=(self.endpoint,))
         return Peer(Node(NodeOptions(name, zenoh=zenoh, **options), Types(distribution)))
 
     def report(self) -> str:
@@ -76,7 +99,8 @@ class World:
     def close(self) -> None:
         for program in reversed(self._programs):
             program.kill_all()
-        self.router.stop()
+        if self._router is not None:
+            self._router.stop()
 
 
 class Peer:
@@ -224,6 +248,31 @@ class Arm:
             return next((each for each in found if each.level == level and text in each.message), None)
 
         return until(row, f"{part} is at level {level} for {text!r}", self.node.report)
+
+
+class Goal:
+    """A goal of a client: sent at once."""
+
+    def __init__(self, arm: Arm, *points: tuple[float, dict[str, float]], **more: Any) -> None:
+        self._arm, self.id = arm, uuid.uuid4().bytes
+        self._at = f"{arm.at}{CONTROLLER}/follow_joint_trajectory/_action"
+        action = arm.peer.types.action(ACTION)
+        goal = action.goal(trajectory=arm.trajectory(*points), **more)
+        answer = arm.peer.call(f"{self._at}/send_goal", f"{ACTION}_SendGoal", goal_id=self._uuid(), goal=goal)
+        self.accepted = bool(answer.accepted)
+
+    def _uuid(self) -> Any:
+        return self._arm.peer.types.message("unique_identifier_msgs/msg/UUID")(uuid=self.id)
+
+    def cancel(self) -> int:
+        info = self._arm.peer.types.message("action_msgs/msg/GoalInfo")(goal_id=self._uuid())
+        answer = self._arm.peer.call(f"{self._at}/cancel_goal", "action_msgs/srv/CancelGoal", goal_info=info)
+        return int(answer.return_code)
+
+    def result(self) -> tuple[int, int, str]:
+        """Status, error code and text, once it has ended."""
+        answer = self._arm.peer.call(f"{self._at}/get_result", f"{ACTION}_GetResult", goal_id=self._uuid())
+        return answer.status, answer.result.error_code, answer.result.error_string
 
 
 @contextlib.contextmanager

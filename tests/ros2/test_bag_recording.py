@@ -79,14 +79,15 @@ def test_states_are_recorded_as_they_are_read(tmp_path: Path) -> None:
 
 def test_the_description_is_written_once(tmp_path: Path) -> None:
     recording = BagRecording(tmp_path / "b", Types())
-    for _ in range(2):
-        recording.describe("<robot/>", NOW)
-    recording.describe("<robot/>", NOW, arm="lab/arm-1")
+    recording.urdf = "<robot/>"
+    for stamp in (10.0, 11.0):
+        recording.joint_state(_state(0.5, stamp), NOW + stamp)
+        recording.joint_state(_state(0.5, stamp), NOW + stamp, topic="/lab/arm-1/joint_states")
     recording.close()
     found = _read(tmp_path / "b")
-    assert sorted(found) == ["/lab/arm_1/robot_description", "/robot_description"]
-    ((_, message),) = found["/robot_description"]
-    assert message.data == "<robot/>"
+    for prefix in ("", "/lab/arm_1"):
+        ((stamp, message),) = found[f"{prefix}/robot_description"]
+        assert (stamp, message.data) == (1_700_000_010_000_000_000, "<robot/>")
 
 
 def test_a_recording_that_is_discarded_leaves_nothing(tmp_path: Path) -> None:
@@ -107,7 +108,8 @@ def test_a_recording_becomes_a_bag(tmp_path: Path) -> None:
     notes: list[str] = []
     recording = BagRecording(tmp_path / "b", Types())
     with path.open("rb") as file:
-        left_out = convert(file, str(path), recording, urdf="<robot/>", note=notes.append)
+        recording.urdf = "<robot/>"
+        left_out = convert(file, str(path), recording, note=notes.append)
     recording.close()
     assert left_out == {"hexwire.Clock": 1}
     assert notes == []

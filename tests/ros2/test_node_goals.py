@@ -4,46 +4,28 @@ from __future__ import annotations
 
 import math
 import uuid
-from typing import Any
 
 import pytest
 from tests.ros2.node_fixtures import arm, shared_arm, world
-from tests.ros2.node_world import CONTROLLER, Arm, near, still, until
+from tests.ros2.node_world import (
+    ABORTED,
+    ACTION,
+    CANCELED,
+    CONTROLLER,
+    SUCCEEDED,
+    Arm,
+    Goal,
+    near,
+    still,
+    until,
+)
 
 from hexwire.ros2.qos import ACTION_STATUS
 
 __all__ = ["arm", "shared_arm", "world"]
 
 pytestmark = pytest.mark.system
-ACTION = "control_msgs/action/FollowJointTrajectory"
 AT = f"/{CONTROLLER}/follow_joint_trajectory/_action"
-
-
-class Goal:
-    """A goal of a client: sent at once."""
-
-    def __init__(self, arm: Arm, *points: tuple[float, dict[str, float]], **more: Any) -> None:
-        self._arm, self.id = arm, uuid.uuid4().bytes
-        action = arm.peer.types.action(ACTION)
-        goal = action.goal(trajectory=arm.trajectory(*points), **more)
-        answer = arm.peer.call(f"{AT}/send_goal", f"{ACTION}_SendGoal", goal_id=self._uuid(), goal=goal)
-        self.accepted = bool(answer.accepted)
-
-    def _uuid(self) -> Any:
-        return self._arm.peer.types.message("unique_identifier_msgs/msg/UUID")(uuid=self.id)
-
-    def cancel(self) -> int:
-        info = self._arm.peer.types.message("action_msgs/msg/GoalInfo")(goal_id=self._uuid())
-        answer = self._arm.peer.call(f"{AT}/cancel_goal", "action_msgs/srv/CancelGoal", goal_info=info)
-        return int(answer.return_code)
-
-    def result(self) -> tuple[int, int, str]:
-        """Status, error code and text, once it has ended."""
-        answer = self._arm.peer.call(f"{AT}/get_result", f"{ACTION}_GetResult", goal_id=self._uuid())
-        return answer.status, answer.result.error_code, answer.result.error_string
-
-
-SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 
 
 def aside(arm: Arm, angle: float) -> dict[str, float]:

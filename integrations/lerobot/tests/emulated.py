@@ -24,6 +24,8 @@ os.environ.update(
 )
 (HOME / "run").mkdir(mode=0o700)
 
+from lerobot.motors.feetech import FeetechMotorsBus  # noqa: E402
+
 from hexwire.control.calibrating import store  # noqa: E402
 from hexwire.drivers.arm_file import load_calibration  # noqa: E402
 from hexwire.drivers.bus_arm import So101Arm  # noqa: E402
@@ -90,3 +92,17 @@ def patiently(call: Callable[[], T]) -> T:
             return call()
         time.sleep(0.1)
     return call()
+
+
+def reach(bus: FeetechMotorsBus) -> None:
+    """Open the bus of LeRobot's own arm; it leaves the port open when the first answer comes too late."""
+
+    def connect() -> None:
+        try:
+            bus.connect()
+        except ConnectionError:
+            with suppress(ConnectionError, RuntimeError):
+                bus.disconnect(disable_torque=False)
+            raise
+
+    patiently(connect)

@@ -18,7 +18,7 @@ from string import Template
 
 import numpy as np
 import pytest
-from emulated import bus, calibrated, patiently
+from emulated import bus, calibrated, patiently, reach
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.robots.so_follower import SO101Follower, SO101FollowerConfig
 from lerobot.teleoperators.so_leader import SO101Leader, SO101LeaderConfig
@@ -98,7 +98,7 @@ class Owner:
 
     def install(self, words: list[str]) -> None:
         """As pip does, but beside the packages of this environment, and without the internet."""
-        (uv,) = (ROOT / ".tools").glob("uv-*/bin/uv")
+        uv = max((ROOT / ".tools").glob("uv-*/bin/uv"))
         target = self.folder / "packages"
         how = ("--quiet", "--no-deps", "--no-build-isolation", "--offline", "--python", sys.executable)
         subprocess.run([uv, "pip", *words, *how, "--target", target], cwd=ROOT, check=True)
@@ -159,7 +159,7 @@ def test_the_page_from_calibrated_arms_to_a_policy(
                     SO101Follower(SO101FollowerConfig(port=follower, id="black")),
                     SO101Leader(SO101LeaderConfig(port=leader, id="blue")),
                 ):
-                    patiently(own.bus.connect)
+                    reach(own.bus)
                     assert len(own.calibration) == 6
                     assert patiently(lambda own=own: own.bus.is_calibrated)
                     own.bus.disconnect(disable_torque=False)

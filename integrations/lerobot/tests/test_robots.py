@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 import pytest
-from emulated import LOSS, bus, calibrated, patiently
+from emulated import LOSS, bus, calibrated, patiently, reach
 from lerobot.cameras.opencv import OpenCVCameraConfig
 from lerobot.robots import make_robot_from_config
 from lerobot.robots.so_follower import SO101Follower, SO101FollowerConfig
@@ -102,12 +102,12 @@ def test_values_and_files_are_those_of_lerobots_own_arm(follower: str, degrees: 
     go(ours, action, 3.0)
     seen = ours.get_observation()
     ours.disconnect()
-    patiently(own.bus.connect)
+    reach(own.bus)
     beside = patiently(own.get_observation)
     own.bus.disconnect(disable_torque=False)
     assert seen == pytest.approx(beside, abs=0.2)
     # LeRobot does not notice that hexwire was here: the same settings in the servos.
-    patiently(own.bus.connect)
+    reach(own.bus)
     assert patiently(lambda: own.bus.is_calibrated)
     own.bus.disconnect(disable_torque=False)
     assert registers(follower, "position_p") == [16] * 6

@@ -170,17 +170,19 @@ def _store(bench: CalibrationBench, found: Calibration) -> None:
 def _by_hand(bench: CalibrationBench, seconds: int | None, yes: bool) -> Calibration:
     note("torque will be switched off: hold the arm")
     if not yes:
-        click.pause("press Enter when you hold it ", err=True)
-    bench.release()
-    hand = bench.by_hand()
-    if hand.endless:
-        note(f"put {' and '.join(hand.endless)} in its middle: it has no stops, so this is where its angle is 0")
-        click.pause("then press Enter ", err=True)
-    _sample(bench, hand)
-    hand.mark_middle()
-    note("now move every joint to both ends" + (", then press Enter" if seconds is None else ""))
-    _sweep(bench, hand, seconds)
-    return hand.finish(_now())
+        _wait_for_enter("press Enter when you hold it")
+    with _told_at_ctrl_c():
+        bench.release()
+        hand = bench.by_hand()
+        if hand.endless:
+            middle = f"put {' and '.join(hand.endless)} in its middle"
+            note(f"{middle}: it has no stops, so this is where its angle is 0")
+            _wait_for_enter("then press Enter")
+        _sample(bench, hand)
+        hand.mark_middle()
+        note("now move every joint to both ends" + (", then press Enter" if seconds is None else ""))
+        _sweep(bench, hand, seconds)
+        return hand.finish(_now())
 
 
 def _sample(bench: CalibrationBench, hand: HandCalibration) -> None:
@@ -223,6 +225,22 @@ def _rows(hand: HandCalibration) -> list[tuple[str, ...]]:
     ]
 
 
+def _wait_for_enter(text: str) -> None:
+    """Wait for Enter at a terminal. Unlike with `click.pause`, Ctrl-C ends the command: the arm may not be held."""
+    if sys.stdin.isatty():
+        note(text)
+        sys.stdin.readline()
+
+
+@contextmanager
+def _told_at_ctrl_c() -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt:
+        note("ended: torque is off, nothing was saved")
+        raise
+
+
 def _entered(seconds: float) -> bool:
     """Wait for some time; returns whether Enter was pressed."""
     if sys.platform == "win32":
@@ -249,7 +267,7 @@ def _automatic(bench: CalibrationBench, yes: bool) -> Calibration:
     confirm("Go on?", yes)
     bench.release()
     said, redraw = "", 0.0
-    with _screen(_AUTO_HEAD) as show:
+    with _told_at_ctrl_c(), _screen(_AUTO_HEAD) as show:
 
         def watch(auto: AutoCalibration) -> None:
             nonlocal said, redraw
@@ -260,11 +278,7 @@ def _automatic(bench: CalibrationBench, yes: bool) -> Calibration:
                 show(_auto_rows(auto), f"{auto.step} of {auto.steps} motions, Ctrl-C ends it; {auto.doing}")
             said = auto.doing
 
-        try:
-            return bench.automatic(_now(), watch=watch, clock=time.monotonic, sleep=time.sleep)
-        except KeyboardInterrupt:
-            note("ended: torque is off, nothing was saved")
-            raise
+        return bench.automatic(_now(), watch=watch, clock=time.monotonic, sleep=time.sleep)
 
 
 def _auto_rows(auto: AutoCalibration) -> list[tuple[str, ...]]:

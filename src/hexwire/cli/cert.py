@@ -110,11 +110,18 @@ def new(
 @click.option(
     "--role",
     required=True,
-    type=click.Choice(["observer", "operator", "maintainer", "arm", "router"]),
+    type=click.Choice(["observer", "operator", "maintainer", "arm", "router", "ros"]),
     help="observer: reads and stops; operator: also moves; maintainer: also servo settings and firmware; arm: for "
-    "'hexwire serve'; router: for 'hexwire fleet router'.",
+    "'hexwire serve'; router: for 'hexwire fleet router'; ros: for nodes of ROS 2, each of "
+    "which may command every arm of its domain.",
 )
-@click.option("--for", "arms", multiple=True, metavar="PATTERN", help="Arm, or pattern as in 'lab/*'; repeatable.")
+@click.option(
+    "--for",
+    "arms",
+    multiple=True,
+    metavar="PATTERN",
+    help="Arm, or pattern as in 'lab/*'; for ros a domain, as in 0; repeatable.",
+)
 @_common_options("an arm or router")
 def issue(
     folder: str,
@@ -137,7 +144,9 @@ def issue(
     rights = Rights(Kind(role), arms)
     listens = rights.role is None
     if hosts and not listens:
-        raise UsageError("--host is for the roles arm and router: a client is identified by its certificate alone")
+        raise UsageError(
+            "--host is for the roles arm, router and ros: a client is identified by its certificate alone"
+        )
     _check_names([name], Path(folder))
     made, lines = _authority(folder, lab)
     files = issue_certificate(

@@ -65,7 +65,7 @@ _R = TypeVar("_R", bound="RobotDriver")
 DEFAULT_ROBOT = "hex7bot"
 _TYPED = click.core.ParameterSource.COMMANDLINE
 
-_StateObserver = Callable[["JointState"], None]
+_StateObserver = Callable[["RobotDriver", "JointState"], None]
 _state_observer: ContextVar[_StateObserver | None] = ContextVar("hexwire_state_observer", default=None)
 
 _PATIENCE = 1.0
@@ -313,7 +313,7 @@ def attached(robot: RobotDriver) -> Iterator[RobotDriver]:
 def observing_states(observer: _StateObserver) -> Iterator[None]:
     """In this context every state that a robot of an `observed_driver` reads also goes to `observer`.
 
-    `observer` must not fail: see `hexwire.link.tap.Missed.guard`.
+    `observer` gets the robot and the state. It must not fail: see `hexwire.link.tap.Missed.guard`.
     """
     token = _state_observer.set(observer)
     try:

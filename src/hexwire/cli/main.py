@@ -55,6 +55,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
 
 
 _ANYWHERE = ("--trace", "--explain")
+_RECORD = ("--record", "--record-ros2")
 
 
 class _Program(LazyGroup):
@@ -69,13 +70,13 @@ class _Program(LazyGroup):
         front, rest = [], []
         words = iter(args[:end])
         for arg in words:
-            if arg == "--record":
+            if arg in _RECORD:
                 front += [arg, *itertools.islice(words, 1)]
-            elif arg in _ANYWHERE or arg.startswith("--record="):
+            elif arg in _ANYWHERE or arg.partition("=")[0] in _RECORD:
                 front.append(arg)
             else:
                 rest.append(arg)
-        if "--force" in rest and any(arg.partition("=")[0] == "--record" for arg in front):
+        if "--force" in rest and any(arg.partition("=")[0] in _RECORD for arg in front):
             rest.remove("--force")
             front.append("--force")
         return super().parse_args(ctx, [*front, *rest, *args[end:]])
@@ -119,7 +120,8 @@ class _Program(LazyGroup):
     metavar="FILE",
     help="Record all traffic, decoded frames and joint states to FILE.mcap.",
 )
-@click.option("--force", is_flag=True, help="With --record, overwrite FILE if it exists.")
+@click.option("--record-ros2", metavar="FOLDER", help="The same to FOLDER, a bag of ROS 2, with the arm's URDF.")
+@click.option("--force", is_flag=True, help="With --record or --record-ros2, overwrite what exists.")
 @click.option("--robot", metavar="NAME", help="Name of the robot, for every command that takes --robot.")
 @click.option("--port", metavar="URL", help="Port of the robot, for every command that takes --port.")
 @click.version_option(None, "-V", "--version", package_name="hexwire", message="%(prog)s %(version)s")
@@ -130,6 +132,7 @@ def cli(
     trace: bool,
     explain: bool,
     record: str | None,
+    record_ros2: str | None,
     force: bool,
     robot: str | None,
     port: str | None,
@@ -143,11 +146,20 @@ def cli(
         from .trace import tracing
 
         ctx.with_resource(tracing(explain=explain))
+    if record is not None and record_ros2 is not None:
+        raise click.UsageError(
+            "use --record or --record-ros2; 'hexwire record ros2' converts a recording later", ctx
+        )
+    # A failing recording must not prevent a stop.
+    optional = ctx.invoked_subcommand == "stop"
     if record is not None:
-        from .record import recording
+        from .recording import recording
 
-        # A failing recording must not prevent a stop.
-        ctx.with_resource(recording(record, force=force, optional=ctx.invoked_subcommand == "stop"))
+        ctx.with_resource(recording(record, force=force, optional=optional))
+    elif record_ros2 is not None:
+        from .record_ros2 import bag_recording
+
+        ctx.with_resource(bag_recording(record_ros2, force=force, optional=optional))
     elif force:
         raise click.UsageError("--force before a command needs --record", ctx)
 

@@ -242,6 +242,7 @@ def play(
     from hexwire.motion.waypoints import Scaled
 
     path: Trajectory
+    taught: Taught | None = None
     if file.lower().endswith(".json"):
         if begin or end is not None or smooth or trim or arm is not None:
             raise UsageError("--from, --to, --smooth, --trim and --arm are for recordings; edit the waypoints")
@@ -266,6 +267,9 @@ def play(
         raise UsageError(
             f"{file} moves {', '.join(unknown)}; {robot.model.name} has {', '.join(robot.model.names)}"
         )
+    if taught is not None and (inside := taught.within(robot.model)) != taught:
+        note("a joint that rested on its stop goes to its limit instead, just before the stop")
+        path = inside.trajectory()
     with attached(robot):
         start = _where(robot)
         legs: list[tuple[str, Trajectory]] = []
@@ -338,19 +342,20 @@ def _geometry_of(robot: RobotDriver, links: str) -> KinematicModel:
 
 
 def _where(robot: RobotDriver) -> dict[str, float]:
-    """Positions of the joints, radians.
+    """Positions of the joints, radians; one that rests on its stop is at its limit.
 
     Raises:
         ServoError: A joint does not answer.
     """
     from hexwire.errors import ServoError
+    from hexwire.motion.limits import resting_inside
 
     state = robot.read()
     if state.silent:
         raise ServoError(
             f"the position of {', '.join(state.silent)} is unknown: no answer; check cable, power and id"
         )
-    return state.positions
+    return resting_inside(robot.model, state.positions)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,6 @@
-"""`--record` on any command, and `hexwire record`: inspect, convert and repair recordings.
+"""`hexwire record`: inspect, convert and repair recordings.
 
-Owns arguments, printing, and the relation of the wall clock to the links' clock. `hexwire.trace` owns the contents
-of a recording.
+Owns arguments and printing. `hexwire.trace` owns the contents of a recording.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ import math
 import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, TextIO
 
@@ -21,20 +19,19 @@ import click
 
 from hexwire.errors import UsageError
 from hexwire.inputs import parse_message
-from hexwire.link.base import Link
-from hexwire.link.tap import Missed, Passed, TapLink, wrap_new_links
+from hexwire.link.tap import Passed
 from hexwire.new_file import OutputFile
 
-from .common import arm_option, force_option, json_option, name_of, observing_states
-from .exits import note, tell_missed
+from .common import arm_option, force_option, json_option, name_of
+from .exits import note
 from .output import answer, print_json, say, say_document, say_table
+from .record_ros2 import ros2
 from .sim_serve import serve_device, tcp_option
 
 if TYPE_CHECKING:
-    from hexwire.model.state import JointState
     from hexwire.trace.capture import Message
 
-__all__ = ["record", "recording"]
+__all__ = ["record"]
 
 _MOST_REPLAYED = 64 * 1024 * 1024
 """Largest number of bytes of traffic for a replayed board."""
@@ -43,59 +40,15 @@ _MOST_DRAWN = 7_000_000
 _COLUMNS = ("position", "velocity", "load", "current", "voltage", "temperature", "flags")
 
 
-@contextmanager
-def recording(path: str, *, force: bool, optional: bool = False) -> Iterator[None]:
-    """In this context, traffic and joint states are recorded.
-
-    A recording that cannot be started is an error before anything happens. Later write errors are counted and
-    reported at the end, in one line; the command continues.
-
-    Args:
-        path: The file.
-        force: Overwrite an existing file.
-        optional: Continue without a recording: a stop must not fail because a disk is full.
-
-    Raises:
-        UsageError: The file cannot be created, or the package for recordings is not installed.
-    """
-    from hexwire.trace.capture import Capture
-
-    missed = Missed()
-    try:
-        capture = Capture(path, offset=time.time() - time.monotonic(), force=force)
-    except (OSError, UsageError) as error:
-        if not optional:
-            raise
-        missed.add(error)
-        try:
-            yield
-        finally:
-            tell_missed(f"the recording {path}", missed)
-        return
-
-    def state(joints: JointState) -> None:
-        capture.joint_state(joints, time.time())
-
-    def tap(link: Link) -> Link:
-        return TapLink(link, missed.guard(capture.passed))
-
-    try:
-        with wrap_new_links(tap), observing_states(missed.guard(state)):
-            yield
-    except BaseException:
-        missed.guard(capture.abandon)()
-        raise
-    finally:
-        missed.guard(capture.close)()
-        tell_missed(f"the recording {path}", missed)
-
-
 @click.group()
 def record() -> None:
     """Inspect, convert and repair recordings (MCAP).
 
     `hexwire --record FILE.mcap ...` records any command.
     """
+
+
+record.add_command(ros2)
 
 
 @record.command()

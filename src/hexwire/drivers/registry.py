@@ -87,8 +87,8 @@ def load_driver(name: str) -> type[RobotDriver]:
     raise UsageError(f"no robot {name!r}; installed are {', '.join(robot_names()) or 'none'}")
 
 
-def observed(driver: type[_R], observer: Callable[[JointState], object]) -> type[_R]:
-    """Make the class of a driver whose every state that `read` returns also goes to an observer.
+def observed(driver: type[_R], observer: Callable[[RobotDriver, JointState], object]) -> type[_R]:
+    """Make the class of a driver whose every state that `read` returns also goes to an observer, with the robot.
 
     Args:
         driver: The class; its `from_url` makes robots of the class that it is called on, as the contract says.
@@ -97,7 +97,7 @@ def observed(driver: type[_R], observer: Callable[[JointState], object]) -> type
 
     def read(robot: _R) -> JointState:
         state = driver.read(robot)
-        observer(state)
+        observer(robot, state)
         return state
 
     return type(driver.__name__, (driver,), {"read": read, "__doc__": driver.__doc__})

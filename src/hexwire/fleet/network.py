@@ -46,6 +46,7 @@ __all__ = [
     "local_sockets",
     "make_socket_folder",
     "read_access",
+    "tls_settings",
 ]
 
 _ACCESS = ("enabled", "default_permission", "rules", "subjects", "policies")
@@ -149,7 +150,9 @@ class Network:
             "listen/endpoints": list(self.listen),
             "connect/endpoints": list(self.connect),
             "scouting/multicast/enabled": False,
-            "scouting/gossip/enabled": False,
+            # A router tells ROS 2 nodes of this machine of each other, as theirs does: these connect directly.
+            "scouting/gossip/enabled": self.router,
+            "scouting/gossip/autoconnect": {"router": [], "peer": []},
             # A program that waits tries once, and says why; the others try until they end.
             "connect/timeout_ms": 0 if wait else -1,
             "connect/exit_on_failure": wait,
@@ -163,19 +166,8 @@ class Network:
             "transport/link/tx/lease": round(1000 * SILENT),
             "transport/link/tx/keep_alive": _SIGNS,
         }
-        if self.ca:
-            tls = {
-                "root_ca_certificate": self.ca,
-                "listen_private_key": self.key,
-                "listen_certificate": self.cert,
-                "connect_private_key": self.key,
-                "connect_certificate": self.cert,
-                "enable_mtls": True,
-                "verify_name_on_connect": True,
-                # An open connection ends when the certificate of the other side expires.
-                "close_link_on_expiration": True,
-            }
-            rows |= {f"transport/link/tls/{key}": value for key, value in tls.items()}
+        if self.files is not None:
+            rows |= tls_settings(self.files)
         if self.listen:
             rows["transport/link/tx/queue/congestion_control/block/wait_before_close"] = round(1e6 * _STUCK)
         if self.router:
@@ -194,6 +186,22 @@ class Network:
         if self.listen:
             return LinkPermissionError(f"cannot listen on {', '.join(self.listen)}: {_why_not(text)}")
         return LinkNotFoundError("; ".join(why_unreachable(each, self.files) for each in self.connect))
+
+
+def tls_settings(files: TlsFiles) -> dict[str, Any]:
+    """Zenoh's settings for certificates on both sides."""
+    tls = {
+        "root_ca_certificate": files.ca,
+        "listen_private_key": files.key,
+        "listen_certificate": files.cert,
+        "connect_private_key": files.key,
+        "connect_certificate": files.cert,
+        "enable_mtls": True,
+        "verify_name_on_connect": True,
+        # An open connection ends when the certificate of the other side expires.
+        "close_link_on_expiration": True,
+    }
+    return {f"transport/link/tls/{key}": value for key, value in tls.items()}
 
 
 def _first_line(error: Exception) -> str:

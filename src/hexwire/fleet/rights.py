@@ -12,6 +12,7 @@ arm that the rule does not name.
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -35,6 +36,8 @@ _ALL_MESSAGES = [
     "liveliness_query",
     "declare_liveliness_subscriber",
 ]
+_FLOWS = ("ingress", "egress")
+_DOMAIN = re.compile(r"0|[1-9][0-9]{0,9}", re.ASCII)
 _MOST_ARMS = 64
 """Arms or patterns in one certificate."""
 
@@ -52,6 +55,8 @@ class Kind(StrEnum):
     """Serves arms."""
     ROUTER = "router"
     """Passes on what others send."""
+    ROS = "ros"
+    """Takes part in a ROS domain, where every node may command every arm. Its `arms` are the numbers of domains."""
 
 
 _ROLES = {Kind.OBSERVER: Role.OBSERVER, Kind.OPERATOR: Role.OPERATOR, Kind.MAINTAINER: Role.MAINTAINER}
@@ -66,13 +71,16 @@ class Rights:
 
     Attributes:
         kind: What its holder is.
-        arms: Names or patterns of the arms that it is for; none for a router, which passes on for all.
+        arms: Names or patterns of the arms that it is for; none for a router, which passes on for all; numbers of
+            domains for `Kind.ROS`.
     """
 
     kind: Kind
     arms: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        if self.kind is Kind.ROS and not (self.arms and all(_DOMAIN.fullmatch(each) for each in self.arms)):
+            raise UsageError("the role ros is for ROS domains: give their numbers, as in --for 0")
         for pattern in self.arms:
             check_pattern(pattern)
         if self.kind is Kind.ROUTER and self.arms:
@@ -92,6 +100,8 @@ class Rights:
 
     def covers(self, name: str) -> bool:
         """Whether they are for the arm of that name."""
+        if self.kind is Kind.ROS:
+            return False
         return self.kind is Kind.ROUTER or any(matches(pattern, name) for pattern in self.arms)
 
     def uris(self) -> tuple[str, ...]:
@@ -121,6 +131,12 @@ def _rule(name: str, flow: str, messages: list[str], keys: list[str]) -> dict[st
     return {"id": name, "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys}
 
 
+def _ros_keys(domain: str) -> list[str]:
+    """What the nodes of a ROS domain say to each other: messages, what keeps the last ones, and who is there."""
+    # Wildcards do not match a part that begins with '@'.
+    return [f"{domain}/**", f"{domain}/**/@adv/**", f"@ros2_lv/{domain}/**"]
+
+
 def _rules(name: str, rights: Rights) -> list[dict[str, Any]]:
     """What one group of certificates may do, as seen by the router or server: ingress comes from them."""
     rows: list[tuple[str, list[str], list[str]]] = []
@@ -128,7 +144,9 @@ def _rules(name: str, rights: Rights) -> list[dict[str, Any]]:
     alive = [keys.alive for keys in arms]
     role = rights.role
     if rights.kind is Kind.ROUTER:
-        rows = [(flow, _ALL_MESSAGES, ["**"]) for flow in ("ingress", "egress")]
+        rows = [(flow, _ALL_MESSAGES, ["**"]) for flow in _FLOWS]
+    elif rights.kind is Kind.ROS:
+        rows = [(flow, _ALL_MESSAGES, [key for each in rights.arms for key in _ros_keys(each)]) for flow in _FLOWS]
     elif role is None:
         states, answered = [keys.state for keys in arms], [key for keys in arms for key in keys.answered()]
         rows = [

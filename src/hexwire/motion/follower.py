@@ -291,7 +291,7 @@ class Follower:
             if t >= trajectory.duration:
                 self._trajectory, self.mode = None, Mode.HOLD
             positions = dict(zip(trajectory.names, trajectory.sample(t).position, strict=True))
-            if self._earlier is not None and t < self._blend:
+            if t < self._blend:
                 positions = self._within_limits(positions)
             return self._send(positions, now, lead)
         if self.mode is Mode.STREAM:
@@ -304,7 +304,7 @@ class Follower:
         return None
 
     def _within_limits(self, positions: Mapping[str, float]) -> dict[str, float]:
-        """Clamp to the limits: a blend that reverses may overshoot both of its trajectories."""
+        """Clamp to the limits: a blend may overshoot both trajectories, or begin at a joint that rests outside."""
         joints = {name: self.arm.joint(name) for name in positions}
         return {n: min(max(angle, joints[n].minimum), joints[n].maximum) for n, angle in positions.items()}
 

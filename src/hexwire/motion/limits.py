@@ -15,7 +15,25 @@ from hexwire.errors import UsageError
 from hexwire.model.arm import ArmModel
 from hexwire.model.state import JointTarget
 
-__all__ = ["check_target", "needed_duration"]
+__all__ = ["check_target", "needed_duration", "resting_inside"]
+
+_AT_STOP = math.radians(1.5)
+"""How far a joint that rests on its mechanical stop may be outside its limits, which end before the stop."""
+
+
+def resting_inside(model: ArmModel, positions: Mapping[str, float]) -> dict[str, float]:
+    """Positions from which a motion may begin: a joint that rests on its stop begins at its limit.
+
+    Args:
+        model: The arm.
+        positions: Measured angles in radians by joint name; what is further outside, or unknown, stays as it is.
+    """
+    found = {}
+    for name, angle in positions.items():
+        joint = model.joint(name)
+        nearest = max(joint.minimum, min(joint.maximum, angle))
+        found[name] = nearest if abs(angle - nearest) <= _AT_STOP else angle
+    return found
 
 
 def needed_duration(model: ArmModel, start: Mapping[str, float], goal: Mapping[str, float]) -> float:

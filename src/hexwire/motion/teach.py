@@ -15,6 +15,7 @@ from hexwire.model.arm import ArmModel
 from hexwire.model.state import LONGEST
 from hexwire.units import decimal
 
+from .limits import resting_inside
 from .optimal import time_optimal
 from .waypoints import Spline, Trajectory, Waypoint
 
@@ -92,6 +93,15 @@ class Taught:
         # A step between two samples, or a creep, differs from both ends only behind where it has left the first.
         low, high = max(0, min(first - 1, last)), min(len(rows), max(first + 1, last + 2))
         return Taught(self.names, tuple(t - self.times[low] for t in self.times[low:high]), rows[low:high])
+
+    def within(self, arm: ArmModel) -> Taught:
+        """With joints at their limits where they rested on their stops, a little outside (see `resting_inside`).
+
+        Raises:
+            UsageError: The arm lacks one of its joints.
+        """
+        inside = (resting_inside(arm, dict(zip(self.names, row, strict=True))) for row in self.rows)
+        return Taught(self.names, self.times, tuple(tuple(row.values()) for row in inside))
 
     def faster(self, speed: float) -> Taught:
         """With another speed; a factor of 2 takes half the time."""

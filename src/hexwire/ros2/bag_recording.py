@@ -51,34 +51,24 @@ class BagRecording:
         types: The distribution's.
         force: Overwrite an existing bag.
 
+    Attributes:
+        urdf: The arm's description; it is written with the first joint state. Empty without one.
+
     Raises:
         UsageError: As `BagWriter`.
     """
 
     def __init__(self, folder: str | Path, types: Types, *, force: bool = False) -> None:
+        self.urdf = ""
         self._bag = BagWriter(folder, types, force=force)
         self._types = types
         self._filters: dict[str, StateFilter] = {}
-        self._descriptions: set[str] = set()
+        self._described: set[str] = set()
 
     @property
     def count(self) -> int:
         """Messages written."""
         return self._bag.count
-
-    def describe(self, urdf: str, stamp: float, *, arm: str = "") -> None:
-        """Write the URDF of an arm; once, however often it is called.
-
-        Args:
-            urdf: The text.
-            stamp: Seconds since 1970.
-            arm: Name of the arm in the recording of a fleet.
-        """
-        topic = f"{ros_topic(f'/{arm}') if arm else ''}{_DESCRIPTION}"
-        if topic not in self._descriptions:
-            self._descriptions.add(topic)
-            message = self._types.message("std_msgs/msg/String")(data=urdf)
-            self._bag.write(topic, "std_msgs/msg/String", message, nanoseconds(stamp), LATCHED)
 
     def joint_state(
         self,
@@ -91,13 +81,18 @@ class BagRecording:
     ) -> None:
         """Write a joint state, as `RecordingWriter.joint_state`; `extra` has no place in ROS's messages."""
         topic = ros_topic(topic)
+        namespace = topic.removesuffix(JOINT_STATES)
+        if self.urdf and namespace not in self._described:
+            self._described.add(namespace)
+            text = self._types.message("std_msgs/msg/String")(data=self.urdf)
+            self._bag.write(f"{namespace}{_DESCRIPTION}", "std_msgs/msg/String", text, nanoseconds(stamp), LATCHED)
         known = self._filters.setdefault(topic, StateFilter()).take(state)
         if known is not None:
             type_ = self._types.message("sensor_msgs/msg/JointState")
             message = type_(name=list(known.names), position=known.position, velocity=known.velocity)
             self._stamp(message.header, stamp - known.age)
             self._bag.write(topic, type_.name, message, nanoseconds(stamp))
-        self._dynamic(state, stamp, topic.removesuffix(JOINT_STATES) + DYNAMIC, goals or {})
+        self._dynamic(state, stamp, namespace + DYNAMIC, goals or {})
 
     def _dynamic(self, state: JointState, stamp: float, topic: str, goals: Mapping[str, float]) -> None:
         values_type = self._types.message("control_msgs/msg/InterfaceValue")
@@ -156,16 +151,13 @@ def ros_topic(topic: str) -> str:
     return "".join(f"/_{part}" if part[0].isdigit() else f"/{part}" for part in parts)
 
 
-def convert(
-    file: IO[bytes], name: str, recording: BagRecording, *, urdf: str = "", note: Callable[[str], None]
-) -> dict[str, int]:
+def convert(file: IO[bytes], name: str, recording: BagRecording, *, note: Callable[[str], None]) -> dict[str, int]:
     """Write the messages of a recording to a bag.
 
     Args:
         file: The recording, open for reading bytes.
         name: Its name in errors.
         recording: The bag; the caller closes it.
-        urdf: The arm's description; empty without one.
         note: Gets a sentence about damage.
 
     Returns:
@@ -184,9 +176,6 @@ def convert(
         first = topics.setdefault(ros_topic(message.topic), message.topic)
         if first != message.topic:
             raise UsageError(f"{name}: {first} and {message.topic} have the same name in ROS, {ros_topic(first)}")
-        if urdf and message.schema == "foxglove.JointStates":
-            arm = message.topic.removesuffix(JOINT_STATES).removeprefix("/")
-            recording.describe(urdf, message.time, arm=arm)
         if not _convert(message, name, number, recording):
             key = message.schema or message.encoding
             left_out[key] = left_out.get(key, 0) + 1

@@ -116,13 +116,15 @@ class Node:
         """Appear in the graph. The node connects to the router in the background, and again after a loss.
 
         Raises:
+            ConfigError: A file of settings cannot be used.
+            LinkNotFoundError: There is no router in the given time.
             LinkPermissionError: The session cannot be opened.
             NotSupportedError: Zenoh or xxhash is not installed.
             UsageError: A setting of Zenoh is not valid.
         """
         gid_of("")
         settings = self.options.zenoh
-        self._session = session = settings.open()
+        self._session = session = settings.open(self._miss_router)
         self.callbacks.start()
         watch = session.watch_tokens(graph_pattern(self.options.domain), self._changed)
         self._end = [self.show(self._endpoint(Role.NODE)), watch]
@@ -130,9 +132,10 @@ class Node:
             self._end.insert(0, self._publish_log())
         if self.options.type_descriptions:
             self._serve_type_descriptions()
-        if settings.attempts >= 0:
-            router = RouterWatch(lambda: session.routers, settings.connect, self.log)
-            router.wait(settings.attempts)
+        attempts = 1 if settings.attempts is None else settings.attempts
+        if attempts >= 0:
+            router = RouterWatch(lambda: session.routers, session.endpoints, self.log)
+            router.wait(attempts)
             router.start()
             self._end.insert(0, router.stop)
 
@@ -246,6 +249,9 @@ class Node:
         """Serve the description of a type that the node uses as a whole, such as an action."""
         with self._lock:
             self._more_types[kind.hash] = kind
+
+    def _miss_router(self) -> None:
+        RouterWatch(lambda: 0, self.options.zenoh.connect, self.log).say_missing()
 
     def _types_in_use(self) -> dict[str, Any]:
         with self._lock:

@@ -15,6 +15,9 @@ _LOOK = 0.05
 _PERIOD = 1.0
 """Seconds between two looks, and of one attempt."""
 
+_SAID = 10
+"""Seconds after which it is said again that there is no router."""
+
 
 class RouterWatch:
     """Looks for a router, in a thread of its own.
@@ -36,12 +39,13 @@ class RouterWatch:
         """Wait for a router; returns whether there is one.
 
         Args:
-            attempts: Seconds to wait at most; 0 for no limit. After each second without a router it is said so.
+            attempts: Seconds to wait at most; 0 for no limit. Now and then it is said that there is none.
         """
         number = 0
         while not self._connected():
             number += 1
-            self._missing()
+            if number % _SAID == 1:
+                self.say_missing()
             if number == attempts or self._stop.is_set():
                 return False
         self._had = True
@@ -77,7 +81,8 @@ class RouterWatch:
                 return False
         return False
 
-    def _missing(self) -> None:
+    def say_missing(self) -> None:
+        """Say that there is no router, and what to do."""
         self._log.warning(
             "Unable to connect to a Zenoh router at %s. Start one with `hexwire fleet router` or `ros2 run "
             "rmw_zenoh_cpp rmw_zenohd`; until then other nodes do not see this one",

@@ -11,12 +11,26 @@ import json
 import logging
 import re
 import threading
+import time
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from hexwire.errors import LinkClosedError, LinkPermissionError, NotSupportedError, UsageError
+from hexwire.errors import (
+    ConfigError,
+    LinkClosedError,
+    LinkNotFoundError,
+    LinkPermissionError,
+    NotSupportedError,
+    UsageError,
+)
+from hexwire.fleet.endpoints import check_endpoint
+from hexwire.fleet.network import tls_settings
+from hexwire.fleet.reach import why_unreachable
+from hexwire.inputs import read_text
+from hexwire.link.cert_facts import check_usable
+from hexwire.link.tls import TlsFiles
 
 from .qos import History, Qos, Reliability
 
@@ -29,6 +43,12 @@ _HEARTBEAT = 0.5
 _RETRY = {"period_init_ms": 250, "period_max_ms": 1000, "period_increase_factor": 2}
 _ROUTER = "tcp/localhost:7447"
 _LISTEN = "tcp/localhost:0"
+_AGAIN = 1.0
+"""Seconds between two attempts to open a session."""
+_SAID = 10
+"""Attempts after which it is said again that the router is missing."""
+# A value may have semicolons of its own.
+_OVERRIDES = re.compile(r"""(?:[^;"']|"[^"]*"|'[^']*')+""")
 _QUERY = 600_000
 """Time-out for requests, milliseconds, as in `rmw_zenoh`."""
 
@@ -55,26 +75,98 @@ def load_zenoh() -> Any:
 class ZenohSettings:
     """How a session is set up.
 
+    Nodes of this machine learn of each other from the router and connect directly, as with `rmw_zenoh`. Where the
+    router is another machine's, or certificates are used, all passes through it.
+
     Attributes:
         connect: Endpoints of routers.
-        listen: Where other nodes may connect.
+        listen: Where other nodes of this machine may connect.
         attempts: Seconds to wait for a router, as ZENOH_ROUTER_CHECK_ATTEMPTS: 0 for no limit, less for not even
-            looking for one.
+            looking for one. None: a second if the router is this machine's, which may come later; else no limit.
+        ca: Certificate of the lab's authority; empty for no certificates.
+        cert: Own certificate.
+        key: Its key.
+        reachable_without_certificates: Allow endpoints beyond this machine without TLS.
+        config_file: Settings of Zenoh in JSON5 that replace all of these, as ZENOH_SESSION_CONFIG_URI.
+        overrides: Single settings of Zenoh and their values in JSON5, as ZENOH_CONFIG_OVERRIDE.
     """
 
     connect: tuple[str, ...] = (_ROUTER,)
-    listen: tuple[str, ...] = (_LISTEN,)
-    attempts: int = 1
+    listen: tuple[str, ...] | None = None
+    attempts: int | None = None
+    ca: str = ""
+    cert: str = ""
+    key: str = ""
+    reachable_without_certificates: bool = False
+    config_file: str = ""
+    overrides: tuple[tuple[str, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        given = [bool(self.ca), bool(self.cert), bool(self.key)]
+        if any(given) and not all(given):
+            raise UsageError("TLS needs all of ca, cert and key; 'hexwire cert' creates the files")
+        for field in ("connect", "listen"):
+            object.__setattr__(self, field, self._checked(getattr(self, field)))
+
+    def _checked(self, endpoints: tuple[str, ...] | None) -> tuple[str, ...] | None:
+        options = {"certificates": bool(self.ca), "anywhere": self.reachable_without_certificates}
+        if endpoints is None:
+            return None
+        return tuple(each if each == _LISTEN else check_endpoint(each, **options) for each in endpoints)
+
+    @classmethod
+    def from_environment(cls, environment: Mapping[str, str], **more: Any) -> ZenohSettings:
+        """The settings that `rmw_zenoh` takes from environment variables.
+
+        Args:
+            environment: The variables.
+            more: Other attributes.
+
+        Raises:
+            UsageError: One of them is not valid.
+        """
+        file = environment.get("ZENOH_SESSION_CONFIG_URI", "").removeprefix("file://")
+        attempts = environment.get("ZENOH_ROUTER_CHECK_ATTEMPTS", "")
+        if attempts:
+            if not re.fullmatch(r"-?[0-9]{1,9}", attempts, re.ASCII):
+                raise UsageError(f"ZENOH_ROUTER_CHECK_ATTEMPTS is not a whole number: {attempts[:80]!r}")
+            more["attempts"] = int(attempts)
+        overrides = []
+        for row in _OVERRIDES.findall(environment.get("ZENOH_CONFIG_OVERRIDE", "")):
+            name, _, value = (part.strip() for part in row.partition("="))
+            if not (name and value):
+                raise UsageError(f"ZENOH_CONFIG_OVERRIDE has the form KEY=VALUE;KEY=VALUE, not {row[:80]!r}")
+            overrides.append((name.replace(".", "/"), value))
+        return cls(config_file=file, overrides=tuple(overrides), **more)
+
+    @property
+    def files(self) -> TlsFiles | None:
+        """The certificates; None for none."""
+        return TlsFiles(self.ca, self.cert, self.key) if self.ca else None
+
+    @property
+    def is_local(self) -> bool:
+        """Whether it connects to routers of this machine only, without certificates."""
+        if self.ca:
+            return False
+        try:
+            for each in self.connect:
+                check_endpoint(each, certificates=False, anywhere=False)
+        except UsageError:
+            return False
+        return True
 
     def rows(self) -> dict[str, Any]:
         """Zenoh's settings: `rmw_zenoh`'s defaults with these."""
-        return {
-            "mode": "peer",
+        listen = self.listen if self.listen is not None else (_LISTEN,) if self.is_local else ()
+        rows = {
+            # A router relays nothing between peers.
+            "mode": "peer" if self.is_local else "client",
             "connect/endpoints": list(self.connect),
             "connect/timeout_ms": {"router": -1, "peer": -1, "client": 0},
             "connect/exit_on_failure": {"router": False, "peer": False, "client": True},
             "connect/retry": _RETRY,
-            "listen/endpoints": list(self.listen),
+            "listen/endpoints": list(listen),
             "listen/timeout_ms": 0,
             "listen/exit_on_failure": True,
             "scouting/multicast/enabled": False,
@@ -87,27 +179,85 @@ class ZenohSettings:
             "adminspace/enabled": False,
             "transport/shared_memory/enabled": False,
         }
+        return rows | (tls_settings(self.files) if self.files is not None else {})
 
-    def open(self) -> Session:
-        """Open a session. It connects to the router in the background, and again after a loss.
+    def open(self, missing: Callable[[], object] = lambda: None) -> Session:
+        """Open a session. With a router of this machine it connects in the background; always again after a loss.
+
+        Args:
+            missing: Called now and then while it waits for the router of another machine.
 
         Raises:
+            ConfigError: The file of settings cannot be used.
+            LinkNotFoundError: There is no router in the given time.
             LinkPermissionError: It cannot listen.
             NotSupportedError: Zenoh is not installed.
-            UsageError: Zenoh refuses a setting.
+            UsageError: Zenoh refuses a setting, or the certificates cannot be used.
         """
         zenoh = load_zenoh()
         zenoh.init_log_from_env_or("off")
-        config = zenoh.Config()
-        for key, value in self.rows().items():
+        if self.files is not None:
+            check_usable(self.files)
+        config = self._config(zenoh)
+        tries = 0
+        while True:
             try:
-                config.insert_json5(key, json.dumps(value))
+                # Zenoh changes the settings that it opens.
+                return Session(zenoh.open(self._config(zenoh)), _endpoints(config, "connect"))
             except zenoh.ZError as error:
-                raise UsageError(f"{key} is not a setting of Zenoh: {_first_line(error)}") from None
-        try:
-            return Session(zenoh.open(config))
-        except zenoh.ZError as error:
-            raise LinkPermissionError(f"cannot open a Zenoh session: {_first_line(error)}") from None
+                if json.loads(config.get_json("mode")) != "client":
+                    raise LinkPermissionError(f"cannot open a Zenoh session: {_first_line(error)}") from None
+            tries += 1
+            if tries == (self.attempts or 0):
+                endpoints = _endpoints(config, "connect")
+                raise LinkNotFoundError("; ".join(why_unreachable(each, self.files) for each in endpoints))
+            if tries % _SAID == 1:
+                missing()
+            time.sleep(_AGAIN)
+
+    def _config(self, zenoh: Any) -> Any:
+        rows = [(key, json.dumps(value)) for key, value in self.rows().items()]
+        config = zenoh.Config()
+        if self.config_file:
+            rows = []
+            try:
+                config = zenoh.Config.from_json5(read_text(self.config_file))
+            except zenoh.ZError as error:
+                raise ConfigError(
+                    f"Invalid configuration file: {_first_line(error)}", file=self.config_file
+                ) from None
+        for key, value in (*rows, *self.overrides):
+            try:
+                config.insert_json5(key, value)
+            except zenoh.ZError as error:
+                raise UsageError(f"{key[:80]} is not a setting of Zenoh: {_first_line(error)}") from None
+        if self.config_file or self.overrides:
+            _warn_of_open_doors(config)
+        return config
+
+
+def _endpoints(config: Any, kind: str) -> tuple[str, ...]:
+    """All endpoints in Zenoh's settings, whose form depends on who wrote them."""
+
+    def flat(value: Any) -> Iterator[str]:
+        if isinstance(value, str):
+            yield value
+        elif isinstance(value, list | dict):
+            for each in value.values() if isinstance(value, dict) else value:
+                yield from flat(each)
+
+    return tuple(flat(json.loads(config.get_json(f"{kind}/endpoints"))))
+
+
+def _warn_of_open_doors(config: Any) -> None:
+    for kind in ("listen", "connect"):
+        for endpoint in _endpoints(config, kind):
+            if endpoint == _LISTEN:
+                continue
+            with contextlib.suppress(UsageError):
+                check_endpoint(endpoint, certificates=True, anywhere=False)
+                continue
+            _log.warning("Zenoh's settings %s to %s, where anybody may move the arm", kind, endpoint[:200])
 
 
 def _first_line(error: Exception) -> str:
@@ -150,10 +300,15 @@ class Request:
 
 
 class Session:
-    """An open session. Any thread may call it; what it calls runs in Zenoh's threads and must not wait."""
+    """An open session. Any thread may call it; what it calls runs in Zenoh's threads and must not wait.
 
-    def __init__(self, session: Any) -> None:
+    Attributes:
+        endpoints: Where routers are expected.
+    """
+
+    def __init__(self, session: Any, endpoints: tuple[str, ...] = ()) -> None:
         self._session = session
+        self.endpoints = endpoints
         self._zenoh = load_zenoh()
         self._closing = weakref.finalize(self, _close, session, self._zenoh.ZError)
 

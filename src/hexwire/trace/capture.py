@@ -10,8 +10,8 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import IO, TYPE_CHECKING, NamedTuple, Self
+from pathlib import Path, PurePath
+from typing import IO, TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
 from hexwire.errors import HexwireError
 from hexwire.link.tap import Direction, Passed
@@ -28,12 +28,46 @@ if TYPE_CHECKING:
     from .explain import Explained
     from .mcap_file import Readable
 
-__all__ = ["BYTES", "FRAMES", "MAGIC", "Capture", "Message", "Recovered", "read_messages", "recover", "traffic_of"]
+__all__ = [
+    "BYTES",
+    "FRAMES",
+    "MAGIC",
+    "Capture",
+    "Message",
+    "Recovered",
+    "Writer",
+    "read_messages",
+    "recover",
+    "traffic_of",
+]
 
 BYTES = {Direction.SENT: "/bytes/sent", Direction.RECEIVED: "/bytes/received"}
 FRAMES = "/frames"
 _INFO, _WARNING = 2, 3
 _NSEC = 1_000_000_000
+
+
+class Writer(Protocol):
+    """What writes a recording: `RecordingWriter`, or another format with the same calls."""
+
+    @property
+    def count(self) -> int:
+        """Messages written."""
+
+    def raw(self, topic: str, stamp: float, data: bytes) -> None:
+        """Write raw bytes."""
+
+    def message(self, topic: str, schema: str, stamp: float, body: dict[str, Any]) -> None:
+        """Write a JSON message."""
+
+    def joint_state(self, state: JointState, stamp: float) -> None:
+        """Write a joint state."""
+
+    def close(self) -> None:
+        """Finish the recording."""
+
+    def discard(self) -> None:
+        """Delete the recording."""
 
 
 class Capture:
@@ -43,7 +77,7 @@ class Capture:
     deadlock, and keep a stop off the line.
 
     Args:
-        path: The file. Only its owner can read it.
+        path: The file, which only its owner can read; or what writes another format.
         offset: Seconds to add to a link's clock for seconds since 1970.
         force: Overwrite an existing file.
 
@@ -51,8 +85,8 @@ class Capture:
         UsageError: The file exists already or cannot be created, or the package ``mcap`` is not installed.
     """
 
-    def __init__(self, path: str | Path, *, offset: float, force: bool = False) -> None:
-        self._writer = RecordingWriter(path, force=force)
+    def __init__(self, path: str | Path | Writer, *, offset: float, force: bool = False) -> None:
+        self._writer: Writer = RecordingWriter(path, force=force) if isinstance(path, str | PurePath) else path
         self._explainers: dict[str, Explainer] = {}
         self._offset = offset
         self._lock = threading.Lock()
