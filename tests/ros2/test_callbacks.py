@@ -67,3 +67,54 @@ def test_a_callback_may_end_its_own_thread(callbacks: Callbacks) -> None:
     callbacks.inbox(1, lambda item: (callbacks.stop(), done.set())).put("x")
     callbacks.start()
     assert done.wait(10)
+
+
+@pytest.mark.parametrize("waits_already", [True, False])
+def test_while_a_callback_hangs_another_thread_goes_on(callbacks: Callbacks, waits_already: bool) -> None:
+    hangs, free, done = threading.Event(), threading.Event(), threading.Event()
+    seen: list[object] = []
+
+    def hang(item: str) -> None:
+        with callbacks.may_hang():
+            hangs.set()
+            free.wait(20)
+        seen.append(callbacks.is_current)
+
+    others = callbacks.inbox(10, lambda item: (seen.append(item), item == "last" and done.set()))
+    callbacks.inbox(1, hang).put("x")
+    if waits_already:
+        others.put("waits")
+    callbacks.start()
+    assert hangs.wait(20)
+    others.put("stop")
+    others.put("last")
+    assert done.wait(20)
+    assert seen == ["waits", "stop", "last"][not waits_already :]
+    free.set()
+    done.clear()
+    others.put("last")
+    assert done.wait(20)
+
+
+def test_a_callback_that_hangs_for_a_moment_only_keeps_the_order(callbacks: Callbacks) -> None:
+    seen: list[object] = []
+    done = threading.Event()
+
+    def handle(item: int) -> None:
+        with callbacks.may_hang():
+            seen.append((item, callbacks.is_current))
+        if item == 499:
+            done.set()
+
+    inbox = callbacks.inbox(1000, handle)
+    callbacks.start()
+    for number in range(500):
+        inbox.put(number)
+    assert done.wait(20)
+    assert seen == [(number, True) for number in range(500)]
+
+
+def test_other_threads_may_hang_without_relief(callbacks: Callbacks) -> None:
+    callbacks.start()
+    with callbacks.may_hang():
+        assert not callbacks.is_current

@@ -32,6 +32,11 @@ def test_the_settings_are_those_of_rmw_zenoh() -> None:
     assert rows["timestamping/enabled"] == {"router": True, "peer": True, "client": True}
 
 
+def test_a_connection_ends_by_silence_before_it_is_closed_for_taking_nothing() -> None:
+    waits = ZenohSettings().rows()["transport/link/tx/queue/congestion_control/block/wait_before_close"]
+    assert waits > 10e6  # microseconds, and Zenoh's time for silence
+
+
 def test_all_passes_through_the_router_of_another_machine() -> None:
     rows = ZenohSettings(connect=("tcp/192.0.2.1:7447",), reachable_without_certificates=True).rows()
     assert (rows["mode"], rows["listen/endpoints"]) == ("client", [])

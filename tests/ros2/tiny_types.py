@@ -35,7 +35,10 @@ class TextType:
     def parse(self, data: bytes) -> Text:
         if len(data) < 9 or data[:4] != _HEAD or struct.unpack_from("<I", data, 4)[0] != len(data) - 8:
             raise RemoteProtocolError("not a String")
-        return Text(data[8:-1].decode())
+        try:
+            return Text(data[8:-1].decode())
+        except UnicodeDecodeError:
+            raise RemoteProtocolError("not text") from None
 
 
 @dataclass

@@ -307,16 +307,17 @@ class Node:
     def _changed(self, token: str, alive: bool) -> None:
         endpoint = self.graph.add(token) if alive else self.graph.remove(token)
         if endpoint is not None:
-            self._news.put((endpoint, alive))
+            self._news.put((endpoint, token, alive))
 
-    def _noticed(self, news: tuple[Endpoint, bool]) -> None:
+    def _noticed(self, news: tuple[Endpoint, str, bool]) -> None:
         """Draw the consequences of a change in the graph."""
-        endpoint, alive = news
+        endpoint, token, alive = news
         if not alive:
             if endpoint.role is Role.CLIENT:
-                gid = gid_of(endpoint.token)
+                # The id is made of the token: in canonical form by `rmw_zenoh`, as it stands by others.
+                gids = {gid_of(token), gid_of(endpoint.token)}
                 for service in self._services(endpoint.key):
-                    service.forget_client(gid)
+                    service.forget_clients(gids)
         elif endpoint.role is Role.NODE:
             own = endpoint.session_node == (self._open_session.zid, "0")
             if not own and full_name(endpoint.namespace, endpoint.node) == self.full_name:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -98,6 +98,7 @@ class Service(Part):
         self._lock = threading.Lock()
         self._pending: dict[tuple[bytes, int], Request] = {}
         self._inbox = owner.callbacks.inbox(max(_BURST, self.qos.depth), self._handle)
+        self._answers = owner.callbacks.inbox(_MOST_PENDING, self._reply)
         self._begin(session.answer(endpoint.key, self._asked))
 
     @property
@@ -111,10 +112,10 @@ class Service(Part):
         with self._lock:
             return len(self._pending)
 
-    def forget_client(self, gid: bytes) -> None:
-        """Drop the requests of a client that has ended."""
+    def forget_clients(self, gids: Collection[bytes]) -> None:
+        """Drop the requests of clients that have ended."""
         with self._lock:
-            gone = [self._pending.pop(key) for key in list(self._pending) if key[0] == gid]
+            gone = [self._pending.pop(key) for key in list(self._pending) if key[0] in gids]
         for request in gone:
             request.drop()
 
@@ -171,7 +172,17 @@ class Service(Part):
             request.fail(f"{self.name} failed: {error}")
             raise
         beside = Attachment(attachment.sequence, time.time_ns(), attachment.gid)
-        request.reply(payload, beside.serialize())
+        answer = request, payload, beside.serialize()
+        if self._owner.callbacks.is_current:
+            self._reply(answer)
+        else:
+            # Whoever decides an answer must not wait for a client that takes nothing.
+            self._answers.put(answer)
+
+    def _reply(self, answer: tuple[Request, bytes, bytes]) -> None:
+        request, payload, beside = answer
+        with self._owner.callbacks.may_hang():
+            request.reply(payload, beside)
 
 
 class Client(Part):

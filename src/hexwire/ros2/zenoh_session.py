@@ -43,6 +43,9 @@ _HEARTBEAT = 0.5
 _RETRY = {"period_init_ms": 250, "period_max_ms": 1000, "period_increase_factor": 2}
 _ROUTER = "tcp/localhost:7447"
 _LISTEN = "tcp/localhost:0"
+_STUCK = 20.0
+"""Seconds for which an answer waits for a client that takes nothing; then its connection is closed. One that is
+silent for 10 s ends before: the other side notices that and connects again, while it never would otherwise."""
 _AGAIN = 1.0
 """Seconds between two attempts to open a session."""
 _SAID = 10
@@ -178,6 +181,7 @@ class ZenohSettings:
             "queries_default_timeout": _QUERY,
             "adminspace/enabled": False,
             "transport/shared_memory/enabled": False,
+            "transport/link/tx/queue/congestion_control/block/wait_before_close": round(1e6 * _STUCK),
         }
         return rows | (tls_settings(self.files) if self.files is not None else {})
 

@@ -1,0 +1,147 @@
+"""Other nodes that hang, die or send nonsense; the node goes on for all others."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.fleet.eventually import eventually, hexwire_program
+from tests.ros2.tiny_types import HASH, Text, TextType, TinyTypes
+from tests.ros2.world import Router, free_port
+
+from hexwire.ros2.attachment import Attachment
+from hexwire.ros2.node import Deferred, Node, NodeOptions
+from hexwire.ros2.qos import DEFAULT
+from hexwire.ros2.zenoh_session import ZenohSettings
+
+pytestmark = pytest.mark.system
+
+STRING, ECHO = "std_msgs/msg/String", "tiny_msgs/srv/Echo"
+ECHO_KEY = f"0/echo/tiny_msgs::srv::dds_::Echo_/{HASH}"
+LARGE = Text("x" * 30_000)
+
+
+@contextlib.contextmanager
+def other_node(endpoint: str) -> Iterator[subprocess.Popen[str]]:
+    with subprocess.Popen(
+        [sys.executable, Path(__file__).with_name("other_process.py"), endpoint],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "ready\n"
+            yield process
+        finally:
+            process.kill()
+
+
+def _collect(process: subprocess.Popen[str], lines: list[str]) -> None:
+    assert process.stdout is not None
+    for line in process.stdout:
+        lines.append(line)  # noqa: PERF402  # each at once, not all at the end
+
+
+def test_a_frozen_node_delays_neither_messages_nor_answers_to_others(
+    make_node: Callable[..., Node], router: Router
+) -> None:
+    waiting: list[Deferred] = []
+
+    def never(request: Text) -> Deferred:
+        waiting.append(Deferred())
+        return waiting[-1]
+
+    node = make_node()
+    node.service("never", ECHO, never)
+    node.service("echo", ECHO, lambda request: request)
+    publisher = node.publisher("chatter", STRING)
+    client = make_node("client").client("echo", ECHO)
+    assert client.wait_for_service(20)
+    with other_node(router.endpoint) as other:
+        eventually(lambda: publisher.subscriber_count() == 1 and waiting)
+        other.send_signal(signal.SIGSTOP)
+        # More than all buffers between the two hold.
+        for _ in range(1000):
+            publisher.publish(LARGE)
+        waiting[0].answer(Text("too late"))
+        # Less than the time after which the connection to the frozen node ends.
+        assert client.call(Text("x"), 8) == Text("x")
+        other.send_signal(signal.SIGCONT)
+        lines: list[str] = []
+        reader = threading.Thread(target=lambda: _collect(other, lines))
+        reader.start()
+        eventually(lambda: publisher.publish(Text("back")) or "4\n" in lines)
+        other.kill()
+        reader.join()
+
+
+def test_requests_of_a_client_that_is_killed_are_forgotten(make_node: Callable[..., Node], router: Router) -> None:
+    service = make_node().service("never", ECHO, lambda request: Deferred())
+    with other_node(router.endpoint) as other:
+        eventually(lambda: service.pending == 1)
+        other.kill()
+        eventually(lambda: service.pending == 0)
+
+
+@pytest.mark.parametrize("attachment", [None, b"", bytes(33), b"\xff" * 33, b"x" * 100_000])
+@pytest.mark.parametrize("payload", [None, b"", b"\x00\x01\x00\x00", b"\x00\x01\x00\x00\xff\xff\xff\x7f"])
+def test_hostile_requests_get_no_answer_and_change_nothing(
+    make_node: Callable[..., Node], raw: Any, attachment: bytes | None, payload: bytes | None
+) -> None:
+    service = make_node().service("echo", ECHO, lambda request: request)
+    options = {key: value for key, value in (("payload", payload), ("attachment", attachment)) if value is not None}
+
+    def ask() -> int:
+        assert list(raw.get(ECHO_KEY, timeout=5, **options)) == []
+        return service.malformed
+
+    eventually(ask)
+    beside = Attachment(1, 1, bytes(16)).serialize()
+    good = raw.get(ECHO_KEY, timeout=5, payload=TextType().serialize(Text("x")), attachment=beside)
+    assert [reply.ok.payload.to_bytes() for reply in good] == [TextType().serialize(Text("x"))]
+    assert service.pending == 0
+
+
+def test_a_number_that_is_used_twice_is_answered_once(make_node: Callable[..., Node], raw: Any) -> None:
+    waiting: list[Deferred] = []
+
+    def later(request: Text) -> Deferred:
+        waiting.append(Deferred())
+        return waiting[-1]
+
+    service = make_node().service("echo", ECHO, later)
+    options = {"payload": TextType().serialize(Text("x")), "attachment": Attachment(1, 1, bytes(16)).serialize()}
+    replies: list[Any] = []
+    eventually(lambda: raw.get(ECHO_KEY, replies.append, timeout=20, **options) or waiting)
+    eventually(lambda: raw.get(ECHO_KEY, replies.append, timeout=20, **options) or service.malformed)
+    waiting[0].answer(Text("once"))
+    eventually(lambda: replies)
+    assert [reply.ok is not None for reply in replies] == [True]
+
+
+def test_the_router_of_the_fleet_is_one_for_ros() -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    zenoh = ZenohSettings(connect=(endpoint,))
+
+    def node(name: str) -> Node:
+        return Node(NodeOptions(name, zenoh=zenoh, rosout=False, type_descriptions=False), TinyTypes())
+
+    with node("talker") as talker, node("listener") as listener:
+        found: list[Text] = []
+        listener.subscribe("chatter", STRING, DEFAULT, lambda message, stamp: found.append(message))
+        publisher = talker.publisher("chatter", STRING)
+        for number in range(2):
+            text = Text(f"{number}")
+            with hexwire_program("fleet", "router", "--listen", endpoint) as router:
+                eventually(lambda: talker.routers == listener.routers == 1)
+                eventually(lambda text=text: publisher.publish(text) or text in found)  # type: ignore[misc]
+                router.send_signal(signal.SIGKILL if number == 0 else signal.SIGTERM)
+                router.wait(20)
