@@ -107,6 +107,18 @@ def test_a_terminal_that_another_board_gets_later_is_another_device() -> None:
     assert names[0] != names[1]
 
 
+def test_a_stop_is_found_by_a_path_that_is_relative_to_a_folder(
+    port: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "arm").symlink_to(port)
+    monkeypatch.chdir(tmp_path)
+    with Hex7BotDriver.from_url("arm") as robot:
+        robot.stop()
+    with Hex7BotDriver.from_url(port) as robot:
+        assert robot.read().stopped
+        robot.resume()
+
+
 def test_a_stop_of_dialect_1_holds_for_the_next_program(port: str) -> None:
     with Hex7BotDriver.from_url(port) as robot:
         robot.torque(True)

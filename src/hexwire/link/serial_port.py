@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import stat
+import sys
 from pathlib import Path
 
 from hexwire.errors import LinkBusyError, LinkError, LinkNotFoundError, LinkPermissionError, UsageError
@@ -41,6 +42,9 @@ BAUD_LOW, BAUD_HIGH = 50, 12_000_000
 
 def serial_url(device: str, baud: int) -> str:
     """Address of a port."""
+    if sys.platform != "win32" and not device.startswith("/") and Path(device).exists():
+        # A stop is found by the address: it must not depend on the folder in which a command is run.
+        device = str(Path(device).absolute())
     return f"serial://{device if device.startswith('/') else f'/{device}'}?baud={baud}"
 
 
