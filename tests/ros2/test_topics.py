@@ -66,6 +66,17 @@ def test_bytes_that_were_made_before_count_as_messages(make_node: Callable[..., 
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
 
 
+def test_a_publisher_knows_whether_anybody_reads(make_node: Callable[..., Node], raw: Any) -> None:
+    publisher = make_node().publisher("chatter", STRING)
+    assert not publisher.has_readers
+    # A program without a token reads, too.
+    subscriber = raw.declare_subscriber(CHATTER, lambda sample: None)
+    eventually(lambda: publisher.has_readers)
+    subscriber.undeclare()
+    eventually(lambda: not publisher.has_readers)
+    assert make_node("other").publisher("kept", STRING, LATCHED).has_readers
+
+
 def test_a_late_subscription_gets_the_last_latched_message(make_node: Callable[..., Node]) -> None:
     publisher = make_node().publisher("description", STRING, LATCHED)
     publisher.publish(Text("old"))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from hexwire.errors import RemoteProtocolError
 
-__all__ = ["GID", "Attachment"]
+__all__ = ["GID", "Attachment", "pack_attachment"]
 
 GID = 16
 """Bytes of the id of an endpoint."""
@@ -35,7 +35,7 @@ class Attachment:
 
     def serialize(self) -> bytes:
         """Its 33 bytes."""
-        return _FORM.pack(self.sequence, self.stamp, GID, self.gid)
+        return pack_attachment(self.sequence, self.stamp, self.gid)
 
     @classmethod
     def parse(cls, data: bytes | None) -> Attachment:
@@ -52,3 +52,8 @@ class Attachment:
         if sequence < 0 or stamp < 0:
             raise RemoteProtocolError("an attachment with a negative sequence number or time")
         return cls(sequence, stamp, gid)
+
+
+def pack_attachment(sequence: int, stamp: int, gid: bytes) -> bytes:
+    """The 33 bytes of an `Attachment`, without the value itself."""
+    return _FORM.pack(sequence, stamp, GID, gid)

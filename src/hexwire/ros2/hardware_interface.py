@@ -364,15 +364,17 @@ class HardwareInterface:
     def _publish_state(self, state: JointState, published: KnownState) -> None:
         own = self._settings.own
         wall = self._stamps.stamp(state.stamp - published.age)
-        message = self._reports.joint_state(published, wall, own["frame_id"])
-        # The same bytes for both: this happens for every state.
-        payload = self._joint_states.type.serialize(message)
-        self._joint_states.publish_serialized(payload)
-        if self._for_manager is not None:
-            self._for_manager.publish_serialized(payload)
+        # For every state: nothing is made that nobody reads, and the same bytes go to both topics.
+        both = self._joint_states, self._for_manager
+        readers = [publisher for publisher in both if publisher is not None and publisher.has_readers]
+        if readers:
+            message = self._reports.joint_state(published, wall, own["frame_id"])
+            payload = self._joint_states.type.serialize(message)
+            for publisher in readers:
+                publisher.publish_serialized(payload)
         if self._tf is not None and self._frames is not None:
             positions = dict(zip(published.names, published.position, strict=True))
-            self._tf.publish(self._frames.moving(positions, message.header.stamp))
+            self._tf.publish(self._frames.moving(positions, self._reports.stamp(wall)))
         now = time.monotonic()
         if self._state_due.due(now, 1.0 / own["state_publish_rate"]):
             self._publish_controllers()

@@ -12,7 +12,7 @@ from typing import Any
 
 from hexwire.errors import ProtocolError
 
-from .attachment import Attachment
+from .attachment import Attachment, pack_attachment
 from .keys import Endpoint, Role
 from .parts import MessageCodec, Owner, Part
 from .qos import History
@@ -34,7 +34,7 @@ class Publisher(Part):
         self.type = message
         self._lock = threading.Lock()
         self._sequence = 0
-        self._put, end = session.publisher(endpoint.key, self.qos)
+        self._put, self._matched, end = session.publisher(endpoint.key, self.qos)
         self._begin(end)
 
     @property
@@ -54,7 +54,12 @@ class Publisher(Part):
         """Publish bytes that the type's `serialize` returned, for a message that has several topics."""
         with self._lock:
             self._sequence += 1
-            self._put(payload, Attachment(self._sequence, time.time_ns(), self.gid).serialize())
+            self._put(payload, pack_attachment(self._sequence, time.time_ns(), self.gid))
+
+    @property
+    def has_readers(self) -> bool:
+        """Whether anybody would get a message, also a program without a token; always if it is latched."""
+        return self._matched()
 
     def subscriber_count(self) -> int:
         """How many subscriptions of this topic and type there are."""

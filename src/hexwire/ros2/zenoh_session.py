@@ -57,6 +57,8 @@ _QUERY = 600_000
 
 Received = Callable[[bytes, bytes | None], object]
 """Gets payload and attachment."""
+Published = tuple[Callable[[bytes, bytes], None], Callable[[], bool], Callable[[], None]]
+"""What `Session.publisher` returns."""
 
 
 def load_zenoh() -> Any:
@@ -337,12 +339,12 @@ class Session:
         """Close it; everything declared in it ends."""
         self._closing()
 
-    def publisher(self, key: str, qos: Qos) -> tuple[Callable[[bytes, bytes], None], Callable[[], None]]:
+    def publisher(self, key: str, qos: Qos) -> Published:
         """Declare a publisher.
 
         Returns:
-            A function that publishes payload and attachment, and one that undeclares the publisher. Publishing
-            waits for a slow receiver only with `RELIABLE` and `KEEP_ALL`.
+            A function that publishes payload and attachment, one that says whether anybody subscribes, and one
+            that undeclares the publisher. Publishing waits for a slow receiver only with `RELIABLE` and `KEEP_ALL`.
         """
         zenoh, options = self._zenoh, {}
         reliable = qos.reliability is not Reliability.BEST_EFFORT
@@ -354,14 +356,13 @@ class Session:
                 options["sample_miss_detection"] = zenoh.ext.MissDetectionConfig(
                     heartbeat=None, sporadic_heartbeat=_HEARTBEAT
                 )
+        options["congestion_control"] = zenoh.CongestionControl.BLOCK if keeps_all else zenoh.CongestionControl.DROP
+        options["reliability"] = zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT
         with self._lost():
-            publisher = zenoh.ext.declare_advanced_publisher(
-                self._session,
-                key,
-                congestion_control=zenoh.CongestionControl.BLOCK if keeps_all else zenoh.CongestionControl.DROP,
-                reliability=zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT,
-                **options,
-            )
+            if qos.latched:
+                publisher = zenoh.ext.declare_advanced_publisher(self._session, key, **options)
+            else:
+                publisher = self._session.declare_publisher(key, **options)
 
         def put(payload: bytes, attachment: bytes) -> None:
             try:
@@ -369,7 +370,14 @@ class Session:
             except zenoh.ZError:
                 _log.debug("the session is closed; nothing is published at %s", key)
 
-        return put, self._ending(publisher)
+        def matched() -> bool:
+            try:
+                return bool(publisher.matching_status.matching)
+            except zenoh.ZError:
+                return False
+
+        # A latched message is kept for those who come later.
+        return put, (lambda: True) if qos.latched else matched, self._ending(publisher)
 
     def subscribe(self, key: str, qos: Qos, received: Received) -> Callable[[], None]:
         """Declare a subscription; returns a function that ends it."""
