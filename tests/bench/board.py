@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from hexwire.emulator.serve_bus import serve_bus
 from hexwire.emulator.serve_pty import PtyServer
 from hexwire.wire.registers import Series
 
-__all__ = ["board", "cpu", "memory", "servo_bus"]
+__all__ = ["board", "cpu", "cpu_ns", "memory", "servo_bus"]
 
 _WRITES = (0x03, 0x83)
 """Instructions of a servo packet that move a servo: write and sync write."""
@@ -84,6 +84,16 @@ def cpu(pid: int) -> float:
     """Seconds of processor time that a process has had."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / _TICKS
+
+
+def cpu_ns(pid: int) -> int:
+    """Nanoseconds of processor time that the living threads of a process have had; `cpu` counts in hundredths."""
+    total = 0
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        # A thread may end meanwhile.
+        with suppress(OSError):
+            total += int((task / "schedstat").read_text().split()[0])
+    return total
 
 
 def memory(pid: int) -> float:

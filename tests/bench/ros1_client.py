@@ -24,7 +24,7 @@ NAMES = [f"J{i}" for i in range(1, 8)]
 
 
 def listen(topic: str, seconds: str) -> None:
-    """Arrival times and sample stamps of everything on a topic."""
+    """Arrival times and sample stamps of everything on a topic; says when the first has come."""
     rows: list[tuple[float, float]] = []
     rospy.Subscriber(
         topic,
@@ -33,6 +33,10 @@ def listen(topic: str, seconds: str) -> None:
         queue_size=1000,
         tcp_nodelay=True,
     )
+    end = time.monotonic() + float(seconds)
+    while not rows and time.monotonic() < end:
+        time.sleep(0.01)
+    print("messages come", file=sys.stderr, flush=True)
     time.sleep(float(seconds))
     print(json.dumps(rows))
 
