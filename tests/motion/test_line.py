@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import random
 
 import pytest
 
@@ -159,3 +160,20 @@ def test_usual_speeds() -> None:
     here = A.forward(START)
     turned = A.forward((*START[:4], START[4] + 0.6, START[5])).rotation
     assert Line(A, START, Pose(here.position, turned)).duration == pytest.approx(0.6 / 1.0 + 0.1 / 0.5)
+
+
+def test_the_tip_stays_on_any_line() -> None:
+    dice = random.Random(5)
+    passed = 0
+    while passed < 25:
+        start = tuple(angle + dice.uniform(-0.6, 0.6) for angle in START)
+        try:
+            line = Line(A, start, goal := moved(*(dice.uniform(-0.12, 0.12) for _ in range(3)), start))
+        except LimitError:
+            continue
+        passed += 1
+        here = A.forward(start)
+        for _, sample in line.samples(line.duration / 71):
+            pose = A.forward(sample.position)
+            assert off_the_line(pose.position, here.position, goal.position) < 1e-6
+            assert rotation_between(pose.rotation, here.rotation)[1] < 1e-5

@@ -175,14 +175,14 @@ def test_moves_that_wait_give_no_torque_back(dialect: int) -> None:
 def test_a_move_that_was_judged_gives_no_torque_back_on_a_servo_bus() -> None:
     robot, _, _, _ = fresh("bus")
     assert isinstance(robot, SevenBotArm)
-    judged, send = threading.Event(), robot._send
+    judged, make = threading.Event(), robot._goals.make_packets
 
-    def later(*args: Any) -> None:
+    def later(*args: Any) -> Any:
         judged.set()
         time.sleep(0.3)
-        send(*args)
+        return make(*args)
 
-    robot._send = later  # type: ignore[method-assign]  # tells when a move has been judged
+    robot._goals.make_packets = later  # type: ignore[method-assign]  # tells when a move has been judged
     worker = threading.Thread(target=lambda: move(robot, 1500))
     worker.start()
     assert judged.wait(PATIENCE)
