@@ -253,9 +253,11 @@ class Arm:
 class Goal:
     """A goal of a client: sent at once."""
 
-    def __init__(self, arm: Arm, *points: tuple[float, dict[str, float]], **more: Any) -> None:
+    def __init__(
+        self, arm: Arm, *points: tuple[float, dict[str, float]], controller: str = CONTROLLER, **more: Any
+    ) -> None:
         self._arm, self.id = arm, uuid.uuid4().bytes
-        self._at = f"{arm.at}{CONTROLLER}/follow_joint_trajectory/_action"
+        self._at = f"{arm.at}{controller}/follow_joint_trajectory/_action"
         action = arm.peer.types.action(ACTION)
         goal = action.goal(trajectory=arm.trajectory(*points), **more)
         answer = arm.peer.call(f"{self._at}/send_goal", f"{ACTION}_SendGoal", goal_id=self._uuid(), goal=goal)

@@ -67,6 +67,7 @@ def make_package(robot: str, links: str = "A", distribution: str = DEFAULT_RELEA
         "LIMITS": _limits(robot),
         "PORT": "/dev/ttyUSB0" if robot != "puma260" else "tcp://192.168.1.175:15030",
         "SIM": "tcp://127.0.0.1:15030" if robot == "puma260" else f"sim://{robot}",
+        "SIM_PROGRAM": ", while `hexwire sim puma260` runs" if robot == "puma260" else "",
         "FRAMES": _frames([link.name for link in arm.shapes.links]),
     }
     files = {
