@@ -182,3 +182,18 @@ def test_hostile_tokens_are_counted_and_change_nothing(make_node: Callable[..., 
     eventually(lambda: node.graph.malformed == 3)
     assert [each.node for each in node.graph] == ["talker"]
     assert len(declared) == 3
+
+
+def test_made_up_nodes_do_not_fill_the_log(
+    make_node: Callable[..., Node], raw: Any, caplog: pytest.LogCaptureFixture
+) -> None:
+    node = make_node("driver")
+    tokens = [
+        raw.liveliness().declare_token(f"@ros2_lv/0/ab/{number}/{number}/NN/%/%/driver") for number in range(1, 200)
+    ]
+    eventually(lambda: len(node.graph.find(Role.NODE)) == 200)
+    eventually(lambda: caplog.text.count("Another node has the name") >= 50)
+    end = make_node("end").client("echo", ECHO)
+    eventually(lambda: any(each.node == "end" for each in node.graph.find(Role.CLIENT)))
+    assert caplog.text.count("Another node has the name") == 50
+    assert (len(tokens), end.name) == (199, "/echo")

@@ -10,6 +10,7 @@ import pytest
 from hexwire.errors import UsageError
 from hexwire.ros2.arguments import parse_arguments
 from hexwire.ros2.start import _console, _zenoh
+from hexwire.ros2.zenoh_session import ZenohSettings
 
 
 @pytest.mark.parametrize(
@@ -40,13 +41,27 @@ def test_the_log_is_written_as_ros_nodes_do(
 
 
 def test_the_router_is_the_usual_one_unless_it_is_named() -> None:
-    assert _zenoh("").connect == ("tcp/localhost:7447",)
-    assert _zenoh('connect/endpoints=["tcp/robot:7447"]').connect == ("tcp/robot:7447",)
+    assert _zenoh([], {}) == ZenohSettings()
+    override = {"ZENOH_CONFIG_OVERRIDE": 'connect/endpoints=["tcp/robot:7447"]'}
+    assert _zenoh([], override).overrides == (("connect/endpoints", '["tcp/robot:7447"]'),)
+    files = ["--ca", "ca.pem", "--cert=arm.pem", "--key", "arm.key"]
+    settings = _zenoh(["--router", "tls/lab-pc:7447", *files], {})
+    assert (settings.connect, settings.ca, settings.cert) == (("tls/lab-pc:7447",), "ca.pem", "arm.pem")
 
 
 @pytest.mark.parametrize(
-    "text", ["mode=client", "connect/endpoints", "connect/endpoints=[1]", "connect/endpoints=x"]
+    ("words", "environ", "text"),
+    [
+        (["--frobnicate"], {}, "no option '--frobnicate'"),
+        (["sim://so101"], {}, "no option 'sim://so101'"),
+        (["--router"], {}, "--router needs a value"),
+        (["--router", "tcp/192.0.2.1:7447"], {}, "without certificates"),
+        (["--router", "tcp/localhost:7447"], {"ZENOH_SESSION_CONFIG_URI": "x.json5"}, "leave out the options"),
+        ([], {"ZENOH_CONFIG_OVERRIDE": "mode"}, "ZENOH_CONFIG_OVERRIDE has the form"),
+    ],
 )
-def test_other_settings_are_refused(text: str) -> None:
-    with pytest.raises(UsageError, match="ZENOH_CONFIG_OVERRIDE"):
-        _zenoh(text)
+def test_what_cannot_be_the_way_to_a_router_is_refused(
+    words: list[str], environ: dict[str, str], text: str
+) -> None:
+    with pytest.raises(UsageError, match=text):
+        _zenoh(words, environ)

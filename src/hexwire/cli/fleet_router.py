@@ -52,8 +52,9 @@ def router(
 ) -> None:
     """Relay messages between arms and their clients until Ctrl-C.
 
-    Arms connect with 'hexwire serve --router', clients with 'zenoh:NAME?router='. It moves nothing by itself; while
-    it is gone, arms go on, and those that a client of it commanded hold.
+    Arms connect with 'hexwire serve --router', clients with 'zenoh:NAME?router='. Nodes of ROS 2 on this machine
+    (hexwire-ros2, or any with rmw_zenoh) find its default endpoint without an option. It moves nothing by itself;
+    while it is gone, arms go on, and those that a client of it commanded hold.
     """
     from hexwire.control.shutdown import Shutdown
     from hexwire.fleet.network import Network, read_access

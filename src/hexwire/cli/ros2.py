@@ -27,7 +27,7 @@ __all__ = ["PROGRAM", "main"]
 PROGRAM = "hexwire-ros2"
 
 _HELP = """\
-Usage: hexwire-ros2 [--ros-args [-r RULE | -p PARAMETER:=VALUE | --params-file FILE | --log-level LEVEL]...]
+Usage: hexwire-ros2 [OPTIONS] [--ros-args [-r RULE | -p NAME:=VALUE | --params-file FILE | --log-level LEVEL]...]
        hexwire-ros2 --help | --version
 
 The ROS 2 node 'hardware_interface': publishes joint states of a robot arm and follows trajectories. It needs no ROS
@@ -38,8 +38,14 @@ router). Starting or restarting the node does not move the arm.
   hexwire-ros2 --ros-args -r __ns:=/left -p port:=sim://hex7bot --params-file left.yaml
 
 Options:
-  -h, --help      Show this text.
-  -V, --version   Show the version of hexwire.
+  --router ENDPOINT              The router, as in tls/lab-pc:7447; repeatable.  [default: tcp/localhost:7447]
+  --ca FILE, --cert FILE, --key FILE
+                                 Certificates for a router beyond this machine: 'hexwire cert issue --role ros'.
+  -h, --help                     Show this text.
+  -V, --version                  Show the version of hexwire.
+
+ROS_DOMAIN_ID, ZENOH_SESSION_CONFIG_URI, ZENOH_CONFIG_OVERRIDE and ZENOH_ROUTER_CHECK_ATTEMPTS mean what they mean
+to rmw_zenoh.
 
 Parameters with their defaults:
 {parameters}
@@ -90,8 +96,6 @@ def _main(args: Sequence[str]) -> int | None:
             raise UsageError(f"{own} must be the only argument (see '{PROGRAM} --help')")
         say_document(_OPTIONS[own]())
         return None
-    if own.startswith("-") and own not in {"--ros-args", "--"}:
-        raise UsageError(f"no option {own!r} (see '{PROGRAM} --help')")
     from hexwire.ros2.start import run as run_node
 
     return run_node(args, os.environ)

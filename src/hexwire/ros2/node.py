@@ -9,6 +9,7 @@ import contextlib
 import logging
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
@@ -35,6 +36,8 @@ __all__ = ["Client", "Deferred", "Node", "NodeOptions", "Publisher", "RequestId"
 _MOST_DOMAIN = 4294967295
 _MOST_NEWS = 10_000
 """Changes in the graph that may wait."""
+_MOST_TOLD, _TELLING = 50, 60.0
+"""Most warnings of what is in the graph, and in how many seconds."""
 _PROGRAM = "hexwire"
 """The logger whose records are published."""
 
@@ -101,6 +104,7 @@ class Node:
         self._end: list[Callable[[], None]] = []
         self._news = self.callbacks.inbox(_MOST_NEWS, self._noticed)
         self._more_types: dict[str, Any] = {}
+        self._told: deque[float] = deque()
 
     @property
     def full_name(self) -> str:
@@ -321,22 +325,30 @@ class Node:
         elif endpoint.role is Role.NODE:
             own = endpoint.session_node == (self._open_session.zid, "0")
             if not own and full_name(endpoint.namespace, endpoint.node) == self.full_name:
-                self.log.warning(
-                    "Another node has the name '%s', too. Be aware that nodes in the graph that share an exact "
-                    "name can have unintended side effects",
-                    self.full_name,
+                self._tell(
+                    f"Another node has the name '{self.full_name}', too. Be aware that nodes in the graph that "
+                    "share an exact name can have unintended side effects"
                 )
         else:
             with self._lock:
                 parts = self._parts.copy()
             for text in {describe_mismatch(part.endpoint, endpoint) for part in parts} - {""}:
-                self.log.warning("%s", text)
+                self._tell(text)
+
+    def _tell(self, text: str) -> None:
+        """Warn of something in the graph. Others may make up any number of nodes."""
+        now = time.monotonic()
+        while self._told and now - self._told[0] > _TELLING:
+            self._told.popleft()
+        if len(self._told) < _MOST_TOLD:
+            self._told.append(now)
+            self.log.warning("%s", text)
 
     def _compare(self, part: Part) -> None:
         """Compare a new endpoint with those that are in the graph already."""
         for endpoint in self.graph:
             if endpoint.name == part.endpoint.name and (text := describe_mismatch(part.endpoint, endpoint)):
-                self.log.warning("%s", text)
+                self._tell(text)
 
     def _services(self, key: str) -> Iterator[Service]:
         with self._lock:

@@ -5,13 +5,13 @@ Owns the order of the first steps: arguments, parameters, the log, the node. Mus
 
 from __future__ import annotations
 
-import json
 import logging
 import queue
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from logging.handlers import QueueHandler, QueueListener
+from typing import Any
 
 from hexwire.errors import UsageError
 
@@ -24,7 +24,9 @@ from .zenoh_session import ZenohSettings, load_zenoh
 
 __all__ = ["run"]
 
-_OVERRIDE = "ZENOH_CONFIG_OVERRIDE"
+_FILE = "ZENOH_SESSION_CONFIG_URI"
+_OPTIONS = {"--router": "connect", "--ca": "ca", "--cert": "cert", "--key": "key"}
+"""Options of the program and the settings that they give."""
 _SEVERITIES = {number: name for name, number in LEVELS.items()}
 
 
@@ -32,7 +34,7 @@ def run(words: Sequence[str], environ: Mapping[str, str]) -> int:
     """Run the node until a signal ends it.
 
     Args:
-        words: ROS's arguments, without the program's name.
+        words: The program's own options and ROS's arguments, without its name.
         environ: Environment variables.
 
     Returns:
@@ -45,38 +47,42 @@ def run(words: Sequence[str], environ: Mapping[str, str]) -> int:
     """
     load_zenoh()
     arguments = parse_arguments(words)
-    if arguments.others:
-        hint = "ROS's arguments follow --ros-args, as in: hexwire-ros2 --ros-args -p port:=/dev/ttyUSB0"
-        raise UsageError(f"no option {arguments.others[0]!r}; {hint}")
+    zenoh = _zenoh(arguments.others, environ)
     namespace, name = remap_node("/", NAME, arguments.remaps)
     options = NodeOptions(
         NAME,
         domain=domain_of(environ),
         remaps=arguments.remaps,
         enclave=arguments.enclave,
-        zenoh=_zenoh(environ.get(_OVERRIDE, "")),
+        zenoh=zenoh,
+        rosout=arguments.rosout_logs,
     )
     settings, robot = load_settings(arguments.parameters(f"{namespace.rstrip('/')}/{name}"), environ)
     with _console(arguments, name):
         return HardwareInterface(options, settings, robot).run()
 
 
-def _zenoh(override: str) -> ZenohSettings:
-    """Zenoh's settings; `override` has the form of ``connect/endpoints=["tcp/host:7447"]``."""
-    if not override:
-        return ZenohSettings()
-    key, _, value = override.partition("=")
-    try:
-        endpoints = json.loads(value)
-    except ValueError:
-        endpoints = None
-    if key != "connect/endpoints" or not isinstance(endpoints, list) or not all(map(_is_text, endpoints)):
-        raise UsageError(f"{_OVERRIDE} is {override[:100]!r}; only connect/endpoints=[...] can be set here")
-    return ZenohSettings(connect=tuple(endpoints))
-
-
-def _is_text(value: object) -> bool:
-    return isinstance(value, str)
+def _zenoh(words: Sequence[str], environ: Mapping[str, str]) -> ZenohSettings:
+    """How the node reaches its router, from its own options and `rmw_zenoh`'s environment variables."""
+    given: dict[str, list[str]] = {}
+    rest = list(words)
+    while rest:
+        option, found, value = rest.pop(0).partition("=")
+        if option not in _OPTIONS:
+            raise UsageError(
+                f"no option {option[:100]!r}; ROS's arguments follow --ros-args, as in: hexwire-ros2 --ros-args "
+                "-p port:=/dev/ttyUSB0"
+            )
+        if not found and not rest:
+            raise UsageError(f"{option} needs a value")
+        given.setdefault(_OPTIONS[option], []).append(value if found else rest.pop(0))
+    routers = given.pop("connect", [])
+    more: dict[str, Any] = {name: values[-1] for name, values in given.items()}
+    if routers:
+        more["connect"] = tuple(routers)
+    if more and environ.get(_FILE):
+        raise UsageError(f"{_FILE} names the router and its certificates; leave out the options for them")
+    return ZenohSettings.from_environment(environ, **more)
 
 
 @contextmanager

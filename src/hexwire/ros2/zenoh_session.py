@@ -236,7 +236,9 @@ class ZenohSettings:
             try:
                 config.insert_json5(key, value)
             except zenoh.ZError as error:
-                raise UsageError(f"{key[:80]} is not a setting of Zenoh: {_first_line(error)}") from None
+                where = "ZENOH_CONFIG_OVERRIDE: " if (key, value) in self.overrides else ""
+                why = "its value is not JSON5" if "Json5Err" in str(error) else _first_line(error)
+                raise UsageError(f"{where}{key[:80]} is not a setting of Zenoh: {why}") from None
         if self.config_file or self.overrides:
             _warn_of_open_doors(config)
         return config
