@@ -66,3 +66,13 @@ def test_an_address_that_leads_to_another_kind_of_arm(shared: str) -> None:
         robot.connect()
     with pytest.raises(ValueError, match="no arm 'so102'"):
         HexwireRemote(HexwireRemoteConfig(port=shared, arm="so102"))
+
+
+@pytest.mark.parametrize("port", ["/dev/ttyACM0", "sim://so101", "COM3"])
+def test_a_device_is_no_shared_arm(port: str) -> None:
+    for make in (
+        lambda: HexwireRemote(HexwireRemoteConfig(port=port)),
+        lambda: HexwireRemoteLeader(HexwireRemoteLeaderConfig(port=port)),
+    ):
+        with pytest.raises(ValueError, match="needs the address of a shared arm, as in zenoh:lab/arm1, not"):
+            make()

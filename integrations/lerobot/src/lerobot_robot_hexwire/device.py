@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
 from hexwire.drivers.bus_arm import BusArm
-from hexwire.drivers.registry import load_bus_arm
+from hexwire.drivers.registry import is_address, load_bus_arm
 
 from .calibrating import calibrate
 from .config_hexwire import HexwireRemoteConfig, HexwireRemoteLeaderConfig
@@ -193,6 +193,13 @@ class SoDevice(HexwireDevice):
 
 class RemoteDevice(HexwireDevice):
     """An arm that `hexwire serve` shares, anywhere on the network."""
+
+    def _begin(self, config: HexwireRobotConfig | HexwireTeleopConfig) -> None:
+        if not is_address(config.port):
+            # A device would be taken for an arm without a calibration of its own: its angles would be wrong.
+            wanted = "the address of a shared arm, as in zenoh:lab/arm1"
+            raise ValueError(f"hexwire_remote needs {wanted}, not {config.port}")
+        super()._begin(config)
 
     @property
     def _kind(self) -> str:
