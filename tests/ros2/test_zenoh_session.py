@@ -127,7 +127,9 @@ def test_without_the_router_of_another_machine_it_waits_or_gives_up() -> None:
     with pytest.raises(LinkNotFoundError, match=f"nobody answers at {endpoint}"):
         ZenohSettings(connect=(endpoint,), overrides=overrides, attempts=1).open()
     routers: list[Router] = []
-    session = ZenohSettings(connect=(endpoint,), overrides=overrides).open(lambda: routers.append(Router(endpoint)))
+    session = ZenohSettings(connect=(endpoint,), overrides=overrides).open(
+        lambda why: routers.append(Router(endpoint))
+    )
     assert session.routers == 1
     session.close()
     routers[0].stop()
@@ -219,3 +221,16 @@ def test_a_certificate_of_one_domain_is_none_of_another(node: Callable[..., Node
     eventually(lambda: {each.node for each in pc.graph.find(Role.NODE)} == {"pc", "other"})
     assert {each.node for each in arm.graph.find(Role.NODE)} == {"arm"}
     assert other.routers == 1
+
+
+@pytest.mark.system
+def test_what_keeps_a_node_from_its_router_is_said(
+    lab: Lab, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    stranger = Lab(tmp_path)
+    stranger.issue("arm", Kind.ROS, "0")
+    zenoh = ZenohSettings(connect=(lab.endpoint,), **stranger.files("arm"), attempts=2)
+    with pytest.raises(LinkNotFoundError, match="its certificate is not of the authority"):
+        Node(NodeOptions("arm", zenoh=zenoh), TinyTypes()).open()
+    assert "its certificate is not of the authority" in caplog.text
+    assert "This node waits for a Zenoh router: start one with `hexwire fleet router`" in caplog.text

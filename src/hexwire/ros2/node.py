@@ -26,7 +26,7 @@ from .mismatches import describe_mismatch
 from .names import Kind, Remap, full_name, remap_node, resolve
 from .parts import MessageCodec, Part, ServiceCodec, TypeSource
 from .qos import DEFAULT, ROSOUT, SERVICES, Qos
-from .router_watch import RouterWatch
+from .router_watch import START_ONE, RouterWatch
 from .services import Client, Deferred, RequestId, Service
 from .topics import Publisher, Subscription
 from .zenoh_session import Session, ZenohSettings
@@ -254,8 +254,8 @@ class Node:
         with self._lock:
             self._more_types[kind.hash] = kind
 
-    def _miss_router(self) -> None:
-        RouterWatch(lambda: 0, self.options.zenoh.connect, self.log).say_missing()
+    def _miss_router(self, why: str) -> None:
+        self.log.warning("%s. This node waits for a Zenoh router: %s", why, START_ONE)
 
     def _types_in_use(self) -> dict[str, Any]:
         with self._lock:

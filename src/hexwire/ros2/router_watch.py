@@ -9,8 +9,10 @@ import logging
 import threading
 from collections.abc import Callable, Sequence
 
-__all__ = ["RouterWatch"]
+__all__ = ["START_ONE", "RouterWatch"]
 
+START_ONE = "start one with `hexwire fleet router` or `ros2 run rmw_zenoh_cpp rmw_zenohd`"
+"""What to do without a router."""
 _LOOK = 0.05
 _PERIOD = 1.0
 """Seconds between two looks, and of one attempt."""
@@ -84,9 +86,9 @@ class RouterWatch:
     def say_missing(self) -> None:
         """Say that there is no router, and what to do."""
         self._log.warning(
-            "Unable to connect to a Zenoh router at %s. Start one with `hexwire fleet router` or `ros2 run "
-            "rmw_zenoh_cpp rmw_zenohd`; until then other nodes do not see this one",
+            "Unable to connect to a Zenoh router at %s. %s; until then other nodes do not see this one",
             self._where,
+            START_ONE[0].upper() + START_ONE[1:],
         )
 
     def _run(self) -> None:

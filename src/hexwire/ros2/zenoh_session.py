@@ -187,11 +187,11 @@ class ZenohSettings:
         }
         return rows | (tls_settings(self.files) if self.files is not None else {})
 
-    def open(self, missing: Callable[[], object] = lambda: None) -> Session:
+    def open(self, missing: Callable[[str], object] = lambda why: None) -> Session:
         """Open a session. With a router of this machine it connects in the background; always again after a loss.
 
         Args:
-            missing: Called now and then while it waits for the router of another machine.
+            missing: Called now and then while it waits for the router of another machine, with the reason.
 
         Raises:
             ConfigError: The file of settings cannot be used.
@@ -215,11 +215,13 @@ class ZenohSettings:
                     raise LinkPermissionError(f"cannot open a Zenoh session: {_first_line(error)}") from None
             tries += 1
             if tries == (self.attempts or 0):
-                endpoints = _endpoints(config, "connect")
-                raise LinkNotFoundError("; ".join(why_unreachable(each, self.files) for each in endpoints))
+                raise LinkNotFoundError(self._why_unreachable(config))
             if tries % _SAID == 1:
-                missing()
+                missing(self._why_unreachable(config))
             time.sleep(_AGAIN)
+
+    def _why_unreachable(self, config: Any) -> str:
+        return "; ".join(why_unreachable(each, self.files) for each in _endpoints(config, "connect"))
 
     def _config(self, zenoh: Any) -> Any:
         rows = [(key, json.dumps(value)) for key, value in self.rows().items()]
