@@ -8,12 +8,19 @@ import numpy as np
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from hexwire.ros2.definitions import PRIMITIVES, Field, FieldType, Kind
+from hexwire.ros2.definitions import PRIMITIVES, Field, FieldType, Kind, parse_message
 from hexwire.ros2.types import MessageType, Types
 
 TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
 ASCII = st.text(st.characters(codec="ascii"), max_size=8)
 _DTYPES = {"?": np.bool_} | {code: np.dtype(code) for code, _ in PRIMITIVES.values() if code != "?"}
+
+
+def with_type(name: str, text: str) -> Types:
+    """The types of a distribution, and one more message with all of these fields."""
+    types = Types()
+    types._definitions[name] = parse_message(name, text)
+    return types
 
 
 def messages(types: Types, type_: MessageType, strings: st.SearchStrategy[str] = TEXT) -> st.SearchStrategy[Any]:
@@ -37,7 +44,7 @@ def _one(types: Types, type_: FieldType, strings: st.SearchStrategy[str]) -> st.
     if type_.is_message:
         return messages(types, types.message(type_.base), strings)
     if type_.base == "string":
-        return strings
+        return strings.filter(lambda text: len(text.encode()) <= type_.bound) if type_.bound else strings
     if type_.base == "bool":
         return st.booleans()
     code, size = PRIMITIVES[type_.base]

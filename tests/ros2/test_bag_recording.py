@@ -90,6 +90,14 @@ def test_the_description_is_written_once(tmp_path: Path) -> None:
         assert (stamp, message.data) == (1_700_000_010_000_000_000, "<robot/>")
 
 
+def test_a_state_after_2038_keeps_the_time_of_its_message(tmp_path: Path) -> None:
+    recording = BagRecording(tmp_path / "b", Types())
+    recording.joint_state(_state(0.5, 10.0), 3e9)
+    recording.close()
+    ((stamp, message),) = _read(tmp_path / "b")["/joint_states"]
+    assert (stamp, message.header.stamp.sec) == (3_000_000_000_000_000_000, 2**31 - 1)
+
+
 def test_a_recording_that_is_discarded_leaves_nothing(tmp_path: Path) -> None:
     BagRecording(tmp_path / "b", Types()).discard()
     assert not (tmp_path / "b").exists()

@@ -15,7 +15,7 @@ from hexwire.errors import LocalProtocolError, RemoteProtocolError
 from hexwire.ros2.cdr import MOST_BYTES
 from hexwire.ros2.types import Types
 
-from .messages import messages
+from .messages import Rosbags, messages, with_type
 
 TYPES = Types()
 JOINT_STATE = TYPES.message("sensor_msgs/msg/JointState")
@@ -69,7 +69,31 @@ def test_a_message_without_fields_is_one_byte() -> None:
     assert request.parse(b"\x00\x01\x00\x00\x00") == request.parse(b"\x00\x01\x00\x00") == request()
 
 
-# Types with every kind of field; a peer sends most of them to a node.
+EVERY_KIND = "test_msgs/msg/EveryKind"
+EVERYTHING = with_type(
+    EVERY_KIND,
+    """
+    byte one
+    float64 number
+    string<=3 short
+    bool[] flags
+    int8[] counts
+    char[4] octets
+    uint8[<=3] some_octets
+    float32[2] pair
+    uint64[] large
+    float64[<=3] few_floats
+    int16[3] odd
+    string[2] texts
+    string<=3[<=2] few_names
+    std_msgs/Header[2] headers
+    geometry_msgs/Pose[<=2] poses
+    std_msgs/Empty[] nothings
+    int64 last
+    """,
+)
+ROSBAGS = Rosbags(EVERYTHING)
+# Types with several kinds of fields; a peer sends most of them to a node.
 RECEIVED = [
     "sensor_msgs/msg/JointState",
     "trajectory_msgs/msg/JointTrajectory",
@@ -159,6 +183,86 @@ def test_bytes_after_a_message_are_padding_or_refused() -> None:
         JOINT_STATE.parse(data + bytes(4))
 
 
+@pytest.mark.parametrize(
+    ("name", "before", "what"),
+    [
+        ("std_msgs/msg/UInt8MultiArray", 8, "data: 9 values"),
+        ("std_msgs/msg/Int16MultiArray", 8, "data: 9 values"),
+        ("std_msgs/msg/Float64MultiArray", 8, "data: 9 values"),
+        ("rcl_interfaces/msg/ListParametersResult", 4, "prefixes: 9 strings"),
+        ("action_msgs/msg/GoalStatusArray", 0, "status_list: 9 values"),
+    ],
+)
+def test_a_sequence_that_does_not_fit_is_named(name: str, before: int, what: str) -> None:
+    data = b"\0\1\0\0" + bytes(before) + struct.pack("<I", 9) + b"\1" * 8
+    with pytest.raises(RemoteProtocolError, match=f"{what} do not fit"):
+        TYPES.message(name).parse(data)
+
+
+@pytest.mark.parametrize("little", [True, False])
+@given(data=st.data())
+def test_every_kind_of_field_comes_back_as_rosbags_has_it(little: bool, data: st.DataObject) -> None:
+    type_ = EVERYTHING.message(EVERY_KIND)
+    message = data.draw(messages(EVERYTHING, type_))
+    expected = ROSBAGS.serialize(EVERY_KIND, message, little=little)
+    assert type_.parse(expected) == message
+    if little:
+        assert type_.serialize(message) == expected
+
+
+@given(st.data())
+def test_noise_in_every_kind_of_field_is_a_message_or_a_protocol_error(data: st.DataObject) -> None:
+    type_ = EVERYTHING.message(EVERY_KIND)
+    changed = bytearray(type_.serialize(data.draw(messages(EVERYTHING, type_))))
+    start = data.draw(st.integers(0, len(changed) - 1))
+    changed[start : start + 4] = data.draw(st.binary(min_size=4, max_size=4))
+    with suppress(RemoteProtocolError):
+        type_.parse(bytes(changed))
+
+
+@pytest.mark.parametrize(
+    ("field", "values"),
+    [
+        ("few_floats", [0.5] * 4),
+        ("few_names", ["a"] * 3),
+        ("few_names", ["abcd"]),
+        ("short", "éé"),
+        ("octets", b"12345"),
+        ("some_octets", b"1234"),
+        ("pair", [1.0]),
+        ("texts", ["a", "b", "c"]),
+        ("headers", []),
+        ("flags", [True, 2]),
+        ("counts", [1, 200]),
+    ],
+)
+def test_more_than_a_bound_is_not_sent(field: str, values: object) -> None:
+    type_ = EVERYTHING.message(EVERY_KIND)
+    with pytest.raises(LocalProtocolError, match=rf"\.{field}"):
+        type_.serialize(type_(**{field: values}))
+
+
+def test_a_bounded_string_in_a_sequence_is_no_longer_than_its_bound() -> None:
+    types = with_type("test_msgs/msg/Names", "string<=3[] names")
+    type_ = types.message("test_msgs/msg/Names")
+    assert type_.parse(type_.serialize(type_(names=["abc"]))).names == ["abc"]
+    with pytest.raises(RemoteProtocolError, match="longer than 3 bytes"):
+        type_.parse(b"\0\1\0\0" + struct.pack("<II", 1, 5) + b"abcd\0")
+
+
+def test_long_names_are_not_kept() -> None:
+    message = JOINT_STATE(name=["x"])
+    JOINT_STATE.serialize(message)
+    tracemalloc.start()
+    try:
+        for i in range(100):
+            message.name = [f"{i}" * 50_000]
+            JOINT_STATE.parse(JOINT_STATE.serialize(message))
+        assert tracemalloc.get_traced_memory()[0] < 1_000_000
+    finally:
+        tracemalloc.stop()
+
+
 def test_bounds_are_kept() -> None:
     ranges = TYPES.message("rcl_interfaces/msg/ParameterDescriptor")
     data = bytearray(ranges.serialize(ranges(name="", type=0)))
@@ -168,6 +272,8 @@ def test_bounds_are_kept() -> None:
     field = TYPES.message("type_description_interfaces/msg/FieldType")
     with pytest.raises(RemoteProtocolError, match="longer than 255 bytes"):
         field.parse(b"\0\1\0\0" + bytes(24) + struct.pack("<I", 257) + b"x" * 256 + b"\0")
+    longest = field(nested_type_name="x" * 255)
+    assert field.parse(field.serialize(longest)) == longest
 
 
 def test_a_string_needs_its_end_and_need_not_be_utf8() -> None:
@@ -185,6 +291,7 @@ def test_names_that_change_are_not_taken_from_the_message_before() -> None:
         first, second = (JOINT_STATE.parse(JOINT_STATE.serialize(message)) for _ in range(2))
         assert first.name == second.name == names
         first.name.append("x")
+        second.name.append("y")
         assert JOINT_STATE.parse(JOINT_STATE.serialize(message)).name == names
 
 
