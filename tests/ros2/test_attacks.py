@@ -16,6 +16,7 @@ from tests.fleet.eventually import eventually, hexwire_program
 from tests.ros2.tiny_types import HASH, Text, TextType, TinyTypes
 from tests.ros2.world import Router, free_port
 
+from hexwire.ros2 import node as node_module
 from hexwire.ros2.attachment import Attachment
 from hexwire.ros2.node import Deferred, Node, NodeOptions
 from hexwire.ros2.qos import DEFAULT
@@ -81,6 +82,26 @@ def test_a_frozen_node_delays_neither_messages_nor_answers_to_others(
         eventually(lambda: publisher.publish(Text("back")) or "4\n" in lines)
         other.kill()
         reader.join()
+
+
+def test_a_frozen_node_does_not_hold_up_what_follows_the_end_of_this_one(
+    make_node: Callable[..., Node], router: Router, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(node_module, "_CLOSING", 0.5)
+    node = make_node()
+    node.service("never", ECHO, lambda request: Deferred())
+    publisher = node.publisher("chatter", STRING)
+    with other_node(router.endpoint) as other:
+        eventually(lambda: publisher.subscriber_count() == 1)
+        other.send_signal(signal.SIGSTOP)
+        for _ in range(1000):
+            publisher.publish(LARGE)
+        node.close()
+        closing = [thread for thread in threading.enumerate() if thread.name == "close the node"]
+        assert closing
+    for thread in closing:
+        thread.join(30)
+        assert not thread.is_alive()
 
 
 def test_requests_of_a_client_that_is_killed_are_forgotten(make_node: Callable[..., Node], router: Router) -> None:

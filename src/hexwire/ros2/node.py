@@ -36,6 +36,8 @@ __all__ = ["Client", "Deferred", "Node", "NodeOptions", "Publisher", "RequestId"
 _MOST_DOMAIN = 4294967295
 _MOST_NEWS = 10_000
 """Changes in the graph that may wait."""
+_CLOSING = 3.0
+"""Most seconds for which `close` waits until others are told that the node ends."""
 _MOST_TOLD, _TELLING = 50, 60.0
 """Most warnings of what is in the graph, and in how many seconds."""
 _PROGRAM = "hexwire"
@@ -149,6 +151,16 @@ class Node:
         self._end = []
         if session is None or not ends:
             return
+        if self.callbacks.is_current:
+            self._close(session, ends)
+            return
+        # Telling a node that takes nothing lasts until its connection ends. The program waits for that before its
+        # end, but what it has to do until then, such as closing the robot, does not wait.
+        closing = threading.Thread(target=self._close, args=(session, ends), name="close the node")
+        closing.start()
+        closing.join(_CLOSING)
+
+    def _close(self, session: Session, ends: list[Callable[[], None]]) -> None:
         *before, token, watch = ends
         for end in before:
             end()
