@@ -89,7 +89,8 @@ def test_wrong_arguments_and_parameters_are_told_on_one_line(args: list[str], te
     ("variables", "text"),
     [
         ({"ROS_DOMAIN_ID": "-1"}, "ROS_DOMAIN_ID"),
-        ({"ZENOH_CONFIG_OVERRIDE": "connect/endpoints=nonsense"}, "ZENOH_CONFIG_OVERRIDE"),
+        ({"ZENOH_CONFIG_OVERRIDE": "nonsense"}, "ZENOH_CONFIG_OVERRIDE"),
+        ({"ZENOH_ROUTER_CHECK_ATTEMPTS": "soon"}, "ZENOH_ROUTER_CHECK_ATTEMPTS"),
     ],
 )
 def test_a_wrong_environment_is_told_on_one_line(variables: dict[str, str], text: str) -> None:

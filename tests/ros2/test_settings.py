@@ -220,3 +220,8 @@ def test_every_row_is_told_in_one_line() -> None:
         assert row.help
         assert "\n" not in row.help
     assert all(FOREIGN.values())
+
+
+def test_the_service_that_describes_types_can_be_left_out() -> None:
+    assert load().describes_types
+    assert not load(start_type_description_service=False).describes_types

@@ -19,6 +19,8 @@ from hexwire.ros2.zenoh_session import ZenohSettings
         ([], ["INFO", "WARN"]),
         (["--ros-args", "--log-level", "debug"], ["DEBUG", "INFO", "WARN"]),
         (["--ros-args", "--log-level", "error"], []),
+        (["--ros-args", "--log-level", "left_arm:=warn"], ["WARN"]),
+        (["--ros-args", "--log-level", "other:=debug"], ["INFO", "WARN"]),
         (["--ros-args", "--disable-stdout-logs"], []),
     ],
 )

@@ -372,7 +372,7 @@ class HardwareInterface:
             payload = self._joint_states.type.serialize(message)
             for publisher in readers:
                 publisher.publish_serialized(payload)
-        if self._tf is not None and self._frames is not None:
+        if self._tf is not None and self._frames is not None and self._tf.has_readers:
             positions = dict(zip(published.names, published.position, strict=True))
             self._tf.publish(self._frames.moving(positions, self._reports.stamp(wall)))
         now = time.monotonic()

@@ -99,7 +99,8 @@ FOREIGN = {
 }
 """Parameters of ros2_control and its trajectory controller without effect here, and what to use instead."""
 
-_OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides")
+_DESCRIBES = "start_type_description_service"
+_OF_ROS = ("use_sim_time", _DESCRIBES, "qos_overrides")
 """Parameters that ROS gives to every node; the node declares them itself, or does without."""
 
 
@@ -114,6 +115,7 @@ class NodeSettings:
         tables: Every value by name, with tables as nested mappings.
         warnings: One line for each given parameter that has no effect.
         use_sim_time: Stamps of others come from a simulation.
+        describes_types: The node serves what its messages consist of (`start_type_description_service`).
     """
 
     arm: Settings
@@ -122,6 +124,7 @@ class NodeSettings:
     tables: Mapping[str, object]
     warnings: tuple[str, ...]
     use_sim_time: bool
+    describes_types: bool
 
     def topic(self, controller: str) -> str:
         """The name of a controller in topics."""
@@ -171,6 +174,7 @@ def load_settings(given: Mapping[str, object], environ: Mapping[str, str]) -> tu
     """
     faults = _ParameterFaults()
     simulated = faults.switch("use_sim_time", given.get("use_sim_time", False))
+    describes = faults.switch(_DESCRIBES, given.get(_DESCRIBES, True), True)
     tables = _nested({k: v for k, v in given.items() if k.partition(".")[0] not in _OF_ROS}, faults)
     warnings = _take_foreign(tables)
     known = [row.name for row in PARAMETERS]
@@ -193,7 +197,7 @@ def load_settings(given: Mapping[str, object], environ: Mapping[str, str]) -> tu
     values = {row.name: tables.get(row.name, row.default) for row in PARAMETERS}
     values |= {"port": settings.port, "distribution": distribution.value}
     settings = _with_ends(settings, own)
-    return NodeSettings(settings, own, distribution, values, tuple(warnings), simulated), driver
+    return NodeSettings(settings, own, distribution, values, tuple(warnings), simulated, describes), driver
 
 
 def changed(settings: NodeSettings, changes: Mapping[str, object]) -> NodeSettings:

@@ -17,7 +17,7 @@ from hexwire.errors import UsageError
 
 from .arguments import LEVELS, RosArguments, domain_of, parse_arguments
 from .hardware_interface import NAME, HardwareInterface
-from .names import remap_node
+from .names import full_name, remap_node
 from .node import NodeOptions
 from .settings import load_settings
 from .zenoh_session import ZenohSettings, load_zenoh
@@ -49,6 +49,7 @@ def run(words: Sequence[str], environ: Mapping[str, str]) -> int:
     arguments = parse_arguments(words)
     zenoh = _zenoh(arguments.others, environ)
     namespace, name = remap_node("/", NAME, arguments.remaps)
+    settings, robot = load_settings(arguments.parameters(full_name(namespace, name)), environ)
     options = NodeOptions(
         NAME,
         domain=domain_of(environ),
@@ -56,8 +57,8 @@ def run(words: Sequence[str], environ: Mapping[str, str]) -> int:
         enclave=arguments.enclave,
         zenoh=zenoh,
         rosout=arguments.rosout_logs,
+        type_descriptions=settings.describes_types,
     )
-    settings, robot = load_settings(arguments.parameters(f"{namespace.rstrip('/')}/{name}"), environ)
     with _console(arguments, name):
         return HardwareInterface(options, settings, robot).run()
 
@@ -98,7 +99,7 @@ def _console(arguments: RosArguments, name: str) -> Iterator[None]:
     before = logger.level, logger.propagate
     logger.addHandler(handler)
     logger.propagate = False
-    logger.setLevel(arguments.level or logging.INFO)
+    logger.setLevel(arguments.levels.get(name) or arguments.level or logging.INFO)
     listener.start()
     try:
         yield
