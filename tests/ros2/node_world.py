@@ -67,6 +67,7 @@ class World:
         self._router = Router() if routed else None
         self.endpoint = self._router.endpoint if self._router else f"tcp/127.0.0.1:{free_port()}"
         self._programs: list[Program] = []
+        self._peers: list[Peer] = []
         kept = {k: v for k, v in os.environ.items() if not k.startswith(("ROS_", "HEXWIRE_", "PYTHON", "ZENOH_"))}
         self.env = {
             **kept,
@@ -91,12 +92,15 @@ class World:
     def peer(self, name: str = "tester", distribution: Distribution = Distribution.JAZZY, **options: Any) -> Peer:
         """Another node."""
         zenoh = ZenohSettings(connect=(self.endpoint,))
-        return Peer(Node(NodeOptions(name, zenoh=zenoh, **options), Types(distribution)))
+        self._peers.append(Peer(Node(NodeOptions(name, zenoh=zenoh, **options), Types(distribution))))
+        return self._peers[-1]
 
     def report(self) -> str:
         return "\n".join(program.report() for program in self._programs[-6:])
 
     def close(self) -> None:
+        for peer in self._peers:
+            peer.close()
         for program in reversed(self._programs):
             program.kill_all()
         if self._router is not None:
