@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from tests.fleet.eventually import hexwire_program
 from tests.link.far_ends import free_port
 
 from hexwire.cli.main import cli
@@ -147,3 +148,40 @@ def test_it_passes_on_until_a_signal(lab: Path, number: signal.Signals) -> None:
     finally:
         router.kill()
         router.communicate()
+
+
+@pytest.mark.system
+def test_it_may_have_zenohs_own_settings(tmp_path: Path) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    path = tmp_path / "router.json5"
+    path.write_text(
+        f"{{mode: 'router', listen: {{endpoints: ['{endpoint}']}}, scouting: {{multicast: {{enabled: false}}}}}}"
+    )
+    with hexwire_program("fleet", "router", "--zenoh-config", path) as router:
+        assert router.stdout is not None
+        assert router.stdout.readline() == f"passing on at {endpoint}\n"
+        node = Network(connect=(endpoint,)).open()
+        assert node.routers == 1
+        node.close()
+        router.terminate()
+        assert router.wait(30) == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "words", "why"),
+    [
+        ("{mode: 'peer'}", [], "has no mode 'router'"),
+        ("{}", [], "has no mode 'router'"),
+        ("{mode: 'router', frobnicate: 5}", [], "Invalid configuration file"),
+        ("{", [], "Invalid configuration file"),
+        ("{mode: 'router'}", ["--listen", "tcp/127.0.0.1:7447"], "leave out the other options"),
+        ("{mode: 'router', listen: {endpoints: ['tcp/192.0.2.1:1']}}", [], "cannot open a router"),
+    ],
+)
+def test_settings_that_are_no_routers_are_refused(tmp_path: Path, text: str, words: list[str], why: str) -> None:
+    path = tmp_path / "router.json5"
+    path.write_text(text)
+    result = run("fleet", "router", "--zenoh-config", path, *words)
+    assert result.exit_code in (1, 2)
+    assert why in result.stderr
+    assert result.stderr.count("\n") == 1

@@ -19,6 +19,8 @@ from .fleet_options import certificate_options
 from .output import say
 
 if TYPE_CHECKING:
+    from hexwire.control.shutdown import Shutdown
+    from hexwire.fleet.node import Node
     from hexwire.link.cert_facts import CertFacts
 
 __all__ = ["config", "router"]
@@ -41,7 +43,15 @@ _LOOK = 0.2
 @click.option("--router", "connect", multiple=True, metavar="ENDPOINT", help="Another router to connect to.")
 @certificate_options("this router")
 @click.option("--access", metavar="FILE", help="Rights by certificate, as 'hexwire fleet config' writes them.")
+@click.option(
+    "--zenoh-config",
+    metavar="FILE",
+    help="Zenoh's own settings in JSON5 instead of all other options, as the file that ZENOH_ROUTER_CONFIG_URI "
+    "names for a router of ROS 2. They may let anybody in.",
+)
+@click.pass_context
 def router(
+    context: click.Context,
     listen: tuple[str, ...],
     connect: tuple[str, ...],
     ca: str,
@@ -49,6 +59,7 @@ def router(
     key: str,
     access: str | None,
     reachable_without_certificates: bool,
+    zenoh_config: str | None,
 ) -> None:
     """Relay messages between arms and their clients until Ctrl-C.
 
@@ -57,10 +68,17 @@ def router(
     while it is gone, arms go on, and those that a client of it commanded hold.
     """
     from hexwire.control.shutdown import Shutdown
-    from hexwire.fleet.network import Network, read_access
+    from hexwire.fleet.network import Network, open_router_file, read_access
 
     shutdown = Shutdown(_PATIENCE)
     shutdown.listen()
+    if zenoh_config:
+        default = click.core.ParameterSource.DEFAULT
+        given = [name for name in context.params if context.get_parameter_source(name) is not default]
+        if given != ["zenoh_config"]:
+            raise UsageError("--zenoh-config has all settings of the router; leave out the other options")
+        _relay(*open_router_file(zenoh_config), shutdown)
+        return
     network = Network(
         listen=listen,
         connect=connect,
@@ -73,7 +91,10 @@ def router(
     )
     if cert:
         _check_certificate(cert)
-    node = network.open(wait=False)
+    _relay(network.open(wait=False), listen, shutdown)
+
+
+def _relay(node: Node, listen: tuple[str, ...], shutdown: Shutdown) -> None:
     try:
         say(f"passing on at {', '.join(listen)}", flush=True)
         while not shutdown.wait(_LOOK):

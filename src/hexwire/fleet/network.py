@@ -45,6 +45,7 @@ __all__ = [
     "local_socket",
     "local_sockets",
     "make_socket_folder",
+    "open_router_file",
     "read_access",
     "tls_settings",
 ]
@@ -186,6 +187,37 @@ class Network:
         if self.listen:
             return LinkPermissionError(f"cannot listen on {', '.join(self.listen)}: {_why_not(text)}")
         return LinkNotFoundError("; ".join(why_unreachable(each, self.files) for each in self.connect))
+
+
+def open_router_file(path: str) -> tuple[Node, tuple[str, ...]]:
+    """Open a router whose settings are those of a file, as ZENOH_ROUTER_CONFIG_URI names it for ROS 2.
+
+    Args:
+        path: Zenoh's settings in JSON5. Nothing of them is checked: it is for those who know Zenoh.
+
+    Returns:
+        The session, and where it listens.
+
+    Raises:
+        ConfigError: The file cannot be read, or its settings are not those of a router.
+        LinkPermissionError: It cannot be opened with them.
+        NotSupportedError: Zenoh is not installed.
+    """
+    zenoh = load_zenoh()
+    zenoh.init_log_from_env_or("off")
+    text = read_text(path)
+    try:
+        config = zenoh.Config.from_json5(text)
+    except zenoh.ZError as error:
+        raise ConfigError(f"Invalid configuration file: {_first_line(error)}", file=path) from None
+    if json.loads(config.get_json("mode")) != "router":
+        raise ConfigError("has no mode 'router'", file=path)
+    listens = json.loads(config.get_json("listen/endpoints"))
+    listens = listens.get("router", []) if isinstance(listens, dict) else listens
+    try:
+        return Node(zenoh.open(config)), tuple(str(each) for each in listens or ())
+    except zenoh.ZError as error:
+        raise LinkPermissionError(f"cannot open a router with {path}: {_why_not(_first_line(error))}") from None
 
 
 def tls_settings(files: TlsFiles) -> dict[str, Any]:
