@@ -13,6 +13,9 @@ builtin_interfaces/msg/Duration: int32 sec, uint32 nanosec
 std_msgs/msg/Header: builtin_interfaces/msg/Time stamp, string frame_id
 std_msgs/msg/String: string data
 std_msgs/msg/Bool: bool data
+std_msgs/msg/MultiArrayDimension: string label, uint32 size, uint32 stride
+std_msgs/msg/MultiArrayLayout: std_msgs/msg/MultiArrayDimension[] dim, uint32 data_offset
+std_msgs/msg/Float64MultiArray: std_msgs/msg/MultiArrayLayout layout, float64[] data
 unique_identifier_msgs/msg/UUID: uint8[16] uuid
 sensor_msgs/msg/JointState: std_msgs/msg/Header header, string[] name, float64[] position, float64[] velocity, float64[] effort
 trajectory_msgs/msg/JointTrajectoryPoint: float64[] positions, float64[] velocities, float64[] accelerations, float64[] effort, builtin_interfaces/msg/Duration time_from_start
@@ -81,6 +84,7 @@ service_msgs/msg/ServiceEventInfo: uint8 event_type, builtin_interfaces/msg/Time
 
 # REP 2016 hashes. Those in `PUBLIC` stand in public files of others; the rest was computed by two independent programs.
 HASHES = {
+    "std_msgs/msg/Float64MultiArray": "RIHS01_1025ddc6b9552d191f89ef1a8d2f60f3d373e28b283d8891ddcc974e8c55397f",
     "sensor_msgs/msg/JointState": "RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e",
     "std_msgs/msg/String": "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
     "trajectory_msgs/msg/JointTrajectory": "RIHS01_179b33eba59d676f6d967ac71fe35e7ca2f64b2f3928f4a018cec115e213796e",

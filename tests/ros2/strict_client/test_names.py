@@ -154,3 +154,9 @@ def test_wrong_arguments_are_one_line_and_status_2(tmp_path: Path, arguments: tu
         assert "Traceback" not in node.said
     finally:
         node.kill()
+
+
+def test_a_session_file(tmp_path: Path) -> None:
+    """ZENOH_SESSION_CONFIG_URI, as rmw_zenoh_cpp has it; the other tests use ZENOH_CONFIG_OVERRIDE."""
+    with running(tmp_path, by_file=True) as (port, node), Participant(port) as me:
+        Arm(me, port, node)

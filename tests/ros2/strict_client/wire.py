@@ -200,14 +200,21 @@ class Participant:
     """A ROS 2 context with one node, as rmw_zenoh_cpp has it: ids, tokens, graph."""
 
     def __init__(
-        self, port: int, name: str = "strict", *, namespace: str = "/", domain: int = 0, distribution: str = "jazzy"
+        self,
+        port: int,
+        name: str = "strict",
+        *,
+        namespace: str = "/",
+        domain: int = 0,
+        distribution: str = "jazzy",
+        config: zenoh.Config | None = None,
     ) -> None:
         self.definitions = Definitions(distribution)
         self.cdr = Cdr(self.definitions)
         self.domain = domain
         self.namespace = namespace
         self.name = name
-        self.session = zenoh.open(session_config(port))
+        self.session = zenoh.open(config or session_config(port))
         self.zid = str(self.session.info.zid())
         self._next_id = 0
         self._declared: list[Any] = []

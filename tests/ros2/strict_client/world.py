@@ -25,7 +25,7 @@ CONTROLLER = "/joint_trajectory_controller"
 ACTION = f"{CONTROLLER}/follow_joint_trajectory"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 # The arm moves as fast as it may, and an emulated servo on a stalled machine is late.
-PATIENT = ("constraints.goal_time:=20.0", "constraints.stopped_velocity_tolerance:=0.2", "watchdog:=20.0")
+PATIENT = ("constraints.goal_time:=20.0", "constraints.stopped_velocity_tolerance:=0.2")
 
 
 class NodeProcess:
@@ -124,6 +124,8 @@ class Arm:
             tokens(kind="NN", full_node=self.name)
             and tokens(topic=f"{self.prefix}{ACTION}/_action/get_result", kind="SS")
             and tokens(topic=f"{self.name}/list_parameters")
+            and tokens(topic=f"{self.name}/enable")
+            and tokens(topic=f"{self.name}/teach/play")
             and tokens(topic=f"{self.prefix}/joint_states", kind="MP")
         )
 
@@ -179,14 +181,20 @@ class Arm:
 
 @contextmanager
 def running(
-    folder: Path, *parameters: str, port: int | None = None, **options: Any
+    folder: Path,
+    *parameters: str,
+    port: int | None = None,
+    constraints: tuple[str, ...] = PATIENT,
+    **options: Any,
 ) -> Iterator[tuple[int, NodeProcess]]:
     """A node at a router of its own, or at that of another."""
     with contextlib.ExitStack() as stack:
         if port is None:
             port = free_port()
             stack.enter_context(router(port))
-        node = NodeProcess(port, folder, "port:=sim://hex7bot", *PATIENT, *parameters, **options)
+        node = NodeProcess(
+            port, folder, "port:=sim://hex7bot", "watchdog:=20.0", *constraints, *parameters, **options
+        )
         stack.callback(node.kill)
         try:
             yield port, node
