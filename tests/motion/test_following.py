@@ -132,6 +132,21 @@ def test_where_the_follower_must_not_go_it_stays() -> None:
     assert run.cycles(HOME, 500).positions == pytest.approx(HOME)
 
 
+def test_a_tool_at_the_table_slides_along_it() -> None:
+    def check(before: Mapping[str, float], goal: Mapping[str, float]) -> None:
+        if goal["shoulder_lift"] > 0.5:
+            raise LimitError("the tool would be 9 mm below the table; nothing was sent")
+
+    run = Run(Following(ARM, ARM, share=1.0, check=check))
+    leader = HOME | {"shoulder_lift": 0.8, "shoulder_pan": 0.6, "elbow_flex": -0.4}
+    step = run.cycles(leader, 300)
+    assert step.note == "the tool would be 9 mm below the table"
+    assert step.positions["shoulder_pan"] == pytest.approx(0.6)
+    assert step.positions["elbow_flex"] == pytest.approx(-0.4)
+    assert 0.45 < step.positions["shoulder_lift"] <= 0.5
+    assert run.cycles(leader | {"shoulder_lift": 0.2}, 300).positions["shoulder_lift"] == pytest.approx(0.2)
+
+
 # --- the gripper ---------------------------------------------------------------------------------------------
 
 

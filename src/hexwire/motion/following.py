@@ -178,11 +178,24 @@ class Following:
             try:
                 self._check(before, goals)
             except LimitError as error:
-                goals, note = before, str(error)
+                goals, note = self._as_far_as_allowed(before, goals), str(error).removesuffix("; nothing was sent")
         self._goal = goals
         met = len(self._met) == len(names)
         # The caller gets them to read; the next cycle makes new ones.
         return Follow(Action.MOVE, goals, met, note, way_back)
+
+    def _as_far_as_allowed(self, before: dict[str, float], wanted: dict[str, float]) -> dict[str, float]:
+        """The joints that may move one after the other: a tool that touches the table slides along it."""
+        goals = before
+        for name, angle in wanted.items():
+            step = {**goals, name: angle}
+            if step != goals:
+                try:
+                    self._check(goals, step)
+                except LimitError:
+                    continue
+                goals = step
+        return goals
 
     def _hold(self, note: str) -> Follow:
         action = Action.HOLD if self._active else Action.IDLE
