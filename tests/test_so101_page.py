@@ -205,9 +205,9 @@ class Shell:
         return done.stdout
 
     @contextmanager
-    def running(self, start: str, ready: str) -> Iterator[subprocess.Popen[str]]:
-        """A command that runs until Ctrl-C; it is ready when it has said something."""
-        command = [sys.executable, "-m", "hexwire.cli", *self.given(start)]
+    def running(self, start: str, ready: str, *more: str) -> Iterator[subprocess.Popen[str]]:
+        """A command that runs until Ctrl-C, with more words; it is ready when it has said something."""
+        command = [sys.executable, "-m", "hexwire.cli", *self.given(start), *more]
         program = subprocess.Popen(
             command, cwd=self.folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         )
@@ -220,7 +220,8 @@ class Shell:
                 said += line
             yield program
             program.send_signal(signal.SIGINT)
-            assert program.wait(20.0) in (0, 130)
+            said += program.communicate(timeout=20.0)[0]
+            assert program.returncode in (0, 130), f"{start}: {said}"
         finally:
             program.kill()
             program.wait()
@@ -264,7 +265,8 @@ def test_the_page_from_calibrated_arms_to_another_machine(folder: Path) -> None:
             assert shell.angle("follower", "shoulder_pan") == pytest.approx(led, abs=3.0)
         assert (folder / "wave.mcap").stat().st_size > 1000
 
-        with shell.running("hexwire serve", "as zenoh:lab/follower"):
+        # A machine that stalls loses a lease of half a second.
+        with shell.running("hexwire serve", "as zenoh:lab/follower", "--lease", "10"):
             assert "shoulder_pan" in shell.run("hexwire state --port zenoh:lab/follower")
             with shell.running("hexwire follow leader.toml@$LEADER zenoh:", "has met the leader"):
                 move_by_hand(shell.ports["LEADER"], HandOrder("shoulder_pan", 30.0, 0.5, 1.0))
