@@ -144,6 +144,8 @@ class HardwareInterface:
             self._lifecycle = Lifecycle(self._node, self._types, partial(arm_lifecycle.carry_out, self._arm))
             self._arm.connect()
             self._shutdown.interrupts = False
+            # Once more: it takes a moment until all others are known.
+            self._refuse_namesake()
             self._offer_controllers()
             self._goals.start()
             self._arm.start()
@@ -327,16 +329,15 @@ class HardwareInterface:
 
     def _on_trajectory(self, name: str, message: Any, sent: int) -> None:
         topic = f"{self._settings.topic(name)}/joint_trajectory"
-        goal = trajectory_of(message, time.time_ns())
-        received, asked = self._arm.owner.now(), self._arm.mark()
+        now, received, asked = time.time_ns(), self._arm.owner.now(), self._arm.mark()
 
         def follow() -> None:
             try:
-                self._arm.command(name, goal, received=received, asked=asked)
+                self._arm.command(name, trajectory_of(message, now), received=received, asked=asked)
             except HexwireError as error:
                 self._warn(f"{topic} refused: {error}")
 
-        # Its path check takes long.
+        # Reading a long one takes long, and its path check longer.
         if not self._trajectories.put(follow):
             self._warn(f"{topic} refused: too many trajectories wait for their check")
 
