@@ -81,7 +81,9 @@ def test_an_exception_has_its_traceback(published: Published) -> None:
 
 
 def test_any_text_can_be_published(published: Published) -> None:
-    published.root.info("a\0b\ud800" + "x" * 100_000)
+    # Not by a logger: the runner's workers cannot report such a text.
+    text = "a\0b\ud800" + "x" * 100_000
+    published.handler.handle(logging.LogRecord("test_rosout", logging.INFO, __file__, 1, text, None, None))
     published.handler.flush()
     assert len(Types().message(LOG).serialize(published.messages[0])) < 20_000
 
