@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import zenoh
 from tests.fleet.eventually import eventually, hexwire_program
 from tests.ros2.tiny_types import HASH, Text, TextType, TinyTypes
 from tests.ros2.world import Router, free_port
@@ -166,3 +167,21 @@ def test_the_router_of_the_fleet_is_one_for_ros() -> None:
                 eventually(lambda text=text: publisher.publish(text) or text in found)  # type: ignore[misc]
                 router.send_signal(signal.SIGKILL if number == 0 else signal.SIGTERM)
                 router.wait(20)
+
+
+def test_a_huge_message_is_dropped_and_the_next_one_arrives(make_node: Callable[..., Node], raw: Any) -> None:
+    node = make_node()
+    found: list[int] = []
+    subscription = node.subscribe("chatter", STRING, DEFAULT, lambda message, _: found.append(len(message.data)))
+    beside = Attachment(1, 1, bytes(16)).serialize()
+
+    def put(size: int) -> None:
+        payload = TextType().serialize(Text("x" * size))
+        raw.put(
+            subscription.endpoint.key, payload, attachment=beside, congestion_control=zenoh.CongestionControl.BLOCK
+        )
+
+    eventually(lambda: put(1) or found)
+    put(20_000_000)
+    eventually(lambda: put(2) or 2 in found)
+    assert max(found) == 2

@@ -46,6 +46,8 @@ _LISTEN = "tcp/localhost:0"
 _STUCK = 20.0
 """Seconds for which an answer waits for a client that takes nothing; then its connection is closed. One that is
 silent for 10 s ends before: the other side notices that and connects again, while it never would otherwise."""
+_LARGEST = 16 * 1024 * 1024
+"""Most bytes of a message; `rmw_zenoh` takes 1 GiB. No message for an arm comes near."""
 _AGAIN = 1.0
 """Seconds between two attempts to open a session."""
 _SAID = 10
@@ -184,6 +186,7 @@ class ZenohSettings:
             "adminspace/enabled": False,
             "transport/shared_memory/enabled": False,
             "transport/link/tx/queue/congestion_control/block/wait_before_close": round(1e6 * _STUCK),
+            "transport/link/rx/max_message_size": _LARGEST,
         }
         return rows | (tls_settings(self.files) if self.files is not None else {})
 
