@@ -103,8 +103,11 @@ class Owner:
         how = ("--quiet", "--no-deps", "--no-build-isolation", "--offline", "--python", sys.executable)
         subprocess.run([uv, "pip", *words, *how, "--target", target], cwd=ROOT, check=True)
         look = (
-            "from importlib.metadata import requires; import hexwire.cli.main, lerobot_robot_hexwire as plug_in;"
-            "print(hexwire.__file__, plug_in.__file__, *requires('lerobot_robot_hexwire'), sep='\\n')"
+            "from importlib.metadata import metadata, requires;"
+            "import hexwire.cli.main, lerobot_robot_hexwire as plug_in;"
+            "extras = metadata('hexwire').get_all('Provides-Extra');"
+            "needs = requires('lerobot_robot_hexwire');"
+            "print(hexwire.__file__, plug_in.__file__, *needs, *extras, sep='\\n')"
         )
         found = subprocess.run(
             [sys.executable, "-c", look],
@@ -114,7 +117,9 @@ class Owner:
             check=True,
         ).stdout.split("\n")
         assert [Path(place).is_relative_to(target) for place in found[:2]] == [True, True]
-        assert {"hexwire", "lerobot>=0.4.4"} <= set(found[2:])
+        # `hexwire --record` and `hexwire serve` need these extras.
+        assert words[1] == ".[fleet,record]"
+        assert {"hexwire", "lerobot>=0.4.4", "fleet", "record"} <= set(found[2:])
 
     @contextmanager
     def nothing(self) -> Iterator[None]:
