@@ -191,7 +191,7 @@ class Checks:
         return f"{len(listed)} parameters"
 
     def param_get(self) -> str:
-        said = self.ros2.run("param", "get", self.node, "publish_rate")
+        said = self.ros2.run("param", "get", self.node, "diagnostics_rate")
         expect(re.search(r"Double value is: [\d.]+", said), first_line(said))
         return said.strip()
 
@@ -201,13 +201,13 @@ class Checks:
         return "type and bounds"
 
     def param_set(self) -> str:
-        said = self.ros2.run("param", "get", self.node, "publish_rate")
+        said = self.ros2.run("param", "get", self.node, "diagnostics_rate")
         found = re.search(r"Double value is: ([\d.]+)", said)
         expect(found, first_line(said))
         assert found is not None
-        refused = self.ros2.run("param", "set", self.node, "publish_rate", "-1.0")
+        refused = self.ros2.run("param", "set", self.node, "diagnostics_rate", "-1.0")
         expect("Setting parameter failed" in refused, f"-1.0 was not refused: {first_line(refused)}")
-        taken = self.ros2.run("param", "set", self.node, "publish_rate", found[1])
+        taken = self.ros2.run("param", "set", self.node, "diagnostics_rate", found[1])
         expect("Set parameter successful" in taken, first_line(taken))
         return "a bad value refused, a good one taken"
 

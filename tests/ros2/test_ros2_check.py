@@ -139,15 +139,18 @@ WELL = [
         "header:\nstatus:\n- level: \"\\0\"\n  name: 'hardware_interface: link'\n  message: ok\n  values: []\n---\n",
     ),
     ("param list", "  joints\n  port\n  publish_rate\n  use_sim_time\n"),
-    ("param get /hardware_interface publish_rate", "Double value is: 100.0\n"),
+    ("param get /hardware_interface diagnostics_rate", "Double value is: 1.0\n"),
     ("param get /move_group robot_description_semantic", "String value is: <?xml?>\n<robot name='hex7bot'>\n"),
     (
         "param describe",
         "Parameter name: connect_timeout\n  Type: double\n  Description: how long to try\n  Constraints:\n"
         "    Min value: 0.0\n    Max value: 3600.0\n",
     ),
-    ("param set /hardware_interface publish_rate -1.0", "Setting parameter failed: publish_rate must be above 0\n"),
-    ("param set /hardware_interface publish_rate 100.0", "Set parameter successful\n"),
+    (
+        "param set /hardware_interface diagnostics_rate -1.0",
+        "Setting parameter failed: diagnostics_rate must be above 0\n",
+    ),
+    ("param set /hardware_interface diagnostics_rate 1.0", "Set parameter successful\n"),
     ("lifecycle get", "active [3]\n"),
     (
         "service call /joint_trajectory_controller/query_state",
@@ -261,9 +264,9 @@ BROKEN = {
     "late joiner": ("topic echo --once --full-length --qos", "data: ''\n---\n"),
     "diagnostics": ("topic echo --once /diagnostics", "status:\n- name: 'other: link'\n"),
     "param list": ("param list", "Node not found\n"),
-    "param get": ("param get /hardware_interface publish_rate", "Parameter not set\n"),
+    "param get": ("param get /hardware_interface diagnostics_rate", "Parameter not set\n"),
     "param describe": ("param describe", "Parameter name: publish_rate\n  Type: string\n  Constraints:\n"),
-    "param set": ("param set /hardware_interface publish_rate -1.0", "Set parameter successful\n"),
+    "param set": ("param set /hardware_interface diagnostics_rate -1.0", "Set parameter successful\n"),
     "lifecycle get": ("lifecycle get", "unconfigured [1]\n"),
     "service call": (
         "service call /joint_trajectory_controller/query_state",

@@ -167,11 +167,14 @@ def test_a_value_is_set(arm: Arm) -> None:
 @pytest.mark.parametrize(
     ("name", "made"),
     [
-        ("publish_rate", 0.0),
-        ("publish_rate", 1e9),
-        ("publish_rate", float("nan")),
-        ("publish_rate", "fast"),
-        ("publish_rate", True),
+        ("diagnostics_rate", 0.0),
+        ("diagnostics_rate", 1e9),
+        ("diagnostics_rate", float("nan")),
+        ("diagnostics_rate", "fast"),
+        ("diagnostics_rate", True),
+        ("pose_speed", 2.0),
+        ("joint_commands_start_tolerance", 8.0),
+        ("publish_rate", 50.0),
         ("constraints.goal_time", -1.0),
         ("nobody", 1),
         ("port", "sim://so101"),
@@ -188,7 +191,7 @@ def test_a_wrong_value_is_refused_with_a_reason(arm: Arm, name: str, made: objec
 
 def test_a_parameter_cannot_be_removed(arm: Arm) -> None:
     """A statically typed parameter may not become NOT_SET."""
-    assert not arm.parameters.set("publish_rate", None).successful
+    assert not arm.parameters.set("diagnostics_rate", None).successful
 
 
 def test_each_parameter_has_its_own_result(arm: Arm) -> None:
@@ -201,7 +204,7 @@ def test_each_parameter_has_its_own_result(arm: Arm) -> None:
 
 
 def test_all_or_nothing(arm: Arm) -> None:
-    result = arm.parameters.set_atomically({"constraints.goal_time": 17.0, "publish_rate": -5.0})
+    result = arm.parameters.set_atomically({"constraints.goal_time": 17.0, "diagnostics_rate": -5.0})
     assert not result.successful
     assert result.reason
     assert arm.parameters.get("constraints.goal_time") == 20.0
@@ -238,7 +241,7 @@ def test_a_change_is_an_event(arm: Arm) -> None:
 
 def test_a_refused_value_is_no_event(arm: Arm) -> None:
     events = arm.me.subscribe("/parameter_events", EVENT, PARAMETERS)
-    arm.parameters.set("publish_rate", -1.0)
+    arm.parameters.set("diagnostics_rate", -1.0)
     arm.parameters.set("constraints.goal_time", 20.0)
     event = events.take().message
     assert [changed.name for changed in event.changed_parameters] == ["constraints.goal_time"]
