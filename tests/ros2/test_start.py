@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import logging
 import re
+import sys
 
 import pytest
 
 from hexwire.errors import UsageError
+from hexwire.ros2 import start
 from hexwire.ros2.arguments import parse_arguments
 from hexwire.ros2.start import _console, _zenoh
 from hexwire.ros2.zenoh_session import ZenohSettings
@@ -67,3 +69,21 @@ def test_what_cannot_be_the_way_to_a_router_is_refused(
 ) -> None:
     with pytest.raises(UsageError, match=text):
         _zenoh(words, environ)
+
+
+def test_the_owner_of_the_arm_waits_for_no_other_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    before, seen = sys.getswitchinterval(), []
+
+    class Node:
+        def __init__(self, *_: object) -> None: ...
+
+        def run(self) -> int:
+            seen.append(sys.getswitchinterval())
+            return 0
+
+    monkeypatch.setattr(start, "HardwareInterface", Node)
+    try:
+        assert start.run(["--ros-args", "-p", "port:=/dev/null"], {}) == 0
+    finally:
+        sys.setswitchinterval(before)
+    assert max(seen) < 0.001

@@ -27,6 +27,9 @@ __all__ = ["run"]
 _FILE = "ZENOH_SESSION_CONFIG_URI"
 _OPTIONS = {"--router": "connect", "--ca": "ca", "--cert": "cert", "--key": "key"}
 """Options of the program and the settings that they give."""
+_SWITCH = 0.0005
+"""Seconds for which one thread may run while others wait. The owner of an arm gives its turn away with every
+message that it publishes, and servos that are asked one by one on a slow line seem silent if it comes back late."""
 _SEVERITIES = {number: name for name, number in LEVELS.items()}
 
 
@@ -59,6 +62,7 @@ def run(words: Sequence[str], environ: Mapping[str, str]) -> int:
         rosout=arguments.rosout_logs,
         type_descriptions=settings.describes_types,
     )
+    sys.setswitchinterval(_SWITCH)
     with _console(arguments, name):
         return HardwareInterface(options, settings, robot).run()
 
