@@ -181,7 +181,11 @@ def _share(node: Program, wait: Callable[[], object]) -> float:
 def _goals(world: World, client: Worker, moves1: Connection, moves2: Connection) -> tuple[list[float], list[float]]:
     """Seconds from each goal to the first byte that moves a servo."""
     sent1 = _ask(world, "goals", str(_GOALS))
-    sent2 = client.ask("goals", count=_GOALS)
+    try:
+        sent2 = client.ask("goals", count=_GOALS)
+    except RuntimeError as error:
+        # The node says why it refused a goal.
+        raise RuntimeError(f"{error}\n{world.report()[-2000:]}") from error
     late = []
     for sent, moves in ((sent1, moves1), (sent2, moves2)):
         moves.send(None)
