@@ -385,7 +385,7 @@ class HardwareInterface:
     def _publish_controllers(self) -> None:
         for name, controller in self._arm.controllers.items():
             publisher, progress = self._states.get(name), controller.progress
-            if progress is not None and publisher is not None and publisher.subscriber_count():
+            if progress is not None and publisher is not None and publisher.has_readers:
                 publisher.publish(self._reports.controller_state(progress, self._stamps.stamp(progress.stamp)))
 
     def _publish_feedback(self) -> None:
