@@ -11,7 +11,6 @@ import datetime
 import json
 import os
 import platform
-import re
 import shutil
 import subprocess
 import sys
@@ -40,7 +39,7 @@ _RATE = 60.0
 """Cycles a second of LeRobot's programs."""
 _LINE_RATE = 2000.0
 """More than a line has room for: `hexwire follow` then takes as many cycles as there is room for."""
-_FOLLOW_ROUNDS = 5
+_FOLLOW_ROUNDS = 3
 _FOLLOW_SECONDS = 10.0
 _CONNECTIONS = 30
 _OBSERVATIONS = 1000
@@ -71,17 +70,27 @@ def run(*, write: bool = False) -> list[str]:
         pair.write_calibrations(home)
         with pair.emulated(busemu) as emulator:
             rows = [*_plug_in(python, emulator, home), *_teleoperation(python, emulator, home)]
+    where = (
+        f"{datetime.date.today().isoformat()}, {_machine()}, load {load:.1f} before, {os.getloadavg()[0]:.1f} after"
+    )
     lines = [
-        f"{datetime.date.today().isoformat()}, {_machine()}, load {load:.1f} at the beginning",
+        where,
         "| what | hexwire | LeRobot | ratio | aim |",
         "|---|---|---|---|---|",
         *(f"| {' | '.join(row)} |" for row in rows),
     ]
     if write:
-        text = _PAGE.read_text()
-        block = f"{_BEGIN}Measured {lines[0]}:\n\n" + "\n".join(lines[1:]) + f"\n{_END}"
-        _PAGE.write_text(re.sub(f"{_BEGIN}.*{_END}", lambda _: block, text, flags=re.DOTALL))
+        _PAGE.write_text(_replaced(_PAGE.read_text(), f"Measured {lines[0]}:\n\n" + "\n".join(lines[1:]) + "\n"))
     return lines
+
+
+def _replaced(page: str, block: str) -> str:
+    """The page with another block between its markers."""
+    before, begin, rest = page.partition(_BEGIN)
+    _, end, after = rest.partition(_END)
+    if not begin or not end:
+        raise ValueError(f"{_PAGE} has no markers for the figures")
+    return f"{before}{begin}{block}{end}{after}"
 
 
 def _machine() -> str:
@@ -245,10 +254,10 @@ def _teleoperation(python: str, emulator: pair.Emulator, home: Path) -> Iterator
 
 def _followed(name: str, python: str, emulator: pair.Emulator, home: Path, faults: bool) -> dict[str, Any]:
     for _ in range(5):
-        # LeRobot's connection may fail for a stall of the machine.
         command = pair.command_of(name, python, emulator, home, _LINE_RATE)
         found = pair.measure(command, emulator, home, _FOLLOW_SECONDS, faults=faults)
-        if found:
+        # A stall of the machine ends LeRobot's loop without a lost answer, too.
+        if found and (faults or found["ended"] is None):
             return found
     log = (home / "log").read_text().strip().splitlines()
     raise RuntimeError(f"{name} does not follow: {log[-1:]}")

@@ -22,8 +22,10 @@ JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_ro
 _MIDDLE = 2048
 _NEAR = 1
 """Counts by which a goal may be off: LeRobot cuts off what it computes, hexwire rounds it."""
-_OLDEST = 0.3
-"""Seconds: a goal between where the leader was since then is right, however late."""
+_OLDEST = 1.0
+"""Seconds: a goal between where the leader was since then is right, however late: a machine may stall."""
+_LAST = 0.3
+"""Seconds at the end of a recording in which a step may still be on its way."""
 _SILENT = 0.5
 """Seconds without a goal after which a program follows no more."""
 _FOLLOWS = 0.1
@@ -64,7 +66,7 @@ class Recording:
     def delays(self, end: float) -> list[float]:
         """Seconds from each step of the leader to the follower's first goal after it; infinite without one."""
         found, at = [], 0
-        for number in range(self.number(self.began) + 2, self.number(end - _OLDEST)):
+        for number in range(self.number(self.began) + 2, self.number(end - _LAST)):
             if (number + 4) % self.steps < 8:
                 continue  # near the ends, where a count is passed twice
             up = self.level(number) > self.level(number - 1)

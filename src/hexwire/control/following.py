@@ -33,8 +33,8 @@ __all__ = ["BriefReader", "FollowController", "FollowCounters", "Pair", "ReadAhe
 
 _STALL = 0.5
 """Seconds without a cycle, as when the program was suspended, after which the follower meets the leader again."""
-_REST_EVERY = 0.009
-"""Seconds between readings of a follower's load and the like: a gripper closes little meanwhile."""
+_REST_EVERY = 0.019
+"""Seconds between readings of a follower's load and the like: jaws hold something after a tenth of a second."""
 _LAST_READING = 0.5
 """Seconds for which the end waits for a leader that is being read."""
 
