@@ -1,7 +1,8 @@
 """The parameter server of a node: declared parameters, their services, and the topic of changes.
 
-Owns the rules of `rclcpp`: static types, ranges, read-only parameters, all or nothing, what a list of names is.
-Must not know what a parameter is for: whoever declares it checks its values and says why one is refused.
+Owns the rules of `rclcpp`: static types, ranges, read-only parameters, all or nothing, what a list of names is; and
+the words of its refusals, which programs may look for. Must not know what a parameter is for: whoever declares it
+checks its values and says why one is refused.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from hexwire.control.setting import Setting
 from hexwire.errors import HexwireError, UsageError
 
+from .distributions import Distribution
 from .qos import PARAMETER_EVENTS, PARAMETERS
 
 if TYPE_CHECKING:
@@ -51,8 +53,8 @@ class ParameterType(IntEnum):
 
     @property
     def words(self) -> str:
-        """As users say it."""
-        return self.name.lower().replace("_", " ")
+        """As `rclcpp` says it."""
+        return self.name.lower()
 
 
 _FIELDS = {
@@ -66,6 +68,7 @@ _FIELDS = {
     ParameterType.DOUBLE_ARRAY: "double_array_value",
     ParameterType.STRING_ARRAY: "string_array_value",
 }
+_RANGES = {ParameterType.INTEGER: "integer", ParameterType.DOUBLE: "floating point"}
 _ARRAYS = {
     ParameterType.BOOL: ParameterType.BOOL_ARRAY,
     ParameterType.INTEGER: ParameterType.INTEGER_ARRAY,
@@ -181,6 +184,8 @@ class ParameterServer:
             name: types.service(f"rcl_interfaces/srv/{kind}").response
             for name, (kind, _) in self._services().items()
         }
+        # Since callbacks may change what is asked for, which came after Humble.
+        self._refuses_none = types.distribution is not Distribution.HUMBLE
         self._lock = threading.RLock()
         self._parameters: dict[str, _Parameter] = {}
         self._events: Any = None
@@ -228,10 +233,12 @@ class ParameterServer:
             HexwireError: A parameter is not declared, read-only, of another type, or its value is refused.
         """
         with self._lock:
-            if not changes:
-                raise UsageError("there is no parameter to set")
+            if not changes and self._refuses_none:
+                raise UsageError("parameter list cannot be empty: there is no parameter to set")
             for name, value in changes.items():
                 self._check(name, value)
+            if not changes:
+                return
             self._on_set(changes)
             for name, value in changes.items():
                 self._parameters[name].value = value
@@ -240,19 +247,31 @@ class ParameterServer:
     def _check(self, name: str, value: Value) -> None:
         parameter = self._parameters.get(name)
         if parameter is None:
-            raise UsageError(f"there is no parameter {name!r:.200}; `ros2 param list` shows those of this node")
+            raise UsageError(
+                f"parameter '{name:.200}' cannot be set because it was not declared; `ros2 param list` shows those "
+                "of this node"
+            )
         if parameter.descriptor.read_only:
-            raise UsageError(f"{name} is read-only: it is read when the node starts; restart it with the new value")
+            raise UsageError(
+                f"parameter '{name}' cannot be set because it is read-only: it is read when the node starts; "
+                "restart it with the new value"
+            )
         kind = type_of(value)
         empty = kind is ParameterType.STRING_ARRAY and not value
         if kind is not parameter.type and not (empty and parameter.type in _ARRAYS.values()):
             hint = ""
             if isinstance(value, int) and (kind, parameter.type) == (ParameterType.INTEGER, ParameterType.DOUBLE):
-                hint = f"; write {value}.0"
-            raise UsageError(f"{name} is of type {parameter.type.words}, not {kind.words}{hint}")
+                hint = f" Write {value}.0"
+            raise UsageError(
+                f"Wrong parameter type, parameter {{{name}}} is of type {{{parameter.type.words}}}, setting it to "
+                f"{{{kind.words}}} is not allowed.{hint}"
+            )
         row = parameter.descriptor
         if row.ranged and isinstance(value, int | float) and not _within(float(value), row.low, row.high):
-            raise UsageError(f"{name}: {value:g} must be {row.low:g} to {row.high:g}")
+            raise UsageError(
+                f"Parameter {{{name}}} doesn't comply with {_RANGES[parameter.type]} range. {value:g} must be "
+                f"{row.low:g} to {row.high:g}"
+            )
 
     # -- services -------------------------------------------------------------------------------------------------
 
@@ -351,8 +370,11 @@ def _value_of(name: str, message: Any) -> Value:
     try:
         field = _FIELDS[ParameterType(message.type)]
     except (KeyError, ValueError):
-        what = "cannot be deleted" if message.type == ParameterType.NOT_SET else f"has no type {message.type}"
-        raise UsageError(f"{name!r:.200} {what}; the parameters of this node keep their types") from None
+        if message.type == ParameterType.NOT_SET:
+            raise UsageError(f"cannot undeclare a statically typed parameter: {name!r:.200}") from None
+        raise UsageError(
+            f"{name!r:.200} has no type {message.type}; see rcl_interfaces/msg/ParameterType"
+        ) from None
     value: Value = getattr(message, field)
     return value
 
