@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from hexwire.ros2.names import Kind, resolve
+from hexwire.ros2.names import Kind, parse_remap, resolve
 from hexwire.ros2.node import Deferred
 from hexwire.ros2.qos import DEFAULT, SERVICES, Qos
 from hexwire.ros2.types import Types
@@ -63,8 +63,11 @@ class FakeNode:
         said: Everything that was published and answered, in order.
     """
 
-    def __init__(self, types: Types | None = None, name: str = "arm", namespace: str = "/") -> None:
+    def __init__(
+        self, types: Types | None = None, name: str = "arm", namespace: str = "/", rules: tuple[str, ...] = ()
+    ) -> None:
         self.types = types or Types()
+        self._rules = tuple(map(parse_remap, rules))
         self.name, self.namespace = name, namespace
         self.publishers: dict[str, FakePublisher] = {}
         self.services: dict[str, FakeService] = {}
@@ -75,7 +78,7 @@ class FakeNode:
         return f"{self.namespace.rstrip('/')}/{self.name}"
 
     def resolve(self, name: str, kind: Kind = Kind.TOPIC) -> str:
-        return resolve(name, self.namespace, self.name, kind)
+        return resolve(name, self.namespace, self.name, kind, self._rules)
 
     def publisher(self, topic: str, type_name: str, qos: Qos = DEFAULT) -> FakePublisher:
         made = FakePublisher(self, self.resolve(topic), type_name, qos)

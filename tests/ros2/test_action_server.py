@@ -17,15 +17,18 @@ from hexwire.ros2.types import Types
 
 ACTION = "control_msgs/action/FollowJointTrajectory"
 BASE = "/lab/arm_controller/follow_joint_trajectory/_action"
+PARTS = ("send_goal", "cancel_goal", "get_result")
 NOW = 1_700_000_000_000_000_007
 
 
 class World:
     """A server, its clock, and what it was asked."""
 
-    def __init__(self, distribution: Distribution = Distribution.JAZZY, **options: Any) -> None:
+    def __init__(
+        self, distribution: Distribution = Distribution.JAZZY, rules: tuple[str, ...] = (), **options: Any
+    ) -> None:
         self.types = Types(distribution)
-        self.node = FakeNode(self.types, namespace="/lab")
+        self.node = FakeNode(self.types, namespace="/lab", rules=rules)
         self.now, self.stamp = 50.0, NOW
         self.handles: list[GoalHandle] = []
         self.cancelled: list[GoalHandle] = []
@@ -77,6 +80,19 @@ class World:
 @pytest.fixture
 def world() -> World:
     return World()
+
+
+def test_a_rule_for_the_action_moves_all_that_belongs_to_it() -> None:
+    world = World(rules=("arm_controller/follow_joint_trajectory:=/left/follow",))
+    assert world.server.name == "/left/follow"
+    assert set(world.node.services) == {f"/left/follow/_action/{each}" for each in PARTS}
+    assert set(world.node.publishers) == {"/left/follow/_action/feedback", "/left/follow/_action/status"}
+
+
+def test_a_rule_may_move_one_of_them() -> None:
+    world = World(rules=("arm_controller/follow_joint_trajectory/_action/status:=status",))
+    assert set(world.node.publishers) == {f"{BASE}/feedback", "/lab/status"}
+    assert set(world.node.services) == {f"{BASE}/{each}" for each in PARTS}
 
 
 def test_names_types_and_quality_of_service_are_those_of_ros(world: World) -> None:

@@ -100,7 +100,7 @@ class ActionServer:
     Args:
         node: The node.
         types: Its types.
-        name: Name of the action, as written in the program.
+        name: Name of the action, as written in the program; remapped as that of a topic.
         type_name: As in ``control_msgs/action/FollowJointTrajectory``.
         on_goal: Gets each new goal, in the thread of callbacks; must not wait.
         on_cancel: Gets each goal that is to be cancelled; likewise. The goal then ends in any way.
@@ -137,7 +137,8 @@ class ActionServer:
         self._lock = threading.RLock()
         self._goals: Goals[Deferred] = Goals(keep)
         self._handles: dict[bytes, GoalHandle] = {}
-        within = f"{name}/_action"
+        # Its name is remapped first: a rule for the action moves all five.
+        within = f"{node.resolve(name)}/_action"
         # Clients find the services once the topics are there.
         self._feedback = node.publisher(f"{within}/feedback", self.type.feedback.name, DEFAULT)
         self._status = node.publisher(f"{within}/status", self.type.status.name, ACTION_STATUS)
