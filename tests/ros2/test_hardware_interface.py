@@ -11,7 +11,9 @@ import pytest
 from tests.ros2.node_fixtures import arm, shared_arm, world
 from tests.ros2.node_world import CONTROLLER, JOINTS, Arm, near, still, until
 
-from hexwire.ros2.qos import LATCHED
+from hexwire.ros2.keys import data_key
+from hexwire.ros2.qos import DEFAULT, LATCHED
+from hexwire.ros2.zenoh_session import ZenohSettings
 
 __all__ = ["arm", "shared_arm", "world"]
 
@@ -50,6 +52,27 @@ def test_the_state_of_the_controller_says_what_is_wanted_and_what_is(arm: Arm) -
     actual = dict(zip(JOINTS, message.feedback.positions, strict=True))
     assert near(actual, arm.board.positions)
     assert near(dict(zip(JOINTS, message.reference.positions, strict=True)), actual)
+
+
+@pytest.mark.parametrize(
+    ("topic", "kind"),
+    [
+        ("joint_states", STATE),
+        (f"{CONTROLLER}/controller_state", "control_msgs/msg/JointTrajectoryControllerState"),
+        ("tf", "tf2_msgs/msg/TFMessage"),
+    ],
+)
+def test_a_program_without_a_token_gets_what_is_published(arm: Arm, topic: str, kind: str) -> None:
+    message = arm.peer.types.message(kind)
+    received: list[bytes] = []
+    session = ZenohSettings(connect=(arm.world.endpoint,)).open()
+    try:
+        key = data_key(0, topic, message.dds_name, message.hash)
+        session.subscribe(key, DEFAULT, lambda payload, _: received.append(payload))
+        until(lambda: bool(received), f"a message of {topic}", arm.node.report)
+    finally:
+        session.close()
+    message.parse(received[0])
 
 
 def test_whoever_comes_late_gets_the_description(arm: Arm) -> None:

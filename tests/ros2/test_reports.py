@@ -57,7 +57,9 @@ def test_a_joint_state_has_no_effort(types: Types, reports: Reports) -> None:
 
 def test_the_state_of_a_controller_has_the_names_of_its_distribution(types: Types, reports: Reports) -> None:
     type_ = types.message(CONTROLLER_STATE)
-    message = type_.parse(type_.serialize(reports.controller_state(PROGRESS, WALL)))
+    message = type_.parse(type_.serialize(reports.controller_state(PROGRESS, WALL, 2.5)))
+    for point in (message.reference, message.feedback):
+        assert (point.time_from_start.sec, point.time_from_start.nanosec) == (2, 500_000_000)
     assert message.joint_names == ["J1", "J2"]
     assert (message.reference.positions, message.reference.velocities) == ([1.0, 2.0], [0.5, 0.0])
     assert message.reference.accelerations == [0.1, 0.2]
@@ -70,6 +72,12 @@ def test_the_state_of_a_controller_has_the_names_of_its_distribution(types: Type
         assert (message.desired, message.actual.positions) == (message.reference, message.feedback.positions)
     else:
         assert message.speed_scaling_factor == 1.0
+
+
+@pytest.mark.parametrize("elapsed", [-math.inf, -1.0, 0.0])
+def test_no_time_has_passed_before_a_goal_begins(reports: Reports, elapsed: float) -> None:
+    message = reports.controller_state(PROGRESS, WALL, elapsed)
+    assert (message.reference.time_from_start.sec, message.reference.time_from_start.nanosec) == (0, 0)
 
 
 @pytest.mark.parametrize(("elapsed", "index"), [(-1.0, 0), (0.0, 0), (1.0, 1), (1.5, 1), (2.0, 1), (9.0, 1)])
@@ -86,6 +94,7 @@ def test_feedback_names_the_point_under_way_where_it_can(
     assert message.joint_names == ["J1", "J2"]
     assert (message.desired.positions, message.actual.positions) == ([1.0, 2.0], [0.75, 2.5])
     assert message.error.positions == [0.25, -0.5]
+    assert message.desired.time_from_start.sec == message.actual.time_from_start.sec == max(0, int(elapsed))
     assert hasattr(message, "index") == (types.distribution in NEW)
     if types.distribution in NEW:
         assert message.index == index

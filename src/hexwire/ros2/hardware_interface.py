@@ -386,7 +386,8 @@ class HardwareInterface:
         for name, controller in self._arm.controllers.items():
             publisher, progress = self._states.get(name), controller.progress
             if progress is not None and publisher is not None and publisher.has_readers:
-                publisher.publish(self._reports.controller_state(progress, self._stamps.stamp(progress.stamp)))
+                wall, elapsed = self._stamps.stamp(progress.stamp), progress.stamp - controller.begins
+                publisher.publish(self._reports.controller_state(progress, wall, elapsed))
 
     def _publish_feedback(self) -> None:
         for controller in self._arm.controllers.values():

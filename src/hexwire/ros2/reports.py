@@ -64,9 +64,15 @@ class Reports:
             header=self.header(wall, frame), name=state.names, position=state.position, velocity=state.velocity
         )
 
-    def controller_state(self, progress: Progress, wall: float) -> Any:
-        """A JointTrajectoryControllerState."""
-        wanted, actual, error = self._points(progress)
+    def controller_state(self, progress: Progress, wall: float, elapsed: float = 0.0) -> Any:
+        """A JointTrajectoryControllerState.
+
+        Args:
+            progress: Progress of the controller.
+            wall: As in `stamp`.
+            elapsed: Seconds since the goal began; 0 or less without one.
+        """
+        wanted, actual, error = self._points(progress, elapsed)
         message = self._controller_state(
             header=self.header(wall), joint_names=progress.names, reference=wanted, feedback=actual, error=error
         )
@@ -86,7 +92,7 @@ class Reports:
             goal: The FollowJointTrajectory_Goal.
             elapsed: Seconds since the goal began; negative before.
         """
-        wanted, actual, error = self._points(progress)
+        wanted, actual, error = self._points(progress, elapsed)
         message = self._feedback(
             header=self.header(wall), joint_names=progress.names, desired=wanted, actual=actual, error=error
         )
@@ -94,14 +100,17 @@ class Reports:
             message.index = _index(goal.trajectory.points, elapsed)
         return message
 
-    def _points(self, progress: Progress) -> tuple[Any, Any, Any]:
-        desired = progress.desired
+    def _points(self, progress: Progress, elapsed: float) -> tuple[Any, Any, Any]:
+        desired, since = progress.desired, self._seconds(max(0.0, elapsed))
         speeds = [d - v for d, v in zip(desired.velocity, progress.velocity, strict=True)]
         return (
             self._point(
-                positions=desired.position, velocities=desired.velocity, accelerations=desired.acceleration
+                positions=desired.position,
+                velocities=desired.velocity,
+                accelerations=desired.acceleration,
+                time_from_start=since,
             ),
-            self._point(positions=progress.position, velocities=progress.velocity),
+            self._point(positions=progress.position, velocities=progress.velocity, time_from_start=since),
             self._point(positions=progress.error, velocities=speeds),
         )
 
