@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Check the node `hexwire-ros2` from a machine with ROS 2, and print pass or fail, a line each.
 
-    ros2_check.py [--node /hardware_interface] [--controller joint_trajectory_controller] [--move] [--seconds 5]
+    ros2_check.py [--node /hardware_interface] [--controller NAME] [--move] [--only CHECK]
 
 Needs Jazzy, Kilted or Rolling with `rmw_zenoh_cpp`, in a shell where ROS 2 is set up, and the node running.
 Everything goes through the programs of ROS 2. Without `--move` nothing moves, and torque stays as it is. What is
@@ -332,7 +332,8 @@ class Checks:
         )
 
     def send_goal(self) -> str:
-        expect(self.joints, "the joints are not known, see topic echo")
+        if not self.joints:
+            self.topic_echo()
         first = self.positions[0]
         there = [first - 0.1 if first > 0 else first + 0.1, *self.positions[1:]]
         for wanted in (there, self.positions):
@@ -391,16 +392,20 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--node", default="/hardware_interface", help="full name of the node")
     parser.add_argument("--controller", default="joint_trajectory_controller", help="name of its controller")
     parser.add_argument("--move", action="store_true", help="switch torque on and move the first joint by 0.1")
+    parser.add_argument("--only", metavar="CHECK", action="append", help="make this check alone, as in 'topic hz'")
     parser.add_argument("--seconds", type=float, default=5.0, help="how long to listen for a rate")
     options = parser.parse_args(arguments)
+    names = [name.replace("_", " ") for name in (*LOOKING, *(MOVING if options.move else ()))]
+    if unknown := set(options.only or ()) - set(names):
+        parser.error(f"no check {', '.join(sorted(unknown))}; there are {', '.join(names)}")
     if shutil.which("ros2") is None:
         sys.stderr.write("ROS 2 is not set up in this shell: source /opt/ros/jazzy/setup.bash\n")
         return 2
     node = "/" + options.node.strip("/")
     checks = Checks(Programs(), node, options.controller, options.seconds)
     counts = {"pass": 0, "FAIL": 0, "left out": 0}
-    for name in (*LOOKING, *(MOVING if options.move else ())):
-        check: Callable[[], str] = getattr(checks, name)
+    for name in options.only or names:
+        check: Callable[[], str] = getattr(checks, name.replace(" ", "_"))
         try:
             outcome, text = "pass", check()
         except Failed as failure:
@@ -408,7 +413,7 @@ def main(arguments: list[str] | None = None) -> int:
         except LeftOut as reason:
             outcome, text = "left out", str(reason)
         counts[outcome] += 1
-        sys.stdout.write(f"{outcome:8}  {name.replace('_', ' '):14}  {' '.join(text.split())[:200]}\n")
+        sys.stdout.write(f"{outcome:8}  {name:14}  {' '.join(text.split())[:200]}\n")
         sys.stdout.flush()
     sys.stdout.write(f"{counts['pass']} passed, {counts['FAIL']} failed, {counts['left out']} left out\n")
     return 1 if counts["FAIL"] else 0
