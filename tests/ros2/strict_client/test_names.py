@@ -10,7 +10,7 @@ from tests.link.far_ends import free_port
 from tests.ros2.strict_client.action import SUCCEEDED, goal, point
 from tests.ros2.strict_client.definitions import NO_HASH, Definitions, dds_name
 from tests.ros2.strict_client.wire import Participant, Token, router, until
-from tests.ros2.strict_client.world import ACTION, CONTROLLER, NODE, Arm, NodeProcess, running
+from tests.ros2.strict_client.world import ACTION, CONTROLLER, JOINT_STATE, NODE, Arm, NodeProcess, running
 
 FEEDBACK = "control_msgs/action/FollowJointTrajectory_FeedbackMessage"
 STATE = "control_msgs/msg/JointTrajectoryControllerState"
@@ -160,3 +160,27 @@ def test_a_session_file(tmp_path: Path) -> None:
     """ZENOH_SESSION_CONFIG_URI, as rmw_zenoh_cpp has it; the other tests use ZENOH_CONFIG_OVERRIDE."""
     with running(tmp_path, by_file=True) as (port, node), Participant(port) as me:
         Arm(me, port, node)
+
+
+def test_remaps_of_topics_and_services(tmp_path: Path) -> None:
+    remaps = (
+        "-r",
+        "joint_states:=js",
+        "-r",
+        "~/stop:=/halt",
+        "-r",
+        "__node:=arm7",
+    )
+    with running(tmp_path, arguments=remaps) as (port, _), Participant(port) as me:
+        me.graph.one(kind="NN", full_node="/arm7")
+        for kind, topic in [
+            ("MP", "/js"),
+            ("SS", "/halt"),
+            ("SS", "/arm7/list_parameters"),
+            ("SS", "/arm7/reset"),
+        ]:
+            me.graph.one(kind=kind, topic=topic)
+        names = {token.topic for token in me.graph.tokens()}
+        assert not names & {"/joint_states", "/arm7/stop"}
+        me.subscribe("/js", JOINT_STATE).take()
+        assert me.client("/halt", "std_srvs/srv/Trigger").call().success

@@ -255,3 +255,11 @@ def test_an_atomic_change_is_one_event(arm: Arm) -> None:
         "constraints.goal_time",
         "constraints.stopped_velocity_tolerance",
     }
+
+
+def test_setting_nothing(arm: Arm) -> None:
+    """rclcpp refuses an empty list since Iron (node_parameters.cpp)."""
+    assert arm.parameters.set_all({}) == []
+    result = arm.parameters.set_atomically({})
+    assert not result.successful
+    assert result.reason
