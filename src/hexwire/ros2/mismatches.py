@@ -55,6 +55,6 @@ def describe_mismatch(own: Endpoint, other: Endpoint) -> str:
     how = "requesting" if own.role is Role.PUBLISHER else "offering"
     lost = "sent to it" if own.role is Role.PUBLISHER else "received from it"
     return (
-        f"New {word} discovered on topic '{own.name}', {how} incompatible QoS. No messages will be {lost} over "
-        f"DDS; Zenoh delivers them. Last incompatible policy: {policies[-1]}_QOS_POLICY"
+        f"New {word} discovered on topic '{own.name}', {how} incompatible QoS. No messages will be {lost}. Last "
+        f"incompatible policy: {policies[-1]}_QOS_POLICY. This is so over DDS; Zenoh delivers them"
     )
