@@ -110,6 +110,23 @@ def test_names_types_and_quality_of_service_are_those_of_a_managed_node(world: W
     assert publisher.qos == Qos(depth=10)
 
 
+def test_whoever_asks_sees_the_present_state() -> None:
+    node, present = FakeNode(), State.UNCONFIGURED
+    lifecycle = Lifecycle(node, node.types, lambda _: None, lambda: present)  # type: ignore[arg-type]
+    present = State.ACTIVE
+    assert node.ask("/arm/get_state").current_state.label == "active"
+    present = State.INACTIVE
+    rows = node.ask("/arm/get_available_transitions").available_transitions
+    assert [row.transition.label for row in rows] == ["cleanup", "activate", "shutdown"]
+    present = State.ACTIVE
+    deactivate = node.types.message("lifecycle_msgs/msg/Transition")(label="deactivate")
+    call = node.call("/arm/change_state", transition=deactivate)
+    wait_for(lambda: call.response is not None)
+    assert call.response.success
+    lifecycle.mirror(State.FINALIZED)
+    assert node.ask("/arm/get_state").current_state.label == "finalized", "for good"
+
+
 def test_states_and_transitions_are_those_of_rcl_lifecycle(world: World) -> None:
     types = world.node.types
     constants = {**types.message("lifecycle_msgs/msg/State").constants}

@@ -141,7 +141,11 @@ class HardwareInterface:
             self._refuse_namesake()
             self._offer_topics()
             self._offer_parameters()
-            self._lifecycle = Lifecycle(self._node, self._types, partial(arm_lifecycle.carry_out, self._arm))
+            carry_out, present = (
+                partial(arm_lifecycle.carry_out, self._arm),
+                partial(arm_lifecycle.state_of, self._arm),
+            )
+            self._lifecycle = Lifecycle(self._node, self._types, carry_out, present)
             self._arm.connect()
             self._shutdown.interrupts = False
             # Once more: it takes a moment until all others are known.

@@ -135,10 +135,18 @@ class Lifecycle:
         on_change: Carries out what a client asks for, in a thread of its own; may wait. It refuses with an error
             whose text is the reason; then the state stays. Otherwise the node is in the state that was asked for,
             until `mirror` says something else.
+        present: Returns the present state, as for `mirror`: whoever has just asked for something else sees what
+            it did. None for that of the last `mirror`.
     """
 
-    def __init__(self, node: Node, types: Types, on_change: Callable[[Change], object]) -> None:
-        self._on_change = on_change
+    def __init__(
+        self,
+        node: Node,
+        types: Types,
+        on_change: Callable[[Change], object],
+        present: Callable[[], State] | None = None,
+    ) -> None:
+        self._on_change, self._present = on_change, present
         message = types.message
         self._state_message = message("lifecycle_msgs/msg/State")
         self._transition_message = message("lifecycle_msgs/msg/Transition")
@@ -193,6 +201,7 @@ class Lifecycle:
 
     def _change_state(self, request: Any) -> Any:
         asked = request.transition
+        self._look()
         with self._lock:
             change = self._asked_change(int(asked.id), str(asked.label))
             if change is None:
@@ -233,14 +242,19 @@ class Lifecycle:
                     self.mirror(State.FINALIZED)
         answer.answer(self._changed(success=success))
 
+    def _look(self) -> State:
+        if self._present is not None:
+            self.mirror(self._present())
+        return self._state
+
     def _get_state(self, _request: Any) -> Any:
-        return self._got_state(current_state=self._message(self._state))
+        return self._got_state(current_state=self._message(self._look()))
 
     def _get_available_states(self, _request: Any) -> Any:
         return self._got_states(available_states=[self._message(state) for state in State])
 
     def _get_available_transitions(self, _request: Any) -> Any:
-        state = self._state
+        state = self._look()
         rows = [self._describe(row) for row in TRANSITIONS if row.start is state]
         return self._got_transitions(available_transitions=rows)
 
