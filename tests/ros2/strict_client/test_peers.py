@@ -92,7 +92,8 @@ def test_many_participants_come_and_go(arm: Arm) -> None:
         for other in others:
             other.close()
     assert arm.trigger("reset").success
-    until(lambda: [t for t in arm.me.graph.tokens() if t.node.startswith("guest")] == [], "all guests are gone")
+    # Asked anew: a subscriber to tokens may miss that one goes when whole sessions end.
+    until(lambda: not [text for text in arm.me.graph.asked() if "/guest" in text], "all guests are gone")
 
 
 def test_another_publisher_of_joint_states_is_allowed(arm: Arm) -> None:
