@@ -184,3 +184,12 @@ def test_remaps_of_topics_and_services(tmp_path: Path) -> None:
         assert not names & {"/joint_states", "/arm7/stop"}
         me.subscribe("/js", JOINT_STATE).take()
         assert me.client("/halt", "std_srvs/srv/Trigger").call().success
+
+
+def test_a_remap_of_an_action(tmp_path: Path) -> None:
+    """rcl_action resolves the name of an action as that of a topic, and adds `/_action/...` after that."""
+    remap = ("-r", f"{ACTION[1:]}:=arm/follow")
+    with running(tmp_path, arguments=remap) as (port, _), Participant(port) as me:
+        me.graph.one(kind="NN", full_node=NODE)
+        for kind, leaf in (("MP", "status"), ("MP", "feedback"), ("SS", "send_goal"), ("SS", "get_result")):
+            me.graph.one(kind=kind, topic=f"/arm/follow/_action/{leaf}")
