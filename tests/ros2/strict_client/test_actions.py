@@ -168,6 +168,19 @@ def test_feedback_says_where_the_arm_is(arm: Arm) -> None:
     made.result()
 
 
+def test_feedback_says_how_long_the_goal_has_run(arm: Arm) -> None:
+    """joint_trajectory_controller fills time_from_start of `desired` and `actual`."""
+    made = arm.send(arm.short_goal(0.2, 1.5))
+    times = []
+    for received in (arm.action.feedback.take() for _ in range(5)):
+        feedback = received.message.feedback
+        assert feedback.actual.time_from_start == feedback.desired.time_from_start
+        times.append(feedback.desired.time_from_start.sec + feedback.desired.time_from_start.nanosec * 1e-9)
+    assert times == sorted(set(times))
+    assert times[-1] > 0.0
+    made.result()
+
+
 def test_feedback_ends_with_the_goal(arm: Arm) -> None:
     made = arm.send(arm.short_goal())
     made.result()

@@ -22,6 +22,33 @@ def test_an_arm_without_torque_is_inactive(arm: Arm) -> None:
     assert until(lambda: state(arm) == (2, "inactive"), "the node is inactive")
 
 
+def test_the_state_is_that_of_this_moment(arm: Arm) -> None:
+    """A client that asks right after a service was answered sees what it did."""
+    for _ in range(3):
+        arm.enable(False)
+        assert state(arm) == (2, "inactive")
+        assert arm.enable().success
+        assert state(arm) == (3, "active")
+        assert arm.trigger("stop").success
+        assert state(arm) == (2, "inactive")
+        assert arm.trigger("reset").success
+        assert state(arm) == (3, "active")
+
+
+def test_an_arm_that_was_deactivated_takes_no_goals(arm: Arm) -> None:
+    """joint_trajectory_controller: goals are rejected while it is inactive. A reset makes it active again."""
+    assert until(lambda: state(arm)[0] == 3, "the node is active")
+    goal = arm.short_goal()
+    change = arm.service(f"{NODE}/change_state", "lifecycle_msgs/srv/ChangeState")
+    assert change.call(transition={"id": 4, "label": ""}).success
+    assert state(arm) == (2, "inactive")
+    assert not arm.send(goal).accepted
+    assert arm.trigger("reset").success
+    assert change.call(transition={"id": 0, "label": "activate"}).success or state(arm)[0] == 3
+    assert state(arm) == (3, "active")
+    assert arm.send(goal).accepted
+
+
 def test_a_state_has_the_label_of_its_id(arm: Arm) -> None:
     number, label = state(arm)
     assert STATES[number] == label

@@ -189,6 +189,27 @@ def test_a_wrong_value_is_refused_with_a_reason(arm: Arm, name: str, made: objec
     assert arm.parameters.get_all([name]) == before
 
 
+@pytest.mark.parametrize(
+    ("name", "made", "words"),
+    [
+        ("nobody", 1, "parameter 'nobody' cannot be set because it was not declared"),
+        ("port", "sim://so101", "parameter 'port' cannot be set because it is read-only"),
+        (
+            "constraints.goal_time",
+            5,
+            "Wrong parameter type, parameter {constraints.goal_time} is of type {double}, setting it to {integer}",
+        ),
+        (
+            "joint_commands_start_tolerance",
+            8.0,
+            "Parameter {joint_commands_start_tolerance} doesn't comply with floating point range.",
+        ),
+    ],
+)
+def test_a_refusal_has_the_words_of_rclcpp(arm: Arm, name: str, made: object, words: str) -> None:
+    assert arm.parameters.set(name, made).reason.startswith(words)
+
+
 def test_a_parameter_cannot_be_removed(arm: Arm) -> None:
     """A statically typed parameter may not become NOT_SET."""
     assert not arm.parameters.set("diagnostics_rate", None).successful
