@@ -200,6 +200,22 @@ class Program:
             publisher.publish(kind(**fields))
             rospy.sleep(1.0 / rate)
 
+    def begin_joint_commands(self, topic: str, **fields: Any) -> None:
+        """Publish osrf_msgs/JointCommands at 50 Hz until `end_joint_commands`."""
+        publisher, ending = self._publisher(topic, osrf_msgs().JointCommands), threading.Event()
+
+        def play() -> None:
+            while not ending.wait(0.02):
+                publisher.publish(osrf_msgs().JointCommands(**fields))
+
+        self._stream = ending, threading.Thread(target=play, daemon=True)
+        self._stream[1].start()
+
+    def end_joint_commands(self) -> None:
+        ending, thread = self._stream
+        ending.set()
+        thread.join()
+
     def trigger(self, service: str) -> list[Any]:
         rospy.wait_for_service(service, PATIENCE)
         answer = rospy.ServiceProxy(service, Trigger)()

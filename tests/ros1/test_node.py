@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -102,6 +103,27 @@ def test_joint_commands_are_pursued(arm: Arm) -> None:
     arm.logged("ignored: kp_position")
 
 
+def test_set_points_that_go_on_through_a_stop_move_nothing_after_the_reset(arm: Arm) -> None:
+    target = {"J1": _aside(arm, 0.8)}
+    start = arm.board.positions
+    # A stream of the test before has paused.
+    time.sleep(1.0)
+    arm.client.begin_joint_commands(topic="/joint_commands", name=["J1"], position=[target["J1"]])
+    try:
+        until(lambda: not near(start, arm.board.positions, 0.05), "it moves", arm.node.report)
+        assert arm.trigger("stop") == "stopped; all joints confirmed it"
+        stood, said = still(lambda: arm.board.positions), len(arm.node.err)
+        arm.trigger("reset")
+        text = "joint_commands refused: they have come since before"
+        until(lambda: text in arm.node.err[said:], "it is logged", arm.node.report)
+        time.sleep(0.5)
+        assert near(stood, arm.board.positions, 0.01)
+        assert not near(stood, target, 0.1)
+    finally:
+        arm.client.end_joint_commands()
+        time.sleep(1.0)
+
+
 WRONG_SET_POINTS: dict[str, tuple[dict[str, Any], str]] = {
     "unknown joint": ({"name": ["J1", "elbow"], "position": [0.3, 0.0]}, "'elbow'"),
     "joint twice": ({"name": ["J1", "J1"], "position": [0.3, 0.4]}, "twice"),
@@ -116,6 +138,8 @@ WRONG_SET_POINTS: dict[str, tuple[dict[str, Any], str]] = {
 @pytest.mark.parametrize("case", WRONG_SET_POINTS)
 def test_wrong_set_points_are_logged_and_move_nothing(arm: Arm, case: str) -> None:
     wrong, text = WRONG_SET_POINTS[case]
+    # Between it and the one of the test before is a stop.
+    time.sleep(1.0)
     before = arm.board.positions
     arm.client.joint_commands(topic="/joint_commands", **wrong)
     until(

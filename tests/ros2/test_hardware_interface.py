@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 from itertools import pairwise
 from typing import Any
@@ -151,6 +152,35 @@ def test_set_points_of_a_forward_command_controller_are_followed(arm: Arm) -> No
     values = [target[joint] for joint in JOINTS]
     arm.stream("/forward_position_controller/commands", "std_msgs/msg/Float64MultiArray", 1.5, data=values)
     until(lambda: near(target, arm.board.positions), "it is there", arm.node.report)
+
+
+def test_set_points_that_go_on_through_a_stop_move_nothing_after_the_reset(arm: Arm) -> None:
+    target = {**arm.position(), "J1": aside(arm, 0.8)}
+    topic, kind = "/forward_position_controller/commands", "std_msgs/msg/Float64MultiArray"
+    values = [target[joint] for joint in JOINTS]
+    ending = threading.Event()
+
+    def play() -> None:
+        while not ending.wait(0.02):
+            arm.peer.publish(topic, kind, data=values)
+
+    # A stream of the test before has paused.
+    time.sleep(1.0)
+    start, program = arm.board.positions, threading.Thread(target=play)
+    program.start()
+    try:
+        until(lambda: not near(start, arm.board.positions, 0.05), "it moves", arm.node.report)
+        arm.trigger("stop")
+        stood, said = still(lambda: arm.board.positions), len(arm.node.err)
+        arm.trigger("reset")
+        until(lambda: "commands refused: they have come since before" in arm.node.err[said:], "it is logged")
+        time.sleep(0.5)
+        assert near(stood, arm.board.positions, 0.01)
+        assert not near(stood, target, 0.1)
+    finally:
+        ending.set()
+        program.join()
+        time.sleep(1.0)
 
 
 # -- services ----------------------------------------------------------------------------------------------------

@@ -285,6 +285,10 @@ class Arm:
             raise UsageError(f"stopped, but {', '.join(missing)} did not confirm it")
         return "stopped; all joints confirmed it"
 
+    def refuse_stopped(self) -> None:
+        """Raise a GoalError if the arm is stopped."""
+        self._check.stop_latch(self.owner.group.reason)
+
     def reset(self, asked: int | None = None) -> str:
         """Clear a latched stop. Nothing moves.
 

@@ -39,6 +39,7 @@ from hexwire.control.client_goals import ClientGoal
 from hexwire.control.diagnostics import ChangeWatch, Level, Row, diagnose
 from hexwire.control.log_limiter import LogLimiter
 from hexwire.control.rate import Periodic
+from hexwire.control.set_point_stream import SetPointStream
 from hexwire.control.shutdown import Shutdown
 from hexwire.control.stamps import StampClock
 from hexwire.control.teaching import to_points, tolerance_of
@@ -121,6 +122,7 @@ class HardwareInterface:
         self._parameters, robot = load_parameters(self._given)
         self._settings = settings = self._parameters.settings
         self._arm = Arm(robot, settings, on_state=self._publish_state, on_taught=self._publish_taught)
+        self._set_points = SetPointStream(self._arm)
         self._states: dict[str, rospy.Publisher] = {}
         self._servers: list[actionlib.ActionServer] = []
         self._shutdown, self._ended = Shutdown(_LONGEST_SHUTDOWN), threading.Event()
@@ -280,7 +282,7 @@ class HardwareInterface:
     def _on_joint_commands(self, message: Any) -> None:
         try:
             positions, ignored = set_points_of(message)
-            self._arm.set_points(positions)
+            self._set_points.follow(positions)
         except HexwireError as error:
             self._warn(f"joint_commands refused: {error}")
         else:

@@ -19,6 +19,7 @@ from hexwire.control.client_goals import ClientGoal
 from hexwire.control.diagnostics import ChangeWatch, diagnose
 from hexwire.control.log_limiter import LogLimiter
 from hexwire.control.rate import Periodic
+from hexwire.control.set_point_stream import SetPointStream
 from hexwire.control.shutdown import Shutdown
 from hexwire.control.stamps import StampClock
 from hexwire.control.workers import Worker
@@ -95,6 +96,7 @@ class HardwareInterface:
         self._node = Node(options, types)
         self._arm = Arm(robot, settings.arm, on_state=self._publish_state, on_taught=self._publish_taught)
         self._goals = ActionGoals(self._arm, types.action(FOLLOW_JOINT_TRAJECTORY).result)
+        self._commands = SetPointStream(self._arm)
         self._trajectories = Worker("trajectories", _TRAJECTORIES)
         self._calls = threading.BoundedSemaphore(_MOST_CALLS)
         self._states: dict[str, Publisher] = {}
@@ -348,7 +350,7 @@ class HardwareInterface:
     def _on_commands(self, message: Any, sent: int) -> None:
         joints = [joint for controller in self._arm.controllers.values() for joint in controller.joints]
         try:
-            self._arm.set_points(of_array(message, joints))
+            self._commands.follow(of_array(message, joints), sent / 1e9)
         except HexwireError as error:
             self._warn(f"{COMMANDS} refused: {error}")
 
