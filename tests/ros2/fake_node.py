@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from hexwire.ros2.names import Kind, parse_remap, resolve
-from hexwire.ros2.node import Deferred
+from hexwire.ros2.node import Deferred, NodeOptions
 from hexwire.ros2.qos import DEFAULT, SERVICES, Qos
 from hexwire.ros2.types import Types
 
@@ -68,6 +68,7 @@ class FakeNode:
     ) -> None:
         self.types = types or Types()
         self._rules = tuple(map(parse_remap, rules))
+        self.options = NodeOptions(name, namespace)
         self.name, self.namespace = name, namespace
         self.publishers: dict[str, FakePublisher] = {}
         self.services: dict[str, FakeService] = {}

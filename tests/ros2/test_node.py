@@ -68,7 +68,7 @@ def test_a_node_must_be_open_to_publish() -> None:
 def test_the_log_of_the_program_is_on_rosout(make_node: Callable[..., Node]) -> None:
     types = Types()
     node = make_node("driver", namespace="/arm", types=types)
-    node.get_logger("goals").warning("before the subscription")
+    node.log.getChild("goals").warning("before the subscription")
     found: list[Any] = []
     make_node("reader", types=types, rosout=False).subscribe(
         "/rosout", "rcl_interfaces/msg/Log", ROSOUT, lambda message, stamp: found.append(message)
@@ -92,11 +92,9 @@ def test_last_words_are_published(make_node: Callable[..., Node]) -> None:
     node = make_node("driver", types=types)
     found: list[str] = []
     reader = make_node("reader", types=types, rosout=False)
-    subscription = reader.subscribe(
-        "/rosout", "rcl_interfaces/msg/Log", ROSOUT, lambda each, _: found.append(each.msg)
-    )
-    eventually(lambda: subscription.publisher_count() == 1)
-    node.get_logger().error("the arm is stopped")
+    reader.subscribe("/rosout", "rcl_interfaces/msg/Log", ROSOUT, lambda each, _: found.append(each.msg))
+    eventually(lambda: len(reader.graph.find(Role.PUBLISHER, "/rosout")) == 1)
+    node.log.error("the arm is stopped")
     node.close()
     eventually(lambda: "the arm is stopped" in found)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -37,8 +38,9 @@ ALL = OWN | OF_ROS
 class World:
     """A server with parameters of every kind in use."""
 
-    def __init__(self, distribution: Distribution = Distribution.JAZZY) -> None:
+    def __init__(self, distribution: Distribution = Distribution.JAZZY, *, tells_types: bool = True) -> None:
         self.node = FakeNode(Types(distribution), namespace="/lab")
+        self.node.options = replace(self.node.options, type_descriptions=tells_types)
         self.asked: list[dict[str, Value]] = []
         self.fault = ""
         self.server = ParameterServer(
@@ -353,6 +355,11 @@ def test_every_node_has_the_parameter_that_ros_gives_it(world: World) -> None:
         "parameter 'start_type_description_service' cannot be set because it is read-only"
     )
     assert "start_type_description_service" not in World(Distribution.HUMBLE).server.values()
+
+
+def test_the_parameter_for_type_descriptions_says_what_the_node_does(world: World) -> None:
+    assert world.server.values()["start_type_description_service"] is True
+    assert World(tells_types=False).server.values()["start_type_description_service"] is False
 
 
 def test_the_program_sets_by_the_same_rules(world: World) -> None:

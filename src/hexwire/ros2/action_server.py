@@ -22,6 +22,7 @@ from .distributions import Distribution
 from .goals import Goal, Goals, GoalStatus
 from .node import Deferred
 from .qos import ACTION_STATUS, DEFAULT
+from .values import nanoseconds_of, time_fields
 
 if TYPE_CHECKING:
     from .node import Node
@@ -213,9 +214,8 @@ class ActionServer:
 
     def _cancel_goal(self, request: Any) -> Any:
         info = request.goal_info
-        stamp = int(info.stamp.sec) * 1_000_000_000 + int(info.stamp.nanosec)
         with self._lock:
-            code, goals = self._goals.cancel(bytes(info.goal_id.uuid), stamp, self._clock())
+            code, goals = self._goals.cancel(bytes(info.goal_id.uuid), nanoseconds_of(info.stamp), self._clock())
             handles = [self._handles[goal.id] for goal in goals]
             if any(goal.known for goal in goals):
                 self._publish_status()
@@ -254,4 +254,4 @@ class ActionServer:
         return self._goal_info(goal_id=self._uuid(uuid=goal.id), stamp=self._stamp(goal.stamp))
 
     def _stamp(self, nanoseconds: int) -> Any:
-        return self._time(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
+        return self._time(**time_fields(nanoseconds))

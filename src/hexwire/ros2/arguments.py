@@ -14,6 +14,7 @@ from typing import Any
 
 from hexwire.errors import UsageError
 
+from .keys import MOST_DOMAIN
 from .names import Remap, parse_remap
 from .params_file import Overrides, matches, parse_value, read_params_file
 
@@ -29,7 +30,6 @@ _PARAM = re.compile(r"(?:([A-Za-z0-9_]+):(?!=))?([A-Za-z0-9_/]+(?:\.[A-Za-z0-9_/
 _ENCLAVE = re.compile(r"/|(/[A-Za-z_][A-Za-z0-9_]*){1,32}", re.ASCII)
 _LARGEST_VALUE = 64 * 1024
 _SWITCHES = ("stdout-logs", "rosout-logs", "external-lib-logs")
-_MOST_DOMAIN = 4294967295
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +80,8 @@ def domain_of(environment: Mapping[str, str]) -> int:
     text = environment.get("ROS_DOMAIN_ID", "")
     if not text:
         return 0
-    if not (text.isascii() and text.isdigit()) or len(text) > 10 or int(text) > _MOST_DOMAIN:
-        raise UsageError(f"ROS_DOMAIN_ID is not an integral number from 0 to {_MOST_DOMAIN}: {text[:80]!r}")
+    if not (text.isascii() and text.isdigit()) or len(text) > 10 or int(text) > MOST_DOMAIN:
+        raise UsageError(f"ROS_DOMAIN_ID is not an integral number from 0 to {MOST_DOMAIN}: {text[:80]!r}")
     return int(text)
 
 

@@ -15,8 +15,10 @@ from hexwire.errors import NotSupportedError, RemoteProtocolError
 from .attachment import GID
 from .qos import Qos, parse_qos
 
-__all__ = ["SPACE", "Endpoint", "Role", "data_key", "gid_of", "graph_pattern", "parse_token"]
+__all__ = ["MOST_DOMAIN", "SPACE", "Endpoint", "Role", "data_key", "gid_of", "graph_pattern", "parse_token"]
 
+MOST_DOMAIN = 2**32 - 1
+"""The greatest ROS_DOMAIN_ID."""
 SPACE = "@ros2_lv"
 _LONGEST = 2048
 """Characters of a token; longer ones are not read."""

@@ -20,20 +20,19 @@ from hexwire.errors import LinkClosedError, UsageError
 from . import type_descriptions
 from .callbacks import Callbacks, Inbox
 from .graph import Graph
-from .keys import Endpoint, Role, gid_of, graph_pattern
+from .keys import MOST_DOMAIN, Endpoint, Role, gid_of, graph_pattern
 from .logging import LOG, TIME, RosoutHandler
 from .mismatches import describe_mismatch
 from .names import Kind, Remap, full_name, remap_node, resolve
 from .parts import MessageCodec, Part, ServiceCodec, TypeSource
 from .qos import DEFAULT, ROSOUT, SERVICES, Qos
 from .router_watch import START_ONE, RouterWatch
-from .services import Client, Deferred, RequestId, Service
+from .services import Client, Deferred, Service
 from .topics import Publisher, Subscription
 from .zenoh_session import Session, ZenohSettings
 
-__all__ = ["Client", "Deferred", "Node", "NodeOptions", "Publisher", "RequestId", "Service", "Subscription"]
+__all__ = ["Client", "Deferred", "Node", "NodeOptions", "Publisher", "Service", "Subscription"]
 
-_MOST_DOMAIN = 4294967295
 _MOST_NEWS = 10_000
 """Changes in the graph that may wait."""
 _CLOSING = 3.0
@@ -69,8 +68,8 @@ class NodeOptions:
     type_descriptions: bool = True
 
     def __post_init__(self) -> None:
-        if not 0 <= self.domain <= _MOST_DOMAIN:
-            raise UsageError(f"ROS_DOMAIN_ID is {self.domain}; it must be 0 to {_MOST_DOMAIN}")
+        if not 0 <= self.domain <= MOST_DOMAIN:
+            raise UsageError(f"ROS_DOMAIN_ID is {self.domain}; it must be 0 to {MOST_DOMAIN}")
 
 
 _T = TypeVar("_T", bound=Part)
@@ -235,10 +234,6 @@ class Node:
         service = self.types.service(type_name)
         endpoint = self._endpoint(Role.CLIENT, self.resolve(name, Kind.SERVICE), service, qos)
         return self._add(Client(self, endpoint, service, self._open_session))
-
-    def get_logger(self, name: str = "") -> logging.Logger:
-        """The logger of this node, or one below it."""
-        return self.log.getChild(name) if name else self.log
 
     def warn(self, text: str) -> None:
         """Log a warning, at most once a second."""

@@ -18,8 +18,10 @@ from typing import TYPE_CHECKING, Any
 from hexwire.control.setting import Setting
 from hexwire.errors import HexwireError, UsageError
 
+from . import type_descriptions
 from .distributions import Distribution
 from .qos import PARAMETER_EVENTS, PARAMETERS
+from .values import time_fields
 
 if TYPE_CHECKING:
     from .node import Node
@@ -29,7 +31,6 @@ __all__ = ["Descriptor", "ParameterServer", "ParameterType", "Value", "descripto
 
 Value = bool | int | float | str | bytes | Sequence[bool] | Sequence[int] | Sequence[float] | Sequence[str]
 
-_DESCRIPTIONS = "start_type_description_service"
 _MOST_NAMES = 10_000
 """Most names in one request; more are garbage."""
 _ULP = 100.0
@@ -190,7 +191,9 @@ class ParameterServer:
         self._parameters: dict[str, _Parameter] = {}
         self._events: Any = None
         if types.distribution.has_type_hashes:
-            self.declare(_DESCRIPTIONS, True, Descriptor("describe types to others", read_only=True))
+            # What the node does, whatever was asked for.
+            told = node.options.type_descriptions
+            self.declare(type_descriptions.PARAMETER, told, Descriptor("describe types to others", read_only=True))
 
     def declare(self, name: str, value: Value, descriptor: Descriptor | None = None) -> None:
         """Declare a parameter; its type is that of the value.
@@ -348,10 +351,9 @@ class ParameterServer:
     def _publish(self, new: Iterable[str] = (), changed: Iterable[str] = ()) -> None:
         if self._events is None:
             return
-        now = self._ros_time()
         self._events.publish(
             self._event(
-                stamp=self._time(sec=now // 1_000_000_000, nanosec=now % 1_000_000_000),
+                stamp=self._time(**time_fields(self._ros_time())),
                 node=self._node.full_name,
                 new_parameters=[self._parameter(name) for name in new],
                 changed_parameters=[self._parameter(name) for name in changed],

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from hexwire.control.teaching import to_points, tolerance_of
 
+from .values import seconds_of, time_fields
+
 if TYPE_CHECKING:
     from hexwire.control.diagnostics import Row
     from hexwire.control.known_state import KnownState
@@ -144,13 +146,12 @@ class Reports:
         return self._trajectory(joint_names=taught.names, points=points)
 
     def _seconds(self, seconds: float) -> Any:
-        nanoseconds = round(seconds * 1e9)
-        return self._duration(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
+        return self._duration(**time_fields(round(seconds * 1e9)))
 
 
 def _index(points: Sequence[Any], elapsed: float) -> int:
     """Index of the point to which the joints move."""
     for i, point in enumerate(points):
-        if elapsed < point.time_from_start.sec + point.time_from_start.nanosec * 1e-9:
+        if elapsed < seconds_of(point.time_from_start):
             return i
     return max(0, len(points) - 1)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
 from typing import Any
 
 from hexwire.errors import LinkTimeoutError, ProtocolError, RemoteProtocolError
@@ -19,7 +18,7 @@ from .keys import Endpoint, Role
 from .parts import Owner, Part, ServiceCodec
 from .zenoh_session import Request, Session
 
-__all__ = ["Client", "Deferred", "RequestId", "Service"]
+__all__ = ["Client", "Deferred", "Service"]
 
 _MOST_PENDING = 1000
 """Requests of one service that may wait for their answers."""
@@ -28,21 +27,6 @@ _BURST = 200
 oldest of eleven; here many clients may ask at once, and a dropped request leaves its client without any answer."""
 _LOOK = 0.02
 """Seconds between two looks for a service."""
-
-
-@dataclass(frozen=True, slots=True)
-class RequestId:
-    """Which request of which client.
-
-    Attributes:
-        gid: Id of the client, 16 bytes.
-        sequence: Its number.
-        stamp: When it was sent, nanoseconds of Unix time.
-    """
-
-    gid: bytes
-    sequence: int
-    stamp: int
 
 
 class Deferred:
@@ -78,7 +62,6 @@ class Service(Part):
 
     Attributes:
         malformed: Requests that could not be read.
-        current: The request that the callback is called for.
     """
 
     type: ServiceCodec
@@ -94,7 +77,6 @@ class Service(Part):
         super().__init__(owner, endpoint)
         self.type, self._callback = service, callback
         self.malformed = 0
-        self.current: RequestId | None = None
         self._lock = threading.Lock()
         self._pending: dict[tuple[bytes, int], Request] = {}
         self._inbox = owner.callbacks.inbox(max(_BURST, self.qos.depth), self._handle)
@@ -135,15 +117,12 @@ class Service(Part):
             request.drop()
             self._owner.warn(f"a request to {self.name} is dropped: {error}")
             return
-        self.current = RequestId(attachment.gid, attachment.sequence, attachment.stamp)
         try:
             response = self._callback(message)
         except Exception as error:
             self._take(attachment)
             request.fail(f"{self.name} failed: {error}")
             raise
-        finally:
-            self.current = None
         if isinstance(response, Deferred):
             response.bind(lambda value: self._send(attachment, value))
         else:

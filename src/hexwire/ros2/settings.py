@@ -18,6 +18,7 @@ from hexwire.control.settings_reader import read_settings, reread
 from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.link.ports import find_only_board
 
+from . import type_descriptions
 from .distributions import Distribution
 
 if TYPE_CHECKING:
@@ -99,8 +100,7 @@ FOREIGN = {
 }
 """Parameters of ros2_control and its trajectory controller without effect here, and what to use instead."""
 
-_DESCRIBES = "start_type_description_service"
-_OF_ROS = ("use_sim_time", _DESCRIBES, "qos_overrides")
+_OF_ROS = ("use_sim_time", type_descriptions.PARAMETER, "qos_overrides")
 """Parameters that ROS gives to every node; the node declares them itself, or does without."""
 
 
@@ -174,7 +174,7 @@ def load_settings(given: Mapping[str, object], environ: Mapping[str, str]) -> tu
     """
     faults = _ParameterFaults()
     simulated = faults.switch("use_sim_time", given.get("use_sim_time", False))
-    describes = faults.switch(_DESCRIBES, given.get(_DESCRIBES, True), True)
+    describes = faults.switch(type_descriptions.PARAMETER, given.get(type_descriptions.PARAMETER, True), True)
     tables = _nested({k: v for k, v in given.items() if k.partition(".")[0] not in _OF_ROS}, faults)
     warnings = _take_foreign(tables)
     known = [row.name for row in PARAMETERS]

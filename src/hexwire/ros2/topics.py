@@ -102,11 +102,6 @@ class Subscription(Part):
         """Messages that were dropped because newer ones arrived before they could be handled."""
         return self._inbox.dropped
 
-    def publisher_count(self) -> int:
-        """How many publishers of this topic and type there are."""
-        found = self._owner.graph.find(Role.PUBLISHER, self.topic)
-        return sum(each.key == self.endpoint.key for each in found)
-
     def _handle(self, sample: tuple[bytes, bytes | None]) -> None:
         payload, beside = sample
         try:

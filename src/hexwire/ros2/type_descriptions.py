@@ -9,9 +9,11 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
-__all__ = ["NAME", "TYPE", "Described", "make_answer"]
+__all__ = ["NAME", "PARAMETER", "TYPE", "Described", "make_answer"]
 
 NAME, TYPE = "~/get_type_description", "type_description_interfaces/srv/GetTypeDescription"
+PARAMETER = "start_type_description_service"
+"""The parameter of a node that says whether it offers the service."""
 _HASH = re.compile(r"RIHS01_[0-9a-fA-F]{64}", re.ASCII)
 
 

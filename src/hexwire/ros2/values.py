@@ -1,6 +1,6 @@
-"""Converts ROS 2 messages to plain values: trajectories, goals, times.
+"""Converts between ROS 2 messages and plain values: trajectories, goals, times.
 
-Owns reading the messages. Must not know which values are valid.
+Owns which field is which value. Must not know which values are valid.
 """
 
 from __future__ import annotations
@@ -11,12 +11,18 @@ from hexwire.control.client_goals import Request
 from hexwire.control.goal_fields import component_rows, tolerance_rows, trajectory_goal
 from hexwire.control.goals import TrajectoryGoal
 
-__all__ = ["nanoseconds_of", "request_of", "seconds_of", "trajectory_of"]
+__all__ = ["nanoseconds_of", "request_of", "seconds_of", "time_fields", "trajectory_of"]
 
 
 def nanoseconds_of(time: Any) -> int:
     """A builtin_interfaces Time or Duration in nanoseconds."""
     return int(time.sec) * 1_000_000_000 + int(time.nanosec)
+
+
+def time_fields(nanoseconds: int) -> dict[str, int]:
+    """The fields of a builtin_interfaces Time or Duration."""
+    seconds, rest = divmod(nanoseconds, 1_000_000_000)
+    return {"sec": seconds, "nanosec": rest}
 
 
 def seconds_of(time: Any) -> float:

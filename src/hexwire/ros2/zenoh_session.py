@@ -448,13 +448,6 @@ class Session:
                 self._session.liveliness().declare_subscriber(pattern, self._direct(arrived), history=True)
             )
 
-    def tokens(self, pattern: str, timeout: float) -> list[str]:
-        """The tokens that answer in that time, seconds."""
-        with contextlib.suppress(self._zenoh.ZError):
-            replies = self._session.liveliness().get(pattern, timeout=timeout)
-            return sorted(str(reply.ok.key_expr) for reply in replies if reply.ok is not None)
-        return []
-
     def _direct(self, function: Callable[[Any], object]) -> Any:
         # Zenoh's own threads for callbacks would keep a program alive that ends without closing the session.
         def guarded(item: Any) -> None:
