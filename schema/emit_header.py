@@ -87,13 +87,14 @@ def _board(session: dict[str, Any], commands: dict[str, Any]) -> list[str]:
 def _commands(commands: dict[str, Any]) -> list[str]:
     out = ["\n"]
     out += [constant("uint8_t", f"EXT_{name.upper()}", value, digits=2) for name, value in commands["ext"].items()]
-    for table, prefix in (("status", "STATUS"), ("series", "SERIES")):
+    for table, prefix in (("status", "STATUS"), ("series", "SERIES"), ("trajectory_states", "TRAJECTORY")):
         out += [constant("uint8_t", f"{prefix}_{name.upper()}", value) for name, value in commands[table].items()]
     masks = (
         ("servo_flags", "SERVO_FLAG"),
         ("board_flags", "BOARD_FLAG"),
         ("capabilities", "CAPABILITY"),
         ("state_fields", "STATE_FIELD"),
+        ("trajectory_flags", "TRAJECTORY_FLAG"),
     )
     for table, prefix in masks:
         wide = table == "capabilities"

@@ -78,12 +78,14 @@ def codes(schema: Schema) -> str:
         "state_fields": "state field",
         "capabilities": "capability",
         "series": "series code",
+        "trajectory_states": "trajectory state",
+        "trajectory_flags": "trajectory flag",
         "robot_flags": "robot flag",
         "robot_modes": "robot mode",
     }
     parts = []
     for key, title in titles.items():
-        spell = "{}" if key in ("status", "series", "robot_modes") else "0x{:02X}"
+        spell = "{}" if key in ("status", "series", "trajectory_states", "robot_modes") else "0x{:02X}"
         rows = [(f"`{name}`", spell.format(value)) for name, value in schema.commands[key].items()]
         parts.append(table((title, "value"), rows))
     return "\n".join(parts)

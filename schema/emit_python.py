@@ -207,15 +207,17 @@ MASKS = {
     "robot_flags": ("ROBOT_FLAGS", 2),
     "capabilities": ("CAPABILITY", 4),
     "state_fields": ("STATE_FIELD", 2),
+    "trajectory_flags": ("TRAJECTORY_FLAG", 2),
 }
 
 
 def _commands(commands: dict[str, Any]) -> list[str]:
     out = ["\n# cmd_ext of dialect 2.\n"]
     out += [assign(f"EXT_{name.upper()}", Raw(f"0x{value:02X}")) for name, value in commands["ext"].items()]
-    out.append("\n# Status codes of dialect 2 and codes of servo series in IDENTIFY.\n")
+    out.append("\n# Status codes of dialect 2, codes of servo series in IDENTIFY, and states of a trajectory.\n")
     out.append(assign("STATUS", commands["status"], "dict[str, int]"))
     out.append(assign("SERIES_CODES", commands["series"], "dict[str, int]"))
+    out.append(assign("TRAJECTORY_STATES", commands["trajectory_states"], "dict[str, int]"))
     for table, (prefix, digits) in MASKS.items():
         out.append(f"\n# [{table}]\n")
         for name, value in commands[table].items():

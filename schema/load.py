@@ -52,6 +52,8 @@ CODE_TABLES = (
     "board_flags",
     "capabilities",
     "state_fields",
+    "trajectory_states",
+    "trajectory_flags",
     "robot_flags",
     "robot_modes",
 )

@@ -37,6 +37,8 @@ Board::Board(Platform& platform)
       poller_(bus_, joints_),
       sweep_(bus_, joints_),
       job_(),
+      trajectory_(settings_),
+      path_(),
       owner_(Owner::kNobody),
       now_running_(),
       boot_id_(0),
@@ -170,6 +172,7 @@ void Board::answer(const Frame& frame, uint8_t status, uint8_t size) {
 
 void Board::check_watchdog() {
   if (watchdog_ms_ == 0 || !fed_ || ms_ - heard_ms_ < watchdog_ms_) return;
+  if (trajectory_.outlives_host()) return;
   fed_ = false;
   ++stats_.watchdog_trips;
   board_flags_ |= gen::BOARD_FLAG_WATCHDOG_TRIPPED;

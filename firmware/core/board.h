@@ -17,6 +17,7 @@
 #include "settings.h"
 #include "stats.h"
 #include "stops.h"
+#include "trajectory.h"
 
 namespace hexwire {
 
@@ -72,11 +73,12 @@ class Board {
     kReplyPacket,
     kAwaitCycle,
     kReplyState,
+    kSetPathStart,
     kAwaitStorage,
     kAwaitSaved,
     kMaintain,
   };
-  enum class Owner : uint8_t { kNobody, kPoller, kJob };
+  enum class Owner : uint8_t { kNobody, kPoller, kJob, kPath };
   enum class Lack : uint8_t { kTorque, kMode, kCeiling };
   enum class For : uint8_t { kRequest, kStop, kBoot };
 
@@ -102,6 +104,19 @@ class Board {
     int16_t noted[kJoints];
   };
 
+  // The trajectory's way to the servo line.
+  struct Path {
+    Mask joints;  // that still follow it
+    bool second;  // the packet of the second series is ready
+    bool owed;    // it has ended, and the first series has not got the last position
+    uint8_t cycle;
+    uint16_t late;
+    uint16_t takes_us;  // to compute the first packet
+    uint32_t written_us;
+    uint32_t answered_ms;  // when all joints could be moved
+    Targets targets;
+  };
+
   // board.cpp: input and output
   void tick();
   void receive();
@@ -122,6 +137,7 @@ class Board {
   // commands.cpp: one function per command
   void execute();
   void execute_other();
+  void execute_path();
   void execute_chapter();
   void identify();
   void joint_state();
@@ -184,11 +200,13 @@ class Board {
   bool send_step(Step step);
   bool check_step(Step step);
   bool answer_step(Step step);
+  bool execute_later();
   bool done();
   bool sent(bool packet);
   bool needs_bus() const;
   bool wants_bus() const { return job_.active && needs_bus(); }
   bool keeps_line_free() const;
+  void use_idle_line();
   void take_result();
   Mask asked(Step step) const;
   bool sweep(Item item, Mask mask);
@@ -215,6 +233,28 @@ class Board {
   bool reply_saved();
   void enter_maintenance();
 
+  // paths.cpp: the trajectory
+  void begin_path();
+  void add_to_path();
+  void start_path();
+  void set_path_start();
+  void path_status();
+  void reply_path_status();
+  void abort_path();
+  uint8_t check_path_start() const;
+  bool path_starts_soon() const;
+  void leave_path(Mask mask);
+  void end_path();
+  void watch_path();
+  bool write_path();
+  void begin_targets(uint32_t since_us);
+  Mask lost_joints();
+  bool send_second();
+  void aim_path(uint8_t series, uint32_t time_us);
+  bool follows_path(uint8_t joint) const;
+  bool send_path_targets(uint8_t series);
+  Mask path_joints() const { return trajectory_.moving() ? trajectory_.joints() : 0; }
+
   static const Step kBoot[];
   static const Step kMove[];
   static const Step kSyncWrite[];
@@ -228,6 +268,7 @@ class Board {
   static const Step kLater[];
   static const Step kSave[];
   static const Step kToMaintenance[];
+  static const Step kStartPath[];
 
   uint8_t flags() const {
     return static_cast<uint8_t>(board_flags_ | (settings_.is_default() ? gen::BOARD_FLAG_SETTINGS_DEFAULT : 0));
@@ -250,6 +291,8 @@ class Board {
   Poller poller_;
   Sweep sweep_;
   Job job_;
+  Trajectory trajectory_;
+  Path path_;
   Owner owner_;
   Request now_running_;
 

@@ -15,7 +15,8 @@ constexpr uint8_t kErrorBits = gen::SERVO_ERROR_VOLTAGE | gen::SERVO_ERROR_ENCOD
                                gen::SERVO_ERROR_CURRENT | gen::SERVO_ERROR_OVERLOAD;
 constexpr uint16_t kCapabilities = gen::CAPABILITY_REPORT | gen::CAPABILITY_JOINT_MOVE | gen::CAPABILITY_WATCHDOG |
                                    gen::CAPABILITY_LIMITS | gen::CAPABILITY_OFFSETS | gen::CAPABILITY_TRANSACT |
-                                   gen::CAPABILITY_SYNC_READ | gen::CAPABILITY_IO | gen::CAPABILITY_MAINTENANCE;
+                                   gen::CAPABILITY_SYNC_READ | gen::CAPABILITY_IO | gen::CAPABILITY_MAINTENANCE |
+                                   gen::CAPABILITY_TRAJECTORY;
 constexpr uint16_t kNever = 0xFFFF;
 
 uint8_t* put_next(uint8_t* at, uint16_t value) {
@@ -65,6 +66,23 @@ void Board::execute() {
   }
 }
 
+void Board::execute_path() {
+  switch (now_running_.cmd) {
+    case gen::CMD_TRAJECTORY_BEGIN:
+      return begin_path();
+    case gen::CMD_TRAJECTORY_POINTS:
+      return add_to_path();
+    case gen::CMD_TRAJECTORY_START:
+      return start_path();
+    case gen::CMD_TRAJECTORY_STATUS:
+      return path_status();
+    case gen::CMD_TRAJECTORY_ABORT:
+      return abort_path();
+    default:
+      return refuse(gen::STATUS_UNKNOWN_COMMAND);
+  }
+}
+
 // Commands that are about the board itself.
 void Board::execute_other() {
   switch (now_running_.cmd) {
@@ -88,7 +106,7 @@ void Board::execute_other() {
     case gen::CMD_FRAGMENT_MISSING:
       return refuse(gen::STATUS_NOT_SUPPORTED);
     default:
-      return refuse(gen::STATUS_UNKNOWN_COMMAND);
+      return execute_path();
   }
 }
 
@@ -198,6 +216,7 @@ void Board::joint_move() {
   }
   if (stopped()) return refuse(gen::STATUS_STOPPED);
   if (in_maintenance()) return refuse(gen::STATUS_FORBIDDEN);
+  if (mask & path_joints()) return refuse(gen::STATUS_BUSY);
   poller_.wake(ms_);
   start_job(kMove, mask);
   skip_reads();
@@ -210,6 +229,8 @@ void Board::torque() {
   if (on > 1 || (mask & ~kAllJoints)) return refuse(gen::STATUS_BAD_RANGE);
   if (on && stopped()) return refuse(gen::STATUS_STOPPED);
   if (on && in_maintenance()) return refuse(gen::STATUS_FORBIDDEN);
+  if (on && (mask & path_joints())) return refuse(gen::STATUS_BUSY);
+  if (!on) leave_path(mask);
   start_job(on ? kTorqueOn : kTorqueOff, mask);
 }
 

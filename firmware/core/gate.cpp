@@ -142,6 +142,7 @@ uint8_t Gate::judge_setting(const Row& row, uint8_t address, const Circumstances
 uint8_t Gate::judge_torque(const Row& row, uint8_t value, const Circumstances& now, Verdict* verdict) const {
   if (value == 0) return gen::STATUS_OK;
   if (now.maintenance || !now.chapter || row.joint == kNoJoint) return gen::STATUS_FORBIDDEN;
+  if (now.busy & only(row.joint)) return gen::STATUS_BUSY;
   const Joint& joint = joints_[row.joint];
   if (verdict->way == Way::kAsItIs) verdict->way = Way::kTorqueOn;
   verdict->mask |= only(row.joint);
@@ -157,7 +158,8 @@ uint8_t Gate::judge_target(const Row& row, const Circumstances& now, Verdict* ve
   const uint8_t* p = row.at(kTarget);
   const int16_t target =
       legacy(row.joint) ? static_cast<int16_t>(get16_big(p)) : decode_signed(get16(p), gen::HLS_REG_GOAL_POSITION_SIGN);
-  if (target < settings_.minimum(row.joint) || target > settings_.maximum(row.joint)) return gen::STATUS_BAD_RANGE;
+  if (!inside(row.joint, target)) return gen::STATUS_BAD_RANGE;
+  if (now.busy & only(row.joint)) return gen::STATUS_BUSY;
   verdict->way = Way::kTargets;
   verdict->mask |= only(row.joint);
   if (joints_.other_mode(row.joint)) return gen::STATUS_SERVO_FAULT;
@@ -194,6 +196,7 @@ Gate::Verdict Gate::judge_move(const uint8_t* p, uint8_t size, const Circumstanc
 void Gate::judge_moved(uint8_t i, const Circumstances& now, Verdict* verdict) const {
   const Joint& joint = joints_[i];
   if (is_unclear(i, now)) verdict->unclear |= only(i);
+  if (now.busy & only(i)) verdict->status = gen::STATUS_BUSY;
   if (!joint.present || !joint.known || joints_.other_mode(i)) {
     verdict->silent |= only(i);
   } else if (!now.chapter && joint.torque_known && !joint.torque_on) {

@@ -29,6 +29,7 @@ class Gate {
     bool stopped;
     bool maintenance;
     bool chapter;  // the packet came in dialect 1
+    Mask busy;     // joints that follow a trajectory
   };
 
   enum class Way : uint8_t {
@@ -91,6 +92,9 @@ class Gate {
   void judge_moved(uint8_t joint, const Circumstances& now, Verdict* verdict) const;
   bool is_unclear(uint8_t joint, const Circumstances& now) const;
   bool legacy(uint8_t joint) const { return joints_[joint].series == gen::SERIES_SEVEN_BOT; }
+  bool inside(uint8_t joint, int16_t target) const {
+    return target >= settings_.minimum(joint) && target <= settings_.maximum(joint);
+  }
   uint16_t fastest(uint8_t joint) const;
   bool find_row(const uint8_t* packet, uint8_t joint, Row* row) const;
   void add_block(ServoBus& bus, const Row& row, uint32_t now_ms) const;

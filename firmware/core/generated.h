@@ -65,6 +65,16 @@ constexpr uint8_t STATUS_NOT_SUPPORTED = 10;
 constexpr uint8_t STATUS_FORBIDDEN = 11;
 constexpr uint8_t SERIES_SEVEN_BOT = 1;
 constexpr uint8_t SERIES_HLS = 4;
+constexpr uint8_t TRAJECTORY_NONE = 0;
+constexpr uint8_t TRAJECTORY_LOADING = 1;
+constexpr uint8_t TRAJECTORY_WAITING = 2;
+constexpr uint8_t TRAJECTORY_RUNNING = 3;
+constexpr uint8_t TRAJECTORY_BRAKING = 4;
+constexpr uint8_t TRAJECTORY_DONE = 5;
+constexpr uint8_t TRAJECTORY_DRY = 6;
+constexpr uint8_t TRAJECTORY_ABORTED = 7;
+constexpr uint8_t TRAJECTORY_STOPPED = 8;
+constexpr uint8_t TRAJECTORY_FAULT = 9;
 constexpr uint8_t SERVO_FLAG_CLAMPED = 0x10;
 constexpr uint8_t SERVO_FLAG_TORQUE_ON = 0x40;
 constexpr uint8_t SERVO_FLAG_SILENT = 0x80;
@@ -84,12 +94,15 @@ constexpr uint16_t CAPABILITY_TRANSACT = 0x0020;
 constexpr uint16_t CAPABILITY_SYNC_READ = 0x0080;
 constexpr uint16_t CAPABILITY_IO = 0x0100;
 constexpr uint16_t CAPABILITY_MAINTENANCE = 0x0200;
+constexpr uint16_t CAPABILITY_TRAJECTORY = 0x0400;
 constexpr uint8_t STATE_FIELD_SPEED = 0x01;
 constexpr uint8_t STATE_FIELD_LOAD = 0x02;
 constexpr uint8_t STATE_FIELD_VOLTAGE = 0x04;
 constexpr uint8_t STATE_FIELD_TEMPERATURE = 0x08;
 constexpr uint8_t STATE_FIELD_CURRENT = 0x10;
 constexpr uint8_t STATE_FIELD_AGE = 0x20;
+constexpr uint8_t TRAJECTORY_FLAG_HERMITE = 0x01;
+constexpr uint8_t TRAJECTORY_FLAG_OUTLIVES_HOST = 0x02;
 
 // PING: Dialect 1: sends a PING packet to the bus and returns the answer.
 constexpr uint8_t CMD_PING = 0x01;
@@ -230,6 +243,58 @@ constexpr uint8_t MAINTENANCE_REQUEST_SIZE = 1;
 constexpr uint8_t MAINTENANCE_REPLY_ON = 0;
 constexpr uint8_t MAINTENANCE_REPLY_BOARD_FLAGS = 1;
 constexpr uint8_t MAINTENANCE_REPLY_SIZE = 2;
+
+// TRAJECTORY_BEGIN: Begins a trajectory of the joints of the mask. Nothing moves. The reply has the number of points that fit.
+constexpr uint8_t CMD_TRAJECTORY_BEGIN = 0x20;
+constexpr uint8_t TRAJECTORY_BEGIN_REQUEST_ID = 0;
+constexpr uint8_t TRAJECTORY_BEGIN_REQUEST_FLAGS = 1;
+constexpr uint8_t TRAJECTORY_BEGIN_REQUEST_MASK = 2;
+constexpr uint8_t TRAJECTORY_BEGIN_REQUEST_BRAKE_MS = 4;
+constexpr uint8_t TRAJECTORY_BEGIN_REQUEST_SIZE = 6;
+constexpr uint8_t TRAJECTORY_BEGIN_REPLY_ID = 0;
+constexpr uint8_t TRAJECTORY_BEGIN_REPLY_STATE = 1;
+constexpr uint8_t TRAJECTORY_BEGIN_REPLY_CAPACITY = 2;
+constexpr uint8_t TRAJECTORY_BEGIN_REPLY_LEAD_MS = 4;
+constexpr uint8_t TRAJECTORY_BEGIN_REPLY_SIZE = 6;
+
+// TRAJECTORY_POINTS: The next points. Each: time since the point before in 0.1 ms (u16), position of each joint of the mask (i16), and with `hermite` its velocity in counts/s (i16). last 1 = these are the last ones.
+constexpr uint8_t CMD_TRAJECTORY_POINTS = 0x21;
+constexpr uint8_t TRAJECTORY_POINTS_REQUEST_ID = 0;
+constexpr uint8_t TRAJECTORY_POINTS_REQUEST_LAST = 1;
+constexpr uint8_t TRAJECTORY_POINTS_REQUEST_FIRST = 2;
+constexpr uint8_t TRAJECTORY_POINTS_REQUEST_COUNT = 4;
+constexpr uint8_t TRAJECTORY_POINTS_REQUEST_POINTS = 5;
+constexpr uint8_t TRAJECTORY_POINTS_REQUEST_SIZE = 5;
+
+// TRAJECTORY_START: Starts the trajectory when the board's clock shows time_us; with now 1 at once.
+constexpr uint8_t CMD_TRAJECTORY_START = 0x22;
+constexpr uint8_t TRAJECTORY_START_REQUEST_ID = 0;
+constexpr uint8_t TRAJECTORY_START_REQUEST_NOW = 1;
+constexpr uint8_t TRAJECTORY_START_REQUEST_TIME_US = 2;
+constexpr uint8_t TRAJECTORY_START_REQUEST_SIZE = 6;
+constexpr uint8_t TRAJECTORY_START_REPLY_ID = 0;
+constexpr uint8_t TRAJECTORY_START_REPLY_STATE = 1;
+constexpr uint8_t TRAJECTORY_START_REPLY_TIME_US = 2;
+constexpr uint8_t TRAJECTORY_START_REPLY_SIZE = 6;
+
+// TRAJECTORY_STATUS: State of the trajectory, whose id is in the reply.
+constexpr uint8_t CMD_TRAJECTORY_STATUS = 0x23;
+constexpr uint8_t TRAJECTORY_STATUS_REPLY_ID = 0;
+constexpr uint8_t TRAJECTORY_STATUS_REPLY_STATE = 1;
+constexpr uint8_t TRAJECTORY_STATUS_REPLY_NEXT = 2;
+constexpr uint8_t TRAJECTORY_STATUS_REPLY_INDEX = 4;
+constexpr uint8_t TRAJECTORY_STATUS_REPLY_FREE = 6;
+constexpr uint8_t TRAJECTORY_STATUS_REPLY_LATE = 8;
+constexpr uint8_t TRAJECTORY_STATUS_REPLY_TIME_US = 10;
+constexpr uint8_t TRAJECTORY_STATUS_REPLY_SIZE = 14;
+
+// TRAJECTORY_ABORT: Brings the trajectory to rest on its path.
+constexpr uint8_t CMD_TRAJECTORY_ABORT = 0x24;
+constexpr uint8_t TRAJECTORY_ABORT_REQUEST_ID = 0;
+constexpr uint8_t TRAJECTORY_ABORT_REQUEST_SIZE = 1;
+constexpr uint8_t TRAJECTORY_ABORT_REPLY_ID = 0;
+constexpr uint8_t TRAJECTORY_ABORT_REPLY_STATE = 1;
+constexpr uint8_t TRAJECTORY_ABORT_REPLY_SIZE = 2;
 
 constexpr uint8_t BROADCAST_ID = 0xFE;
 constexpr uint8_t INST_PING = 0x01;

@@ -48,6 +48,8 @@ const Board::Step Board::kGrant[] = {Step::kReadUnknownMode, Step::kReadPosition
 const Board::Step Board::kState[] = {Step::kAwaitCycle, Step::kReplyState};
 const Board::Step Board::kLater[] = {Step::kAwaitStorage};
 const Board::Step Board::kSave[] = {Step::kAwaitSaved};
+const Board::Step Board::kStartPath[] = {Step::kReadUnknownMode, Step::kReadUnsure, Step::kReadStale,
+                                         Step::kReadCeiling, Step::kSetPathStart};
 const Board::Step Board::kToMaintenance[] = {Step::kReadTorque, Step::kMaintain};
 
 void Board::start_job(const Step* program, Mask mask) {
@@ -94,12 +96,19 @@ void Board::back_to(Step step) {
 void Board::run_bus() {
   bus_.poll(last_us_);
   if (bus_.finished()) take_result();
+  watch_path();
   if (!job_.active) start_next();
   // Start the next transaction before computing anything: the line should not lie idle meanwhile.
   if (wants_bus()) run_job();
-  if (bus_.idle() && !wants_bus() && !keeps_line_free() && poller_.start(last_us_, ms_)) owner_ = Owner::kPoller;
+  if (bus_.idle() && !wants_bus()) use_idle_line();
   poller_.digest();
   run_job();
+}
+
+// The line is free, and no request needs it: targets of the trajectory, else polling.
+void Board::use_idle_line() {
+  if (write_path() || keeps_line_free() || path_starts_soon()) return;
+  if (poller_.start(last_us_, ms_)) owner_ = Owner::kPoller;
 }
 
 // Gives the result of a transaction to whoever started it.
@@ -270,17 +279,25 @@ bool Board::answer_step(Step step) {
     case Step::kReplyState:
       reply(gen::STATUS_OK, put_state(job_.argument));
       return true;
-    case Step::kAwaitStorage:
-      if (settings_.saving() == Saving::kBusy) return false;
-      job_.active = false;
-      execute();
+    case Step::kSetPathStart:
+      set_path_start();
       return true;
+    case Step::kAwaitStorage:
+      return execute_later();
     case Step::kAwaitSaved:
       return reply_saved();
     default:  // kMaintain
       enter_maintenance();
       return true;
   }
+}
+
+// Executes a request that had to wait for the storage.
+bool Board::execute_later() {
+  if (settings_.saving() == Saving::kBusy) return false;
+  job_.active = false;
+  execute();
+  return true;
 }
 
 bool Board::done() {

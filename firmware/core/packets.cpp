@@ -23,7 +23,7 @@ uint8_t Board::packet_size() const {
 }
 
 Gate::Circumstances Board::circumstances() const {
-  return Gate::Circumstances{stopped(), in_maintenance(), now_running_.proto == gen::PROTO_CHAPTER};
+  return Gate::Circumstances{stopped(), in_maintenance(), now_running_.proto == gen::PROTO_CHAPTER, path_joints()};
 }
 
 // PING, READ and TRANSACT of both dialects.

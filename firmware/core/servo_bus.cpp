@@ -11,7 +11,6 @@ namespace hexwire {
 namespace {
 
 constexpr uint8_t kStatusOverhead = 6;      // FF FF id len error ... chk
-constexpr uint16_t kByteUs = 87;            // at 115200
 constexpr uint16_t kQuietUs = 250;          // a line counts as quiet after this
 constexpr uint16_t kMaxQuietWaitUs = 3000;  // longest time that a babbling servo delays the others
 constexpr uint16_t kGapUs = 1500;           // silence inside an answer, or between two of them

@@ -36,6 +36,7 @@ class ServoBus {
  public:
   static constexpr uint8_t kMaxPacket = kMaxBody;  // the longest that fits into a host's frame
   static constexpr uint8_t kMaxAnswer = 160;
+  static constexpr uint16_t kByteUs = 87;  // at 115200
 
   ServoBus(Platform& platform, Stats& stats);
 
@@ -54,6 +55,8 @@ class ServoBus {
   void start_raw(uint8_t reply_length, uint32_t timeout_us);
 
   void poll(uint32_t now);
+  // Time that the packet in the send buffer takes on the line.
+  uint16_t line_us() const { return static_cast<uint16_t>(size_ * kByteUs); }
   bool idle() const { return state_ == State::kIdle; }
   // True once for each transaction that was started, when it has ended.
   bool finished();

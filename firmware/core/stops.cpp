@@ -36,6 +36,7 @@ void Board::stop(uint8_t mode) {
   end_maintenance();
   stops_.want(mode);
   voided_.stop();
+  end_path();
   void_left_ = queue_.count();
   // A stop under way in this mode, or in a stronger one, is not restarted, however many requests arrive.
   if (job_.active && job_.owner == For::kStop && job_.argument >= mode) return;

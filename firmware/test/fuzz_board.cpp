@@ -346,7 +346,7 @@ class Attack {
   void act(uint8_t what) {
     switch (what) {
       case 0: {  // any command, any body
-        const uint8_t cmd = kCommands[in_.byte() & 15];
+        const uint8_t cmd = kCommands[in_.byte() % sizeof(kCommands)];
         ask(cmd, in_.bytes(in_.byte()));
         break;
       }
@@ -441,14 +441,60 @@ class Attack {
         servo.silent = !servo.silent;
         break;
       }
-      default:
-        w_.run(in_.byte() * 1000u);
+      default: {
+        const uint8_t ms = in_.byte();
+        if (ms < 200) {
+          w_.run(ms * 1000u);
+        } else {
+          follow(in_.byte());
+        }
         break;
+      }
     }
   }
 
+  // The parts of a trajectory, from where the joints are or from anywhere.
+  void follow(uint8_t how) {
+    const uint8_t mask = in_.byte() & 0x7F;
+    const uint8_t flags = how & 3;
+    if (how & 4) {
+      mask_ = mask;
+      flags_ = flags;
+      next_ = 0;
+      for (uint8_t i = 0; i < gen::JOINTS; ++i) at_[i] = static_cast<int16_t>(w_.line().servos[i].position);
+      ask(gen::CMD_TRAJECTORY_BEGIN, {kPath, flags, mask, 0, static_cast<uint8_t>(in_.byte() + 20), 0});
+    }
+    if (how & 8) add_points(in_.byte() % 7, how & 32);
+    if (how & 16) ask(gen::CMD_TRAJECTORY_START, {kPath, 1, 0, 0, 0, 0});
+    if (how & 64) ask(gen::CMD_TRAJECTORY_ABORT, {kPath});
+    if (how & 128) ask(gen::CMD_TRAJECTORY_STATUS, {});
+  }
+
+  void add_points(uint8_t count, bool last) {
+    std::vector<uint8_t> body = {kPath, last, 0, 0, count};
+    put16(&body[2], next_);
+    for (uint8_t n = 0; n < count; ++n, ++next_) {
+      const uint16_t dt = next_ ? in_.word() : 0;
+      body.insert(body.end(), {static_cast<uint8_t>(dt), static_cast<uint8_t>(dt >> 8)});
+      for (uint8_t i = 0; i < gen::JOINTS; ++i) {
+        if (!(mask_ & (1u << i))) continue;
+        const int8_t way = next_ ? static_cast<int8_t>(in_.byte()) : static_cast<int8_t>(0);
+        at_[i] = static_cast<int16_t>(at_[i] + way * 4);
+        body.insert(body.end(), {static_cast<uint8_t>(at_[i]), static_cast<uint8_t>(at_[i] >> 8)});
+        if (flags_ & 1) body.insert(body.end(), {in_.byte(), static_cast<uint8_t>(way >> 6)});
+      }
+    }
+    ask(gen::CMD_TRAJECTORY_POINTS, body);
+  }
+
+  static constexpr uint8_t kPath = 7;
+
   World& w_;
   Input& in_;
+  uint8_t mask_ = 0;
+  uint8_t flags_ = 0;
+  uint16_t next_ = 0;
+  int16_t at_[gen::JOINTS] = {};
 };
 
 bool answered(const std::vector<uint8_t>& out, uint8_t cmd, uint8_t seq) {

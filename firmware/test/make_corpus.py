@@ -76,6 +76,25 @@ def limits(low: int, speed: int) -> bytes:
     return do(10, low // 8, (speed - 100) // 16, then=LONG)
 
 
+# Parts of a trajectory.
+HERMITE, OUTLIVES, BEGIN, POINTS, START, LAST, ABORT, STATUS = 1, 2, 4, 8, 16, 32, 64, 128
+
+
+def path(how: int, steps: list[int] | None = None, ticks: int = 500, first: bool = True, then: int = SHORT) -> bytes:
+    """Parts of a trajectory of all joints; each step is a way of four counts a unit."""
+    data = bytes((how, ALL))
+    if how & BEGIN:
+        data += b"\xb4"
+    if how & POINTS:
+        rows = steps or []
+        data += bytes((len(rows) + first,))
+        if first:
+            data += b"\0" * 7 if how & HERMITE else b""
+        for step in rows:
+            data += u16(ticks) + (bytes((step & 0xFF, 0)) if how & HERMITE else bytes((step & 0xFF,))) * 7
+    return do(15, 200, data, then=then)
+
+
 STATS = do(0, 8, 0, then=SHORT)
 SLOW = packet(TRANSACT | ANSWERED, 9, PING, then=AT_ONCE)
 """A ping that no servo answers."""
@@ -230,6 +249,38 @@ SEEDS = {
     + do(14, 2)
     + resume()
     + stop(1),
+    "trajectory": bytes((SETTLE, 0))
+    + torque()
+    + path(BEGIN | POINTS | START | LAST, [5, 10, 10, 5], then=LONG)
+    + path(BEGIN | HERMITE | POINTS | LAST, [5, 10, 10, 5])
+    + path(HERMITE | START | STATUS, then=LONG),
+    "trajectory-over-a-stop": bytes((SETTLE, 0))
+    + torque()
+    + path(BEGIN | POINTS | START, [10, 10, 10, 10, 10], 4000)
+    + stop(0, SHORT)
+    + resume(AT_ONCE)
+    + path(POINTS | START, [10], first=False)
+    + again(1)
+    + again(4),
+    "trajectory-runs-dry": bytes((SETTLE, 0))
+    + torque()
+    + path(BEGIN | POINTS | START, [10, 10, 10, 10, 10], 4000, then=LONG)
+    + path(POINTS, [10, 10], first=False, then=LONG),
+    "trajectory-and-others": bytes((SETTLE | DIALECT_1, 0))
+    + torque()
+    + path(BEGIN | POINTS | START, [10, 10, 10, 10, 10], 4000)
+    + move(2500)
+    + write(READ | CHAPTER, 4, 42, u16(2600))
+    + write(READ | CHAPTER, 0, 40, b"\1")
+    + write(TRANSACT, 2, 40, b"\0")
+    + torque(0x80 | 16)
+    + path(ABORT | STATUS),
+    "trajectory-without-a-host": bytes((SETTLE, 0))
+    + torque()
+    + watchdog(61, AT_ONCE)
+    + path(BEGIN | OUTLIVES | POINTS | START | LAST, [10, 10, 10, 10, 10], 4000, then=LONG)
+    + resume()
+    + path(BEGIN | OUTLIVES | POINTS | START, [10, 10, 10, 10, 10], 4000, then=LONG),
     "torque-at-start": bytes((TORQUE_AT_START, 0x5F))
     + move(2000, 900, SHORT)
     + torque(0x80 | 4)

@@ -131,12 +131,16 @@ EXT_REPLY = 0x80
 EXT_UNSOLICITED = 0x40
 EXT_STATUS_MASK = 0x3F
 
-# Status codes of dialect 2 and codes of servo series in IDENTIFY.
+# Status codes of dialect 2, codes of servo series in IDENTIFY, and states of a trajectory.
 STATUS: dict[str, int] = {
     "ok": 0, "bad_length": 1, "bad_range": 2, "unknown_command": 3, "busy": 4, "stopped": 5, "servo_silent": 6,
     "servo_fault": 7, "torque_off": 8, "storage": 9, "not_supported": 10, "forbidden": 11,
 }
 SERIES_CODES: dict[str, int] = {"unknown": 0, "seven_bot": 1, "scs": 2, "sts_sms": 3, "hls": 4}
+TRAJECTORY_STATES: dict[str, int] = {
+    "none": 0, "loading": 1, "waiting": 2, "running": 3, "braking": 4, "done": 5, "dry": 6, "aborted": 7,
+    "stopped": 8, "fault": 9,
+}
 
 # [servo_flags]
 SERVO_FLAGS_VOLTAGE = 0x01
@@ -183,9 +187,11 @@ CAPABILITY_FRAGMENTS = 0x0040
 CAPABILITY_SYNC_READ = 0x0080
 CAPABILITY_IO = 0x0100
 CAPABILITY_MAINTENANCE = 0x0200
+CAPABILITY_TRAJECTORY = 0x0400
 CAPABILITIES: dict[str, int] = {
     "report": 0x0001, "joint_move": 0x0002, "watchdog": 0x0004, "limits": 0x0008, "offsets": 0x0010,
     "transact": 0x0020, "fragments": 0x0040, "sync_read": 0x0080, "io": 0x0100, "maintenance": 0x0200,
+    "trajectory": 0x0400,
 }
 
 # [state_fields]
@@ -199,13 +205,19 @@ STATE_FIELDS: dict[str, int] = {
     "speed": 0x01, "load": 0x02, "voltage": 0x04, "temperature": 0x08, "current": 0x10, "age": 0x20,
 }
 
+# [trajectory_flags]
+TRAJECTORY_FLAG_HERMITE = 0x01
+TRAJECTORY_FLAG_OUTLIVES_HOST = 0x02
+TRAJECTORY_FLAG: dict[str, int] = {"hermite": 0x01, "outlives_host": 0x02}
+
 # Commands: name -> code, and name -> body layouts.
 COMMANDS: dict[str, int] = {
     "PING": 0x01, "READ": 0x02, "SYNC_WRITE": 0x03, "IDENTIFY": 0x10, "JOINT_STATE": 0x11, "REPORT": 0x12,
     "JOINT_MOVE": 0x13, "TORQUE": 0x14, "STOP": 0x15, "RESUME": 0x16, "WATCHDOG": 0x17, "LIMITS": 0x18,
     "OFFSETS": 0x19, "TRANSACT": 0x1A, "STATS": 0x1B, "FRAGMENT": 0x1C, "FRAGMENT_MISSING": 0x1D, "IO": 0x1E,
-    "MAINTENANCE": 0x1F, "ROBOT_PROBE": 0x30, "ROBOT_SIGNAL": 0x31, "ROBOT_MODE": 0x32, "JOINT_COMMANDS": 0x33,
-    "JOINT_STATES": 0x34, "JOINT_TRAJECTORY": 0x35, "JOYSTICK": 0x38,
+    "MAINTENANCE": 0x1F, "TRAJECTORY_BEGIN": 0x20, "TRAJECTORY_POINTS": 0x21, "TRAJECTORY_START": 0x22,
+    "TRAJECTORY_STATUS": 0x23, "TRAJECTORY_ABORT": 0x24, "ROBOT_PROBE": 0x30, "ROBOT_SIGNAL": 0x31,
+    "ROBOT_MODE": 0x32, "JOINT_COMMANDS": 0x33, "JOINT_STATES": 0x34, "JOINT_TRAJECTORY": 0x35, "JOYSTICK": 0x38,
 }
 COMMAND_ROWS: dict[str, CommandRow] = {
     "PING": CommandRow(0x01, Body((("packet", "bytes", ""),), (), ""), Body((("packet", "bytes", ""),), (), "")),
@@ -332,6 +344,49 @@ COMMAND_ROWS: dict[str, CommandRow] = {
         Body((("on", "u8", ""),), (), ""),
         Body((("on", "u8", ""), ("board_flags", "u8", "")), (), ""),
     ),
+    "TRAJECTORY_BEGIN": CommandRow(
+        0x20,
+        Body((("id", "u8", ""), ("flags", "u8", ""), ("mask", "u16", ""), ("brake_ms", "u16", "")), (), ""),
+        Body((("id", "u8", ""), ("state", "u8", ""), ("capacity", "u16", ""), ("lead_ms", "u16", "")), (), ""),
+    ),
+    "TRAJECTORY_POINTS": CommandRow(
+        0x21,
+        Body(
+            (
+                ("id", "u8", ""), ("last", "u8", ""), ("first", "u16", ""), ("count", "u8", ""),
+                ("points", "bytes", ""),
+            ),
+            (), "",
+        ),
+        Body(
+            (
+                ("id", "u8", ""), ("state", "u8", ""), ("next", "u16", ""), ("index", "u16", ""),
+                ("free", "u16", ""), ("late", "u16", ""), ("time_us", "u32", ""),
+            ),
+            (), "",
+        ),
+    ),
+    "TRAJECTORY_START": CommandRow(
+        0x22,
+        Body((("id", "u8", ""), ("now", "u8", ""), ("time_us", "u32", "")), (), ""),
+        Body((("id", "u8", ""), ("state", "u8", ""), ("time_us", "u32", "")), (), ""),
+    ),
+    "TRAJECTORY_STATUS": CommandRow(
+        0x23,
+        Body((), (), ""),
+        Body(
+            (
+                ("id", "u8", ""), ("state", "u8", ""), ("next", "u16", ""), ("index", "u16", ""),
+                ("free", "u16", ""), ("late", "u16", ""), ("time_us", "u32", ""),
+            ),
+            (), "",
+        ),
+    ),
+    "TRAJECTORY_ABORT": CommandRow(
+        0x24,
+        Body((("id", "u8", ""),), (), ""),
+        Body((("id", "u8", ""), ("state", "u8", "")), (), ""),
+    ),
     "ROBOT_PROBE": CommandRow(
         0x30,
         Body((), (), ""),
@@ -397,6 +452,11 @@ COMMAND_DOCS: dict[str, str] = {
     "FRAGMENT_MISSING": "Asks for missing chunks; count 0 = all arrived, forget the message.",
     "IO": "Digital outputs of the board: pump (pin 40), valve (36), buzzer (37). A mask of 0 reads.",
     "MAINTENANCE": "Maintenance on (1) or off (0). While on, TRANSACT may write settings of servos, and nothing may move. Requires all torque off.",
+    "TRAJECTORY_BEGIN": "Begins a trajectory of the joints of the mask. Nothing moves. The reply has the number of points that fit.",
+    "TRAJECTORY_POINTS": "The next points. Each: time since the point before in 0.1 ms (u16), position of each joint of the mask (i16), and with `hermite` its velocity in counts/s (i16). last 1 = these are the last ones.",
+    "TRAJECTORY_START": "Starts the trajectory when the board's clock shows time_us; with now 1 at once.",
+    "TRAJECTORY_STATUS": "State of the trajectory, whose id is in the reply.",
+    "TRAJECTORY_ABORT": "Brings the trajectory to rest on its path.",
     "ROBOT_PROBE": "Identity of a robot controller.",
     "ROBOT_SIGNAL": "A signal by number: 1 stop and hold, 2 stop without torque, 3 resume, 4 torque on, 5 torque off.",
     "ROBOT_MODE": "Sets the mode of a robot controller.",

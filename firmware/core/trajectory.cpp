@@ -1,0 +1,266 @@
+#include "hot.h"  // first
+
+#include "trajectory.h"
+
+#include <string.h>
+
+#include "bytes.h"
+
+namespace hexwire {
+
+namespace {
+
+constexpr uint8_t kTickUs = 100;        // the unit of the times of points
+constexpr uint16_t kTicksPerSecond = 10000;
+constexpr uint32_t kMarginUs = 40000;   // path that is left when braking begins, beyond what it needs
+constexpr uint8_t kBrakeShift = 5;      // braking is computed in 32 us, so that 32 bits suffice
+constexpr uint32_t kLeadUs = kTrajectoryLeadMs * 1000UL;
+
+int16_t signed16(const uint8_t* p) { return static_cast<int16_t>(get16(p)); }
+
+// value * share / 65536, for a share of 0..65536
+int32_t part(int32_t value, uint32_t share) {
+  const int32_t high = (value >> 16) * static_cast<int32_t>(share);
+  const uint32_t low = (static_cast<uint32_t>(value) & 0xFFFF) * share;
+  return high + static_cast<int32_t>(low >> 16);
+}
+
+// part / whole in 65536ths
+uint32_t share_of(uint32_t part_us, uint32_t whole_us) {
+  while (whole_us > 0xFFFF) {
+    part_us >>= 1;
+    whole_us >>= 1;
+  }
+  return whole_us ? (part_us << 16) / whole_us : 0x10000;
+}
+
+}  // namespace
+
+Trajectory::Trajectory(const Settings& settings)
+    : settings_(settings),
+      id_(0),
+      state_(gen::TRAJECTORY_NONE),
+      end_(gen::TRAJECTORY_NONE),
+      flags_(0),
+      mask_(0),
+      complete_(false),
+      stride_(0),
+      capacity_(0),
+      head_(0),
+      count_(0),
+      next_(0),
+      brake_us_(0),
+      brake_left_us_(0),
+      start_us_(0),
+      clock_us_(0),
+      segment_us_(0),
+      in_segment_us_(0),
+      share_(0),
+      behind_(0),
+      cubics_(),
+      points_() {}
+
+void Trajectory::begin(uint8_t id, uint8_t flags, Mask mask, uint16_t brake_ms) {
+  id_ = id;
+  state_ = gen::TRAJECTORY_LOADING;
+  flags_ = flags;
+  mask_ = mask;
+  complete_ = false;
+  stride_ = static_cast<uint8_t>(2 + place(kJoints) * size_of_joint());
+  capacity_ = static_cast<uint16_t>(kRoom / stride_);
+  head_ = count_ = next_ = 0;
+  brake_us_ = brake_ms * 1000UL;
+  behind_ = 0;
+}
+
+// Number of joints of the path below this one, which is its place in a point.
+uint8_t Trajectory::place(uint8_t joint) const {
+  uint8_t n = 0;
+  for (uint8_t i = 0; i < joint; ++i) {
+    if (mask_ & only(i)) ++n;
+  }
+  return n;
+}
+
+// The n-th point, counted from the oldest.
+const uint8_t* Trajectory::point(uint16_t n) const {
+  uint16_t at = static_cast<uint16_t>(head_ + n);
+  if (at >= capacity_) at = static_cast<uint16_t>(at - capacity_);
+  return points_ + at * stride_;
+}
+
+// The point towards which the joints move.
+uint16_t Trajectory::index() const {
+  const uint16_t oldest = static_cast<uint16_t>(next_ - count_);
+  return moving() || state_ > gen::TRAJECTORY_BRAKING ? static_cast<uint16_t>(oldest + 1) : oldest;
+}
+
+uint8_t Trajectory::add(const uint8_t* points, uint8_t size, uint16_t first, uint8_t count, bool last) {
+  if (count == 0 || size != static_cast<uint16_t>(count) * stride_) return gen::STATUS_BAD_LENGTH;
+  const bool open = ready() || state_ == gen::TRAJECTORY_RUNNING;
+  if (!open || complete_ || first != next_) return gen::STATUS_BAD_RANGE;
+  const uint8_t* before = count_ ? point(static_cast<uint16_t>(count_ - 1)) : nullptr;
+  for (uint8_t n = 0; n < count; ++n) {
+    const uint8_t* each = points + n * stride_;
+    const uint8_t status = check_point(each, before);
+    if (status != gen::STATUS_OK) return status;
+    before = each;
+  }
+  if (count > free()) return gen::STATUS_BUSY;
+  for (uint8_t n = 0; n < count; ++n) store(points + n * stride_);
+  complete_ = last;
+  return gen::STATUS_OK;
+}
+
+uint8_t Trajectory::check_point(const uint8_t* now, const uint8_t* before) const {
+  const uint16_t dt = get16(now);
+  if ((dt == 0) != (before == nullptr)) return gen::STATUS_BAD_RANGE;
+  uint8_t at = 2;
+  for (uint8_t i = 0; i < kJoints; ++i) {
+    if (!(mask_ & only(i))) continue;
+    const uint8_t status = check_joint(i, now + at, before ? before + at : nullptr, dt);
+    if (status != gen::STATUS_OK) return status;
+    at = static_cast<uint8_t>(at + size_of_joint());
+  }
+  return gen::STATUS_OK;
+}
+
+uint8_t Trajectory::check_joint(uint8_t i, const uint8_t* now, const uint8_t* before, uint16_t dt) const {
+  const int16_t position = signed16(now);
+  if (position < settings_.minimum(i) || position > settings_.maximum(i)) return gen::STATUS_BAD_RANGE;
+  const int32_t limit = settings_.speed(i);
+  const int32_t velocity = hermite() ? signed16(now + 2) : 0;
+  if (velocity > limit || velocity < -limit) return gen::STATUS_BAD_RANGE;
+  if (before == nullptr) return gen::STATUS_OK;
+  const int32_t way = static_cast<int32_t>(position) - signed16(before);
+  // One count less, since positions are rounded.
+  const uint32_t least = static_cast<uint32_t>(way > 0 ? way - 1 : way < 0 ? -way - 1 : 0);
+  const bool fast = least * kTicksPerSecond > static_cast<uint32_t>(limit) * dt;
+  return fast ? gen::STATUS_BAD_RANGE : gen::STATUS_OK;
+}
+
+void Trajectory::store(const uint8_t* added) {
+  memcpy(points_ + (point(count_) - points_), added, stride_);
+  ++count_;
+  ++next_;
+  // The segment between the two oldest points is counted apart.
+  if (count_ > 2) behind_ += get16(added);
+}
+
+bool Trajectory::enough() const {
+  if (count_ < 2) return false;
+  return complete_ || rest() + get16(point(1)) * static_cast<uint32_t>(kTickUs) > braking_path() + kLeadUs;
+}
+
+int16_t Trajectory::origin(uint8_t joint) const { return signed16(point(0) + 2 + place(joint) * size_of_joint()); }
+
+void Trajectory::start_at(uint32_t time_us) {
+  start_us_ = time_us;
+  state_ = gen::TRAJECTORY_WAITING;
+}
+
+void Trajectory::run() {
+  state_ = gen::TRAJECTORY_RUNNING;
+  // Targets are sent ahead of the clock, so the path's clock is ahead as well.
+  clock_us_ = start_us_ - kLeadUs;
+  in_segment_us_ = 0;
+  load_segment();
+}
+
+void Trajectory::load_segment() {
+  const uint8_t* a = point(0);
+  const uint8_t* b = point(1);
+  const int32_t ticks = get16(b);
+  segment_us_ = static_cast<uint32_t>(ticks) * kTickUs;
+  uint8_t at = 2;
+  for (uint8_t i = 0; i < kJoints; ++i) {
+    if (!(mask_ & only(i))) continue;
+    Cubic& cubic = cubics_[i];
+    cubic.origin = signed16(a + at);
+    const int32_t way = (static_cast<int32_t>(signed16(b + at)) - cubic.origin) * 16;
+    cubic.c1 = way;
+    cubic.c2 = cubic.c3 = 0;
+    if (hermite()) {
+      // Velocity times duration; the product fits 32 bits, and 625 is the ticks per second over 16.
+      const int32_t v0 = signed16(a + at + 2) * ticks / 625;
+      const int32_t v1 = signed16(b + at + 2) * ticks / 625;
+      cubic.c1 = v0;
+      cubic.c2 = 3 * way - 2 * v0 - v1;
+      cubic.c3 = v0 + v1 - 2 * way;
+    }
+    at = static_cast<uint8_t>(at + size_of_joint());
+  }
+}
+
+// False at the end of what is there.
+bool Trajectory::next_segment() {
+  if (count_ <= 2) return false;
+  head_ = static_cast<uint16_t>(head_ + 1 == capacity_ ? 0 : head_ + 1);
+  --count_;
+  in_segment_us_ -= segment_us_;
+  behind_ -= get16(point(1));
+  load_segment();
+  return true;
+}
+
+// Time of the path behind the present segment, microseconds.
+uint32_t Trajectory::rest() const { return behind_ > 0xFFFFFF ? 0xFFFFFF * kTickUs : behind_ * kTickUs; }
+
+// Path that braking takes, with a margin.
+uint32_t Trajectory::braking_path() const { return brake_us_ / 2 + kMarginUs; }
+
+// How far the path's clock moves meanwhile.
+uint32_t Trajectory::path_time(uint32_t passed_us) {
+  if (state_ != gen::TRAJECTORY_BRAKING) return passed_us;
+  // The rate falls evenly, so its mean is that of the middle of the time that passed.
+  const uint32_t passed = (passed_us < brake_left_us_ ? passed_us : brake_left_us_) >> kBrakeShift;
+  const uint32_t left = brake_left_us_ >> kBrakeShift;
+  const uint32_t whole = brake_us_ >> kBrakeShift;
+  brake_left_us_ = passed_us < brake_left_us_ ? brake_left_us_ - passed_us : 0;
+  return (passed * (2 * left - passed) / (2 * whole)) << kBrakeShift;
+}
+
+void Trajectory::advance(uint32_t now_us) {
+  // The time of a packet is predicted, so the next one may be a little earlier; the path never goes back.
+  if (static_cast<int32_t>(now_us - clock_us_) > 0) {
+    move_on(path_time(now_us - clock_us_));
+    clock_us_ = now_us;
+  }
+  share_ = share_of(in_segment_us_, segment_us_);
+}
+
+void Trajectory::move_on(uint32_t path_us) {
+  in_segment_us_ += path_us;
+  while (in_segment_us_ >= segment_us_) {
+    if (next_segment()) continue;
+    in_segment_us_ = segment_us_;
+    state_ = state_ == gen::TRAJECTORY_BRAKING ? end_ : complete_ ? gen::TRAJECTORY_DONE : gen::TRAJECTORY_DRY;
+    return;
+  }
+  if (state_ == gen::TRAJECTORY_BRAKING) {
+    if (brake_left_us_ == 0) state_ = end_;
+  } else if (!complete_ && rest() + (segment_us_ - in_segment_us_) <= braking_path()) {
+    brake(gen::TRAJECTORY_DRY);
+  }
+}
+
+int16_t Trajectory::position(uint8_t joint) const {
+  const Cubic& cubic = cubics_[joint];
+  int32_t way = hermite() ? part(cubic.c2 + part(cubic.c3, share_), share_) : 0;
+  way = part(cubic.c1 + way, share_);
+  return static_cast<int16_t>(cubic.origin + ((way + 8) >> 4));
+}
+
+void Trajectory::brake(uint8_t end_state) {
+  if (state_ == gen::TRAJECTORY_BRAKING) return;
+  if (!moving()) return end(end_state);
+  state_ = gen::TRAJECTORY_BRAKING;
+  end_ = end_state;
+  brake_left_us_ = brake_us_;
+}
+
+void Trajectory::end(uint8_t state) {
+  if (ready() || moving()) state_ = state;
+}
+
+}  // namespace hexwire
