@@ -91,25 +91,39 @@ const uint8_t* Trajectory::point(uint16_t n) const {
 
 // The point towards which the joints move.
 uint16_t Trajectory::index() const {
-  const uint16_t oldest = static_cast<uint16_t>(next_ - count_);
-  return moving() || state_ > gen::TRAJECTORY_BRAKING ? static_cast<uint16_t>(oldest + 1) : oldest;
+  return moving() || state_ > gen::TRAJECTORY_BRAKING ? static_cast<uint16_t>(oldest() + 1) : oldest();
 }
 
 uint8_t Trajectory::add(const uint8_t* points, uint8_t size, uint16_t first, uint8_t count, bool last) {
   if (count == 0 || size != static_cast<uint16_t>(count) * stride_) return gen::STATUS_BAD_LENGTH;
-  const bool open = ready() || state_ == gen::TRAJECTORY_RUNNING;
-  if (!open || complete_ || first != next_) return gen::STATUS_BAD_RANGE;
-  const uint8_t* before = count_ ? point(static_cast<uint16_t>(count_ - 1)) : nullptr;
+  // Points that are there from `first` on are replaced.
+  const uint16_t kept = static_cast<uint16_t>(first - oldest());
+  if (!may_follow(kept)) return gen::STATUS_BAD_RANGE;
+  const uint8_t* before = kept ? point(static_cast<uint16_t>(kept - 1)) : nullptr;
   for (uint8_t n = 0; n < count; ++n) {
     const uint8_t* each = points + n * stride_;
     const uint8_t status = check_point(each, before);
     if (status != gen::STATUS_OK) return status;
     before = each;
   }
-  if (count > free()) return gen::STATUS_BUSY;
+  if (count > capacity_ - kept) return gen::STATUS_BUSY;
+  while (count_ > kept) drop_last();
   for (uint8_t n = 0; n < count; ++n) store(points + n * stride_);
   complete_ = last;
   return gen::STATUS_OK;
+}
+
+// Whether further points may follow the oldest `kept` ones.
+bool Trajectory::may_follow(uint16_t kept) const {
+  if (kept > count_ || (kept == count_ && complete_)) return false;
+  // The joints already move towards the second one.
+  return ready() || (state_ == gen::TRAJECTORY_RUNNING && kept >= 2);
+}
+
+void Trajectory::drop_last() {
+  if (count_ > 2) behind_ -= get16(point(static_cast<uint16_t>(count_ - 1)));
+  --count_;
+  --next_;
 }
 
 uint8_t Trajectory::check_point(const uint8_t* now, const uint8_t* before) const {

@@ -64,6 +64,9 @@ class Trajectory {
 
   bool hermite() const { return flags_ & gen::TRAJECTORY_FLAG_HERMITE; }
   uint8_t size_of_joint() const { return hermite() ? 4 : 2; }
+  uint16_t oldest() const { return static_cast<uint16_t>(next_ - count_); }
+  bool may_follow(uint16_t kept) const;
+  void drop_last();
   uint8_t place(uint8_t joint) const;
   const uint8_t* point(uint16_t n) const;
   uint8_t check_point(const uint8_t* point, const uint8_t* before) const;

@@ -34,8 +34,8 @@ def test_it_fits_with_room_to_spare(baud: int) -> None:
     found = re.search(r"flash (\d+) of at most (\d+) bytes, RAM (\d+) of at most (\d+) bytes", printed)
     assert found, printed
     flash, flash_limit, ram, ram_limit = map(int, found.groups())
-    assert flash < flash_limit == 32768
-    assert ram < ram_limit == 6144
+    assert flash < flash_limit == 49152
+    assert ram < ram_limit == 7168
 
 
 def test_a_firmware_that_is_too_large_is_an_error() -> None:

@@ -254,6 +254,44 @@ def test_points_that_do_not_fit_are_not_stored(make: Make) -> None:
     assert rider.status().free == 0
 
 
+def test_points_that_are_still_ahead_can_be_replaced(make: Make) -> None:
+    rider = make()
+    rider.begin(1)
+    assert rider.add(line(300, 6, 0.25, [0]), last=True) == Status.OK
+    since = rider.machine.now
+    rider.start()
+    rider.run(0.3)
+    index = rider.status().towards
+    assert index == 2
+    # The point that the joint moves to stays; from the next one on it turns back.
+    rider.next = index
+    back = [PathPoint(2500, (START[0] + 50,)), PathPoint(2500, (START[0],))]
+    assert rider.add(back) == Status.BAD_RANGE
+    rider.next = index + 1
+    assert rider.add(back) == Status.OK
+    assert rider.status().next == index + 3
+    assert rider.add([PathPoint(2500, (START[0],))], last=True) == Status.OK
+    rider.next = index + 3
+    assert rider.add([PathPoint(2500, (START[0] + 5,))], last=True) == Status.OK
+    rider.until(PathState.DONE)
+    targets = [each.target for each in rider.sent(since)]
+    assert START[0] + 95 <= max(targets) <= START[0] + 100
+    assert targets[-1] == START[0] + 5
+    assert rider.status().next == index + 4
+
+
+def test_before_the_start_all_points_can_be_replaced(make: Make) -> None:
+    rider = make()
+    rider.begin(1)
+    rider.add(line(300, 6, 0.25, [0]), last=True)
+    rider.next = 0
+    assert rider.add(line(-80, 2, 0.25, [0]), last=True) == Status.OK
+    assert rider.status().next == 3
+    rider.start()
+    rider.until(PathState.DONE)
+    assert rider.sent()[-1].target == START[0] - 80
+
+
 def test_it_starts_at_a_time_of_the_boards_clock(make: Make) -> None:
     rider = make()
     rider.begin()

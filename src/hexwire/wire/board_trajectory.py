@@ -1,13 +1,14 @@
 """Bodies of the commands for a trajectory on the board, as frozen values (PROTOCOL.md section 6.7).
 
-Owns their packing; `schema/commands.toml` is the source, and a test compares the two. Knows nothing of frames, joint
-names or SI units: positions are counts, velocities counts per second, times those of the wire.
+Owns their packing; `schema/commands.toml` is the source, and a test compares the two. Knows nothing of frames, of
+joint names or SI units: positions are counts, velocities counts per second, times those of the wire.
 """
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import NamedTuple
 
@@ -159,7 +160,8 @@ def parse_points(data: bytes, joints: int, *, hermite: bool) -> tuple[PathPoint,
     return tuple(PathPoint(ticks, tuple(v[::2]), tuple(v[1::2])) for ticks, *v in row.iter_unpack(data))
 
 
-class PointsRequest(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class PointsRequest:
     """Body of TRAJECTORY_POINTS; `data` as of `serialize_points`."""
 
     id: int
@@ -182,16 +184,17 @@ class PointsRequest(NamedTuple):
         """Parse the body; the points themselves are not checked."""
         if len(body) < _POINTS.size:
             raise RemoteProtocolError(f"TRAJECTORY_POINTS: {len(body)} bytes, at least {_POINTS.size} are needed")
-        return cls(*_POINTS.unpack_from(body), data=bytes(body[_POINTS.size :]))
+        number, last, first, count = _POINTS.unpack_from(body)
+        return cls(number, last, first, count, bytes(body[_POINTS.size :]))
 
 
 class PathStatus(NamedTuple):
-    """Reply to TRAJECTORY_STATUS and TRAJECTORY_POINTS; see PROTOCOL.md for each field."""
+    """Reply to TRAJECTORY_STATUS and TRAJECTORY_POINTS, as in PROTOCOL.md; `towards` is its `index`."""
 
     id: int
     state: PathState
     next: int
-    index: int
+    towards: int
     free: int
     late: int
     time_us: int
