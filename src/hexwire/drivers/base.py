@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState, JointTarget, SentTarget
 
+    from .timed_path import TimedPath
+
 __all__ = ["JointProbe", "ProbeReport", "RobotDriver", "Signal", "StopCause", "StopLatch", "StopMode"]
 
 _COMMAND_RATE = 20.0
@@ -83,6 +85,11 @@ class RobotDriver(ABC):
     def has_own_watchdog(self) -> bool:
         """Whether that watchdog is in the robot. One in a program in between ends with that program."""
         return self.has_watchdog
+
+    @property
+    def times_motion(self) -> bool:
+        """Whether the robot follows a path in its own time, see `path`; known after `attach`."""
+        return False
 
     @property
     def reports_states(self) -> bool:
@@ -294,6 +301,29 @@ class RobotDriver(ABC):
             StoppedError: A stop is latched.
             CommandRefusedError: The robot refuses, for example because a joint has no torque.
         """
+
+    def path(
+        self,
+        joints: Sequence[str] | None = None,
+        *,
+        smooth: bool = True,
+        brake: float = 0.2,
+        outlives: bool = False,
+    ) -> TimedPath:
+        """Begin a path that the robot follows in its own time, whatever this program does meanwhile. Nothing moves.
+
+        Args:
+            joints: Names; all if None.
+            smooth: Its points have velocities, and the joints follow cubics between them; else straight lines.
+            brake: Seconds in which the joints come to rest on the path when they must.
+            outlives: Once all points have arrived, the watchdog lets the path finish.
+
+        Raises:
+            NotSupportedError: The robot keeps no time of its own, see `times_motion`.
+            StoppedError: A stop is latched.
+            CommandRefusedError: It follows another path.
+        """
+        raise NotSupportedError(f"{self.model.name} follows no path in its own time")
 
     @abstractmethod
     def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from hexwire.wire.command_frame import Frame
     from hexwire.wire.commands import LimitRow, OffsetRow
 
+    from .timed_path import TimedPath
     from .values import JointProbe, StopMode
 
 __all__ = ["Board", "BoardFacts"]
@@ -51,6 +52,15 @@ class Board(Protocol):
     @property
     def dialect(self) -> int:
         """Number of the dialect, for display."""
+        ...
+
+    @property
+    def times_motion(self) -> bool:
+        """Whether the board follows a path in its own time."""
+        ...
+
+    def path(self, joints: Sequence[str] | None, *, smooth: bool, brake: float, outlives: bool) -> TimedPath:
+        """Begin a path; see `RobotDriver.path`."""
         ...
 
     @property

@@ -38,6 +38,7 @@ from .board import BoardFacts
 from .dialect1_moves import MIN_RUN_TIME, make_hls_block, make_legacy_move
 from .dialect1_reads import Dialect1Reader
 from .replies import torque_flag
+from .timed_path import TimedPath
 
 __all__ = ["Board1"]
 
@@ -392,6 +393,13 @@ class Board1:
         return BoardFacts("", None, (), self.stopped, False)
 
     # -- supported by dialect 2 only ----------------------------------------------------------------
+
+    @property
+    def times_motion(self) -> bool:
+        return False
+
+    def path(self, joints: Sequence[str] | None, *, smooth: bool, brake: float, outlives: bool) -> TimedPath:
+        raise _unsupported("TRAJECTORY_BEGIN")
 
     def report(self, period: float, fields: int = 0) -> None:
         raise _unsupported("REPORT")

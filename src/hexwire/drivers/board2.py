@@ -17,6 +17,7 @@ from hexwire.ipc.session import Session
 from hexwire.model.arm import ArmModel
 from hexwire.model.state import JointState, JointTarget, SentTarget
 from hexwire.session.events import Reply
+from hexwire.wire.board_trajectory import BeginReply
 from hexwire.wire.command_frame import Command, Frame, Status
 from hexwire.wire.commands import (
     ALL_FIELDS,
@@ -40,10 +41,12 @@ from hexwire.wire.tables import (
     BOARD_FLAGS_STOPPED,
     CAPABILITIES,
     CAPABILITY_MAINTENANCE,
+    CAPABILITY_TRAJECTORY,
 )
 
 from .base import JointProbe, StopMode
 from .board import BoardFacts
+from .board2_path import Board2Path, BoardTime, begin_request
 from .board2_state import StateDecoder
 from .replies import check_reply
 
@@ -99,6 +102,8 @@ class Board2:
             known = ", ".join(str(row.servo_id) for row in identity.joints)
             raise ServoError(f"the board has no servo for {', '.join(missing)}; it has the ids {known}")
         self._decoder = StateDecoder(model, self._order)
+        self._time = BoardTime(session.now, getattr(session.ipc.link, "baud", 0))
+        self._paths = 0
 
     # -- state --------------------------------------------------------------------------------------
 
@@ -142,6 +147,30 @@ class Board2:
             sent.duration_ms / 1000,
             tuple(joint.name for joint, row in named if joint and row.clamped),
             silent if reply.status == Status.SERVO_SILENT else (),
+        )
+
+    @property
+    def times_motion(self) -> bool:
+        """Whether the board follows a path in its own time."""
+        return bool(self.identity.capabilities & CAPABILITY_TRAJECTORY)
+
+    def path(self, joints: Sequence[str] | None, *, smooth: bool, brake: float, outlives: bool) -> Board2Path:
+        """Send TRAJECTORY_BEGIN; see `RobotDriver.path`."""
+        if not self.times_motion:
+            version = ".".join(map(str, self.identity.firmware))
+            raise NotSupportedError(f"the board's firmware {version} follows no path of its own; flash a newer one")
+        mask = self._board_mask(joints)
+        self._paths = (self._paths + 1) & 0xFF
+        request = begin_request(self._paths, mask, brake, smooth=smooth, outlives=outlives)
+        reply = self._check_done(self._ask(Command.TRAJECTORY_BEGIN, request.serialize()))
+        named = [joint for i, joint in enumerate(self._order) if joint is not None and mask >> i & 1]
+        return Board2Path(
+            self._ask,
+            lambda command, body: self._ask(command, body, repeatable=True),
+            named,
+            self._time,
+            BeginReply.parse(reply.body),
+            smooth=smooth,
         )
 
     def torque(self, on: bool, joints: Sequence[str] | None) -> tuple[str, ...]:

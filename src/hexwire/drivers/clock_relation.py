@@ -48,9 +48,16 @@ class WrappingClock:
 
     def read(self, time_us: int) -> float:
         """The time that a board has sent; at most half a wrap before or after the one before."""
-        last = time_us if self._last is None else self._last
-        self._last = last + ((time_us - last + 0x80000000) & 0xFFFFFFFF) - 0x80000000
+        self._last = self._near(time_us)
         return self._last * 1e-6
+
+    def near(self, time_us: int) -> float:
+        """Another time, at most half a wrap before or after the last one that was read."""
+        return self._near(time_us) * 1e-6
+
+    def _near(self, time_us: int) -> int:
+        last = time_us if self._last is None else self._last
+        return last + ((time_us - last + 0x80000000) & 0xFFFFFFFF) - 0x80000000
 
 
 class ClockRelation:

@@ -35,6 +35,8 @@ from .stop_memory import StopMemory
 if TYPE_CHECKING:
     from hexwire.link.diagnose import Finding
 
+    from .timed_path import TimedPath
+
 __all__ = ["Hex7BotDriver"]
 
 _log = logging.getLogger(__name__)
@@ -182,6 +184,25 @@ class Hex7BotDriver(SessionDriver):
             self._aimed.update(sent.positions)
             self._keep_armed()
             return sent
+
+    @property
+    def times_motion(self) -> bool:
+        return self._board is not None and self._board.times_motion
+
+    def path(
+        self,
+        joints: Sequence[str] | None = None,
+        *,
+        smooth: bool = True,
+        brake: float = 0.2,
+        outlives: bool = False,
+    ) -> TimedPath:
+        with self._calling("a path"):
+            board = self._attached()
+            path = board.path(joints, smooth=smooth, brake=brake, outlives=outlives)
+            self._aimed.clear()
+            self._keep_armed()
+            return path
 
     def stream(self, period: float, timeout: float = 1.0, *, slow: float | None = None) -> Iterator[JointState]:
         """Yield the states that the board reports every `period` seconds.

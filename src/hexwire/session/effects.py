@@ -20,6 +20,7 @@ _NEUTRAL = frozenset(
         Command.REPORT,
         Command.WATCHDOG,
         Command.STATS,
+        Command.TRAJECTORY_STATUS,
         Command.ROBOT_PROBE,
         Command.JOINT_STATES,
         Command.JOYSTICK,

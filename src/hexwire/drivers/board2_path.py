@@ -1,0 +1,242 @@
+"""A `TimedPath` on a board of dialect 2: radians to counts, seconds to ticks, and the board's clock.
+
+Owns the translation, and which points the board has. Must not know links or callers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+from hexwire.errors import LimitError, UsageError
+from hexwire.units import decimal
+from hexwire.wire.board_trajectory import (
+    POINT_TIME,
+    BeginReply,
+    BeginRequest,
+    PathFlag,
+    PathPoint,
+    PathStatus,
+    PointsRequest,
+    StartReply,
+    StartRequest,
+    point_size,
+    serialize_points,
+)
+from hexwire.wire.command_frame import Command, Status
+from hexwire.wire.tables import FRAME_OVERHEAD
+
+from .clock_relation import ClockRelation, WrappingClock
+from .replies import check_reply
+from .timed_path import PathReport, PathStart, PathState, TimedPath, TimedPoint
+
+if TYPE_CHECKING:
+    from hexwire.model.arm import JointModel
+    from hexwire.session.events import Reply
+
+__all__ = ["Board2Path", "BoardTime", "begin_request"]
+
+_POINTS_HEAD = 5
+_MOST_BODY = 208
+_MOST_TICKS = 0xFFFF
+_BITS_PER_BYTE = 10
+_COUNTS_16 = 32767
+
+
+class BoardTime:
+    """The board's clock, as far as requests have shown it.
+
+    Args:
+        now: Host's clock.
+        baud: Of the line; 0 if bytes take no time that is known.
+    """
+
+    def __init__(self, now: Callable[[], float], baud: int) -> None:
+        self._now, self._baud = now, baud
+        self._wrapping = WrappingClock()
+        self.relation = ClockRelation()
+
+    def unwrap(self, time_us: int) -> float:
+        """A time of the board's clock near that of the last exchange, without wraps, seconds."""
+        return self._wrapping.near(time_us)
+
+    def note(self, reply: Reply, request: int, time_us: int) -> float:
+        """Take the board's clock from a reply that has just arrived; returns it in seconds, without wraps.
+
+        Args:
+            reply: The reply.
+            request: Bytes of the request's body.
+            time_us: The clock in its body.
+        """
+        board = self._wrapping.read(time_us)
+        received = self._now()
+        sent = received - reply.rtt
+        if self._baud:
+            # The board cannot have read its clock before the request was there, nor after it began to answer.
+            seconds = _BITS_PER_BYTE / self._baud
+            up = (FRAME_OVERHEAD + request) * seconds
+            down = (FRAME_OVERHEAD + len(reply.body)) * seconds
+            if up + down < reply.rtt:
+                sent, received = sent + up, received - down
+        self.relation.add(sent, received, board)
+        return board
+
+
+class Board2Path(TimedPath):
+    """A path on one board; made by `Board2.path`.
+
+    Args:
+        ask: Sends a request that acts.
+        look: Sends a request that only reads.
+        joints: Of the path, in the board's order.
+        clock: The board's clock.
+        reply: To TRAJECTORY_BEGIN.
+        smooth: The points have velocities.
+    """
+
+    def __init__(
+        self,
+        ask: Callable[[int, bytes], Reply],
+        look: Callable[[int, bytes], Reply],
+        joints: Sequence[JointModel],
+        clock: BoardTime,
+        reply: BeginReply,
+        *,
+        smooth: bool,
+    ) -> None:
+        self._ask, self._look, self._rows, self._clock = ask, look, tuple(joints), clock
+        self.joints = tuple(joint.name for joint in joints)
+        self.capacity, self.lead = reply.capacity, reply.lead_ms / 1000.0
+        self._number, self._smooth = reply.id, smooth
+        # Points that the board has, as ticks and angles, from the one of this index on: others cannot be replaced.
+        self._oldest = 0
+        self._kept: list[tuple[int, tuple[float, ...]]] = []
+
+    def send(self, points: Sequence[TimedPoint], *, last: bool = False, first: int | None = None) -> int:
+        sent = self._oldest + len(self._kept)
+        begin = sent if first is None else first
+        if begin != 0 and not self._oldest < begin <= sent:
+            raise UsageError(f"the robot has points {self._oldest} to {sent}; none can be sent as number {begin}")
+        before = self._kept[begin - self._oldest - 1] if begin else None
+        rows, kept = self._rows_of(points, before)
+        size = point_size(len(self._rows), hermite=self._smooth)
+        each = min(255, (_MOST_BODY - _POINTS_HEAD) // size)
+        done = 0
+        while done < len(rows):
+            some = rows[done : done + each]
+            request = PointsRequest(
+                self._number,
+                int(last and done + len(some) == len(rows)),
+                (begin + done) & 0xFFFF,
+                len(some),
+                serialize_points(some),
+            ).serialize()
+            reply = self._ask(Command.TRAJECTORY_POINTS, request)
+            if reply.status == Status.BUSY:
+                if len(some) == 1:
+                    break
+                # Perhaps fewer of them fit.
+                each = max(1, min(len(some) // 2, self.report().room))
+                continue
+            check_reply(reply)
+            self._kept[begin + done - self._oldest :] = kept[done : done + len(some)]
+            done += len(some)
+            self._note(reply, len(request))
+        return done
+
+    def start(self, at: float | None = None) -> PathStart:
+        if not self._clock.relation:
+            self.report()
+        relation = self._clock.relation
+        time_us = 0 if at is None else round(relation.board_time(at) * 1e6) & 0xFFFFFFFF
+        body = StartRequest(self._number, int(at is None), time_us).serialize()
+        reply = StartReply.parse(check_reply(self._ask(Command.TRAJECTORY_START, body)).body)
+        # The unwrapped time is near that of the last exchange.
+        board = self._clock.unwrap(reply.time_us)
+        return PathStart(*relation.host_time(board))
+
+    def report(self) -> PathReport:
+        reply = check_reply(self._look(Command.TRAJECTORY_STATUS, b""))
+        return self._note(reply, 0)
+
+    def _note(self, reply: Reply, request: int) -> PathReport:
+        status = PathStatus.parse(reply.body)
+        self._clock.note(reply, request, status.time_us)
+        sent = self._oldest + len(self._kept)
+        if status.id != self._number or status.state is PathState.NONE:
+            # Another program began another one, or the board was reset.
+            return PathReport(PathState.NONE, sent, 0, 0, status.late)
+        # The board counts modulo 65536.
+        towards = sent - ((sent - status.towards) & 0xFFFF)
+        if 0 < towards - 1 - self._oldest <= len(self._kept):
+            del self._kept[: towards - 1 - self._oldest]
+            self._oldest = towards - 1
+        return PathReport(status.state, sent, max(0, towards), status.free, status.late)
+
+    def abort(self) -> PathState:
+        reply = check_reply(self._ask(Command.TRAJECTORY_ABORT, bytes((self._number,))))
+        return PathState(reply.body[1])
+
+    def _rows_of(
+        self, points: Sequence[TimedPoint], before: tuple[int, tuple[float, ...]] | None
+    ) -> tuple[list[PathPoint], list[tuple[int, tuple[float, ...]]]]:
+        """The points in the units of the wire, and as ticks and angles; checked."""
+        rows, kept = [], []
+        for point in points:
+            self._check_shape(point)
+            ticks = round(point.time / POINT_TIME)
+            if before is None:
+                if ticks != 0:
+                    raise UsageError(f"a path begins at 0 s, not at {decimal(point.time, 3)} s")
+                way = 0
+            else:
+                way = ticks - before[0]
+                if not 0 < way <= _MOST_TICKS:
+                    text = "after it, and at most 6.5 s" if way > 0 else "after the one before"
+                    raise UsageError(f"the point at {decimal(point.time, 3)} s must come {text}")
+                self._check_speed(point, before[1], way * POINT_TIME)
+            rows.append(self._row(point, way))
+            before = ticks, point.positions
+            kept.append(before)
+        return rows, kept
+
+    def _check_shape(self, point: TimedPoint) -> None:
+        have = len(point.positions) == len(self._rows)
+        if not have or (point.velocities is not None) != self._smooth:
+            shape = "positions and velocities" if self._smooth else "positions alone"
+            raise UsageError(f"a point of this path has {shape} of {', '.join(self.joints)}")
+        for joint, angle in zip(self._rows, point.positions, strict=True):
+            joint.check(angle)
+        for joint, speed in zip(self._rows, point.velocities or (), strict=False):
+            if not abs(speed) <= joint.max_speed:
+                fast = decimal(math.degrees(abs(speed)), 3)
+                raise LimitError(f"{joint.name} would pass a point at {fast} deg/s, which is above its speed limit")
+
+    def _check_speed(self, point: TimedPoint, before: tuple[float, ...], seconds: float) -> None:
+        for joint, a, b in zip(self._rows, before, point.positions, strict=True):
+            # One count more, since positions are rounded.
+            if abs(b - a) > joint.max_speed * seconds + joint.scale:
+                way, time = decimal(math.degrees(abs(b - a)), 3), decimal(seconds, 4)
+                raise LimitError(f"{joint.name} would turn {way} deg in {time} s, which is above its speed limit")
+
+    def _row(self, point: TimedPoint, ticks: int) -> PathPoint:
+        counts = tuple(
+            min(max(joint.angle_to_counts(angle), joint.count_limits[0]), joint.count_limits[1])
+            for joint, angle in zip(self._rows, point.positions, strict=True)
+        )
+        if point.velocities is None:
+            return PathPoint(ticks, counts)
+        speeds = tuple(
+            round(joint.sign * speed / joint.scale)
+            for joint, speed in zip(self._rows, point.velocities, strict=True)
+        )
+        return PathPoint(ticks, counts, tuple(max(-_COUNTS_16, min(_COUNTS_16, speed)) for speed in speeds))
+
+
+def begin_request(number: int, mask: int, brake: float, *, smooth: bool, outlives: bool) -> BeginRequest:
+    """The request for a new path; raises UsageError if the braking time is out of range."""
+    if not 0.02 <= brake <= 2.0:
+        raise UsageError(f"a path comes to rest in 0.02..2 s, not in {brake:g} s")
+    flags = (PathFlag.HERMITE if smooth else 0) | (PathFlag.OUTLIVES_HOST if outlives else 0)
+    return BeginRequest(number, flags, mask, round(1000 * brake))

@@ -1,0 +1,114 @@
+"""`TimedPath`: a motion of which the robot itself keeps the time, sent ahead point by point.
+
+Owns its values and its interface. Must not know boards, frames or counts.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from hexwire.wire.board_trajectory import PathState
+
+__all__ = ["PathReport", "PathStart", "PathState", "TimedPath", "TimedPoint"]
+
+
+class TimedPoint(NamedTuple):
+    """A point of a path.
+
+    Attributes:
+        time: Seconds since the start of the path; 0 for the first point.
+        positions: Radians, of the joints of the path in its order.
+        velocities: Radians per second, of the same; None on a path that is straight between its points.
+    """
+
+    time: float
+    positions: tuple[float, ...]
+    velocities: tuple[float, ...] | None = None
+
+
+class PathStart(NamedTuple):
+    """When a path starts.
+
+    Attributes:
+        time: Host's clock, seconds.
+        uncertainty: How far off that may be, seconds.
+    """
+
+    time: float
+    uncertainty: float
+
+
+class PathReport(NamedTuple):
+    """Where a path is.
+
+    Attributes:
+        state: Of the path.
+        sent: Points that the robot has received.
+        towards: Index of the point towards which the joints move.
+        room: Points that it can take now.
+        late: Times that the robot's own targets came late, counted modulo 65536.
+    """
+
+    state: PathState
+    sent: int
+    towards: int
+    room: int
+    late: int
+
+
+class TimedPath(ABC):
+    """A path that was begun. Nothing moves before `start`.
+
+    A stop ends it, and it is never continued; begin another one. If this program stalls, the robot goes on while it
+    has points; then it comes to rest on the path.
+
+    Attributes:
+        joints: Names, in the order of every point.
+        capacity: Points that the robot can hold.
+        lead: Seconds by which its targets are ahead of its clock.
+    """
+
+    joints: tuple[str, ...]
+    capacity: int
+    lead: float
+
+    @abstractmethod
+    def send(self, points: Sequence[TimedPoint], *, last: bool = False, first: int | None = None) -> int:
+        """Send the next points, as many as the robot has room for.
+
+        Args:
+            points: In order; times increase.
+            last: The last of them ends the path. Counts only if all are taken.
+            first: Index of the first of them: points from there on are replaced. The next one if None.
+
+        Returns:
+            How many were taken; send the others later.
+
+        Raises:
+            LimitError: A point is beyond a joint's limits, or too far from the one before; nothing was sent.
+            StoppedError: A stop ended the path.
+            CommandRefusedError: The path has ended, or the robot refuses the points.
+        """
+
+    @abstractmethod
+    def start(self, at: float | None = None) -> PathStart:
+        """Start the path.
+
+        Args:
+            at: Host's clock, seconds; less than 10 s ahead. Now if None.
+
+        Raises:
+            StoppedError: A stop ended the path.
+            CommandRefusedError: A joint has no torque, or is not at the first point; or there is not enough of
+                the path; or the time has passed.
+        """
+
+    @abstractmethod
+    def report(self) -> PathReport:
+        """Ask where the path is."""
+
+    @abstractmethod
+    def abort(self) -> PathState:
+        """Bring the joints to rest on the path; without effect after its end. Returns the state then."""
