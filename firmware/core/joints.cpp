@@ -166,6 +166,13 @@ void Joints::store_motion(Joint& joint, const uint8_t* p) {
 void Joints::missed(uint8_t index) {
   Joint& joint = joints_[index];
   joint.present = joint.torque_known = joint.ceiling_known = joint.mode_known = false;
+  joint.sync_misses = 0;
+}
+
+void Joints::try_sync_again() {
+  for (uint8_t i = 0; i < kJoints; ++i) {
+    if (!syncs(i)) --joints_[i].sync_misses;
+  }
 }
 
 void Joints::forget_settings() {
@@ -271,7 +278,7 @@ void Sweep::begin(Mask mask, Item item, bool use_sync_read) {
   many_asked_ = false;
   for (uint8_t i = 0; i < kJoints; ++i, mask >>= 1) {
     if (!(mask & 1) || !joints_.has(i, item)) continue;
-    if (use_sync_read && joints_[i].series == gen::SERIES_HLS) {
+    if (use_sync_read && joints_[i].series == gen::SERIES_HLS && joints_.syncs(i)) {
       many_[many_count_++] = i;
     } else {
       order_[count_++] = i;
@@ -332,9 +339,11 @@ void Sweep::take_result(uint32_t now_us, uint32_t now_ms) {
   for (uint8_t i = 0; i < many_count_; ++i) {
     const uint8_t* packet = bus_.answer(i);
     if (packet != nullptr) {
+      joints_[many_[i]].sync_misses = 0;
       take_one(many_[i], packet);
     } else {
       // A servo that is missing is asked once more, alone.
+      joints_.missed_sync(many_[i]);
       order_[count_++] = many_[i];
     }
   }

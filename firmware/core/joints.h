@@ -53,6 +53,7 @@ struct Joint {
   bool in_position;  // mode; the other series have no other
   bool moves;        // its last two samples differ
   bool clamped;
+  uint8_t sync_misses;  // sync reads in a row that it did not answer although it answers alone
 };
 
 // A target for some joints.
@@ -65,6 +66,8 @@ struct Targets {
 
 class Joints {
  public:
+  static constexpr uint8_t kMostSyncMisses = 8;
+
   Joints();
 
   Joint& operator[](uint8_t index) { return joints_[index]; }
@@ -88,6 +91,13 @@ class Joints {
                 uint32_t now_ms);
   // The joint did not answer. It may have lost its power in the meantime, so what is known of it is forgotten.
   void missed(uint8_t joint);
+
+  // Not every firmware of a servo knows SYNC_READ: one that does not is asked alone. `try_sync_again` asks once more.
+  bool syncs(uint8_t joint) const { return joints_[joint].sync_misses < kMostSyncMisses; }
+  void missed_sync(uint8_t joint) {
+    if (syncs(joint)) ++joints_[joint].sync_misses;
+  }
+  void try_sync_again();
 
   // Put a packet into the bus's send buffer; return the number of parameters of each answer.
   uint8_t make_read(ServoBus& bus, uint8_t joint, Item item) const;

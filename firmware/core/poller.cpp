@@ -74,6 +74,7 @@ Mask Poller::worth_asking(uint32_t now_ms) const {
 bool Poller::start_cycle(uint32_t now_us, uint32_t now_ms) {
   phase_ = Phase::kCycle;
   cycle_begun_us_ = now_us;
+  if (cycles_ == 0) joints_.try_sync_again();
   // A host that only reads by the chapter's dialect should not find the line occupied by a long sync read.
   const bool more = !busy(now_ms) || cycles_ % kCyclesPerTurn == 0;
   sweep_.begin(worth_asking(now_ms), more ? Item::kMotion : Item::kPosition, busy(now_ms));
