@@ -1,0 +1,185 @@
+"""A path that the driver sends ahead to an emulated board."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from hexwire.drivers.board2_path import BoardTime
+from hexwire.drivers.hex7bot import Hex7BotDriver
+from hexwire.drivers.timed_path import PathState, TimedPath, TimedPoint
+from hexwire.errors import CommandRefusedError, LimitError, NotSupportedError, StoppedError, UsageError
+from hexwire.session.events import Reply
+
+PATIENCE = 20.0
+
+
+@pytest.fixture
+def robot(request: pytest.FixtureRequest) -> Iterator[Hex7BotDriver]:
+    name = request.node.name.replace("[", "-").replace("]", "")
+    with Hex7BotDriver.from_url(f"sim://hex7bot?name={name}") as made:
+        made.torque(True)
+        yield made
+
+
+def wave(start: float, way: float, seconds: float, steps: int) -> list[TimedPoint]:
+    points = []
+    for i in range(steps + 1):
+        angle = 2.0 * math.pi * i / steps
+        speed = way * math.pi / seconds * math.sin(angle)
+        points.append(TimedPoint(seconds * i / steps, (start + way * (1 - math.cos(angle)) / 2,), (speed,)))
+    return points
+
+
+def until_over(path: TimedPath) -> PathState:
+    deadline = time.monotonic() + PATIENCE
+    while not (state := path.report().state).over:
+        assert time.monotonic() < deadline, state.name
+        time.sleep(0.02)
+    return state
+
+
+def test_a_whole_path_is_followed(robot: Hex7BotDriver) -> None:
+    here = robot.read().positions["J2"]
+    path = robot.path(["J2"])
+    assert robot.times_motion
+    assert path.joints == ("J2",)
+    points = wave(here, 0.3, 1.0, 20)
+    assert path.send(points, last=True) == 21
+    before = robot.now()
+    start = path.start()
+    assert before - 0.5 < start.time < robot.now() + 0.5
+    assert 0.0 <= start.uncertainty < 0.5
+    far = 0.0
+    deadline = time.monotonic() + PATIENCE
+    while not (report := path.report()).state.over:
+        far = max(far, robot.read().positions["J2"] - here)
+        assert time.monotonic() < deadline
+    assert (report.state, report.sent, report.towards) == (PathState.DONE, 21, 20)
+    assert far == pytest.approx(0.3, abs=0.05)
+    assert robot.read().positions["J2"] == pytest.approx(here, abs=0.02)
+
+
+def test_a_start_can_be_set_for_later(robot: Hex7BotDriver) -> None:
+    here = robot.read().positions["J1"]
+    path = robot.path(["J1"])
+    path.send(wave(here, 0.2, 0.5, 10), last=True)
+    wanted = robot.now() + 1.0
+    start = path.start(wanted)
+    assert start.time == pytest.approx(wanted, abs=0.05 + start.uncertainty)
+    assert path.report().state is PathState.WAITING
+    assert until_over(path) is PathState.DONE
+
+
+def test_more_points_than_fit_are_taken_in_parts(robot: Hex7BotDriver) -> None:
+    here = robot.read().positions["J1"]
+    path = robot.path(["J1"], smooth=False)
+    points = [TimedPoint(0.002 * i, (here + 0.0002 * (i % 100),)) for i in range(path.capacity + 300)]
+    sent = path.send(points, last=True)
+    assert sent == path.capacity
+    path.start()
+    deadline = time.monotonic() + PATIENCE
+    while sent < len(points):
+        sent += path.send(points[sent:], last=True)
+        assert time.monotonic() < deadline
+    assert until_over(path) is PathState.DONE
+    assert path.report().sent == len(points)
+
+
+def test_points_that_are_ahead_can_be_replaced(robot: Hex7BotDriver) -> None:
+    here = robot.read().positions["J1"]
+    path = robot.path(["J1"], smooth=False)
+    path.send([TimedPoint(0.25 * i, (here + 0.05 * i,)) for i in range(9)], last=True)
+    path.start()
+    towards = path.report().towards
+    with pytest.raises(UsageError, match="none can be sent as number 9"):
+        path.send([TimedPoint(9.0, (here,))], first=10)
+    back = here + 0.05 * (towards + 1)
+    new = [TimedPoint(0.25 * (towards + 2), (back,)), TimedPoint(0.25 * (towards + 3), (back,))]
+    assert path.send(new, last=True, first=towards + 2) == 2
+    assert until_over(path) is PathState.DONE
+    assert robot.read().positions["J1"] == pytest.approx(back, abs=0.02)
+
+
+def test_a_stop_ends_it(robot: Hex7BotDriver) -> None:
+    here = robot.read().positions["J1"]
+    path = robot.path(["J1"])
+    path.send(wave(here, 0.4, 2.0, 40), last=True)
+    path.start()
+    robot.stop()
+    assert path.report().state is PathState.STOPPED
+    with pytest.raises(StoppedError):
+        robot.path(["J1"])
+    robot.resume()
+    with pytest.raises(CommandRefusedError):
+        path.start()
+    assert path.report().state is PathState.STOPPED
+
+
+def test_an_abort_brings_it_to_rest(robot: Hex7BotDriver) -> None:
+    here = robot.read().positions["J1"]
+    path = robot.path(["J1"], brake=0.1)
+    path.send(wave(here, 0.4, 2.0, 40), last=True)
+    path.start()
+    assert path.abort() is PathState.BRAKING
+    assert until_over(path) is PathState.ABORTED
+    assert path.abort() is PathState.ABORTED
+
+
+def test_another_path_takes_its_place(robot: Hex7BotDriver) -> None:
+    first, second = robot.path(["J1"]), robot.path(["J2"])
+    assert first.report().state is PathState.NONE
+    assert second.report().state is PathState.LOADING
+
+
+@pytest.mark.parametrize(
+    ("points", "error", "text"),
+    [
+        ([TimedPoint(0.1, (0.0,), (0.0,))], UsageError, "begins at 0 s"),
+        ([TimedPoint(0.0, (0.0,))], UsageError, "positions and velocities of J1"),
+        ([TimedPoint(0.0, (0.0, 0.0), (0.0, 0.0))], UsageError, "positions and velocities of J1"),
+        ([TimedPoint(0.0, (9.0,), (0.0,))], LimitError, "J1"),
+        ([TimedPoint(0.0, (0.0,), (99.0,))], LimitError, "J1 would pass"),
+        ([TimedPoint(0.0, (0.0,), (0.0,)), TimedPoint(0.01, (0.5,), (0.0,))], LimitError, "J1 would turn 28.6 deg"),
+        ([TimedPoint(0.0, (0.0,), (0.0,)), TimedPoint(0.0, (0.0,), (0.0,))], UsageError, "after the one before"),
+        ([TimedPoint(0.0, (0.0,), (0.0,)), TimedPoint(7.0, (0.0,), (0.0,))], UsageError, "at most 6.5 s"),
+        ([TimedPoint(0.0, (math.nan,), (0.0,))], LimitError, "J1"),
+        ([TimedPoint(0.0, (0.0,), (math.nan,))], LimitError, "J1"),
+    ],
+)
+def test_a_point_that_cannot_be_is_refused_before_anything_is_sent(
+    robot: Hex7BotDriver, points: list[TimedPoint], error: type[Exception], text: str
+) -> None:
+    path = robot.path(["J1"])
+    with pytest.raises(error, match=text):
+        path.send(points)
+    assert path.report().sent == 0
+
+
+def test_the_time_to_come_to_rest_is_bounded(robot: Hex7BotDriver) -> None:
+    with pytest.raises(UsageError, match=r"0.02\.\.2 s"):
+        robot.path(["J1"], brake=3.0)
+
+
+def test_a_board_of_the_chapters_dialect_keeps_no_time() -> None:
+    with Hex7BotDriver.from_url("sim://hex7bot?name=chapter&dialect=1") as robot:
+        assert not robot.times_motion
+        with pytest.raises(NotSupportedError):
+            robot.path(["J1"])
+
+
+def test_the_time_on_the_line_narrows_the_relation_of_the_clocks() -> None:
+    now = [100.0]
+    slow, bare = BoardTime(lambda: now[0], 115200), BoardTime(lambda: now[0], 0)
+    reply = Reply(1, 0x23, 0, bytes(16), None, 0.012, 1)
+    assert slow.note(reply, 0, 5_000_000) == bare.note(reply, 0, 5_000_000) == 5.0
+    # 44 bytes take 3.8 ms, 60 take 5.2 ms.
+    assert bare.relation.host_time(5.0).uncertainty == pytest.approx(0.006)
+    assert slow.relation.host_time(5.0).uncertainty == pytest.approx((0.012 - 104 * 10 / 115200) / 2)
+    # An emulated line may be faster than its rate.
+    now[0], quick = 101.0, reply._replace(rtt=0.001)
+    slow.note(quick, 0, 6_000_000)
+    assert slow.relation.host_time(6.0).time == pytest.approx(101.0, abs=0.02)
