@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Literal
 from hexwire.drivers.values import StopMode
 from hexwire.errors import ServoError, StoppedError, UsageError
 from hexwire.model.state import JointTarget, SentTarget
+from hexwire.motion.joined import Joined
 from hexwire.motion.limits import check_target
 from hexwire.motion.safety import SafetyLimits, StopReason, board_stop
 from hexwire.motion.waypoints import Trajectory
@@ -31,6 +32,7 @@ from .power import give_torque
 from .reader import read_state
 from .settings import ControllerSettings
 from .target import TargetController, holding
+from .timed_motion import Watched, begin_feed
 from .waiting import Waiter
 
 if TYPE_CHECKING:
@@ -68,6 +70,8 @@ class MotionOptions:
         watchdog_mode: What the board does then.
         clock: Monotonic seconds; the robot's clock if None.
         sleep: Waits for a number of seconds.
+        host_timed: Send a trajectory target by target, also to a robot that keeps the time itself.
+        outlives: Once all of a trajectory has been sent to such a robot, the watchdog lets it finish.
 
     Raises:
         UsageError: A value is not a number, or outside its range.
@@ -85,6 +89,8 @@ class MotionOptions:
     watchdog_mode: StopMode = StopMode.HOLD
     clock: Callable[[], float] | None = None
     sleep: Callable[[float], object] = time.sleep
+    host_timed: bool = False
+    outlives: bool = False
 
     def __post_init__(self) -> None:
         # To the check of arrival, a tolerance of 0 means "not checked", and a grace of 0 means "forever".
@@ -398,6 +404,7 @@ def _run_path(
     controller = TrajectoryController(ControllerSettings("", names, True, none), robot.model, limits)
     arrived, reason = False, None
     end: JointTarget | Literal[True] | None = None
+    legs: Sequence[Trajectory] = path.legs
     with _owner(robot, rate, options, observer, asked, safe=safe) as owner:
         with _asked_then(robot, asked):
             powered = give_torque(robot, names, read_state(robot))
@@ -406,19 +413,28 @@ def _run_path(
         owner.group.members = (controller,)
         owner.turn()
         observer.started(owner.timing)
-        for leg in path.legs:
+        feed = None
+        if robot.times_motion and not options.host_timed and owner.group.reason is None:
+            whole = legs[0] if len(legs) == 1 else Joined(legs)
+            if (feed := begin_feed(robot, whole, asked, outlives=options.outlives)) is not None:
+                legs = (whole,)
+                owner.group.members = (Watched(controller),)
+        for leg in legs:
             # Stopped before it began: `stopped` has the reason.
             if owner.group.reason is not None:
                 break
             waiter = Waiter()
-            tolerances = last if leg is path.legs[-1] else none
+            tolerances = last if leg is legs[-1] else none
             with owner.locked():
-                controller.follow(leg, owner.newest(), owner.now(), listener=waiter, tolerances=tolerances)
-            end = _turn_until(owner, waiter.is_over, until)
+                begins = owner.now() if feed is None else feed.start.time
+                controller.follow(leg, owner.newest(), begins, listener=waiter, tolerances=tolerances)
+            end = _turn_until(owner, waiter.is_over if feed is None else feed.until(owner, waiter.is_over), until)
             arrived = waiter.end is not None and waiter.end.outcome is Outcome.SUCCEEDED
             if not arrived:
                 break
         if end:
+            if feed is not None:
+                feed.end(owner.turn)
             reason = _end_at(owner, end, names, asked)
         controller.hold("it is over")
         seconds = sum(leg.duration for leg in path.legs) + options.grace

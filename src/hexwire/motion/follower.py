@@ -76,6 +76,8 @@ class Follower:
         mode: Present mode.
         reason: Reason of the stop, or None.
         counters: Event counters.
+        waits: After a stall of the loop the trajectory continues where it was, instead of catching up. False for a
+            robot that keeps the time itself.
     """
 
     def __init__(
@@ -95,6 +97,7 @@ class Follower:
         self.mode = Mode.HOLD
         self.reason: StopReason | None = None
         self.counters = FollowerCounters()
+        self.waits = True
         self._blend, self._lost_after, self._jump = blend, lost_after, jump
         self._trajectory: Trajectory | None = None
         self._started = 0.0
@@ -286,7 +289,8 @@ class Follower:
             self.stop(found)
             return found
         if self.mode is Mode.TRAJECTORY and self._trajectory is not None:
-            self._slip(now, lead)
+            if self.waits:
+                self._slip(now, lead)
             trajectory, t = self._trajectory, now + lead - self._started
             if t >= trajectory.duration:
                 self._trajectory, self.mode = None, Mode.HOLD

@@ -1,0 +1,250 @@
+"""A trajectory of which the robot keeps the time: sent ahead, and watched as if it were sent target by target.
+
+Owns what is sent when, and what the reports of the robot mean for the motion. Must not know which program moves, nor how
+a robot follows a path.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from hexwire.drivers.timed_path import PathState, TimedPath, TimedPoint
+from hexwire.errors import CommandRefusedError, DeviceError, PreemptedError, StoppedError
+from hexwire.model.state import JointTarget
+from hexwire.motion.path_points import path_points
+from hexwire.motion.safety import STOP_COMMAND, StopReason
+
+if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
+    from hexwire.drivers.timed_path import PathStart
+    from hexwire.epochs import Token
+    from hexwire.model.state import JointState
+    from hexwire.motion.waypoints import Trajectory
+
+    from .controller import TrajectoryController
+    from .outcomes import Ended, GoalListener
+    from .owner import RobotOwner
+
+__all__ = ["PathFeed", "Watched", "begin_feed"]
+
+_log = logging.getLogger(__name__)
+
+_FIRST, _NEXT = 24, 12
+"""Points that are sent before the start, and at most in one turn after it."""
+_LOOK = 0.1
+"""Seconds between two questions where the path is, when all points are sent."""
+_REST = 3.0
+"""Most seconds that a path needs to come to rest."""
+_WHY = {
+    PathState.DRY: "the board came to rest on its path, because this program was too slow to send the next points",
+    PathState.ABORTED: "another program has ended the path on the board",
+    PathState.FAULT: "a joint lost its torque or does not answer; the others came to rest on the path",
+    PathState.NONE: "the board was reset, or another program began another path",
+    PathState.BRAKING: "the board comes to rest on its path",
+}
+
+
+class PathFeed:
+    """Sends one trajectory ahead to a robot that keeps the time itself. One thread makes all calls.
+
+    Args:
+        robot: Attached; `times_motion`.
+        trajectory: Checked.
+        brake: As in `RobotDriver.path`.
+        outlives: Likewise.
+
+    Attributes:
+        start: When it starts; set by `begin`.
+    """
+
+    start: PathStart
+
+    def __init__(
+        self, robot: RobotDriver, trajectory: Trajectory, *, brake: float = 0.2, outlives: bool = False
+    ) -> None:
+        self._robot, self._trajectory = robot, trajectory
+        self._brake, self._outlives = brake, outlives
+        self._path: TimedPath | None = None
+        self._places: list[int] = []
+        self._points: Iterator[TimedPoint] = iter(())
+        self._waiting: list[TimedPoint] = []
+        self._complete = False
+        self._looked = -math.inf
+        self._over = False
+
+    def begin(self) -> None:
+        """Send the first points, and start.
+
+        Raises:
+            CommandRefusedError: The robot refuses the points or the start; nothing moves.
+            HexwireError: As `TimedPath`.
+        """
+        robot, trajectory = self._robot, self._trajectory
+        self._path = path = robot.path(trajectory.names, brake=self._brake, outlives=self._outlives)
+        self._places = [trajectory.names.index(name) for name in path.joints]
+        # Half a count, since the robot rounds to counts anyway.
+        error = [robot.model.joint(name).scale / 2.0 for name in trajectory.names]
+        self._points = self._make_points(error)
+        self._send(min(_FIRST, path.capacity))
+        self.start = path.start()
+
+    def until(self, owner: RobotOwner, over: Callable[[], bool]) -> Callable[[], bool]:
+        """A function that feeds the robot, and says whether the motion is over.
+
+        Args:
+            owner: Of the robot; its controllers are stopped if the robot does not follow the path any more.
+            over: Whether they are done.
+        """
+
+        def is_over() -> bool:
+            if not over() and (found := self._turn(owner.now())) is not None:
+                owner.group.stop(found)
+            return over()
+
+        return is_over
+
+    def _turn(self, now: float) -> StopReason | None:
+        """Send the next points if there is room, and see where the robot is; why it does not follow, or None."""
+        path = self._path
+        if path is None or self._over or (self._complete and now - self._looked < _LOOK):
+            return None
+        self._looked = now
+        try:
+            report = path.report()
+            self._over = report.state is PathState.DONE
+            if (why := _WHY.get(report.state)) is not None:
+                return StopReason("board", why)
+            if not self._complete and report.state is not PathState.STOPPED:
+                self._send(min(report.room, _NEXT))
+        except (StoppedError, PreemptedError):
+            return StopReason("board", STOP_COMMAND)
+        except CommandRefusedError as error:
+            # It ended while the points were on their way.
+            return StopReason("board", _WHY.get(path.report().state, str(error)))
+        return None
+
+    def end(self, wait: Callable[[], object]) -> None:
+        """Bring the joints to rest on the path, and wait until they are.
+
+        Args:
+            wait: Waits for a moment.
+
+        Raises:
+            DeviceError: They do not come to rest.
+            HexwireError: As `TimedPath`.
+        """
+        path = self._path
+        if path is None or self._over:
+            return
+        path.abort()
+        deadline = self._robot.now() + _REST
+        while not path.report().state.over:
+            if self._robot.now() > deadline:
+                raise DeviceError("the board does not end its path")
+            wait()
+
+    def _make_points(self, error: Sequence[float]) -> Iterator[TimedPoint]:
+        places = self._places
+        for t, (position, velocity, _) in path_points(self._trajectory, error):
+            yield TimedPoint(t, tuple([position[i] for i in places]), tuple([velocity[i] for i in places]))
+
+    def _send(self, most: int) -> None:
+        assert self._path is not None
+        waiting = self._waiting
+        while len(waiting) <= most and (point := next(self._points, None)) is not None:
+            waiting.append(point)
+        some = waiting[:most]
+        # One is always kept back, so that the last is known to be the last.
+        last = len(waiting) <= most
+        del waiting[: self._path.send(some, last=last)]
+        self._complete = last and not waiting
+
+
+def begin_feed(robot: RobotDriver, trajectory: Trajectory, asked: Token, *, outlives: bool) -> PathFeed | None:
+    """Have a robot follow a trajectory in its own time.
+
+    Args:
+        robot: Attached; `times_motion`.
+        trajectory: Checked.
+        asked: When it was asked for; a stop since then voids it.
+        outlives: As in `RobotDriver.path`.
+
+    Returns:
+        What feeds the robot from now on; None if it refuses the trajectory, and nothing moves.
+
+    Raises:
+        StoppedError: The arm is stopped.
+        HexwireError: It does not answer.
+    """
+    feed = PathFeed(robot, trajectory, outlives=outlives)
+    robot.epochs.check(asked, "the motion")
+    try:
+        with robot.epochs.using(asked):
+            feed.begin()
+    except StoppedError:
+        raise
+    except CommandRefusedError as error:
+        # Its limits may be tighter than the model's: targets one by one are clamped and given more time there.
+        _log.info("the targets are sent one by one: %s", error)
+        return None
+    return feed
+
+
+class Watched:
+    """A controller that watches a motion of which the robot keeps the time: it sends nothing, and may stop the arm.
+
+    Args:
+        controller: Follows the same trajectory.
+    """
+
+    def __init__(self, controller: TrajectoryController) -> None:
+        self._controller = controller
+        controller.follower.waits = False
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names."""
+        return self._controller.joints
+
+    @property
+    def busy(self) -> bool:
+        """As the controller."""
+        return self._controller.busy
+
+    @property
+    def moving(self) -> bool:
+        """As the controller."""
+        return self._controller.moving
+
+    @property
+    def reason(self) -> StopReason | None:
+        """Why it is stopped, or None."""
+        return self._controller.reason
+
+    def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
+        """As the controller."""
+        self._controller.judge(state, velocity, now)
+
+    def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | StopReason | None:
+        """A reason to stop the arm, or None."""
+        order = self._controller.cycle(state, now, lead)
+        return order if isinstance(order, StopReason) else None
+
+    def stop(self, reason: StopReason) -> None:
+        """Latch a stop."""
+        self._controller.stop(reason)
+
+    def reset(self) -> None:
+        """Clear a stop. Nothing moves."""
+        self._controller.reset()
+
+    def release(self, why: str) -> None:
+        """Forget the set-points."""
+        self._controller.release(why)
+
+    def take_ended(self) -> list[tuple[GoalListener, Ended]]:
+        """Goals that have ended since the last call."""
+        return self._controller.take_ended()
