@@ -182,6 +182,8 @@ def _move(
         tolerance=_BACK_WITHIN,
         grace=max(_SETTLE, 3 / rate),
         rate=rate,
+        # Its view shows the loop and each target.
+        host_timed=True,
         # Faults must be visible during the demo, and reported at its end.
         limits=SafetyLimits(
             following_error=math.inf,

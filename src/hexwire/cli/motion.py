@@ -71,6 +71,8 @@ def _motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
         plot: str | None,
         dry_run: bool,
         rate: float | None,
+        host_timed: bool,
+        let_finish: bool,
         as_json: bool,
         **rest: Any,
     ) -> Any:
@@ -78,11 +80,18 @@ def _motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
         with _picture(plot, rest["force"], rest.get("save")) as picture:
             if "save" not in rest:
                 del rest["force"]
-            return command(*args, run=RunOptions(table, picture, dry_run, rate, as_json), **rest)
+            run = RunOptions(table, picture, dry_run, rate, as_json, host_timed, let_finish)
+            return command(*args, run=run, **rest)
 
     packed = json_option(force_option(given))
     for option in (
         number_option("--rate", "HZ", "Cycles per second (20; 1.5 with a board of dialect 1).", above=0),
+        click.option(
+            "--let-finish", is_flag=True, help="Let the board finish the motion even if this program falls silent."
+        ),
+        click.option(
+            "--host-timed", is_flag=True, help="Send targets one by one, although the board can keep the time."
+        ),
         click.option("--dry-run", is_flag=True, help="Check the path (and draw it with --plot), but move nothing."),
         click.option("--plot", metavar="FILE", help="Draw joints and path as .png, .svg or .pdf."),
     ):

@@ -19,7 +19,7 @@ from .output import print_json, say
 from .plot import MotionPlot
 
 if TYPE_CHECKING:
-    from hexwire.control.motions import CheckedPath, MotionOptions
+    from hexwire.control.motions import CheckedPath, MotionOptions, MotionResult
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.kinematics import KinematicModel
     from hexwire.model.state import JointState
@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from hexwire.new_file import OutputFile
 
 __all__ = ["RunOptions", "run_legs"]
+
+_SHOWN = 0.1
+"""Degrees: a little more than a count."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +43,8 @@ class RunOptions:
         dry_run: Check and draw only.
         rate: Cycles per second; by dialect if None.
         as_json: Print one JSON document at the end instead of lines.
+        host_timed: Send targets one by one, also to a board that keeps the time itself.
+        outlives: Let such a board finish the motion although this program dies.
     """
 
     table: float | None
@@ -47,6 +52,8 @@ class RunOptions:
     dry_run: bool
     rate: float | None
     as_json: bool
+    host_timed: bool = False
+    outlives: bool = False
 
 
 def run_legs(
@@ -73,7 +80,13 @@ def run_legs(
     """
     from hexwire.control.motions import MotionOptions, check_path
 
-    how = MotionOptions(kinematics=model, table=options.table, rate=options.rate or 0.0)
+    how = MotionOptions(
+        kinematics=model,
+        table=options.table,
+        rate=options.rate or 0.0,
+        host_timed=options.host_timed,
+        outlives=options.outlives,
+    )
     path = check_path(robot, [leg for _, leg in legs], how, start=start)
     told = []
     for (name, _), report in zip(legs, path.reports, strict=True):
@@ -83,12 +96,13 @@ def run_legs(
     plot = _planned(path.legs, model, start, title)
     missed = Missed()
     outcome: dict[str, object] = {"legs": told, "arrived": None if options.dry_run else False, "plot": None}
+    outcome |= {"off_deg": None, "off_mm": None}
     try:
         if not options.dry_run:
-            _drive(robot, path, how, plot, missed)
+            rest = _rest(_drive(robot, path, how, plot, missed), path, model)
             if not options.as_json:
-                say("arrived")
-            outcome["arrived"] = True
+                say(rest.words())
+            outcome |= {"arrived": True, "off_deg": rest.degrees, "off_mm": rest.millimetres}
     finally:
         if options.plot is not None:
             # After a motion, a failure to draw must not hide how the motion ended.
@@ -103,6 +117,36 @@ def run_legs(
         tell_missed(f"the picture {options.plot.path if options.plot else ''}", missed)
         if options.as_json:
             print_json(outcome)
+
+
+@dataclass(frozen=True, slots=True)
+class _Rest:
+    """How far off the goal the arm came to rest: its worst joint, and its tip if the arm has kinematics."""
+
+    joint: str
+    degrees: float
+    millimetres: float | None
+
+    def words(self) -> str:
+        text = "arrived"
+        if self.degrees >= _SHOWN:
+            text += f", {self.joint} {self.degrees:.1f} deg off"
+            if self.millimetres is not None:
+                text += f", the tip {self.millimetres:.1f} mm"
+        return text
+
+
+def _rest(result: MotionResult, path: CheckedPath, model: KinematicModel | None) -> _Rest:
+    names, goal = path.legs[-1].names, path.legs[-1].goal
+    assert result.state is not None  # it has arrived, by the last state
+    here = result.state.positions
+    off, joint = max((abs(here[name] - angle), name) for name, angle in zip(names, goal, strict=True))
+    tip = None
+    if model is not None:
+        wanted = {**here, **dict(zip(names, goal, strict=True))}
+        places = [model.forward(model.from_joints(angles)).position for angles in (here, wanted)]
+        tip = 1e3 * math.dist(*places)
+    return _Rest(joint, math.degrees(off), tip)
 
 
 def _as_json(name: str, report: MotionReport) -> dict[str, object]:
@@ -138,7 +182,9 @@ def _planned(
     return plot
 
 
-def _drive(robot: RobotDriver, path: CheckedPath, how: MotionOptions, plot: MotionPlot, missed: Missed) -> None:
+def _drive(
+    robot: RobotDriver, path: CheckedPath, how: MotionOptions, plot: MotionPlot, missed: Missed
+) -> MotionResult:
     from hexwire.control.motions import MotionObserver, run_motion
 
     names, model = path.legs[0].names, how.kinematics
@@ -164,7 +210,8 @@ def _drive(robot: RobotDriver, path: CheckedPath, how: MotionOptions, plot: Moti
         result = run_motion(robot, path, how, observer=Watcher())
     if result.stopped is not None:
         raise ServoError(f"{result.why}; clear it with 'hexwire resume'")
-    if skipped := result.timing.skipped:
+    # A board that keeps the time does not mind.
+    if (skipped := result.timing.skipped) and not result.timed:
         rate = how.rate or robot.command_rate
         note(f"warning: the line or the machine is too slow for {rate:g} Hz; {skipped} cycles were skipped")
-    result.require()
+    return result.require()

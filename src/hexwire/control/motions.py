@@ -160,6 +160,7 @@ class MotionResult:
         seconds: Time limit for the arrival, from the beginning.
         state: The last state, or None.
         timing: Timing of the cycles.
+        timed: The robot kept the time of the motion itself.
     """
 
     arrived: bool | None
@@ -172,6 +173,7 @@ class MotionResult:
     seconds: float = 0.0
     state: JointState | None = None
     timing: LoopCounters = field(default_factory=LoopCounters)
+    timed: bool = False
 
     @property
     def why(self) -> str:
@@ -447,6 +449,7 @@ def _run_path(
             seconds=seconds,
             state=owner.state,
             timing=owner.timing.counters,
+            timed=feed is not None,
         )
 
 

@@ -1,7 +1,7 @@
 """A trajectory of which the robot keeps the time: sent ahead, and watched as if it were sent target by target.
 
-Owns what is sent when, and what the reports of the robot mean for the motion. Must not know which program moves, nor how
-a robot follows a path.
+Owns what is sent when, and what the reports of the robot mean for the motion. Must not know which program moves,
+nor how a robot follows a path.
 """
 
 from __future__ import annotations
