@@ -30,6 +30,7 @@ from .board_dialect2 import Dialect2
 from .board_jobs import BUS_TIMEOUT, BusBuffer, Delay, Job, Pause, Transaction
 from .board_state import BoardState, Settings
 from .board_stop import StopQueue
+from .board_trajectory import Trajectory
 from .faults import FaultPlan
 from .servo_wire import ServoWire
 from .sketch import SketchReceiver
@@ -46,7 +47,7 @@ _TURNAROUND = 0.001
 
 @dataclass(slots=True)
 class _Task:
-    """A job and its origin: the request it answers, or the frame in dialect 1."""
+    """A job and its origin: the request it answers, the frame in dialect 1, a report, or the trajectory."""
 
     job: Job
     request: Request | None = None
@@ -54,6 +55,7 @@ class _Task:
     stop: bool = False
     report: bool = False
     start: bool = False
+    path: bool = False
 
 
 class EmulatedBoard:
@@ -134,13 +136,16 @@ class EmulatedBoard:
 
     def next_event_time(self) -> float | None:
         """When `step` must be called next if no bytes arrive; None if never."""
-        times = [t for t in (self.state.report_due, self.state.watchdog_due) if t is not None]
+        watchdog = None if self.trajectory.outlives_host else self.state.watchdog_due
+        times = [t for t in (self.state.report_due, watchdog) if t is not None]
         if self._busy:
             times.append(self._busy_until)
         elif self._tasks or self.stops:
             times.append(self.time)
         elif self.paced and self.dialect == 2:
             times.append(self._next_poll)
+        if not self._busy and (step := self.trajectory.due_at) is not None:
+            times.append(step)
         decoder = self.connection.next_timeout()
         if decoder is not None:
             times.append(decoder)
@@ -173,12 +178,14 @@ class EmulatedBoard:
         self.bus = BoardBus(state, clock, paced=self.paced)
         self.chapter = ChapterDialect(state, self._buffer, clock, connection)
         self.dialect1 = Dialect1(state, self.bus, clock, connection)
-        self.dialect2 = Dialect2(state, self.bus, clock, connection, self.stops)
+        self.trajectory = Trajectory(state, self.bus, clock)
+        self.dialect2 = Dialect2(state, self.bus, clock, connection, self.stops, self.trajectory)
         self._sketch = SketchReceiver() if self.dialect == 1 and self.faults.sketch else None
         self._deaf_until = now + self.faults.boot_time
         self._out = []
         self._tasks: deque[_Task] = deque()
         self._task: _Task | None = None
+        self._waiting: tuple[_Task, bytes] | None = None
         self._busy: bool = False
         self._listening = False
         self._busy_until: float = now
@@ -224,8 +231,12 @@ class EmulatedBoard:
     def _stop(self, mode: int, request: Request | None) -> None:
         """A STOP arrived, or the watchdog tripped: every earlier request is void."""
         self.state.latch(torque_off=mode == 1)
+        self.trajectory.stop()
         self.connection.take_stop(self.time)
         void, self._tasks = list(self._tasks), deque()
+        if self._waiting is not None:
+            void.insert(0, self._waiting[0])
+            self._waiting = None
         if self._task is not None and not self._task.stop:
             void.insert(0, self._cut())
         for task in void:
@@ -255,11 +266,13 @@ class EmulatedBoard:
     def _start_next(self, now: float) -> bool:
         if self.stops:
             self._task = _Task(self.dialect2.stop_job(self.stops.start()), stop=True)
+        elif self.trajectory.due(self.time):
+            self._task = _Task(self.trajectory.step(), path=True)
         elif self._tasks:
             self._task = self._tasks.popleft()
         elif self.paced and self.dialect == 2 and self._next_poll <= now:
             self.time = max(self.time, self._next_poll)
-            self._task = _Task(self.bus.poll_next())
+            self._task = _Task(self.trajectory.poll())
         else:
             return False
         self._run(None)
@@ -269,7 +282,16 @@ class EmulatedBoard:
         """Resume the current job after its wait."""
         self._busy = False
         self._answer = self._buffer.read(self.time) if self._listening else b""
-        self._run(self._answer)
+        task, trajectory = self._task, self.trajectory
+        interruptible = task is not None and not (task.stop or task.start or task.path)
+        # Targets do not wait until a long request is done. A start does: it must not come between two packets of a
+        # request that moves the same joints.
+        if task is not None and interruptible and trajectory.active and trajectory.due(self.time):
+            self._waiting = (task, self._answer)
+            self._task = _Task(trajectory.step(), path=True)
+            self._run(None)
+        else:
+            self._run(self._answer)
 
     def _run(self, answer: bytes | None) -> None:
         """Run the current job to its next wait."""
@@ -287,6 +309,10 @@ class EmulatedBoard:
                 # The sketch has one buffer for replies: a reply that is not sent yet is lost.
                 self._sketch_reply = b"".join(self.connection.data_to_send()) or self._sketch_reply
             self._task = None
+            if self._waiting is not None:
+                (self._task, self._answer), self._waiting = self._waiting, None
+                self._run(self._answer)
+                return
             self._next_poll = self.time + _POLL_PAUSE
             return
         self._busy = True
@@ -335,7 +361,8 @@ class EmulatedBoard:
             self.connection.handle_timeout(now)
             self._take_requests(now)
         state = self.state
-        if state.watchdog_due is not None and state.watchdog_due <= now:
+        overdue = state.watchdog_due is not None and state.watchdog_due <= now
+        if overdue and not self.trajectory.outlives_host:
             state.watchdog_tripped = True
             state.watchdog_trips += 1
             self._stop(state.watchdog_mode, None)

@@ -58,6 +58,9 @@ class BoardBus:
         state: What the board knows; the jobs keep its joints up to date.
         clock: The board's time.
         paced: Bytes take as long as on a real bus, and joints are polled in the background.
+
+    Attributes:
+        cycles: How often all joints were polled in the background.
     """
 
     def __init__(self, state: BoardState, clock: Clock, *, paced: bool) -> None:
@@ -66,6 +69,7 @@ class BoardBus:
         self._joints = state.joints
         self._paced = paced
         self._poll_at = 0
+        self.cycles = 0
 
     # -- asking -------------------------------------------------------------------------------------
 
@@ -202,6 +206,7 @@ class BoardBus:
             yield from self._poll_legacy(legacy[self._poll_at])
         else:
             yield from self._poll_hls()
+            self.cycles += 1
 
     def _poll_legacy(self, joint: JointSlot) -> Job:
         if joint.unsure and joint.present:

@@ -36,6 +36,8 @@ from .board_jobs import Clock, Job
 from .board_orders import BoardOrders
 from .board_state import BoardState, JointSlot
 from .board_stop import Stopping, StopQueue
+from .board_trajectory import Trajectory
+from .board_trajectory_commands import TrajectoryCommands
 from .chapter_packets import status_bytes, sync_write_rows
 from .gate import MAX_REPLY, RefusedError, check_packet
 
@@ -56,10 +58,17 @@ class Dialect2:
         clock: The board's time.
         connection: Where answers go.
         stops: Stops that wait or are under way.
+        trajectory: The board's trajectory.
     """
 
     def __init__(
-        self, state: BoardState, bus: BoardBus, clock: Clock, connection: Connection, stops: StopQueue
+        self,
+        state: BoardState,
+        bus: BoardBus,
+        clock: Clock,
+        connection: Connection,
+        stops: StopQueue,
+        trajectory: Trajectory,
     ) -> None:
         self._state = state
         self._bus = bus
@@ -67,6 +76,7 @@ class Dialect2:
         self._connection = connection
         self._stops = stops
         self._orders = BoardOrders(state, bus, clock)
+        self._trajectory = TrajectoryCommands(state, trajectory, self._orders, clock)
         self._handlers: dict[int, Callable[[Request], Job]] = {
             Command.PING: self._packet,
             Command.READ: self._packet,
@@ -85,6 +95,7 @@ class Dialect2:
             Command.STATS: self._stats,
             Command.IO: self._io,
             Command.MAINTENANCE: self._maintenance,
+            **dict.fromkeys(self._trajectory.handlers, self._trajectory_command),
         }
 
     @staticmethod
@@ -219,6 +230,7 @@ class Dialect2:
         if len({j.servo_id for j, _ in targets}) != len(targets):
             raise RefusedError(Status.BAD_RANGE)
         self._orders.refuse_motion()
+        self._orders.refuse_following(j for j, _ in targets)
         yield from self._orders.look_at([j for j, _ in targets])
         if any(j.present and not j.torque_on for j, _ in targets):
             raise RefusedError(Status.TORQUE_OFF)
@@ -237,6 +249,8 @@ class Dialect2:
         named = [j for i, j in enumerate(joints) if mask >> i & 1]
         if on:
             self._orders.refuse_motion()
+            # It would make the present position the target.
+            self._orders.refuse_following(named)
             confirmed = yield from self._bus.torque_on(named)
         else:
             confirmed = yield from self._bus.torque_off(named)
@@ -246,6 +260,10 @@ class Dialect2:
             astray = on and any(j.present and j.mode for j in missing)
             status = Status.SERVO_FAULT if astray else Status.SERVO_SILENT
         self._reply(request, status, make_stop_reply(on, confirmed))
+
+    def _trajectory_command(self, request: Request) -> Job:
+        body = yield from self._trajectory.handlers[request.frame.cmd](request.frame.body)
+        self._reply(request, Status.OK, body)
 
     def _bad_stop(self, request: Request) -> Job:
         """Refuse a malformed STOP; a valid one does not go through the queue."""

@@ -5,7 +5,7 @@ Owns what is refused, clamped and read first before anything goes to the bus. Kn
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterable
 
 from hexwire.wire.command_frame import Status
 from hexwire.wire.servo_packet import ServoPacket
@@ -55,6 +55,15 @@ class BoardOrders:
         if self._state.maintenance:
             raise RefusedError(Status.FORBIDDEN)
 
+    def refuse_following(self, joints: Iterable[JointSlot]) -> None:
+        """Refuse targets for joints of which one follows a trajectory.
+
+        Raises:
+            RefusedError: One does.
+        """
+        if any(joint.following for joint in joints):
+            raise RefusedError(Status.BUSY)
+
     def clamp(self, joint: JointSlot, position: int) -> int:
         """Clamp a position to the joint's stored limits; records whether that changed it."""
         inside = clamp(self._state.facts(self._clock())[joint.servo_id], position)
@@ -73,11 +82,12 @@ class BoardOrders:
             Whether a target could be sent to every joint.
 
         Raises:
-            RefusedError: Stopped, in maintenance, or in dialect 2 a joint has no torque.
+            RefusedError: Stopped, in maintenance, a joint follows a trajectory, or in dialect 2 one has no torque.
         """
         state = self._state
         self.refuse_motion()
         named = [(joint, p, t) for i, p, t in rows if (joint := state.joint(i)) is not None]
+        self.refuse_following(joint for joint, _, _ in named)
         yield from self.look_at([joint for joint, _, _ in named])
         able = [(j, p, t) for j, p, t in named if j.present and not j.mode]
         if not chapter and any(not j.torque_on for j, _, _ in able):

@@ -29,6 +29,7 @@ class JointSlot:
         mode: Operating mode as last read; 0 is position.
         unsure: Its torque switch or mode may have changed; both are read before a target is written to it.
         target: The last target written to it; None if there is none.
+        following: It follows a trajectory, which alone may give it targets.
     """
 
     servo_id: int
@@ -47,6 +48,7 @@ class JointSlot:
     unsure: bool = True
     target: int | None = None
     clamped: bool = False
+    following: bool = False
     sampled_at: float | None = None
 
     @property
@@ -146,6 +148,7 @@ class BoardState:
                 minimum=limit.minimum,
                 maximum=limit.maximum,
                 speed=limit.speed,
+                following=joint.following,
             )
             for joint, limit in zip(self.joints, self.limits, strict=True)
         }

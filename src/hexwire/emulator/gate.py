@@ -85,6 +85,7 @@ class JointFacts:
         minimum: Lowest allowed position, counts.
         maximum: Highest allowed position, counts.
         speed: Highest allowed speed, counts/s.
+        following: It follows a trajectory, which alone may give it targets.
     """
 
     legacy: bool
@@ -96,6 +97,7 @@ class JointFacts:
     minimum: int
     maximum: int
     speed: int
+    following: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,6 +271,8 @@ class Gate:
             return
         if joint is None or self.maintenance or not self.chapter:
             raise RefusedError(Status.FORBIDDEN)
+        if joint.following:
+            raise RefusedError(Status.BUSY)
         if not joint.positioning:
             raise RefusedError(Status.SERVO_FAULT)
         if joint.position is None:
@@ -277,6 +281,8 @@ class Gate:
     def _check_target(self, joint: JointFacts | None, data: bytes) -> None:
         if joint is None or self.maintenance:
             raise RefusedError(Status.FORBIDDEN)
+        if joint.following:
+            raise RefusedError(Status.BUSY)
         position = _decode(joint, data)
         if not joint.minimum <= position <= joint.maximum:
             raise RefusedError(Status.BAD_RANGE)

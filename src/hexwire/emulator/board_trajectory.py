@@ -1,0 +1,269 @@
+"""The trajectory of an emulated board: its state, its joints, and the targets that it sends in its own time.
+
+Owns the life of a trajectory as in PROTOCOL.md section 6.7, from the start to each of its ends. Its geometry is in
+`board_path`, its commands are in `board_trajectory_commands`. Knows no frames; what is due goes to the servos as a
+job of the board.
+"""
+
+from __future__ import annotations
+
+from hexwire.wire.board_trajectory import BeginRequest, PathFlag, PathState
+from hexwire.wire.command_frame import Status
+from hexwire.wire.registers import Series
+
+from .board_bus import BoardBus
+from .board_jobs import Clock, Job
+from .board_orders import BoardOrders
+from .board_path import BoardPath
+from .board_state import BoardState, JointSlot
+from .gate import RefusedError
+
+__all__ = ["LEAD_MS", "Trajectory"]
+
+LEAD_MS = 24
+_LEAD = LEAD_MS / 1000
+_PERIOD = 0.010
+"""Seconds between two targets, if the polling cycle is over by then or there is none."""
+_LONGEST = 0.014
+"""Seconds after which targets go ahead of the polling cycle. A sync read on the line takes up to 9 ms more."""
+_NEAR = 64
+"""Counts that a joint may be away from point 0 at the start."""
+_GRACE = 0.150
+"""Seconds in which a joint that missed an answer may give one."""
+_ACTIVE = (PathState.RUNNING, PathState.BRAKING)
+_COUNTER = 0xFFFF
+
+
+class Trajectory:
+    """The one trajectory of a board.
+
+    Args:
+        state: What the board knows.
+        bus: Its servos.
+        clock: The board's time.
+
+    Attributes:
+        number: Its id.
+        state: Its state, as of the last `update`.
+        mask: Its joints, by index.
+        joints: The same.
+        path: Its path; None if there was none since the reset.
+        start_at: The board's time at which it starts or has started.
+        late: How often a target was sent later than `LEAD_MS` after the one before.
+    """
+
+    def __init__(self, state: BoardState, bus: BoardBus, clock: Clock) -> None:
+        self.number = 0
+        self.state = PathState.NONE
+        self.mask = 0
+        self.joints: list[JointSlot] = []
+        self.path: BoardPath | None = None
+        self.start_at = 0.0
+        self.late = 0
+        self._board = state
+        self._bus = bus
+        self._clock = clock
+        self._orders = BoardOrders(state, bus, clock)
+        self._flags = PathFlag(0)
+        self._end = PathState.DONE
+        self._lost: set[int] = set()
+        self._doubtful_since: dict[int, float] = {}
+        self._sent_at: float | None = None
+        self._sent_up_to = 0.0
+        self._next_at = 0.0
+        self._cycle = 0
+        self._read_back = 0
+
+    @property
+    def active(self) -> bool:
+        """Whether it runs or brakes."""
+        return self.state in _ACTIVE
+
+    @property
+    def outlives_host(self) -> bool:
+        """Whether the watchdog lets it finish."""
+        wanted = self.active and bool(self._flags & PathFlag.OUTLIVES_HOST)
+        return wanted and self.path is not None and self.path.whole
+
+    @property
+    def due_at(self) -> float | None:
+        """When `step` is due; None if never."""
+        if self.state is PathState.WAITING:
+            return self.start_at
+        if not self.active:
+            return None
+        return self._next_at if self._bus.cycles == self._cycle else min(self._next_at, self._earliest)
+
+    @property
+    def _earliest(self) -> float:
+        return self._next_at - _LONGEST + _PERIOD
+
+    def due(self, now: float) -> bool:
+        """Whether `step` is due."""
+        due_at = self.due_at
+        return due_at is not None and due_at <= now
+
+    # -- orders -------------------------------------------------------------------------------------
+
+    def begin(self, request: BeginRequest) -> BoardPath:
+        """Replace a trajectory that has not started or is over; nothing moves."""
+        self.number, self.mask, self._flags = request.id, request.mask, PathFlag(request.flags)
+        self.joints = [j for i, j in enumerate(self._board.joints) if request.mask >> i & 1]
+        hermite = bool(self._flags & PathFlag.HERMITE)
+        self.path = BoardPath(len(self.joints), hermite=hermite, brake=request.brake_ms / 1000)
+        self.late = 0
+        self.state = PathState.LOADING
+        return self.path
+
+    def check_joints(self) -> None:
+        """Check that all joints can start.
+
+        Raises:
+            RefusedError: One cannot.
+        """
+        joints, path = self.joints, self.path
+        assert path is not None
+        if any(j.present and not j.torque_on for j in joints):
+            raise RefusedError(Status.TORQUE_OFF)
+        if any(not j.present or j.unsure or j.sampled_at is None for j in joints):
+            raise RefusedError(Status.SERVO_SILENT)
+        if any(j.mode for j in joints):
+            raise RefusedError(Status.SERVO_FAULT)
+        if any(abs(j.position - p) > _NEAR for j, p in zip(joints, path.first_positions, strict=True)):
+            raise RefusedError(Status.BAD_RANGE)
+
+    def schedule(self, start_at: float) -> None:
+        """Start at this time of the board."""
+        self.start_at = start_at
+        self.state = PathState.WAITING
+
+    def run(self) -> None:
+        """Start; the joints were checked."""
+        assert self.path is not None
+        self.path.start(self.start_at)
+        self.state, self._end = PathState.RUNNING, PathState.DONE
+        self._lost.clear()
+        self._doubtful_since.clear()
+        self._sent_at, self._sent_up_to, self._next_at = None, self.start_at, self.start_at
+        for joint in self.joints:
+            joint.following = True
+
+    def abort(self) -> None:
+        """Come to rest on the path; one that has not started ends at once."""
+        if self.state in (PathState.LOADING, PathState.WAITING):
+            self._finish(PathState.ABORTED)
+        elif self.state is PathState.RUNNING:
+            self._brake(PathState.ABORTED)
+
+    def stop(self) -> None:
+        """A STOP arrived, or the watchdog tripped."""
+        if self.state is not PathState.NONE and not self.state.over:
+            self._finish(PathState.STOPPED)
+
+    # -- time ---------------------------------------------------------------------------------------
+
+    def update(self) -> None:
+        """Note what has happened to it up to now."""
+        path, now = self.path, self._clock()
+        if path is None or not self.active:
+            return
+        path.advance(now + _LEAD)
+        if path.braking and self.state is PathState.RUNNING:
+            self.state, self._end = PathState.BRAKING, PathState.DRY
+        self._watch_joints(now)
+        rest_at = path.rest_at
+        if not self.state.over and rest_at is not None and rest_at <= now and rest_at <= self._sent_up_to:
+            self._finish(self._end)
+
+    def step(self) -> Job:
+        """Do what is due: start, or send the next targets."""
+        if self.state is PathState.WAITING:
+            yield from self._orders.look_at(self.joints)
+            self._check_and_run()
+        elif self.active:
+            yield from self._bus.refresh()
+        self.update()
+        if not self.active:
+            return
+        now = self._clock()
+        if self._sent_at is not None and now - self._sent_at > _LEAD:
+            self.late = min(self.late + 1, _COUNTER)
+        self._sent_at, self._next_at, self._cycle = now, now + _LONGEST, self._bus.cycles
+        for legacy in (True, False):
+            yield from self._send(legacy=legacy)
+            if self.state.over:
+                return
+        self._sent_up_to = now + _LEAD
+
+    def poll(self) -> Job:
+        """Sample the next joints; once in a cycle, read back the torque of a joint that follows."""
+        bus = self._bus
+        if not self.active or bus.cycles == self._read_back:
+            yield from bus.poll_next()
+            return
+        self._read_back = bus.cycles
+        joint = self.joints[bus.cycles % len(self.joints)]
+        if joint.present:
+            yield from bus.read_switches(joint)
+
+    def _check_and_run(self) -> None:
+        """The moment of the start has come."""
+        try:
+            if self._board.maintenance:
+                raise RefusedError(Status.FORBIDDEN)
+            if self.path is None or not self.path.can_start:
+                raise RefusedError(Status.BAD_RANGE)
+            self.check_joints()
+        except RefusedError:
+            self._finish(PathState.FAULT)
+        else:
+            self.run()
+
+    def _send(self, *, legacy: bool) -> Job:
+        """Send the targets of the moment to all joints of one kind that certainly have torque."""
+        assert self.path is not None
+        places = zip(self.joints, self.path.positions(self._clock() + _LEAD), strict=True)
+        targets = [(j, self._orders.clamp(j, place)) for j, place in places if self._takes_targets(j)]
+        duration = max(LEAD_MS, self._orders.slowest(targets))
+        group = [(j, p) for j, p in targets if (j.series is Series.SEVEN_BOT) == legacy]
+        if group:
+            yield from self._bus.move(group, duration)
+
+    # -- joints -------------------------------------------------------------------------------------
+
+    def _takes_targets(self, joint: JointSlot) -> bool:
+        return joint.servo_id not in self._lost and self._is_certain(joint)
+
+    @staticmethod
+    def _is_certain(joint: JointSlot) -> bool:
+        """Whether a joint answers, has torque and is in position mode, read since anything may have changed it."""
+        return joint.present and joint.torque_on and not joint.unsure and not joint.mode
+
+    def _watch_joints(self, now: float) -> None:
+        """Leave out joints that lost their torque or are silent, and brake."""
+        for joint in self.joints:
+            if joint.servo_id in self._lost:
+                continue
+            if self._is_certain(joint):
+                self._doubtful_since.pop(joint.servo_id, None)
+            elif not joint.torque_on or now - self._doubtful_since.setdefault(joint.servo_id, now) >= _GRACE:
+                self._lost.add(joint.servo_id)
+        if self._lost:
+            self._brake(PathState.FAULT)
+        if len(self._lost) == len(self.joints):
+            self._finish(PathState.FAULT)
+
+    # -- ends ---------------------------------------------------------------------------------------
+
+    def _brake(self, end: PathState) -> None:
+        """Brake, with this state at the end; the first cause counts, except that a fault is always told."""
+        assert self.path is not None
+        if self.state is PathState.RUNNING or end is PathState.FAULT:
+            self._end = end
+        self.state = PathState.BRAKING
+        self.path.brake(self._clock() + _LEAD)
+
+    def _finish(self, state: PathState) -> None:
+        self.state = state
+        for joint in self.joints:
+            joint.following = False

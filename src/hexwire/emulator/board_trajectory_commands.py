@@ -1,0 +1,165 @@
+"""The commands for a trajectory on an emulated board: what is refused, and the bodies of the answers.
+
+Owns checks and answers of the five commands of PROTOCOL.md section 6.7. Knows no frames; the trajectory itself is
+in `board_trajectory`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+
+from hexwire.wire import tables
+from hexwire.wire.board_trajectory import (
+    BeginReply,
+    BeginRequest,
+    PathState,
+    PathStatus,
+    PointsRequest,
+    StartReply,
+    StartRequest,
+    parse_points,
+    point_size,
+)
+from hexwire.wire.command_frame import Command, Status
+
+from .board_jobs import Clock, Wait
+from .board_orders import BoardOrders
+from .board_state import BoardState
+from .board_trajectory import LEAD_MS, Trajectory
+from .gate import RefusedError
+
+__all__ = ["TrajectoryCommands"]
+
+_BRAKE_MS = range(20, 2001)
+_FLAGS = sum(tables.TRAJECTORY_FLAG.values())
+_INDEX = 0xFFFF
+_CLOCK = 1 << 32
+_FARTHEST_US = 10_000_000
+_LOADS = (PathState.LOADING, PathState.WAITING, PathState.RUNNING)
+_STARTS = (PathState.LOADING, PathState.WAITING)
+
+Answer = Generator[Wait, bytes | None, bytes]
+
+
+class TrajectoryCommands:
+    """The commands of one board's trajectory.
+
+    Each takes the body of the request and returns that of the answer. It raises `RefusedError`, or
+    `RemoteProtocolError` for a wrong length.
+
+    Args:
+        state: What the board knows.
+        trajectory: Its trajectory.
+        orders: Orders to its servos.
+        clock: The board's time.
+    """
+
+    def __init__(self, state: BoardState, trajectory: Trajectory, orders: BoardOrders, clock: Clock) -> None:
+        self._board = state
+        self._trajectory = trajectory
+        self._orders = orders
+        self._clock = clock
+        self.handlers: dict[int, Callable[[bytes], Answer]] = {
+            Command.TRAJECTORY_BEGIN: self._begin,
+            Command.TRAJECTORY_POINTS: self._points,
+            Command.TRAJECTORY_START: self._start,
+            Command.TRAJECTORY_STATUS: self._status,
+            Command.TRAJECTORY_ABORT: self._abort,
+        }
+
+    def _begin(self, body: bytes) -> Answer:
+        request = BeginRequest.parse(body)
+        trajectory = self._trajectory
+        trajectory.update()
+        if trajectory.active:
+            raise RefusedError(Status.BUSY)
+        sound = request.mask and not request.mask >> len(self._board.joints)
+        if not sound or request.flags & ~_FLAGS or request.brake_ms not in _BRAKE_MS:
+            raise RefusedError(Status.BAD_RANGE)
+        self._orders.refuse_motion()
+        path = trajectory.begin(request)
+        yield from ()
+        return BeginReply(trajectory.number, trajectory.state, path.capacity, LEAD_MS).serialize()
+
+    def _points(self, body: bytes) -> Answer:
+        request = PointsRequest.parse(body)
+        trajectory = self._trajectory
+        trajectory.update()
+        path = trajectory.path
+        if path is None or request.id != trajectory.number or trajectory.state not in _LOADS:
+            raise RefusedError(Status.BAD_RANGE)
+        joints = len(trajectory.joints)
+        if not request.count or len(request.data) != request.count * point_size(joints, hermite=path.hermite):
+            raise RefusedError(Status.BAD_LENGTH)
+        if request.last > 1:
+            raise RefusedError(Status.BAD_RANGE)
+        points = parse_points(request.data, joints, hermite=path.hermite)
+        limits = [limit for i, limit in enumerate(self._board.limits) if trajectory.mask >> i & 1]
+        path.put(request.first, points, limits, last=request.last == 1)
+        trajectory.update()
+        yield from ()
+        return self._report()
+
+    def _start(self, body: bytes) -> Answer:
+        request = StartRequest.parse(body)
+        trajectory = self._trajectory
+        if request.now > 1:
+            raise RefusedError(Status.BAD_RANGE)
+        self._orders.refuse_motion()
+        self._check_start(request)
+        yield from self._orders.look_at(trajectory.joints)
+        # Looking took time.
+        start_at = self._check_start(request)
+        trajectory.check_joints()
+        trajectory.schedule(start_at)
+        if request.now:
+            trajectory.run()
+        time_us = self._board.clock_us(start_at) if request.now else request.time_us
+        return StartReply(trajectory.number, trajectory.state, time_us).serialize()
+
+    def _check_start(self, request: StartRequest) -> float:
+        """The board's time of the start, if there is something to start.
+
+        Raises:
+            RefusedError: There is not, or the time is wrong.
+        """
+        trajectory = self._trajectory
+        path = trajectory.path
+        if path is None or request.id != trajectory.number or trajectory.state not in _STARTS or not path.can_start:
+            raise RefusedError(Status.BAD_RANGE)
+        now = self._clock()
+        if request.now:
+            return now
+        ahead = (request.time_us - self._board.clock_us(now)) % _CLOCK
+        if ahead >= _FARTHEST_US:
+            raise RefusedError(Status.BAD_RANGE)
+        return now + ahead / 1e6
+
+    def _status(self, body: bytes) -> Answer:
+        if body:
+            raise RefusedError(Status.BAD_LENGTH)
+        self._trajectory.update()
+        yield from ()
+        return self._report()
+
+    def _abort(self, body: bytes) -> Answer:
+        if len(body) != 1:
+            raise RefusedError(Status.BAD_LENGTH)
+        trajectory = self._trajectory
+        trajectory.update()
+        if trajectory.state is PathState.NONE or body[0] != trajectory.number:
+            raise RefusedError(Status.BAD_RANGE)
+        trajectory.abort()
+        yield from ()
+        return bytes((trajectory.number, trajectory.state))
+
+    def _report(self) -> bytes:
+        """The body of STATUS and of the answer to POINTS."""
+        trajectory = self._trajectory
+        path = trajectory.path
+        time_us = self._board.clock_us(self._clock())
+        if path is None:
+            return PathStatus(0, PathState.NONE, 0, 0, 0, 0, time_us).serialize()
+        free = path.free if trajectory.state in _LOADS else 0
+        counts = (path.next & _INDEX, path.towards & _INDEX, free, trajectory.late)
+        return PathStatus(trajectory.number, trajectory.state, *counts, time_us).serialize()
