@@ -75,7 +75,8 @@ class Bench:
         self.robot.write = noted  # type: ignore[method-assign]
 
     def options(self, **given: Any) -> MotionOptions:
-        return MotionOptions(clock=self.arm.clock, sleep=self.arm.wait, **given)
+        # The board would keep the time: see test_timed_motion.py.
+        return MotionOptions(clock=self.arm.clock, sleep=self.arm.wait, **{"host_timed": True, **given})
 
     def way(self, joint: str = "J4", by: float = 0.5, seconds: float = 1.0) -> Spline:
         here = self.robot.read()[joint].position

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Iterator
@@ -17,10 +18,12 @@ from hexwire.session.events import Reply
 PATIENCE = 20.0
 
 
+_NUMBERS = itertools.count()
+
+
 @pytest.fixture
-def robot(request: pytest.FixtureRequest) -> Iterator[Hex7BotDriver]:
-    name = request.node.name.replace("[", "-").replace("]", "")
-    with Hex7BotDriver.from_url(f"sim://hex7bot?name={name}") as made:
+def robot() -> Iterator[Hex7BotDriver]:
+    with Hex7BotDriver.from_url(f"sim://hex7bot?name=path{next(_NUMBERS)}") as made:
         made.torque(True)
         yield made
 
@@ -77,7 +80,7 @@ def test_a_start_can_be_set_for_later(robot: Hex7BotDriver) -> None:
 def test_more_points_than_fit_are_taken_in_parts(robot: Hex7BotDriver) -> None:
     here = robot.read().positions["J1"]
     path = robot.path(["J1"], smooth=False)
-    points = [TimedPoint(0.002 * i, (here + 0.0002 * (i % 100),)) for i in range(path.capacity + 300)]
+    points = [TimedPoint(0.002 * i, (here + 0.0002 * abs(i % 200 - 100) - 0.02,)) for i in range(path.capacity + 300)]
     sent = path.send(points, last=True)
     assert sent == path.capacity
     path.start()
@@ -95,7 +98,7 @@ def test_points_that_are_ahead_can_be_replaced(robot: Hex7BotDriver) -> None:
     path.send([TimedPoint(0.25 * i, (here + 0.05 * i,)) for i in range(9)], last=True)
     path.start()
     towards = path.report().towards
-    with pytest.raises(UsageError, match="none can be sent as number 9"):
+    with pytest.raises(UsageError, match="none can be sent as number 10"):
         path.send([TimedPoint(9.0, (here,))], first=10)
     back = here + 0.05 * (towards + 1)
     new = [TimedPoint(0.25 * (towards + 2), (back,)), TimedPoint(0.25 * (towards + 3), (back,))]

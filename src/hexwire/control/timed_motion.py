@@ -43,7 +43,6 @@ _WHY = {
     PathState.ABORTED: "another program has ended the path on the board",
     PathState.FAULT: "a joint lost its torque or does not answer; the others came to rest on the path",
     PathState.NONE: "the board was reset, or another program began another path",
-    PathState.BRAKING: "the board comes to rest on its path",
 }
 
 
@@ -117,7 +116,7 @@ class PathFeed:
             self._over = report.state is PathState.DONE
             if (why := _WHY.get(report.state)) is not None:
                 return StopReason("board", why)
-            if not self._complete and report.state is not PathState.STOPPED:
+            if not self._complete and report.state is PathState.RUNNING:
                 self._send(min(report.room, _NEXT))
         except (StoppedError, PreemptedError):
             return StopReason("board", STOP_COMMAND)
