@@ -108,7 +108,7 @@ class Board {
   struct Path {
     Mask joints;  // that still follow it
     bool second;  // the packet of the second series is ready
-    bool owed;    // it has ended, and the first series has not got the last position
+    bool last_sent;  // the first packet of the last pair has been sent
     uint8_t cycle;
     uint16_t late;
     uint16_t takes_us;  // to compute the first packet

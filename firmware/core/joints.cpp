@@ -76,11 +76,20 @@ Mask Joints::with_series(uint8_t series) const {
   return mask;
 }
 
-uint8_t Joints::torque_unknown() const {
+uint8_t Joints::lacking(Item* item) const {
   for (uint8_t i = 0; i < kJoints; ++i) {
-    if (joints_[i].present && !joints_[i].torque_known) return i;
+    const Joint& joint = joints_[i];
+    if (!joint.present) continue;
+    *item = !joint.torque_known ? Item::kTorque : !joint.ceiling_known ? Item::kCeiling : Item::kMode;
+    const bool known = joint.torque_known && (legacy(joint.series) || (joint.ceiling_known && joint.mode_known));
+    if (!known) return i;
   }
   return kNoJoint;
+}
+
+bool Joints::is_lacking() const {
+  Item item;
+  return lacking(&item) != kNoJoint;
 }
 
 bool Joints::has(uint8_t joint, Item item) const {

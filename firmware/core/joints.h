@@ -74,8 +74,10 @@ class Joints {
   const Joint& operator[](uint8_t index) const { return joints_[index]; }
   uint8_t find(uint8_t servo_id) const;
   Mask with_series(uint8_t series) const;
-  // A joint that is present, but whose torque has not been read since it appeared; kNoJoint if there is none.
-  uint8_t torque_unknown() const;
+  // A joint that is present, but of which something has not been read since it appeared that a target requires; and
+  // what. kNoJoint if there is none.
+  uint8_t lacking(Item* item) const;
+  bool is_lacking() const;
 
   // Whether a joint is known to be in a mode other than position mode; whether its mode must be read first.
   bool other_mode(uint8_t joint) const { return joints_[joint].mode_known && !joints_[joint].in_position; }

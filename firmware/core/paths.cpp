@@ -58,9 +58,10 @@ void Board::start_path() {
   if (now_running_.size != gen::TRAJECTORY_START_REQUEST_SIZE) return refuse(gen::STATUS_BAD_LENGTH);
   const uint8_t* p = now_running_.body;
   const bool known = p[gen::TRAJECTORY_START_REQUEST_ID] == trajectory_.id() && p[gen::TRAJECTORY_START_REQUEST_NOW] <= 1;
-  if (!known || !trajectory_.ready() || !trajectory_.enough()) return refuse(gen::STATUS_BAD_RANGE);
+  if (!known) return refuse(gen::STATUS_BAD_RANGE);
   if (stopped()) return refuse(gen::STATUS_STOPPED);
   if (in_maintenance()) return refuse(gen::STATUS_FORBIDDEN);
+  if (!trajectory_.ready() || !trajectory_.enough()) return refuse(gen::STATUS_BAD_RANGE);
   poller_.wake(ms_);
   start_job(kStartPath, trajectory_.joints());
   skip_reads();
@@ -130,48 +131,57 @@ bool Board::path_starts_soon() const {
 void Board::leave_path(Mask mask) {
   if (!trajectory_.moving() || !(path_.joints & mask)) return;
   path_.joints &= static_cast<Mask>(~mask);
-  trajectory_.brake(gen::TRAJECTORY_FAULT);
+  if (path_.joints) {
+    trajectory_.brake(gen::TRAJECTORY_FAULT);
+  } else {
+    trajectory_.end(gen::TRAJECTORY_FAULT);
+  }
 }
 
 void Board::end_path() {
   trajectory_.end(gen::TRAJECTORY_STOPPED);
-  path_.owed = path_.second = false;
+  path_.second = false;
 }
 
-// Begins what is due; called in every pass.
+// Begins and ends what is due; called in every pass.
 void Board::watch_path() {
   if (trajectory_.waits()) {
     poller_.wake(ms_);
     if (trajectory_.until_start(last_us_) > 0) return;
-    if (check_path_start() != gen::STATUS_OK) return trajectory_.end(gen::TRAJECTORY_FAULT);
+    // Meanwhile points may have been replaced.
+    if (!trajectory_.enough() || check_path_start() != gen::STATUS_OK) return trajectory_.end(gen::TRAJECTORY_FAULT);
     trajectory_.run();
     path_.joints = trajectory_.joints();
     path_.answered_ms = ms_;
     path_.written_us = last_us_;
     path_.cycle = static_cast<uint8_t>(poller_.cycles() - 1);
   }
-  if (trajectory_.moving()) poller_.wake(ms_);
+  poller_.want(path_joints());
+  if (!trajectory_.moving()) return;
+  poller_.wake(ms_);
+  const bool sent = path_.last_sent && !path_.second;
+  if (sent && last_us_ - path_.written_us >= kTrajectoryLeadMs * 1000UL) trajectory_.finish();
 }
 
 // Sends the next targets, if they are due: of the legacy servos first, then of the others.
 bool Board::write_path() {
+  if (!trajectory_.moving()) return false;
   if (path_.second) return send_second();
-  const bool moving = trajectory_.moving();
-  if (!moving && !path_.owed) return false;
   const uint32_t since = last_us_ - path_.written_us;
-  if (path_.cycle == poller_.cycles() && since < kMostGapUs) return false;
-  if (moving) begin_targets(since);
+  if (path_.last_sent || (path_.cycle == poller_.cycles() && since < kMostGapUs)) return false;
+  begin_targets(since);
+  if (!trajectory_.moving()) return false;
   // As far ahead as computing took the last time.
   const uint32_t begun = platform_.micros();
   aim_path(gen::SERIES_SEVEN_BOT, begun + path_.takes_us);
+  // If the second packet alone has the last position, there is another pair.
+  path_.last_sent = trajectory_.at_end();
   const bool sent = send_path_targets(gen::SERIES_SEVEN_BOT);
   const uint32_t now = platform_.micros();
   if (sent) path_.takes_us = static_cast<uint16_t>(now - begun);
   // The second packet is computed while the first is on the line.
   aim_path(gen::SERIES_HLS, sent ? now + bus_.line_us() : now);
   path_.second = true;
-  // If it has the last position, the first packet had none that late.
-  path_.owed = moving && !trajectory_.moving();
   return sent || send_second();
 }
 
@@ -208,7 +218,7 @@ Mask Board::lost_joints() {
 
 // Computes the targets of one series for a time.
 void Board::aim_path(uint8_t series, uint32_t time_us) {
-  if (trajectory_.moving()) trajectory_.advance(time_us);
+  trajectory_.advance(time_us);
   Targets& targets = path_.targets;
   targets.mask = 0;
   for (uint8_t i = 0; i < kJoints; ++i) {

@@ -32,6 +32,7 @@ Poller::Poller(ServoBus& bus, Joints& joints)
       report_ready_(false),
       cycles_(0),
       extra_due_(false),
+      wanted_(0),
       turn_(0),
       extras_left_(0),
       period_ms_(0),
@@ -68,7 +69,7 @@ Mask Poller::worth_asking(uint32_t now_ms) const {
     const Joint& joint = joints_[i];
     if (joint.present || now_ms - joint.asked_ms >= kSilentRetryMs) mask |= only(i);
   }
-  return mask;
+  return mask | wanted_;
 }
 
 bool Poller::start_cycle(uint32_t now_us, uint32_t now_ms) {
@@ -84,9 +85,10 @@ bool Poller::start_cycle(uint32_t now_us, uint32_t now_ms) {
 }
 
 bool Poller::start_extra(uint32_t now_ms) {
-  const uint8_t fresh = joints_.torque_unknown();
+  Item lacking;
+  const uint8_t fresh = joints_.lacking(&lacking);
   if (fresh != kNoJoint) {
-    sweep_.begin(only(fresh), Item::kTorque, false);
+    sweep_.begin(only(fresh), lacking, false);
     phase_ = Phase::kExtra;
     return sweep_.start_next(now_ms);
   }
@@ -147,7 +149,7 @@ void Poller::end_cycle(uint32_t now_us, uint32_t now_ms) {
   cycle_us_ = now_us - cycle_begun_us_;
   cycle_at_ms_ = now_ms;
   ++cycles_;
-  if (cycles_ % kCyclesPerTurn == kExtraAt || joints_.torque_unknown() != kNoJoint) extra_due_ = true;
+  if (cycles_ % kCyclesPerTurn == kExtraAt || joints_.is_lacking()) extra_due_ = true;
   extras_left_ = kExtrasPerRest;
   const int32_t early = static_cast<int32_t>(report_at_us_ - now_us);
   if (period_ms_ != 0 && early < static_cast<int32_t>(cycle_us_ / 2)) report_ready_ = true;

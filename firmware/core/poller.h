@@ -19,6 +19,9 @@ class Poller {
   void wake(uint32_t now_ms);
   bool awake(uint32_t now_ms) const { return awake_ && static_cast<int32_t>(awake_until_ms_ - now_ms) > 0; }
 
+  // Joints that are asked in every cycle even if they are silent.
+  void want(Mask joints) { wanted_ = joints; }
+
   // Reports are on, or a host asks: polling positions has priority over an idle line.
   bool busy(uint32_t now_ms) const { return period_ms_ != 0 || awake(now_ms); }
 
@@ -57,6 +60,7 @@ class Poller {
   bool report_ready_;
   uint8_t cycles_;
   bool extra_due_;
+  Mask wanted_;
   uint8_t turn_;  // item * kJoints + joint of the next extra
   uint8_t extras_left_;
   uint16_t period_ms_;

@@ -12,7 +12,6 @@ namespace {
 
 constexpr uint8_t kTickUs = 100;        // the unit of the times of points
 constexpr uint16_t kTicksPerSecond = 10000;
-constexpr uint32_t kMarginUs = 40000;   // path that is left when braking begins, beyond what it needs
 constexpr uint8_t kBrakeShift = 5;      // braking is computed in 32 us, so that 32 bits suffice
 constexpr uint32_t kLeadUs = kTrajectoryLeadMs * 1000UL;
 
@@ -44,6 +43,8 @@ Trajectory::Trajectory(const Settings& settings)
       flags_(0),
       mask_(0),
       complete_(false),
+      ran_(false),
+      at_end_(false),
       stride_(0),
       capacity_(0),
       head_(0),
@@ -65,7 +66,7 @@ void Trajectory::begin(uint8_t id, uint8_t flags, Mask mask, uint16_t brake_ms) 
   state_ = gen::TRAJECTORY_LOADING;
   flags_ = flags;
   mask_ = mask;
-  complete_ = false;
+  complete_ = ran_ = at_end_ = false;
   stride_ = static_cast<uint8_t>(2 + place(kJoints) * size_of_joint());
   capacity_ = static_cast<uint16_t>(kRoom / stride_);
   head_ = count_ = next_ = 0;
@@ -91,7 +92,7 @@ const uint8_t* Trajectory::point(uint16_t n) const {
 
 // The point towards which the joints move.
 uint16_t Trajectory::index() const {
-  return moving() || state_ > gen::TRAJECTORY_BRAKING ? static_cast<uint16_t>(oldest() + 1) : oldest();
+  return ran_ ? static_cast<uint16_t>(oldest() + 1) : oldest();
 }
 
 uint8_t Trajectory::add(const uint8_t* points, uint8_t size, uint16_t first, uint8_t count, bool last) {
@@ -163,7 +164,7 @@ void Trajectory::store(const uint8_t* added) {
 
 bool Trajectory::enough() const {
   if (count_ < 2) return false;
-  return complete_ || rest() + get16(point(1)) * static_cast<uint32_t>(kTickUs) > braking_path() + kLeadUs;
+  return complete_ || rest() + get16(point(1)) * static_cast<uint32_t>(kTickUs) > brake_us_ / 2;
 }
 
 int16_t Trajectory::origin(uint8_t joint) const { return signed16(point(0) + 2 + place(joint) * size_of_joint()); }
@@ -175,6 +176,7 @@ void Trajectory::start_at(uint32_t time_us) {
 
 void Trajectory::run() {
   state_ = gen::TRAJECTORY_RUNNING;
+  ran_ = true;
   // Targets are sent ahead of the clock, so the path's clock is ahead as well.
   clock_us_ = start_us_ - kLeadUs;
   in_segment_us_ = 0;
@@ -220,8 +222,8 @@ bool Trajectory::next_segment() {
 // Time of the path behind the present segment, microseconds.
 uint32_t Trajectory::rest() const { return behind_ > 0xFFFFFF ? 0xFFFFFF * kTickUs : behind_ * kTickUs; }
 
-// Path that braking takes, with a margin.
-uint32_t Trajectory::braking_path() const { return brake_us_ / 2 + kMarginUs; }
+// What is left of the path, microseconds.
+uint32_t Trajectory::left() const { return rest() + (segment_us_ - in_segment_us_); }
 
 // How far the path's clock moves meanwhile.
 uint32_t Trajectory::path_time(uint32_t passed_us) {
@@ -229,12 +231,13 @@ uint32_t Trajectory::path_time(uint32_t passed_us) {
   // The rate falls evenly, so its mean is that of the middle of the time that passed.
   const uint32_t passed = (passed_us < brake_left_us_ ? passed_us : brake_left_us_) >> kBrakeShift;
   const uint32_t left = brake_left_us_ >> kBrakeShift;
-  const uint32_t whole = brake_us_ >> kBrakeShift;
+  const uint32_t whole = (brake_us_ >> kBrakeShift) + 1;
   brake_left_us_ = passed_us < brake_left_us_ ? brake_left_us_ - passed_us : 0;
   return (passed * (2 * left - passed) / (2 * whole)) << kBrakeShift;
 }
 
 void Trajectory::advance(uint32_t now_us) {
+  if (at_end_) return;
   // The time of a packet is predicted, so the next one may be a little earlier; the path never goes back.
   if (static_cast<int32_t>(now_us - clock_us_) > 0) {
     move_on(path_time(now_us - clock_us_));
@@ -248,14 +251,27 @@ void Trajectory::move_on(uint32_t path_us) {
   while (in_segment_us_ >= segment_us_) {
     if (next_segment()) continue;
     in_segment_us_ = segment_us_;
-    state_ = state_ == gen::TRAJECTORY_BRAKING ? end_ : complete_ ? gen::TRAJECTORY_DONE : gen::TRAJECTORY_DRY;
+    at_end_ = true;
+    if (state_ == gen::TRAJECTORY_RUNNING) end_ = complete_ ? gen::TRAJECTORY_DONE : gen::TRAJECTORY_DRY;
     return;
   }
   if (state_ == gen::TRAJECTORY_BRAKING) {
-    if (brake_left_us_ == 0) state_ = end_;
-  } else if (!complete_ && rest() + (segment_us_ - in_segment_us_) <= braking_path()) {
-    brake(gen::TRAJECTORY_DRY);
+    at_end_ = brake_left_us_ == 0;
+  } else if (!complete_ && left() <= brake_us_ / 2) {
+    run_dry();
   }
+}
+
+// Braking began a little while ago, when what is left was as long as it needs. Since then the rate has fallen.
+void Trajectory::run_dry() {
+  const uint32_t late = brake_us_ / 2 - left();
+  if (late >= kLeadUs) return brake(gen::TRAJECTORY_DRY);  // the host has taken points away
+  const uint32_t ticks = late >> kBrakeShift;
+  const uint32_t too_far = (ticks * ticks / (2 * (brake_us_ >> kBrakeShift))) << kBrakeShift;
+  in_segment_us_ -= too_far < in_segment_us_ ? too_far : in_segment_us_;
+  state_ = gen::TRAJECTORY_BRAKING;
+  end_ = gen::TRAJECTORY_DRY;
+  brake_left_us_ = brake_us_ - late;
 }
 
 int16_t Trajectory::position(uint8_t joint) const {
@@ -266,10 +282,16 @@ int16_t Trajectory::position(uint8_t joint) const {
 }
 
 void Trajectory::brake(uint8_t end_state) {
-  if (state_ == gen::TRAJECTORY_BRAKING) return;
+  if (state_ == gen::TRAJECTORY_BRAKING) {
+    // A fault is always told.
+    if (end_state == gen::TRAJECTORY_FAULT) end_ = end_state;
+    return;
+  }
   if (!moving()) return end(end_state);
   state_ = gen::TRAJECTORY_BRAKING;
   end_ = end_state;
+  // Where less is left than braking takes, all of it.
+  if (left() < brake_us_ / 2) brake_us_ = 2 * left();
   brake_left_us_ = brake_us_;
 }
 

@@ -45,10 +45,14 @@ class Trajectory {
   int32_t until_start(uint32_t now_us) const { return static_cast<int32_t>(start_us_ - now_us); }
   void run();
 
-  // Moves the path's clock on to a time. May end the trajectory.
+  // Moves the path's clock on to a time.
   void advance(uint32_t now_us);
   // Position of a joint of it on the path now.
   int16_t position(uint8_t joint) const;
+
+  // Its position does not change any more; `finish` ends it, when the joints are there.
+  bool at_end() const { return moving() && at_end_; }
+  void finish() { state_ = end_; }
 
   // Comes to rest on the path, and then is in that state; one that does not move yet ends at once.
   void brake(uint8_t end);
@@ -77,7 +81,8 @@ class Trajectory {
   uint32_t rest() const;
   void move_on(uint32_t path_us);
   uint32_t path_time(uint32_t passed_us);
-  uint32_t braking_path() const;
+  uint32_t left() const;
+  void run_dry();
 
   const Settings& settings_;
   uint8_t id_;
@@ -86,6 +91,8 @@ class Trajectory {
   uint8_t flags_;
   Mask mask_;
   bool complete_;   // the last point has arrived
+  bool ran_;
+  bool at_end_;     // its position does not change any more
   uint8_t stride_;  // bytes of a point
   uint16_t capacity_;
   uint16_t head_;   // place of the oldest point
