@@ -50,6 +50,16 @@ def test_motion_is_refused(changes: dict[str, bool], status: Status) -> None:
     assert caught.value.status == status
 
 
+def test_a_sync_write_for_a_joint_that_follows_a_trajectory_is_refused() -> None:
+    state, made = orders()
+    state.joints[0].following = True
+    for chapter in (False, True):
+        with pytest.raises(RefusedError) as caught:
+            done(made.chapter_move([(1, 2100, 0), (0, 2100, 0)], chapter=chapter))
+        assert caught.value.status == Status.BUSY
+        assert done(made.chapter_move([(1, 2100, 0)], chapter=chapter))[1]
+
+
 def test_a_target_is_clamped_and_the_joint_says_so() -> None:
     state, made = orders()
     assert made.clamp(state.joints[0], 2500) == 2500

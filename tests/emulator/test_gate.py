@@ -175,6 +175,21 @@ def test_targets_of_joints_that_cannot_be_judged() -> None:
     assert (passed.torque, passed.targets, passed.hold) == ({5: True}, {5: 2000}, ())
 
 
+def test_a_joint_that_follows_a_trajectory_takes_no_other_target() -> None:
+    busy = {0: replace(LEGACY, following=True, torque_on=False), 4: replace(HLS, following=True), 1: LEGACY}
+    for chapter in (False, True):
+        gate = Gate(busy, chapter=chapter)
+        assert judge(gate, sp.make_write(0, 0x2A, be(2000))) == Status.BUSY
+        assert judge(gate, sp.make_write(4, 0x2A, le(2000))) == Status.BUSY
+        assert judge(gate, sp.make_write(4, 0x2A, le(3001))) == Status.BAD_RANGE
+        assert judge(gate, sp.make_sync_write(0x2A, {1: be(2000), 0: be(2000)})) == Status.BUSY
+        assert isinstance(judge(gate, sp.make_write(1, 0x2A, be(2000))), Passed)
+        assert isinstance(judge(gate, sp.make_write(4, 0x28, b"\0")), Passed)
+        assert isinstance(judge(gate, sp.make_write(4, 0x30, b"\1")), Passed)
+    assert judge(Gate(busy, chapter=True), sp.make_write(4, 0x28, b"\1")) == Status.BUSY
+    assert judge(Gate(busy), sp.make_write(4, 0x28, b"\1")) == Status.FORBIDDEN
+
+
 def test_a_target_keeps_the_speed_limit() -> None:
     # Legacy: run time, added or lengthened: 500 counts at 1000 counts/s.
     assert packets(OPEN, sp.make_write(0, 0x2A, be(2500))) == (sp.make_write(0, 0x2A, be(2500) + be(500)),)

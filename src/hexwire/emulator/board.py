@@ -272,7 +272,7 @@ class EmulatedBoard:
             self._task = self._tasks.popleft()
         elif self.paced and self.dialect == 2 and self._next_poll <= now:
             self.time = max(self.time, self._next_poll)
-            self._task = _Task(self.trajectory.poll())
+            self._task = _Task(self.bus.poll_next())
         else:
             return False
         self._run(None)

@@ -217,7 +217,8 @@ def _next_knot(before: _Knot | None, point: PathPoint, limits: Sequence[LimitRow
         sound &= abs(velocity) <= limit.speed
     if before is not None:
         for a, b, limit in zip(before.positions, point.positions, limits, strict=True):
-            sound &= abs(b - a) * _TICKS_PER_SECOND <= limit.speed * point.ticks
+            # Positions are rounded to counts, so an even motion at the limit may need one count more.
+            sound &= (abs(b - a) - 1) * _TICKS_PER_SECOND <= limit.speed * point.ticks
     if not sound:
         raise RefusedError(Status.BAD_RANGE)
     return _Knot((before.at if before else 0) + point.ticks, point.positions, point.velocities)

@@ -24,6 +24,7 @@ from hexwire.wire.command_frame import Command, Status
 
 from .board_jobs import Clock, Wait
 from .board_orders import BoardOrders
+from .board_path import BoardPath
 from .board_state import BoardState
 from .board_trajectory import LEAD_MS, Trajectory
 from .gate import RefusedError
@@ -69,29 +70,30 @@ class TrajectoryCommands:
 
     def _begin(self, body: bytes) -> Answer:
         request = BeginRequest.parse(body)
-        trajectory = self._trajectory
-        trajectory.update()
-        if trajectory.active:
-            raise RefusedError(Status.BUSY)
         sound = request.mask and not request.mask >> len(self._board.joints)
         if not sound or request.flags & ~_FLAGS or request.brake_ms not in _BRAKE_MS:
             raise RefusedError(Status.BAD_RANGE)
         self._orders.refuse_motion()
+        trajectory = self._trajectory
+        trajectory.update()
+        if trajectory.active:
+            raise RefusedError(Status.BUSY)
         path = trajectory.begin(request)
         yield from ()
         return BeginReply(trajectory.number, trajectory.state, path.capacity, LEAD_MS).serialize()
 
     def _points(self, body: bytes) -> Answer:
         request = PointsRequest.parse(body)
+        path = self._path_of(request.id)
+        if request.last > 1:
+            raise RefusedError(Status.BAD_RANGE)
+        self._orders.refuse_if_stopped()
         trajectory = self._trajectory
         trajectory.update()
-        path = trajectory.path
-        if path is None or request.id != trajectory.number or trajectory.state not in _LOADS:
-            raise RefusedError(Status.BAD_RANGE)
         joints = len(trajectory.joints)
         if not request.count or len(request.data) != request.count * point_size(joints, hermite=path.hermite):
             raise RefusedError(Status.BAD_LENGTH)
-        if request.last > 1:
+        if trajectory.state not in _LOADS:
             raise RefusedError(Status.BAD_RANGE)
         points = parse_points(request.data, joints, hermite=path.hermite)
         limits = [limit for i, limit in enumerate(self._board.limits) if trajectory.mask >> i & 1]
@@ -103,6 +105,7 @@ class TrajectoryCommands:
     def _start(self, body: bytes) -> Answer:
         request = StartRequest.parse(body)
         trajectory = self._trajectory
+        self._path_of(request.id)
         if request.now > 1:
             raise RefusedError(Status.BAD_RANGE)
         self._orders.refuse_motion()
@@ -112,8 +115,6 @@ class TrajectoryCommands:
         start_at = self._check_start(request)
         trajectory.check_joints()
         trajectory.schedule(start_at)
-        if request.now:
-            trajectory.run()
         time_us = self._board.clock_us(start_at) if request.now else request.time_us
         return StartReply(trajectory.number, trajectory.state, time_us).serialize()
 
@@ -124,8 +125,8 @@ class TrajectoryCommands:
             RefusedError: There is not, or the time is wrong.
         """
         trajectory = self._trajectory
-        path = trajectory.path
-        if path is None or request.id != trajectory.number or trajectory.state not in _STARTS or not path.can_start:
+        trajectory.update()
+        if trajectory.state not in _STARTS or not self._path_of(request.id).can_start:
             raise RefusedError(Status.BAD_RANGE)
         now = self._clock()
         if request.now:
@@ -145,13 +146,23 @@ class TrajectoryCommands:
     def _abort(self, body: bytes) -> Answer:
         if len(body) != 1:
             raise RefusedError(Status.BAD_LENGTH)
+        self._path_of(body[0])
         trajectory = self._trajectory
         trajectory.update()
-        if trajectory.state is PathState.NONE or body[0] != trajectory.number:
-            raise RefusedError(Status.BAD_RANGE)
         trajectory.abort()
         yield from ()
         return bytes((trajectory.number, trajectory.state))
+
+    def _path_of(self, number: int) -> BoardPath:
+        """The path of the trajectory, if it is the one that is meant.
+
+        Raises:
+            RefusedError: It has another id, or there is none.
+        """
+        path = self._trajectory.path
+        if path is None or number != self._trajectory.number:
+            raise RefusedError(Status.BAD_RANGE)
+        return path
 
     def _report(self) -> bytes:
         """The body of STATUS and of the answer to POINTS."""
@@ -160,6 +171,5 @@ class TrajectoryCommands:
         time_us = self._board.clock_us(self._clock())
         if path is None:
             return PathStatus(0, PathState.NONE, 0, 0, 0, 0, time_us).serialize()
-        free = path.free if trajectory.state in _LOADS else 0
-        counts = (path.next & _INDEX, path.towards & _INDEX, free, trajectory.late)
+        counts = (path.next & _INDEX, path.towards & _INDEX, path.free, trajectory.late)
         return PathStatus(trajectory.number, trajectory.state, *counts, time_us).serialize()

@@ -281,11 +281,11 @@ class Gate:
     def _check_target(self, joint: JointFacts | None, data: bytes) -> None:
         if joint is None or self.maintenance:
             raise RefusedError(Status.FORBIDDEN)
-        if joint.following:
-            raise RefusedError(Status.BUSY)
         position = _decode(joint, data)
         if not joint.minimum <= position <= joint.maximum:
             raise RefusedError(Status.BAD_RANGE)
+        if joint.following:
+            raise RefusedError(Status.BUSY)
         if not joint.positioning:
             raise RefusedError(Status.SERVO_FAULT)
         if not (joint.torque_on or self.chapter):

@@ -1,0 +1,260 @@
+from __future__ import annotations
+
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hexwire.emulator.board_path import MEMORY, BoardPath
+from hexwire.emulator.gate import RefusedError
+from hexwire.wire.board_trajectory import PathPoint, point_size
+from hexwire.wire.command_frame import Status
+from hexwire.wire.commands import LimitRow
+
+LIMIT = LimitRow(1000, 3000, 2000)
+LIMITS = (LIMIT,)
+STEP = 0.011
+
+
+def path(*points: tuple[int, int] | tuple[int, int, int], last: bool = True, brake: float = 0.2) -> BoardPath:
+    """A path of one joint; each point is ticks and position, with a velocity on a cubic path."""
+    made = BoardPath(1, hermite=len(points[0]) > 2, brake=brake)
+    made.put(0, [point(*each) for each in points], LIMITS, last=last)
+    return made
+
+
+def point(ticks: int, place: int, *speed: int) -> PathPoint:
+    return PathPoint(ticks, (place,), speed)
+
+
+def refused(made: BoardPath, first: int, *points: PathPoint, last: bool = False) -> Status:
+    before = (made.next, made.free, made.whole)
+    with pytest.raises(RefusedError) as caught:
+        made.put(first, points, LIMITS, last=last)
+    assert (made.next, made.free, made.whole) == before
+    return caught.value.status
+
+
+def test_a_straight_path_is_even() -> None:
+    made = path((0, 2000), (1000, 2100), (500, 2000))
+    made.start(5.0)
+    moments = (5.0, 5.025, 5.1, 5.125, 5.15, 5.2)
+    assert [made.positions(at)[0] for at in moments] == [2000, 2025, 2100, 2050, 2000, 2000]
+    assert made.rest_at == pytest.approx(5.15)
+
+
+def test_a_cubic_path_has_the_given_velocities() -> None:
+    made = path((0, 2000, 0), (10000, 2400, 800), (10000, 2400, 0))
+    made.start(0.0)
+    # Worked out by hand: halfway of the first part 2000 + 200 - 800/8, of the second 2400 + 800/8.
+    assert [made.positions(at)[0] for at in (0.5, 1.0, 1.5, 2.0)] == [2100, 2400, 2500, 2400]
+
+
+def test_room_is_for_64_points_of_seven_joints_with_velocities() -> None:
+    assert BoardPath(7, hermite=True, brake=1.0).capacity == 64
+    assert BoardPath(1, hermite=False, brake=1.0).capacity == MEMORY // point_size(1, hermite=False)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        point(0, 2000),
+        point(1000, 999),
+        point(1000, 3001),
+        point(1000, 2202),
+        point(1, 2002),
+    ],
+)
+def test_a_bad_point_changes_nothing(bad: PathPoint) -> None:
+    made = path((0, 2000), (1000, 2000), last=False)
+    assert refused(made, 2, point(1000, 2000), bad) == Status.BAD_RANGE
+
+
+def test_the_first_point_has_no_time_and_every_other_has_one() -> None:
+    assert refused(BoardPath(1, hermite=False, brake=1.0), 0, point(5, 2000)) == Status.BAD_RANGE
+    made = path((0, 2000), (1000, 2201))  # 2000 counts/s, and one count by rounding
+    assert made.next == 2
+    with_speed = BoardPath(1, hermite=True, brake=1.0)
+    assert refused(with_speed, 0, point(0, 2000, 2001)) == Status.BAD_RANGE
+    assert refused(with_speed, 0, point(0, 2000, -32768)) == Status.BAD_RANGE
+    with_speed.put(0, [point(0, 2000, -2000)], LIMITS, last=False)
+
+
+def test_only_what_lies_ahead_can_be_replaced() -> None:
+    made = path((0, 2000), *[(1000, 2000 + n) for n in range(1, 7)])
+    made.start(0.0)
+    made.advance(0.25)
+    assert (made.towards, made.next, made.capacity - made.free) == (3, 7, 5)
+    for first in (0, 1, 2, 3, 8, 7):
+        assert refused(made, first, point(1000, 2000)) == Status.BAD_RANGE, first
+    made.put(4, [point(1000, 2100)], LIMITS, last=True)
+    assert (made.next, made.capacity - made.free) == (5, 3)
+    assert made.positions(0.4) == (2100,)
+    assert made.rest_at == pytest.approx(0.4)
+
+
+def test_points_that_do_not_fit_change_nothing() -> None:
+    made = path((0, 2000), last=False)
+    room = made.free
+    assert refused(made, 1, *[point(9, 2000)] * (room + 1)) == Status.BUSY
+    made.put(1, [point(9, 2000)] * room, LIMITS, last=False)
+    assert made.free == 0
+    made.put(3, [point(9, 2000)], LIMITS, last=False)
+    assert made.free == room - 3
+
+
+def test_indexes_go_on_beyond_65536() -> None:
+    made = path((0, 2000), (10, 2000), (10, 2000), last=False, brake=0.002)
+    made.start(0.0)
+    for n in range(3, 66000):
+        made.advance((n - 2.5) * 0.001)
+        made.put(n & 0xFFFF, [point(10, 2000 + n % 2)], LIMITS, last=False)
+    assert not made.dry
+    assert made.towards == made.next - 3 == 65997
+    made.put((made.next - 1) & 0xFFFF, [point(10, 2000)], LIMITS, last=True)
+    assert refused(made, 65997 & 0xFFFF, point(10, 2000)) == Status.BAD_RANGE
+    assert made.rest_at == pytest.approx(65.999)
+
+
+def test_braking_takes_its_time_and_half_of_it_in_path() -> None:
+    made = path((0, 2000), (10000, 3000), brake=0.4)
+    made.start(0.0)
+    made.brake(0.3)
+    assert [made.positions(at)[0] for at in (0.3, 0.5, 0.7, 0.8)] == [2300, 2450, 2500, 2500]
+    assert made.rest_at == pytest.approx(0.7)
+    made.brake(0.75)
+    assert made.rest_at == pytest.approx(0.7), "it brakes once"
+
+
+def test_braking_ends_where_the_path_does() -> None:
+    made = path((0, 2000), (10000, 3000), brake=0.4)
+    made.start(0.0)
+    made.brake(0.9)
+    assert made.positions(1.5) == (3000,)
+    # 0.1 s of path are left, and t - t*t / 0.8 = 0.1 for t = 0.1172.
+    assert made.rest_at == pytest.approx(1.0172, abs=1e-4)
+
+
+@pytest.mark.parametrize("step", [0.001, 0.011, 0.05])
+def test_a_path_without_its_last_point_ends_at_rest_at_its_newest(step: float) -> None:
+    made = path((0, 2000), (10000, 3000), last=False, brake=0.4)
+    assert made.can_start
+    made.start(0.0)
+    places = [made.positions(n * step)[0] for n in range(round(1.3 / step))]
+    assert made.dry
+    assert made.rest_at == pytest.approx(1.2)
+    assert places[-1] == 3000
+    assert not path((0, 2000), (1999, 2000), last=False, brake=0.4).can_start
+    assert not path((0, 2000)).can_start
+
+
+def test_a_path_cut_short_brakes_in_what_is_left() -> None:
+    made = path((0, 2000), (1000, 2100), (1000, 2200), (10000, 3000), last=False, brake=0.4)
+    made.start(0.0)
+    made.advance(0.15)
+    made.put(3, [point(100, 2210)], LIMITS, last=False)
+    assert made.positions(0.15) == (2150,)
+    assert made.dry
+    assert made.positions(1.0) == (2210,)
+    assert made.rest_at == pytest.approx(0.15 + 2 * 0.06)
+
+
+@st.composite
+def points(draw: st.DrawFn) -> tuple[list[PathPoint], bool]:
+    """A sound path and whether it is cubic."""
+    hermite = draw(st.booleans())
+    place, found = draw(st.integers(LIMIT.minimum, LIMIT.maximum)), []
+    for n in range(draw(st.integers(2, 12))):
+        ticks = draw(st.integers(1, 8000)) if n else 0
+        most = LIMIT.speed * ticks // 10000
+        place = min(max(place + draw(st.integers(-most, most)), LIMIT.minimum), LIMIT.maximum)
+        found.append(point(ticks, place, *([draw(st.integers(-2000, 2000))] if hermite else [])))
+    return found, hermite
+
+
+@given(points(), st.sampled_from((0.02, 0.2, 2.0)), st.floats(0.0, 1.5))
+def test_braking_always_ends_at_rest_on_the_path(
+    made_of: tuple[list[PathPoint], bool], brake: float, share: float
+) -> None:
+    knots, hermite = made_of
+    whole = BoardPath(1, hermite=hermite, brake=brake)
+    braking = BoardPath(1, hermite=hermite, brake=brake)
+    for each in (whole, braking):
+        each.put(0, knots, LIMITS, last=True)
+        each.start(0.0)
+    length = sum(each.ticks for each in knots) / 10000
+    begin = share * length
+    for n in range(30):
+        assert braking.positions(begin * n / 30) == whole.positions(begin * n / 30)
+    braking.brake(begin)
+    rest_at = braking.rest_at
+    assert rest_at is not None
+    assert rest_at <= begin + brake + 1e-9
+    places = [braking.positions(rest_at + n * STEP) for n in range(4)]
+    assert len(set(places)) == 1, "at rest"
+    # On the path: where it is half of the braking time further on.
+    final = whole.positions(min(begin + brake / 2, length))
+    assert abs(places[0][0] - final[0]) <= 1
+
+
+@given(points(), st.sampled_from((0.02, 0.2, 2.0)))
+def test_a_path_that_runs_dry_never_jumps_and_ends_at_rest(
+    made_of: tuple[list[PathPoint], bool], brake: float
+) -> None:
+    knots, hermite = made_of
+    made = BoardPath(1, hermite=hermite, brake=brake)
+    made.put(0, knots, LIMITS, last=False)
+    if not made.can_start:
+        return
+    made.start(0.0)
+    length = sum(each.ticks for each in knots) / 10000
+    steps = round((length + brake) / STEP) + 2
+    places = [made.positions(n * STEP)[0] for n in range(steps)]
+    assert made.dry
+    assert made.rest_at == pytest.approx(length + brake / 2)
+    assert places[-1] == knots[-1].positions[0]
+    if not hermite:
+        assert all(LIMIT.minimum <= place <= LIMIT.maximum for place in places)
+        assert all(abs(b - a) <= LIMIT.speed * STEP + 2 for a, b in itertools.pairwise(places))
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(0, 65535),
+            st.integers(0, 65535),
+            st.integers(-32768, 32767),
+            st.integers(-32768, 32767),
+            st.booleans(),
+            st.floats(0, 2),
+        ),
+        max_size=30,
+    ),
+    st.booleans(),
+)
+def test_whatever_is_put_the_rules_hold(
+    orders: list[tuple[int, int, int, int, bool, float]], hermite: bool
+) -> None:
+    made = BoardPath(1, hermite=hermite, brake=0.1)
+    made.put(0, [point(0, 2000, *([0] if hermite else []))], LIMITS, last=False)
+    made.put(1, [point(3000, 2100, *([0] if hermite else []))], LIMITS, last=False)
+    made.start(0.0)
+    now, before = 0.0, made.positions(0.0)[0]
+    for first, ticks, place, speed, last, wait in orders:
+        near = made.next + first % 7 - 5
+        bad = point(ticks, place % 4096, *([speed] if hermite else []))
+        try:
+            made.put(near & 0xFFFF, [bad], LIMITS, last=last)
+        except RefusedError:
+            pass
+        else:
+            assert LIMIT.minimum <= bad.positions[0] <= LIMIT.maximum
+        end = now + wait
+        while now < end:
+            now += STEP
+            at = made.positions(now)[0]
+            # A cubic may be up to 1.5 times as fast between two points as its mean, and its ends add to that.
+            assert abs(at - before) <= (1.5 if not hermite else 4.0) * LIMIT.speed * STEP + 2
+            before = at
+        assert 0 <= made.free <= made.capacity

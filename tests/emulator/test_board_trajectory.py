@@ -1,0 +1,328 @@
+from __future__ import annotations
+
+import itertools
+
+import pytest
+from tests.emulator.boards import ALL, STOPPED_FLAG, Bench, u16
+
+from hexwire.emulator.board_trajectory import LEAD_MS
+from hexwire.emulator.faults import FaultPlan
+from hexwire.wire import tables
+from hexwire.wire.board_trajectory import (
+    BeginRequest,
+    PathFlag,
+    PathPoint,
+    PathState,
+    PathStatus,
+    PointsRequest,
+    StartRequest,
+)
+from hexwire.wire.command_frame import Command, Status
+from hexwire.wire.commands import LimitRow, LimitTable
+from hexwire.wire.servo_packet import make_ping, make_write
+
+START = (2053, 2043, 2035, 2039, 2083, 2046, 2047)
+NUMBER = 9
+
+
+class Rider(Bench):
+    """A host with a board whose joints have torque."""
+
+    def __init__(self, baud: int = 115200) -> None:
+        super().__init__(baud=baud)
+        self.run(0.5)
+        assert self.torque().status == Status.OK
+
+    def load(
+        self,
+        way: int = 400,
+        seconds: float = 1.0,
+        *,
+        mask: int = ALL,
+        flags: int = 0,
+        brake: int = 200,
+        last: bool = True,
+    ) -> None:
+        """An even motion in ten parts."""
+        assert self.ask(Command.TRAJECTORY_BEGIN, BeginRequest(NUMBER, flags, mask, brake).serialize()).status == 0
+        joints = [j for j in range(7) if mask >> j & 1]
+        ticks = round(seconds * 1000)
+        points = [PathPoint(ticks if n else 0, tuple(START[j] + way * n // 10 for j in joints)) for n in range(11)]
+        reply = self.ask(Command.TRAJECTORY_POINTS, PointsRequest.of(NUMBER, 0, points, last=last).serialize())
+        assert reply.status == Status.OK
+
+    def start(self, ahead: float | None = None) -> int:
+        at = 0 if ahead is None else (self.look().time_us + round(ahead * 1e6)) & 0xFFFFFFFF
+        request = StartRequest(NUMBER, int(ahead is None), at)
+        return self.ask(Command.TRAJECTORY_START, request.serialize()).status
+
+    def look(self) -> PathStatus:
+        return PathStatus.parse(self.ask(Command.TRAJECTORY_STATUS).body)
+
+    def until_over(self, within: float = 5.0) -> PathState:
+        end = self.now + within
+        while not (status := self.look()).state.over:
+            assert self.now < end, status
+            self.run(0.02)
+        return status.state
+
+    def targets(self, joint: int = 0, since: float = 0.0) -> list[tuple[float, int]]:
+        found = []
+        for time, packet in self.bus_sent:
+            if time < since or packet[4] != 0x83 or packet[5] not in (0x29, 0x2A):
+                continue
+            old = packet[5] == 0x2A
+            for at in range(7, len(packet) - 1, packet[6] + 1):
+                if packet[at] == joint:
+                    raw = packet[at + 1 : at + 3] if old else packet[at + 2 : at + 4]
+                    found.append((time, int.from_bytes(raw, "big" if old else "little")))
+        return found
+
+
+@pytest.mark.parametrize("baud", [0, 115200])
+def test_targets_follow_each_other_within_their_lead(baud: int) -> None:
+    rider = Rider(baud)
+    rider.load()
+    since = rider.now
+    assert rider.start() == Status.OK
+    assert rider.until_over() == PathState.DONE
+    for joint in (0, 6):
+        targets = rider.targets(joint, since)
+        assert targets[-1][1] == START[joint] + 400
+        gaps = [b - a for (a, _), (b, _) in itertools.pairwise(targets)]
+        assert max(gaps) <= LEAD_MS / 1000
+    assert rider.look().late == 0
+    rider.run(0.3)
+    assert rider.true_positions() == pytest.approx([place + 400 for place in START], abs=6)
+
+
+def test_targets_do_not_wait_for_long_requests() -> None:
+    rider = Rider()
+    rider.load(mask=0x0F)
+    since = rider.now
+    rider.start()
+    for _ in range(4):
+        assert rider.torque(mask=0x70).status == Status.OK
+        rider.torque(on=False, mask=0x70)
+    assert rider.until_over() == PathState.DONE
+    gaps = [b - a for (a, _), (b, _) in itertools.pairwise(rider.targets(0, since))]
+    assert max(gaps) <= LEAD_MS / 1000
+    # A packet that waits for its answer keeps the line, and that is told.
+    rider.load(way=0, mask=0x0F)
+    rider.ask(Command.JOINT_MOVE, u16(300) + b"\1\0" + u16(START[0]))
+    rider.run(1.0)
+    rider.load(mask=0x01)
+    rider.start()
+    rider.ask(Command.TRANSACT, bytes((8, 200)) + make_ping(9))
+    assert rider.look().late == 1
+
+
+def test_each_target_is_where_the_path_is_when_it_is_over() -> None:
+    rider = Rider()
+    rider.load(way=400, mask=0x01)
+    clock = rider.look().time_us
+    begin = rider.now
+    assert rider.start(0.2) == Status.OK
+    rider.until_over()
+    shift = begin - clock / 1e6
+    started = (clock + 200_000) / 1e6 + shift
+    for time, place in rider.targets(0, begin)[:-3]:
+        share = min((time - started + LEAD_MS / 1000) / 1.0, 1.0)
+        assert place == pytest.approx(START[0] + 400 * share, abs=1.5)
+
+
+def test_a_silent_joint_has_a_moment_of_grace() -> None:
+    rider = Rider()
+    rider.load(mask=0x03, seconds=2.0)
+    rider.start()
+    rider.run(0.3)
+    rider.board.wire.faults = FaultPlan.parse(["silent:1"])
+    rider.run(0.1)
+    assert rider.look().state == PathState.RUNNING
+    # No targets for a joint that may have lost its torque.
+    since = rider.now
+    rider.run(0.02)
+    assert rider.targets(0, since)
+    assert not rider.targets(1, since)
+    rider.board.wire.faults = FaultPlan()
+    rider.run(0.15)
+    assert rider.look().state == PathState.RUNNING
+    assert rider.targets(1, rider.now - 0.03)
+    rider.board.wire.faults = FaultPlan.parse(["silent:1"])
+    rider.run(0.3)
+    assert rider.look().state == PathState.BRAKING
+    rider.board.wire.faults = FaultPlan()
+    since = rider.now
+    assert rider.until_over() == PathState.FAULT
+    assert not rider.targets(1, since), "it stays left out"
+
+
+@pytest.mark.parametrize("joint", [1, 5])
+def test_a_joint_that_comes_back_without_torque_ends_it_and_gets_no_target(joint: int) -> None:
+    rider = Rider()
+    rider.load(seconds=2.0)
+    rider.start()
+    rider.run(0.3)
+    rider.board.wire.faults = FaultPlan.parse([f"silent:{joint}"])
+    rider.run(0.07)
+    rider.board.wire[joint].registers.put("torque_enable", 0)
+    rider.board.wire.faults = FaultPlan()
+    since = rider.now
+    rider.run(0.1)
+    assert rider.look().state == PathState.BRAKING
+    assert rider.look().late == 0
+    assert rider.until_over() == PathState.FAULT
+    assert not rider.targets(joint, since)
+    assert not rider.torques()[joint]
+    assert rider.true_positions()[0] < START[0] + 250
+
+
+def test_without_any_joint_left_it_is_over() -> None:
+    rider = Rider()
+    rider.load(brake=2000)
+    rider.start()
+    rider.run(0.2)
+    rider.torque(on=False)
+    assert rider.look().state == PathState.FAULT
+    since = rider.now
+    rider.run(0.5)
+    assert not rider.targets(0, since)
+    assert not any(rider.torques())
+
+
+def test_it_ends_with_a_fault_if_a_joint_is_elsewhere_at_the_start() -> None:
+    rider = Rider()
+    rider.load(mask=0x01)
+    assert rider.start(0.6) == Status.OK
+    # Until the start its joints are free.
+    assert rider.move({0: START[0] + 300}, 200).status == Status.OK
+    since = rider.now
+    rider.run(0.7)
+    assert rider.look().state == PathState.FAULT
+    assert not rider.targets(0, since)
+
+
+def test_it_ends_with_a_fault_if_its_path_became_too_short_before_the_start() -> None:
+    rider = Rider()
+    rider.load(mask=0x01)
+    assert rider.start(0.3) == Status.OK
+    one = PointsRequest.of(NUMBER, 0, [PathPoint(0, (START[0],))], last=False).serialize()
+    assert rider.ask(Command.TRAJECTORY_POINTS, one).status == Status.OK
+    since = rider.now
+    rider.run(0.5)
+    assert rider.look().state == PathState.FAULT
+    assert not rider.targets(0, since)
+
+
+def test_a_fault_is_told_even_if_it_brakes_already() -> None:
+    rider = Rider()
+    rider.load(brake=700)
+    rider.start()
+    rider.run(0.3)
+    assert rider.ask(Command.TRAJECTORY_ABORT, bytes((NUMBER,))).status == Status.OK
+    rider.torque(on=False, mask=1)
+    assert rider.until_over() == PathState.FAULT
+
+
+def test_the_watchdog_waits_only_for_a_whole_path() -> None:
+    rider = Rider()
+    rider.ask(Command.WATCHDOG, u16(100) + b"\0")
+    rider.load(flags=PathFlag.OUTLIVES_HOST)
+    rider.start()
+    rider.run(0.9)
+    assert not rider.board.state.stopped
+    rider.run(0.3)
+    assert rider.board.state.stopped
+    assert rider.look().state == PathState.DONE
+    assert rider.state().board_flags & tables.BOARD_FLAGS_WATCHDOG_TRIPPED
+    rider.ask(Command.RESUME)
+    rider.ask(Command.WATCHDOG, u16(100) + b"\0")
+    rider.move(dict(enumerate(START)), 200)
+    for _ in range(60):
+        rider.look()
+        rider.run(0.02)
+    rider.load(flags=PathFlag.OUTLIVES_HOST, last=False)
+    rider.start()
+    rider.run(0.3)
+    assert rider.look().state == PathState.STOPPED
+
+
+def test_waiting_for_its_start_it_does_not_outlive_its_host() -> None:
+    rider = Rider()
+    rider.ask(Command.WATCHDOG, u16(100) + b"\0")
+    rider.load(flags=PathFlag.OUTLIVES_HOST)
+    rider.start(0.5)
+    rider.run(1.0)
+    assert rider.look().state == PathState.STOPPED
+
+
+def test_a_stop_in_the_middle_of_a_request_ends_both() -> None:
+    rider = Rider()
+    rider.load(mask=0x0F)
+    rider.start()
+    rider.send(Command.TORQUE, b"\1" + u16(0x70))
+    rider.run(0.025)
+    stop = rider.send(Command.STOP, b"\0")
+    assert rider.wait(Command.STOP, stop).status == Status.OK
+    since = rider.now
+    assert rider.ask(Command.RESUME).status == Status.OK
+    rider.run(0.5)
+    assert not any(rider.targets(joint, since) for joint in range(7))
+    assert rider.look().state == PathState.STOPPED
+    assert not rider.state().board_flags & STOPPED_FLAG
+
+
+def test_no_target_is_beyond_a_limit_or_too_fast() -> None:
+    rider = Rider(0)
+    rider.load(way=700, seconds=0.5, mask=0x11)
+    rows = [LimitRow(0, 4095, 4096)] * 7
+    rows[0] = LimitRow(2000, START[0] + 300, 500)
+    rider.start()
+    assert rider.ask(Command.LIMITS, LimitTable(0, tuple(rows)).serialize()[1:]).status == Status.OK
+    since = rider.now
+    rider.until_over()
+    places = rider.targets(0, since)
+    assert places[-1][1] == START[0] + 300
+    # A legacy servo takes distance over run time: that is below the limit.
+    sent = [p for time, p in rider.bus_sent if time > since and p[5] == 0x2A and p[4] == 0x83]
+    assert min(int.from_bytes(packet[10:12], "big") for packet in sent) >= LEAD_MS
+    assert max(int.from_bytes(packet[10:12], "big") for packet in sent) >= 350
+    rider.run(0.05)
+    assert rider.true_positions()[0] < START[0] + 300
+
+
+def test_in_either_dialect_its_joints_take_no_other_targets() -> None:
+    rider = Rider()
+    rider.load(mask=0x11, seconds=2.0)
+    rider.start()
+    place = START[0] + 10
+    legacy = make_write(0, 0x2A, place.to_bytes(2, "big") + b"\0\x64")
+    for cmd, body in (
+        (Command.JOINT_MOVE, u16(100) + b"\1\xfe" + u16(place)),
+        (Command.TRANSACT, b"\6\0" + legacy),
+        (Command.TRANSACT, b"\6\0" + make_write(4, 0x2A, u16(place))),
+        (Command.TORQUE, b"\1" + u16(0x11)),
+    ):
+        assert rider.ask(cmd, body).status == Status.BUSY, body.hex()
+    rider.writes()
+    silent = rider.ask1(Command.READ, legacy)
+    assert silent == rider.ask1(Command.READ, make_write(0, 0x28, b"\1"))
+    assert not [packet for packet in rider.writes() if packet[4] == 0x03]
+    assert rider.ask(Command.TRANSACT, b"\0\0" + make_write(0, 0x28, b"\0")).status == Status.OK
+    assert rider.until_over() == PathState.FAULT
+
+
+def test_a_start_over_the_wrap_of_the_clock() -> None:
+    rider = Rider(0)
+    # The clock counts from the reset on.
+    rider.board.state.now -= 2**32 / 1e6 - 2.0
+    rider.load(mask=0x01)
+    ahead = (rider.look().time_us + 2_500_000) & 0xFFFFFFFF
+    assert ahead < rider.look().time_us, "it wraps"
+    begin = rider.now
+    reply = rider.ask(Command.TRAJECTORY_START, StartRequest(NUMBER, 0, ahead).serialize())
+    assert reply.status == Status.OK
+    rider.run(2.4)
+    assert rider.look().state == PathState.WAITING
+    assert rider.until_over() == PathState.DONE
+    assert rider.targets(0, begin + 0.1)[0][0] == pytest.approx(begin + 2.5, abs=0.03)
