@@ -464,27 +464,6 @@ def test_a_stop_before_it_sets_out_voids_it_though_it_is_resumed_at_once(
     assert bench.arm.board.state.watchdog_timeout == 0.0
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"tolerance": 0.0},
-        {"tolerance": math.nan},
-        {"grace": 0.0},
-        {"grace": math.inf},
-        {"standing": -1.0},
-        {"watchdog": math.nan},
-        {"rate": 1e9},
-        {"rate": math.nan},
-        {"rate": -20.0},
-        {"table": math.nan},
-    ],
-)
-def test_options_that_make_no_sense_are_refused(wrong: dict[str, float]) -> None:
-    """A tolerance of 0 would be there at once, a grace of 0 never end."""
-    with pytest.raises(UsageError, match=next(iter(wrong))):
-        MotionOptions(**wrong)  # type: ignore[arg-type]
-
-
 def test_switching_torque_on_for_a_path_is_reported() -> None:
     bench, watched = Bench(), Watched()
     assert run_motion(bench.robot, bench.way(), bench.options(), observer=watched).powered == ("J4",)

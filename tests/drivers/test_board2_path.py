@@ -80,7 +80,9 @@ def test_a_start_can_be_set_for_later(robot: Hex7BotDriver) -> None:
 def test_more_points_than_fit_are_taken_in_parts(robot: Hex7BotDriver) -> None:
     here = robot.read().positions["J1"]
     path = robot.path(["J1"], smooth=False)
-    points = [TimedPoint(0.002 * i, (here + 0.0002 * abs(i % 200 - 100) - 0.02,)) for i in range(path.capacity + 300)]
+    points = [
+        TimedPoint(0.002 * i, (here + 0.0002 * abs(i % 200 - 100) - 0.02,)) for i in range(path.capacity + 300)
+    ]
     sent = path.send(points, last=True)
     assert sent == path.capacity
     path.start()

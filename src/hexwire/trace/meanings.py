@@ -83,6 +83,10 @@ _MODES = {0: "position", 1: "teach"}
 _SIGNALS = {1: "stop and hold", 2: "stop without torque", 3: "resume", 4: "torque on", 5: "torque off"}
 _OUTPUTS = {"pump": 1, "valve": 2, "buzzer": 4}
 
+_BOARD_CLOCK = "The board's clock when it made the reply; wraps after 71.6 minutes."
+_TOWARDS = "Point towards which the joints move."
+_PATH_STATES = {code: name for name, code in t.TRAJECTORY_STATES.items()}
+
 BODY: dict[str, Meaning] = {
     "packet": Meaning("A servo packet."),
     "protocol": Meaning("Version of the protocol."),
@@ -118,6 +122,17 @@ BODY: dict[str, Meaning] = {
     "mode": Meaning("What a stop does.", names=_STOP),
     "timeout_ms": Meaning("Time limit; 0 is never.", "s", 0.001),
     "version": Meaning("Version of the stored settings."),
+    "id": Meaning("Number of the trajectory; the host chooses it."),
+    "state": Meaning("State of the trajectory.", names=_PATH_STATES),
+    "brake_ms": Meaning("Time in which the joints come to rest on the path when they must.", "s", 0.001),
+    "capacity": Meaning("Points that fit."),
+    "lead_ms": Meaning("How far ahead of the clock targets are sent.", "s", 0.001),
+    "last": Meaning("Whether these are the last points.", names={0: "no", 1: "yes"}),
+    "first": Meaning("Index of the first of these points."),
+    "next": Meaning("Index of the point after the last one that is there."),
+    "free": Meaning("Points that fit now."),
+    "late": Meaning("Targets that were sent late."),
+    "now": Meaning("Whether it starts at once.", names={0: "no", 1: "yes"}),
     "minimum": Meaning("Lowest position that the board allows.", _COUNT),
     "maximum": Meaning("Highest position that the board allows.", _COUNT),
     "neutral": Meaning("Count at the joint's zero.", _COUNT),
@@ -157,6 +172,14 @@ BODY: dict[str, Meaning] = {
 """Fields of bodies, by name."""
 
 _SPECIAL: dict[tuple[str, str], Meaning] = {
+    ("TRAJECTORY_BEGIN", "flags"): Meaning("Form of the path, and its end.", bits=t.TRAJECTORY_FLAG),
+    ("TRAJECTORY_POINTS", "count"): Meaning("Number of points."),
+    ("TRAJECTORY_POINTS", "points"): Meaning("Each: time since the one before, then the joints."),
+    ("TRAJECTORY_POINTS", "index"): Meaning(_TOWARDS),
+    ("TRAJECTORY_STATUS", "index"): Meaning(_TOWARDS),
+    ("TRAJECTORY_POINTS", "time_us"): Meaning(_BOARD_CLOCK, "s", 1e-6),
+    ("TRAJECTORY_STATUS", "time_us"): Meaning(_BOARD_CLOCK, "s", 1e-6),
+    ("TRAJECTORY_START", "time_us"): Meaning("The board's clock at the start of the path.", "s", 1e-6),
     ("REPORT", "mask"): Meaning(f"Which {_MASK}."),
     ("IO", "mask"): Meaning("Outputs to set; 0 reads.", bits=_OUTPUTS),
     ("ROBOT_MODE", "mode"): Meaning("Mode of the robot controller.", names=_MODES),

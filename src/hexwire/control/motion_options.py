@@ -1,0 +1,104 @@
+"""How one motion of a program is run and checked, and who is told of its events.
+
+Owns these values. Must not know how a motion is run.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from hexwire.drivers.values import StopMode
+from hexwire.errors import UsageError
+from hexwire.motion.safety import SafetyLimits
+
+from .arrival import Tolerance
+from .loop import RateLoop, check_rate
+
+if TYPE_CHECKING:
+    from hexwire.model.kinematics import KinematicModel
+    from hexwire.model.state import JointState, SentTarget
+
+__all__ = ["MotionObserver", "MotionOptions"]
+
+
+@dataclass(frozen=True, slots=True)
+class MotionOptions:
+    """How a motion is run and checked. Angles are in radians, times in seconds, lengths in metres.
+
+    Attributes:
+        kinematics: For the joint coupling limits and the table; neither is checked without it.
+        table: Height of the table above the base; None for no table.
+        tolerance: Position tolerance of each joint at the goal.
+        standing: Velocity below which a joint counts as stopped, required at the goal; 0 is not checked.
+        grace: Seconds after the motion's duration in which the joints must arrive.
+        early: A single target may count as reached before its duration is over.
+        rate: Cycles per second; 0 for the rate that the robot allows.
+        limits: Thresholds that stop a trajectory; None for the defaults at this rate.
+        watchdog: Seconds of silence after which the board stops the arm; longer at a slow rate.
+        watchdog_mode: What the board does then.
+        clock: Monotonic seconds; the robot's clock if None.
+        sleep: Waits for a number of seconds.
+        host_timed: Send a trajectory target by target, also to a robot that keeps the time itself.
+        outlives: Once all of a trajectory has been sent to such a robot, the watchdog lets it finish.
+
+    Raises:
+        UsageError: A value is not a number, or outside its range.
+    """
+
+    kinematics: KinematicModel | None = None
+    table: float | None = 0.0
+    tolerance: float = math.radians(1.5)
+    standing: float = 0.0
+    grace: float = 3.0
+    early: bool = True
+    rate: float = 0.0
+    limits: SafetyLimits | None = None
+    watchdog: float = 1.0
+    watchdog_mode: StopMode = StopMode.HOLD
+    clock: Callable[[], float] | None = None
+    sleep: Callable[[float], object] = time.sleep
+    host_timed: bool = False
+    outlives: bool = False
+
+    def __post_init__(self) -> None:
+        # To the check of arrival, a tolerance of 0 means "not checked", and a grace of 0 means "forever".
+        for name in ("tolerance", "grace"):
+            if not 0.0 < (value := getattr(self, name)) < math.inf:
+                raise UsageError(f"{name} must be finite and above 0, not {value:g}")
+        for name in ("standing", "watchdog"):
+            if not 0.0 <= (value := getattr(self, name)) < math.inf:
+                raise UsageError(f"{name} must be finite and not below 0, not {value:g}")
+        if self.table is not None and not math.isfinite(self.table):
+            raise UsageError(f"table must be finite, not {self.table:g}")
+        if self.rate != 0.0:
+            check_rate(self.rate)
+
+    def goal(self, names: Sequence[str]) -> dict[str, Tolerance]:
+        """Tolerances of joints at the goal."""
+        return dict.fromkeys(names, Tolerance(self.tolerance, self.standing))
+
+
+class MotionObserver:
+    """Is called at the events of a motion, in the caller's thread. Override the methods you need."""
+
+    def unchecked(self, joints: Sequence[str]) -> None:
+        """The position of these joints is unknown, so joint coupling limits and table are not checked."""
+
+    def powered(self, joints: Sequence[str]) -> None:
+        """Torque was switched on for these joints."""
+
+    def unwatched(self, seconds: float) -> None:
+        """There is no watchdog: if this program dies, the arm moves on for up to this many seconds."""
+
+    def sent(self, sent: SentTarget) -> None:
+        """A target was sent, or its first step."""
+
+    def started(self, timing: RateLoop) -> None:
+        """The motion starts; `timing` has the timing of its cycles."""
+
+    def seen(self, state: JointState) -> None:
+        """A state was read during the motion."""
