@@ -80,7 +80,9 @@ def limits(low: int, speed: int) -> bytes:
 HERMITE, OUTLIVES, BEGIN, POINTS, START, LAST, ABORT, STATUS = 1, 2, 4, 8, 16, 32, 64, 128
 
 
-def path(how: int, steps: list[int] | None = None, ticks: int = 500, first: bool = True, then: int = SHORT) -> bytes:
+def path(
+    how: int, steps: list[int] | None = None, ticks: int = 500, first: bool = True, then: int = SHORT
+) -> bytes:
     """Parts of a trajectory of all joints; each step is a way of four counts a unit."""
     data = bytes((how, ALL))
     if how & BEGIN:
