@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import re
 import subprocess
 import tomllib
@@ -96,3 +97,9 @@ def test_every_package_stands_in_the_import_rule() -> None:
 def test_changelog_has_a_place_for_the_next_change() -> None:
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert text.index("## Unreleased") < text.index("### Added")
+
+
+def test_any_text_of_a_test_can_be_reported_by_a_worker(pytestconfig: pytest.Config) -> None:
+    report = pytest.CollectReport("a \ud800", "failed", "why: \ud800", [], sections=[("log", "ä \udcff")])
+    data = pytestconfig.hook.pytest_report_to_serializable(config=pytestconfig, report=report)
+    assert json.loads(json.dumps(data, ensure_ascii=False).encode())["sections"] == [["log", "ä \\udcff"]]
