@@ -123,7 +123,7 @@ def test_arms_and_routers_carry_host_names(tmp_path: Path) -> None:
         (("anna", "--role", "operator"), "needs 1 to 64 names or patterns"),
         (("anna", "--role", "operator", "--for", "lab/arm*"), "matches no arm"),
         (("pc", "--role", "router", "--for", "lab/*"), "leave out --for"),
-        (("anna", "--role", "observer", "--for", "**", "--host", "pc"), "--host is for the roles arm and router"),
+        (("anna", "--role", "observer", "--for", "**", "--host", "pc"), "is for the roles arm, router and ros"),
         (("ca", "--role", "router"), "cannot name a certificate"),
         (("../x", "--role", "router"), "cannot name a certificate"),
     ],

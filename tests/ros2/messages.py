@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ def with_type(name: str, text: str) -> Types:
     return types
 
 
+@cache
 def messages(types: Types, type_: MessageType, strings: st.SearchStrategy[str] = TEXT) -> st.SearchStrategy[Any]:
     """Any message of a type."""
     definition, _ = types.lookup(type_.name)
