@@ -6,6 +6,7 @@ Owns the texts and the picture. Must not know how a motion is checked or run.
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -19,7 +20,7 @@ from .output import print_json, say
 from .plot import MotionPlot
 
 if TYPE_CHECKING:
-    from hexwire.control.motions import CheckedPath, MotionOptions, MotionResult
+    from hexwire.control.motions import CheckedPath, MotionOptions
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.kinematics import KinematicModel
     from hexwire.model.state import JointState
@@ -31,6 +32,8 @@ __all__ = ["RunOptions", "run_legs"]
 
 _SHOWN = 0.1
 """Degrees: a little more than a count."""
+_SETTLES, _LOOK, _STILL = 0.6, 0.05, math.radians(0.05)
+"""Most seconds until the arm is at rest, seconds between two looks, and radians that it may move between them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +102,8 @@ def run_legs(
     outcome |= {"off_deg": None, "off_mm": None}
     try:
         if not options.dry_run:
-            rest = _rest(_drive(robot, path, how, plot, missed), path, model)
+            _drive(robot, path, how, plot, missed)
+            rest = _rest(_still(robot), path, model)
             if not options.as_json:
                 say(rest.words())
             outcome |= {"arrived": True, "off_deg": rest.degrees, "off_mm": rest.millimetres}
@@ -136,10 +140,19 @@ class _Rest:
         return text
 
 
-def _rest(result: MotionResult, path: CheckedPath, model: KinematicModel | None) -> _Rest:
+def _still(robot: RobotDriver) -> dict[str, float]:
+    """Where the joints are when they do not move any more, or after a while; they arrive within a tolerance."""
+    here, deadline = robot.read().positions, time.monotonic() + _SETTLES
+    while time.monotonic() < deadline:
+        time.sleep(_LOOK)
+        before, here = here, robot.read().positions
+        if all(abs(here[name] - angle) < _STILL for name, angle in before.items() if name in here):
+            break
+    return here
+
+
+def _rest(here: dict[str, float], path: CheckedPath, model: KinematicModel | None) -> _Rest:
     names, goal = path.legs[-1].names, path.legs[-1].goal
-    assert result.state is not None  # it has arrived, by the last state
-    here = result.state.positions
     off, joint = max((abs(here[name] - angle), name) for name, angle in zip(names, goal, strict=True))
     tip = None
     if model is not None:
@@ -182,9 +195,7 @@ def _planned(
     return plot
 
 
-def _drive(
-    robot: RobotDriver, path: CheckedPath, how: MotionOptions, plot: MotionPlot, missed: Missed
-) -> MotionResult:
+def _drive(robot: RobotDriver, path: CheckedPath, how: MotionOptions, plot: MotionPlot, missed: Missed) -> None:
     from hexwire.control.motions import MotionObserver, run_motion
 
     names, model = path.legs[0].names, how.kinematics
@@ -214,4 +225,4 @@ def _drive(
     if (skipped := result.timing.skipped) and not result.timed:
         rate = how.rate or robot.command_rate
         note(f"warning: the line or the machine is too slow for {rate:g} Hz; {skipped} cycles were skipped")
-    return result.require()
+    result.require()
