@@ -114,8 +114,9 @@ def test_lost_answers_of_the_leader_end_nothing_and_mislead_nobody() -> None:
     release(rig.follower.driver, rig.owner)
 
 
-def test_the_load_of_a_follower_is_read_fifty_times_a_second_and_its_positions_always() -> None:
-    arm = Arm(FakeClock())
+def test_the_load_of_a_follower_is_read_fifty_times_a_second_and_its_positions_every_5_ms() -> None:
+    clock = FakeClock()
+    arm = Arm(clock)
     arm.driver.attach()
     reads = itertools.count()
     whole = arm.driver.read
@@ -123,11 +124,15 @@ def test_the_load_of_a_follower_is_read_fifty_times_a_second_and_its_positions_a
     read = BriefReader(arm.driver)
     first, begin = read(), arm.link.clock()
     arm.hand("shoulder_pan", 20.0, begin)
-    states = [read() for _ in range(200)]
+    states = []
+    for _ in range(400):
+        clock.advance(0.001)
+        states.append(read())
     seconds = arm.link.clock() - begin
     assert next(reads) - 1 == pytest.approx(50 * seconds, rel=0.2)
     assert all(math.isfinite(state.load[0]) and state.voltage == first.voltage for state in states)
-    assert all(state.age == first.age for state in states)
+    assert 0.003 < max(max(state.age) for state in states) <= 0.005
+    assert sum(state.age == first.age for state in states) == pytest.approx(seconds / 0.0055, rel=0.2)
     assert math.degrees(states[-1].position[0] - first.position[0]) > 5.0
 
 

@@ -275,3 +275,69 @@ def test_arms_are_robots_by_name_and_by_file(tmp_path: Path) -> None:
     assert made.model.names == ("A",)
     with pytest.raises(ConfigError):
         arm_class(tmp_path / "none.toml")
+
+
+def _requests(arm: BusArm) -> int:
+    return arm.bus.counters.requests
+
+
+def test_positions_that_are_recent_enough_are_not_read_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, device = _make(So101Arm, monkeypatch)
+    arm.torque(True)
+    for read in (arm.read, arm.read_positions):
+        first, asked = read(), _requests(arm)
+        arm.bus.link.clock.advance(0.003)
+        again = arm.read_positions(within=0.005)
+        assert _requests(arm) == asked
+        assert (again.position, again.flags) == (first.position, first.flags)
+        assert again.stamp == pytest.approx(first.stamp + 0.003)
+        assert again.age == pytest.approx((0.003,) * 6)
+        arm.bus.link.clock.advance(0.003)
+        device.wire[1].motion.position += 100
+        assert arm.read_positions(within=0.005).position[0] != first.position[0]
+        assert _requests(arm) == asked + 1
+    asked = _requests(arm)
+    arm.epochs.assume_stopped()
+    assert arm.read_positions(within=0.005).stopped
+    assert _requests(arm) == asked
+
+
+def test_a_state_from_before_a_silence_or_a_switch_of_torque_is_read_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, device = _make(So101Arm, monkeypatch)
+    arm.torque(True)
+    arm.read_positions()
+    arm.torque(False)
+    assert arm.read_positions(within=100.0).torque_on == ()
+    servos, device.wire.servos = device.wire.servos, [s for s in device.wire.servos if s.servo_id != 3]
+    assert arm.read_positions().silent == ("elbow_flex",)
+    device.wire.servos = servos
+    assert arm.read_positions(within=100.0).silent == ()
+
+
+def test_a_goal_after_recent_positions_begins_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the last goal, its speed would be that of the way from goal to goal: the joint would never catch up."""
+    arm, device = _make(So101Arm, monkeypatch)
+    arm.torque(True)
+    start = arm.read_positions().position[0]
+    speeds = []
+    for _ in range(2):
+        arm.read_positions(within=0.005)
+        arm.write(JointTarget.of({"shoulder_pan": start + 0.05}, duration=0.1))
+        speeds.append(device.wire[1].registers.get("goal_speed"))
+    assert speeds[0] == speeds[1] > 1
+
+
+def test_recent_positions_do_not_let_goals_pile_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each takes half a millisecond of the line; to read is to wait for them."""
+    arm, _ = _make(So101Arm, monkeypatch)
+    arm.torque(True)
+    here = JointTarget.of(arm.read_positions().positions)
+    asked = _requests(arm)
+    arm.write(here)
+    assert 0.0005 < arm.bus.backlog() < 0.0006
+    arm.read_positions(within=0.005)
+    assert _requests(arm) == asked
+    arm.write(here)
+    arm.read_positions(within=0.005)
+    assert _requests(arm) == asked + 1
+    assert arm.bus.backlog() == 0.0

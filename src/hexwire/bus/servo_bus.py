@@ -157,6 +157,11 @@ class ServoBus(Openable):
         """Return the time of the link's clock, monotonic seconds."""
         return self._line.clock()
 
+    def backlog(self) -> float:
+        """Return the seconds until the line has transmitted the packets sent so far."""
+        with self._lock:
+            return self._machine.backlog(self._line.clock())
+
     def series_of(self, servo_id: int) -> Series:
         """Series of a servo."""
         return self._servos.series_of(servo_id)

@@ -264,8 +264,13 @@ class RobotDriver(ABC):
     def read(self) -> JointState:
         """Read all joints. A silent servo raises no error; its joint has the flag `JointFlag.SILENT`."""
 
-    def read_positions(self) -> JointState:
-        """Read at least the positions of all joints, in the shortest time; the rest may be NaN. Else as `read`."""
+    def read_positions(self, within: float = 0.0) -> JointState:
+        """Read at least the positions of all joints, in the shortest time; the rest may be NaN. Else as `read`.
+
+        Args:
+            within: The last state will do if it is not older than this, seconds: where reading costs a loop much
+                of its time. Drivers may read in any case.
+        """
         return self.read()
 
     def stream(self, period: float, timeout: float = 1.0, *, slow: float | None = None) -> Iterator[JointState]:

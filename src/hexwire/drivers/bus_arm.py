@@ -54,6 +54,8 @@ __all__ = ["BusArm", "ChainArm", "SevenBotArm", "So100Arm", "So101Arm", "arm_cla
 
 _LIVE_FIRST, _LIVE_COUNT = 56, 15
 _MIN_DURATION = 0.02
+_MOST_BACKLOG = 0.001
+"""Seconds that the line may be behind with goals while old positions serve for new ones."""
 _SILENT = int(JointFlag.SILENT)
 _ADVICE = "check power and cable; `hexwire doctor` looks for the reason"
 
@@ -259,8 +261,7 @@ class BusArm(RobotDriver):
             if not condition & _SILENT:
                 self._positions[joint.name], self._sampled[joint.name] = angle, now
         position, velocity, load, current, voltage, temperature, flags = columns
-        ages = tuple(now - self._sampled.get(joint.name, -math.inf) for joint in joints)
-        return JointState(
+        state = JointState(
             names=self.model.names,
             position=position,
             velocity=velocity,
@@ -269,17 +270,24 @@ class BusArm(RobotDriver):
             voltage=voltage,
             temperature=temperature,
             flags=flags,
-            age=ages,
+            age=tuple(now - self._sampled.get(joint.name, -math.inf) for joint in joints),
             stamp=now,
             stopped=self.epochs.stopped,
         )
+        return self._reader.keep(state, self._torque)
 
-    def read_positions(self) -> JointState:
-        """Read positions only: half the time of `read` on the line. Velocity, load and the like are NaN."""
+    def read_positions(self, within: float = 0.0) -> JointState:
+        """Read positions only: half the time of `read` on the line. Velocity, load and the like may be NaN."""
         self._check_attached()
         self.epochs.let_through()
-        readings = self.bus.sync_read("present_position", self._reader.ids)
-        return self._reader.state(readings, self._torque, self.epochs.stopped)
+        bus, reader, torque, stopped = self.bus, self._reader, self._torque, self.epochs.stopped
+        # Goals that are not awaited must not pile up on a slow line: to read is to wait for them.
+        if within and bus.backlog() < _MOST_BACKLOG:
+            state = reader.recent(bus.now(), within, torque, stopped)
+            if state is not None:
+                return state
+        readings = bus.sync_read("present_position", reader.ids)
+        return reader.keep(reader.state(readings, torque, stopped), torque)
 
     def _live(self, i: int, joint: JointModel, block: ServoBlock) -> tuple[Any, ...]:
         registers = Series(joint.series).registers

@@ -6,6 +6,7 @@ Owns the way from counts to a `JointState`, for loops that run at the line's own
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from hexwire.model.state import JointFlag, JointState
@@ -44,6 +45,34 @@ class PositionReader:
         self.sampled: dict[str, float] = {}
         self._unknown = (math.nan,) * len(self.ids)
         self._no_ages = (0.0,) * len(self.ids)
+        self._newest: JointState | None = None
+        self._torque: list[bool | None] = []
+
+    def keep(self, state: JointState, torque: Sequence[bool | None]) -> JointState:
+        """Return a state, which `recent` may return again if every joint has answered.
+
+        Args:
+            state: Just read.
+            torque: Whether each joint has torque; None if unknown.
+        """
+        self._newest, self._torque = (None if any(state.age) else state), list(torque)
+        return state
+
+    def recent(self, now: float, within: float, torque: Sequence[bool | None], stopped: bool) -> JointState | None:
+        """The last state with its age, if it is recent enough. Its positions are the newest known again.
+
+        Args:
+            now: Seconds.
+            within: Most age, seconds.
+            torque: As in `keep`; a state from before torque was switched does not count.
+            stopped: Whether the arm is stopped.
+        """
+        newest = self._newest
+        if newest is None or not 0.0 <= now - newest.stamp <= within or self._torque != torque:
+            return None
+        self.positions.update(zip(newest.names, newest.position, strict=True))
+        ages = (now - newest.stamp,) * len(self.ids)
+        return replace(newest, age=ages, stamp=now, stopped=stopped)
 
     def state(self, readings: Readings, torque: Sequence[bool | None], stopped: bool) -> JointState:
         """Make the state.
