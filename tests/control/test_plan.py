@@ -130,6 +130,15 @@ def test_a_single_point_without_time_is_refused_with_advice(delay: float, time: 
     assert text.startswith("the time_from_start of the last point must be above 0")
 
 
+def test_a_single_point_without_time_is_no_motion_where_the_arm_is() -> None:
+    near = tuple(angle + math.radians(1.5) for angle in START.position)
+    spline, _ = made(order(Point(0.0, near)))
+    assert spline.duration == 0.0
+    assert spline.goal == near
+    # With a stamp it would have ended in the past.
+    refusal(order(Point(0.0, near), delay=-3.0), Reason.TOO_LATE)
+
+
 def test_a_point_at_0_before_others_is_dropped() -> None:
     spline, _ = made(order(Point(0.0, (9.0, 9.0, 9.0)), Point(1.0, REST)))
     assert [point.position for point in spline.waypoints] == [START.position, REST]

@@ -26,6 +26,8 @@ _HAIR = 1e-6
 """Seconds; a last point closer to now counts as reached."""
 _THERE = 1e-3
 """Radians; greatest distance of the arm from a first point with time 0."""
+_NEARLY = math.radians(2.0)
+"""The same for a goal that takes no time: as far as a loaded servo rests from where it was told to be."""
 
 
 class Plan:
@@ -94,8 +96,9 @@ class Plan:
             now: When it begins, seconds.
 
         Raises:
-            GoalError: TOO_LATE if no point is left; NOT_READY if the position of a joint is unknown;
-                PATH_NOT_ALLOWED if the first point is due at the beginning and the arm is elsewhere.
+            GoalError: TOO_LATE if no point is left, unless the goal takes no time and the arm is there; NOT_READY
+                if the position of a joint is unknown; PATH_NOT_ALLOWED if the first point is due at the beginning
+                and the arm is elsewhere.
         """
         for name, value in zip(self._joints, start.position, strict=True):
             if not math.isfinite(value):
@@ -103,7 +106,9 @@ class Plan:
         since = now - self.due if self.goal.delay else 0.0
         left = tuple(point for point in self._points if point.time - since > _TICK)
         if not left:
-            raise self._too_late(since)
+            if self.goal.delay:
+                raise self._too_late(since)
+            return self._here(start)
         if self._partial:
             left = tuple(self._filled(point, start) for point in left)
         if since > 0.0:
@@ -116,6 +121,13 @@ class Plan:
         velocity = None if first.velocity is None else self._moving(start.velocity)
         acceleration = None if first.acceleration is None else self._moving(start.acceleration)
         return Spline(self._joints, (Waypoint(0.0, start.position, velocity, acceleration), *left), checked=True)
+
+    def _here(self, start: Sample) -> Spline:
+        """A goal that takes no time: planners send it when the arm, as it was measured, is at the goal already."""
+        last = self._filled(self._points[-1], start).position
+        if max(abs(b - a) for a, b in zip(start.position, last, strict=True)) > _NEARLY:
+            raise self._too_late(0.0)
+        return Spline(self._joints, [Waypoint(0.0, last)])
 
     def _row(self, values: Sequence[float]) -> tuple[float, ...]:
         """Values in the order of the joints; 0 for those that the goal omits."""

@@ -46,6 +46,14 @@ def test_the_arm_is_where_the_goal_says(arm: Arm) -> None:
     assert arm.positions() == pytest.approx(wanted, abs=0.06)
 
 
+def test_a_goal_where_the_arm_is_already_needs_no_time(arm: Arm) -> None:
+    here = arm.positions()
+    sent = goal(list(here), [point(list(here.values()), 0.0)])
+    end = arm.send(sent).result()
+    assert (end.status, end.result.error_code) == (a.SUCCEEDED, a.SUCCESSFUL)
+    assert arm.positions() == pytest.approx(here, abs=0.03)
+
+
 def test_joints_are_ordered_by_name(arm: Arm) -> None:
     sent = arm.short_goal()
     trajectory = sent["trajectory"]
