@@ -32,18 +32,41 @@ def test_an_arm_is_ready_while_all_its_joints_have_torque_and_nothing_stops_it(b
     assert readiness(bench.arm) is Readiness.NOT_READY
 
 
-def test_a_deactivated_arm_holds_with_torque_and_only_a_reset_clears_the_stop(bench: Bench) -> None:
+def test_a_deactivated_arm_holds_with_torque_until_it_is_activated(bench: Bench) -> None:
     _activate(bench)
     deactivate(bench.arm)
     assert readiness(bench.arm) is Readiness.NOT_READY
     bench.turn(1.0)
     assert all(bench.torques())
-    with pytest.raises(UsageError, match="the arm is stopped: deactivated; reset it first"):
-        _activate(bench)
-    assert readiness(bench.arm) is Readiness.NOT_READY
-    bench.ask(bench.arm.reset)
     _activate(bench)
     assert readiness(bench.arm) is Readiness.READY
+
+
+def test_activate_clears_no_stop_of_others(bench: Bench) -> None:
+    _activate(bench)
+    bench.arm.stop("somebody")
+    with pytest.raises(UsageError, match="the arm is stopped: somebody; reset it first"):
+        _activate(bench)
+    # Neither one that was there before the arm was deactivated,
+    deactivate(bench.arm)
+    with pytest.raises(UsageError, match="reset it first"):
+        _activate(bench)
+    bench.ask(bench.arm.reset)
+    _activate(bench)
+    # nor one that came after it,
+    deactivate(bench.arm)
+    bench.arm.stop("somebody")
+    with pytest.raises(UsageError, match="reset it first"):
+        _activate(bench)
+    bench.ask(bench.arm.reset)
+    _activate(bench)
+    # also when it comes after the question was asked.
+    deactivate(bench.arm)
+    asked = bench.arm.mark()
+    bench.arm.stop("somebody")
+    with pytest.raises(UsageError, match="reset it first"):
+        bench.ask(lambda: activate(bench.arm, asked=asked))
+    assert readiness(bench.arm) is Readiness.NOT_READY
 
 
 def test_what_was_asked_for_before_a_stop_is_void(bench: Bench) -> None:

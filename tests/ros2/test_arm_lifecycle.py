@@ -23,12 +23,16 @@ def test_an_arm_is_unconfigured_inactive_or_active(bench: Bench) -> None:
     assert state_of(bench.arm) is State.UNCONFIGURED
 
 
-def test_deactivate_stops_and_keeps_the_torque_and_activate_does_not_clear_a_stop(bench: Bench) -> None:
+def test_deactivate_stops_and_keeps_the_torque_and_activate_clears_no_stop_of_others(bench: Bench) -> None:
     bench.ask(lambda: carry_out(bench.arm, Change.ACTIVATE))
     carry_out(bench.arm, Change.DEACTIVATE)
     bench.turn(0.5)
     assert state_of(bench.arm) is State.INACTIVE
     assert all(bench.torques())
+    bench.ask(lambda: carry_out(bench.arm, Change.ACTIVATE))
+    assert state_of(bench.arm) is State.ACTIVE
+    carry_out(bench.arm, Change.DEACTIVATE)
+    bench.arm.stop("somebody")
     with pytest.raises(UsageError, match="reset it first"):
         bench.ask(lambda: carry_out(bench.arm, Change.ACTIVATE))
     assert state_of(bench.arm) is State.INACTIVE

@@ -78,6 +78,8 @@ class Arm:
         sleep: Callable[[float], object] | None = None,
     ) -> None:
         self.settings, self._monitored = settings, monitored
+        # The mark right after `readiness.deactivate`; None before.
+        self.deactivated: int | None = None
         self.owner = RobotOwner(
             robot,
             publish_rate=settings.publish_rate,

@@ -20,6 +20,7 @@ __all__ = ["Readiness", "activate", "deactivate", "readiness"]
 _CONFIRMED_IN = 2.0
 """Longest wait for a state that shows the torque, seconds."""
 _STEP = 0.02
+_DEACTIVATED = "deactivated"
 
 
 class Readiness(Enum):
@@ -52,7 +53,8 @@ def activate(
 ) -> None:
     """Switch torque on, and wait until a state shows it. Nothing moves.
 
-    A stop is not cleared: whoever asks for this may be a program, which does not know why there is one.
+    The stop of `deactivate` ends. Any other is not cleared: whoever asks for this may be a program, which does not
+    know why there is one.
 
     Args:
         arm: The arm.
@@ -65,7 +67,12 @@ def activate(
     """
     reason = arm.owner.group.reason
     if reason is not None:
-        raise UsageError(f"the arm is stopped: {reason}; reset it first")
+        state = arm.owner.state
+        tripped = state is not None and state.watchdog_tripped
+        # Its own stop was the last, and is the first that is not cleared yet.
+        if tripped or reason.text != _DEACTIVATED or asked != arm.deactivated or asked != arm.mark():
+            raise UsageError(f"the arm is stopped: {reason}; reset it first")
+        arm.reset(asked)
     arm.enable(True, asked)
     deadline = clock() + _CONFIRMED_IN
     while readiness(arm) is not Readiness.READY:
@@ -75,9 +82,12 @@ def activate(
 
 
 def deactivate(arm: Arm) -> None:
-    """Stop the arm and latch the stop. Joints keep their torque and hold: nothing falls.
+    """Stop the arm, and latch that until `activate` or a reset. Joints keep their torque and hold: nothing falls.
 
     Raises:
         HexwireError: Not every joint confirmed it; the controllers are stopped nevertheless.
     """
-    arm.stop("deactivated")
+    try:
+        arm.stop(_DEACTIVATED)
+    finally:
+        arm.deactivated = arm.mark()

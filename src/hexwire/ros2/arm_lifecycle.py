@@ -4,7 +4,7 @@ Owns which state of an arm is which state of a managed node, and which requests 
 not know messages.
 
 Requests come from launch files and life cycle managers as well as from people, so none of them moves the arm, lets
-it fall or clears a stop.
+it fall or clears a stop of others.
 """
 
 from __future__ import annotations
