@@ -6,6 +6,7 @@ Every process is ended with its world, whatever happens, and every wait has a de
 from __future__ import annotations
 
 import contextlib
+import gc
 import json
 import math
 import os
@@ -278,6 +279,9 @@ class PtyBoard:
     def __init__(self, link: Path, dialect: int = 2) -> None:
         self.port = str(link)
         self.board: EmulatedBoard = make_hex7bot_board(dialect=dialect, baud=0, start=time.monotonic())
+        # Collecting the garbage of thousands of tests stops every thread for longer than a board may be silent.
+        gc.collect()
+        gc.freeze()
         self.plug()
 
     def plug(self) -> None:

@@ -15,6 +15,8 @@ POSES = {"J1": -0.087, "J2": 0.96, "J3": -0.044, "J4": 0.0, "J5": 0.0, "J6": 0.0
 SETTINGS = (
     *("-p", "enable_on_start:=true"),
     *("-p", "allow_partial_joints_goal:=true"),
+    # A busy machine stalls longer than the usual 1 s.
+    *("-p", "watchdog:=4.0"),
     *("-p", "constraints.goal_time:=3.0"),
     *("-p", "constraints.stopped_velocity_tolerance:=0.2"),
 )
