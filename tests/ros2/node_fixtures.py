@@ -5,6 +5,7 @@ They end with the module: a node that publishes takes a tenth of a processor fro
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import pytest
 from tests.ros2.node_world import Arm, PtyBoard, World, made
 
 POSES = {"J1": -0.087, "J2": 0.96, "J3": -0.044, "J4": 0.0, "J5": 0.0, "J6": 0.0}
+_NUMBERS = itertools.count()
 SETTINGS = (
     *("-p", "enable_on_start:=true"),
     *("-p", "allow_partial_joints_goal:=true"),
@@ -62,14 +64,13 @@ def arm(shared_arm: Arm) -> Iterator[Arm]:
 @pytest.fixture
 def own_arm(world: World, tmp_path: Path) -> Iterator[Arm]:
     """An arm and a node that a test may break."""
-    at = f"own{len(list(world.folder.glob('own*')))}"
+    # A name of its own: others forget a node that was killed only after a while.
+    at = f"own{next(_NUMBERS)}"
     board = PtyBoard(world.folder / at)
     try:
-        node = world.node("-r", f"__ns:=/{at}", "-p", f"port:={board.port}", *SETTINGS)
-        arm = Arm(world, node, board, at=f"/{at}/")
-        yield arm
-        print(world.report())
-        node.kill_all()
-        arm.peer.close()
+        with world.apart():
+            node = world.node("-r", f"__ns:=/{at}", "-p", f"port:={board.port}", *SETTINGS)
+            yield Arm(world, node, board, at=f"/{at}/")
+            print(world.report())
     finally:
         board.close()

@@ -95,6 +95,18 @@ class World:
         self._peers.append(Peer(Node(NodeOptions(name, zenoh=zenoh, **options), Types(distribution))))
         return self._peers[-1]
 
+    @contextlib.contextmanager
+    def apart(self) -> Iterator[None]:
+        """What is started inside ends with it, also where a test has failed halfway."""
+        programs, peers = len(self._programs), len(self._peers)
+        try:
+            yield
+        finally:
+            for peer in self._peers[peers:]:
+                peer.close()
+            for program in reversed(self._programs[programs:]):
+                program.kill_all()
+
     def report(self) -> str:
         return "\n".join(program.report() for program in self._programs[-6:])
 

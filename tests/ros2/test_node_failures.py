@@ -70,7 +70,6 @@ def test_killed_during_a_move_the_arm_is_held_by_its_board(own_arm: Arm) -> None
     arm.enable()
     assert Goal(arm, (2.0, TARGET)).result()[0] == SUCCEEDED
     assert arm.node.end() == 0
-    arm.peer.close()
 
 
 def test_suspended_during_a_move_the_arm_is_held_by_its_board(own_arm: Arm) -> None:
