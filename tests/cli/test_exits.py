@@ -99,6 +99,13 @@ def test_sigterm_and_sighup_end_like_ctrl_c(number: signal.Signals) -> None:
         signal.signal(number, before)
 
 
+def test_a_node_ends_like_ctrl_c_and_a_second_signal_ends_what_is_left_of_it() -> None:
+    code = "import signal; from hexwire.cli.exits import run_node; raise_ = signal.raise_signal; "
+    code += "print(run_node(lambda: raise_(signal.SIGTERM)), flush=True); raise_(signal.SIGINT); print('goes on')"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, "130\n", "")
+
+
 def test_a_signal_that_nohup_ignores_stays_ignored() -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:

@@ -16,8 +16,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
+from tests.link.far_ends import free_port
 from tests.ros1.ros_world import PATIENCE, Program, PtyBoard, near, still, until
-from tests.ros2.world import Router, free_port
+from tests.ros2.world import Router
 
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.ros2.distributions import Distribution

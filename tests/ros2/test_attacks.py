@@ -14,8 +14,9 @@ from typing import Any
 import pytest
 import zenoh
 from tests.fleet.eventually import eventually, hexwire_program
+from tests.link.far_ends import free_port
 from tests.ros2.tiny_types import HASH, Text, TextType, TinyTypes
-from tests.ros2.world import Router, free_port
+from tests.ros2.world import Router
 
 from hexwire.ros2 import node as node_module
 from hexwire.ros2.attachment import Attachment

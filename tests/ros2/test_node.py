@@ -6,8 +6,9 @@ from typing import Any
 
 import pytest
 from tests.fleet.eventually import eventually
+from tests.link.far_ends import free_port
 from tests.ros2.tiny_types import HASH, Text, TinyTypes
-from tests.ros2.world import Router, free_port
+from tests.ros2.world import Router
 
 from hexwire.errors import LinkClosedError
 from hexwire.ros2.distributions import Distribution

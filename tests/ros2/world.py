@@ -3,16 +3,10 @@
 from __future__ import annotations
 
 import json
-import socket
 from typing import Any
 
 import zenoh
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+from tests.link.far_ends import free_port
 
 
 class Router:

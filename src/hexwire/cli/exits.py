@@ -36,6 +36,7 @@ __all__ = [
     "fill_standard_streams",
     "note",
     "run",
+    "run_node",
     "shielded",
     "show_more",
     "speak",
@@ -83,6 +84,16 @@ def run(call: Callable[[], object]) -> int:
         _say("error", f"{what}{error.strerror or error}")
         return DEVICE
     return result if isinstance(result, int) else OK
+
+
+def run_node(call: Callable[[], object]) -> int:
+    """As `run`, for a ROS node: SIGTERM and SIGHUP end it like Ctrl-C, and a second signal ends it at once."""
+    ends_like_ctrl_c()
+    status = run(call)
+    # The arm is safe. A second Ctrl-C ends the rest, such as ROS's own shutdown, without a traceback.
+    for number in (signal.SIGINT, *END_SIGNALS):
+        signal.signal(number, signal.SIG_DFL)
+    return status
 
 
 def note(text: str) -> None:

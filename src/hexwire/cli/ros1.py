@@ -9,15 +9,13 @@ from __future__ import annotations
 import os
 import shlex
 import shutil
-import signal
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from hexwire.errors import UsageError
-from hexwire.system import END_SIGNALS
 
-from .exits import ends_like_ctrl_c, run
+from .exits import run_node
 from .output import say, say_document
 from .parameter_table import table
 
@@ -64,12 +62,7 @@ With several controllers, state, command, query_state and follow_joint_trajector
 
 def main() -> None:
     """Entry point of the program."""
-    ends_like_ctrl_c()
-    status = run(lambda: _main(sys.argv[1:]))
-    # The arm is safe. A second Ctrl-C ends ROS's own shutdown without a traceback.
-    for number in (signal.SIGINT, *END_SIGNALS):
-        signal.signal(number, signal.SIG_DFL)
-    sys.exit(status)
+    sys.exit(run_node(lambda: _main(sys.argv[1:])))
 
 
 def package_path() -> Path:

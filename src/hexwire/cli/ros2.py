@@ -7,15 +7,13 @@ loads it only to start it.
 from __future__ import annotations
 
 import os
-import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from hexwire.errors import UsageError
-from hexwire.system import END_SIGNALS
 
-from .exits import ends_like_ctrl_c, run
+from .exits import run_node
 from .output import say_document
 from .parameter_table import table
 
@@ -81,12 +79,7 @@ _TABLES = {
 
 def main() -> None:
     """Entry point of the program."""
-    ends_like_ctrl_c()
-    status = run(lambda: _main(sys.argv[1:]))
-    # The arm is safe. A second Ctrl-C ends the rest without a traceback.
-    for number in (signal.SIGINT, *END_SIGNALS):
-        signal.signal(number, signal.SIG_DFL)
-    sys.exit(status)
+    sys.exit(run_node(lambda: _main(sys.argv[1:])))
 
 
 def _main(args: Sequence[str]) -> int | None:
