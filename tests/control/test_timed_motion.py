@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import math
 from typing import Any
 
 import pytest
-from tests.control.test_motions import Bench, Watched, rest_to_rest
+from tests.control.test_motions import Bench, Watched
+from tests.motion.arms import rest_to_rest
 
 from hexwire.control.motions import MotionOptions, MotionResult, run_motion
 from hexwire.drivers.timed_path import PathState
 from hexwire.errors import StoppedError
 from hexwire.model.state import JointState, JointTarget
-from hexwire.motion.waypoints import Trajectory
+from hexwire.motion.waypoints import Spline, Trajectory, Waypoint
 from hexwire.wire.commands import LimitRow
 
 
@@ -219,3 +221,88 @@ def test_where_the_board_refuses_a_path_targets_are_sent(caplog: pytest.LogCaptu
     assert "one by one" in caplog.text
     assert not result.timed
     assert bench.targets
+
+
+def straight(bench: Timed, rows: list[tuple[float, float]]) -> Spline:
+    """Straight lines of J4 through angles beside its position."""
+    here = bench.at()
+    return Spline(("J4",), [Waypoint(t, (here + x,)) for t, x in rows])
+
+
+def test_a_motion_at_its_speed_limit_is_followed_by_the_board() -> None:
+    # The path check allows a thousandth more, for rounding.
+    for seconds in (0.3003, 0.30077, 0.317777):
+        bench = Timed()
+        most = bench.robot.model.joint("J4").max_speed * 1.0005
+        rows = [(seconds * i / 7, most * seconds * i / 7) for i in range(8)]
+        result = bench.run(straight(bench, rows))
+        assert result.arrived
+        assert result.timed
+
+
+def test_a_duration_between_two_ticks_is_possible() -> None:
+    bench = Timed()
+    assert bench.run(bench.way(seconds=1.00003)).arrived
+
+
+def test_where_the_board_refuses_a_later_point_the_arm_is_at_rest_at_the_end() -> None:
+    bench = Timed()
+    limits = list(bench.robot.limits())
+    slow = LimitRow(limits[3].minimum, limits[3].maximum, 100)
+    bench.robot.store_limits([slow if i == 3 else row for i, row in enumerate(limits)])
+    result = bench.run(straight(bench, [(0.0, 0.0), (3.0, 0.05), (3.5, 0.5), (6.0, 0.6)]))
+    assert not result.arrived
+    assert result.stopped is not None
+    assert "bad range" in result.why
+    assert bench.state is PathState.ABORTED
+    place = bench.at()
+    bench.arm.wait(4.0)
+    assert bench.at() == pytest.approx(place, abs=0.002)
+
+
+def test_an_interrupt_while_the_start_is_under_way_stops_the_arm() -> None:
+    bench = Timed()
+    way, path = bench.way(), bench.robot.path
+
+    def interrupted(*given: Any, **rest: Any) -> Any:
+        begun = path(*given, **rest)
+        start = begun.start
+
+        def lost(at: float | None = None) -> None:
+            start(at)
+            raise KeyboardInterrupt
+
+        begun.start = lost  # type: ignore[method-assign, assignment]
+        return begun
+
+    bench.robot.path = interrupted  # type: ignore[method-assign]
+    with pytest.raises(KeyboardInterrupt):
+        bench.run(way)
+    bench.arm.wait(2.0)
+    assert bench.arm.board.state.stopped
+    assert bench.at() == pytest.approx(way.start[0], abs=0.02)
+
+
+def test_a_motion_that_begins_beside_the_arm_is_blended_in() -> None:
+    bench = Timed()
+    here, beside = bench.at(), math.radians(5.0)
+    seen: list[tuple[float, float]] = []
+    way = rest_to_rest(("J4",), (here + beside,), (here + beside + 0.3,), 2.0)
+    result = bench.run(way, lambda state: seen.append((state.stamp, state["J4"].position)))
+    assert result.arrived
+    fastest = max((b - a) / (t - s) for (s, a), (t, b) in itertools.pairwise(seen))
+    # All at once, it would be above 70 deg/s.
+    assert fastest < math.radians(50.0)
+
+
+def test_a_stop_that_another_program_has_already_cleared_ends_it() -> None:
+    bench = Timed()
+    board = bench.arm.board.trajectory
+
+    def stop() -> None:
+        board.stop()
+
+    began = bench.arm.clock.time
+    result = bench.run(bench.way(seconds=6.0, by=0.1), bench.after(0.5, stop))
+    assert result.stopped is not None
+    assert bench.arm.clock.time - began < 2.0

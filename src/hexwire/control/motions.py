@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from hexwire.errors import ServoError, StoppedError, UsageError
+from hexwire.errors import HexwireError, ServoError, StoppedError, UsageError
 from hexwire.model.state import JointTarget, SentTarget
 from hexwire.motion.joined import Joined
 from hexwire.motion.limits import check_target
 from hexwire.motion.safety import SafetyLimits, StopReason, board_stop
-from hexwire.motion.waypoints import Trajectory
+from hexwire.motion.waypoints import Blend, Spline, Trajectory, Waypoint
 
 from .arrival import Deviation, Tolerance
 from .controller import TrajectoryController
@@ -47,6 +47,10 @@ Until = Callable[["JointState"], bool | JointTarget | None]
 
 _LOOK = 0.1
 """Seconds between two states that show whether a joint is moving."""
+_APART = math.radians(0.4)
+"""A trajectory that begins further from the arm than this, more than a few counts, is blended in."""
+_BLEND = 0.3
+"""Seconds that this takes."""
 _FLICKER = math.radians(0.2)
 """Two counts: a smaller difference is noise, not motion."""
 
@@ -307,6 +311,16 @@ def _check_target(
     return state
 
 
+def _from_here(trajectory: Trajectory, state: JointState) -> Trajectory:
+    """The trajectory, from the arm's position if that is not its start: a board would jump there."""
+    names = trajectory.names
+    here = tuple(state.positions[name] for name in names)
+    gaps = [abs(a - b) for a, b in zip(here, trajectory.start, strict=True)]
+    if not _APART < max(gaps) < math.inf:
+        return trajectory
+    return Blend(Spline(names, [Waypoint(0.0, here)]), 0.0, trajectory, min(_BLEND, trajectory.duration))
+
+
 def _run_path(
     robot: RobotDriver,
     path: CheckedPath,
@@ -337,7 +351,9 @@ def _run_path(
         feed = None
         if robot.times_motion and not options.host_timed and owner.group.reason is None:
             whole = legs[0] if len(legs) == 1 else Joined(legs)
-            if (feed := begin_feed(robot, whole, asked, outlives=options.outlives)) is not None:
+            whole = _from_here(whole, owner.newest())
+            feed = begin_feed(robot, whole, asked, outlives=options.outlives, stop_on_failure=safe is None)
+            if feed is not None:
                 legs = (whole,)
                 owner.group.members = (Watched(controller),)
         for leg in legs:
@@ -353,9 +369,16 @@ def _run_path(
             arrived = waiter.end is not None and waiter.end.outcome is Outcome.SUCCEEDED
             if not arrived:
                 break
-        if end:
-            if feed is not None:
+        if feed is not None and (end or not arrived):
+            # Whatever ended the motion: this program must not leave, and disarm the watchdog, while joints move.
+            try:
                 feed.end(owner.turn)
+            except BaseException:
+                if safe is None:
+                    with suppress(HexwireError):
+                        robot.stop()
+                raise
+        if end:
             reason = _end_at(owner, end, names, asked)
         controller.hold("it is over")
         seconds = sum(leg.duration for leg in path.legs) + options.grace

@@ -9,13 +9,14 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from hexwire.drivers.timed_path import PathState, TimedPath, TimedPoint
-from hexwire.errors import CommandRefusedError, DeviceError, PreemptedError, StoppedError
+from hexwire.errors import CommandRefusedError, DeviceError, HexwireError, PreemptedError, StoppedError, UsageError
 from hexwire.model.state import JointTarget
 from hexwire.motion.path_points import path_points
-from hexwire.motion.safety import STOP_COMMAND, StopReason
+from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -57,6 +58,7 @@ class PathFeed:
 
     Attributes:
         start: When it starts; set by `begin`.
+        ordered: The start was sent, so that the robot may move, whether or not it has answered.
     """
 
     start: PathStart
@@ -73,12 +75,14 @@ class PathFeed:
         self._complete = False
         self._looked = -math.inf
         self._over = False
+        self.ordered = False
 
     def begin(self) -> None:
         """Send the first points, and start.
 
         Raises:
             CommandRefusedError: The robot refuses the points or the start; nothing moves.
+            LimitError: The points are beyond limits; nothing moves.
             HexwireError: As `TimedPath`.
         """
         robot, trajectory = self._robot, self._trajectory
@@ -88,7 +92,12 @@ class PathFeed:
         error = [robot.model.joint(name).scale / 2.0 for name in trajectory.names]
         self._points = self._make_points(error)
         self._send(min(_FIRST, path.capacity))
-        self.start = path.start()
+        self.ordered = True
+        try:
+            self.start = path.start()
+        except CommandRefusedError:
+            self.ordered = False
+            raise
 
     def until(self, owner: RobotOwner, over: Callable[[], bool]) -> Callable[[], bool]:
         """A function that feeds the robot, and says whether the motion is over.
@@ -114,6 +123,9 @@ class PathFeed:
         try:
             report = path.report()
             self._over = report.state is PathState.DONE
+            if report.state is PathState.STOPPED:
+                # Perhaps resumed since: then no state says so any more.
+                return board_stop(self._robot.read()) or StopReason("board", STOP_COMMAND)
             if (why := _WHY.get(report.state)) is not None:
                 return StopReason("board", why)
             if not self._complete and report.state is PathState.RUNNING:
@@ -121,8 +133,10 @@ class PathFeed:
         except (StoppedError, PreemptedError):
             return StopReason("board", STOP_COMMAND)
         except CommandRefusedError as error:
-            # It ended while the points were on their way.
+            # It ended while the points were on their way; or the rest is beyond the robot's own limits.
             return StopReason("board", _WHY.get(path.report().state, str(error)))
+        except UsageError as error:
+            return StopReason("board", str(error))
         return None
 
     def end(self, wait: Callable[[], object]) -> None:
@@ -138,7 +152,13 @@ class PathFeed:
         path = self._path
         if path is None or self._over:
             return
-        path.abort()
+        if path.report().state.over:
+            return
+        try:
+            path.abort()
+        except CommandRefusedError:
+            if not path.report().state.over:
+                raise
         deadline = self._robot.now() + _REST
         while not path.report().state.over:
             if self._robot.now() > deadline:
@@ -147,8 +167,14 @@ class PathFeed:
 
     def _make_points(self, error: Sequence[float]) -> Iterator[TimedPoint]:
         places = self._places
+        # An optimal motion runs at its limit, and may be above it by a rounding error.
+        most = [self._robot.model.joint(name).max_speed for name in self._trajectory.names]
         for t, (position, velocity, _) in path_points(self._trajectory, error):
-            yield TimedPoint(t, tuple([position[i] for i in places]), tuple([velocity[i] for i in places]))
+            yield TimedPoint(
+                t,
+                tuple([position[i] for i in places]),
+                tuple([max(-most[i], min(most[i], velocity[i])) for i in places]),
+            )
 
     def _send(self, most: int) -> None:
         assert self._path is not None
@@ -162,7 +188,9 @@ class PathFeed:
         self._complete = last and not waiting
 
 
-def begin_feed(robot: RobotDriver, trajectory: Trajectory, asked: Token, *, outlives: bool) -> PathFeed | None:
+def begin_feed(
+    robot: RobotDriver, trajectory: Trajectory, asked: Token, *, outlives: bool, stop_on_failure: bool = True
+) -> PathFeed | None:
     """Have a robot follow a trajectory in its own time.
 
     Args:
@@ -170,6 +198,7 @@ def begin_feed(robot: RobotDriver, trajectory: Trajectory, asked: Token, *, outl
         trajectory: Checked.
         asked: When it was asked for; a stop since then voids it.
         outlives: As in `RobotDriver.path`.
+        stop_on_failure: Stop the arm if it may have started, although this fails.
 
     Returns:
         What feeds the robot from now on; None if it refuses the trajectory, and nothing moves.
@@ -183,12 +212,18 @@ def begin_feed(robot: RobotDriver, trajectory: Trajectory, asked: Token, *, outl
     try:
         with robot.epochs.using(asked):
             feed.begin()
-    except StoppedError:
+    except (StoppedError, PreemptedError):
         raise
-    except CommandRefusedError as error:
+    except (CommandRefusedError, UsageError) as error:
         # Its limits may be tighter than the model's: targets one by one are clamped and given more time there.
         _log.info("the targets are sent one by one: %s", error)
         return None
+    except BaseException:
+        # Without an answer it may have started, and no controller knows of it yet.
+        if feed.ordered and stop_on_failure:
+            with suppress(HexwireError):
+                robot.stop()
+        raise
     return feed
 
 
