@@ -64,6 +64,17 @@ def test_torque_off_is_never_void() -> None:
     assert bench.ask(lambda: bench.arm.enable(False, asked)) == "torque is off"
 
 
+def test_what_gets_its_mark_only_after_the_stop_can_be_voided_too() -> None:
+    bench = make_bench()
+    bench.ask(lambda: bench.arm.stop("by the test"))
+    asked = bench.arm.mark()
+    bench.arm.void()
+    bench.ask(lambda: bench.arm.reset(bench.arm.mark()))
+    with pytest.raises(GoalError, match="was stopped since"):
+        bench.arm.command("", order((1.0, {"J1": J1 + 0.3})), asked=asked)
+    assert not bench.controller.busy
+
+
 def test_an_earlier_reset_does_not_end_a_later_stop() -> None:
     bench = make_bench()
     asked = bench.arm.mark()

@@ -86,6 +86,28 @@ def test_a_frozen_node_delays_neither_messages_nor_answers_to_others(
         reader.join()
 
 
+def test_an_urgent_service_does_not_wait_for_another_callback(make_node: Callable[..., Node]) -> None:
+    server, client = make_node("server"), make_node("client")
+    begun, go_on = threading.Event(), threading.Event()
+
+    def slow(message: Text, sent: int) -> None:
+        begun.set()
+        go_on.wait(60.0)
+
+    server.subscribe("chatter", STRING, DEFAULT, slow)
+    server.service("echo", ECHO, lambda request: request, urgent=True)
+    publisher, asking = client.publisher("chatter", STRING), client.client("echo", ECHO)
+    eventually(publisher.subscriber_count)
+    assert asking.wait_for_service(30.0)
+    publisher.publish(Text("x"))
+    assert begun.wait(30.0)
+    try:
+        assert asking.call(Text("at once"), 30.0) == Text("at once")
+        assert not go_on.is_set()
+    finally:
+        go_on.set()
+
+
 def test_a_frozen_node_does_not_hold_up_what_follows_the_end_of_this_one(
     make_node: Callable[..., Node], router: Router, monkeypatch: pytest.MonkeyPatch
 ) -> None:

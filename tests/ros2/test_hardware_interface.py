@@ -201,6 +201,43 @@ def test_a_stop_is_latched_until_a_reset_that_moves_nothing(arm: Arm) -> None:
     assert near(stood, still(lambda: arm.board.positions), 0.01)
 
 
+def long_trajectories(arm: Arm, count: int, points: int) -> None:
+    """All at once; each moves J1 far."""
+    target = aside(arm, 0.8)
+    rows = [(1.0 + i / points, {"J1": target}) for i in range(points)]
+    message = arm.trajectory(*rows)
+    topic, kind = f"/{CONTROLLER}/joint_trajectory", "trajectory_msgs/msg/JointTrajectory"
+    publisher = arm.peer.node.publisher(topic, kind)
+    until(publisher.subscriber_count, "somebody subscribes", arm.node.report)
+    payload = publisher.type.serialize(message)
+    for _ in range(count):
+        publisher.publish_serialized(payload)
+
+
+def test_a_stop_does_not_wait_until_long_messages_are_read(arm: Arm) -> None:
+    query = f"/{CONTROLLER}/query_state", "control_msgs/srv/QueryTrajectoryState"
+    arm.peer.call(*query)
+    arm.trigger("stop")
+    long_trajectories(arm, 8, 100_000)
+    answers: list[Any] = []
+    behind = threading.Thread(target=lambda: answers.append(arm.peer.call(*query)))
+    behind.start()
+    arm.trigger("stop")
+    assert not answers, "what comes after the trajectories is not yet answered"
+    behind.join()
+    assert answers
+
+
+def test_a_stop_voids_what_was_sent_before_it_and_is_read_after_it(arm: Arm) -> None:
+    before = arm.board.positions
+    long_trajectories(arm, 8, 9_000)
+    arm.trigger("stop")
+    arm.trigger("reset")
+    time.sleep(3.0)
+    assert near(before, still(lambda: arm.board.positions), 0.1), "before the stop it may have begun"
+    assert not near(before, {"J1": before["J1"] - math.copysign(0.8, before["J1"])}, 0.5)
+
+
 def test_a_pose_is_answered_on_arrival(arm: Arm) -> None:
     arm.send((1.0, {"J1": aside(arm, 0.3)}))
     still(lambda: arm.board.positions)

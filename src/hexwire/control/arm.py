@@ -136,6 +136,10 @@ class Arm:
         """A mark of now, for requests that are carried out later: a stop voids those with an earlier mark."""
         return self.owner.group.stops
 
+    def void(self) -> None:
+        """Void what has been asked for: a stop went ahead of requests that had not got their `mark` yet."""
+        self.owner.group.void()
+
     def adopt(self, settings: Settings) -> None:
         """Use changed settings, as `settings_reader.reread` makes them; a goal that is followed keeps its own."""
         with self.owner.locked():

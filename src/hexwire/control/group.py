@@ -173,6 +173,11 @@ class ControllerGroup:
             self._forget()
         self.deliver()
 
+    def void(self) -> None:
+        """Count a stop that has been carried out already, so that it voids what was asked for since."""
+        with self.lock:
+            self.stops += 1
+
     def deliver(self) -> None:
         """Notify the listeners of ended goals; without the lock, since a listener may take other locks."""
         with self.lock:

@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from hexwire.model.state import JointState
     from hexwire.motion.teach import Taught
 
+    from .callbacks import Inbox
     from .node import NodeOptions, Publisher
     from .settings import NodeSettings
 
@@ -76,6 +77,8 @@ _TRAJECTORIES = 10
 """Trajectories that may wait for their path check."""
 _MOST_CALLS = 16
 """Services that may be at work at the same time."""
+_MOST_PASSED = 1000
+"""Stops that have gone ahead of what still waits."""
 _NEWEST = Qos(depth=1)
 _CLOSE_WAIT = 1.0
 
@@ -98,6 +101,7 @@ class HardwareInterface:
         self._goals = ActionGoals(self._arm, types.action(FOLLOW_JOINT_TRAJECTORY).result)
         self._commands = SetPointStream(self._arm)
         self._trajectories = Worker("trajectories", _TRAJECTORIES)
+        self._passed: Inbox[None] = self._node.callbacks.inbox(_MOST_PASSED, lambda _: self._arm.void())
         self._calls = threading.BoundedSemaphore(_MOST_CALLS)
         self._states: dict[str, Publisher] = {}
         self._shutdown = Shutdown(_LONGEST_SHUTDOWN)
@@ -269,10 +273,12 @@ class HardwareInterface:
         for name, call in calls.items():
             node.service(name, TRIGGER, partial(self._on_trigger, call))
         node.service("~/enable", SWITCH, self._on_enable)
-        node.service("~/stop", TRIGGER, self._on_stop)
+        node.service("~/stop", TRIGGER, self._on_stop, urgent=True)
 
     def _on_stop(self, request: Any) -> Deferred:
         response = self._types.service(TRIGGER).response
+        # What arrived before it may still wait to be read.
+        self._passed.put(None)
         return self._answer_later(response, lambda: self._arm.stop("requested by service"))
 
     def _on_trigger(self, call: Callable[[int], str], request: Any) -> Any:

@@ -96,6 +96,7 @@ class Node:
         self.namespace, self.name = remap_node(options.namespace, options.name, options.remaps)
         self.graph = Graph()
         self.callbacks = Callbacks(self.name)
+        self._urgent = Callbacks(f"{self.name}, urgent")
         self.log = logging.getLogger(f"{__name__}.{self.full_name.strip('/').replace('/', '.')}")
         self._lock = threading.Lock()
         self._limiter = LogLimiter()
@@ -131,6 +132,7 @@ class Node:
         settings = self.options.zenoh
         self._session = session = settings.open(self._miss_router)
         self.callbacks.start()
+        self._urgent.start()
         watch = session.watch_tokens(graph_pattern(self.options.domain), self._changed)
         self._end = [self.show(self._endpoint(Role.NODE)), watch]
         if self.options.rosout:
@@ -168,6 +170,7 @@ class Node:
         token()
         watch()
         self.callbacks.stop()
+        self._urgent.stop()
         session.close()
 
     def __enter__(self) -> Node:
@@ -216,7 +219,15 @@ class Node:
         endpoint = self._endpoint(Role.SUBSCRIPTION, self.resolve(topic), message, qos)
         return self._add(Subscription(self, endpoint, message, self._open_session, callback))
 
-    def service(self, name: str, type_name: str, callback: Callable[[Any], Any], qos: Qos = SERVICES) -> Service:
+    def service(
+        self,
+        name: str,
+        type_name: str,
+        callback: Callable[[Any], Any],
+        qos: Qos = SERVICES,
+        *,
+        urgent: bool = False,
+    ) -> Service:
         """Declare a service; otherwise as `publisher`.
 
         Args:
@@ -224,10 +235,12 @@ class Node:
             type_name: As in ``std_srvs/srv/Trigger``.
             callback: Gets each request, and returns the response or a `Deferred`. It must not wait long.
             qos: Its quality of service.
+            urgent: It does not wait for what arrived earlier: reading a long message takes seconds.
         """
         service = self.types.service(type_name)
         endpoint = self._endpoint(Role.SERVICE, self.resolve(name, Kind.SERVICE), service, qos)
-        return self._add(Service(self, endpoint, service, self._open_session, callback))
+        callbacks = self._urgent if urgent else self.callbacks
+        return self._add(Service(self, endpoint, service, self._open_session, callback, callbacks))
 
     def client(self, name: str, type_name: str, qos: Qos = SERVICES) -> Client:
         """Declare a client of a service; otherwise as `publisher`."""

@@ -14,6 +14,7 @@ from typing import Any
 from hexwire.errors import LinkTimeoutError, ProtocolError, RemoteProtocolError
 
 from .attachment import Attachment
+from .callbacks import Callbacks
 from .keys import Endpoint, Role
 from .parts import Owner, Part, ServiceCodec
 from .zenoh_session import Request, Session
@@ -73,14 +74,15 @@ class Service(Part):
         service: ServiceCodec,
         session: Session,
         callback: Callable[[Any], Any],
+        callbacks: Callbacks,
     ) -> None:
         super().__init__(owner, endpoint)
-        self.type, self._callback = service, callback
+        self.type, self._callback, self._callbacks = service, callback, callbacks
         self.malformed = 0
         self._lock = threading.Lock()
         self._pending: dict[tuple[bytes, int], Request] = {}
-        self._inbox = owner.callbacks.inbox(max(_BURST, self.qos.depth), self._handle)
-        self._answers = owner.callbacks.inbox(_MOST_PENDING, self._reply)
+        self._inbox = callbacks.inbox(max(_BURST, self.qos.depth), self._handle)
+        self._answers = callbacks.inbox(_MOST_PENDING, self._reply)
         self._begin(session.answer(endpoint.key, self._asked))
 
     @property
@@ -152,7 +154,7 @@ class Service(Part):
             raise
         beside = Attachment(attachment.sequence, time.time_ns(), attachment.gid)
         answer = request, payload, beside.serialize()
-        if self._owner.callbacks.is_current:
+        if self._callbacks.is_current:
             self._reply(answer)
         else:
             # Whoever decides an answer must not wait for a client that takes nothing.
@@ -160,7 +162,7 @@ class Service(Part):
 
     def _reply(self, answer: tuple[Request, bytes, bytes]) -> None:
         request, payload, beside = answer
-        with self._owner.callbacks.may_hang():
+        with self._callbacks.may_hang():
             request.reply(payload, beside)
 
 
