@@ -334,9 +334,13 @@ def test_the_life_cycle_says_whether_the_arm_can_move(arm: Arm) -> None:
     until(lambda: label() == "active", "it is active", arm.node.report)
     assert change(4)
     until(lambda: label() == "inactive", "it is inactive", arm.node.report)
-    assert not change(3), "a stop is latched"
-    arm.trigger("reset")
+    assert change(3), "it ends the stop of deactivate"
     until(lambda: label() == "active", "it is active again", arm.node.report)
+    arm.trigger("stop")
+    until(lambda: label() == "inactive", "it is stopped", arm.node.report)
+    assert not change(3), "it does not end another stop"
+    arm.trigger("reset")
+    until(lambda: label() == "active", "it is active once more", arm.node.report)
     arm.enable(False)
     until(lambda: label() == "inactive", "it has no torque", arm.node.report)
     assert change(3)
