@@ -250,7 +250,15 @@ class Checks:
         with tempfile.TemporaryDirectory() as folder:
             path = str(Path(folder) / "bag")
             self.ros2.run(
-                "bag", "record", "-s", "mcap", "-o", path, self.name("joint_states"), seconds=self.seconds + 3.0
+                "bag",
+                "record",
+                "-s",
+                "mcap",
+                "-o",
+                path,
+                "--topics",
+                self.name("joint_states"),
+                seconds=self.seconds + 3.0,
             )
             said = self.ros2.run("bag", "info", path)
         found = re.search(r"Messages:\s+(\d+)", said)
