@@ -306,3 +306,24 @@ def test_a_stop_that_another_program_has_already_cleared_ends_it() -> None:
     result = bench.run(bench.way(seconds=6.0, by=0.1), bench.after(0.5, stop))
     assert result.stopped is not None
     assert bench.arm.clock.time - began < 2.0
+
+
+def test_a_board_whose_clock_is_slow_is_watched_in_its_own_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    # 5 percent over 16 s count as much as a resonator's 0.5 percent over some minutes.
+    monkeypatch.setattr("hexwire.emulator.board_path.POINT_TIME", 1.05e-4)
+    bench = Timed()
+    here, rest = bench.at(), (0.0,)
+    rows = [Waypoint(0.8 * i, (here + (0.7 if i % 2 else 0.0),), rest) for i in range(21)]
+    result = bench.run(Spline(("J4",), rows))
+    assert result.arrived, result.why
+    assert bench.state is PathState.DONE
+
+
+def test_the_board_is_done_when_the_call_returns(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Behind the program's clock, and near enough to have arrived: another motion would be refused.
+    monkeypatch.setattr("hexwire.emulator.board_path.POINT_TIME", 1.2e-4)
+    bench = Timed()
+    for i in range(6):
+        by = -0.3 if i % 2 else 0.3
+        assert bench.run(bench.way(by=by, seconds=0.5 + 0.013 * i), tolerance=math.radians(20.0)).arrived
+        assert bench.state is PathState.DONE

@@ -365,14 +365,16 @@ def _run_path(
             with owner.locked():
                 begins = owner.now() if feed is None else feed.start.time
                 controller.follow(leg, owner.newest(), begins, listener=waiter, tolerances=tolerances)
-            end = _turn_until(owner, waiter.is_over if feed is None else feed.until(owner, waiter.is_over), until)
+            over = waiter.is_over if feed is None else feed.until(owner, controller, waiter.is_over)
+            end = _turn_until(owner, over, until)
             arrived = waiter.end is not None and waiter.end.outcome is Outcome.SUCCEEDED
             if not arrived:
                 break
-        if feed is not None and (end or not arrived):
+        if feed is not None:
             # Whatever ended the motion: this program must not leave, and disarm the watchdog, while joints move.
+            # And another motion would be refused until this one is over.
             try:
-                feed.end(owner.turn)
+                feed.end(owner.turn, abort=bool(end) or not arrived)
             except BaseException:
                 if safe is None:
                     with suppress(HexwireError):

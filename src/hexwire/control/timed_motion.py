@@ -72,6 +72,8 @@ class PathFeed:
         self._places: list[int] = []
         self._points: Iterator[TimedPoint] = iter(())
         self._waiting: list[TimedPoint] = []
+        # Of all points, by index.
+        self._times: list[float] = []
         self._complete = False
         self._looked = -math.inf
         self._over = False
@@ -99,29 +101,37 @@ class PathFeed:
             self.ordered = False
             raise
 
-    def until(self, owner: RobotOwner, over: Callable[[], bool]) -> Callable[[], bool]:
+    def until(
+        self, owner: RobotOwner, watched: TrajectoryController, over: Callable[[], bool]
+    ) -> Callable[[], bool]:
         """A function that feeds the robot, and says whether the motion is over.
 
         Args:
             owner: Of the robot; its controllers are stopped if the robot does not follow the path any more.
+            watched: Follows the same trajectory; it is kept to the time of the robot, whose clock drifts.
             over: Whether they are done.
         """
 
         def is_over() -> bool:
-            if not over() and (found := self._turn(owner.now())) is not None:
+            if not over() and (found := self._turn(owner, watched)) is not None:
                 owner.group.stop(found)
             return over()
 
         return is_over
 
-    def _turn(self, now: float) -> StopReason | None:
+    def _turn(self, owner: RobotOwner, watched: TrajectoryController) -> StopReason | None:
         """Send the next points if there is room, and see where the robot is; why it does not follow, or None."""
-        path = self._path
+        path, now = self._path, owner.now()
         if path is None or self._over or (self._complete and now - self._looked < _LOOK):
             return None
         self._looked = now
         try:
             report = path.report()
+            if report.state is PathState.RUNNING and report.towards > 0:
+                # Where it was between request and reply; its targets are ahead by the lead.
+                first, last = self._times[report.towards - 1], self._times[report.towards]
+                with owner.locked():
+                    watched.follower.keep_start(now - last, owner.now() - first + path.lead)
             self._over = report.state is PathState.DONE
             if report.state is PathState.STOPPED:
                 # Perhaps resumed since: then no state says so any more.
@@ -139,11 +149,12 @@ class PathFeed:
             return StopReason("board", str(error))
         return None
 
-    def end(self, wait: Callable[[], object]) -> None:
-        """Bring the joints to rest on the path, and wait until they are.
+    def end(self, wait: Callable[[], object], *, abort: bool) -> None:
+        """Wait until the joints are at rest on the path.
 
         Args:
             wait: Waits for a moment.
+            abort: Bring them to rest; otherwise the path is known to be at its end.
 
         Raises:
             DeviceError: They do not come to rest.
@@ -154,11 +165,12 @@ class PathFeed:
             return
         if path.report().state.over:
             return
-        try:
-            path.abort()
-        except CommandRefusedError:
-            if not path.report().state.over:
-                raise
+        if abort:
+            try:
+                path.abort()
+            except CommandRefusedError:
+                if not path.report().state.over:
+                    raise
         deadline = self._robot.now() + _REST
         while not path.report().state.over:
             if self._robot.now() > deadline:
@@ -170,6 +182,7 @@ class PathFeed:
         # An optimal motion runs at its limit, and may be above it by a rounding error.
         most = [self._robot.model.joint(name).max_speed for name in self._trajectory.names]
         for t, (position, velocity, _) in path_points(self._trajectory, error):
+            self._times.append(t)
             yield TimedPoint(
                 t,
                 tuple([position[i] for i in places]),

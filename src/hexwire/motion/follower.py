@@ -239,6 +239,11 @@ class Follower:
             return 0.0
         return max(0.0, self._started + self._trajectory.duration - now)
 
+    def keep_start(self, earliest: float, latest: float) -> None:
+        """Move the start of the running trajectory between two times: a robot that keeps the time is there."""
+        if self.mode is Mode.TRAJECTORY:
+            self._started = max(earliest, min(latest, self._started))
+
     def ahead(self, when: float) -> Trajectory | None:
         """The rest of the running trajectory at a time, or None."""
         return None if self._trajectory is None else Tail(self._trajectory, when - self._started)
