@@ -13,6 +13,7 @@ constexpr uint8_t kNear = 64;             // most counts between a joint and the
 constexpr uint16_t kMostSilentMs = 150;   // a joint that does not answer for so long ends the trajectory
 constexpr uint32_t kMostGapUs = 18000;    // the next targets are sent then, although a polling cycle has not ended
 constexpr int32_t kFreeBeforeUs = 6000;   // the servo line is kept free for so long before a start
+constexpr uint8_t kTurnUs = 160;          // between two packets: until the first is known to be over, and the second begins
 constexpr uint8_t kAllFlags = gen::TRAJECTORY_FLAG_HERMITE | gen::TRAJECTORY_FLAG_OUTLIVES_HOST;
 
 }  // namespace
@@ -171,6 +172,8 @@ bool Board::write_path() {
   if (path_.last_sent || (path_.cycle == poller_.cycles() && since < kMostGapUs)) return false;
   begin_targets(since);
   if (!trajectory_.moving()) return false;
+  // To load a segment may take longer than all the rest, so that is done before time is taken.
+  trajectory_.advance(platform_.micros() + path_.takes_us);
   // As far ahead as computing took the last time.
   const uint32_t begun = platform_.micros();
   aim_path(gen::SERIES_SEVEN_BOT, begun + path_.takes_us);
@@ -180,7 +183,7 @@ bool Board::write_path() {
   const uint32_t now = platform_.micros();
   if (sent) path_.takes_us = static_cast<uint16_t>(now - begun);
   // The second packet is computed while the first is on the line.
-  aim_path(gen::SERIES_HLS, sent ? now + bus_.line_us() : now);
+  aim_path(gen::SERIES_HLS, sent ? now + bus_.line_us() + kTurnUs : now);
   path_.second = true;
   return sent || send_second();
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from tests.bench import bench_firmware as bench
+from tests.bench import bench_path
 
 # The first one builds.
 pytestmark = pytest.mark.timeout(600)
@@ -40,3 +41,13 @@ def test_a_faster_host_line_is_no_limit_any_more() -> None:
     slow, fast = bench.report_rate(115200, everything), bench.report_rate(500000, everything)
     assert slow < 0.85 * BUS_HZ
     assert fast >= 0.9 * BUS_HZ
+
+
+def test_states_and_targets_while_a_trajectory_runs() -> None:
+    assert min(bench_path.path_rate()) >= 0.85 * MOVING_HZ
+
+
+def test_a_trajectorys_targets_come_at_the_time_of_their_positions() -> None:
+    error = bench_path.time_error()
+    assert error.count > 60
+    assert error.p99 <= 0.3e-3

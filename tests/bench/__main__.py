@@ -8,7 +8,7 @@ from pathlib import Path
 from types import ModuleType
 
 _PREFIX = "bench_"
-_SLOW = ("bus", "fleet", "firmware", "ros2")
+_SLOW = ("bus", "fleet", "firmware", "path", "ros2")
 
 
 def main(wanted: list[str]) -> int:
