@@ -68,6 +68,7 @@ def test_a_node_must_be_open_to_publish() -> None:
 
 def test_the_log_of_the_program_is_on_rosout(make_node: Callable[..., Node]) -> None:
     types = Types()
+    before = len(logging.getLogger("hexwire").handlers)
     node = make_node("driver", namespace="/arm", types=types)
     node.log.getChild("goals").warning("before the subscription")
     found: list[Any] = []
@@ -79,13 +80,14 @@ def test_the_log_of_the_program_is_on_rosout(make_node: Callable[..., Node]) -> 
     def seen(text: str) -> list[tuple[int, str]]:
         return [(each.level, each.name) for each in found if each.msg == text]
 
-    eventually(lambda: seen("before the subscription") == [(30, "arm.driver.goals")])
-    eventually(lambda: seen("elsewhere") == [(40, "arm.driver")])
+    # A message may come twice: from the publisher's cache, and as it is published.
+    eventually(lambda: set(seen("before the subscription")) == {(30, "arm.driver.goals")})
+    eventually(lambda: set(seen("elsewhere")) == {(40, "arm.driver")})
     node.close()
     handlers = len(logging.getLogger("hexwire").handlers)
     logging.getLogger("hexwire.control").error("after the end")
     assert not seen("after the end")
-    assert handlers == 0
+    assert handlers == before
 
 
 def test_last_words_are_published(make_node: Callable[..., Node]) -> None:
