@@ -215,10 +215,15 @@ def test_where_the_board_refuses_a_path_targets_are_sent(caplog: pytest.LogCaptu
     limits = list(bench.robot.limits())
     # A tenth of the speed that the motion takes.
     slow = LimitRow(limits[3].minimum, limits[3].maximum, 60)
+    told: list[str] = []
     bench.robot.store_limits([slow if i == 3 else row for i, row in enumerate(limits)])
     with caplog.at_level(logging.INFO, "hexwire.control.timed_motion"):
-        result = bench.run(bench.way(by=math.radians(40.0), seconds=1.0), grace=8.0)
+        watched = Watched()
+        watched.refused = told.append  # type: ignore[method-assign, assignment]
+        way = bench.way(by=math.radians(40.0), seconds=1.0)
+        result = run_motion(bench.robot, way, bench.options(grace=8.0), observer=watched)
     assert "one by one" in caplog.text
+    assert told == ["the board refused TRAJECTORY_POINTS: bad range"]
     assert not result.timed
     assert bench.targets
 
@@ -327,3 +332,13 @@ def test_the_board_is_done_when_the_call_returns(monkeypatch: pytest.MonkeyPatch
         by = -0.3 if i % 2 else 0.3
         assert bench.run(bench.way(by=by, seconds=0.5 + 0.013 * i), tolerance=math.radians(20.0)).arrived
         assert bench.state is PathState.DONE
+
+
+def test_a_slow_program_sends_enough_of_a_motion_with_corners() -> None:
+    rows = [(0.02 * i, 0.2 * math.sin(0.02 * i) + (0.003 if i % 2 else 0.0)) for i in range(300)]
+    rows[0] = (0.0, 0.0)
+    for rate in (20.0, 2.0):
+        bench = Timed()
+        result = bench.run(straight(bench, rows), rate=rate)
+        assert result.arrived, result.why
+        assert result.timed

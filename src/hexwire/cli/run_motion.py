@@ -213,6 +213,9 @@ def _drive(robot: RobotDriver, path: CheckedPath, how: MotionOptions, plot: Moti
         def unwatched(self, seconds: float) -> None:
             unwatched_note(robot, seconds)
 
+        def refused(self, why: str) -> None:
+            note(f"targets are sent one by one, since the board does not follow this path itself: {why}")
+
         def seen(self, state: JointState) -> None:
             draw(state)
 

@@ -97,6 +97,9 @@ class MotionObserver:
     def sent(self, sent: SentTarget) -> None:
         """A target was sent, or its first step."""
 
+    def refused(self, why: str) -> None:
+        """The board does not follow the trajectory in its own time; targets are sent one by one instead."""
+
     def started(self, timing: RateLoop) -> None:
         """The motion starts; `timing` has the timing of its cycles."""
 

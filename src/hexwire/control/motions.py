@@ -352,7 +352,15 @@ def _run_path(
         if robot.times_motion and not options.host_timed and owner.group.reason is None:
             whole = legs[0] if len(legs) == 1 else Joined(legs)
             whole = _from_here(whole, owner.newest())
-            feed = begin_feed(robot, whole, asked, outlives=options.outlives, stop_on_failure=safe is None)
+            feed = begin_feed(
+                robot,
+                whole,
+                asked,
+                outlives=options.outlives,
+                stop_on_failure=safe is None,
+                period=owner.command_period,
+                refused=observer.refused,
+            )
             if feed is not None:
                 legs = (whole,)
                 owner.group.members = (Watched(controller),)

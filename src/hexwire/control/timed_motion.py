@@ -35,6 +35,10 @@ _log = logging.getLogger(__name__)
 
 _FIRST, _NEXT = 24, 12
 """Points that are sent before the start, and at most in one turn after it."""
+_LONGEST, _SHORTEST = 0.05, 0.01
+"""Seconds between two points; further apart where turns are rare."""
+_AHEAD = 2.0
+"""Turns for which the points on the robot must last."""
 _LOOK = 0.1
 """Seconds between two questions where the path is, when all points are sent."""
 _REST = 3.0
@@ -55,6 +59,7 @@ class PathFeed:
         trajectory: Checked.
         brake: As in `RobotDriver.path`.
         outlives: Likewise.
+        period: Seconds between two turns: what is sent in one lasts for several.
 
     Attributes:
         start: When it starts; set by `begin`.
@@ -64,10 +69,17 @@ class PathFeed:
     start: PathStart
 
     def __init__(
-        self, robot: RobotDriver, trajectory: Trajectory, *, brake: float = 0.2, outlives: bool = False
+        self,
+        robot: RobotDriver,
+        trajectory: Trajectory,
+        *,
+        brake: float = 0.2,
+        outlives: bool = False,
+        period: float = 0.05,
     ) -> None:
         self._robot, self._trajectory = robot, trajectory
-        self._brake, self._outlives = brake, outlives
+        self._brake, self._outlives, self._period = brake, outlives, period
+        self._next = _NEXT
         self._path: TimedPath | None = None
         self._places: list[int] = []
         self._points: Iterator[TimedPoint] = iter(())
@@ -92,8 +104,10 @@ class PathFeed:
         self._places = [trajectory.names.index(name) for name in path.joints]
         # Half a count, since the robot rounds to counts anyway.
         error = [robot.model.joint(name).scale / 2.0 for name in trajectory.names]
-        self._points = self._make_points(error)
-        self._send(min(_FIRST, path.capacity))
+        shortest = min(_LONGEST, max(_SHORTEST, _AHEAD * self._period / path.capacity))
+        self._next = max(_NEXT, math.ceil(_AHEAD * self._period / shortest))
+        self._points = self._make_points(error, shortest)
+        self._send(min(max(_FIRST, self._next), path.capacity))
         self.ordered = True
         try:
             self.start = path.start()
@@ -139,7 +153,7 @@ class PathFeed:
             if (why := _WHY.get(report.state)) is not None:
                 return StopReason("board", why)
             if not self._complete and report.state is PathState.RUNNING:
-                self._send(min(report.room, _NEXT))
+                self._send(min(report.room, self._next))
         except (StoppedError, PreemptedError):
             return StopReason("board", STOP_COMMAND)
         except CommandRefusedError as error:
@@ -177,11 +191,11 @@ class PathFeed:
                 raise DeviceError("the board does not end its path")
             wait()
 
-    def _make_points(self, error: Sequence[float]) -> Iterator[TimedPoint]:
+    def _make_points(self, error: Sequence[float], shortest: float) -> Iterator[TimedPoint]:
         places = self._places
         # An optimal motion runs at its limit, and may be above it by a rounding error.
         most = [self._robot.model.joint(name).max_speed for name in self._trajectory.names]
-        for t, (position, velocity, _) in path_points(self._trajectory, error):
+        for t, (position, velocity, _) in path_points(self._trajectory, error, longest=_LONGEST, shortest=shortest):
             self._times.append(t)
             yield TimedPoint(
                 t,
@@ -202,7 +216,14 @@ class PathFeed:
 
 
 def begin_feed(
-    robot: RobotDriver, trajectory: Trajectory, asked: Token, *, outlives: bool, stop_on_failure: bool = True
+    robot: RobotDriver,
+    trajectory: Trajectory,
+    asked: Token,
+    *,
+    outlives: bool,
+    stop_on_failure: bool = True,
+    period: float = 0.05,
+    refused: Callable[[str], object] = lambda why: None,
 ) -> PathFeed | None:
     """Have a robot follow a trajectory in its own time.
 
@@ -212,6 +233,8 @@ def begin_feed(
         asked: When it was asked for; a stop since then voids it.
         outlives: As in `RobotDriver.path`.
         stop_on_failure: Stop the arm if it may have started, although this fails.
+        period: As in `PathFeed`.
+        refused: Called with the reason if it refuses the trajectory.
 
     Returns:
         What feeds the robot from now on; None if it refuses the trajectory, and nothing moves.
@@ -220,7 +243,7 @@ def begin_feed(
         StoppedError: The arm is stopped.
         HexwireError: It does not answer.
     """
-    feed = PathFeed(robot, trajectory, outlives=outlives)
+    feed = PathFeed(robot, trajectory, outlives=outlives, period=period)
     robot.epochs.check(asked, "the motion")
     try:
         with robot.epochs.using(asked):
@@ -230,6 +253,7 @@ def begin_feed(
     except (CommandRefusedError, UsageError) as error:
         # Its limits may be tighter than the model's: targets one by one are clamped and given more time there.
         _log.info("the targets are sent one by one: %s", error)
+        refused(str(error))
         return None
     except BaseException:
         # Without an answer it may have started, and no controller knows of it yet.
