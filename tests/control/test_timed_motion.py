@@ -342,3 +342,14 @@ def test_a_slow_program_sends_enough_of_a_motion_with_corners() -> None:
         result = bench.run(straight(bench, rows), rate=rate)
         assert result.arrived, result.why
         assert result.timed
+
+
+def test_a_reset_of_the_board_ends_it() -> None:
+    bench = Timed()
+    board = bench.arm.board
+    result = bench.run(bench.way(seconds=2.0), bench.after(0.5, lambda: board.reset(bench.arm.clock.time)))
+    assert not result.arrived
+    assert result.stopped is not None
+    place = bench.at()
+    bench.arm.wait(2.0)
+    assert bench.at() == pytest.approx(place, abs=0.002)

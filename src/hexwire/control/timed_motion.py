@@ -177,19 +177,25 @@ class PathFeed:
         path = self._path
         if path is None or self._over:
             return
-        if path.report().state.over:
+        if self._is_at_rest(path):
             return
         if abort:
             try:
                 path.abort()
             except CommandRefusedError:
-                if not path.report().state.over:
+                if not self._is_at_rest(path):
                     raise
         deadline = self._robot.now() + _REST
-        while not path.report().state.over:
+        while not self._is_at_rest(path):
             if self._robot.now() > deadline:
                 raise DeviceError("the board does not end its path")
             wait()
+
+    @staticmethod
+    def _is_at_rest(path: TimedPath) -> bool:
+        """Whether nothing of the path moves any more; so too after a reset, and if another one has replaced it."""
+        state = path.report().state
+        return state.over or state is PathState.NONE
 
     def _make_points(self, error: Sequence[float], shortest: float) -> Iterator[TimedPoint]:
         places = self._places
