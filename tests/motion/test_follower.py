@@ -412,3 +412,25 @@ def test_a_loop_that_is_late_by_a_lead_catches_up_and_beyond_it_slips() -> None:
         angle = sent(follower, now)
         assert follower.counters.slips == slips
         assert angle == pytest.approx(path.at(2 * LEAD if slips else now + LEAD).position[0])
+
+
+def test_a_robot_that_keeps_the_time_is_where_it_was_sent_although_this_loop_is_late() -> None:
+    follower = started()
+    follower.waits = False
+    path = way(J1, J1 + 1.0)
+    follower.follow(path, 0.0)
+    times = [0.05 * i for i in range(12)] + [0.6, 0.95, 1.3, 1.65, 2.0, 2.1]
+    for now in times:
+        here = path.sample(now).position[0]
+        order = follower.cycle(state({"J1": here}, load={"J1": 0.9}), now, LEAD)
+        assert not isinstance(order, StopReason), f"{order} at {now}"
+    assert follower.counters.slips == 0
+
+
+def test_a_jam_is_seen_although_this_loop_is_late() -> None:
+    follower = started()
+    follower.waits = False
+    follower.follow(way(J1, J1 + 1.0), 0.0)
+    times = [0.05 * i for i in range(12)] + [0.6 + 0.1 * i for i in range(15)]
+    orders = [follower.cycle(state({"J1": J1}, load={"J1": 0.7}), now, LEAD) for now in times]
+    assert [order.kind for order in orders if isinstance(order, StopReason)] == ["collision"]

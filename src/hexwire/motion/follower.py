@@ -26,6 +26,8 @@ _STALL = 1.0
 """Delay behind the last command, in leads, from which the loop counts as stalled."""
 _BLEND_STEP = 0.01
 """Seconds between two samples of a blend."""
+_GAP, _LONGEST_GAP = 0.02, 2.0
+"""Seconds between two positions that are recorded for a stall, and the part of a stall for which they are."""
 _INSTANT = 0.05
 """Minimum blend time in seconds for the start check: a trajectory without duration may start slightly off."""
 
@@ -289,6 +291,8 @@ class Follower:
         self._state = state
         if self.mode is Mode.STOPPED:
             return None
+        if not self.waits:
+            self._fill_in(now)
         found = self.guard.judge(state, now)
         if found is not None:
             self.stop(found)
@@ -316,6 +320,16 @@ class Follower:
         """Clamp to the limits: a blend may overshoot both trajectories, or begin at a joint that rests outside."""
         joints = {name: self.arm.joint(name) for name in positions}
         return {n: min(max(angle, joints[n].minimum), joints[n].maximum) for n, angle in positions.items()}
+
+    def _fill_in(self, now: float) -> None:
+        """Record where a robot that keeps the time itself was sent during a stall of this loop."""
+        trajectory = self._trajectory
+        if self.mode is not Mode.TRAJECTORY or trajectory is None or not math.isfinite(self._command_due):
+            return
+        due = max(self._command_due, now - _LONGEST_GAP)
+        while (due := due + _GAP) < now:
+            position = trajectory.sample(due - self._started).position
+            self.guard.commanded(dict(zip(trajectory.names, position, strict=True)), due)
 
     def _slip(self, now: float, lead: float) -> None:
         """After a stall, continue from the last command: catching up would be a jump."""
