@@ -203,7 +203,9 @@ def test_a_motion_that_is_taught_by_hand_is_recorded_and_played(board: PtyBoard,
         assert len(robot.read().torque_on) == 7
         assert at_board("move", "J1=0", "--wait", "--duration", "0.3").exit_code == 0
         played = at_board("play", file, "--speed", "2")
-        assert (played.exit_code, played.stderr) == (0, "")
+        # A machine that stalls is told about; the motion is the same.
+        assert played.exit_code == 0, played.stderr
+        assert played.stderr == "" or played.stderr.startswith("warning: the line or the machine is too slow")
         assert robot.read().positions["J1"] == pytest.approx(begin + 0.4, abs=0.05)
 
 

@@ -30,12 +30,17 @@ def known(dds_type: str) -> Any:
     return getattr(module, name.removesuffix("_"), None)
 
 
+NEEDED = ("list_parameters", "%joint_states", "%diagnostics", "%rosout")
+
+
 def tokens(session: zenoh.Session) -> list[list[str]]:
     deadline = time.monotonic() + 30
     while True:
         replies = session.liveliness().get("@ros2_lv/0/**", timeout=5.0)
         found = [str(reply.ok.key_expr).split("/") for reply in replies if reply.ok is not None]
-        if any("list_parameters" in part for token in found for part in token) or time.monotonic() > deadline:
+        if all(any(part.endswith(name) for token in found for part in token) for name in NEEDED):
+            return found
+        if time.monotonic() > deadline:
             return found
 
 
