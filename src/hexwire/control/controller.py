@@ -365,7 +365,8 @@ class TrajectoryController:
                 active.arrival.ends = now + self.follower.remaining(now)
             elif self.follower.counters.slips > slips:
                 active.arrival.ends = now + lead
-        return order
+        # A robot that keeps the time itself is only watched.
+        return order if self.follower.waits or isinstance(order, StopReason) else None
 
     def _begin_pending(self, state: JointState, now: float) -> None:
         pending, active = self._pending, self._active

@@ -31,7 +31,7 @@ from .power import give_torque
 from .reader import read_state
 from .settings import ControllerSettings
 from .target import TargetController, holding
-from .timed_motion import Watched, begin_feed
+from .timed_motion import begin_feed
 from .waiting import Waiter
 
 if TYPE_CHECKING:
@@ -363,7 +363,7 @@ def _run_path(
             )
             if feed is not None:
                 legs = (whole,)
-                owner.group.members = (Watched(controller),)
+                controller.follower.waits = False
         for leg in legs:
             # Stopped before it began: `stopped` has the reason.
             if owner.group.reason is not None:

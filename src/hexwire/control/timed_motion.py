@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 
 from hexwire.drivers.timed_path import PathState, TimedPath, TimedPoint
 from hexwire.errors import CommandRefusedError, DeviceError, HexwireError, PreemptedError, StoppedError, UsageError
-from hexwire.model.state import JointTarget
 from hexwire.motion.path_points import path_points
 from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop
 
@@ -22,14 +21,12 @@ if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.drivers.timed_path import PathStart
     from hexwire.epochs import Token
-    from hexwire.model.state import JointState
     from hexwire.motion.waypoints import Trajectory
 
     from .controller import TrajectoryController
-    from .outcomes import Ended, GoalListener
     from .owner import RobotOwner
 
-__all__ = ["PathFeed", "Watched", "begin_feed"]
+__all__ = ["PathFeed", "begin_feed"]
 
 _log = logging.getLogger(__name__)
 
@@ -268,60 +265,3 @@ def begin_feed(
                 robot.stop()
         raise
     return feed
-
-
-class Watched:
-    """A controller that watches a motion of which the robot keeps the time: it sends nothing, and may stop the arm.
-
-    Args:
-        controller: Follows the same trajectory.
-    """
-
-    def __init__(self, controller: TrajectoryController) -> None:
-        self._controller = controller
-        controller.follower.waits = False
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Names."""
-        return self._controller.joints
-
-    @property
-    def busy(self) -> bool:
-        """As the controller."""
-        return self._controller.busy
-
-    @property
-    def moving(self) -> bool:
-        """As the controller."""
-        return self._controller.moving
-
-    @property
-    def reason(self) -> StopReason | None:
-        """Why it is stopped, or None."""
-        return self._controller.reason
-
-    def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
-        """As the controller."""
-        self._controller.judge(state, velocity, now)
-
-    def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | StopReason | None:
-        """A reason to stop the arm, or None."""
-        order = self._controller.cycle(state, now, lead)
-        return order if isinstance(order, StopReason) else None
-
-    def stop(self, reason: StopReason) -> None:
-        """Latch a stop."""
-        self._controller.stop(reason)
-
-    def reset(self) -> None:
-        """Clear a stop. Nothing moves."""
-        self._controller.reset()
-
-    def release(self, why: str) -> None:
-        """Forget the set-points."""
-        self._controller.release(why)
-
-    def take_ended(self) -> list[tuple[GoalListener, Ended]]:
-        """Goals that have ended since the last call."""
-        return self._controller.take_ended()
