@@ -10,7 +10,9 @@ import signal
 import ssl
 import subprocess
 import sys
-from collections.abc import Iterator
+import threading
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -18,6 +20,7 @@ from click.testing import CliRunner
 
 from hexwire.cli.main import cli
 from hexwire.link.certs import issue_certificate, make_authority
+from hexwire.studio.app import Studio
 
 
 @contextlib.contextmanager
@@ -42,6 +45,46 @@ def test_demo_prints_both_addresses_and_ends_at_ctrl_c() -> None:
     assert lines[0].split()[1] != lines[1].split()[1]
     assert process.returncode == 0
     assert errors == "the studio has ended\n"
+
+
+def test_the_arm_is_opened_when_the_server_has_started_and_not_after_its_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # NiceGUI's start walks over every object in the program, which breaks what another thread is building.
+    at_start: list[str] = []
+    opened = threading.Event()
+    alive: list[bool] = []
+
+    class FakeServer:
+        host, port = "127.0.0.1", 1
+
+        def __init__(self, studio: Studio, *_: object) -> None:
+            self.studio = studio
+
+        def bind(self) -> int:
+            return self.port
+
+        def run(self, started: Callable[[], None]) -> None:
+            at_start.extend(thread.name for thread in threading.enumerate())
+            started()
+
+        def end(self) -> None:
+            pass
+
+    def slow_open(*_: object, **__: object) -> None:
+        time.sleep(0.2)
+        opened.set()
+
+    monkeypatch.setattr("hexwire.control.shutdown.Shutdown.listen", lambda _: None)
+    monkeypatch.setattr("sys.setswitchinterval", lambda _: None)
+    monkeypatch.setattr("hexwire.studio.server.Server", FakeServer)
+    monkeypatch.setattr("hexwire.studio.source.Source.open", slow_open)
+    monkeypatch.setattr("hexwire.studio.app.Studio.close", lambda _: alive.append(opened.is_set()))
+    result = CliRunner().invoke(cli, ["studio", "--port", "sim://so101", "--no-browser"])
+    assert result.exit_code == 0, result.output
+    assert "signals" in at_start
+    assert "opening" not in at_start
+    assert alive == [True]
 
 
 @pytest.mark.parametrize(

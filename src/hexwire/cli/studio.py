@@ -183,17 +183,21 @@ def _run(
             made.demo = (port, demo.value)
         # Before the board ends: the arm is made safe first.
         stack.callback(made.close)
-        # The arm is opened after that: an import can keep all other threads waiting longer than a watchdog does.
         module = imported.wait()
         made.settings = settings
-        if port:
-            opening = (made, port, robot, settings)
-            threading.Thread(target=_open, args=opening, name="opening", daemon=True).start()
         server = _serve(module, made, protection, listen)
 
         first = "/arm" if port else "/"
 
         def started() -> None:
+            # Not before: an import keeps other threads waiting longer than a watchdog does. And as NiceGUI starts,
+            # it takes a reference to every object of the program, which breaks tuples that others are building.
+            if port:
+                opening = threading.Thread(
+                    target=_open, args=(made, port, robot, settings), name="opening", daemon=True
+                )
+                opening.start()
+                stack.callback(opening.join)
             for words, token in (("operate:", made.access.operate_token), ("watch:  ", made.access.watch_token)):
                 say(f"{words} {module.url_of(server, token, first)}", flush=True)
             if browser:
