@@ -45,7 +45,7 @@ __all__ = ["Dialect2"]
 
 _FIRMWARE = (tables.VERSION_MAJOR, tables.VERSION_MINOR, tables.VERSION_PATCH)
 _DEFAULT_TRANSACT_MS = 20
-_CAPABILITIES = sum(tables.CAPABILITIES.values())
+_CAPABILITIES = sum(tables.CAPABILITIES.values()) & ~tables.CAPABILITY_HOST_BAUD
 _OUTPUTS = 0x07
 
 
@@ -95,6 +95,7 @@ class Dialect2:
             Command.STATS: self._stats,
             Command.IO: self._io,
             Command.MAINTENANCE: self._maintenance,
+            Command.HOST_BAUD: self._host_baud,
             **dict.fromkeys(self._trajectory.handlers, self._trajectory_command),
         }
 
@@ -210,6 +211,11 @@ class Dialect2:
         values |= {name: getattr(state, name) for name in STATS_FIELDS if hasattr(state, name)}
         self._reply(request, Status.OK, Stats(values).serialize())
         yield from ()
+
+    def _host_baud(self, request: Request) -> Job:
+        self._body(request, 4)
+        yield from ()
+        raise RefusedError(Status.NOT_SUPPORTED)
 
     # -- motion -------------------------------------------------------------------------------------
 

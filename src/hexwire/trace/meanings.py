@@ -126,6 +126,7 @@ BODY: dict[str, Meaning] = {
     "state": Meaning("State of the trajectory.", names=_PATH_STATES),
     "brake_ms": Meaning("Time in which the joints come to rest on the path when they must.", "s", 0.001),
     "capacity": Meaning("Points that fit."),
+    "rate": Meaning("Rate of the host line.", "bit/s"),
     "lead_ms": Meaning("How far ahead of the clock targets are sent.", "s", 0.001),
     "last": Meaning("Whether these are the last points.", names={0: "no", 1: "yes"}),
     "first": Meaning("Index of the first of these points."),

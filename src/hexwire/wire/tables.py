@@ -96,6 +96,8 @@ REPEAT_WINDOW = 2.0
 INTERBYTE_TIMEOUT = 0.05
 FRAGMENT_LIFETIME = 2.0
 BOOT_WINDOW = 5.0
+HOST_BAUD_TRIAL = 1.0
+HOST_BAUD_SILENCE = 2.0
 DATAGRAM_LATE = 1.0
 
 # Limits.
@@ -188,10 +190,11 @@ CAPABILITY_SYNC_READ = 0x0080
 CAPABILITY_IO = 0x0100
 CAPABILITY_MAINTENANCE = 0x0200
 CAPABILITY_TRAJECTORY = 0x0400
+CAPABILITY_HOST_BAUD = 0x0800
 CAPABILITIES: dict[str, int] = {
     "report": 0x0001, "joint_move": 0x0002, "watchdog": 0x0004, "limits": 0x0008, "offsets": 0x0010,
     "transact": 0x0020, "fragments": 0x0040, "sync_read": 0x0080, "io": 0x0100, "maintenance": 0x0200,
-    "trajectory": 0x0400,
+    "trajectory": 0x0400, "host_baud": 0x0800,
 }
 
 # [state_fields]
@@ -216,8 +219,9 @@ COMMANDS: dict[str, int] = {
     "JOINT_MOVE": 0x13, "TORQUE": 0x14, "STOP": 0x15, "RESUME": 0x16, "WATCHDOG": 0x17, "LIMITS": 0x18,
     "OFFSETS": 0x19, "TRANSACT": 0x1A, "STATS": 0x1B, "FRAGMENT": 0x1C, "FRAGMENT_MISSING": 0x1D, "IO": 0x1E,
     "MAINTENANCE": 0x1F, "TRAJECTORY_BEGIN": 0x20, "TRAJECTORY_POINTS": 0x21, "TRAJECTORY_START": 0x22,
-    "TRAJECTORY_STATUS": 0x23, "TRAJECTORY_ABORT": 0x24, "ROBOT_PROBE": 0x30, "ROBOT_SIGNAL": 0x31,
-    "ROBOT_MODE": 0x32, "JOINT_COMMANDS": 0x33, "JOINT_STATES": 0x34, "JOINT_TRAJECTORY": 0x35, "JOYSTICK": 0x38,
+    "TRAJECTORY_STATUS": 0x23, "TRAJECTORY_ABORT": 0x24, "HOST_BAUD": 0x25, "ROBOT_PROBE": 0x30,
+    "ROBOT_SIGNAL": 0x31, "ROBOT_MODE": 0x32, "JOINT_COMMANDS": 0x33, "JOINT_STATES": 0x34,
+    "JOINT_TRAJECTORY": 0x35, "JOYSTICK": 0x38,
 }
 COMMAND_ROWS: dict[str, CommandRow] = {
     "PING": CommandRow(0x01, Body((("packet", "bytes", ""),), (), ""), Body((("packet", "bytes", ""),), (), "")),
@@ -387,6 +391,7 @@ COMMAND_ROWS: dict[str, CommandRow] = {
         Body((("id", "u8", ""),), (), ""),
         Body((("id", "u8", ""), ("state", "u8", "")), (), ""),
     ),
+    "HOST_BAUD": CommandRow(0x25, Body((("rate", "u32", ""),), (), ""), Body((("rate", "u32", ""),), (), "")),
     "ROBOT_PROBE": CommandRow(
         0x30,
         Body((), (), ""),
@@ -457,6 +462,7 @@ COMMAND_DOCS: dict[str, str] = {
     "TRAJECTORY_START": "Starts the trajectory when the board's clock shows time_us; with now 1 at once.",
     "TRAJECTORY_STATUS": "State of the trajectory, whose id is in the reply.",
     "TRAJECTORY_ABORT": "Brings the trajectory to rest on its path.",
+    "HOST_BAUD": "Rate of the host line, bits per second. Answered at the old rate; see section 6.8.",
     "ROBOT_PROBE": "Identity of a robot controller.",
     "ROBOT_SIGNAL": "A signal by number: 1 stop and hold, 2 stop without torque, 3 resume, 4 torque on, 5 torque off.",
     "ROBOT_MODE": "Sets the mode of a robot controller.",
