@@ -96,6 +96,23 @@ def test_targets_follow_each_other_within_their_lead(baud: int) -> None:
     assert rider.true_positions() == pytest.approx([place + 400 for place in START], abs=6)
 
 
+def test_a_board_that_is_stepped_late_keeps_the_time() -> None:
+    # As behind `sim://`: only a program that reads drives it.
+    rider = Rider()
+    rider.load(way=800, mask=0x10)
+    since = rider.now
+    assert rider.start() == Status.OK
+    late = rider.now
+    while rider.now < late + 1.2:
+        rider.now += 0.08
+        rider.board.step(rider.now)
+    assert rider.look().state == PathState.DONE
+    gaps = [b - a for (a, _), (b, _) in itertools.pairwise(rider.targets(4, since))]
+    assert len(gaps) > 80
+    assert max(gaps) <= LEAD_MS / 1000
+    assert max(rider.state().age or (999,)) < 50
+
+
 def test_targets_do_not_wait_for_long_requests() -> None:
     rider = Rider()
     rider.load(mask=0x0F)

@@ -39,6 +39,8 @@ __all__ = ["EmulatedBoard", "make_hex7bot_board"]
 
 _POLL_PAUSE = 0.0005
 """Seconds between two background polls of a paced bus: the time of one pass of the firmware's loop."""
+_CATCH_UP = 0.2
+"""Seconds of background polls that a board makes up for if nobody stepped it; a trajectory it follows in full."""
 _MAX_QUEUE = 24
 _BITS = 10
 _TURNAROUND = 0.001
@@ -114,18 +116,22 @@ class EmulatedBoard:
             self.reset(now)
             self.state.under_voltage_reset = cause == "brownout"
         self._now = max(self._now, now)
-        self._timers(now)
-        if not self._busy:
-            self.time = max(self.time, now)
+        if not self._busy and self.trajectory.due_at is None:
+            self.time = max(self.time, now - _CATCH_UP)
         while True:
             if self._busy:
+                self._timers(min(self._busy_until, now))
                 if self._busy_until > now:
                     return
                 self.time = max(self.time, self._busy_until)
                 self._finish_wait()
-            elif not (self._start_next(now) or self._sketch_loop()):
-                break
-        self.time = max(self.time, now)
+                continue
+            self._timers(self.time)
+            if not (self._start_next() or self._sketch_loop()):
+                if self.time >= now:
+                    return
+                # Whoever steps it may come late, but all happens in its order and at its time.
+                self.time = self._next_moment(now)
 
     def data_to_send(self) -> bytes:
         """Bytes for the host line since the last call."""
@@ -153,6 +159,14 @@ class EmulatedBoard:
         if reset is not None:
             times.append(reset)
         return min(times, default=None)
+
+    def _next_moment(self, now: float) -> float:
+        """When an idle board has something to do, at the latest now."""
+        due = (self.state.watchdog_due, self.state.report_due, self.trajectory.due_at)
+        moments = [t for t in due if t is not None and t > self.time]
+        if self.paced and self.dialect == 2:
+            moments.append(self._next_poll)
+        return min(now, *moments) if moments else now
 
     def _clock(self) -> float:
         return self.time
@@ -263,15 +277,14 @@ class EmulatedBoard:
             self.wire.free_at = min(self.wire.free_at, max(self._busy_until, self.time))
         return task
 
-    def _start_next(self, now: float) -> bool:
+    def _start_next(self) -> bool:
         if self.stops:
             self._task = _Task(self.dialect2.stop_job(self.stops.start()), stop=True)
         elif self.trajectory.due(self.time):
             self._task = _Task(self.trajectory.step(), path=True)
         elif self._tasks:
             self._task = self._tasks.popleft()
-        elif self.paced and self.dialect == 2 and self._next_poll <= now:
-            self.time = max(self.time, self._next_poll)
+        elif self.paced and self.dialect == 2 and self._next_poll <= self.time:
             self._task = _Task(self.bus.poll_next())
         else:
             return False
