@@ -66,6 +66,7 @@ def _session(session: dict[str, Any]) -> list[str]:
     for name, seconds in session["timers"].items():
         out.append(constant("uint16_t", f"{name.upper()}_MS", round(seconds * 1000)))
     out += [constant(_kind(value), name.upper(), value) for name, value in session["limits"].items()]
+    out += [constant("int32_t", f"ADDRESS_{name.upper()}", value) for name, value in session["addresses"].items()]
     out += [constant("int32_t", f"MODULE_{name}", value) for name, value in session["modules"].items()]
     return out
 

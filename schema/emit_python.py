@@ -196,6 +196,8 @@ def _session(session: dict[str, Any]) -> list[str]:
         assign("BOARD_JOINT_IDS", tuple(session["board"]["joint_ids"]), "tuple[int, ...]"),
         assign("BOARD_JOINT_SERIES", tuple(session["board"]["joint_series"]), "tuple[str, ...]"),
         *(assign(name.upper(), value) for name, value in session["board"].items() if isinstance(value, int)),
+        "\n# What dst may hold beside a module id.\n",
+        *(assign(f"ADDRESS_{name.upper()}", value) for name, value in session["addresses"].items()),
         "\n# Module ids of the chapter.\n",
         assign("MODULES", session["modules"], "dict[str, int]"),
     ]

@@ -117,6 +117,11 @@ def check_session(session: dict[str, Any]) -> None:
         raise SchemaError(f"session.toml: header fields end at {end}, size says {session['header']['size']}")
     for table in ("modules", "channels"):
         _unique(f"session.toml: [{table}]", session[table])
+    bits = session["addresses"]["multicast_modules"]
+    if session["addresses"]["multicast"] >> bits != 1 or bits > 30:
+        raise SchemaError("session.toml: [addresses] multicast is not the bit above those of its modules")
+    if max(session["modules"].values()) >= bits:
+        raise SchemaError(f"session.toml: [modules] has an id above {bits - 1}, which multicast cannot name")
 
 
 def check_commands(commands: dict[str, Any]) -> None:

@@ -257,7 +257,7 @@ constexpr uint8_t TRAJECTORY_BEGIN_REPLY_CAPACITY = 2;
 constexpr uint8_t TRAJECTORY_BEGIN_REPLY_LEAD_MS = 4;
 constexpr uint8_t TRAJECTORY_BEGIN_REPLY_SIZE = 6;
 
-// TRAJECTORY_POINTS: The next points. Each: time since the point before in 0.1 ms (u16), position of each joint of the mask (i16), and with `hermite` its velocity in counts/s (i16). last 1 = these are the last ones.
+// TRAJECTORY_POINTS: The next points. Each: time since the point before in 0.1 ms (u16), position of each joint of the mask (i16, with `fine` in eighths of a count), and with `hermite` its velocity in counts/s (i16). last 1 = these are the last ones.
 constexpr uint8_t CMD_TRAJECTORY_POINTS = 0x21;
 constexpr uint8_t TRAJECTORY_POINTS_REQUEST_ID = 0;
 constexpr uint8_t TRAJECTORY_POINTS_REQUEST_LAST = 1;

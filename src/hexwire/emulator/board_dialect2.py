@@ -45,7 +45,12 @@ __all__ = ["Dialect2"]
 
 _FIRMWARE = (tables.VERSION_MAJOR, tables.VERSION_MINOR, tables.VERSION_PATCH)
 _DEFAULT_TRANSACT_MS = 20
-_CAPABILITIES = sum(tables.CAPABILITIES.values()) & ~tables.CAPABILITY_HOST_BAUD
+_CAPABILITIES = sum(tables.CAPABILITIES.values()) & ~(
+    tables.CAPABILITY_HOST_BAUD
+    | tables.CAPABILITY_FINE_POSITIONS
+    | tables.CAPABILITY_SEVERAL
+    | tables.CAPABILITY_SERVO_TABLE
+)
 _OUTPUTS = 0x07
 
 

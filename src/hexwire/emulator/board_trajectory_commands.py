@@ -32,7 +32,7 @@ from .gate import RefusedError
 __all__ = ["TrajectoryCommands"]
 
 _BRAKE_MS = range(20, 2001)
-_FLAGS = sum(tables.TRAJECTORY_FLAG.values())
+_FLAGS = tables.TRAJECTORY_FLAG_HERMITE | tables.TRAJECTORY_FLAG_OUTLIVES_HOST
 _INDEX = 0xFFFF
 _CLOCK = 1 << 32
 _FARTHEST_US = 10_000_000

@@ -82,6 +82,7 @@ class Command(IntEnum):
     TRAJECTORY_STATUS = 0x23
     TRAJECTORY_ABORT = 0x24
     HOST_BAUD = 0x25
+    SERVO_TABLE = 0x26
     ROBOT_PROBE = 0x30
     ROBOT_SIGNAL = 0x31
     ROBOT_MODE = 0x32

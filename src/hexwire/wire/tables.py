@@ -95,16 +95,19 @@ DIALECT2_REPLY_WINDOW = 0.2
 REPEAT_WINDOW = 2.0
 INTERBYTE_TIMEOUT = 0.05
 FRAGMENT_LIFETIME = 2.0
+FRAGMENT_AGAIN = 0.1
 BOOT_WINDOW = 5.0
 HOST_BAUD_TRIAL = 1.0
 HOST_BAUD_SILENCE = 2.0
 DATAGRAM_LATE = 1.0
+SETTINGS_STORE_EVERY = 60.0
 
 # Limits.
 STORED_REPLIES = 4
 MAX_JOINTS = 16
 FRAGMENT_MESSAGES = 4
 FRAGMENT_MAX_BYTES = 1048576
+SETTINGS_STORES = 64
 DATAGRAM_WINDOW = 1024
 
 # The Hex7Bot controller as it leaves the compiler, and its settings while none are stored.
@@ -120,6 +123,11 @@ DEFAULT_SPEED = 4096
 DEFAULT_NEUTRAL = 2047
 DEFAULT_SIGN = 1
 DEFAULT_CEILING = 154
+
+# What dst may hold beside a module id.
+ADDRESS_BROADCAST = -1
+ADDRESS_MULTICAST = 1073741824
+ADDRESS_MULTICAST_MODULES = 30
 
 # Module ids of the chapter.
 MODULES: dict[str, int] = {
@@ -191,10 +199,13 @@ CAPABILITY_IO = 0x0100
 CAPABILITY_MAINTENANCE = 0x0200
 CAPABILITY_TRAJECTORY = 0x0400
 CAPABILITY_HOST_BAUD = 0x0800
+CAPABILITY_FINE_POSITIONS = 0x1000
+CAPABILITY_SEVERAL = 0x2000
+CAPABILITY_SERVO_TABLE = 0x4000
 CAPABILITIES: dict[str, int] = {
     "report": 0x0001, "joint_move": 0x0002, "watchdog": 0x0004, "limits": 0x0008, "offsets": 0x0010,
     "transact": 0x0020, "fragments": 0x0040, "sync_read": 0x0080, "io": 0x0100, "maintenance": 0x0200,
-    "trajectory": 0x0400, "host_baud": 0x0800,
+    "trajectory": 0x0400, "host_baud": 0x0800, "fine_positions": 0x1000, "several": 0x2000, "servo_table": 0x4000,
 }
 
 # [state_fields]
@@ -211,7 +222,8 @@ STATE_FIELDS: dict[str, int] = {
 # [trajectory_flags]
 TRAJECTORY_FLAG_HERMITE = 0x01
 TRAJECTORY_FLAG_OUTLIVES_HOST = 0x02
-TRAJECTORY_FLAG: dict[str, int] = {"hermite": 0x01, "outlives_host": 0x02}
+TRAJECTORY_FLAG_FINE = 0x04
+TRAJECTORY_FLAG: dict[str, int] = {"hermite": 0x01, "outlives_host": 0x02, "fine": 0x04}
 
 # Commands: name -> code, and name -> body layouts.
 COMMANDS: dict[str, int] = {
@@ -219,8 +231,8 @@ COMMANDS: dict[str, int] = {
     "JOINT_MOVE": 0x13, "TORQUE": 0x14, "STOP": 0x15, "RESUME": 0x16, "WATCHDOG": 0x17, "LIMITS": 0x18,
     "OFFSETS": 0x19, "TRANSACT": 0x1A, "STATS": 0x1B, "FRAGMENT": 0x1C, "FRAGMENT_MISSING": 0x1D, "IO": 0x1E,
     "MAINTENANCE": 0x1F, "TRAJECTORY_BEGIN": 0x20, "TRAJECTORY_POINTS": 0x21, "TRAJECTORY_START": 0x22,
-    "TRAJECTORY_STATUS": 0x23, "TRAJECTORY_ABORT": 0x24, "HOST_BAUD": 0x25, "ROBOT_PROBE": 0x30,
-    "ROBOT_SIGNAL": 0x31, "ROBOT_MODE": 0x32, "JOINT_COMMANDS": 0x33, "JOINT_STATES": 0x34,
+    "TRAJECTORY_STATUS": 0x23, "TRAJECTORY_ABORT": 0x24, "HOST_BAUD": 0x25, "SERVO_TABLE": 0x26,
+    "ROBOT_PROBE": 0x30, "ROBOT_SIGNAL": 0x31, "ROBOT_MODE": 0x32, "JOINT_COMMANDS": 0x33, "JOINT_STATES": 0x34,
     "JOINT_TRAJECTORY": 0x35, "JOYSTICK": 0x38,
 }
 COMMAND_ROWS: dict[str, CommandRow] = {
@@ -392,6 +404,11 @@ COMMAND_ROWS: dict[str, CommandRow] = {
         Body((("id", "u8", ""), ("state", "u8", "")), (), ""),
     ),
     "HOST_BAUD": CommandRow(0x25, Body((("rate", "u32", ""),), (), ""), Body((("rate", "u32", ""),), (), "")),
+    "SERVO_TABLE": CommandRow(
+        0x26,
+        Body((("servo_id", "u8", ""), ("first", "u8", ""), ("count", "u16", ""), ("data", "bytes", "")), (), ""),
+        Body((("servo_id", "u8", ""), ("first", "u8", ""), ("count", "u16", ""), ("data", "bytes", "")), (), ""),
+    ),
     "ROBOT_PROBE": CommandRow(
         0x30,
         Body((), (), ""),
@@ -458,11 +475,12 @@ COMMAND_DOCS: dict[str, str] = {
     "IO": "Digital outputs of the board: pump (pin 40), valve (36), buzzer (37). A mask of 0 reads.",
     "MAINTENANCE": "Maintenance on (1) or off (0). While on, TRANSACT may write settings of servos, and nothing may move. Requires all torque off.",
     "TRAJECTORY_BEGIN": "Begins a trajectory of the joints of the mask. Nothing moves. The reply has the number of points that fit.",
-    "TRAJECTORY_POINTS": "The next points. Each: time since the point before in 0.1 ms (u16), position of each joint of the mask (i16), and with `hermite` its velocity in counts/s (i16). last 1 = these are the last ones.",
+    "TRAJECTORY_POINTS": "The next points. Each: time since the point before in 0.1 ms (u16), position of each joint of the mask (i16, with `fine` in eighths of a count), and with `hermite` its velocity in counts/s (i16). last 1 = these are the last ones.",
     "TRAJECTORY_START": "Starts the trajectory when the board's clock shows time_us; with now 1 at once.",
     "TRAJECTORY_STATUS": "State of the trajectory, whose id is in the reply.",
     "TRAJECTORY_ABORT": "Brings the trajectory to rest on its path.",
     "HOST_BAUD": "Rate of the host line, bits per second. Answered at the old rate; see section 6.8.",
+    "SERVO_TABLE": "Registers of a joint's servo, from `first` on. Without data it reads `count` of them; with `count` bytes of data it writes those that differ, in maintenance only. A long one is sent in fragments, either way.",
     "ROBOT_PROBE": "Identity of a robot controller.",
     "ROBOT_SIGNAL": "A signal by number: 1 stop and hold, 2 stop without torque, 3 resume, 4 torque on, 5 torque off.",
     "ROBOT_MODE": "Sets the mode of a robot controller.",
