@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from hexwire.drivers.bus_arm import BusArm
     from hexwire.drivers.hex7bot import Hex7BotDriver
     from hexwire.drivers.registry import connect
+    from hexwire.drivers.robot_state import RobotState
     from hexwire.ipc.handle import IpcHandle
     from hexwire.ipc.session import Session
     from hexwire.model.hex7bot_kinematics import Hex7BotModel
@@ -40,6 +41,7 @@ __all__ = [
     "ModuleType",
     "Puma260Model",
     "RobotDriver",
+    "RobotState",
     "SentTarget",
     "ServoBus",
     "Session",
@@ -59,6 +61,7 @@ _LAZY: dict[str, str] = {
     "ModuleType": "hexwire.wire.modules",
     "Puma260Model": "hexwire.model.puma260",
     "RobotDriver": "hexwire.drivers.base",
+    "RobotState": "hexwire.drivers.robot_state",
     "SentTarget": "hexwire.model.state",
     "ServoBus": "hexwire.bus.servo_bus",
     "Session": "hexwire.ipc.session",

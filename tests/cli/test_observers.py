@@ -43,7 +43,7 @@ def bus(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
         opened.close()
         device.wire.servos[0].protection.forced |= 0x80
         link: Link = opened.link
-        monkeypatch.setattr(ipc_open, "_build", lambda url: link)
+        monkeypatch.setattr(ipc_open, "build_link", lambda url: link)
         return CliRunner().invoke(cli, list(args))
 
     return run

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
 
 from hexwire.cli.lazy import LazyGroup
 from hexwire.cli.main import cli
-from hexwire.cli.trace import trace
+from hexwire.cli.trace import trace, tracing
+from hexwire.link.open import make_link
+from hexwire.link.tap import TapLink
 
 LOG = """\
 SerialPort sent - Length=52
@@ -67,3 +70,28 @@ def test_the_switches_may_stand_anywhere(args: list[str], tmp_path: Path) -> Non
     context = cli.make_context("hexwire", [*args, str(file)])
     with context:
         assert context.params["trace"] or context.params["explain"]
+
+
+def test_a_traced_state_is_in_the_log_of_the_chapter(bench: Any) -> None:
+    said = bench.run("state", "--trace").stderr
+    head, row = said.splitlines()[-2:]
+    assert head == "hex7bot:: HW read (degree):"
+    assert row.startswith("J1=-4.47257 J2=54.6484 J3=-3.55452 J4=-0.703134 J5=3.1641 J6=-0.0878917 J7=")
+
+
+def test_a_channel_of_a_file_is_traced_once(tmp_path: Path) -> None:
+    file = tmp_path / "ipc_msg.conf"
+    file.write_text("ARM_7BOT_SERIAL_TRX CLIENT_TRX 8 TCP 127.0.0.1 15030\n")
+    with tracing(explain=False):
+        link = make_link(str(file))
+    assert isinstance(link, TapLink)
+    assert not isinstance(link.link, TapLink)
+
+
+def test_modules_of_other_packages_have_their_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded: list[int] = []
+    monkeypatch.setattr("hexwire.cli.trace.load_own_modules", lambda: loaded.append(1))
+    CliRunner().invoke(trace, ["decode", "-"], input=LOG)
+    with tracing(explain=True):
+        pass
+    assert loaded == [1, 1]

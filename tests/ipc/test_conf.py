@@ -66,9 +66,31 @@ def test_an_empty_file_has_no_channels() -> None:
         assert parse_conf(text) == []
 
 
+@pytest.mark.parametrize("kind", ["TCP", "IPC_TCP_SOCKET"])
+@pytest.mark.parametrize("module", ["PUMA260_HOST_IO_TRX", "2", "02"])
+@pytest.mark.parametrize("destination", ["PUMA260_RBT_IO_SVR", "3"])
+def test_ids_and_the_chapters_names_of_interfaces(module: str, destination: str, kind: str) -> None:
+    assert parse_conf(f"{module} CLIENT_TRX {destination} {kind} 192.168.1.175 15030") == [IO]
+
+
+def test_ids_without_a_name() -> None:
+    (channel,) = parse_conf("40 CLIENT_TRX 1073741823 IPC_QUEUE arm trust=anna")
+    assert (channel.module, channel.destination, channel.interface) == (40, 2**30 - 1, IpcType.QUEUE)
+    assert parse_conf(to_conf([channel])) == [channel]
+    assert parse_toml(to_toml([channel])) == [channel]
+    same = "[[channel]]\nmodule = 40\ndirection = 'CLIENT_TRX'\ndestination = 1073741823\ninterface = 'IPC_QUEUE'\n"
+    assert parse_toml(same + "address = 'arm'\ntrust = 'anna'\n") == [channel]
+    with pytest.raises(ConfigError, match="40 has a channel already"):
+        parse_conf("40 CLIENT_TX 1 QUEUE arm\n40 CLIENT_RX 1 QUEUE legs")
+
+
 @pytest.mark.parametrize(
     ("text", "place", "words"),
     [
+        ("JOY_STICK CLIENT_TRX 1073741824 TCP h 1", "1:22", "unknown destination_module '1073741824'"),
+        ("-1 CLIENT_TRX ROS1_HOST TCP h 1", "1:1", "and ids from 0 to 1073741823"),
+        ("JOY_STICK CLIENT_TRX INVALID_MODULE TCP h 1", "1:22", "unknown destination_module 'INVALID_MODULE'"),
+        ("JOY_STICK CLIENT_TRX ROS1_HOST IPC_SERIAL h 1", "1:32", "unknown interface 'IPC_SERIAL'"),
         ("PUMA CLIENT_TRX JOY_STICK TCP h 1", "1:1", "unknown module_name 'PUMA'"),
         ("# x\nJOY_STICK CLIENT_TRX\n  ROS1_HOST  TCPP h 1", "3:14", "unknown interface 'TCPP'"),
         ("JOY_STICK CLIENT_TRX ROS1_HOST TCP h 1 2 3", "1:42", "unexpected word '3'"),

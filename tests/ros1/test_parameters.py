@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from pathlib import Path
 
 import pytest
 
@@ -43,7 +44,7 @@ def faults(**params: object) -> list[str]:
 
 def test_rows_are_whole() -> None:
     names = [row.name for row in PARAMETERS]
-    assert len(set(names)) == len(names) == 25
+    assert len(set(names)) == len(names) == 26
     for row in PARAMETERS:
         assert row.help, row.name
         assert "\n" not in row.help
@@ -52,6 +53,18 @@ def test_rows_are_whole() -> None:
             assert math.isfinite(row.high), f"{row.name}: a number without an end is a typing error away from harm"
         else:
             assert isinstance(row.default, str | bool | tuple | Mapping), row.name
+
+
+def test_the_port_may_be_the_chapters_configuration_file(tmp_path: Path) -> None:
+    file = tmp_path / "ipc_msg.conf"
+    file.write_text("ARM_7BOT_SERIAL_TRX CLIENT_TRX ARM_7BOT_ARDUINO_TRX IPC_SERIAL_PORT /dev/none 500000\n")
+    parameters, robot = load_parameters({"port": str(file)})
+    assert parameters.settings.port == str(file)
+    assert robot.url == "serial:///dev/none?baud=500000"
+    file.write_text("JOY_STICK CLIENT_TRX ARM_7BOT_ARDUINO_TRX IPC_SERIAL_PORT /dev/none\n")
+    (text,) = faults(port=str(file))
+    assert text.startswith("~port: ")
+    assert "there is no channel for ARM_7BOT_SERIAL_TRX; the file has JOY_STICK" in text
 
 
 def test_defaults_as_a_parameter_file_has_them() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -33,6 +34,14 @@ def fault(given: dict[str, Any]) -> str:
     with pytest.raises(UsageError) as caught:
         load_settings(PORT | given, {})
     return str(caught.value)
+
+
+def test_the_port_may_be_the_chapters_configuration_file(tmp_path: Path) -> None:
+    file = tmp_path / "ipc_msg.conf"
+    file.write_text("12 CLIENT_TRX ARM_7BOT_ARDUINO_TRX IPC_SERIAL_PORT /dev/none 500000\n")
+    robot = load_settings({"port": f"conf://{file}?module=12"}, {})[1]
+    assert robot.url == "serial:///dev/none?baud=500000"
+    assert "there is no channel for ARM_7BOT_SERIAL_TRX; the file has module 12" in fault({"port": str(file)})
 
 
 # -- names ------------------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexwire.link.tap import Direction, Passed
-from hexwire.trace.chapter_log import format_passed, hex_rows, parse_log
+from hexwire.trace.chapter_log import format_passed, format_positions, hex_rows, parse_log
 
 REQUEST = bytes.fromhex(
     "5AFAFA5ADB9A7A68E04E000D2E0000000700000008000000030000003400000082012E0008000200FFFF0604023C02B514220D0A"
@@ -68,3 +68,12 @@ def test_what_is_written_is_read_back(transfers: list[tuple[Direction, bytes]]) 
         (direction, data, float(i)) for i, (direction, data) in enumerate(transfers)
     ]
     assert len(back) == len(transfers)
+
+
+def test_positions_have_the_digits_of_the_chapters_log() -> None:
+    counts = (6 * 0.0878917 - 5.0, 54.6484332, -8 * 0.0878917, -0.0878917)
+    head, row = format_positions(("J1", "J2", "J4", "J6"), counts, name="Hex7botRos")
+    assert head == "Hex7botRos:: HW read (degree):"
+    assert row == "J1=-4.47265 J2=54.6484 J4=-0.703134 J6=-0.0878917"
+    # Whoever reads the log passes over them.
+    assert list(parse_log([head, row])) == []

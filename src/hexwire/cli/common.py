@@ -313,9 +313,17 @@ def attached(robot: RobotDriver) -> Iterator[RobotDriver]:
 def observing_states(observer: _StateObserver) -> Iterator[None]:
     """In this context every state that a robot of an `observed_driver` reads also goes to `observer`.
 
-    `observer` gets the robot and the state. It must not fail: see `hexwire.link.tap.Missed.guard`.
+    `observer` gets the robot and the state. It must not fail: see `hexwire.link.tap.Missed.guard`. Observers of
+    contexts around this one get the state, too.
     """
-    token = _state_observer.set(observer)
+    outer = _state_observer.get()
+
+    def both(robot: RobotDriver, state: JointState) -> None:
+        if outer is not None:
+            outer(robot, state)
+        observer(robot, state)
+
+    token = _state_observer.set(both)
     try:
         yield
     finally:

@@ -29,6 +29,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "fleet": ("hexwire.cli.fleet:fleet", "See, stop, record and play many shared arms; router and rights."),
     "goto": ("hexwire.cli.motion:goto", "Move the tool tip to a position, as fast as allowed."),
     "grip": ("hexwire.cli.tool:grip", "Open or close the gripper."),
+    "ioctl": ("hexwire.cli.ioctl:ioctl", "Send one special command to the robot, byte for byte."),
     "joystick": ("hexwire.cli.teleop:joystick", "Read a joystick, or send its state over a channel."),
     "line": ("hexwire.cli.motion:line", "Move the tool tip on a straight line."),
     "loopback": ("hexwire.cli.loopback:loopback", "Test a cable and adapter, with TX wired to RX."),

@@ -56,8 +56,11 @@ def state(watch: bool, rate: float, options: RobotOptions, as_json: bool) -> Non
 
 def state_json(state: JointState, model: ArmModel) -> dict[str, object]:
     """A joint state for JSON, each key with its unit."""
+    from hexwire.drivers.robot_state import RobotState
+
     return {
         "robot": model.name,
+        "state": RobotState.of(state).name.lower(),
         "stopped": state.stopped,
         "watchdog_tripped": state.watchdog_tripped,
         "maintenance": state.maintenance,

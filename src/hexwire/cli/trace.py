@@ -6,6 +6,7 @@ Owns arguments and printing. `hexwire.trace` decodes the bytes.
 from __future__ import annotations
 
 import errno
+import math
 import select
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -15,17 +16,20 @@ from typing import TYPE_CHECKING, BinaryIO
 import click
 
 from hexwire.inputs import read_stream
+from hexwire.ipc.own_modules import load_own_modules
 from hexwire.link.base import Link
 from hexwire.link.tap import Direction, Missed, Passed, TapLink, wrap_new_links
-from hexwire.trace.chapter_log import format_passed
+from hexwire.trace.chapter_log import format_passed, format_positions
 from hexwire.trace.explain import Explained, Explainer
 from hexwire.trace.sources import LARGEST, read_traffic
 
-from .common import name_of
+from .common import name_of, observing_states
 from .exits import speak, tell_missed
 from .output import print_json, say
 
 if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
+    from hexwire.model.state import JointState
     from hexwire.trace.parts import Part
     from hexwire.trace.reading import Reading
 
@@ -40,18 +44,25 @@ _LONGEST = getattr(select, "PIPE_BUF", 512) // 4
 
 @contextmanager
 def tracing(*, explain: bool) -> Iterator[None]:
-    """In this context, the traffic of every new link is printed on standard error.
+    """In this context, the traffic of every new link and every state that is read are printed on standard error.
 
     Lines that cannot be printed are counted and reported at the end, in one line; the command continues.
     """
+    # Names for the modules in frames.
+    load_own_modules()
     missed = Missed()
     listener = _Listener()
+
+    def show_state(robot: RobotDriver, state: JointState) -> None:
+        degrees = [math.degrees(angle) for angle in state.position]
+        for line in format_positions(state.names, degrees, name=robot.model.name):
+            listener.tell(line)
 
     def wrap(link: Link) -> Link:
         return TapLink(link, missed.guard(_printer(explain, listener)))
 
     try:
-        with wrap_new_links(wrap):
+        with wrap_new_links(wrap), observing_states(missed.guard(show_state)):
             yield
     finally:
         if listener.is_ready():
@@ -145,6 +156,7 @@ def decode(file: BinaryIO, fields: bool, as_json: bool) -> None:
     """
     from hexwire.trace.dissect import Dissector
 
+    load_own_modules()
     explainer = Explainer()
     dissector = Dissector() if fields else None
 

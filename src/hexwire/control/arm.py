@@ -23,6 +23,7 @@ from .outcomes import Reason
 from .owner import RobotOwner
 from .path_check import PathCheck
 from .power import switch_torque
+from .state_log import logging_states
 from .teach_mode import TeachMode
 from .waiting import TryLock, Waiter
 
@@ -85,7 +86,7 @@ class Arm:
             publish_rate=settings.publish_rate,
             command_rate=settings.command_rate,
             watchdog=settings.watchdog,
-            on_state=on_state,
+            on_state=logging_states(on_state, settings.model.name) if settings.log_positions else on_state,
             on_sent=on_sent,
             clock=clock,
             sleep=sleep,

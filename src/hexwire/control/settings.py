@@ -60,6 +60,7 @@ class Settings:
         poses: Name of a pose -> joint -> angle.
         pose_speed: Fraction of the speed limits used when moving to a pose.
         teach_directory: Folder for taught motions; empty for none.
+        log_positions: Log the joint positions once a second.
         safety: Thresholds that were given; see `safety_at`.
         controllers: At least one.
         model: The arm.
@@ -79,6 +80,7 @@ class Settings:
     poses: Mapping[str, Mapping[str, float]]
     pose_speed: float
     teach_directory: str
+    log_positions: bool
     safety: Mapping[str, float]
     controllers: tuple[ControllerSettings, ...]
     model: ArmModel
@@ -90,7 +92,11 @@ class Settings:
 
 
 SETTINGS = (
-    Setting("port", "", "URL or device of the robot; empty means HEXWIRE_PORT, else the only likely board"),
+    Setting(
+        "port",
+        "",
+        "URL or device of the robot, or its ipc_msg.conf; empty means HEXWIRE_PORT, else the only likely board",
+    ),
     Setting("robot", "hex7bot", "name of the robot, or the TOML file of an arm on a servo bus"),
     Setting("connect_timeout", 10.0, "how long to try to reach the robot at the start", "s", low=0.0, high=3600.0),
     rate_setting("publish_rate", 100.0, "joint states per second, if the link allows it"),
@@ -131,6 +137,7 @@ SETTINGS = (
         "pose_speed", 0.3, "speed when moving to a pose, as a fraction of the limits", low=0.0, high=1.0, above=True
     ),
     Setting("teach_directory", "", "folder in which taught motions are saved; empty means not to save them"),
+    Setting("log_positions", False, "log the joint positions once a second, in degrees"),
     Setting("safety", {}, "thresholds at which the arm stops automatically, by name"),
     Setting("joints", (), "joints of the only controller, in its order; empty means all"),
     Setting("allow_partial_joints_goal", False, "a trajectory may omit joints; they stay where they are"),

@@ -13,9 +13,10 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from hexwire.epochs import Epochs
-from hexwire.errors import HexwireError, NotSupportedError, StoppedError, UsageError
+from hexwire.errors import HexwireError, LinkError, NotSupportedError, ReplyTimeoutError, StoppedError, UsageError
 from hexwire.wire.command_frame import Status
 
+from .robot_state import RobotState
 from .values import JointProbe, ProbeReport, Signal, StopCause, StopLatch, StopMode
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
     from .timed_path import TimedPath
 
-__all__ = ["JointProbe", "ProbeReport", "RobotDriver", "Signal", "StopCause", "StopLatch", "StopMode"]
+__all__ = ["JointProbe", "ProbeReport", "RobotDriver", "RobotState", "Signal", "StopCause", "StopLatch", "StopMode"]
 
 _COMMAND_RATE = 20.0
 
@@ -378,6 +379,19 @@ class RobotDriver(ABC):
         if state.watchdog_tripped:
             return StopLatch(StopCause.WATCHDOG)
         return StopLatch(StopCause.HERE if self.epochs.stopped else StopCause.ELSEWHERE)
+
+    def robot_state(self) -> RobotState:
+        """The state of the whole robot, the chapter's ``m_rbtState``; reads the joints if it is attached.
+
+        Raises:
+            HexwireError: As `read`, except that a robot without an answer is LOST.
+        """
+        if not self.is_attached:
+            return RobotState.DETACHED
+        try:
+            return RobotState.of(self.read())
+        except (LinkError, ReplyTimeoutError):
+            return RobotState.LOST
 
     def ping(self, servo_id: int) -> int | None:
         """Ping one servo.

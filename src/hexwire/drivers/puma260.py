@@ -16,6 +16,7 @@ from typing import Any, Self
 from hexwire.errors import ConfigError, RemoteProtocolError, UsageError
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
+from hexwire.link.url import parse_url
 from hexwire.model.puma260 import PUMA260, angles_to_counts, counts_to_angles
 from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
 from hexwire.motion.limits import check_target, needed_duration
@@ -82,12 +83,20 @@ class Puma260Driver(SessionDriver):
     def from_url(cls, url: str, **options: Any) -> Self:
         """Make a driver for the controller that `url` names: four TCP connections, or one UDP channel.
 
+        A configuration file is read by `from_conf`.
+
         Raises:
             UsageError: The URL is invalid, or there is an option other than `boot_window`.
         """
         unknown = set(options) - {"boot_window"}
         if unknown:
             raise UsageError(f"puma260 has no option {', '.join(sorted(unknown))}")
+
+        parts = parse_url(url)
+        if parts.scheme == "conf":
+            from hexwire.ipc.conf_link import conf_parts
+
+            return cls.from_conf(conf_parts(parts)[0], **options)
 
         def channel(module: ModuleType) -> Session:
             return Session(IpcHandle.from_url(url, module, ModuleType.PUMA260_RBT_IO_SVR))
@@ -104,8 +113,10 @@ class Puma260Driver(SessionDriver):
         )
 
     @classmethod
-    def from_conf(cls, file: str | Path) -> Self:
+    def from_conf(cls, file: str | Path, **options: Any) -> Self:
         """Make a driver for the channels that an `ipc_msg.conf` names; other modules share the I/O channel.
+
+        The options are those of the constructor.
 
         UDP channels to the same port of the controller also share it, since one port answers one caller.
 
@@ -132,6 +143,7 @@ class Puma260Driver(SessionDriver):
             commands=channel(ModuleType.PUMA260_HOST_JNT_CMD_TX),
             states=channel(ModuleType.PUMA260_HOST_JSTATE_RX),
             trajectories=channel(ModuleType.PUMA260_HOST_JTRAJ_TX),
+            **options,
         )
 
     # -- attaching and detaching --------------------------------------------------------------------

@@ -15,9 +15,21 @@ from urllib.parse import quote
 
 from hexwire.errors import ConfigError
 from hexwire.link.url import is_loopback
-from hexwire.wire.modules import IpcType, ModuleType
+from hexwire.wire.modules import MAX_MODULE, IpcType, ModuleType, known_modules, module_named
 
-__all__ = ["Cell", "ChannelConf", "Direction", "Record", "link_url", "make_channels", "rows_of"]
+from .own_modules import load_own_modules
+
+__all__ = [
+    "Cell",
+    "ChannelConf",
+    "Direction",
+    "Record",
+    "interface_named",
+    "link_url",
+    "make_channels",
+    "module_by_text",
+    "rows_of",
+]
 
 DEFAULT_BAUD = 115200
 COLUMNS = ("module_name", "direction", "destination_module", "interface", "address", "port", "peer")
@@ -25,7 +37,24 @@ NEEDED = 5
 _HOST = re.compile(r"(?!-)[A-Za-z0-9_-]{1,63}(?:\.(?!-)[A-Za-z0-9_-]{1,63})*")
 _QUEUE = re.compile(r"/?[A-Za-z0-9_.-]{1,200}")
 _USER = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,31}")
-MODULES = {module.name: module for module in ModuleType if module is not ModuleType.INVALID_MODULE}
+
+
+def module_by_text(text: str) -> ModuleType | None:
+    """The module that a file names, by name or by id; None if there is none.
+
+    Raises:
+        UsageError: A package with modules of its own is wrong.
+    """
+    if re.fullmatch(r"[0-9]{1,10}", text):
+        return ModuleType(int(text)) if int(text) <= MAX_MODULE else None
+    if module_named(text) is None:
+        load_own_modules()
+    return module_named(text)
+
+
+def interface_named(text: str) -> IpcType | None:
+    """The interface of a name, ``TCP`` or the chapter's ``IPC_TCP_SOCKET``; None if there is none."""
+    return IpcType.__members__.get(text)
 
 
 class Direction(enum.Enum):
@@ -59,7 +88,7 @@ class ChannelConf:
     """One channel of the file.
 
     Attributes:
-        module: The module that owns the channel.
+        module: The module that owns the channel; the file names it by name or id.
         direction: Client or server; sends, receives or both.
         destination: The module at the other end.
         interface: Queue, TCP, UDP or serial.
@@ -109,6 +138,14 @@ class Record:
             raise self.error(column, f"unknown {column} {text!r}; known: {', '.join(names)}")
         return text
 
+    def module(self, column: str) -> ModuleType:
+        text = self.text(column)
+        found = module_by_text(text)
+        if found is None:
+            names = ", ".join(module.name for module in known_modules())
+            raise self.error(column, f"unknown {column} {text!r}; known: {names}, and ids from 0 to {MAX_MODULE}")
+        return found
+
     def host(self, column: str) -> str:
         text = self.text(column)
         if _is_address(text):
@@ -129,10 +166,10 @@ class Record:
                 raise self.error(
                     "", f"the record ends before its {column}; columns: {' '.join(COLUMNS[:5])} [port]"
                 )
-        module = MODULES[self.one_of("module_name", MODULES)]
+        module = self.module("module_name")
         direction = Direction(self.one_of("direction", (member.value for member in Direction)))
-        destination = MODULES[self.one_of("destination_module", MODULES)]
-        interface = IpcType[self.one_of("interface", (member.name for member in IpcType))]
+        destination = self.module("destination_module")
+        interface = IpcType[self.one_of("interface", IpcType.__members__)]
         address, port, peer = self._endpoint(interface, direction)
         return ChannelConf(module, direction, destination, interface, address, port, peer, self.start.line)
 

@@ -8,8 +8,9 @@ The chapter's format (PROTOCOL.md, the section on `ipc_msg.conf`)::
     # module_name   direction   destination_module  interface  address         [port]
     ARM_7BOT_SERIAL_TRX  CLIENT_TRX  ARM_7BOT_ARDUINO_TRX  SERIAL  /dev/ttyUSB0  115200
 
-A record starts in the first column and continues on indented lines; so does a comment. For SERIAL the port number
-is the baud rate. A UDP server that is not on loopback names the host it accepts in one more column.
+A record starts in the first column and continues on indented lines; so does a comment. Modules may be given by id,
+and interfaces by the chapter's names, such as IPC_SERIAL_PORT. For SERIAL the port number is the baud rate. A UDP
+server that is not on loopback names the host it accepts in one more column.
 """
 
 from __future__ import annotations
@@ -20,16 +21,16 @@ from pathlib import Path
 
 from hexwire.errors import ConfigError
 from hexwire.inputs import read_text
-from hexwire.wire.modules import IpcType
+from hexwire.wire.modules import IpcType, module_named
 
 from .channel import (
     COLUMNS,
-    MODULES,
     NEEDED,
     Cell,
     ChannelConf,
     Direction,
     Record,
+    interface_named,
     link_url,
     make_channels,
     rows_of,
@@ -68,7 +69,7 @@ def parse_conf(text: str, file: str = "") -> list[ChannelConf]:
             records.append(cells)
         elif open_record is not None and (not after_comment or len(open_record) < NEEDED):
             open_record.extend(cells)
-        elif after_comment and cells[0].text not in MODULES:
+        elif after_comment and module_named(cells[0].text) is None:
             pass  # the comment continues, as in the chapter's own file
         else:
             raise ConfigError(
@@ -88,7 +89,11 @@ def _cells(line: str, number: int) -> list[Cell]:
 def _from_columns(cells: list[Cell], file: str) -> Record:
     named = dict(zip(COLUMNS, cells, strict=False))
     port = named.get("port")
-    if port is not None and named["interface"].text == IpcType.QUEUE.name and port.text.startswith(_TRUST):
+    if (
+        port is not None
+        and interface_named(named["interface"].text) is IpcType.QUEUE
+        and port.text.startswith(_TRUST)
+    ):
         # A queue has no port; this column may name a trusted user instead.
         named.pop("port")
         named["peer"] = Cell(port.text.removeprefix(_TRUST), port.line, port.column + len(_TRUST))

@@ -13,7 +13,7 @@ from hexwire.inputs import Item
 from hexwire.inputs import parse_toml as parse_tables
 from hexwire.wire.modules import IpcType
 
-from .channel import Cell, ChannelConf, Record, make_channels, rows_of
+from .channel import Cell, ChannelConf, Record, interface_named, make_channels, rows_of
 
 __all__ = ["parse_toml", "to_toml"]
 
@@ -29,7 +29,9 @@ _KEYS = {
     "peer": "peer",
     "trust": "peer",
 }
-_MOST = 10**9 - 1
+_BY_ID = ("module_name", "destination_module")
+"""Columns whose value may be a number or a name."""
+_MOST = 2**30 - 1
 _LONGEST = 4000
 
 
@@ -55,16 +57,17 @@ def _from_table(entry: Item) -> Record:
     cells: dict[str, Cell] = {}
     for key, item in entry.table(_KEYS).items():
         column = _KEYS[key]
-        text = str(item.integer(0, _MOST)) if column == "port" else item.text(_LONGEST)
+        number = column == "port" or (column in _BY_ID and isinstance(item.value, int))
+        text = str(item.integer(0, _MOST)) if number else item.text(_LONGEST)
         if re.search(r"\s", text) or not text or text.startswith("#"):
             raise item.fault(f"must be one word, not {text[:60]!r}")
         if column in cells:
             same = [other for other, known in _KEYS.items() if known == column]
             raise item.fault(f"is one too many: {' and '.join(same)} are the same thing")
-        interface = entry.value.get("interface")
-        if key in ("port", "baud") and (key == "baud") != (interface == IpcType.SERIAL.name):
+        interface = interface_named(str(entry.value.get("interface")))
+        if key in ("port", "baud") and (key == "baud") != (interface is IpcType.SERIAL):
             raise item.fault("does not fit the interface: baud belongs to SERIAL, port to TCP and UDP")
-        if key in ("peer", "trust") and (key == "trust") != (interface == IpcType.QUEUE.name):
+        if key in ("peer", "trust") and (key == "trust") != (interface is IpcType.QUEUE):
             raise item.fault("does not fit the interface: peer belongs to UDP, trust to QUEUE")
         cells[column] = Cell(text, *item.line_and_column)
     return Record(cells, Cell("", *entry.line_and_column), entry.file)

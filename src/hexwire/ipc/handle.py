@@ -9,10 +9,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Self
 
-from hexwire.errors import ConfigError, UsageError
+from hexwire.errors import UsageError
 from hexwire.link.base import Link, LinkKind
 from hexwire.link.openable import Openable
-from hexwire.wire.modules import IpcType, ModuleType, module_name
+from hexwire.wire.modules import IpcType, ModuleType
 
 __all__ = ["IpcHandle"]
 
@@ -57,11 +57,24 @@ class IpcHandle(Openable):
     ) -> Self:
         """A channel over the link that `url` names, such as ``serial:///dev/ttyUSB0?baud=115200``.
 
+        If it names a configuration file, as in ``conf:///etc/ipc_msg.conf``, the destination is that in the file.
+        Our module is then `module`, or the one of ``?module=NAME``.
+
         Raises:
             UsageError: The URL is invalid; the text names the wrong part.
+            ConfigError: The file that it names cannot be read, is wrong, or does not name our module.
         """
         from hexwire.link.open import make_link
+        from hexwire.link.url import parse_url
 
+        parts = parse_url(url)
+        if parts.scheme == "conf":
+            from .conf_link import conf_parts
+
+            file, ours = conf_parts(parts, module)
+            handle = cls(ours, file)
+            handle._link = handle._from_conf()
+            return handle
         return cls.from_link(make_link(url), module, destination)
 
     @classmethod
@@ -108,17 +121,11 @@ class IpcHandle(Openable):
     def _from_conf(self) -> Link:
         from hexwire.link.open import make_link
 
-        from .conf import link_url, load_conf
+        from .channel import link_url
+        from .conf_link import channel_of
 
         if self._conf_file is None:
             raise UsageError("this handle has neither a link nor a configuration file")
-        channels = load_conf(self._conf_file)
-        for channel in channels:
-            if channel.module == self.module:
-                self.destination = channel.destination
-                self.type = channel.interface
-                return make_link(link_url(channel))
-        named = ", ".join(sorted({module_name(c.module) for c in channels})) or "none"
-        raise ConfigError(
-            f"there is no channel for {module_name(self.module)}; the file has {named}", file=str(self._conf_file)
-        )
+        channel = channel_of(self._conf_file, self.module)
+        self.destination, self.type = channel.destination, channel.interface
+        return make_link(link_url(channel))

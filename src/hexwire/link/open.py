@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
     from importlib.metadata import EntryPoint
 
-__all__ = ["ENTRY_POINT_GROUP", "known_schemes", "make_link", "open_link"]
+__all__ = ["ENTRY_POINT_GROUP", "build_link", "known_schemes", "make_link", "open_link"]
 
 ENTRY_POINT_GROUP = "hexwire.links"
 
@@ -52,10 +52,11 @@ def make_link(url: str) -> Link:
     Raises:
         UsageError: The address is malformed, its scheme unknown or an option wrong.
     """
-    return tapped(_build(url))
+    return tapped(build_link(url))
 
 
-def _build(url: str) -> Link:
+def build_link(url: str) -> Link:
+    """As `make_link`, but nobody observes the link: for one that is part of another."""
     parts = parse_url(url)
     if parts.scheme in _BUILT_IN:
         module, name = _BUILT_IN[parts.scheme]

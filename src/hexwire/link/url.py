@@ -97,7 +97,8 @@ class LinkUrl:
 def parse_url(text: str) -> LinkUrl:
     """Parse the address of a link.
 
-    A text without ``://`` is the path of a serial device: ``/dev/ttyUSB0?baud=115200``.
+    A text without ``://`` is the path of a serial device, ``/dev/ttyUSB0?baud=115200``, or of a configuration file
+    whose name ends in ``.conf``.
 
     Raises:
         UsageError: The text is not an address; the error names the wrong part.
@@ -107,9 +108,9 @@ def parse_url(text: str) -> LinkUrl:
     head, separator, query_text = text.partition("?")
     scheme, has_scheme, rest = head.partition("://")
     if not has_scheme:
-        if re.fullmatch(r"(serial|tcp|tcps|udp|mq|tcp-listen|tcps-listen|udp-listen):.*", head):
+        if re.fullmatch(r"(conf|serial|tcp|tcps|udp|mq|tcp-listen|tcps-listen|udp-listen):.*", head):
             raise UsageError(f"{text!r}: write '//' after the first colon, as in tcp://192.168.1.10:15030")
-        scheme, rest = "serial", head
+        scheme, rest = "conf" if head.endswith(".conf") else "serial", head
         netloc, path = "", head
     else:
         netloc, slash, path = rest.partition("/")

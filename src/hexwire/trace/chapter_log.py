@@ -1,4 +1,6 @@
-"""The traffic log that the chapter's host prints: direction and length above, hex on the left, text on the right.
+"""The log that the chapter's host prints: transfers, and the joint positions that it read.
+
+A transfer has direction and length above, hex on the left, and text on the right.
 
 Owns writing and reading this layout. Must not know what the bytes mean.
 
@@ -9,11 +11,11 @@ Owns writing and reading this layout. Must not know what the bytes mean.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 from hexwire.link.tap import Direction, Passed
 
-__all__ = ["HEADLINE", "format_passed", "hex_rows", "parse_log"]
+__all__ = ["HEADLINE", "format_passed", "format_positions", "hex_rows", "parse_log"]
 
 _WIDTH = 16
 _WORDS = {Direction.SENT: "sent", Direction.RECEIVED: "receive"}
@@ -43,6 +45,18 @@ def format_passed(passed: Passed, *, name: str = "SerialPort", start: float | No
     stamp = "" if start is None else f"{passed.time - start:.6f} "
     yield f"{stamp}{name} {_WORDS[passed.direction]} - Length={len(passed.data)}"
     yield from hex_rows(passed.data)
+
+
+def format_positions(names: Sequence[str], degrees: Sequence[float], *, name: str) -> Iterator[str]:
+    """The two lines of a state that was read, with six digits for each joint.
+
+    Args:
+        names: The joints.
+        degrees: Their positions.
+        name: Who read it.
+    """
+    yield f"{name}:: HW read (degree):"
+    yield " ".join(f"{joint}={angle:g}" for joint, angle in zip(names, degrees, strict=True))
 
 
 def parse_log(lines: Iterable[str]) -> Iterator[Passed | str]:

@@ -1,0 +1,93 @@
+"""The address of a channel in a configuration file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from hexwire.drivers.hex7bot import Hex7BotDriver
+from hexwire.drivers.puma260 import Puma260Driver
+from hexwire.drivers.registry import connect, make_driver
+from hexwire.errors import ConfigError, LinkNotFoundError, UsageError
+from hexwire.ipc.handle import IpcHandle
+from hexwire.link.open import make_link
+from hexwire.wire.modules import IpcType, ModuleType
+
+RECORDS = """\
+ARM_7BOT_SERIAL_TRX  CLIENT_TRX  9                     IPC_SERIAL_PORT  /dev/none  500000
+12                   CLIENT_TX   ROS1_HOST             IPC_UDP_SOCKET   127.0.0.1  15040
+PUMA260_HOST_IO_TRX  CLIENT_TRX  PUMA260_RBT_IO_SVR    IPC_TCP_SOCKET   127.0.0.1  15030
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "ipc_msg.conf"
+    path.write_text(RECORDS)
+    return path
+
+
+@pytest.mark.parametrize("form", ["{}", "conf://{}"])
+def test_the_file_names_link_and_modules(file: Path, form: str) -> None:
+    handle = IpcHandle.from_url(form.format(file))
+    assert handle.link.url == "serial:///dev/none?baud=500000"
+    assert (handle.module, handle.destination, handle.type) == (7, 9, IpcType.SERIAL)
+
+
+@pytest.mark.parametrize("module", ["12", "12&", "PUMA260_HOST_IO_TRX"])
+def test_another_module_of_the_file(file: Path, module: str) -> None:
+    url = f"{file}?module={module}"
+    if module.endswith("&"):
+        with pytest.raises(UsageError, match="option"):
+            IpcHandle.from_url(url)
+        return
+    handle = IpcHandle.from_url(url)
+    assert handle.module == (12 if module == "12" else ModuleType.PUMA260_HOST_IO_TRX)
+    assert make_link(url).url == handle.link.url
+
+
+def test_a_relative_path(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(file.parent)
+    for url in ("ipc_msg.conf", "conf://ipc_msg.conf", "./ipc_msg.conf"):
+        assert make_link(url).url == "serial:///dev/none?baud=500000"
+
+
+def test_a_driver_speaks_with_the_modules_of_the_file(file: Path) -> None:
+    driver = make_driver(str(file))
+    assert isinstance(driver, Hex7BotDriver)
+    assert driver.url == "serial:///dev/none?baud=500000"
+    with pytest.raises(LinkNotFoundError):
+        driver.attach()
+    with pytest.raises(LinkNotFoundError, match="/dev/none"):
+        connect(f"conf://{file}")
+
+
+def test_the_chapters_channels_of_a_puma(file: Path) -> None:
+    driver = make_driver(str(file), "puma260", boot_window=0.5)
+    assert isinstance(driver, Puma260Driver)
+    assert driver.session.ipc.module is ModuleType.PUMA260_HOST_IO_TRX
+    assert driver.states is driver.session
+
+
+@pytest.mark.parametrize(
+    ("url", "words"),
+    [
+        ("conf://?module=ROS1_HOST", "the file is missing"),
+        ("conf:ipc_msg.conf", "write '//'"),
+        ("{}?module=NOBODY", "unknown module 'NOBODY'"),
+        ("{}?modul=ROS1_HOST", "unknown option 'modul'"),
+    ],
+)
+def test_a_wrong_address(file: Path, url: str, words: str) -> None:
+    with pytest.raises(UsageError, match=words):
+        make_link(url.format(file))
+
+
+def test_a_module_that_the_file_does_not_name(file: Path) -> None:
+    with pytest.raises(
+        ConfigError, match=r"no channel for JOY_STICK; the file has ARM_7BOT_SERIAL_TRX, .*module 12"
+    ):
+        IpcHandle.from_url(f"{file}?module=JOY_STICK")
+    with pytest.raises(ConfigError, match="missing"):
+        make_driver(str(file.with_name("missing.conf")))

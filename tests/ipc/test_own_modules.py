@@ -1,0 +1,64 @@
+"""Modules that another package brings, found without a change to hexwire."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from hexwire.errors import ConfigError, UsageError
+from hexwire.ipc import own_modules
+from hexwire.ipc.conf import parse_conf, to_conf
+from hexwire.wire.modules import module_name
+
+RECORD = "{} CLIENT_TRX ARM_7BOT_ARDUINO_TRX SERIAL /dev/ttyUSB0\n"
+
+
+@pytest.fixture
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):  # type: ignore[no-untyped-def]
+    """Puts a package where the interpreter finds it, as pip does."""
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def put(name: str, code: str, attribute: str) -> None:
+        info = tmp_path / f"{name}-1.0.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+        (info / "entry_points.txt").write_text(f"[{own_modules.ENTRY_POINT_GROUP}]\nall = {name}:{attribute}\n")
+        (tmp_path / f"{name}.py").write_text(code)
+        own_modules._load.cache_clear()
+
+    yield put
+    sys.modules.pop("own_modules_a", None)
+    own_modules._load.cache_clear()
+
+
+def test_an_enumeration_of_another_package(install) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(ConfigError, match="unknown module_name 'CAMERA_TX'; known: ROS1_HOST"):
+        parse_conf(RECORD.format("CAMERA_TX"))
+    code = "from enum import IntEnum\nclass Ids(IntEnum):\n    CAMERA_TX = 24\n    LIFT_TRX = 25\n"
+    install("own_modules_a", code, "Ids")
+    (channel,) = parse_conf(RECORD.format("CAMERA_TX"))
+    assert (channel.module, channel.module.name) == (24, "CAMERA_TX")
+    assert module_name(25) == "LIFT_TRX"
+    assert parse_conf(to_conf([channel])) == [channel]
+
+
+def test_a_mapping_of_another_package(install) -> None:  # type: ignore[no-untyped-def]
+    install("own_modules_b", "IDS = {'SCALE_TX': 26}\n", "IDS")
+    own_modules.load_own_modules()
+    assert module_name(26) == "SCALE_TX"
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "words"),
+    [
+        ("own_modules_c", "IDS = 5\n", "neither an enumeration nor a mapping"),
+        ("own_modules_d", "IDS = {'SCALE_RX': 8}\n", "ids are 9 to"),
+        ("own_modules_e", "IDS = {'SCALE_RX': '9'}\n", "ids are 9 to"),
+    ],
+)
+def test_a_package_that_is_wrong(install, name: str, code: str, words: str) -> None:  # type: ignore[no-untyped-def]
+    install(name, code, "IDS")
+    with pytest.raises(UsageError, match=words):
+        own_modules.load_own_modules()
