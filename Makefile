@@ -97,7 +97,7 @@ lint: setup
 	$(BIN)/ruff format --check .
 
 types: setup
-	$(BIN)/mypy --strict src
+	$(BIN)/mypy --strict src examples
 	@# What is guarded for another system is unreachable in these two.
 	$(BIN)/mypy --strict --no-warn-unreachable --platform darwin src
 	$(BIN)/mypy --strict --no-warn-unreachable --platform win32 src

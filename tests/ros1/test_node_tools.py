@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+import pytest
 from tests.model.poses import pose_error
 from tests.ros1.ros_world import HEXWIRE, JOINTS, Arm, World, near, still, until
 
@@ -13,6 +14,7 @@ import hexwire.ros1
 from hexwire.model.geometry import make_kinematics, make_shapes
 from hexwire.model.pose import Pose, apply, multiply
 
+ROOT = Path(__file__).resolve().parent.parent.parent
 SHARE = Path(hexwire.ros1.__file__).resolve().parent / "share"
 
 
@@ -41,6 +43,14 @@ def test_rostopic_pub_moves_the_arm(arm: Arm) -> None:
     program = arm.world.start("rostopic", "pub", "-1", "/command", "trajectory_msgs/JointTrajectory", text)
     until(lambda: near({"J1": target}, arm.board.positions), "it is there", arm.node.report)
     program.kill_all()
+
+
+def test_the_example_moves_the_arm(arm: Arm) -> None:
+    before = arm.position()["J1"]
+    out = arm.world.run("/usr/bin/python3", str(ROOT / "examples" / "ros1_client.py")).out
+    first, last = (float(line.split()[3]) for line in out.splitlines())
+    assert (first, last) == (pytest.approx(before, abs=0.02), pytest.approx(before + 0.2, abs=0.03))
+    until(lambda: near({"J1": before + 0.2}, arm.board.positions), "it is there", arm.node.report)
 
 
 def test_rosservice_stops_and_resets(arm: Arm) -> None:

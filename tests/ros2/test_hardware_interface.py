@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import sys
 import threading
 import time
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -18,6 +20,7 @@ from hexwire.ros2.zenoh_session import ZenohSettings
 
 __all__ = ["arm", "shared_arm", "world"]
 
+ROOT = Path(__file__).resolve().parent.parent.parent
 pytestmark = pytest.mark.system
 STATE, STRING = "sensor_msgs/msg/JointState", "std_msgs/msg/String"
 
@@ -26,6 +29,15 @@ def aside(arm: Arm, angle: float = 0.2) -> float:
     """A place for J1 so far away, towards its middle."""
     here = arm.position()["J1"]
     return here - math.copysign(angle, here)
+
+
+def test_the_example_moves_the_arm(arm: Arm) -> None:
+    before = arm.position()["J1"]
+    program = arm.world.start(sys.executable, str(ROOT / "examples" / "ros2_client.py"))
+    assert program.wait() == 0, program.report()
+    first, last = (float(line.split()[3]) for line in program.out.splitlines())
+    assert (first, last) == (pytest.approx(before, abs=0.02), pytest.approx(before + 0.2, abs=0.03))
+    until(lambda: near({"J1": before + 0.2}, arm.board.positions), "it is there", arm.node.report)
 
 
 # -- what is published ------------------------------------------------------------------------------------------

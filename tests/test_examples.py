@@ -1,0 +1,134 @@
+"""Every program in examples/ runs as its first lines say, on an emulated arm."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import pytest
+from tests.link.far_ends import free_port
+
+ROOT = Path(__file__).resolve().parent.parent
+EXAMPLES = ROOT / "examples"
+ELSEWHERE = {"ros1_client": "tests/ros1/test_node_tools.py", "ros2_client": "tests/ros2/test_hardware_interface.py"}
+"""Examples that need more than an emulated arm, and where they run."""
+
+pytestmark = pytest.mark.system
+
+
+def environment(folder: Path) -> dict[str, str]:
+    """That of a person who types, not that of a test."""
+    kept = {key: value for key, value in os.environ.items() if not key.startswith(("HEXWIRE", "PYTEST"))}
+    return kept | {"HOME": str(folder), "XDG_RUNTIME_DIR": str(folder)}
+
+
+def run(name: str, folder: Path) -> str:
+    """What an example prints; it must end without an error."""
+    command = [sys.executable, str(EXAMPLES / f"{name}.py")]
+    env = environment(folder)
+    done = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, timeout=100, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout
+
+
+def fetch(url: str) -> str:
+    """A page of a server that is starting."""
+    for _ in range(300):
+        try:
+            with urllib.request.urlopen(url, timeout=60) as answer:
+                return str(answer.read().decode())
+        except urllib.error.URLError:
+            time.sleep(0.1)
+    raise AssertionError(f"nothing answers at {url}")
+
+
+def test_read(tmp_path: Path) -> None:
+    head, *rows = run("read", tmp_path).splitlines()
+    assert head.split() == [f"J{i}" for i in range(1, 8)]
+    assert 5 < len(rows) <= 21
+    assert all(re.fullmatch(r"( *-?\d+\.\d){7} degrees", row) for row in rows)
+
+
+def test_move(tmp_path: Path) -> None:
+    assert run("move", tmp_path) == "J1 to 5.5 degrees: there\nJ1 to -4.5 degrees: there\n"
+
+
+def test_wave(tmp_path: Path) -> None:
+    assert run("wave", tmp_path) == "waved\n"
+
+
+def test_pick_and_place(tmp_path: Path) -> None:
+    first, second = run("pick_and_place", tmp_path).splitlines()
+    assert re.fullmatch(r"tip at -(79|80|81) (199|200|201) (139|140|141) mm, gripper 20% open", first)
+    assert re.fullmatch(r"tip at (79|80|81) (199|200|201) (139|140|141) mm, gripper 80% open", second)
+
+
+def test_record_and_plot(tmp_path: Path) -> None:
+    said = run("record_and_plot", tmp_path)
+    assert re.fullmatch(r"\d\d states in motion.mcap and motion.svg\n", said)
+    assert (tmp_path / "motion.svg").read_text().count("<svg") == 1
+    played = [sys.executable, "-m", "hexwire", "play", "motion.mcap", "--port", "sim://hex7bot", "--dry-run"]
+    subprocess.run(played, cwd=tmp_path, check=True, capture_output=True, timeout=100)
+
+
+def test_leader_follower(tmp_path: Path) -> None:
+    env = environment(tmp_path)
+    command = [sys.executable, "-u", str(EXAMPLES / "leader_follower.py")]
+    with subprocess.Popen(command, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as program:
+        try:
+            assert program.stdout is not None
+            assert program.stdout.readline() == "move the leader\n"
+            address = "sim://so101?name=leader"
+            hand = [sys.executable, "-m", "hexwire", "sim", "hand", "shoulder_pan", "+30", "--port", address]
+            subprocess.run([*hand, "--duration", "0.5"], env=env, check=True, capture_output=True, timeout=100)
+            program.send_signal(signal.SIGINT)
+            said, errors = program.communicate(timeout=60)
+        finally:
+            program.kill()
+    assert errors == ""
+    found = re.search(r"the follower holds, (\d\.\d{3}) rad from the leader at most\n", said)
+    assert found is not None, said
+    # Without torque the joints of the leader sag; the follower was where they were a moment before.
+    assert float(found[1]) < 0.25
+
+
+def test_own_driver(tmp_path: Path) -> None:
+    there, refused = run("own_driver", tmp_path).splitlines()
+    assert there == "there {'pan': 0.5, 'tilt': -0.2}"
+    assert refused.startswith("refused: pan=114.6 deg is outside its limits")
+
+
+def test_own_page(tmp_path: Path) -> None:
+    port = free_port()
+    env = environment(tmp_path) | {"PAGE_PORT": str(port)}
+    command = [sys.executable, "-u", str(EXAMPLES / "own_page.py")]
+    pipes = subprocess.PIPE
+    with subprocess.Popen(command, cwd=tmp_path, env=env, stdout=pipes, stderr=pipes, text=True) as program:
+        try:
+            page = fetch(f"http://127.0.0.1:{port}/")
+            program.terminate()
+            _, errors = program.communicate(timeout=60)
+        finally:
+            program.kill()
+    assert errors == ""
+    assert all(word in page for word in ("my arm", "STOP", "J7"))
+
+
+def test_each_example_runs_in_a_test_and_is_listed() -> None:
+    names = {path.stem for path in EXAMPLES.glob("*.py")}
+    here = Path(__file__).read_text(encoding="utf-8")
+    assert len(names) >= 10
+    assert {name for name in names if f"def test_{name}(" not in here} == set(ELSEWHERE)
+    for name, file in ELSEWHERE.items():
+        assert f'"examples" / "{name}.py"' in (ROOT / file).read_text(encoding="utf-8")
+    listed = (EXAMPLES / "README.md").read_text(encoding="utf-8")
+    assert {name for name in names if f"({name}.py)" in listed} == names
+    for name in names:
+        assert f"python examples/{name}.py" in (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
