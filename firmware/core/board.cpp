@@ -4,6 +4,7 @@
 
 #include <string.h>
 
+#include "address.h"
 #include "bytes.h"
 
 namespace hexwire {
@@ -124,12 +125,12 @@ void Board::accept(const Frame& frame) {
     chapter_heard_ = true;
     chapter_heard_ms_ = ms_;
   } else {
-    if (frame.dst != gen::MODULE_ARM_7BOT_ARDUINO_TRX) return;
+    if (names_board(frame.dst) == Named::kNo) return;
     if (frame.ext & (gen::EXT_REPLY | gen::EXT_UNSOLICITED)) return;
   }
   heard_ms_ = ms_;
   fed_ = true;
-  if (!chapter && (is_repeat(frame) || accept_stop(frame))) return;
+  if (!chapter && (is_repeat(frame) || refuse_for_several(frame) || accept_stop(frame))) return;
   if (queue_.push(frame)) {
     if (queue_.count() > stats_.queue_high_water) stats_.queue_high_water = queue_.count();
   } else if (!chapter) {
@@ -153,6 +154,13 @@ bool Board::is_repeat(const Frame& frame) {
     return false;
   }
   ++stats_.repeats;
+  return true;
+}
+
+// Refuses a command that must go to one module.
+bool Board::refuse_for_several(const Frame& frame) {
+  if (names_board(frame.dst) == Named::kAlone || goes_to_several(frame.cmd)) return false;
+  answer(frame, gen::STATUS_NOT_SUPPORTED, 0);
   return true;
 }
 

@@ -122,6 +122,7 @@ class Board {
   void receive();
   void accept(const Frame& frame);
   bool is_repeat(const Frame& frame);
+  bool refuse_for_several(const Frame& frame);
   bool accept_stop(const Frame& frame);
   void answer(const Frame& frame, uint8_t status, uint8_t size);
   void check_watchdog();

@@ -16,7 +16,8 @@ constexpr uint8_t kErrorBits = gen::SERVO_ERROR_VOLTAGE | gen::SERVO_ERROR_ENCOD
 constexpr uint16_t kCapabilities = gen::CAPABILITY_REPORT | gen::CAPABILITY_JOINT_MOVE | gen::CAPABILITY_WATCHDOG |
                                    gen::CAPABILITY_LIMITS | gen::CAPABILITY_OFFSETS | gen::CAPABILITY_TRANSACT |
                                    gen::CAPABILITY_SYNC_READ | gen::CAPABILITY_IO | gen::CAPABILITY_MAINTENANCE |
-                                   gen::CAPABILITY_TRAJECTORY;
+                                   gen::CAPABILITY_TRAJECTORY | gen::CAPABILITY_FINE_POSITIONS |
+                                   gen::CAPABILITY_SEVERAL;
 constexpr uint16_t kNever = 0xFFFF;
 
 uint8_t* put_next(uint8_t* at, uint16_t value) {

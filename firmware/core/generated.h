@@ -31,6 +31,8 @@ constexpr uint16_t REPEAT_WINDOW_MS = 2000;
 constexpr uint16_t INTERBYTE_TIMEOUT_MS = 50;
 constexpr uint8_t STORED_REPLIES = 4;
 constexpr uint8_t MAX_JOINTS = 16;
+constexpr int32_t ADDRESS_BROADCAST = -1;
+constexpr int32_t ADDRESS_MULTICAST = 1073741824;
 constexpr int32_t MODULE_ROS1_HOST = 0;
 constexpr int32_t MODULE_ARM_7BOT_SERIAL_TRX = 7;
 constexpr int32_t MODULE_ARM_7BOT_ARDUINO_TRX = 8;
@@ -95,6 +97,8 @@ constexpr uint16_t CAPABILITY_SYNC_READ = 0x0080;
 constexpr uint16_t CAPABILITY_IO = 0x0100;
 constexpr uint16_t CAPABILITY_MAINTENANCE = 0x0200;
 constexpr uint16_t CAPABILITY_TRAJECTORY = 0x0400;
+constexpr uint16_t CAPABILITY_FINE_POSITIONS = 0x1000;
+constexpr uint16_t CAPABILITY_SEVERAL = 0x2000;
 constexpr uint8_t STATE_FIELD_SPEED = 0x01;
 constexpr uint8_t STATE_FIELD_LOAD = 0x02;
 constexpr uint8_t STATE_FIELD_VOLTAGE = 0x04;
@@ -103,6 +107,7 @@ constexpr uint8_t STATE_FIELD_CURRENT = 0x10;
 constexpr uint8_t STATE_FIELD_AGE = 0x20;
 constexpr uint8_t TRAJECTORY_FLAG_HERMITE = 0x01;
 constexpr uint8_t TRAJECTORY_FLAG_OUTLIVES_HOST = 0x02;
+constexpr uint8_t TRAJECTORY_FLAG_FINE = 0x04;
 
 // PING: Dialect 1: sends a PING packet to the bus and returns the answer.
 constexpr uint8_t CMD_PING = 0x01;

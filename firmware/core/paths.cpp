@@ -14,7 +14,8 @@ constexpr uint16_t kMostSilentMs = 150;   // a joint that does not answer for so
 constexpr uint32_t kMostGapUs = 18000;    // the next targets are sent then, although a polling cycle has not ended
 constexpr int32_t kFreeBeforeUs = 6000;   // the servo line is kept free for so long before a start
 constexpr uint8_t kTurnUs = 160;          // between two packets: until the first is known to be over, and the second begins
-constexpr uint8_t kAllFlags = gen::TRAJECTORY_FLAG_HERMITE | gen::TRAJECTORY_FLAG_OUTLIVES_HOST;
+constexpr uint8_t kAllFlags =
+    gen::TRAJECTORY_FLAG_HERMITE | gen::TRAJECTORY_FLAG_OUTLIVES_HOST | gen::TRAJECTORY_FLAG_FINE;
 
 }  // namespace
 

@@ -92,6 +92,8 @@ class RequestQueue {
 
 class ReplyStore {
  public:
+  static constexpr uint8_t kMostReply = 132;  // of what this board answers in one frame
+
   struct Entry {
     uint32_t at_ms;
     int32_t src;
@@ -102,7 +104,7 @@ class ReplyStore {
     uint8_t request_size;
     uint8_t reply_size;
     uint32_t request;  // of its body
-    uint8_t reply[kMaxBody];
+    uint8_t reply[kMostReply];
   };
 
   ReplyStore() : next_(0), entries_() {}

@@ -12,6 +12,7 @@ namespace {
 
 constexpr uint8_t kTickUs = 100;        // the unit of the times of points
 constexpr uint16_t kTicksPerSecond = 10000;
+constexpr uint8_t kFine = 8;            // parts of a count
 constexpr uint8_t kBrakeShift = 5;      // braking is computed in 32 us, so that 32 bits suffice
 constexpr uint32_t kLeadUs = kTrajectoryLeadMs * 1000UL;
 
@@ -142,15 +143,16 @@ uint8_t Trajectory::check_point(const uint8_t* now, const uint8_t* before) const
 
 uint8_t Trajectory::check_joint(uint8_t i, const uint8_t* now, const uint8_t* before, uint16_t dt) const {
   const int16_t position = signed16(now);
-  if (position < settings_.minimum(i) || position > settings_.maximum(i)) return gen::STATUS_BAD_RANGE;
+  const int32_t parts = fine() ? kFine : 1;  // of a count
+  if (position < settings_.minimum(i) * parts || position > settings_.maximum(i) * parts) return gen::STATUS_BAD_RANGE;
   const int32_t limit = settings_.speed(i);
   const int32_t velocity = hermite() ? signed16(now + 2) : 0;
   if (velocity > limit || velocity < -limit) return gen::STATUS_BAD_RANGE;
   if (before == nullptr) return gen::STATUS_OK;
   const int32_t way = static_cast<int32_t>(position) - signed16(before);
-  // One count less, since positions are rounded.
+  // One less, since positions are rounded.
   const uint32_t least = static_cast<uint32_t>(way > 0 ? way - 1 : way < 0 ? -way - 1 : 0);
-  const bool fast = least * kTicksPerSecond > static_cast<uint32_t>(limit) * dt;
+  const bool fast = least * (fine() ? kTicksPerSecond / kFine : kTicksPerSecond) > static_cast<uint32_t>(limit) * dt;
   return fast ? gen::STATUS_BAD_RANGE : gen::STATUS_OK;
 }
 
@@ -167,7 +169,10 @@ bool Trajectory::enough() const {
   return complete_ || rest() + get16(point(1)) * static_cast<uint32_t>(kTickUs) > brake_us_ / 2;
 }
 
-int16_t Trajectory::origin(uint8_t joint) const { return signed16(point(0) + 2 + place(joint) * size_of_joint()); }
+int16_t Trajectory::origin(uint8_t joint) const {
+  const int16_t position = signed16(point(0) + 2 + place(joint) * size_of_joint());
+  return fine() ? static_cast<int16_t>((static_cast<int32_t>(position) + kFine / 2) >> 3) : position;
+}
 
 void Trajectory::start_at(uint32_t time_us) {
   start_us_ = time_us;
@@ -193,7 +198,7 @@ void Trajectory::load_segment() {
     if (!(mask_ & only(i))) continue;
     Cubic& cubic = cubics_[i];
     cubic.origin = signed16(a + at);
-    const int32_t way = (static_cast<int32_t>(signed16(b + at)) - cubic.origin) * 16;
+    const int32_t way = (static_cast<int32_t>(signed16(b + at)) - cubic.origin) * unit();
     cubic.c1 = way;
     cubic.c2 = cubic.c3 = 0;
     if (hermite()) {
@@ -278,7 +283,7 @@ int16_t Trajectory::position(uint8_t joint) const {
   const Cubic& cubic = cubics_[joint];
   int32_t way = hermite() ? part(cubic.c2 + part(cubic.c3, share_), share_) : 0;
   way = part(cubic.c1 + way, share_);
-  return static_cast<int16_t>(cubic.origin + ((way + 8) >> 4));
+  return static_cast<int16_t>((static_cast<int32_t>(cubic.origin) * unit() + way + 8) >> 4);
 }
 
 void Trajectory::brake(uint8_t end_state) {

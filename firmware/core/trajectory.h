@@ -62,11 +62,14 @@ class Trajectory {
   static constexpr uint16_t kRoom = 64 * (2 + 4 * kJoints);  // 64 points of all joints with velocities
 
   struct Cubic {
-    int16_t origin;
+    int16_t origin;      // as in the point
     int32_t c1, c2, c3;  // sixteenths of a count
   };
 
   bool hermite() const { return flags_ & gen::TRAJECTORY_FLAG_HERMITE; }
+  bool fine() const { return flags_ & gen::TRAJECTORY_FLAG_FINE; }
+  // Sixteenths of a count in the unit of a position.
+  uint8_t unit() const { return fine() ? 2 : 16; }
   uint8_t size_of_joint() const { return hermite() ? 4 : 2; }
   uint16_t oldest() const { return static_cast<uint16_t>(next_ - count_); }
   bool may_follow(uint16_t kept) const;

@@ -331,7 +331,7 @@ def test_the_reply_has_the_time_of_the_start(make: Make) -> None:
     [
         (BeginRequest(NUMBER, 0, 0, 200), Status.BAD_RANGE),
         (BeginRequest(NUMBER, 0, 0x80, 200), Status.BAD_RANGE),
-        (BeginRequest(NUMBER, 4, ALL, 200), Status.BAD_RANGE),
+        (BeginRequest(NUMBER, 8, ALL, 200), Status.BAD_RANGE),
         (BeginRequest(NUMBER, 0, ALL, 19), Status.BAD_RANGE),
         (BeginRequest(NUMBER, 0, ALL, 2001), Status.BAD_RANGE),
     ],
