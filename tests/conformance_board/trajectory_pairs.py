@@ -127,7 +127,7 @@ class _Host:
         if bad < 0.03:
             mask = draw.choice((0, 0x80, 0xFF, 0x8001))
         elif bad < 0.06:
-            flags |= draw.choice((4, 0x80))
+            flags |= draw.choice((8, 0x80))
         elif bad < 0.09:
             brake = draw.choice((0, 19, 2001, 65535))
         return Step(Command.TRAJECTORY_BEGIN, self.length(BeginRequest(NUMBER, flags, mask, brake).serialize()))
