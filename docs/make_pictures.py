@@ -1,9 +1,10 @@
-"""Draws the console blocks of debugging.md as a terminal shows them: ``pictures/*.svg``.
+"""Makes ``pictures/*.svg``: the console blocks of debugging.md as a terminal shows them, and the drawings.
 
     python docs/make_pictures.py           write
     python docs/make_pictures.py --check   exit 1 and name the pictures that are not up to date
 
-The words come from the page, whose blocks the tests compare with what the commands print.
+The words of the blocks come from the page; the tests compare them with what the commands print. The drawings are in
+``drawings/``.
 """
 
 from __future__ import annotations
@@ -11,12 +12,17 @@ from __future__ import annotations
 import io
 import re
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 from rich.console import Console
 from rich.text import Text
 
 HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE))
+
+from drawings import DRAWINGS  # noqa: E402  # found by the line above
+
 PAGE = HERE / "debugging.md"
 NAMES = ("wrong-id", "cooked-port", "cut-frame")
 COLUMNS = 112
@@ -46,13 +52,20 @@ def picture(block: str, name: str) -> str:
     return _REMOTE_FONT.sub("", svg)
 
 
+def pictures() -> Iterator[tuple[str, str]]:
+    """Name and content of every picture."""
+    for name, block in zip(NAMES, blocks(PAGE.read_text(encoding="utf-8")), strict=True):
+        yield name, picture(block, name)
+    for name, draw in DRAWINGS.items():
+        yield name, draw().svg()
+
+
 def main() -> int:
     """Write or check; returns the exit status."""
     check = "--check" in sys.argv[1:]
     stale = 0
-    for name, block in zip(NAMES, blocks(PAGE.read_text(encoding="utf-8")), strict=True):
+    for name, wanted in pictures():
         path = HERE / "pictures" / f"{name}.svg"
-        wanted = picture(block, name)
         if path.is_file() and path.read_text(encoding="utf-8") == wanted:
             continue
         stale += 1
