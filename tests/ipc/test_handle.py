@@ -76,3 +76,13 @@ def test_over_a_link_that_exists() -> None:
         assert handle.module == ModuleType.ROS1_HOST
     assert not near.is_open
     handle.close()
+
+
+def test_an_address_may_name_the_destination() -> None:
+    handle = IpcHandle.from_url("tcp://127.0.0.1:15040?to=9")
+    assert (handle.destination, handle.link.url) == (9, "tcp://127.0.0.1:15040")
+    assert IpcHandle.from_url("/dev/ttyUSB0?to=JOY_STICK&baud=9600").destination is ModuleType.JOY_STICK
+    assert IpcHandle.from_url("tcp://127.0.0.1:15040").destination is ModuleType.ARM_7BOT_ARDUINO_TRX
+    for wrong in ("NOBODY", "-1", str(2**30)):
+        with pytest.raises(UsageError, match="module"):
+            IpcHandle.from_url(f"tcp://127.0.0.1:15040?to={wrong}")

@@ -193,3 +193,16 @@ def test_a_port_that_may_be_left_out_is_still_read() -> None:
     for netloc in ("host:000000", "[]:5", "[::1]:", "[::1]", "[::1]x"):
         with pytest.raises(UsageError):
             split_host_port(netloc, "x")
+
+
+@pytest.mark.parametrize(
+    ("text", "rest"),
+    [
+        ("tcp://pi:15040?to=9", "tcp://pi:15040"),
+        ("tcp://pi:15040?to=9&timeout=2", "tcp://pi:15040?timeout=2"),
+        ("/dev/ttyUSB0?baud=9600&to=9", "/dev/ttyUSB0?baud=9600"),
+        ("tcp://pi:15040?timeout=2", "tcp://pi:15040?timeout=2"),
+    ],
+)
+def test_a_key_that_is_not_the_links_is_taken_out(text: str, rest: str) -> None:
+    assert parse_url(text).without("to") == rest

@@ -305,7 +305,9 @@ def test_a_host_that_starts_anew_is_not_taken_for_its_own_repeat() -> None:
     assert done == 6
 
 
-@pytest.mark.parametrize("changes", [{"dst": 7}, {"dst": -1}, {"cmd_ext": 0x80}, {"cmd_ext": 0x40}, {"cmd_ext": 1}])
+@pytest.mark.parametrize(
+    "changes", [{"dst": 7}, {"dst": -2}, {"dst": 0x40000080}, {"cmd_ext": 0x80}, {"cmd_ext": 0x40}, {"cmd_ext": 1}]
+)
 def test_what_is_not_for_this_board_is_ignored(changes: dict[str, int]) -> None:
     for cmd in (Command.STOP, Command.FRAGMENT, Command.FRAGMENT_MISSING):
         b = board()

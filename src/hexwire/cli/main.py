@@ -27,6 +27,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "follow": ("hexwire.cli.follow:follow", "Let an arm follow another one that is moved by hand."),
     "doctor": ("hexwire.cli.doctor:doctor", "Diagnose problems, from the USB port to the servos."),
     "fleet": ("hexwire.cli.fleet:fleet", "See, stop, record and play many shared arms; router and rights."),
+    "gateway": ("hexwire.cli.gateway:gateway", "Put several boards behind one TCP port."),
     "goto": ("hexwire.cli.motion:goto", "Move the tool tip to a position, as fast as allowed."),
     "grip": ("hexwire.cli.tool:grip", "Open or close the gripper."),
     "ioctl": ("hexwire.cli.ioctl:ioctl", "Send one special command to the robot, byte for byte."),

@@ -68,6 +68,7 @@ class EmulatedBoard:
         dialect: 1 for the chapter's board, 2 for hexwire's.
         faults: Scripted faults; none if None.
         max_frame: Longest frame it accepts, in bytes.
+        module: Its module id.
         start: The time at which it starts.
     """
 
@@ -78,9 +79,11 @@ class EmulatedBoard:
         dialect: int = 2,
         faults: FaultPlan | None = None,
         max_frame: int = tables.MAX_SERIAL_FRAME,
+        module: int = ModuleType.ARM_7BOT_ARDUINO_TRX,
         start: float = 0.0,
     ) -> None:
         self.wire = wire
+        self.module = module
         self.dialect = dialect
         self.faults = faults or FaultPlan()
         self.paced = wire.baud > 0
@@ -180,7 +183,7 @@ class EmulatedBoard:
         self.state = BoardState(boot_id, now, self.settings)
         self.connection = Connection(
             Role.BOARD,
-            local=ModuleType.ARM_7BOT_ARDUINO_TRX,
+            local=self.module,
             remote=ModuleType.ARM_7BOT_SERIAL_TRX,
             type=ModuleType.ARM_7BOT_ARDUINO_TRX,
             max_frame=self.max_frame,
@@ -206,7 +209,7 @@ class EmulatedBoard:
         self._cut_at: float = now
         self._answer = b""
         self._next_poll = now
-        self._repeats = 0
+        self._answered = 0
         self._report_queued = self._report_unsent = False
         self._sketch_reply = b""
         if self.dialect == 2:
@@ -215,9 +218,11 @@ class EmulatedBoard:
     # -- jobs ---------------------------------------------------------------------------------------
 
     def _take_requests(self, now: float) -> None:
-        if self.connection.counters.repeats != self._repeats:
-            # A repeat that was answered from store also shows that the host is alive.
-            self._repeats = self.connection.counters.repeats
+        counters = self.connection.counters
+        answered = counters.repeats + counters.not_for_several
+        if answered != self._answered:
+            # A repeat that was answered from store also shows that the host is alive, and so does a refusal.
+            self._answered = answered
             self.state.feed_watchdog(now)
         while (event := self.connection.next_event()) is not None:
             if isinstance(event, Request):
@@ -390,7 +395,13 @@ class EmulatedBoard:
 
 
 def make_hex7bot_board(
-    *, dialect: int = 2, baud: int = 0, faults: Sequence[str] = (), seed: int = 0, start: float = 0.0
+    *,
+    dialect: int = 2,
+    baud: int = 0,
+    faults: Sequence[str] = (),
+    module: int = ModuleType.ARM_7BOT_ARDUINO_TRX,
+    seed: int = 0,
+    start: float = 0.0,
 ) -> EmulatedBoard:
     """The board of a Hex7Bot with its seven servos.
 
@@ -398,9 +409,10 @@ def make_hex7bot_board(
         dialect: 1 for the chapter's board, 2 for hexwire's.
         baud: Rate of the servo bus; with 0, bytes take no time.
         faults: Fault specifications, see `faults`.
+        module: Its module id.
         seed: Seed of all random numbers.
         start: The time at which it starts.
     """
     plan = FaultPlan.parse(faults, seed=seed, start=start)
     wire = ServoWire(make_hex7bot_servos(seed=seed, start=start), baud=baud, faults=plan)
-    return EmulatedBoard(wire, dialect=dialect, faults=plan, start=start)
+    return EmulatedBoard(wire, dialect=dialect, faults=plan, module=module, start=start)

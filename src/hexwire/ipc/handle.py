@@ -16,6 +16,8 @@ from hexwire.wire.modules import IpcType, ModuleType
 
 __all__ = ["IpcHandle"]
 
+_TO = "to"
+"""Key of the destination in an address."""
 _TYPE_OF_SCHEME = {
     "serial": IpcType.SERIAL,
     "tcp": IpcType.TCP,
@@ -58,7 +60,8 @@ class IpcHandle(Openable):
         """A channel over the link that `url` names, such as ``serial:///dev/ttyUSB0?baud=115200``.
 
         If it names a configuration file, as in ``conf:///etc/ipc_msg.conf``, the destination is that in the file.
-        Our module is then `module`, or the one of ``?module=NAME``.
+        Our module is then `module`, or the one of ``?module=NAME``. For any other link ``?to=NAME`` names the
+        destination, which may be behind a gateway: ``tcp://pi.lab:15040?to=9``.
 
         Raises:
             UsageError: The URL is invalid; the text names the wrong part.
@@ -75,6 +78,11 @@ class IpcHandle(Openable):
             handle = cls(ours, file)
             handle._link = handle._from_conf()
             return handle
+        if _TO in parts.query:
+            from hexwire.wire.addresses import module_id
+
+            destination = ModuleType(module_id(parts.query[_TO]))
+            url = parts.without(_TO)
         return cls.from_link(make_link(url), module, destination)
 
     @classmethod

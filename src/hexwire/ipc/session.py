@@ -15,7 +15,9 @@ import logging
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from hexwire.epochs import Token
 from hexwire.errors import (
@@ -28,9 +30,10 @@ from hexwire.errors import (
 from hexwire.link.openable import Openable
 from hexwire.session.connection import Connection
 from hexwire.session.effects import Effect, effect_of
-from hexwire.session.events import Reply, TimedOut
+from hexwire.session.events import Answers, Reply, TimedOut
 from hexwire.session.negotiate import Negotiated, NegotiationFailed, Negotiator
 from hexwire.session.policy import ReconnectPolicy, RetryPolicy
+from hexwire.session.several import To
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command, Status, command_name
 from hexwire.wire.modules import IpcType, ModuleType
@@ -38,7 +41,7 @@ from hexwire.wire.modules import IpcType, ModuleType
 from .connections import Introduction, host_connection
 from .handle import IpcHandle
 from .mistaken import find_servos, is_servo_bus
-from .session_line import SessionLine
+from .several import SeveralModules
 
 __all__ = ["Session"]
 
@@ -54,7 +57,7 @@ _LAST_COMMAND = 0xFF
 _PREEMPTED = "a stop took the line; {} was sent: it may have been done before the stop, but not after"
 
 
-class Session(SessionLine, Openable):
+class Session(SeveralModules, Openable):
     """An active conversation with a board over one channel.
 
     Args:
@@ -258,7 +261,7 @@ class Session(SessionLine, Openable):
         if effect is Effect.STOP:
             self._stop = (cmd, body)
             with self.epochs.stopping():
-                reply = self._request(cmd, body, window, attempts, effect, True, repeatable, guard, None)
+                reply = self._single(cmd, body, window, attempts, effect, True, repeatable, guard, None)
                 if reply.status not in _OBEYED:
                     self.epochs.unconfirmed()
                 return reply
@@ -266,7 +269,7 @@ class Session(SessionLine, Openable):
         if effect is not Effect.NONE and token is None:
             token = self.epochs.token(command_name(cmd), freeing=effect is not Effect.ACT)
         try:
-            reply = self._request(cmd, body, window, attempts, effect, urgent, repeatable, guard, token)
+            reply = self._single(cmd, body, window, attempts, effect, urgent, repeatable, guard, token)
         except PreemptedError:
             if effect is Effect.RESUME and self.epochs.stopped_by_this_thread:
                 # A signal handler may stop the arm at the moment when the bytes can no longer be held back. They
@@ -276,9 +279,14 @@ class Session(SessionLine, Openable):
         for _ in range(_VOIDED):
             if effect is not Effect.NONE or reply.status != Status.STOPPED:
                 break
-            reply = self._request(cmd, body, window, attempts, effect, urgent, repeatable, guard, token)
+            reply = self._single(cmd, body, window, attempts, effect, urgent, repeatable, guard, token)
         if effect is Effect.RESUME and reply.status == Status.OK and token is not None:
             self.epochs.resumed(token)
+        return reply
+
+    def _single(self, *asked: Any) -> Reply:
+        reply = self._request(*asked)
+        assert reply.__class__ is Reply
         return reply
 
     def _request(
@@ -292,7 +300,8 @@ class Session(SessionLine, Openable):
         repeatable: bool,
         guard: Callable[[], None] | None,
         token: Token | None,
-    ) -> Reply:
+        to: To | None = None,
+    ) -> Reply | Answers:
         self._turn.begin(self.ipc.link.wake if urgent else None)
         try:
             if urgent:
@@ -313,9 +322,8 @@ class Session(SessionLine, Openable):
                         self.connection.receive(self.ipc.link.read(self._now()), self._now())
                     if token is not None and effect is Effect.ACT:
                         self.epochs.check_leaving(token, command_name(cmd))
-                    ticket = self.connection.request(
-                        cmd, body, self.now(), window=window, attempts=attempts, urgent=urgent
-                    )
+                    ask = self.connection.request if to is None else partial(self.connection.several.request, to)
+                    ticket = ask(cmd, body, self.now(), window=window, attempts=attempts, urgent=urgent)
                     return self._await(ticket, cmd, effect, urgent, token)
                 except LinkLostError as lost:
                     self._reopen(lost)
@@ -373,7 +381,7 @@ class Session(SessionLine, Openable):
 
     # -- waiting -------------------------------------------------------------------------------------
 
-    def _await(self, ticket: int, cmd: int, effect: Effect, urgent: bool, token: Token | None) -> Reply:
+    def _await(self, ticket: int, cmd: int, effect: Effect, urgent: bool, token: Token | None) -> Reply | Answers:
         connection, epochs = self.connection, self.epochs
         try:
             if connection.dialect != tables.PROTO_CHAPTER and not self._turn.urgent_waiting:
@@ -394,9 +402,11 @@ class Session(SessionLine, Openable):
                         return event
                     if isinstance(event, TimedOut) and event.ticket == ticket:
                         raise self._timed_out(event)
+                    if event.__class__ is Answers and event.ticket == ticket:
+                        return event
                     self._sort(event)
                 stashed = self._stash.pop(ticket, None)
-                if isinstance(stashed, Reply):
+                if isinstance(stashed, Reply | Answers):
                     return stashed
                 if isinstance(stashed, TimedOut):
                     raise self._timed_out(stashed)

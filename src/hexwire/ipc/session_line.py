@@ -15,7 +15,7 @@ from typing import TypeVar
 from hexwire.epochs import Epochs, Token
 from hexwire.errors import LinkClosedError, LinkLostError, ReplyTimeoutError
 from hexwire.session.connection import Connection
-from hexwire.session.events import Event, Reply, Report, TimedOut
+from hexwire.session.events import Answers, Event, Reply, Report, TimedOut
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Frame, command_name
 
@@ -166,7 +166,7 @@ class SessionLine(ABC):
     def _sort(self, event: Event) -> None:
         if isinstance(event, Report):
             self._reports.append((event.frame, self.now()))
-        elif isinstance(event, Reply | TimedOut):
+        elif isinstance(event, Reply | TimedOut | Answers):
             if len(self._stash) >= _ORPHANS:
                 del self._stash[next(iter(self._stash))]
             self._stash[event.ticket] = event

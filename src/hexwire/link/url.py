@@ -46,6 +46,12 @@ class LinkUrl:
                 offer = ", ".join(known) if known else "none"
                 raise UsageError(f"{self.text}: unknown option {key!r}; options of {self.scheme}://: {offer}")
 
+    def without(self, key: str) -> str:
+        """The address as given, without one key of the query."""
+        head, _, query = self.text.partition("?")
+        rest = "&".join(item for item in query.split("&") if item.partition("=")[0] != key)
+        return f"{head}?{rest}" if rest else head
+
     def check_no_path(self) -> None:
         """Raise UsageError if there is a path but the scheme does not use one."""
         if self.path not in ("", "/"):

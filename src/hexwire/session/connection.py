@@ -2,15 +2,14 @@
 
 Owns frame numbers, sequence numbers, matching of replies, deadlines and retries, suppression of repeats, fragments.
 `receive` takes bytes, `next_event` returns events, `data_to_send` returns bytes to write; time comes in as `now`.
-Knows nothing of links, clocks, joints or servo registers.
+Knows nothing of links, clocks, joints or servo registers. Over 500 lines because both roles take the same ways.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 from hexwire.errors import LocalProtocolError, RemoteProtocolError
 from hexwire.wire import tables
+from hexwire.wire.addresses import address_of
 from hexwire.wire.command_frame import Command, Frame, Status, command_name, serialize_frame
 from hexwire.wire.commands import FragmentHead, parse_missing
 from hexwire.wire.tables import EXT_REPLY, EXT_STATUS_MASK, EXT_UNSOLICITED, PROTO_CHAPTER, PROTO_HEXWIRE
@@ -23,32 +22,37 @@ from .event_queue import EventQueue
 from .events import BadFrame, ConnectionCounters, Event, Garbage, Reply, Report, Request, Stale, TimedOut
 from .fragments import FragmentReceiver, FragmentSender, Message
 from .frame_maker import FrameMaker, Role
+from .pending import Pending
 from .policy import RetryPolicy
 from .reply_store import ReplyStore
+from .several import SeveralRequests
 
 __all__ = ["Connection", "ConnectionCounters", "Role"]
+
+_Timed = ChapterHost | SeveralRequests | FrameDecoder | FragmentReceiver | FragmentSender
 
 # An enum's attribute lookup takes longer than a comparison, and these are compared for every frame.
 _HOST, _BOARD = Role.HOST, Role.BOARD
 _IDENTIFY, _FRAGMENT, _FRAGMENT_MISSING = Command.IDENTIFY, Command.FRAGMENT, Command.FRAGMENT_MISSING
 
-
-@dataclass(slots=True)
-class _Pending:
-    ticket: int
-    cmd: int
-    body: bytes
-    seq: int
-    window: float
-    attempts: int
-    sent: int = 0
-    sent_at: float = 0.0
-    deadline: float = 0.0
-    instead: str = ""
-    message_id: int | None = None
-    urgent: bool = False
-    frames: list[bytes] = field(init=False)
-    """Frames of the last attempt; those not written yet can still be withheld."""
+_FOR_SEVERAL = frozenset(
+    (
+        Command.SYNC_WRITE,
+        Command.IDENTIFY,
+        Command.JOINT_STATE,
+        Command.REPORT,
+        Command.JOINT_MOVE,
+        Command.TORQUE,
+        Command.STOP,
+        Command.RESUME,
+        Command.WATCHDOG,
+        Command.STATS,
+        Command.TRAJECTORY_START,
+        Command.TRAJECTORY_STATUS,
+        Command.TRAJECTORY_ABORT,
+    )
+)
+"""Commands that may name several modules (PROTOCOL.md section 6.9)."""
 
 
 class Connection(FrameMaker):
@@ -64,11 +68,13 @@ class Connection(FrameMaker):
         max_frame: Longest frame on this link, in bytes.
         epoch: Added to `now` for the header's time: wall minus monotonic on a host, minus boot time on a board.
         cautious: Keep 0D 0A out of every frame, while the kind of board is unknown.
+        assembles: Fragments are put together here; otherwise each is a request of its own, which is never a repeat.
         numbers: On a link of datagrams, the source of random numbers from 0 to 2**31 - 1 that identify a
             conversation; frames that are old or of another conversation are then refused (PROTOCOL.md section 6.6).
 
     Attributes:
         conversations: The conversation over datagrams; None on a stream.
+        several: Requests to several modules.
     """
 
     def __init__(
@@ -83,6 +89,7 @@ class Connection(FrameMaker):
         max_frame: int = tables.MAX_SERIAL_FRAME,
         epoch: float = 0.0,
         cautious: bool = False,
+        assembles: bool = True,
         numbers: Numbers | None = None,
     ) -> None:
         super().__init__(
@@ -97,11 +104,13 @@ class Connection(FrameMaker):
         )
         self.policy = policy or RetryPolicy()
         self.dialect = dialect
+        self.assembles = assembles
         self.decoder = FrameDecoder(max_frame)
         self._events = EventQueue(self.counters)
         self._ticket = 0
-        self._pending: dict[int, _Pending] = {}
+        self._pending: dict[int, Pending] = {}
         self._chapter = ChapterHost(self, self.decoder, self._events, self.policy)
+        self.several = SeveralRequests(self, self._events)
         self._replies = ReplyStore()
         self._fragments_in = FragmentReceiver()
 
@@ -162,13 +171,14 @@ class Connection(FrameMaker):
                 self.counters.timeouts += 1
                 self._events.add(TimedOut(pending.ticket, pending.cmd, pending.sent, pending.instead))
         self._chapter.handle_timeout(now)
+        self.several.handle_timeout(now)
         for body in self._fragments_in.handle_timeout(now):
             self._send_frame(_FRAGMENT_MISSING, body, now)
         self._fragments_out.handle_timeout(now)
 
     @property
-    def _timed_parts(self) -> tuple[ChapterHost | FrameDecoder | FragmentReceiver | FragmentSender, ...]:
-        return self._chapter, self.decoder, self._fragments_in, self._fragments_out
+    def _timed_parts(self) -> tuple[_Timed, ...]:
+        return self._chapter, self.several, self.decoder, self._fragments_in, self._fragments_out
 
     # -- host ---------------------------------------------------------------------------------------
 
@@ -201,24 +211,34 @@ class Connection(FrameMaker):
         """
         if self.conversations is not None and cmd != _IDENTIFY and not self.in_conversation:
             raise LocalProtocolError(f"over datagrams IDENTIFY comes first: {command_name(cmd)} was not sent")
-        self._ticket += 1
-        self.counters.requests += 1
+        ticket = self.take_ticket()
         attempts = attempts or self.policy.attempts
         if self.dialect == PROTO_CHAPTER:
-            self._chapter.request(self._ticket, cmd, body, now, window, attempts, urgent)
-            return self._ticket
+            self._chapter.request(ticket, cmd, body, now, window, attempts, urgent)
+            return ticket
+        seq = self.take_number()
+        pending = Pending(ticket, cmd, body, seq, window or self.policy.window, attempts, urgent=urgent)
+        self._transmit(pending, now)
+        self._pending[seq] = pending
+        return ticket
+
+    def take_ticket(self) -> int:
+        """Count a new request; returns its ticket."""
+        self._ticket += 1
+        self.counters.requests += 1
+        return self._ticket
+
+    def take_number(self) -> int:
+        """Take the number of a new request; LocalProtocolError if all are in use."""
         seq = self.seq
         while True:
             seq = (seq + 1) & 0xFF
-            if seq not in self._pending:
+            if seq not in self._pending and seq not in self.several:
                 break
             if seq == self.seq:
                 raise LocalProtocolError("256 requests are outstanding and unanswered; wait for replies first")
         self.seq = seq
-        pending = _Pending(self._ticket, cmd, body, seq, window or self.policy.window, attempts, urgent=urgent)
-        self._transmit(pending, now)
-        self._pending[seq] = pending
-        return self._ticket
+        return seq
 
     @property
     def in_conversation(self) -> bool:
@@ -228,9 +248,8 @@ class Connection(FrameMaker):
 
     def holds(self, ticket: int) -> bool:
         """Whether a request still waits for its answer."""
-        return any(pending.ticket == ticket for pending in tuple(self._pending.values())) or self._chapter.holds(
-            ticket
-        )
+        asked = any(pending.ticket == ticket for pending in tuple(self._pending.values()))
+        return asked or self._chapter.holds(ticket) or self.several.holds(ticket)
 
     def abandon(self, ticket: int) -> bool:
         """Forget a request; a later answer is stale, and frames not written yet are withheld.
@@ -243,6 +262,9 @@ class Connection(FrameMaker):
             if pending.ticket == ticket:
                 left = self._withhold(pending.frames) or pending.sent > 1
                 self._settle(pending)
+        frames = self.several.abandon(ticket)
+        if frames is not None:
+            left = self._withhold(frames)
         return self._chapter.abandon(ticket) and left
 
     def void(self) -> None:
@@ -253,7 +275,7 @@ class Connection(FrameMaker):
                 keep += pending.frames
             else:
                 self._settle(pending)
-        keep += self._chapter.void()
+        keep += self._chapter.void() + self.several.void()
         self._out = [data for data in self._out if any(data is kept for kept in keep)]
 
     def stay_quiet(self, until: float) -> None:
@@ -293,6 +315,21 @@ class Connection(FrameMaker):
             self._out.append(self.build(PROTO_HEXWIRE, frame.cmd, body, frame.seq, now, ext, dst=frame.src))
         self._replies.answered(frame, self._out[first:], now, voided=voided)
 
+    def answer(self, frame: Frame, status: int, body: bytes, now: float) -> None:
+        """Answer a dialect-2 frame without storing the answer: if the frame comes again, it is a new request."""
+        self._replies.drop(frame)
+        ext = EXT_REPLY | status & EXT_STATUS_MASK
+        self._out.append(self.build(PROTO_HEXWIRE, frame.cmd, body, frame.seq, now, ext, dst=frame.src))
+
+    def answer_again(self, frame: Frame, now: float) -> None:
+        """Send the stored reply to a request again if there is one; only src, seq and cmd are compared."""
+        for data in self._replies.find_by_number(frame.src, frame.seq, frame.cmd, now):
+            self._out.append(self.build_again(data, now))
+
+    def send_fragment(self, cmd: int, body: bytes, dst: int, now: float) -> None:
+        """Send a FRAGMENT or FRAGMENT_MISSING that this connection did not make itself."""
+        self._send_frame(cmd, body, now, dst)
+
     def take_stop(self, now: float) -> None:
         """Apply a received stop: drop unfinished requests, and refuse repeats of requests executed before it."""
         self._fragments_in.forget()
@@ -307,10 +344,8 @@ class Connection(FrameMaker):
 
     # -- sending ------------------------------------------------------------------------------------
 
-    def _transmit(self, pending: _Pending, now: float) -> None:
-        pending.sent += 1
-        pending.sent_at = now
-        pending.deadline = now + pending.window
+    def _transmit(self, pending: Pending, now: float) -> None:
+        pending.begin_attempt(now)
         if len(pending.body) > self._max_body:
             before = len(self._out)
             if pending.message_id is None:
@@ -322,12 +357,9 @@ class Connection(FrameMaker):
             return
         data = self.build(PROTO_HEXWIRE, pending.cmd, pending.body, pending.seq, now)
         pending.frames = [data]
-        if pending.urgent:
-            self._out.insert(0, data)
-        else:
-            self._out.append(data)
+        self.put(data, urgent=pending.urgent)
 
-    def _settle(self, pending: _Pending) -> None:
+    def _settle(self, pending: Pending) -> None:
         self._pending.pop(pending.seq, None)
         if pending.message_id is not None:
             self._fragments_out.forget(pending.message_id)
@@ -335,7 +367,7 @@ class Connection(FrameMaker):
     # -- receiving ----------------------------------------------------------------------------------
 
     def _receive_frame(self, frame: Frame, now: float) -> None:
-        if frame.proto != PROTO_CHAPTER and self.role is _BOARD and (frame.dst != self.local or frame.cmd_ext):
+        if frame.proto != PROTO_CHAPTER and self.role is _BOARD and (frame.cmd_ext or not self._is_meant(frame)):
             self._stale(frame, "not for this board")
         elif self.conversations is not None and (problem := self._judge(frame, now, self.conversations)):
             self.counters.refused += 1
@@ -346,6 +378,12 @@ class Connection(FrameMaker):
             self._events.add(Request(frame))
         else:
             self._receive_chapter(frame, now)
+
+    def _is_meant(self, frame: Frame) -> bool:
+        if frame.dst == self.local:
+            return True
+        to = address_of(frame.dst)
+        return to is not None and to.names(self.local)
 
     def _judge(self, frame: Frame, now: float, conversations: Conversations) -> str:
         """Return why a datagram is refused; empty if it is accepted."""
@@ -367,6 +405,8 @@ class Connection(FrameMaker):
     def _take_frame(self, frame: Frame, now: float) -> None:
         ext = frame.cmd_ext
         if self.role is _HOST and ext & EXT_REPLY:
+            if self.several.take(frame, now):
+                return
             pending = self._pending.get(frame.seq)
             if pending is None or pending.cmd != frame.cmd or (frame.src, frame.dst) != (self.remote, self.local):
                 self._stale(frame, "answers no outstanding request")
@@ -386,7 +426,11 @@ class Connection(FrameMaker):
                     pending.sent,
                 )
             )
-        elif frame.cmd == _FRAGMENT or frame.cmd == _FRAGMENT_MISSING:
+        elif (
+            (frame.cmd == _FRAGMENT or frame.cmd == _FRAGMENT_MISSING)
+            and self.assembles
+            and (frame.dst == self.local or self.role is _HOST)
+        ):
             self._receive_fragment(frame, now)
         elif self.role is _HOST:
             if ext & EXT_UNSOLICITED:
@@ -427,7 +471,12 @@ class Connection(FrameMaker):
             self.counters.refused += 1
             self._stale(frame, "it was executed before, and its reply is no longer stored")
             return
-        self._replies.asked(frame, now)
+        if frame.dst != self.local and frame.cmd not in _FOR_SEVERAL:
+            self.counters.not_for_several += 1
+            self.answer(frame, Status.NOT_SUPPORTED, b"", now)
+            return
+        if frame.cmd != _FRAGMENT and frame.cmd != _FRAGMENT_MISSING:
+            self._replies.asked(frame, now)
         self._events.add(Request(frame))
 
     def _receive_report(self, frame: Frame) -> None:
@@ -460,7 +509,7 @@ class Connection(FrameMaker):
             self._out.extend(self.build_again(data, now) for data in reply)
         pending = self._pending.get(seq)
         if pending is not None and pending.cmd == head.cmd and head.cmd_ext & EXT_REPLY:
-            pending.deadline = now + pending.window
+            pending.extend(now)
 
     def _receive_missing(self, frame: Frame, now: float) -> None:
         message_id = parse_missing(frame.body)[0]
@@ -469,7 +518,7 @@ class Connection(FrameMaker):
         pending = self._pending.get(message_id & 0xFF)
         if pending is not None and pending.message_id == message_id:
             # The peer is receiving our message: the window of its answer starts when the message is complete.
-            pending.deadline = now + pending.window
+            pending.extend(now)
 
     def _receive_message(self, frame: Frame, message: Message, now: float) -> None:
         if message.cmd in (_FRAGMENT, _FRAGMENT_MISSING, _IDENTIFY):

@@ -1,14 +1,14 @@
 """Bounded queue of events that never drops the outcome of a request.
 
 Owns what is dropped when the caller does not take events: the oldest report for a new report, and the oldest event
-except replies and time-outs for any other. Knows nothing of the source of events.
+except the ends of requests for any other. Knows nothing of the source of events.
 """
 
 from __future__ import annotations
 
 from collections import deque
 
-from .events import ConnectionCounters, Event, Reply, Report, TimedOut
+from .events import Answers, ConnectionCounters, Event, Reply, Report, TimedOut
 
 __all__ = ["EventQueue"]
 
@@ -62,7 +62,7 @@ class EventQueue:
     def _make_room(self) -> None:
         # A caller waits for each reply or time-out, and there are no more of them than requests.
         for i, event in enumerate(tuple(self._events)):
-            if not isinstance(event, Reply | TimedOut):
+            if not isinstance(event, Reply | TimedOut | Answers):
                 del self._events[i]
                 self._reports -= event.__class__ is Report
                 self._counters.events_dropped += 1

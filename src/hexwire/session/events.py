@@ -10,7 +10,18 @@ from typing import NamedTuple
 
 from hexwire.wire.command_frame import Frame, command_name, status_name
 
-__all__ = ["BadFrame", "ConnectionCounters", "Event", "Garbage", "Reply", "Report", "Request", "Stale", "TimedOut"]
+__all__ = [
+    "Answers",
+    "BadFrame",
+    "ConnectionCounters",
+    "Event",
+    "Garbage",
+    "Reply",
+    "Report",
+    "Request",
+    "Stale",
+    "TimedOut",
+]
 
 
 @dataclass(slots=True)
@@ -19,6 +30,7 @@ class ConnectionCounters:
 
     Attributes:
         refused: Datagrams refused as old or of another conversation; `stale` counts them too.
+        not_for_several: Requests to several modules with a command that goes to one only.
     """
 
     frames_sent: int = 0
@@ -31,6 +43,7 @@ class ConnectionCounters:
     repeats: int = 0
     reports: int = 0
     reports_dropped: int = 0
+    not_for_several: int = 0
     events_dropped: int = 0
 
 
@@ -132,6 +145,27 @@ class TimedOut:
 
 
 @dataclass(frozen=True, slots=True)
+class Answers:
+    """Host side: the end of the request to several modules with this ticket.
+
+    Attributes:
+        ticket: The value that `Connection.request_several` returned.
+        cmd: Command code of the request.
+        replies: The answer of each module, by its id in rising order.
+        silent: Modules that were named, or known, and have not answered after all attempts.
+    """
+
+    ticket: int
+    cmd: int
+    replies: dict[int, Reply]
+    silent: frozenset[int]
+
+    def __str__(self) -> str:
+        silent = f", none from {', '.join(map(str, sorted(self.silent)))}" if self.silent else ""
+        return f"{len(self.replies)} answers to {command_name(self.cmd)}{silent}"
+
+
+@dataclass(frozen=True, slots=True)
 class Stale:
     """Host side: a valid frame that answers no outstanding request; discarded and counted."""
 
@@ -142,4 +176,4 @@ class Stale:
         return f"stale frame, {self.reason}: {self.frame}"
 
 
-Event = Garbage | BadFrame | Request | Reply | Report | TimedOut | Stale
+Event = Garbage | BadFrame | Request | Reply | Report | TimedOut | Answers | Stale

@@ -15,7 +15,7 @@ from hexwire.errors import LocalProtocolError, RemoteProtocolError
 from hexwire.wire import tables
 from hexwire.wire.commands import FRAGMENT_HEAD_SIZE, FragmentHead, parse_missing, serialize_missing
 
-__all__ = ["FragmentReceiver", "FragmentSender", "Message"]
+__all__ = ["WINDOW", "FragmentReceiver", "FragmentSender", "Message"]
 
 WINDOW = 16
 """Chunks sent before the receiver must request more. 16 chunks of 8 kB fit a default UDP receive buffer."""
@@ -62,16 +62,19 @@ class FragmentSender:
     Args:
         chunk_size: Bytes of the body in each fragment.
         lifetime: Seconds without a request of the peer after which a message is dropped.
+        first: Chunks sent before the receiver asks for more. A controller board takes them one after the other, and
+            gets the first alone.
     """
 
-    def __init__(self, chunk_size: int, lifetime: float = tables.FRAGMENT_LIFETIME) -> None:
+    def __init__(self, chunk_size: int, lifetime: float = tables.FRAGMENT_LIFETIME, *, first: int = WINDOW) -> None:
         self._chunk_size = chunk_size
         self._lifetime = lifetime
+        self._first = first
         self._out: dict[int, _Outgoing] = {}
         self.expired = 0
 
     def send(self, message_id: int, cmd: int, cmd_ext: int, body: bytes, now: float) -> Iterator[bytes]:
-        """Start a message; yields the FRAGMENT bodies of its first window.
+        """Start a message; yields the FRAGMENT bodies that are sent unasked.
 
         Raises:
             LocalProtocolError: It is larger than a receiver accepts, or too many messages are unfinished.
@@ -88,7 +91,7 @@ class FragmentSender:
         if len(chunks) > 0xFFFF:
             raise LocalProtocolError(f"a body of {len(chunks)} chunks is too long; at most 65535")
         self._out[message_id] = _Outgoing(cmd, cmd_ext, chunks, now + self._lifetime)
-        return self._bodies(message_id, range(min(WINDOW, len(chunks))))
+        return self._bodies(message_id, range(min(self._first, len(chunks))))
 
     def remind(self, message_id: int, cmd: int, cmd_ext: int, body: bytes, now: float) -> Iterator[bytes]:
         """Send the first chunk again.

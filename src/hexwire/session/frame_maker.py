@@ -17,7 +17,7 @@ from hexwire.wire.tables import EXT_UNSOLICITED, PROTO_CHAPTER, PROTO_HEXWIRE
 from .conversation import Conversation, Conversations, Numbers
 from .dialect1 import clean_frame
 from .events import ConnectionCounters
-from .fragments import FragmentSender
+from .fragments import WINDOW, FragmentSender
 
 __all__ = ["FrameMaker", "Role"]
 
@@ -160,6 +160,10 @@ class FrameMaker:
         self._out.append(data)
         return data
 
+    def put(self, data: bytes, *, urgent: bool) -> None:
+        """Queue a frame; an urgent one goes before all others."""
+        self._out.insert(0 if urgent else len(self._out), data)
+
     def withhold(self, data: bytes) -> bool:
         """Remove a frame from the queue; returns whether it was too late. For the dialect-1 half only."""
         return self._withhold([data])
@@ -181,11 +185,18 @@ class FrameMaker:
             self._send_frame(Command.FRAGMENT, chunk, now, dst)
         return message_id
 
+    @property
+    def longest_body(self) -> int:
+        """Bytes of the longest body that fits one frame."""
+        return self._max_body
+
     def limit_frame(self, max_frame: int) -> None:
         """Limit the length of frames to what the peer accepts; longer bodies are sent in fragments."""
-        self._take_limit(min(self.max_frame, max(max_frame, _SMALLEST_FRAME)))
+        self._take_limit(min(self.max_frame, max(max_frame, _SMALLEST_FRAME)), first=1)
 
-    def _take_limit(self, max_frame: int) -> None:
+    def _take_limit(self, max_frame: int, *, first: int = WINDOW) -> None:
         self.max_frame = max_frame
         self._max_body = max_body(max_frame)
-        self._fragments_out = FragmentSender(self._max_body - FRAGMENT_HEAD_SIZE)
+        # Who accepts short frames only has no room for a whole message either.
+        first = first if max_frame <= tables.MAX_SERIAL_FRAME else WINDOW
+        self._fragments_out = FragmentSender(self._max_body - FRAGMENT_HEAD_SIZE, first=first)

@@ -55,10 +55,7 @@ class ReplyStore:
 
     def answered(self, frame: Frame, reply: list[bytes], now: float, *, voided: bool = False) -> None:
         """Store the reply to a request: the last few, and all of requests that a stop cancelled."""
-        for entry in self._open:
-            if _repeats(frame, entry[1]):
-                self._open.remove(entry)
-                break
+        self.drop(frame)
         if not voided:
             self._answered.append((now, frame, reply))
             if frame.cmd in _LASTING:
@@ -67,6 +64,13 @@ class ReplyStore:
         while self._voided and now - self._voided[0][0] >= tables.REPEAT_WINDOW:
             self._voided.popleft()
         self._voided.append((now, frame, reply))
+
+    def drop(self, frame: Frame) -> None:
+        """Forget that a request has no reply yet: what comes like it is a new one."""
+        for entry in self._open:
+            if _repeats(frame, entry[1]):
+                self._open.remove(entry)
+                break
 
     def void(self, make_reply: Callable[[Frame], bytes], now: float) -> None:
         """Apply a stop: repeats of requests executed before it get another reply from now on.

@@ -1,0 +1,1 @@
+"""A gateway: one link up to a host, several boards below it."""

@@ -1,0 +1,424 @@
+"""One board below a gateway: what waits for it, its messages in fragments, and what a stop voids.
+
+Owns the order in which frames reach the board, and at which pace, so that a stop never waits behind anything. No
+I/O; time comes in as `now`. Must not know the host's link, other boards, nor what moves a joint.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict, deque
+from dataclasses import dataclass
+
+from hexwire.errors import LocalProtocolError, RemoteProtocolError
+from hexwire.session.decoder import FrameDecoder
+from hexwire.session.effects import Effect, effect_of
+from hexwire.session.fragments import FragmentReceiver, FragmentSender
+from hexwire.units import split_time
+from hexwire.wire import tables
+from hexwire.wire.command_frame import Command, Frame, Status, max_body, serialize_frame
+from hexwire.wire.commands import FRAGMENT_HEAD_SIZE, FragmentHead, Identity
+from hexwire.wire.tables import EXT_REPLY, EXT_STATUS_MASK, EXT_UNSOLICITED, PROTO_HEXWIRE
+
+from .use import Use
+
+__all__ = ["GATEWAY_MODULE", "BoardLine", "LineCounters"]
+
+GATEWAY_MODULE = 29
+"""Source of the frames that a gateway sends itself; no board has this id."""
+
+_MAX_QUEUE = 24
+_MAX_AGE = 0.5
+"""Seconds after which a request that still waits here is dropped: its host has given it up or repeats it."""
+_MAX_VOIDED = 256
+_BITS = 10
+_STOP_AGAIN = 0.1
+_STOP_TRIES = 20
+_BODY = max_body(tables.MAX_SERIAL_FRAME)
+_CHUNK = _BODY - FRAGMENT_HEAD_SIZE
+_FRAGMENTS = tables.CAPABILITIES["fragments"]
+
+
+@dataclass(slots=True)
+class LineCounters:
+    """What happened to frames on their way to one board and back.
+
+    Attributes:
+        down: Frames of the host that left for the board.
+        up: Frames of the board that left for the host.
+        split: Requests that were sent in fragments.
+        joined: Replies that came in fragments.
+        voided: Requests that a stop overtook.
+        lost: Requests while the board was not connected.
+        old: Requests that waited too long.
+        refused: Requests that were answered with `busy` or `not_supported`.
+        strange: Frames of the board that mean nothing here.
+    """
+
+    down: int = 0
+    up: int = 0
+    split: int = 0
+    joined: int = 0
+    voided: int = 0
+    lost: int = 0
+    old: int = 0
+    refused: int = 0
+    strange: int = 0
+
+
+@dataclass(slots=True)
+class _Waiting:
+    frame: Frame
+    since: float
+    chunk: bool = False
+
+
+@dataclass(slots=True)
+class _Message:
+    """A request of the host that goes down in fragments."""
+
+    request: Frame
+    message_id: int
+    until: float
+
+
+class BoardLine:
+    """The way to one board.
+
+    Args:
+        module: The board's id in frames of the host.
+        local: Its id on its own line.
+        baud: Rate of that line, if it is a serial one: at most one frame is given away ahead. 0 is without pace.
+
+    Attributes:
+        up: The board is connected.
+        use: What the host does with the board.
+        counters: What happened to frames.
+    """
+
+    def __init__(self, module: int, *, local: int, baud: int = 0) -> None:
+        self.module = module
+        self.local = local
+        self.up = True
+        self.use = Use()
+        self.counters = LineCounters()
+        self._per_byte = _BITS / baud if baud else 0.0
+        self._free_at = 0.0
+        self._queue: deque[_Waiting] = deque()
+        self._stops: deque[Frame] = deque()
+        self._voided: OrderedDict[tuple[int, int, int, bytes], float] = OrderedDict()
+        self._seq = self._sn = 0
+        self._own_stop: tuple[Frame, int, float] | None = None
+        self._owed: int | None = None
+        self._begin()
+
+    def _begin(self) -> None:
+        self.decoder = FrameDecoder(tables.MAX_SERIAL_FRAME)
+        self._sender = FragmentSender(_CHUNK, first=1)
+        self._receiver = FragmentReceiver()
+        self._message: _Message | None = None
+        self._message_count = 0
+        self._last: Frame | None = None
+        self._takes_fragments = False
+
+    # -- from the host --------------------------------------------------------------------------------
+
+    def request(self, frame: Frame, now: float) -> list[Frame]:
+        """Take a frame of the host for this board; returns frames for the host, in place of the board's answer.
+
+        Args:
+            frame: With the board's own id as destination.
+            now: Seconds, monotonic.
+        """
+        if effect_of(PROTO_HEXWIRE, frame.cmd, frame.body) is Effect.STOP:
+            return self._take_stop(frame, now)
+        if not self.up:
+            self.counters.lost += 1
+            return []
+        if self._is_void(frame, now):
+            return [self._answer(frame, Status.STOPPED)]
+        if any(_same(waiting.frame, frame) for waiting in self._queue):
+            return []
+        if frame.cmd == Command.IDENTIFY:
+            # A restarted host: nothing of the one before it continues.
+            self._receiver.forget()
+            self._drop_message()
+            self._voided = OrderedDict((k, v) for k, v in self._voided.items() if k[0] != frame.src)
+        if len(frame.body) > _BODY:
+            return self._split(frame, now)
+        if sum(not waiting.chunk for waiting in self._queue) >= _MAX_QUEUE:
+            return [self._refuse(frame, Status.BUSY)]
+        self.use.asked(frame)
+        self._queue.append(_Waiting(frame, now))
+        return []
+
+    def _take_stop(self, frame: Frame, now: float) -> list[Frame]:
+        if not self.up:
+            self.counters.lost += 1
+            self._owed = frame.body[0] if frame.cmd == Command.STOP and frame.body else 0
+            return []
+        void = self._void(now)
+        self.use.asked(frame)
+        self._stops.append(frame)
+        return void
+
+    def stop(self, mode: int, now: float) -> None:
+        """Stop the board from here, since nobody else will; repeated until it answers."""
+        self._void(now)
+        if not self.up:
+            self._owed = mode
+            return
+        self._seq = (self._seq + 1) & 0xFF
+        sec, nsec = split_time(now)
+        # The kind of channel is that of a host on a serial line.
+        kind = 3
+        frame = Frame(
+            sec, nsec, 0, GATEWAY_MODULE, self.local, kind, PROTO_HEXWIRE, self._seq, Command.STOP, bytes((mode,))
+        )
+        self._own_stop = (frame, 0, now)
+        self.handle_timeout(now)
+
+    @property
+    def stopping(self) -> bool:
+        """Whether a stop of the gateway's own still waits for its answer."""
+        return self._own_stop is not None
+
+    def _void(self, now: float) -> list[Frame]:
+        """Void what has not left yet; returns the answers for it."""
+        void = [waiting.frame for waiting in self._queue if not waiting.chunk]
+        self._queue.clear()
+        if self._message is not None:
+            void.append(self._message.request)
+            self._drop_message()
+        self._receiver.forget()
+        self.counters.voided += len(void)
+        for frame in void:
+            self.use.ended(frame)
+            if frame.cmd != Command.IDENTIFY:
+                self._voided[_key(frame)] = now
+        while len(self._voided) > _MAX_VOIDED:
+            self._voided.popitem(last=False)
+        return [self._answer(frame, Status.STOPPED) for frame in void]
+
+    def _is_void(self, frame: Frame, now: float) -> bool:
+        since = self._voided.get(_key(frame))
+        return since is not None and now - since < tables.REPEAT_WINDOW
+
+    def _split(self, frame: Frame, now: float) -> list[Frame]:
+        """Begin a message in fragments, or remind the board of the one that it is receiving."""
+        message = self._message
+        if message is not None and now >= message.until:
+            self._drop_message()
+            message = None
+        if message is not None and _same(message.request, frame):
+            bodies = self._sender.remind(message.message_id, frame.cmd, 0, frame.body, now)
+            self._queue_chunks(frame, list(bodies), now)
+            return []
+        if not self._takes_fragments:
+            return [self._refuse(frame, Status.NOT_SUPPORTED)]
+        if message is not None:
+            return [self._refuse(frame, Status.BUSY)]
+        self._message_count = (self._message_count + 1) & 0xFF
+        message_id = self._message_count << 8 | frame.seq
+        try:
+            bodies = self._sender.send(message_id, frame.cmd, 0, frame.body, now)
+            self._queue_chunks(frame, list(bodies), now)
+        except LocalProtocolError:
+            return [self._refuse(frame, Status.BUSY)]
+        self.counters.split += 1
+        self.use.asked(frame)
+        self._message = _Message(frame, message_id, now + tables.FRAGMENT_LIFETIME)
+        return []
+
+    def _queue_chunks(self, request: Frame, bodies: list[bytes], now: float) -> None:
+        waiting = {entry.frame.body for entry in self._queue if entry.chunk}
+        for body in bodies:
+            if body not in waiting:
+                frame = request._replace(cmd=Command.FRAGMENT, body=body)
+                self._queue.append(_Waiting(frame, now, chunk=True))
+
+    def _drop_message(self) -> None:
+        if self._message is not None:
+            self._sender.forget(self._message.message_id)
+            self.use.ended(self._message.request)
+            self._message = None
+        self._queue = deque(waiting for waiting in self._queue if not waiting.chunk)
+
+    def _refuse(self, frame: Frame, status: Status) -> Frame:
+        self.counters.refused += 1
+        return self._answer(frame, status)
+
+    def _answer(self, frame: Frame, status: Status) -> Frame:
+        # Number and time are those of the board's last frame: by them the host follows its clock and its restarts.
+        last = self._last
+        sec, nsec, sn = (0, 0, 0) if last is None else (last.time_sec, last.time_nsec, last.sn)
+        ext = EXT_REPLY | status & EXT_STATUS_MASK
+        kind = self.local if last is None else last.type
+        return Frame(sec, nsec, sn, self.module, frame.src, kind, PROTO_HEXWIRE, frame.seq, frame.cmd, b"", ext)
+
+    # -- to the board ---------------------------------------------------------------------------------
+
+    def next_frame(self, now: float) -> bytes:
+        """Take the frame to write now; empty if there is none, or the line is still busy."""
+        while self.up and now >= self._free_at and (self._stops or self._queue):
+            if self._stops:
+                frame = self._stops.popleft()
+            else:
+                waiting = self._queue.popleft()
+                if now - waiting.since > _MAX_AGE and not waiting.chunk:
+                    self.counters.old += 1
+                    self.use.ended(waiting.frame)
+                    continue
+                frame = waiting.frame
+            data = serialize_frame(frame, tables.MAX_SERIAL_FRAME)
+            self._free_at = now + len(data) * self._per_byte
+            self.counters.down += 1
+            return data
+        return b""
+
+    def next_timeout(self) -> float | None:
+        """Time at which there is something to write or to repeat, or None."""
+        waits = self.up and (self._stops or self._queue)
+        times = (
+            self._free_at if waits else None,
+            None if self._own_stop is None else self._own_stop[2],
+            self.decoder.next_timeout(),
+            self._receiver.next_timeout(),
+        )
+        return min((when for when in times if when is not None), default=None)
+
+    def handle_timeout(self, now: float) -> list[Frame]:
+        """Repeat and give up what is due; returns frames for the host."""
+        found: list[Frame] = []
+        while self.decoder.handle_timeout(now) is not None:
+            found += self._drain(now)
+        for body in self._receiver.handle_timeout(now):
+            self._ask(body, now)
+        if self._own_stop is not None and self._own_stop[2] <= now:
+            frame, sent, _ = self._own_stop
+            self._own_stop = (frame, sent + 1, now + _STOP_AGAIN) if sent < _STOP_TRIES else None
+            if self._own_stop is not None and frame not in self._stops:
+                self._stops.append(frame)
+        return found
+
+    def _ask(self, body: bytes, now: float) -> None:
+        """Ask the board for chunks of its message."""
+        last = self._last
+        if last is not None:
+            sec, nsec = split_time(now)
+            frame = last._replace(
+                time_sec=sec, time_nsec=nsec, src=last.dst, dst=self.local, cmd=Command.FRAGMENT_MISSING, cmd_ext=0
+            )
+            self._queue.append(_Waiting(frame._replace(body=body), now, chunk=True))
+
+    # -- from the board -------------------------------------------------------------------------------
+
+    def receive(self, data: bytes, now: float) -> list[Frame]:
+        """Process bytes of the board; returns the frames for the host."""
+        self.decoder.receive(data, now)
+        return self._drain(now)
+
+    def _drain(self, now: float) -> list[Frame]:
+        found = []
+        while (event := self.decoder.next_event()) is not None:
+            if isinstance(event, Frame):
+                frame = self._take(event, now)
+                if frame is not None:
+                    self.counters.up += 1
+                    found.append(frame)
+        return found
+
+    def _take(self, frame: Frame, now: float) -> Frame | None:
+        if frame.proto != PROTO_HEXWIRE or frame.src != self.local:
+            self.counters.strange += 1
+            return None
+        if frame.dst == GATEWAY_MODULE:
+            if self._own_stop is not None and (frame.cmd, frame.seq) == (Command.STOP, self._own_stop[0].seq):
+                self._own_stop = None
+            return None
+        self._last = frame
+        if frame.cmd in (Command.FRAGMENT, Command.FRAGMENT_MISSING):
+            return self._take_fragment(frame, now)
+        if not frame.cmd_ext & (EXT_REPLY | EXT_UNSOLICITED):
+            self.counters.strange += 1
+            return None
+        return self._lift(frame)
+
+    def _take_fragment(self, frame: Frame, now: float) -> Frame | None:
+        try:
+            if frame.cmd == Command.FRAGMENT_MISSING:
+                self._take_missing(frame, now)
+                return None
+            message, asks = self._receiver.receive(frame.body, now)
+            seq = FragmentHead.parse(frame.body).message_id & 0xFF
+        except RemoteProtocolError:
+            self.counters.strange += 1
+            return None
+        for body in asks:
+            self._ask(body, now)
+        if message is None:
+            return None
+        self.counters.joined += 1
+        return self._lift(frame._replace(cmd=message.cmd, cmd_ext=message.cmd_ext, body=message.body, seq=seq))
+
+    def _take_missing(self, frame: Frame, now: float) -> None:
+        bodies = list(self._sender.receive_missing(frame.body, now))
+        if self._message is not None:
+            self._message.until = now + tables.FRAGMENT_LIFETIME
+            self._queue_chunks(self._message.request, bodies, now)
+
+    def _lift(self, frame: Frame) -> Frame:
+        """A reply or a report as the host sees it."""
+        if frame.cmd_ext & EXT_REPLY:
+            message = self._message
+            if message is not None and (message.request.seq, message.request.cmd) == (frame.seq, frame.cmd):
+                self._drop_message()
+            self.use.answered(frame)
+        if frame.cmd == Command.IDENTIFY and frame.cmd_ext == EXT_REPLY | Status.OK:
+            try:
+                identity = Identity.parse(frame.body)
+            except RemoteProtocolError:
+                return frame._replace(src=self.module)
+            self._takes_fragments = bool(identity.capabilities & _FRAGMENTS)
+            if self._takes_fragments:
+                # Longer frames are split here.
+                identity = identity._replace(max_frame=tables.MAX_NETWORK_FRAME)
+                frame = frame._replace(body=identity.serialize())
+        return frame._replace(src=self.module)
+
+    # -- loss -----------------------------------------------------------------------------------------
+
+    def forget_host(self, now: float) -> None:
+        """The host is gone: nothing of it is sent any more."""
+        self._void(now)
+        self._voided.clear()
+        self._stops.clear()
+        self.use = Use()
+
+    def lost(self) -> None:
+        """The board is gone. What waits is dropped, and a stop is kept until the board is back."""
+        pending = [*self._stops, *([] if self._own_stop is None else [self._own_stop[0]])]
+        if pending:
+            self._owed = max(frame.body[0] if frame.body else 0 for frame in pending)
+        self.up = False
+        self.counters.lost += sum(not waiting.chunk for waiting in self._queue)
+        self._queue.clear()
+        self._stops.clear()
+        self._own_stop = None
+        self.use = Use()
+        self._begin()
+
+    def back(self, now: float) -> None:
+        """The board is connected again; a stop that could not reach it goes first."""
+        self.up = True
+        self._free_at = now
+        if self._owed is not None:
+            mode, self._owed = self._owed, None
+            self.stop(mode, now)
+
+
+def _key(frame: Frame) -> tuple[int, int, int, bytes]:
+    return frame.src, frame.seq, frame.cmd, frame.body
+
+
+def _same(one: Frame, other: Frame) -> bool:
+    return _key(one) == _key(other)

@@ -1,0 +1,242 @@
+"""The gateway's loop: bytes between the host's connection, the machine and the links to the boards.
+
+Owns links and their loss. A board's link that is lost is opened again in a thread, since opening may take seconds.
+Must not know frames: `router` does.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from hexwire.errors import HexwireError, LinkError, UsageError
+from hexwire.link.base import Link, LinkKind
+from hexwire.link.listener import Listener
+from hexwire.link.poll_link import PollLink
+from hexwire.link.tcp import PeerLink
+from hexwire.link.waker import Waker
+from hexwire.system import READABLE, make_poll
+
+from .line import BoardLine
+from .router import Gateway
+
+__all__ = ["GatewayService"]
+
+_log = logging.getLogger(__name__)
+
+_IDLE = 0.25
+_OPEN_AGAIN = 0.5
+"""Seconds between two attempts to open a board's link."""
+_STALL = 0.5
+"""Seconds between two rounds after which this program was suspended: what has waited meanwhile may be old."""
+_WRITE = 0.05
+"""Seconds in which a side must take its bytes; one that does not would hold up all others."""
+_END = 1.0
+
+
+@dataclass(slots=True)
+class _Board:
+    line: BoardLine
+    link: PollLink
+    opener: threading.Thread | None = None
+    opened: bool = False
+    again_at: float = 0.0
+    said: str = ""
+
+
+class GatewayService:
+    """A gateway between one TCP port and the links of several boards.
+
+    Args:
+        listener: Accepts the host; opened and closed here.
+        boards: The link of each board by the module id that hosts use for it; opened and closed here.
+        local: Module id of each board on its own line.
+
+    Raises:
+        UsageError: A link cannot be watched together with others.
+    """
+
+    def __init__(self, listener: Listener, boards: Mapping[int, Link], *, local: int) -> None:
+        self._listener = listener
+        self._boards: dict[int, _Board] = {}
+        for module, link in boards.items():
+            if not isinstance(link, PollLink) or link.kind is not LinkKind.STREAM:
+                raise UsageError(f"{link.url}: a gateway needs a serial or TCP link for each board")
+            line = BoardLine(module, local=local, baud=getattr(link, "baud", 0))
+            self._boards[module] = _Board(line, link)
+        self.machine = Gateway(board.line for board in self._boards.values())
+        self._host: PeerLink | None = None
+        self._waker = Waker()
+        self._ended = False
+        self._round = time.monotonic()
+
+    @property
+    def url(self) -> str:
+        """Address of the port, once it is open."""
+        return self._listener.url
+
+    def open(self) -> None:
+        """Open the port and every board's link; a board that is not there is looked for again and again.
+
+        Raises:
+            LinkError: The port cannot be opened.
+        """
+        self._waker.open()
+        self._listener.open()
+        for board in self._boards.values():
+            try:
+                board.link.open()
+            except HexwireError as error:
+                self._lose(board, str(error))
+        self._round = time.monotonic()
+
+    def close(self) -> None:
+        """Stop the boards unless the host has left in order, and close everything."""
+        if self._host is not None:
+            self._host_gone("the gateway ends", broken=False)
+        end = time.monotonic() + _END
+        while any(board.line.stopping for board in self._boards.values()) and time.monotonic() < end:
+            self._boards_round(self._wait(end))
+        self._ended = True
+        for board in self._boards.values():
+            board.link.close()
+            if board.opener is not None:
+                board.opener.join(_END)
+        self._listener.close()
+        self._waker.close()
+
+    def run(self, stop: Callable[[], bool]) -> None:
+        """Serve until told to stop.
+
+        Args:
+            stop: Called at least every quarter of a second; True ends it.
+        """
+        while not stop():
+            self.run_once()
+
+    def run_once(self) -> None:
+        """Wait for something to do, and do it."""
+        ready = self._wait(time.monotonic() + _IDLE)
+        now = time.monotonic()
+        stale = now - self._round > _STALL + _IDLE
+        self._round = now
+        if stale:
+            _log.warning("suspended for more than %.1f s: only stops of what waited are obeyed", _STALL)
+        # The host first: its stops overtake everything.
+        if self._host is not None and (stale or self._host.fileno() in ready):
+            self._host_round(self._host, stale=stale)
+        self._boards_round(ready)
+        if self._listener.fileno() in ready:
+            self._let_in()
+        self._to_host()
+
+    # -- waiting --------------------------------------------------------------------------------------
+
+    def _wait(self, until: float) -> set[int]:
+        """Wait for bytes, a host or the next time-out; returns what is ready."""
+        poll, now = make_poll(), time.monotonic()
+        due = self.machine.next_timeout()
+        again = [board.again_at for board in self._boards.values() if not board.line.up and board.opener is None]
+        until = min([until, *again] if due is None else [until, due, *again])
+        poll.register(self._listener.fileno(), READABLE)
+        poll.register(self._waker.fileno(), READABLE)
+        if self._host is not None:
+            poll.register(self._host.fileno(), READABLE)
+        for board in self._boards.values():
+            if board.line.up:
+                poll.register(board.link.fileno(), READABLE)
+        return {fd for fd, _ in poll.poll(max(0.0, until - now) * 1000.0)}
+
+    # -- the host -------------------------------------------------------------------------------------
+
+    def _let_in(self) -> None:
+        if self._host is not None:
+            # A gateway has one host: two would feed each other's watchdogs.
+            self._listener.turn_away()
+            return
+        self._host = self._listener.accept(time.monotonic())
+        if self._host is not None:
+            self.machine.host_came()
+            _log.info("%s: %s is the host", self._listener.url, self._host.peer)
+
+    def _host_round(self, host: PeerLink, *, stale: bool) -> None:
+        try:
+            # All of what waited is as old as its first byte.
+            while data := host.read(time.monotonic()):
+                self.machine.receive_host(data, time.monotonic(), stale=stale)
+                if not stale:
+                    break
+        except LinkError as error:
+            cause = error.__cause__
+            broken = isinstance(cause, OSError) and not isinstance(cause, LinkError)
+            self._host_gone(str(error), broken=broken)
+
+    def _to_host(self) -> None:
+        data = self.machine.host_data()
+        if data and self._host is not None:
+            try:
+                self._host.write(data, time.monotonic() + _WRITE)
+            except LinkError as error:
+                self._host_gone(str(error), broken=True)
+
+    def _host_gone(self, why: str, *, broken: bool) -> None:
+        assert self._host is not None
+        self._host.close()
+        self._host = None
+        stopped = self.machine.host_gone(time.monotonic(), broken=broken)
+        if stopped:
+            _log.warning("the host is gone: %s; stopping modules %s", why, ", ".join(map(str, stopped)))
+        else:
+            _log.info("the host has left")
+
+    # -- the boards -----------------------------------------------------------------------------------
+
+    def _boards_round(self, ready: set[int]) -> None:
+        now = time.monotonic()
+        if self._waker.fileno() in ready:
+            self._waker.clear()
+        self.machine.handle_timeout(now)
+        for module, board in self._boards.items():
+            if not board.line.up:
+                self._look_for(board, now)
+                continue
+            try:
+                if board.link.fileno() in ready:
+                    self.machine.receive_board(module, board.link.read(now), now)
+                while data := board.line.next_frame(time.monotonic()):
+                    board.link.write(data, time.monotonic() + _WRITE)
+            except LinkError as error:
+                self._lose(board, str(error))
+
+    def _lose(self, board: _Board, why: str) -> None:
+        if why != board.said:
+            _log.warning("module %d is not there: %s", board.line.module, why)
+            board.said = why
+        board.link.close()
+        board.line.lost()
+        board.again_at = time.monotonic() + _OPEN_AGAIN
+
+    def _look_for(self, board: _Board, now: float) -> None:
+        if board.opener is None and now >= board.again_at:
+            board.opener = threading.Thread(target=self._open, args=(board,), name="gateway-open", daemon=True)
+            board.opener.start()
+        elif board.opener is not None and not board.opener.is_alive():
+            board.opener = None
+            board.again_at = now + _OPEN_AGAIN
+            if board.opened:
+                board.opened, board.said = False, ""
+                _log.warning("module %d is back", board.line.module)
+                board.line.back(now)
+
+    def _open(self, board: _Board) -> None:
+        try:
+            board.link.open()
+        except HexwireError as error:
+            _log.debug("module %d: %s", board.line.module, error)
+        else:
+            board.opened = True
+        if not self._ended:
+            self._waker.set()

@@ -1,0 +1,80 @@
+"""Emulated boards on TCP ports of this machine, served by one thread."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
+from hexwire.emulator.serve_tcp import TcpServer
+
+LONG = 10.0
+
+
+class TcpBoards:
+    """Boards, each on a port of its own.
+
+    Attributes:
+        boards: The boards.
+        urls: Their addresses.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.boards: list[EmulatedBoard] = [make_hex7bot_board(start=time.monotonic()) for _ in range(count)]
+        self.servers: list[TcpServer | None] = [TcpServer(board, "127.0.0.1", 0) for board in self.boards]
+        self.urls = [server.open() for server in self.servers if server is not None]
+        self.doing = threading.Lock()
+
+    def serve_once(self) -> None:
+        with self.doing:
+            for server in self.servers:
+                if server is not None:
+                    server.run_once(0.002)
+
+    def unplug(self, index: int) -> None:
+        """Close the port of a board."""
+        with self.doing:
+            server, self.servers[index] = self.servers[index], None
+            assert server is not None
+            server.close()
+
+    def plug_in(self, index: int) -> None:
+        """Open it again."""
+        port = int(self.urls[index].rpartition(":")[2])
+        with self.doing:
+            server = TcpServer(self.boards[index], "127.0.0.1", port)
+            server.open()
+            self.servers[index] = server
+
+    def stopped(self) -> list[bool]:
+        return [board.state.stopped for board in self.boards]
+
+    def wait_until_stopped(self, *indexes: int) -> None:
+        end = time.monotonic() + LONG
+        while not all(self.boards[i].state.stopped for i in indexes):
+            assert time.monotonic() < end, self.stopped()
+            time.sleep(0.01)
+
+
+@contextmanager
+def tcp_boards(count: int) -> Iterator[TcpBoards]:
+    """Boards that are served as long as the context lasts."""
+    boards = TcpBoards(count)
+    ended = threading.Event()
+
+    def serve() -> None:
+        while not ended.is_set():
+            boards.serve_once()
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        yield boards
+    finally:
+        ended.set()
+        thread.join(LONG)
+        for server in boards.servers:
+            if server is not None:
+                server.close()

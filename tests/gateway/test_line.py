@@ -1,0 +1,236 @@
+"""One board below a gateway: pace, order, what a stop voids, bounds."""
+
+from __future__ import annotations
+
+import pytest
+
+from hexwire.gateway.line import GATEWAY_MODULE, BoardLine
+from hexwire.session.connection import Connection, Role
+from hexwire.wire import tables
+from hexwire.wire.command_frame import Command, Frame, Status, parse_frame
+from hexwire.wire.commands import FragmentHead, Identity, serialize_missing
+
+BOARD = Connection(Role.BOARD, local=8, remote=7, type=8)
+TRANSACT = Command.TRANSACT
+
+
+def ask(cmd: int, body: bytes = b"", seq: int = 1) -> Frame:
+    return Frame(0, 0, 1, 7, 8, 1, 2, seq, cmd, body)
+
+
+def statuses(frames: list[Frame]) -> list[tuple[int, int]]:
+    return [(frame.seq, frame.cmd_ext & 0x3F) for frame in frames]
+
+
+def sent(line: BoardLine, now: float) -> list[Frame]:
+    found = []
+    while data := line.next_frame(now):
+        found.append(parse_frame(data))
+    return found
+
+
+def answer(cmd: int, seq: int, body: bytes = b"", ext: int = 0x80, dst: int = 7) -> bytes:
+    return BOARD.build(2, cmd, body, seq, 0.0, ext, dst=dst)
+
+
+def knows(line: BoardLine, capabilities: int = tables.CAPABILITY_FRAGMENTS) -> Frame:
+    line.request(ask(Command.IDENTIFY, seq=200), 0.0)
+    sent(line, 0.0)
+    identity = Identity(2, (1, 0, 0), 5, capabilities, 253, 0, ())
+    (frame,) = line.receive(answer(Command.IDENTIFY, 200, identity.serialize()), 0.0)
+    return frame
+
+
+@pytest.fixture
+def line() -> BoardLine:
+    return BoardLine(9, local=8)
+
+
+def test_frames_leave_at_the_pace_of_the_line_and_a_stop_first() -> None:
+    line = BoardLine(9, local=8, baud=115200)
+    for seq in range(3):
+        line.request(ask(TRANSACT, bytes(200), seq), 0.0)
+    (first,) = sent(line, 0.0)
+    assert first.seq == 0
+    busy = first.size * 10 / 115200
+    assert line.next_timeout() == pytest.approx(busy)
+    assert sent(line, busy / 2) == []
+    line.request(ask(Command.STOP, b"\0", 99), busy / 2)
+    assert [f.cmd for f in sent(line, busy + 1e-6)] == [Command.STOP]
+
+
+def test_a_stop_voids_what_waits_and_its_repeats(line: BoardLine) -> None:
+    resume, move = ask(Command.RESUME, seq=1), ask(Command.JOINT_MOVE, b"\1\2\3", seq=2)
+    assert (
+        line.request(resume, 0.0) + line.request(move, 0.0) + line.request(ask(Command.IDENTIFY, seq=3), 0.0) == []
+    )
+    void = line.request(ask(Command.STOP, b"\1", 4), 0.1)
+    assert statuses(void) == [(1, Status.STOPPED), (2, Status.STOPPED), (3, Status.STOPPED)]
+    assert all(frame.src == 9 and frame.dst == 7 for frame in void)
+    assert [f.cmd for f in sent(line, 0.1)] == [Command.STOP]
+    assert statuses(line.request(resume, 1.9)) == [(1, Status.STOPPED)]
+    assert line.request(ask(Command.RESUME, seq=5), 1.9) == [], "a new one is sent"
+    assert line.request(ask(Command.IDENTIFY, seq=3), 1.95) == [], "IDENTIFY is never remembered"
+    assert line.request(resume, 1.96) == [], "and forgets what was void"
+    assert [f.seq for f in sent(line, 1.96)] == [5, 3, 1]
+    assert line.counters.voided == 3
+
+
+def test_stops_do_not_void_each_other(line: BoardLine) -> None:
+    line.request(ask(Command.STOP, b"\0", 1), 0.0)
+    assert line.request(ask(Command.STOP, b"\1", 2), 0.0) == []
+    assert [f.body for f in sent(line, 0.0)] == [b"\0", b"\1"]
+
+
+def test_a_repeat_of_what_waits_is_not_sent_twice() -> None:
+    line = BoardLine(9, local=8, baud=9600)
+    for _ in range(3):
+        line.request(ask(Command.STATS, seq=1), 0.0)
+    assert len(sent(line, 0.0) + sent(line, 1.0)) == 1
+
+
+def test_the_queue_is_bounded_and_old_requests_are_dropped(line: BoardLine) -> None:
+    answers = [line.request(ask(Command.STATS, seq=n), 0.0) for n in range(26)]
+    assert [statuses(frames) for frames in answers[24:]] == [[(24, Status.BUSY)], [(25, Status.BUSY)]]
+    assert sent(line, 0.6) == []
+    assert (line.counters.old, line.counters.refused) == (24, 2)
+
+
+def test_answers_of_the_gateway_carry_number_and_time_of_the_board(line: BoardLine) -> None:
+    knows(line)
+    data = answer(Command.STATS, 5)
+    line.receive(data, 0.0)
+    board = parse_frame(data)
+    line.request(ask(Command.RESUME, seq=6), 0.0)
+    (void,) = line.request(ask(Command.STOP, b"\0", 7), 0.0)
+    assert (void.sn, void.time_sec, void.time_nsec, void.type) == (
+        board.sn,
+        board.time_sec,
+        board.time_nsec,
+        board.type,
+    )
+
+
+def test_a_lost_board_forgets_what_waits_but_not_a_stop(line: BoardLine) -> None:
+    line.request(ask(Command.RESUME, seq=1), 0.0)
+    line.request(ask(Command.STOP, b"\1", 2), 0.0)
+    line.request(ask(Command.RESUME, seq=3), 0.0)
+    line.lost()
+    assert line.request(ask(Command.RESUME, seq=4), 0.1) == []
+    assert sent(line, 0.1) == []
+    line.back(1.0)
+    (stop,) = sent(line, 1.0)
+    assert (stop.cmd, stop.body, stop.src, stop.dst) == (Command.STOP, b"\1", GATEWAY_MODULE, 8)
+    assert line.receive(answer(Command.STOP, stop.seq, dst=GATEWAY_MODULE), 1.01) == []
+    assert not line.stopping
+    line.lost()
+    line.back(2.0)
+    assert sent(line, 2.0) == [], "the stop has arrived"
+
+
+def test_only_frames_of_the_board_go_up(line: BoardLine) -> None:
+    other = Connection(Role.BOARD, local=5, remote=7, type=8)
+    assert line.receive(other.build(2, Command.STATS, b"", 1, 0.0, 0x80), 0.0) == []
+    assert line.receive(BOARD.build(2, Command.STATS, b"", 1, 0.0, 0), 0.0) == []
+    assert line.receive(BOARD.build_dialect1(b"\xff\xf5\xff\6\4\xf6", 0.0, 0), 0.0) == []
+    assert line.counters.strange == 3
+    (report,) = line.receive(BOARD.build(2, Command.JOINT_STATE, b"x", 1, 0.0, 0x40), 0.0)
+    assert (report.src, report.body) == (9, b"x")
+
+
+# -- long requests and replies ----------------------------------------------------------------------------------
+
+LONG = bytes(range(250)) * 2
+
+
+def chunks(frames: list[Frame]) -> list[FragmentHead]:
+    assert {frame.cmd for frame in frames} <= {Command.FRAGMENT}
+    return [FragmentHead.parse(frame.body) for frame in frames]
+
+
+def test_a_long_request_goes_down_as_the_board_asks_for_it(line: BoardLine) -> None:
+    frame = knows(line)
+    assert Identity.parse(frame.body).max_frame == tables.MAX_NETWORK_FRAME
+    line.request(ask(Command.TRAJECTORY_POINTS, LONG, 17), 0.0)
+    first = sent(line, 0.0)
+    (head,) = chunks(first)
+    assert (head.number, head.chunks, head.cmd, head.message_id & 0xFF) == (0, 3, Command.TRAJECTORY_POINTS, 17)
+    line.receive(BOARD.build(2, Command.FRAGMENT_MISSING, serialize_missing(head.message_id, (1, 2)), 0, 0.0), 0.1)
+    rest = sent(line, 0.1)
+    assert [h.number for h in chunks(rest)] == [1, 2]
+    assert b"".join(f.body[8:] for f in first + rest) == LONG
+    # A repeat of the host reminds the board, no more.
+    line.request(ask(Command.TRAJECTORY_POINTS, LONG, 17), 0.2)
+    assert [h.number for h in chunks(sent(line, 0.2))] == [0]
+    line.receive(BOARD.build(2, Command.FRAGMENT_MISSING, serialize_missing(head.message_id, ()), 0, 0.0), 0.3)
+    (reply,) = line.receive(answer(Command.TRAJECTORY_POINTS, 17, b"done"), 0.3)
+    assert (reply.src, reply.body) == (9, b"done")
+    line.request(ask(Command.TRAJECTORY_POINTS, LONG, 18), 0.4)
+    (again,) = chunks(sent(line, 0.4))
+    assert again.message_id != head.message_id
+    assert line.counters.split == 2
+
+
+def test_one_message_at_a_time(line: BoardLine) -> None:
+    knows(line)
+    line.request(ask(Command.SERVO_TABLE, LONG, 1), 0.0)
+    assert statuses(line.request(ask(Command.SERVO_TABLE, LONG, 2), 0.1)) == [(2, Status.BUSY)]
+    # One that nobody asks for any more makes room.
+    assert line.request(ask(Command.SERVO_TABLE, LONG, 3), 2.1) == []
+
+
+def test_a_board_without_fragments_gets_none(line: BoardLine) -> None:
+    frame = knows(line, 0)
+    assert Identity.parse(frame.body).max_frame == 253
+    assert statuses(line.request(ask(Command.SERVO_TABLE, LONG, 1), 0.0)) == [(1, Status.NOT_SUPPORTED)]
+    assert sent(line, 0.0) == []
+
+
+def test_a_stop_voids_a_message_under_way(line: BoardLine) -> None:
+    knows(line)
+    line.request(ask(Command.SERVO_TABLE, LONG, 1), 0.0)
+    (head,) = chunks(sent(line, 0.0))
+    line.receive(BOARD.build(2, Command.FRAGMENT_MISSING, serialize_missing(head.message_id, (1, 2)), 0, 0.0), 0.1)
+    void = line.request(ask(Command.STOP, b"\0", 2), 0.1)
+    assert statuses(void) == [(1, Status.STOPPED)]
+    assert [f.cmd for f in sent(line, 0.1)] == [Command.STOP]
+    line.receive(BOARD.build(2, Command.FRAGMENT_MISSING, serialize_missing(head.message_id, (1, 2)), 0, 0.0), 0.2)
+    assert sent(line, 0.2) == []
+    assert statuses(line.request(ask(Command.SERVO_TABLE, LONG, 1), 0.2)) == [(1, Status.STOPPED)]
+
+
+def test_a_reply_in_fragments_goes_up_as_one(line: BoardLine) -> None:
+    knows(line)
+    line.request(ask(Command.SERVO_TABLE, b"\3\0\xc8\0", 5), 0.0)
+    sent(line, 0.0)
+    parts = [LONG[:132], LONG[132:204]]
+
+    def chunk(number: int) -> bytes:
+        head = FragmentHead(0x0105, number, 2, Command.SERVO_TABLE, 0x80).serialize()
+        return BOARD.build(2, Command.FRAGMENT, head + parts[number], 0, 0.0)
+
+    assert line.receive(chunk(1), 0.1) == []
+    asked = sent(line, 0.1)
+    (whole,) = line.receive(chunk(0), 0.15)
+    asked += sent(line, 0.15)
+    assert (whole.cmd, whole.seq, whole.cmd_ext, whole.src, whole.body) == (
+        Command.SERVO_TABLE,
+        5,
+        0x80,
+        9,
+        LONG[:204],
+    )
+    assert [f.body for f in asked if f.cmd == Command.FRAGMENT_MISSING][-1] == serialize_missing(0x0105, ())
+    assert {(f.src, f.dst, f.cmd_ext) for f in asked} == {(7, 8, 0)}
+    assert line.counters.joined == 1
+
+
+def test_a_missing_chunk_of_a_reply_is_asked_for(line: BoardLine) -> None:
+    knows(line)
+    head = FragmentHead(0x0105, 1, 2, Command.SERVO_TABLE, 0x80).serialize()
+    line.receive(BOARD.build(2, Command.FRAGMENT, head + b"x", 0, 0.0), 0.0)
+    sent(line, 0.0)
+    due = line.next_timeout()
+    assert due is not None
+    line.handle_timeout(due)
+    assert [f.body for f in sent(line, due)] == [serialize_missing(0x0105, (0,))]

@@ -1,0 +1,230 @@
+"""Frames of one host to the boards that they name, and what the loss of the host means."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.gateway.bench import Bench
+
+from hexwire.gateway.line import GATEWAY_MODULE
+from hexwire.session.events import TimedOut
+from hexwire.wire import tables
+from hexwire.wire.addresses import Broadcast, Multicast
+from hexwire.wire.board_trajectory import BeginRequest, PathFlag, PathPoint, PointsRequest, StartRequest
+from hexwire.wire.command_frame import Command, Status
+from hexwire.wire.commands import Identity, JointReport
+
+ALL_ON = b"\1\x7f\0"
+HERE = (2053, 2043, 2035, 2039, 2083, 2046, 2047)
+ONE_SECOND = b"\xe8\3\0"
+
+
+@pytest.fixture
+def bench() -> Bench:
+    made = Bench()
+    made.run(0.3)
+    made.ask_all(Command.IDENTIFY)
+    return made
+
+
+def test_each_module_is_reached_by_its_own_id(bench: Bench) -> None:
+    for module in bench.boards:
+        reply = bench.ask(Command.TORQUE, ALL_ON, module)
+        assert reply.frame is not None
+        assert (reply.status, reply.frame.src) == (Status.OK, module)
+        on = {m: all(j.torque_on for j in board.state.joints) for m, board in bench.boards.items()}
+        assert on == {m: m <= module for m in bench.boards}
+
+
+def test_the_same_command_to_many(bench: Bench) -> None:
+    answers = bench.ask_all(Command.TORQUE, ALL_ON, Multicast((8, 10)))
+    assert {m: r.status for m, r in answers.replies.items()} == {8: Status.OK, 10: Status.OK}
+    answers = bench.ask_all(Command.JOINT_STATE, b"\0")
+    assert list(answers.replies) == [8, 9, 10]
+    assert {len(JointReport.parse(r.body).position) for r in answers.replies.values()} == {7}
+    # The board, not the gateway, says what may go to several.
+    answers = bench.ask_all(Command.LIMITS)
+    assert {r.status for r in answers.replies.values()} == {Status.NOT_SUPPORTED}
+
+
+def test_nobody_answers_for_a_module_that_is_not_there(bench: Bench) -> None:
+    bench.host.remote = 11
+    assert isinstance(bench.wait(bench.host.request(Command.STATS, b"", bench.now)), TimedOut)
+    answers = bench.ask_all(Command.STATS, to=Multicast((9, 11)))
+    assert (list(answers.replies), answers.silent) == ([9], {11})
+    assert bench.gateway.counters.unknown >= 3
+
+
+def test_a_lost_board_is_silence_and_the_others_go_on(bench: Bench) -> None:
+    bench.gateway.lines[9].lost()
+    answers = bench.ask_all(Command.STATS)
+    assert (list(answers.replies), answers.silent) == ([8, 10], {9})
+    bench.gateway.lines[9].back(bench.now)
+    assert not bench.ask_all(Command.STATS).silent
+
+
+def test_a_stop_that_a_lost_board_missed_reaches_it_first_when_it_is_back(bench: Bench) -> None:
+    bench.ask_all(Command.TORQUE, ALL_ON)
+    bench.gateway.lines[9].lost()
+    assert bench.ask_all(Command.STOP, b"\1").silent == {9}
+    bench.gateway.lines[9].back(bench.now)
+    bench.run(0.5)
+    assert bench.stopped() == dict.fromkeys((8, 9, 10), True)
+    assert not any(joint.torque_on for joint in bench.boards[9].state.joints)
+    assert [f.cmd for f in bench.to_boards[9] if f.src == GATEWAY_MODULE] == [Command.STOP]
+
+
+# -- the host goes ----------------------------------------------------------------------------------------------
+
+
+def test_a_host_that_leaves_in_order_stops_nothing(bench: Bench) -> None:
+    bench.ask(Command.TORQUE, ALL_ON)
+    bench.ask(Command.WATCHDOG, ONE_SECOND)
+    bench.ask(Command.WATCHDOG, b"\0\0\0")
+    assert bench.gateway.host_gone(bench.now, broken=False) == []
+    bench.run(0.5)
+    assert not any(bench.stopped().values())
+
+
+def test_a_broken_link_stops_every_board(bench: Bench) -> None:
+    assert bench.gateway.host_gone(bench.now, broken=True) == [8, 9, 10]
+    bench.run(0.5)
+    assert all(bench.stopped().values())
+    assert not any(line.stopping for line in bench.gateway.lines.values())
+
+
+@pytest.mark.parametrize("mode", [0, 1])
+def test_a_host_that_ends_with_a_watchdog_armed_stops_every_board(bench: Bench, mode: int) -> None:
+    bench.ask_all(Command.TORQUE, ALL_ON)
+    bench.ask(Command.WATCHDOG, b"\xe8\3" + bytes((mode,)), 9)
+    assert bench.gateway.host_gone(bench.now, broken=False) == [8, 9, 10]
+    bench.run(0.6)
+    assert all(bench.stopped().values())
+    torque = {m: any(j.torque_on for j in board.state.joints) for m, board in bench.boards.items()}
+    assert torque == {8: True, 9: not mode, 10: True}
+
+
+def test_a_host_that_ends_before_the_answer_stops_every_board(bench: Bench) -> None:
+    bench.host.request(Command.TORQUE, ALL_ON, bench.now)
+    for data in bench.host.data_to_send():
+        bench.gateway.receive_host(data, bench.now)
+    assert bench.gateway.host_gone(bench.now, broken=False) == [8, 9, 10]
+
+
+def test_the_stop_is_repeated_until_the_board_has_it(bench: Bench) -> None:
+    bench.dead = {9}
+    bench.gateway.host_gone(bench.now, broken=True)
+    bench.run(0.5)
+    assert bench.stopped() == {8: True, 9: False, 10: True}
+    bench.dead = set()
+    bench.run(0.5)
+    assert all(bench.stopped().values())
+    bench.dead = {9}
+    sent = len(bench.to_boards[9])
+    bench.gateway.host_gone(bench.now, broken=True)
+    bench.run(4.0)
+    assert len(bench.to_boards[9]) - sent == 20, "not for ever"
+
+
+def test_nothing_of_a_lost_host_is_sent_afterwards() -> None:
+    bench = Bench(baud=9600)
+    bench.run(0.3)
+    for _ in range(5):
+        bench.host.request(Command.RESUME, b"", bench.now)
+    for data in bench.host.data_to_send():
+        bench.gateway.receive_host(data, bench.now)
+    bench.gateway.host_gone(bench.now, broken=True)
+    bench.host.void()
+    bench.run(1.0)
+    assert {f.cmd for f in bench.to_boards[8]} == {Command.STOP}
+    bench.connect()
+    bench.run(1.0)
+    assert bench.stopped()[8]
+
+
+def follow(bench: Bench, *, outlives: bool) -> None:
+    """Let board 8 follow a path of two seconds."""
+    bench.ask(Command.TORQUE, ALL_ON)
+    bench.ask(Command.WATCHDOG, ONE_SECOND)
+    flags = PathFlag.OUTLIVES_HOST if outlives else 0
+    bench.ask(Command.TRAJECTORY_BEGIN, BeginRequest(5, flags, 0x7F, 200).serialize())
+    points = [PathPoint(0, HERE), PathPoint(20000, tuple(place + 100 for place in HERE))]
+    bench.ask(Command.TRAJECTORY_POINTS, PointsRequest.of(5, 0, points, last=True).serialize())
+    assert bench.ask(Command.TRAJECTORY_START, StartRequest(5, 1, 0).serialize()).status == Status.OK
+    bench.run(0.2)
+
+
+def test_a_path_that_may_finish_alone_does_so(bench: Bench) -> None:
+    follow(bench, outlives=True)
+    assert bench.gateway.host_gone(bench.now, broken=True) == [9, 10]
+    bench.run(2.2)
+    assert bench.boards[8].state.joints[0].position == pytest.approx(HERE[0] + 100, abs=6)
+
+
+def test_another_path_is_stopped_with_its_host(bench: Bench) -> None:
+    follow(bench, outlives=False)
+    assert bench.gateway.host_gone(bench.now, broken=False) == [8, 9, 10]
+    bench.run(2.2)
+    assert bench.boards[8].state.joints[0].position < HERE[0] + 50
+
+
+# -- bounds and bad bytes ---------------------------------------------------------------------------------------
+
+
+def test_only_a_stop_is_obeyed_of_what_waited_while_it_was_suspended(bench: Bench) -> None:
+    bench.host.request(Command.JOINT_MOVE, b"\x64\0\1\xfe\0\x08", bench.now)
+    bench.host.request(Command.RESUME, b"", bench.now)
+    bench.host.request(Command.STOP, b"\0", bench.now)
+    for data in bench.host.data_to_send():
+        bench.gateway.receive_host(data, bench.now, stale=True)
+    bench.run(0.1)
+    assert [f.cmd for f in bench.to_boards[8] if f.cmd != Command.IDENTIFY] == [Command.STOP]
+    assert bench.gateway.counters.stale == 2
+
+
+def test_the_host_learns_that_longer_frames_are_split_here(bench: Bench) -> None:
+    reply = bench.ask(Command.IDENTIFY)
+    assert Identity.parse(reply.body).max_frame == tables.MAX_NETWORK_FRAME
+
+
+def test_dialect_1_is_not_for_a_gateway(bench: Bench) -> None:
+    sent = len(bench.to_boards[8])
+    bench.host.dialect = 1
+    bench.host.request(Command.PING, b"\xff\xff\0\2\1\xfc", bench.now)
+    bench.run(0.1)
+    assert len(bench.to_boards[8]) == sent
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.tuples(st.integers(0, 4), st.binary(max_size=300)), max_size=12), st.integers(0, 2**32))
+def test_no_bytes_from_any_side_break_it(pieces: list[tuple[int, bytes]], seed: int) -> None:
+    bench = Bench()
+    for number, (side, data) in enumerate(pieces):
+        if side in (0, 1):
+            cmd = (seed >> number) % 64
+            to = (8, -1, Multicast((8, 9)).dst, 5, -7)[number % 5]
+            data = data[:208]
+            frame = bench.host.build(2, cmd, data, number, bench.now, dst=to) if side else data
+            bench.gateway.receive_host(frame, bench.now)
+        elif side == 2:
+            bench.gateway.receive_board(8, data, bench.now)
+        elif side == 3:
+            board = bench.boards[9].connection
+            ext = (0, 0x80, 0x40, 0x85)[number % 4]
+            cmd = (Command.FRAGMENT, Command.FRAGMENT_MISSING, Command.IDENTIFY, Command.STOP)[seed >> number & 3]
+            frame = board.build(2, cmd, data[:200], number, bench.now, ext, dst=(7, GATEWAY_MODULE)[number & 1])
+            bench.gateway.receive_board(9, frame, bench.now)
+        else:
+            bench.gateway.lines[10].lost() if number & 1 else bench.gateway.lines[10].back(bench.now)
+        bench.run(0.003)
+    bench.run(0.1)
+    bench.gateway.lines[10].back(bench.now)
+    bench.run(0.1)
+    bench.connect()
+    assert not bench.ask_all(Command.STOP, b"\0", within=4.0).silent
+    assert all(bench.stopped().values())
+
+
+def test_broadcast_reaches_only_boards_behind_it(bench: Bench) -> None:
+    assert list(bench.ask_all(Command.STATS, to=Broadcast()).replies) == [8, 9, 10]

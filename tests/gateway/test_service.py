@@ -1,0 +1,154 @@
+"""The gateway over real sockets: hosts and boards that come, go and hang."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+from tests.gateway.tcp_boards import LONG, TcpBoards, tcp_boards
+
+from hexwire.drivers.hex7bot import Hex7BotDriver
+from hexwire.errors import LinkError, ReplyTimeoutError, UsageError
+from hexwire.gateway.service import GatewayService
+from hexwire.ipc.session import Session
+from hexwire.link.listener import Listener
+from hexwire.link.open import make_link
+from hexwire.wire.addresses import Broadcast
+from hexwire.wire.command_frame import Command, Status
+
+ARDUINO = 8
+
+
+class Running:
+    """A gateway in a thread, with two boards."""
+
+    def __init__(self, boards: TcpBoards) -> None:
+        self.boards = boards
+        links = {number: make_link(url) for number, url in enumerate(boards.urls, ARDUINO)}
+        self.service = GatewayService(Listener(), links, local=ARDUINO)
+        self.service.open()
+        self.url = self.service.url.replace("-listen", "")
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        self.service.run(self._ended.is_set)
+        self.service.close()
+
+    def end(self) -> None:
+        self._ended.set()
+        self._thread.join(LONG)
+        assert not self._thread.is_alive()
+
+
+@pytest.fixture
+def gateway() -> Iterator[Running]:
+    with tcp_boards(2) as boards:
+        running = Running(boards)
+        yield running
+        running.end()
+
+
+def connect(gateway: Running) -> Session:
+    session = Session.from_url(gateway.url)
+    session.open()
+    session.negotiate(look=False)
+    session.request_all(Command.IDENTIFY, window=0.3, attempts=1)
+    assert session.modules == {8, 9}
+    return session
+
+
+def hang_up(session: Session) -> None:
+    """End the connection as a machine that crashed does: by a reset."""
+    link = session.ipc.link
+    connected = link._stream.socket  # type: ignore[attr-defined]  # the socket itself
+    connected.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    session.close()
+
+
+def wait(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + LONG
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_a_driver_reaches_the_board_that_its_address_names(gateway: Running) -> None:
+    with Hex7BotDriver.from_url(f"{gateway.url}?to=9") as arm:
+        arm.torque(True)
+        assert arm.read().torque_on == arm.model.names
+        ready = [any(j.torque_on for j in board.state.joints) for board in gateway.boards.boards]
+        assert ready == [False, True]
+    assert gateway.boards.stopped() == [False, False], "it has left in order"
+
+
+def test_one_frame_stops_all(gateway: Running) -> None:
+    session = connect(gateway)
+    answers = session.request_all(Command.STOP, b"\0", Broadcast())
+    assert {m: r.status for m, r in answers.replies.items()} == {8: Status.OK, 9: Status.OK}
+    assert gateway.boards.stopped() == [True, True]
+    session.close()
+
+
+def test_a_link_that_breaks_stops_every_board(gateway: Running) -> None:
+    hang_up(connect(gateway))
+    gateway.boards.wait_until_stopped(0, 1)
+
+
+def test_a_host_that_dies_during_a_motion_stops_every_board(gateway: Running) -> None:
+    session = connect(gateway)
+    session.request(Command.WATCHDOG, b"\x60\xea\0")
+    session.close()
+    gateway.boards.wait_until_stopped(0, 1)
+
+
+def test_the_end_of_the_gateway_stops_what_its_host_has_not_ended(gateway: Running) -> None:
+    session = connect(gateway)
+    session.request(Command.WATCHDOG, b"\x60\xea\0")
+    gateway.end()
+    assert gateway.boards.stopped() == [True, True]
+    session.close()
+
+
+def test_there_is_one_host_at_a_time(gateway: Running) -> None:
+    session = connect(gateway)
+    second = Session.from_url(gateway.url)
+    second.open()
+    with pytest.raises(LinkError):
+        second.negotiate(look=False, boot_window=1.0)
+    second.close()
+    assert session.request(Command.STATS).status == Status.OK
+    session.close()
+
+
+def test_a_lost_board_is_silence_and_comes_back(gateway: Running) -> None:
+    session = connect(gateway)
+    gateway.boards.unplug(1)
+    wait(lambda: not gateway.service.machine.lines[9].up)
+    answers = session.request_all(Command.STOP, b"\0", attempts=1)
+    assert (list(answers.replies), answers.silent) == ([8], {9})
+    gateway.boards.plug_in(1)
+    gateway.boards.wait_until_stopped(1)
+    assert not session.request_all(Command.STATS).silent
+    session.close()
+
+
+def test_a_gateway_starts_without_its_boards(gateway: Running) -> None:
+    gateway.boards.unplug(0)
+    wait(lambda: not gateway.service.machine.lines[8].up)
+    session = Session.from_url(gateway.url)
+    session.open()
+    with pytest.raises(ReplyTimeoutError):
+        session.negotiate(look=False, boot_window=0.3)
+    session.close()
+
+
+@pytest.mark.parametrize("url", ["mq:///arm", "udp://127.0.0.1:15040"])
+def test_a_link_of_messages_is_refused(url: str) -> None:
+    with pytest.raises(UsageError, match="serial or TCP"):
+        GatewayService(Listener(), {8: make_link(url)}, local=8)
