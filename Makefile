@@ -9,9 +9,11 @@ ROS1 := python3-actionlib python3-diagnostic-msgs python3-rosmaster python3-rosp
     python3-std-srvs python3-trajectory-msgs \
     python3-rosbag python3-roslaunch python3-rosmsg python3-rosnode python3-rosparam python3-rosservice \
     python3-rostopic python3-tf2-msgs ros-robot-state-publisher
+# What builds the firmware.
+APT_AVR := arduino-core-avr avr-libc binutils-avr gcc-avr make
 # The Debian packages that the tests use.
-APT_TEST := ament-cmake arduino-core-avr avr-libc avrdude binutils-avr chromium clang g++ gcc gcc-avr \
-    libclang-rt-dev libegl1 libelf-dev iproute2 libgl1-mesa-dri libsimavr-dev liburdfdom-tools make nftables sigrok-cli tshark xvfb $(ROS1)
+APT_TEST := $(APT_AVR) ament-cmake avrdude chromium clang fish g++ gcc libclang-rt-dev libegl1 libelf-dev iproute2 \
+    libgl1-mesa-dri libsimavr-dev liburdfdom-tools mandoc nftables sigrok-cli tshark xvfb zsh $(ROS1)
 
 # The first Python that is new enough; `make PYTHON=/path/to/python3.12 test` selects another.
 PYTHON ?= $(firstword $(foreach p,python3 python3.13 python3.12 python3.11,\
@@ -58,7 +60,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .PHONY: help mutants setup system-packages demo test test-lerobot check lint types imports schema tests soak bench pictures \
-    analyzers lock lock-lerobot lock-witnesses clean
+    analyzers man dist resolvable lock lock-lerobot lock-witnesses clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -78,6 +80,17 @@ check: lint types imports schema ## run all checks except the tests
 
 analyzers: ## make the plug-in folders for Wireshark, sigrok and Logic 2: build/analyzers
 	@$(PYTHON) '$(ROOT)/schema/assemble.py'
+
+man: setup ## make the man pages: build/man
+	@$(BIN)/python '$(ROOT)/release/man.py'
+
+dist: setup ## build what is published: wheel with firmware and analysers, source distribution, ingredients: dist
+	@.ci/install-packages $(APT_AVR)
+	$(UV) sync --quiet --frozen --inexact --python '$(PYTHON)' --group dist </dev/null
+	@$(BIN)/python '$(ROOT)/release/build.py' --uv '$(UV)'
+
+resolvable: setup ## check that hexwire and each extra can be installed from wheels only; needs the package index
+	@$(BIN)/python '$(ROOT)/release/resolve.py' --uv '$(UV)'
 
 bench: setup ## measure the speed, as ratios against a bare reference
 	@$(BIN)/python -m tests.bench

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shlex
 from collections.abc import Callable
@@ -14,6 +15,7 @@ from tests.avr.pty import FlashableBoard, on_pty
 
 from hexwire.cli.main import cli
 from hexwire.drivers import firmware as tools
+from hexwire.drivers import firmware_images
 from hexwire.link.ports import PortInfo
 from hexwire.wire import tables
 
@@ -110,6 +112,43 @@ def test_only_a_serial_port_can_be_flashed() -> None:
     done = run("flash", "--port", "tcp://arm:15030", "--dry-run")
     assert done.exit_code == 2
     assert "through its serial port" in done.stderr
+
+
+@pytest.fixture
+def wheel(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """An installation from a wheel: firmware ready to flash, and no sources."""
+    image = tmp_path / "mega2560-115200.hex"
+    image.write_text(":00000001FF\n")
+    row = {"file": image.name, "board": "mega2560", "host_baud": 115200}
+    row["sha256"] = hashlib.sha256(image.read_bytes()).hexdigest()
+    (tmp_path / "firmware.json").write_text(json.dumps({"version": "7.8.9", "images": [row]}))
+    monkeypatch.setattr(firmware_images, "FOLDER", tmp_path)
+    monkeypatch.setattr(tools, "_SOURCES", tmp_path / "none")
+    monkeypatch.setenv("PATH", "")  # neither a compiler nor a flasher
+    return image
+
+
+def test_a_wheel_flashes_what_it_brings_without_a_compiler(ports: Ports, wheel: Path) -> None:
+    ports(PortInfo("/dev/ttyACM7", 0x2341, 0x0042, likely_board=True))
+    done = run("flash", "--port", "/dev/ttyACM7", "--dry-run")
+    assert done.exit_code == 0, done.output
+    assert shlex.split(done.stdout)[-1] == f"flash:w:{wheel}:i"
+    other = run("flash", "--port", "/dev/ttyACM7", "--dry-run", "--host-baud", "500000")
+    assert other.exit_code == 2
+    assert "only for mega2560 at 115200" in other.stderr
+    wheel.write_text("damaged")
+    damaged = run("flash", "--port", "/dev/ttyACM7", "--dry-run")
+    assert damaged.exit_code == 2
+    assert "install hexwire again" in damaged.stderr
+
+
+def test_a_wheel_builds_from_given_sources_only(ports: Ports, wheel: Path) -> None:
+    ports(PortInfo("/dev/ttyACM7", 0x2341, 0x0042, likely_board=True))
+    assert "give its folder with --source" in run("build").stderr
+    given = run(
+        "flash", "--port", "/dev/ttyACM7", "--dry-run", "--source", str(Path(__file__).parents[2] / "firmware")
+    )
+    assert "build tools are missing" in given.stderr
 
 
 def test_no_such_image(ports: Ports, tmp_path: Path) -> None:

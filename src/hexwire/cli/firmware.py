@@ -81,20 +81,16 @@ def flash(
     source: str | None,
     host_baud: str,
 ) -> None:
-    """Build the firmware, write it to the board, and read its version back.
+    """Write the firmware to the board, and read its version back.
 
+    An installation from a package brings the firmware; from a checkout, or with --source, it is built first.
     The joints keep their torque, but for some seconds nothing controls them: support the arm.
     """
     from hexwire.drivers import firmware as tools
 
     device = tools.device_of(resolve_url(options.port))
     guess = "not checked" if any_port else tools.check_board(device)
-    version = None
-    if hex_file is None:
-        report = tools.build(tools.find_sources(source), host_baud=int(host_baud))
-        image, version = report.hex_file, report.version
-    else:
-        image = Path(hex_file)
+    image, version = _image(hex_file, source, int(host_baud))
     command = tools.flash_command(device, image)
     note(f"board: {device} ({guess})")
     if dry_run:
@@ -115,18 +111,10 @@ def flash(
 @robot_options
 @json_option
 def info(options: RobotOptions, source: str | None, as_json: bool) -> None:
-    """Show the version of the board's firmware and that of the sources."""
-    from hexwire.drivers import firmware as tools
-    from hexwire.errors import UsageError
-
+    """Show the version of the board's firmware and that of the firmware here."""
     with attached(make_robot(options)) as robot:
         report = robot.probe()
-    try:
-        available = tools.source_version(tools.find_sources(source))
-    except UsageError:
-        if source is not None:
-            raise
-        available = ""
+    here, available = _available(source)
     if as_json:
         print_json(
             {
@@ -145,7 +133,31 @@ def info(options: RobotOptions, source: str | None, as_json: bool) -> None:
         say(f"supports {', '.join(report.capabilities).replace('_', ' ')}")
     if available:
         same = " (the same)" if available == report.firmware else ""
-        say(f"sources {available}{same}")
+        say(f"{here} {available}{same}")
+
+
+def _image(hex_file: str | None, source: str | None, host_baud: int) -> tuple[Path, str | None]:
+    """The file to flash, and its version if that is known."""
+    from hexwire.drivers import firmware as tools
+    from hexwire.drivers.firmware_images import find_image
+
+    if hex_file is not None:
+        return Path(hex_file), None
+    image = find_image(host_baud) if source is None and not tools.has_sources() else None
+    if image is not None:
+        return image.file, image.version
+    report = tools.build(tools.find_sources(source), host_baud=host_baud)
+    return report.hex_file, report.version
+
+
+def _available(source: str | None) -> tuple[str, str]:
+    """What is here to flash, in a word, and its version; empty if nothing is."""
+    from hexwire.drivers import firmware as tools
+    from hexwire.drivers.firmware_images import list_images
+
+    if source is not None or tools.has_sources():
+        return "sources", tools.source_version(tools.find_sources(source))
+    return "in this package", next((image.version for image in list_images()), "")
 
 
 def _version_of(options: RobotOptions) -> str:

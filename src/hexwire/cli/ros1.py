@@ -19,7 +19,7 @@ from .exits import run_node
 from .output import say, say_document
 from .parameter_table import table
 
-__all__ = ["PROGRAM", "environment", "main", "package_path"]
+__all__ = ["PROGRAM", "environment", "help_text", "main", "package_path"]
 
 PROGRAM = "hexwire-ros1"
 
@@ -140,7 +140,8 @@ def _start(args: list[str]) -> int | None:
     return run_node(args)
 
 
-def _help() -> str:
+def help_text() -> str:
+    """The text of `--help`."""
     from hexwire.ros1.parameters import PARAMETERS
 
     return _HELP.format(parameters=table((f"_{row.name}:={row.default_text}", row) for row in PARAMETERS)).rstrip()
@@ -162,8 +163,8 @@ def _this_program() -> Path | None:
 
 
 _OPTIONS: dict[str, Callable[[], str]] = {
-    "-h": _help,
-    "--help": _help,
+    "-h": help_text,
+    "--help": help_text,
     "-V": _version,
     "--version": _version,
     "--package-path": lambda: str(package_path()),

@@ -20,7 +20,7 @@ from .parameter_table import table
 if TYPE_CHECKING:
     from hexwire.control.setting import Setting
 
-__all__ = ["PROGRAM", "main"]
+__all__ = ["PROGRAM", "help_text", "main"]
 
 PROGRAM = "hexwire-ros2"
 
@@ -94,7 +94,8 @@ def _main(args: Sequence[str]) -> int | None:
     return run_node(args, os.environ)
 
 
-def _help() -> str:
+def help_text() -> str:
+    """The text of `--help`."""
     return _HELP.format(parameters=table(_rows())).rstrip()
 
 
@@ -111,7 +112,12 @@ def _version() -> str:
     return f"{PROGRAM} {hexwire.__version__}"
 
 
-_OPTIONS: dict[str, Callable[[], str]] = {"-h": _help, "--help": _help, "-V": _version, "--version": _version}
+_OPTIONS: dict[str, Callable[[], str]] = {
+    "-h": help_text,
+    "--help": help_text,
+    "-V": _version,
+    "--version": _version,
+}
 
 
 if __name__ == "__main__":

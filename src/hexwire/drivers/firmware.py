@@ -27,6 +27,7 @@ __all__ = [
     "device_of",
     "find_sources",
     "flash_command",
+    "has_sources",
     "run_flash",
     "source_version",
 ]
@@ -34,6 +35,7 @@ __all__ = [
 PART = "atmega2560"
 HOST_RATES = (115_200, 250_000, 500_000, 1_000_000)
 """Host-line rates that the firmware can be built for."""
+_SOURCES = Path(__file__).resolve().parents[3] / "firmware"
 _SIGNATURE = "1e 98 01"
 _BUILD_TOOLS = {"avr-g++": "gcc-avr", "avr-objcopy": "binutils-avr", "make": "make"}
 _CORE = Path("/usr/share/arduino/hardware/arduino/avr/cores/arduino")
@@ -72,12 +74,16 @@ def find_sources(folder: str | os.PathLike[str] | None = None) -> Path:
         if not (path / "Makefile").is_file() or not (path / "core/generated.h").is_file():
             raise UsageError(f"{path} is not the firmware's folder, which has a Makefile and core/generated.h")
         return path
-    path = Path(__file__).resolve().parents[3] / "firmware"
-    if not (path / "Makefile").is_file():
+    if not has_sources():
         raise UsageError(
             "no firmware sources next to this package; clone the repository and give its folder with --source"
         )
-    return path
+    return _SOURCES
+
+
+def has_sources() -> bool:
+    """Whether this is a checkout, with the firmware's sources."""
+    return (_SOURCES / "Makefile").is_file()
 
 
 def source_version(sources: Path) -> str:

@@ -284,7 +284,10 @@ def _import_evdev() -> Any:
     try:
         import evdev
     except ImportError as error:
-        raise UsageError("this device needs the package evdev: pip install 'hexwire[joystick]'") from error
+        raise UsageError(
+            "this device needs the package evdev: pip install 'hexwire[joystick]' on x86-64; "
+            "elsewhere pip install evdev, which needs a compiler"
+        ) from error
     return evdev
 
 

@@ -1,0 +1,185 @@
+"""What is published: whole, the same bytes every time, and with the firmware's real bytes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+import subprocess
+import tarfile
+import tomllib
+import zipfile
+from email import message_from_bytes
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.avr import machines
+from tests.release.scripts import ROOT, script, uv
+
+from hexwire.drivers import firmware
+from hexwire.drivers.firmware_images import find_image
+
+build: Any = script("build")
+pytestmark = pytest.mark.timeout(300)
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+IMAGE = b":00000001FF\n"
+
+
+def test_the_firmware_is_the_same_bytes_from_another_folder(tmp_path: Path) -> None:
+    machines.built("mega2560")
+    folder = tmp_path / "another/place/firmware"
+    shutil.copytree(ROOT / "firmware", folder, ignore=shutil.ignore_patterns("build"))
+    again = firmware.build(folder).hex_file.read_bytes()
+    assert again == (machines.BUILD / "mega2560/hexwire.hex").read_bytes()
+
+
+def fake_build(folder: Path, *, host_baud: int = 115200) -> firmware.BuildReport:
+    file = folder / "build/x.hex"
+    file.parent.mkdir(exist_ok=True)
+    file.write_bytes(IMAGE + str(host_baud).encode())
+    return firmware.BuildReport(file, "", "0.0.0", host_baud)
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> list[list[Path]]:
+    """Both files and their ingredients, built in two places; the compiler is replaced, it has its own test."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build.firmware, "build", fake_build)
+        folders = [tmp_path_factory.mktemp("one"), tmp_path_factory.mktemp("another") / "deeper"]
+        return [build.build(uv(), folder / "out", folder / "copy") for folder in folders]
+
+
+def test_two_builds_give_the_same_bytes(built: list[list[Path]]) -> None:
+    for one, another in zip(*built, strict=True):
+        assert one.read_bytes() == another.read_bytes(), one.name
+
+
+def test_the_wheel_brings_firmware_analysers_ros_and_pages(built: list[list[Path]], tmp_path: Path) -> None:
+    with zipfile.ZipFile(built[0][0]) as wheel:
+        names = set(wheel.namelist())
+        wheel.extractall(tmp_path)
+    share = tmp_path / "hexwire/share"
+    for rate in firmware.HOST_RATES:
+        image = find_image(rate, folder=share / "firmware")
+        assert image is not None
+        assert image.file.read_bytes() == IMAGE + str(rate).encode()
+        assert image.version == firmware.source_version(ROOT / "firmware")
+    with zipfile.ZipFile(share / "analyzers.zip") as packed:
+        assert {"wireshark/hexwire.lua", "saleae/extension.json", "LICENSE"} <= set(packed.namelist())
+    data = f"hexwire-{PROJECT['version']}.data/data/share"
+    assert {
+        f"{data}/man/man1/hexwire.1",
+        f"{data}/man/man1/hexwire-ros2.1",
+        f"{data}/bash-completion/completions/hexwire",
+        f"{data}/zsh/site-functions/_hexwire",
+        f"{data}/fish/vendor_completions.d/hexwire.fish",
+        "hexwire/py.typed",
+        "hexwire/ros1/share/hexwire/package.xml",
+        "hexwire/ros1/share/hexwire/launch/hardware.launch",
+        "hexwire/ros1/share/hexwire/rviz/hexwire.rviz",
+        "hexwire/studio/static/uPlot.iife.min.js",
+    } <= names
+    tracked = {name.removeprefix("src/") for name in build.sources() if name.startswith("src/hexwire/")}
+    assert tracked <= names
+
+
+def test_the_metadata_are_complete(built: list[list[Path]]) -> None:
+    with zipfile.ZipFile(built[0][0]) as wheel:
+        info = f"hexwire-{PROJECT['version']}.dist-info"
+        metadata = message_from_bytes(wheel.read(f"{info}/METADATA"))
+        texts = [wheel.read(f"{info}/licenses/{name}") for name in metadata.get_all("License-File") or []]
+    assert metadata["License-Expression"] == PROJECT["license"]
+    for words in (b"Apache License", b"GNU GENERAL PUBLIC LICENSE", b"GNU LESSER GENERAL", b"avr-libc", b"MIT"):
+        assert any(words in text for text in texts), words
+    urls = {line.partition(",")[0] for line in metadata.get_all("Project-URL") or []}
+    assert {"Homepage", "Documentation", "Source", "Issues", "Changelog", "Security"} <= urls
+    assert len(metadata.get_all("Classifier") or []) > 15
+    assert "SO-101" in metadata["Keywords"]
+    assert metadata["Description-Content-Type"] == "text/markdown"
+    assert metadata["Requires-Python"] == ">=3.11"
+
+
+def test_the_source_distribution_is_whole(built: list[list[Path]]) -> None:
+    with tarfile.open(built[0][1]) as packed:
+        members = {m.name.partition("/")[2]: m for m in packed.getmembers() if not m.isdir()}
+    names = set(build.sources())
+    assert len(names) > 1500
+    link = "firmware/boards/mega2560/src/core"
+    assert names - {link} <= set(members)
+    assert f"{link}/board.cpp" in members
+    assert "src/hexwire/share/firmware/firmware.json" in members, "a wheel built from it has the firmware, too"
+    assert members[".ci/run"].mode & 0o111
+    assert not any(member.issym() or member.uid for member in members.values())
+    assert not [name for name in members if "__pycache__" in name or name.startswith(("build/", "dist/"))]
+
+
+def test_every_file_at_the_top_is_in_the_source_distribution() -> None:
+    """One that is not listed in pyproject.toml would be missing without a word."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["uv"]
+    listed = {name.partition("/")[0] for name in settings["build-backend"]["source-include"]}
+    always = {"LICENSE", "README.md", "pyproject.toml", "src"}
+    assert {name.partition("/")[0] for name in build.sources()} <= listed | always
+
+
+def test_the_sources_without_git_are_those_of_git(built: list[list[Path]], tmp_path: Path) -> None:
+    with tarfile.open(built[0][1]) as packed:
+        packed.extractall(tmp_path, filter="data")
+    (root,) = tmp_path.iterdir()
+    for name in (".venv/x.py", "build/x", "src/hexwire/__pycache__/x.pyc", ".ruff_cache/x"):
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text("")
+    core = "firmware/boards/mega2560/src/core"
+    found = {name for name in build.sources(root) if not name.startswith(core)}
+    assert found == {name for name in build.sources() if name != core}
+
+
+def test_the_ingredients_are_those_that_the_lock_names(built: list[list[Path]]) -> None:
+    listed = json.loads(built[0][2].read_text())
+    assert (listed["bomFormat"], listed["specVersion"]) == ("CycloneDX", "1.5")
+    parts = {part["name"]: part for part in listed["components"]}
+    locked = {p["name"]: p for p in tomllib.loads((ROOT / "uv.lock").read_text())["package"]}
+    for name in ("click", "rich", "pyserial", "eclipse-zenoh", "nicegui"):
+        assert parts[name]["version"] == locked[name]["version"]
+        assert parts[name]["purl"] == f"pkg:pypi/{name}@{parts[name]['version']}"
+    assert not {"mypy", "hypothesis", "twine"} & parts.keys(), "only what users get"
+    assert parts["uPlot"]["licenses"] == [{"license": {"id": "MIT"}}]
+    image = parts["mega2560-115200.hex"]
+    assert image["hashes"][0]["content"] == hashlib.sha256(IMAGE + b"115200").hexdigest()
+    assert {"arduino-core-avr", "avr-libc"} <= parts.keys()
+    assert "timestamp" not in listed["metadata"]
+    assert re.fullmatch(r"urn:uuid:[0-9a-f-]{36}", listed["serialNumber"])
+
+
+def test_a_build_that_is_not_the_same_again_is_not_published(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    count = iter(range(10))
+
+    def different(uv: str, into: Path, stage: Path) -> list[Path]:
+        into.mkdir(parents=True)
+        (into / "hexwire.whl").write_text(str(next(count)))
+        return [into / "hexwire.whl"]
+
+    monkeypatch.setattr(build, "build", different)
+    assert build.main(["--into", str(tmp_path / "dist")]) == 1
+    assert "hexwire.whl is not the same when it is built again" in capfd.readouterr().err
+    assert not (tmp_path / "dist").exists()
+
+
+def test_a_copy_has_one_of_two_modes(tmp_path: Path) -> None:
+    (tmp_path / "a").write_text("x")
+    (tmp_path / "a").chmod(0o600)
+    (tmp_path / "b").write_text("x")
+    (tmp_path / "b").chmod(0o775)
+    for name in "ab":
+        build.copy(tmp_path / name, tmp_path / "out" / name)
+    assert [(tmp_path / "out" / name).stat().st_mode & 0o777 for name in "ab"] == [0o644, 0o755]
+
+
+def test_make_dist_installs_what_builds_it() -> None:
+    shown = subprocess.run(["make", "-n", "dist"], cwd=ROOT, capture_output=True, text=True, check=True, timeout=60)
+    assert "install-packages arduino-core-avr avr-libc binutils-avr gcc-avr make" in shown.stdout
+    assert "--group dist" in shown.stdout
