@@ -24,6 +24,7 @@ bool is_stop(const Frame& frame) {
 
 Board::Board(Platform& platform)
     : platform_(platform),
+      rate_(platform),
       stats_(),
       decoder_(stats_),
       queue_(),
@@ -35,12 +36,14 @@ Board::Board(Platform& platform)
       bus_(platform, stats_),
       joints_(),
       gate_(joints_, settings_),
-      poller_(bus_, joints_),
-      sweep_(bus_, joints_),
+      raw_(),
+      poller_(bus_, joints_, raw_),
+      sweep_(bus_, joints_, raw_),
       job_(),
       trajectory_(settings_),
       path_(),
       owner_(Owner::kNobody),
+      next_owner_(Owner::kNobody),
       now_running_(),
       boot_id_(0),
       board_flags_(0),
@@ -99,6 +102,7 @@ bool Board::poll() {
   run_bus();
   report();
   receive();
+  check_rate();
   check_watchdog();
   settings_.poll();
   run_bus();
@@ -128,8 +132,7 @@ void Board::accept(const Frame& frame) {
     if (names_board(frame.dst) == Named::kNo) return;
     if (frame.ext & (gen::EXT_REPLY | gen::EXT_UNSOLICITED)) return;
   }
-  heard_ms_ = ms_;
-  fed_ = true;
+  note_life(frame, chapter);
   if (!chapter && (is_repeat(frame) || refuse_for_several(frame) || accept_stop(frame))) return;
   if (queue_.push(frame)) {
     if (queue_.count() > stats_.queue_high_water) stats_.queue_high_water = queue_.count();
@@ -138,13 +141,22 @@ void Board::accept(const Frame& frame) {
   }
 }
 
+// A valid frame feeds the watchdog. HOST_BAUD does not: it shows that the line works, not that a program is in control.
+void Board::note_life(const Frame& frame, bool chapter) {
+  rate_.heard(ms_);
+  if (!chapter && frame.cmd == gen::CMD_HOST_BAUD) return;
+  heard_ms_ = ms_;
+  fed_ = true;
+}
+
 // Whether a request came before. It is answered as then, or the answer is still to come.
 bool Board::is_repeat(const Frame& frame) {
   if (frame.cmd == gen::CMD_IDENTIFY) {
     stored_.forget(frame.src);
     voided_.forget(frame.src);
   }
-  const ReplyStore::Entry* entry = stored_.find(frame, ms_);
+  // The rate may have gone back since, so that a stored answer would be wrong.
+  const ReplyStore::Entry* entry = frame.cmd == gen::CMD_HOST_BAUD ? nullptr : stored_.find(frame, ms_);
   if (entry != nullptr) {
     memcpy(body(), entry->reply, entry->reply_size);
     answer(frame, entry->status, entry->reply_size);
@@ -178,6 +190,10 @@ void Board::answer(const Frame& frame, uint8_t status, uint8_t size) {
   send(gen::PROTO_HEXWIRE, frame.src, frame.seq, frame.cmd, gen::EXT_REPLY | status, size);
 }
 
+void Board::check_rate() {
+  if (rate_.poll(ms_)) decoder_.forget();
+}
+
 void Board::check_watchdog() {
   if (watchdog_ms_ == 0 || !fed_ || ms_ - heard_ms_ < watchdog_ms_) return;
   if (trajectory_.outlives_host()) return;
@@ -200,7 +216,7 @@ void Board::send(uint8_t proto, int32_t dst, uint8_t seq, uint8_t cmd, uint8_t e
   head.ext = ext;
   const uint8_t whole = finish_frame(tx_, head, size);
   // Jobs start only if there is room for their answer. Other answers are lost if there is no room; the host retries.
-  if (platform_.host_write_room() < whole) return;
+  if (rate_.changing() || platform_.host_write_room() < whole) return;
   platform_.host_write(tx_, whole);
   ++sn_;
   ++stats_.frames_sent;

@@ -9,6 +9,7 @@
 #include "frame.h"
 #include "gate.h"
 #include "generated.h"
+#include "host_rate.h"
 #include "joints.h"
 #include "platform.h"
 #include "poller.h"
@@ -74,6 +75,7 @@ class Board {
     kAwaitCycle,
     kReplyState,
     kSetPathStart,
+    kChangeRate,
     kAwaitStorage,
     kAwaitSaved,
     kMaintain,
@@ -107,11 +109,15 @@ class Board {
   // The trajectory's way to the servo line.
   struct Path {
     Mask joints;  // that still follow it
-    bool second;  // the packet of the second series is ready
+    bool second;  // the targets of the second series are computed
+    bool ends;       // the computed targets are the path's last
     bool last_sent;  // the first packet of the last pair has been sent
     uint8_t cycle;
     uint16_t late;
-    uint16_t takes_us;  // to compute the first packet
+    uint16_t takes_us;   // to compute the first packet
+    uint16_t pause_us;   // that a servo takes before it answers
+    uint32_t begun_us;   // when the poller's last transaction began
+    uint32_t aimed_us;   // when a packet that is prepared is expected to begin
     uint32_t written_us;
     uint32_t answered_ms;  // when all joints could be moved
     Targets targets;
@@ -121,10 +127,12 @@ class Board {
   void tick();
   void receive();
   void accept(const Frame& frame);
+  void note_life(const Frame& frame, bool chapter);
   bool is_repeat(const Frame& frame);
   bool refuse_for_several(const Frame& frame);
   bool accept_stop(const Frame& frame);
   void answer(const Frame& frame, uint8_t status, uint8_t size);
+  void check_rate();
   void check_watchdog();
   void send(uint8_t proto, int32_t dst, uint8_t seq, uint8_t cmd, uint8_t ext, uint8_t size);
   uint8_t* body() { return tx_ + kBodyAt; }
@@ -150,6 +158,8 @@ class Board {
   void settings(Block block);
   void stats();
   void io();
+  void host_baud();
+  void change_rate();
   void maintenance();
   void end_maintenance();
   void reply_maintenance();
@@ -188,6 +198,7 @@ class Board {
   void check_torque();
   void check_target();
   void note_positions();
+  bool moved_since_note() const;
   void check_still();
   void finish_hold();
 
@@ -201,14 +212,20 @@ class Board {
   bool send_step(Step step);
   bool check_step(Step step);
   bool answer_step(Step step);
+  void decide(Step step);
   bool execute_later();
+  bool still_pausing() const;
   bool done();
   bool sent(bool packet);
   bool needs_bus() const;
   bool wants_bus() const { return job_.active && needs_bus(); }
   bool keeps_line_free() const;
   void use_idle_line();
-  void take_result();
+  void take_result(bool may_go_on);
+  bool may_go_on() const;
+  bool launch_prepared();
+  void went_on();
+  void prepare_next();
   Mask asked(Step step) const;
   bool sweep(Item item, Mask mask);
   void next_step();
@@ -247,13 +264,19 @@ class Board {
   void leave_path(Mask mask);
   void end_path();
   void watch_path();
+  bool path_due() const;
+  bool prepare_path();
+  bool path_goes_on() const;
+  void note_pause();
+  void path_went_on();
   bool write_path();
-  void begin_targets(uint32_t since_us);
+  void begin_pair();
   Mask lost_joints();
   bool send_second();
   void aim_path(uint8_t series, uint32_t time_us);
   bool follows_path(uint8_t joint) const;
   bool send_path_targets(uint8_t series);
+  bool make_path_targets(uint8_t series);
   Mask path_joints() const { return trajectory_.moving() ? trajectory_.joints() : 0; }
 
   static const Step kBoot[];
@@ -270,6 +293,7 @@ class Board {
   static const Step kSave[];
   static const Step kToMaintenance[];
   static const Step kStartPath[];
+  static const Step kToRate[];
 
   uint8_t flags() const {
     return static_cast<uint8_t>(board_flags_ | (settings_.is_default() ? gen::BOARD_FLAG_SETTINGS_DEFAULT : 0));
@@ -278,6 +302,7 @@ class Board {
   bool in_maintenance() const { return board_flags_ & gen::BOARD_FLAG_MAINTENANCE; }
 
   Platform& platform_;
+  HostRate rate_;
   Stats stats_;
   FrameDecoder decoder_;
   RequestQueue queue_;
@@ -289,12 +314,14 @@ class Board {
   ServoBus bus_;
   Joints joints_;
   Gate gate_;
+  Sweep::Raw raw_[kJoints];
   Poller poller_;
   Sweep sweep_;
   Job job_;
   Trajectory trajectory_;
   Path path_;
   Owner owner_;
+  Owner next_owner_;  // of what is prepared
   Request now_running_;
 
   uint32_t boot_id_;

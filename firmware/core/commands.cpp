@@ -103,6 +103,8 @@ void Board::execute_other() {
       return io();
     case gen::CMD_MAINTENANCE:
       return maintenance();
+    case gen::CMD_HOST_BAUD:
+      return host_baud();
     case gen::CMD_FRAGMENT:
     case gen::CMD_FRAGMENT_MISSING:
       return refuse(gen::STATUS_NOT_SUPPORTED);
@@ -136,7 +138,7 @@ void Board::identify() {
   p[gen::IDENTIFY_REPLY_FW_MINOR] = gen::VERSION_MINOR;
   p[gen::IDENTIFY_REPLY_FW_PATCH] = gen::VERSION_PATCH;
   put32(p + gen::IDENTIFY_REPLY_BOOT_ID, boot_id_);
-  put16(p + gen::IDENTIFY_REPLY_CAPABILITIES, kCapabilities);
+  put16(p + gen::IDENTIFY_REPLY_CAPABILITIES, rate_.can_change() ? kCapabilities | gen::CAPABILITY_HOST_BAUD : kCapabilities);
   put16(p + gen::IDENTIFY_REPLY_MAX_FRAME, gen::MAX_SERIAL_FRAME);
   p[gen::IDENTIFY_REPLY_BOARD_FLAGS] = flags();
   p[gen::IDENTIFY_REPLY_JOINTS] = kJoints;
@@ -295,6 +297,25 @@ void Board::io() {
   body()[gen::IO_REPLY_MASK] = mask;
   body()[gen::IO_REPLY_VALUE] = outputs_;
   reply(gen::STATUS_OK, gen::IO_REPLY_SIZE);
+}
+
+// A change while something moves could delay a stop, so what the joints do is read first.
+void Board::host_baud() {
+  if (now_running_.size != gen::HOST_BAUD_REQUEST_SIZE) return refuse(gen::STATUS_BAD_LENGTH);
+  if (!rate_.can_change()) return refuse(gen::STATUS_NOT_SUPPORTED);
+  const uint32_t wanted = get32(now_running_.body);
+  if (!rate_.known(wanted)) return refuse(gen::STATUS_BAD_RANGE);
+  if (wanted == rate_.now() || wanted == rate_.own()) return change_rate();
+  start_job(kToRate, kAllJoints);
+}
+
+void Board::change_rate() {
+  const uint32_t wanted = get32(now_running_.body);
+  const bool back = wanted == rate_.now() || wanted == rate_.own();
+  if (!back && (trajectory_.waits() || trajectory_.moving() || moved_since_note())) return refuse(gen::STATUS_BUSY);
+  put32(body() + gen::HOST_BAUD_REPLY_RATE, wanted);
+  reply(gen::STATUS_OK, gen::HOST_BAUD_REPLY_SIZE);
+  if (wanted != rate_.now()) rate_.change(wanted);
 }
 
 void Board::maintenance() {

@@ -39,6 +39,9 @@ class FrameDecoder {
   // Abandons an unfinished frame after the inter-byte timeout; true if `next` should be called again.
   bool expire(uint32_t now);
 
+  // Drops an unfinished frame.
+  void forget() { held_ = 0; }
+
   // Minimum number of bytes missing before `next` can find a frame.
   uint8_t missing() const;
 

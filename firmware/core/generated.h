@@ -29,6 +29,8 @@ constexpr uint16_t MAX_SERIAL_FRAME = 253;
 constexpr uint16_t DIALECT2_REPLY_WINDOW_MS = 200;
 constexpr uint16_t REPEAT_WINDOW_MS = 2000;
 constexpr uint16_t INTERBYTE_TIMEOUT_MS = 50;
+constexpr uint16_t HOST_BAUD_TRIAL_MS = 1000;
+constexpr uint16_t HOST_BAUD_SILENCE_MS = 2000;
 constexpr uint8_t STORED_REPLIES = 4;
 constexpr uint8_t MAX_JOINTS = 16;
 constexpr int32_t ADDRESS_BROADCAST = -1;
@@ -97,6 +99,7 @@ constexpr uint16_t CAPABILITY_SYNC_READ = 0x0080;
 constexpr uint16_t CAPABILITY_IO = 0x0100;
 constexpr uint16_t CAPABILITY_MAINTENANCE = 0x0200;
 constexpr uint16_t CAPABILITY_TRAJECTORY = 0x0400;
+constexpr uint16_t CAPABILITY_HOST_BAUD = 0x0800;
 constexpr uint16_t CAPABILITY_FINE_POSITIONS = 0x1000;
 constexpr uint16_t CAPABILITY_SEVERAL = 0x2000;
 constexpr uint8_t STATE_FIELD_SPEED = 0x01;
@@ -300,6 +303,12 @@ constexpr uint8_t TRAJECTORY_ABORT_REQUEST_SIZE = 1;
 constexpr uint8_t TRAJECTORY_ABORT_REPLY_ID = 0;
 constexpr uint8_t TRAJECTORY_ABORT_REPLY_STATE = 1;
 constexpr uint8_t TRAJECTORY_ABORT_REPLY_SIZE = 2;
+
+// HOST_BAUD: Rate of the host line, bits per second. Answered at the old rate; see section 6.8.
+constexpr uint8_t CMD_HOST_BAUD = 0x25;
+constexpr uint8_t HOST_BAUD_REQUEST_SIZE = 4;
+constexpr uint8_t HOST_BAUD_REPLY_RATE = 0;
+constexpr uint8_t HOST_BAUD_REPLY_SIZE = 4;
 
 constexpr uint8_t BROADCAST_ID = 0xFE;
 constexpr uint8_t INST_PING = 0x01;

@@ -10,6 +10,8 @@ namespace {
 
 constexpr uint8_t kMoreTries = 2;
 constexpr uint8_t kPauseMs = 20;
+constexpr uint8_t kRatePauseMs = 100;
+constexpr uint8_t kMostLooks = 20;  // for the last byte of an answer, about 100 us
 
 // What each reading step reads, in the order of the steps.
 const Item kItems[] = {Item::kPosition, Item::kPosition, Item::kTorque, Item::kTorque,   Item::kMode,
@@ -50,6 +52,8 @@ const Board::Step Board::kLater[] = {Step::kAwaitStorage};
 const Board::Step Board::kSave[] = {Step::kAwaitSaved};
 const Board::Step Board::kStartPath[] = {Step::kReadUnknownMode, Step::kReadUnsure, Step::kReadStale,
                                          Step::kReadCeiling, Step::kSetPathStart};
+const Board::Step Board::kToRate[] = {Step::kReadUnsure, Step::kReadPosition, Step::kNote,
+                                      Step::kPause,      Step::kReadPosition, Step::kChangeRate};
 const Board::Step Board::kToMaintenance[] = {Step::kReadTorque, Step::kMaintain};
 
 void Board::start_job(const Step* program, Mask mask) {
@@ -95,7 +99,10 @@ void Board::back_to(Step step) {
 // One pass over everything that uses the bus.
 void Board::run_bus() {
   bus_.poll(last_us_);
-  if (bus_.finished()) take_result();
+  // If the next byte ends the answer, what follows should begin at once: all that can be is known before.
+  const bool ready = bus_.ends_soon() && may_go_on();
+  for (uint8_t n = 0; n < kMostLooks && bus_.ends_soon(); ++n) bus_.poll(platform_.micros());
+  if (bus_.finished()) take_result(ready || may_go_on());
   watch_path();
   if (!job_.active) start_next();
   // Start the next transaction before computing anything: the line should not lie idle meanwhile.
@@ -103,20 +110,60 @@ void Board::run_bus() {
   if (bus_.idle() && !wants_bus()) use_idle_line();
   poller_.digest();
   run_job();
+  prepare_next();
 }
 
 // The line is free, and no request needs it: targets of the trajectory, else polling.
 void Board::use_idle_line() {
   if (write_path() || keeps_line_free() || path_starts_soon()) return;
-  if (poller_.start(last_us_, ms_)) owner_ = Owner::kPoller;
+  if (!poller_.start(last_us_, ms_)) return;
+  owner_ = Owner::kPoller;
+  path_.begun_us = platform_.micros();
 }
 
-// Gives the result of a transaction to whoever started it.
-void Board::take_result() {
+// Gives the result of a transaction to whoever started it, and starts what is prepared.
+void Board::take_result(bool may_go_on) {
   const Owner owner = owner_;
-  owner_ = Owner::kNobody;
-  if (owner == Owner::kPoller) poller_.take_result(last_us_, ms_);
-  if (owner == Owner::kJob && job_.entered) sweep_.take_result(last_us_, ms_);
+  if (owner == Owner::kPoller && path_due()) note_pause();
+  const bool go_on = may_go_on && launch_prepared();
+  owner_ = go_on ? next_owner_ : Owner::kNobody;
+  if (owner == Owner::kPoller) {
+    sweep_.digest();
+    poller_.take_result(last_us_, ms_);
+  } else if (owner == Owner::kJob && job_.entered) {
+    sweep_.take_result(last_us_, ms_);
+  }
+  if (go_on) went_on();
+}
+
+// Puts what is prepared on the line, if the transaction before went well.
+bool Board::launch_prepared() {
+  if (bus_.result() != BusResult::kOk) return false;
+  return (next_owner_ != Owner::kPath || path_goes_on()) && bus_.launch();
+}
+
+void Board::went_on() {
+  bus_.follow();
+  if (owner_ == Owner::kPath) return path_went_on();
+  path_.begun_us = platform_.micros();
+  poller_.went_on();
+}
+
+// Whether the prepared transaction may follow the one that runs: nothing else wants the line.
+bool Board::may_go_on() const {
+  if (!bus_.prepared() || job_.active || void_left_ || queue_.count() || !stops_.empty()) return false;
+  if (keeps_line_free() || path_starts_soon()) return false;
+  return next_owner_ == Owner::kPath || !path_due();
+}
+
+// Prepares what will probably follow the transaction that runs.
+void Board::prepare_next() {
+  if (bus_.idle() || bus_.prepared() || job_.active) return;
+  if (prepare_path()) {
+    next_owner_ = Owner::kPath;
+  } else if (owner_ == Owner::kPoller || owner_ == Owner::kPath) {
+    if (poller_.prepare(last_us_, ms_, owner_ == Owner::kPoller)) next_owner_ = Owner::kPoller;
+  }
 }
 
 // While a host that speaks the chapter's dialect is sending, the line is kept free for its request.
@@ -124,6 +171,7 @@ bool Board::keeps_line_free() const { return decoder_.receiving() && (chapter_he
 
 // A stop first; after it no request starts before every voided request and every stop is answered.
 bool Board::start_next() {
+  if (rate_.changing()) return false;
   if (start_stop()) return true;
   if (void_left_ || !stops_.empty()) return false;
   if (!queue_.front(&now_running_) || !may_send()) return false;
@@ -245,7 +293,7 @@ bool Board::check_step(Step step) {
       note_positions();
       return done();
     case Step::kPause:
-      return !(job_.moving && ms_ - job_.noted_ms < kPauseMs) && done();
+      return !still_pausing() && done();
     case Step::kCheckStill:
       check_still();
       return true;
@@ -279,17 +327,27 @@ bool Board::answer_step(Step step) {
     case Step::kReplyState:
       reply(gen::STATUS_OK, put_state(job_.argument));
       return true;
-    case Step::kSetPathStart:
-      set_path_start();
-      return true;
     case Step::kAwaitStorage:
       return execute_later();
     case Step::kAwaitSaved:
       return reply_saved();
-    default:  // kMaintain
-      enter_maintenance();
+    default:
+      decide(step);
       return true;
   }
+}
+
+// Steps that execute a request, now that it is known what the joints do.
+void Board::decide(Step step) {
+  if (step == Step::kSetPathStart) return set_path_start();
+  if (step == Step::kChangeRate) return change_rate();
+  enter_maintenance();
+}
+
+// Whether the time between two looks at joints that may move is not over.
+bool Board::still_pausing() const {
+  const uint32_t passed = ms_ - job_.noted_ms;
+  return job_.program == kToRate ? passed < kRatePauseMs : job_.moving && passed < kPauseMs;
 }
 
 // Executes a request that had to wait for the storage.

@@ -262,25 +262,28 @@ bool Joints::make_torque(ServoBus& bus, Mask mask, bool on) const {
   return true;
 }
 
-Sweep::Sweep(ServoBus& bus, Joints& joints)
+Sweep::Sweep(ServoBus& bus, Joints& joints, Raw* raw)
     : bus_(bus),
       joints_(joints),
       item_(Item::kPosition),
+      taken_item_(Item::kPosition),
       order_(),
       next_(0),
       count_(0),
       many_(),
       many_count_(0),
       many_asked_(false),
+      last_(kNoJoint),
       answered_(0),
       undigested_(0),
       taken_us_(0),
       taken_ms_(0),
-      raw_(),
+      raw_(raw),
       values_() {}
 
 void Sweep::begin(Mask mask, Item item, bool use_sync_read) {
   digest();
+  last_ = kNoJoint;
   item_ = item;
   answered_ = 0;
   next_ = count_ = many_count_ = 0;
@@ -302,29 +305,49 @@ void Sweep::begin(Mask mask, Item item, bool use_sync_read) {
 
 bool Sweep::start_next(uint32_t now_ms) {
   if (many_count_) {
-    start_many(now_ms);
+    make_many(now_ms);
+    many_asked_ = true;
     return true;
   }
   if (next_ == count_) return false;
-  const uint8_t joint = order_[next_];
+  make_single(order_[next_], now_ms);
+  return true;
+}
+
+bool Sweep::prepare(uint32_t now_ms, bool own) {
+  if (many_count_ && !many_asked_) {
+    make_many(now_ms);
+    return true;
+  }
+  // Of its own, the transaction that runs may be a sync read, or of the sweep before.
+  const uint8_t next = own && !many_asked_ && last_ == kNoJoint ? static_cast<uint8_t>(next_ + 1) : next_;
+  if (next >= count_) return false;
+  make_single(order_[next], now_ms);
+  return true;
+}
+
+bool Sweep::at_last() const { return !many_asked_ && many_count_ == 0 && last_ == kNoJoint && next_ + 1 == count_; }
+
+void Sweep::begin_after(Mask mask, Item item, bool use_sync_read) {
+  const uint8_t last = order_[next_];
+  const Item taken = item_;
+  begin(mask, item, use_sync_read);
+  last_ = last;
+  taken_item_ = taken;
+}
+
+void Sweep::make_single(uint8_t joint, uint32_t now_ms) {
   Joint& asked = joints_[joint];
   asked.asked_ms = now_ms;
   const uint8_t size = joints_.make_read(bus_, joint, item_);
   const uint8_t header = legacy(asked.series) ? 0xF5 : 0xFF;
   bus_.start_single(Expect{header, size, false, kPollTries, kPollTimeoutUs});
-  return true;
 }
 
-void Sweep::start_many(uint32_t now_ms) {
-  uint8_t ids[kJoints];
-  for (uint8_t i = 0; i < many_count_; ++i) {
-    Joint& joint = joints_[many_[i]];
-    joint.asked_ms = now_ms;
-    ids[i] = joint.id;
-  }
+void Sweep::make_many(uint32_t now_ms) {
+  for (uint8_t i = 0; i < many_count_; ++i) joints_[many_[i]].asked_ms = now_ms;
   const uint8_t size = joints_.make_sync_read(bus_, many_, many_count_, item_);
-  many_asked_ = true;
-  bus_.start_many(ids, many_count_, Expect{0xFF, size, false, 1, kPollTimeoutUs});
+  bus_.start_many(many_count_, Expect{0xFF, size, false, 1, kPollTimeoutUs});
 }
 
 void Sweep::take_one(uint8_t joint, const uint8_t* packet) {
@@ -341,10 +364,20 @@ void Sweep::take_result(uint32_t now_us, uint32_t now_ms) {
   if (undigested_) digest();
   taken_us_ = now_us;
   taken_ms_ = now_ms;
-  if (!many_asked_) {
-    take_one(order_[next_++], bus_.answer());
+  if (last_ != kNoJoint) {
+    take_one(last_, bus_.answer());
+    last_ = kNoJoint;
     return;
   }
+  taken_item_ = item_;
+  if (many_asked_) {
+    take_many();
+  } else {
+    take_one(order_[next_++], bus_.answer());
+  }
+}
+
+void Sweep::take_many() {
   for (uint8_t i = 0; i < many_count_; ++i) {
     const uint8_t* packet = bus_.answer(i);
     if (packet != nullptr) {
@@ -364,9 +397,9 @@ void Sweep::digest() {
   for (uint8_t i = 0; i < undigested_; ++i) {
     const Raw& raw = raw_[i];
     if (raw.size) {
-      values_[raw.joint] = joints_.store(raw.joint, item_, raw.data, raw.error, taken_us_, taken_ms_);
+      values_[raw.joint] = joints_.store(raw.joint, taken_item_, raw.data, raw.error, taken_us_, taken_ms_);
       answered_ |= only(raw.joint);
-    } else if (item_ == Item::kPosition || item_ == Item::kMotion) {
+    } else if (taken_item_ == Item::kPosition || taken_item_ == Item::kMotion) {
       // Only a missing position means absence: not every servo has every register.
       joints_.missed(raw.joint);
     }

@@ -123,17 +123,37 @@ class Joints {
 };
 
 // Reads one item of many joints, in as few transactions as the series allow. The time between the last byte of an
-// answer and the first of the next request is the board's own delay, so it is kept short: the answer is only copied,
-// and `digest` parses it while the next request is being sent.
+// answer and the first of the next request is the board's own delay, so it is kept short: the next request is prepared
+// while the answer is awaited, the answer is only copied, and `digest` parses it while the next request is being sent.
 class Sweep {
  public:
-  Sweep(ServoBus& bus, Joints& joints);
+  static constexpr uint8_t kLongestItem = 8;
+
+  // The answer of one joint, as it came.
+  struct Raw {
+    uint8_t joint;
+    uint8_t size;  // 0 = no answer
+    uint8_t error;
+    uint8_t data[kLongestItem];
+  };
+
+  // `raw` has room for an answer of each joint. Sweeps may share it if each is digested before another takes a result.
+  Sweep(ServoBus& bus, Joints& joints, Raw* raw);
 
   void begin(Mask mask, Item item, bool use_sync_read);
   // Starts the next transaction; false when all are done.
   bool start_next(uint32_t now_ms);
+  // Prepares the transaction after the one that runs, which is this sweep's own or not; false if there is none.
+  bool prepare(uint32_t now_ms, bool own);
+  // Whether the transaction that runs is the last, and reads one joint.
+  bool at_last() const;
+  // As `begin`, while such a transaction runs: its result is still taken.
+  void begin_after(Mask mask, Item item, bool use_sync_read);
+  bool ends_last() const { return last_ != kNoJoint; }
   // Stores the result of the transaction that this sweep started.
   void take_result(uint32_t now_us, uint32_t now_ms);
+  // The prepared transaction of this sweep has been started.
+  void went_on() { many_asked_ = many_count_ != 0; }
   // Parses the stored result into the joint table.
   void digest();
 
@@ -142,31 +162,27 @@ class Sweep {
   int16_t value(uint8_t joint) const { return values_[joint]; }
 
  private:
-  static constexpr uint8_t kLongestItem = 8;
-  struct Raw {
-    uint8_t joint;
-    uint8_t size;  // 0 = no answer
-    uint8_t error;
-    uint8_t data[kLongestItem];
-  };
-
   void take_one(uint8_t joint, const uint8_t* packet);
-  void start_many(uint32_t now_ms);
+  void take_many();
+  void make_single(uint8_t joint, uint32_t now_ms);
+  void make_many(uint32_t now_ms);
 
   ServoBus& bus_;
   Joints& joints_;
   Item item_;
+  Item taken_item_;
   uint8_t order_[kJoints];  // joints still to be asked one by one
   uint8_t next_;
   uint8_t count_;
   uint8_t many_[kJoints];   // joints to be asked by one sync read
   uint8_t many_count_;
   bool many_asked_;
+  uint8_t last_;            // joint of the sweep before that still has to answer
   Mask answered_;
   uint8_t undigested_;
   uint32_t taken_us_;
   uint32_t taken_ms_;
-  Raw raw_[kJoints];
+  Raw* const raw_;
   int16_t values_[kJoints];
 };
 

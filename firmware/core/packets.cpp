@@ -94,7 +94,7 @@ void Board::start_packet(bool rewritten) {
   Expect expect = {kAnyHeader, 0, instruction == gen::INST_PING, 2, kPacketTimeoutUs};
   if (instruction == gen::INST_SYNC_READ) {
     expect.parameters = p[6];
-    bus_.start_many(p + 7, static_cast<uint8_t>(size - 8), expect);
+    bus_.start_many(static_cast<uint8_t>(size - 8), expect);
   } else if (instruction == gen::INST_REBOOT || (p[2] == gen::BROADCAST_ID && !is_read(instruction))) {
     bus_.start_silent();
   } else {

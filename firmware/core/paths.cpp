@@ -13,7 +13,8 @@ constexpr uint8_t kNear = 64;             // most counts between a joint and the
 constexpr uint16_t kMostSilentMs = 150;   // a joint that does not answer for so long ends the trajectory
 constexpr uint32_t kMostGapUs = 18000;    // the next targets are sent then, although a polling cycle has not ended
 constexpr int32_t kFreeBeforeUs = 6000;   // the servo line is kept free for so long before a start
-constexpr uint8_t kTurnUs = 160;          // between two packets: until the first is known to be over, and the second begins
+constexpr uint8_t kTurnUs = 50;           // between two packets: until the first is known to be over, and the second begins
+constexpr int32_t kMostOffUs = 100;       // targets that were computed ahead are sent no earlier or later than this
 constexpr uint8_t kAllFlags =
     gen::TRAJECTORY_FLAG_HERMITE | gen::TRAJECTORY_FLAG_OUTLIVES_HOST | gen::TRAJECTORY_FLAG_FINE;
 
@@ -165,13 +166,55 @@ void Board::watch_path() {
   if (sent && last_us_ - path_.written_us >= kTrajectoryLeadMs * 1000UL) trajectory_.finish();
 }
 
+// Whether targets are the next thing for the line.
+bool Board::path_due() const {
+  if (!trajectory_.moving()) return false;
+  if (path_.second) return true;
+  return !path_.last_sent && (path_.cycle != poller_.cycles() || last_us_ - path_.written_us >= kMostGapUs);
+}
+
+// Puts the packet together that follows the transaction that runs, if it is one with targets.
+bool Board::prepare_path() {
+  if (!path_due()) return false;
+  if (path_.second) return make_path_targets(gen::SERIES_HLS);
+  if (owner_ != Owner::kPoller) return false;
+  path_.aimed_us = path_.begun_us + bus_.line_us() + bus_.answer_us() + path_.pause_us * bus_.answers();
+  aim_path(gen::SERIES_SEVEN_BOT, path_.aimed_us);
+  path_.ends = trajectory_.at_end();
+  return make_path_targets(gen::SERIES_SEVEN_BOT);
+}
+
+// The time that a servo takes before it answers.
+void Board::note_pause() {
+  const uint32_t took = platform_.micros() - path_.begun_us - bus_.line_us() - bus_.answer_us();
+  if (bus_.answers() && took < kMostGapUs) path_.pause_us = static_cast<uint16_t>(took) / bus_.answers();
+}
+
+// Whether the prepared targets are still those of this moment.
+bool Board::path_goes_on() const {
+  if (!trajectory_.moving() || path_.second) return trajectory_.moving();
+  const int32_t early = static_cast<int32_t>(path_.aimed_us - platform_.micros());
+  return early < kMostOffUs && early > -kMostOffUs;
+}
+
+// The prepared targets are on the line. Those of the second series are computed meanwhile.
+void Board::path_went_on() {
+  if (path_.second) {
+    path_.second = false;
+    return;
+  }
+  const uint32_t over = platform_.micros() + bus_.line_us() + kTurnUs;
+  begin_pair();
+  path_.last_sent = path_.ends;
+  aim_path(gen::SERIES_HLS, over);
+  path_.second = trajectory_.moving();
+}
+
 // Sends the next targets, if they are due: of the legacy servos first, then of the others.
 bool Board::write_path() {
-  if (!trajectory_.moving()) return false;
+  if (!path_due()) return false;
   if (path_.second) return send_second();
-  const uint32_t since = last_us_ - path_.written_us;
-  if (path_.last_sent || (path_.cycle == poller_.cycles() && since < kMostGapUs)) return false;
-  begin_targets(since);
+  begin_pair();
   if (!trajectory_.moving()) return false;
   // To load a segment may take longer than all the rest, so that is done before time is taken.
   trajectory_.advance(platform_.micros() + path_.takes_us);
@@ -194,9 +237,9 @@ bool Board::send_second() {
   return send_path_targets(gen::SERIES_HLS);
 }
 
-// The first packet of a pair.
-void Board::begin_targets(uint32_t since_us) {
-  if (since_us > kTrajectoryLeadMs * 1000UL) ++path_.late;
+// The first packet of a pair is sent.
+void Board::begin_pair() {
+  if (last_us_ - path_.written_us > kTrajectoryLeadMs * 1000UL) ++path_.late;
   path_.written_us = last_us_;
   path_.cycle = poller_.cycles();
   const Mask lost = lost_joints();
@@ -238,6 +281,13 @@ bool Board::follows_path(uint8_t i) const {
 }
 
 bool Board::send_path_targets(uint8_t series) {
+  if (!make_path_targets(series)) return false;
+  owner_ = Owner::kPath;
+  return true;
+}
+
+// Starts the packet with the computed targets, or prepares it; false if there are none.
+bool Board::make_path_targets(uint8_t series) {
   Targets& targets = path_.targets;
   for (uint8_t i = 0; i < kJoints; ++i) {
     // Something may have happened since they were computed.
@@ -245,7 +295,6 @@ bool Board::send_path_targets(uint8_t series) {
   }
   if (!joints_.make_targets(bus_, targets, series)) return false;
   bus_.start_silent();
-  owner_ = Owner::kPath;
   return true;
 }
 

@@ -17,6 +17,11 @@ class Platform {
   virtual uint16_t host_write_waiting() = 0;
   virtual void host_write(const uint8_t* data, uint16_t size) = 0;
 
+  // The rate of the host line with which the board starts, bits per second; 0 if the line has none. And another rate; what
+  // is being sent may be cut.
+  virtual uint32_t host_own_rate() { return 0; }
+  virtual void set_host_rate(uint32_t rate) { (void)rate; }
+
   // The servo line. `data` must not change until `bus_sending` is false, which means the stop bit has been sent.
   virtual uint8_t bus_read(uint8_t* into, uint8_t room) = 0;
   virtual void bus_write(const uint8_t* data, uint8_t size) = 0;

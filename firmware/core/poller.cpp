@@ -16,6 +16,7 @@ constexpr uint8_t kCyclesPerTurn = 16;
 constexpr uint8_t kExtraAt = 8;
 constexpr uint8_t kExtrasPerRest = 3;      // when there is time to spare before a report
 constexpr int32_t kExtraUs = 2500;         // the longest of them, with a margin
+constexpr int32_t kTransactionUs = 2000;   // a read of one position, with a margin
 
 // The items that take turns. Torque is among them because a servo may switch it off on its own.
 const Item kExtras[] = {Item::kSupply, Item::kTorque, Item::kCurrent};
@@ -23,11 +24,12 @@ constexpr uint8_t kExtraCount = sizeof(kExtras) / sizeof(kExtras[0]);
 
 }  // namespace
 
-Poller::Poller(ServoBus& bus, Joints& joints)
+Poller::Poller(ServoBus& bus, Joints& joints, Sweep::Raw* raw)
     : bus_(bus),
       joints_(joints),
-      sweep_(bus, joints),
+      sweep_(bus, joints, raw),
       phase_(Phase::kRest),
+      next_phase_(Phase::kRest),
       awake_(false),
       report_ready_(false),
       cycles_(0),
@@ -72,35 +74,72 @@ Mask Poller::worth_asking(uint32_t now_ms) const {
   return mask | wanted_;
 }
 
+Item Poller::item_of(uint8_t cycle, uint32_t now_ms) const {
+  return !busy(now_ms) || cycle % kCyclesPerTurn == 0 ? Item::kMotion : Item::kPosition;
+}
+
 bool Poller::start_cycle(uint32_t now_us, uint32_t now_ms) {
   phase_ = Phase::kCycle;
   cycle_begun_us_ = now_us;
   if (cycles_ == 0) joints_.try_sync_again();
   // A host that only reads by the chapter's dialect should not find the line occupied by a long sync read.
-  const bool more = !busy(now_ms) || cycles_ % kCyclesPerTurn == 0;
-  sweep_.begin(worth_asking(now_ms), more ? Item::kMotion : Item::kPosition, busy(now_ms));
+  sweep_.begin(worth_asking(now_ms), item_of(cycles_, now_ms), busy(now_ms));
   if (sweep_.start_next(now_ms)) return true;
   end_cycle(now_us, now_ms);
   return false;
 }
 
-bool Poller::start_extra(uint32_t now_ms) {
-  Item lacking;
-  const uint8_t fresh = joints_.lacking(&lacking);
-  if (fresh != kNoJoint) {
-    sweep_.begin(only(fresh), lacking, false);
-    phase_ = Phase::kExtra;
-    return sweep_.start_next(now_ms);
+bool Poller::prepare(uint32_t now_us, uint32_t now_ms, bool own) {
+  if (phase_ == Phase::kRest) return false;
+  if (sweep_.prepare(now_ms, own)) return true;
+  if (!own || extra_due_ || !sweep_.at_last() || joints_.is_lacking()) return false;
+  return prepare_phase(now_us, now_ms) && sweep_.prepare(now_ms, false);
+}
+
+// Begins what follows the phase whose last transaction runs.
+bool Poller::prepare_phase(uint32_t now_us, uint32_t now_ms) {
+  const uint8_t cycle = static_cast<uint8_t>(phase_ == Phase::kCycle ? cycles_ + 1 : cycles_);
+  if (phase_ == Phase::kCycle && cycle % kCyclesPerTurn == kExtraAt) {
+    uint8_t joint;
+    Item item;
+    if (!find_extra(&joint, &item)) return false;
+    sweep_.begin_after(only(joint), item, false);
+    next_phase_ = Phase::kExtra;
+    return true;
   }
+  if (!cycle_follows(now_us, now_ms)) return false;
+  if (cycle == 0) joints_.try_sync_again();
+  sweep_.begin_after(worth_asking(now_ms), item_of(cycle, now_ms), busy(now_ms));
+  next_phase_ = Phase::kCycle;
+  return true;
+}
+
+// Whether `start` will begin a cycle as soon as the transaction that runs is over.
+bool Poller::cycle_follows(uint32_t now_us, uint32_t now_ms) const {
+  if (period_ms_ == 0) return awake(now_ms);
+  const int32_t spare = static_cast<int32_t>(report_at_us_ - cycle_us_ - now_us);
+  return spare <= 0 || (awake(now_ms) && spare >= static_cast<int32_t>(cycle_us_) + kTransactionUs);
+}
+
+bool Poller::start_extra(uint32_t now_ms) {
+  uint8_t joint;
+  Item item;
+  joint = joints_.lacking(&item);
+  if (joint == kNoJoint && !find_extra(&joint, &item)) return false;
+  sweep_.begin(only(joint), item, false);
+  phase_ = Phase::kExtra;
+  return sweep_.start_next(now_ms);
+}
+
+// The next of the items that take turns.
+bool Poller::find_extra(uint8_t* joint, Item* item) {
   for (uint8_t tried = 0; tried < kJoints * kExtraCount; ++tried) {
-    const uint8_t joint = static_cast<uint8_t>(turn_ % kJoints);
-    const Item item = kExtras[turn_ / kJoints];
+    *joint = static_cast<uint8_t>(turn_ % kJoints);
+    *item = kExtras[turn_ / kJoints];
     if (++turn_ == kJoints * kExtraCount) turn_ = 0;
-    if (!joints_[joint].present || !joints_.has(joint, item)) continue;
-    sweep_.begin(only(joint), item, false);
-    phase_ = Phase::kExtra;
+    if (!joints_[*joint].present || !joints_.has(*joint, *item)) continue;
     if (extras_left_) --extras_left_;
-    return sweep_.start_next(now_ms);
+    return true;
   }
   return false;
 }
@@ -140,8 +179,17 @@ bool Poller::go_on(uint32_t now_us, uint32_t now_ms) {
 }
 
 void Poller::take_result(uint32_t now_us, uint32_t now_ms) {
+  const bool ends = sweep_.ends_last();
   sweep_.take_result(now_us, now_ms);
   if (phase_ == Phase::kCycle && bus_.result() == BusResult::kOk) sampled_us_ = now_us;
+  if (!ends) return;
+  if (phase_ == Phase::kCycle) end_cycle(now_us, now_ms);
+  phase_ = next_phase_;
+  if (phase_ == Phase::kExtra) {
+    extra_due_ = false;
+  } else {
+    cycle_begun_us_ = now_us;
+  }
 }
 
 void Poller::end_cycle(uint32_t now_us, uint32_t now_ms) {

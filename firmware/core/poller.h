@@ -13,7 +13,7 @@ namespace hexwire {
 
 class Poller {
  public:
-  Poller(ServoBus& bus, Joints& joints);
+  Poller(ServoBus& bus, Joints& joints, Sweep::Raw* raw);
 
   // A host wants fresh joint states: poll without a pause for the next seconds.
   void wake(uint32_t now_ms);
@@ -32,7 +32,11 @@ class Poller {
 
   // Starts a transaction if one is due; true if it did.
   bool start(uint32_t now_us, uint32_t now_ms);
+  // Prepares the transaction that follows the one that runs, which is its own or not; false if that must be seen then.
+  bool prepare(uint32_t now_us, uint32_t now_ms, bool own);
   void take_result(uint32_t now_us, uint32_t now_ms);
+  // What it prepared has been started.
+  void went_on() { sweep_.went_on(); }
   // Processes the last result while the next answer is pending.
   void digest() { sweep_.digest(); }
 
@@ -45,9 +49,13 @@ class Poller {
   enum class Phase : uint8_t { kRest, kCycle, kExtra };
 
   Mask worth_asking(uint32_t now_ms) const;
+  Item item_of(uint8_t cycle, uint32_t now_ms) const;
   bool start_cycle(uint32_t now_us, uint32_t now_ms);
+  bool prepare_phase(uint32_t now_us, uint32_t now_ms);
+  bool cycle_follows(uint32_t now_us, uint32_t now_ms) const;
   bool go_on(uint32_t now_us, uint32_t now_ms);
   bool start_extra(uint32_t now_ms);
+  bool find_extra(uint8_t* joint, Item* item);
   bool cycle_due(uint32_t now_ms) const;
   bool start_spare(int32_t spare_us, uint32_t now_ms);
   void end_cycle(uint32_t now_us, uint32_t now_ms);
@@ -56,6 +64,7 @@ class Poller {
   Joints& joints_;
   Sweep sweep_;
   Phase phase_;
+  Phase next_phase_;  // of what is prepared after the last transaction of a phase
   bool awake_;
   bool report_ready_;
   uint8_t cycles_;

@@ -11,6 +11,8 @@ namespace hexwire {
 namespace {
 
 constexpr uint8_t kStatusOverhead = 6;      // FF FF id len error ... chk
+constexpr uint8_t kIdAt = 2;
+constexpr uint8_t kFirstSyncId = 7;
 constexpr uint16_t kQuietUs = 250;          // a line counts as quiet after this
 constexpr uint16_t kMaxQuietWaitUs = 3000;  // longest time that a babbling servo delays the others
 constexpr uint16_t kGapUs = 1500;           // silence inside an answer, or between two of them
@@ -31,119 +33,153 @@ ServoBus::ServoBus(Platform& platform, Stats& stats)
       echo_seen_(false),
       hurried_(false),
       whole_(false),
+      prepared_(false),
       size_(0),
       tries_left_(0),
       raw_length_(0),
       echo_matched_(0),
       echo_over_(true),
       received_(0),
+      whole_answer_(0),
       searched_(0),
       wanted_(0),
       got_(0),
+      half_size_(0),
+      half_index_(0),
+      made_size_(0),
+      next_(),
       timeout_us_(0),
       now_(0),
       since_(0),
       last_rx_(0),
-      hurried_at_(0) {}
+      hurried_at_(0),
+      packet_(packets_),
+      made_(packets_) {}
 
 void ServoBus::begin(uint8_t id, uint8_t instruction) {
-  packet_[0] = 0xFF;
-  packet_[1] = 0xFF;
-  packet_[2] = id;
-  packet_[4] = instruction;
-  size_ = 5;
+  prepared_ = false;
+  made_ = state_ != State::kIdle && packet_ == packets_ ? packets_ + kMostPrepared : packets_;
+  made_[0] = 0xFF;
+  made_[1] = 0xFF;
+  made_[2] = id;
+  made_[4] = instruction;
+  made_size_ = 5;
   whole_ = false;
 }
 
 void ServoBus::add16(uint16_t value, bool big_endian) {
   if (big_endian) {
-    put16_big(packet_ + size_, value);
+    put16_big(made_ + made_size_, value);
   } else {
-    put16(packet_ + size_, value);
+    put16(made_ + made_size_, value);
   }
-  size_ = static_cast<uint8_t>(size_ + 2);
+  made_size_ = static_cast<uint8_t>(made_size_ + 2);
 }
 
 void ServoBus::take(const uint8_t* packet, uint8_t size) {
-  memcpy(packet_, packet, size);
-  size_ = size;
+  prepared_ = false;
+  made_ = packets_;
+  memcpy(made_, packet, size);
+  made_size_ = size;
   whole_ = true;
 }
 
 void ServoBus::close_packet() {
-  packet_[3] = static_cast<uint8_t>(size_ - 3);
-  packet_[size_] = servo_checksum(packet_ + 2, static_cast<uint8_t>(size_ - 2));
-  ++size_;
+  made_[3] = static_cast<uint8_t>(made_size_ - 3);
+  made_[made_size_] = servo_checksum(made_ + 2, static_cast<uint8_t>(made_size_ - 2));
+  ++made_size_;
 }
 
-void ServoBus::start_silent() {
-  expect_.tries = 1;
-  start(Kind::kSilent);
-}
+void ServoBus::start_silent() { start(Kind::kSilent, 0, Expect{kAnyHeader, 0, false, 1, 0}); }
 
-void ServoBus::start_single(const Expect& expect) {
-  expect_ = expect;
-  timeout_us_ = expect.timeout_us;
-  wanted_ = 1;
-  ids_[0] = packet_[2];
-  start(Kind::kPackets);
-}
+void ServoBus::start_single(const Expect& expect) { start(Kind::kPackets, 1, expect); }
 
-void ServoBus::start_many(const uint8_t* ids, uint8_t count, const Expect& expect) {
-  expect_ = expect;
-  timeout_us_ = expect.timeout_us;
-  wanted_ = count;
-  memcpy(ids_, ids, count);
-  start(Kind::kPackets);
-}
+void ServoBus::start_many(uint8_t count, const Expect& expect) { start(Kind::kPackets, count, expect); }
 
 void ServoBus::start_raw(uint8_t reply_length, uint32_t timeout_us) {
-  expect_.tries = 1;
   raw_length_ = reply_length;
+  start(reply_length ? Kind::kRaw : Kind::kSilent, 0, Expect{kAnyHeader, 0, false, 1, 0});
   timeout_us_ = timeout_us;
-  start(reply_length ? Kind::kRaw : Kind::kSilent);
 }
 
-void ServoBus::start(Kind kind) {
+void ServoBus::start(Kind kind, uint8_t wanted, const Expect& expect) {
   if (!whole_) close_packet();
-  whole_ = true;
-  kind_ = kind;
+  next_.kind = kind;
+  next_.size = made_size_;
+  next_.wanted = wanted;
+  next_.answer = answer_bytes(kind, wanted, expect);
+  next_.expect = expect;
+  prepared_ = true;
+  if (state_ != State::kIdle) return;
+  launch();
+  follow();
+}
+
+uint8_t ServoBus::answer_bytes(Kind kind, uint8_t wanted, const Expect& expect) const {
+  if (kind == Kind::kRaw) return raw_length_;
+  if (kind == Kind::kSilent) return 0;
+  const uint8_t parameters = expect.parameters == kAnyLength ? 0 : expect.parameters;
+  return static_cast<uint8_t>(wanted * (parameters + kStatusOverhead));
+}
+
+bool ServoBus::launch() {
+  if (drop_input()) line_dirty_ = true;
+  if (line_dirty_) return false;
+  platform_.bus_write(made_, next_.size);
+  return true;
+}
+
+// Everything else can be done while the packet is being sent.
+void ServoBus::follow() {
+  prepared_ = false;
+  packet_ = made_;
+  size_ = next_.size;
+  kind_ = next_.kind;
+  wanted_ = next_.wanted;
+  whole_answer_ = next_.answer;
+  expect_ = next_.expect;
+  timeout_us_ = expect_.timeout_us;
   tries_left_ = expect_.tries;
   hurried_ = false;
-  wait_for_quiet();
+  if (line_dirty_) return wait_for_quiet();
+  note_sent();
 }
 
-// Bytes on the line now belong to no request: a late answer must not be taken for the next one.
-void ServoBus::wait_for_quiet() {
-  state_ = State::kQuiet;
-  since_ = last_rx_ = now_;
-  uint8_t scrap[16];
+// Bytes on the line now belong to no request: a late answer must not be taken for the next one. True if there are any.
+bool ServoBus::drop_input() {
+  uint8_t scrap[4];
+  bool any = false;
   uint8_t count;
   while ((count = platform_.bus_read(scrap, sizeof(scrap))) != 0) {
     stats_.bytes_dropped += count;
-    line_dirty_ = true;
+    any = true;
   }
-  if (!line_dirty_) send();
+  return any;
+}
+
+void ServoBus::wait_for_quiet() {
+  state_ = State::kQuiet;
+  since_ = last_rx_ = now_;
 }
 
 void ServoBus::send() {
+  platform_.bus_write(packet_, size_);
+  note_sent();
+}
+
+// What a request that is on the line begins.
+void ServoBus::note_sent() {
+  state_ = State::kSending;
   --tries_left_;
   ++stats_.bus_transactions;
-  received_ = searched_ = got_ = 0;
+  received_ = searched_ = got_ = half_size_ = 0;
   memset(at_, kNoAnswer, wanted_);
   echo_matched_ = 0;
   echo_over_ = false;
   line_dirty_ = false;
   // All but the last byte, so that they are processed before it arrives.
-  uint8_t bytes = echo_seen_ ? size_ : 0;
-  if (kind_ == Kind::kRaw) bytes = static_cast<uint8_t>(bytes + raw_length_ - 1);
-  if (kind_ == Kind::kPackets) {
-    const uint8_t parameters = expect_.parameters == kAnyLength ? 0 : expect_.parameters;
-    bytes = static_cast<uint8_t>(bytes + wanted_ * (parameters + kStatusOverhead) - 1);
-  }
-  platform_.bus_expect(bytes);
-  platform_.bus_write(packet_, size_);
-  state_ = State::kSending;
+  const uint8_t bytes = whole_answer_ ? static_cast<uint8_t>(whole_answer_ - 1) : 0;
+  platform_.bus_expect(echo_seen_ ? static_cast<uint8_t>(bytes + size_) : bytes);
 }
 
 void ServoBus::poll(uint32_t now) {
@@ -152,16 +188,10 @@ void ServoBus::poll(uint32_t now) {
     case State::kIdle:
     case State::kFinished:
       return;
-    case State::kQuiet: {
-      uint8_t scrap[16];
-      uint8_t count;
-      while ((count = platform_.bus_read(scrap, sizeof(scrap))) != 0) {
-        stats_.bytes_dropped += count;
-        last_rx_ = now;
-      }
+    case State::kQuiet:
+      if (drop_input()) last_rx_ = now;
       if (now - last_rx_ >= kQuietUs || now - since_ >= kMaxQuietWaitUs) send();
       return;
-    }
     case State::kSending:
     case State::kWaiting:
       receive();
@@ -244,18 +274,22 @@ void ServoBus::search() {
 // Examines the packet that begins at `at`; false if more bytes are needed to decide.
 bool ServoBus::match_at(uint8_t at) {
   const uint8_t* p = answer_ + at;
-  const uint8_t index = right_header(p) ? awaited(p[2]) : wanted_;
-  if (index < wanted_ && right_length(p[3])) {
-    const uint8_t size = expect_.ping ? kStatusOverhead : static_cast<uint8_t>(p[3] + 4);
-    if (received_ - at < size) return false;
-    if (p[size - 1] == servo_checksum(p + 2, static_cast<uint8_t>(size - 3))) {
-      at_[index] = at;
-      ++got_;
-      searched_ = static_cast<uint8_t>(at + size);
-      return true;
+  if (half_size_ == 0) {
+    half_index_ = right_header(p) ? awaited(p[2]) : wanted_;
+    if (half_index_ < wanted_ && right_length(p[3])) {
+      half_size_ = expect_.ping ? kStatusOverhead : static_cast<uint8_t>(p[3] + 4);
     }
   }
-  searched_ = static_cast<uint8_t>(at + 1);
+  const uint8_t size = half_size_;
+  if (received_ - at < size) return false;
+  half_size_ = 0;
+  if (size && p[size - 1] == servo_checksum(p + 2, static_cast<uint8_t>(size - 3))) {
+    at_[half_index_] = at;
+    ++got_;
+    searched_ = static_cast<uint8_t>(at + size);
+  } else {
+    searched_ = static_cast<uint8_t>(at + 1);
+  }
   return true;
 }
 
@@ -267,7 +301,8 @@ bool ServoBus::right_header(const uint8_t* p) const {
 // Place of a servo whose answer is still missing; `wanted_` if there is none.
 uint8_t ServoBus::awaited(uint8_t id) const {
   uint8_t index = 0;
-  while (index < wanted_ && (at_[index] != kNoAnswer || (ids_[index] != id && ids_[index] != gen::BROADCAST_ID))) {
+  const uint8_t* ids = packet_ + (packet_[4] == gen::INST_SYNC_READ ? kFirstSyncId : kIdAt);
+  while (index < wanted_ && (at_[index] != kNoAnswer || (ids[index] != id && ids[index] != gen::BROADCAST_ID))) {
     ++index;
   }
   return index;

@@ -168,6 +168,15 @@ void Board::note_positions() {
   for (uint8_t i = 0; i < kJoints; ++i) job_.noted[i] = joints_[i].position;
 }
 
+// Whether a joint with torque is elsewhere than noted.
+bool Board::moved_since_note() const {
+  for (uint8_t i = 0; i < kJoints; ++i) {
+    const bool read = sweep_.answered() & only(i);
+    if (read && joints_[i].torque_on && !near(joints_[i].position, job_.noted[i])) return true;
+  }
+  return false;
+}
+
 void Board::check_still() {
   for (uint8_t i = 0; i < kJoints; ++i) {
     if (!(job_.moving & only(i))) continue;

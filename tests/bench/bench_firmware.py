@@ -7,6 +7,7 @@ at 115200, 250 us from the end of a request to the answer.
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from tests.avr.machines import ChipBoard
 
 from hexwire.wire.command_frame import Command
 from hexwire.wire.commands import JointReport
-from hexwire.wire.servo_packet import make_read
+from hexwire.wire.servo_packet import Instruction, make_read
 
 BYTE = 10 / 115200
 DELAY = 250e-6
@@ -26,6 +27,61 @@ SYNC_READ = (11 + 3 * 8) * BYTE + 3 * DELAY
 CYCLE = 4 * LEGACY_READ + SYNC_READ
 MOVE = (8 + 4 * 5) * BYTE + (8 + 3 * 8) * BYTE
 IN_TURN = 0x0F  # speed, load, voltage, temperature
+EVERYTHING = 0x3F
+_POSITION = 0x38
+
+
+@dataclass(frozen=True)
+class LineUse:
+    """Where the servo line's time goes while reports come as fast as they can.
+
+    Attributes:
+        rate: Reports a second.
+        positions, slow, idle: Milliseconds a report: for positions, for the items that take turns, and between an
+            answer and the next request.
+    """
+
+    rate: float
+    positions: float
+    slow: float
+    idle: float
+
+
+def line_use(host_baud: int = 500000, fields: int = EVERYTHING, reports: int = 192) -> LineUse:
+    """Measure over so many cycles of the board's own polling; the slow items repeat after 16."""
+    board = ChipBoard(host_baud=host_baud)
+    try:
+        client = Client(board)
+        board.settle()
+        client.ask(Command.REPORT, bytes((5, 0, fields)))
+        client.run(0.2)
+        answers: list[float] = []
+        deliver = board.line._deliver
+
+        def heard(data: bytes, begin: float) -> None:
+            answers.append(begin + len(data) * BYTE)
+            deliver(data, begin)
+
+        board.line._deliver = heard
+        board.line.sent.clear()
+        # A sync read is the first of each cycle.
+        while sum(p[4] == Instruction.SYNC_READ for _, p in board.line.sent) <= reports:
+            client.run(0.005)
+        assert board.overruns == 0
+        first = [i for i, (_, p) in enumerate(board.line.sent) if p[4] == Instruction.SYNC_READ]
+        parts = {"positions": 0.0, "slow": 0.0, "idle": 0.0}
+        for i in range(first[0], first[reports]):
+            begin, packet = board.line.sent[i]
+            took = answers[i] - begin
+            usual = SYNC_READ if packet[4] == Instruction.SYNC_READ else LEGACY_READ
+            usual = usual if packet[5] == _POSITION else 0.0
+            parts["positions"] += usual
+            parts["slow"] += took - usual
+            parts["idle"] += board.line.sent[i + 1][0] - answers[i]
+        seconds = board.line.sent[first[reports]][0] - board.line.sent[first[0]][0]
+        return LineUse(reports / seconds, **{name: 1e3 * part / reports for name, part in parts.items()})
+    finally:
+        board.close()
 
 
 def report_rate(host_baud: int = 115200, fields: int = IN_TURN, seconds: float = 2.0) -> float:
@@ -141,7 +197,7 @@ def run() -> list[str]:
     report = report_rate()
     moves, states = move_rate()
     read, stop = read_time(), stop_time()
-    fast, wide = report_rate(500000, 0x3F), report_rate(115200, 0x3F)
+    fast, wide = line_use(), report_rate(115200, EVERYTHING)
     host_limit = 1 / (144 * BYTE)
     limit_read = 120 * BYTE + DELAY
     moving_rate = min(moves, states)
@@ -178,7 +234,8 @@ def run() -> list[str]:
         *lines,
         f"STOP to the last torque-off byte on the servo line, under full load: {stop * 1e3:.2f} ms",
         f"all fields in each report: {wide:.1f} Hz (limit of the host line {host_limit:.1f} Hz)",
-        f"the same with the host line at 500000: {fast:.1f} Hz (limit of the servo line {bus:.1f} Hz)",
+        f"the same, host line at 500000: {fast.rate:.1f} Hz, {fast.rate / bus:.3f} of the servo line's limit",
+        f"  each takes: positions {fast.positions:.2f} ms, slow items {fast.slow:.2f}, idle line {fast.idle:.2f}",
     ]
 
 

@@ -12,7 +12,9 @@ from hexwire.emulator.board import EmulatedBoard
 from hexwire.wire import tables
 from hexwire.wire.command_frame import BODY_OFFSET, Command, Frame, serialize_frame
 
-_NOT_ON_EACH = sum(tables.CAPABILITIES[name] for name in ("fragments", "fine_positions", "several", "servo_table"))
+_NOT_ON_EACH = sum(
+    tables.CAPABILITIES[name] for name in ("fragments", "fine_positions", "several", "servo_table", "host_baud")
+)
 _BOOT = slice(4, 8)
 _CAPABILITIES = slice(8, 10)
 _IDENTIFY_FLAGS = 12

@@ -29,6 +29,8 @@ class Mega : public hexwire::Platform {
   uint16_t host_write_room() override { return host_uart_room(); }
   uint16_t host_write_waiting() override { return host_uart_waiting(); }
   void host_write(const uint8_t* data, uint16_t size) override { host_uart_write(data, size); }
+  uint32_t host_own_rate() override { return HEXWIRE_HOST_BAUD; }
+  void set_host_rate(uint32_t rate) override { host_uart_rate(rate); }
   uint8_t bus_read(uint8_t* into, uint8_t room) override { return bus_uart_read(into, room); }
   void bus_write(const uint8_t* data, uint8_t size) override { bus_uart_write(data, size); }
   bool bus_sending() override { return bus_uart_sending(); }

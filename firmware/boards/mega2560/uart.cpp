@@ -114,6 +114,11 @@ void uart_begin(uint32_t host_baud, uint32_t bus_baud) {
   }
 }
 
+void host_uart_rate(uint32_t baud) {
+  const uint16_t next = divisor(baud);
+  ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { UBRR0 = next; }
+}
+
 uint16_t host_uart_read(uint8_t* into, uint16_t room) {
   uint16_t head;
   ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { head = host_in_head; }

@@ -7,6 +7,7 @@
 
 void uart_begin(uint32_t host_baud, uint32_t bus_baud);
 
+void host_uart_rate(uint32_t baud);
 uint16_t host_uart_read(uint8_t* into, uint16_t room);
 uint16_t host_uart_room();
 uint16_t host_uart_waiting();
