@@ -19,6 +19,7 @@ from .lazy import LazyGroup
 __all__ = ["COMMANDS", "cli", "main"]
 
 COMMANDS: dict[str, tuple[str, str]] = {
+    "analyzers": ("hexwire.cli.analyzers:analyzers", "Install plug-ins for Wireshark, sigrok and Logic 2."),
     "bus": ("hexwire.cli.bus:bus", "Talk to bus servos through an adapter, without a board."),
     "cert": ("hexwire.cli.cert:cert", "Create certificates for TLS links in a lab."),
     "conf": ("hexwire.cli.conf:conf", "Check and convert channel configuration files (ipc_msg.conf)."),
