@@ -152,9 +152,9 @@ class Canvas:
                 f"{escape(row, quote=False)}</text>"
             )
 
-    def labelled(self, x: float, y: float, w: float, h: float, text: str, *, sub: str = "", **how: str) -> None:
+    def labelled(self, x: float, y: float, w: float, h: float, text: str, *, sub: str = "") -> None:
         """A box with a bold text in its middle, and smaller lines below that."""
-        self.box(x, y, w, h, **how)  # type: ignore[arg-type]
+        self.box(x, y, w, h)
         small = sub.split("\n") if sub else []
         heads = text.split("\n")
         total = len(heads) * _SIZE * _LEADING + len(small) * 13 * _LEADING

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import pytest
+from tests.emulator.test_serve_tcp import serving
 
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.drivers.puma260 import Puma260Driver
 from hexwire.drivers.registry import connect, make_driver
+from hexwire.emulator.board import make_hex7bot_board
 from hexwire.errors import ConfigError, LinkNotFoundError, UsageError
 from hexwire.ipc.handle import IpcHandle
 from hexwire.link.open import make_link
@@ -91,3 +94,13 @@ def test_a_module_that_the_file_does_not_name(file: Path) -> None:
         IpcHandle.from_url(f"{file}?module=JOY_STICK")
     with pytest.raises(ConfigError, match="missing"):
         make_driver(str(file.with_name("missing.conf")))
+
+
+def test_a_board_is_driven_over_the_channel_of_a_file(file: Path) -> None:
+    with serving(make_hex7bot_board(start=time.monotonic())) as url:
+        host, _, port = url.removeprefix("tcp://").partition(":")
+        file.write_text(f"12 CLIENT_TRX 8 IPC_TCP_SOCKET {host} {port}\n")
+        with connect(f"{file}?module=12") as robot:
+            assert isinstance(robot, Hex7BotDriver)
+            assert len(robot.read().names) == 7
+            assert (robot.session.connection.local, robot.session.connection.remote) == (12, 8)

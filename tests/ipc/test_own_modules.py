@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -12,11 +13,13 @@ from hexwire.ipc import own_modules
 from hexwire.ipc.conf import parse_conf, to_conf
 from hexwire.wire.modules import module_name
 
+Install = Callable[[str, str, str], None]
+"""Name of the package, its code, and what its entry point names."""
 RECORD = "{} CLIENT_TRX ARM_7BOT_ARDUINO_TRX SERIAL /dev/ttyUSB0\n"
 
 
 @pytest.fixture
-def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):  # type: ignore[no-untyped-def]
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
     """Puts a package where the interpreter finds it, as pip does."""
     monkeypatch.syspath_prepend(tmp_path)
 
@@ -33,7 +36,7 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):  # type: ignore[no
     own_modules._load.cache_clear()
 
 
-def test_an_enumeration_of_another_package(install) -> None:  # type: ignore[no-untyped-def]
+def test_an_enumeration_of_another_package(install: Install) -> None:
     with pytest.raises(ConfigError, match="unknown module_name 'CAMERA_TX'; known: ROS1_HOST"):
         parse_conf(RECORD.format("CAMERA_TX"))
     code = "from enum import IntEnum\nclass Ids(IntEnum):\n    CAMERA_TX = 24\n    LIFT_TRX = 25\n"
@@ -44,7 +47,7 @@ def test_an_enumeration_of_another_package(install) -> None:  # type: ignore[no-
     assert parse_conf(to_conf([channel])) == [channel]
 
 
-def test_a_mapping_of_another_package(install) -> None:  # type: ignore[no-untyped-def]
+def test_a_mapping_of_another_package(install: Install) -> None:
     install("own_modules_b", "IDS = {'SCALE_TX': 26}\n", "IDS")
     own_modules.load_own_modules()
     assert module_name(26) == "SCALE_TX"
@@ -58,7 +61,7 @@ def test_a_mapping_of_another_package(install) -> None:  # type: ignore[no-untyp
         ("own_modules_e", "IDS = {'SCALE_RX': '9'}\n", "ids are 9 to"),
     ],
 )
-def test_a_package_that_is_wrong(install, name: str, code: str, words: str) -> None:  # type: ignore[no-untyped-def]
+def test_a_package_that_is_wrong(install: Install, name: str, code: str, words: str) -> None:
     install(name, code, "IDS")
     with pytest.raises(UsageError, match=words):
         own_modules.load_own_modules()

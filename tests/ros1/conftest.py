@@ -38,8 +38,12 @@ def own_world(tmp_path: Path) -> Iterator[World]:
 def shared_arm(world: World) -> Iterator[Arm]:
     board = PtyBoard(world.folder / "shared")
     try:
+        # As the chapter's node gets its port; other tests give the device.
+        conf = world.folder / "ipc_msg.conf"
+        conf.write_text(f"ARM_7BOT_SERIAL_TRX CLIENT_TRX ARM_7BOT_ARDUINO_TRX IPC_SERIAL_PORT {board.port}\n")
         node = world.node(
-            f"_port:={board.port}",
+            f"_port:={conf}",
+            "_log_positions:=true",
             "_publish_rate:=100",
             f"_poses:={json.dumps(POSES)}",
             f"_constraints:={json.dumps(CONSTRAINTS)}",

@@ -85,6 +85,10 @@ WRONG_COMMANDS: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
+def test_positions_are_logged_as_the_chapters_node_does(arm: Arm) -> None:
+    until(lambda: "hex7bot:: HW read (degree):\nJ1=" in arm.node.out, "positions are logged", arm.node.report)
+
+
 @pytest.mark.parametrize("case", WRONG_COMMANDS)
 def test_wrong_command_is_logged_and_moves_nothing(arm: Arm, case: str) -> None:
     wrong, text = WRONG_COMMANDS[case]

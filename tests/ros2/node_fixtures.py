@@ -34,9 +34,21 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
 def shared_arm(world: World) -> Iterator[Arm]:
     board = PtyBoard(world.folder / "shared")
     poses = [word for joint, angle in POSES.items() for word in ("-p", f"poses.home.{joint}:={angle}")]
+    # As the chapter's node gets its port; other tests give the device.
+    conf = world.folder / "ipc_msg.conf"
+    conf.write_text(f"ARM_7BOT_SERIAL_TRX CLIENT_TRX ARM_7BOT_ARDUINO_TRX IPC_SERIAL_PORT {board.port}\n")
     try:
         node = world.node(
-            *("-p", f"port:={board.port}", "-p", "pose_speed:=1.0", "-p", "hardware_id:=arm-7"),
+            *(
+                "-p",
+                f"port:={conf}",
+                "-p",
+                "log_positions:=true",
+                "-p",
+                "pose_speed:=1.0",
+                "-p",
+                "hardware_id:=arm-7",
+            ),
             *("-p", f"teach_directory:={world.folder / 'taught'}", "-p", "publish_tf:=true"),
             *SETTINGS,
             *poses,

@@ -110,8 +110,8 @@ def port_option(command: Callable[..., Any]) -> Callable[..., Any]:
         metavar="URL",
         envvar="HEXWIRE_PORT",
         show_envvar=True,
-        help="Device, link, shared or emulated arm, such as /dev/ttyUSB0, tcp://host:port, zenoh:lab/arm1 or "
-        "sim://so101. Optional if one likely board is plugged in.",
+        help="Device, link, shared or emulated arm, such as /dev/ttyUSB0, tcp://host:port, ipc_msg.conf, "
+        "zenoh:lab/arm1 or sim://so101. Optional if one likely board is plugged in.",
     )(packed)
 
 
