@@ -11,6 +11,7 @@ import pytest
 from hexwire.errors import ConfigError, UsageError
 from hexwire.ipc import own_modules
 from hexwire.ipc.conf import parse_conf, to_conf
+from hexwire.ipc.handle import IpcHandle
 from hexwire.wire.modules import module_name
 
 Install = Callable[[str, str, str], None]
@@ -51,6 +52,11 @@ def test_a_mapping_of_another_package(install: Install) -> None:
     install("own_modules_b", "IDS = {'SCALE_TX': 26}\n", "IDS")
     own_modules.load_own_modules()
     assert module_name(26) == "SCALE_TX"
+
+
+def test_a_destination_behind_a_gateway(install: Install) -> None:
+    install("own_modules_f", "IDS = {'TURNTABLE_TRX': 27}\n", "IDS")
+    assert IpcHandle.from_url("tcp://127.0.0.1:15040?to=TURNTABLE_TRX").destination == 27
 
 
 @pytest.mark.parametrize(

@@ -81,6 +81,9 @@ class IpcHandle(Openable):
         if _TO in parts.query:
             from hexwire.wire.addresses import module_id
 
+            from .own_modules import load_own_modules
+
+            load_own_modules()
             destination = ModuleType(module_id(parts.query[_TO]))
             url = parts.without(_TO)
         return cls.from_link(make_link(url), module, destination)
