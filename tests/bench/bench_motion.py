@@ -1,4 +1,4 @@
-"""The motion loop beside a bare sleep loop: how late cycles start, and what a cycle costs.
+"""The motion loop beside a bare sleep loop: how late cycles start, and what a cycle costs; planning beside others.
 
 Both loops run in the same process in turns, so that a stall of the machine hits both. The robot is a table: what
 is measured is the loop, the follower and its guard, not a link.
@@ -11,6 +11,8 @@ import statistics
 import time
 from collections.abc import Callable, Sequence
 from typing import Any, Self
+
+from tests.bench.motion_peers import compare
 
 from hexwire.control.arrival import Tolerance
 from hexwire.control.controller import TrajectoryController
@@ -198,4 +200,5 @@ def run() -> list[str]:
         row("  read-update-write", ours) + f"   ({ratio:.2f} x the bare median)",
         f"  counted late by the loop {counted} of {len(ours)}; CPU per cycle {1e6 * cpu:.0f} us ({share})",
         f"a point of a straight line: {1e6 * point:.0f} us, {point / exact:.3f} x the four solutions it would take",
+        *compare(),
     ]

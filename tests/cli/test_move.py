@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Any
 
 import pytest
@@ -88,7 +89,8 @@ def test_without_wait_it_returns_at_once_and_the_arm_continues(bench: Any) -> No
 def test_a_move_that_is_too_fast_gets_more_time(bench: Any) -> None:
     text = bench.ok("move", "J4=80", "--duration", "0.01")
     seconds = float(text.split(" deg in ")[1].split()[0])
-    assert seconds == pytest.approx(80.7 / 149, rel=0.05)
+    # 80.7 degrees at 6 rad/s^2 and 60 rad/s^3, smooth at both ends.
+    assert seconds == pytest.approx(math.sqrt(10 / math.sqrt(3) * math.radians(80.7) / 6.0), rel=0.01)
 
 
 def test_json_tells_what_was_sent_and_that_it_arrived(bench: Any) -> None:
@@ -223,7 +225,7 @@ def test_ctrl_c_while_waiting_stops_the_arm_where_it_is(
     receive, hit = bench.board.receive, []
 
     def interrupted(data: bytes, now: float) -> None:
-        if now > started + 2.0 and not hit:
+        if now > started + 3.0 and not hit:
             hit.append(now)
             raise KeyboardInterrupt
         receive(data, now)

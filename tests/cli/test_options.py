@@ -135,8 +135,8 @@ def test_series_by_the_names_that_users_know(monkeypatch: pytest.MonkeyPatch, se
 
 def test_usage_says_what_is_typed() -> None:
     for name, place in (
-        ("goto", "X Y Z"),
-        ("line", "X Y Z"),
+        ("goto", "{X Y Z | POSE}..."),
+        ("line", "{X Y Z | POSE}..."),
         ("bus set-id", "OLD NEW"),
         ("bus set-baud", "ID RATE"),
     ):

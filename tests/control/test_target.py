@@ -10,6 +10,7 @@ from hexwire.control.arrival import Tolerance
 from hexwire.control.target import TargetController
 from hexwire.model.state import JointFlag, JointTarget, SentTarget
 from hexwire.motion.safety import StopReason
+from hexwire.motion.trajectory import quintic_share
 
 GOAL = {"J1": HOME["J1"] + 0.3}
 STILL = (0.0,) * len(NAMES)
@@ -80,10 +81,11 @@ def test_steps_lead_there_on_a_straight_line() -> None:
         target = write(controller, 10.0 + 0.25 * i, silent=("J1",) if i == 1 else ())
         if target is not None:
             places.append((target.positions[0][1] - HOME["J1"], target.duration))
+    # Slowly at both ends: a share of 10 u^3 - 15 u^4 + 6 u^5 after a share u of the time.
     assert places == [
-        (pytest.approx(0.075), 0.375),
+        (pytest.approx(0.3 * (10 / 4**3 - 15 / 4**4 + 6 / 4**5)), 0.375),
         (pytest.approx(0.15), 0.375),
-        (pytest.approx(0.225), 0.375),
+        (pytest.approx(0.3 * (1.0 - (10 / 4**3 - 15 / 4**4 + 6 / 4**5))), 0.375),
         (pytest.approx(0.3), 0.375),
         (pytest.approx(0.3), 0.25),
     ]
@@ -95,7 +97,7 @@ def test_steps_of_a_long_target_are_as_much_slower() -> None:
     controller = make(2.0, step=0.25)
     targets = [write(controller, 10.0 + 0.25 * i) for i in range(8)]
     places = [target.positions[0][1] - HOME["J1"] for target in targets if target is not None]
-    assert places == pytest.approx([0.3 * (i + 1) / 8 for i in range(8)])
+    assert places == pytest.approx([0.3 * quintic_share((i + 1) / 8) for i in range(8)])
 
 
 def test_a_joint_of_unknown_position_is_sent_to_its_end() -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from hexwire.drivers.arm_file import load_arm_file, load_profile, profile_names
 from hexwire.errors import ConfigError, UsageError
+from hexwire.model.arm import MAX_ACCELERATION, MAX_JERK
 from hexwire.model.calibration import Calibration, JointCalibration
 from hexwire.model.hex7bot import HEX7BOT
 
@@ -50,6 +51,17 @@ def test_the_sevenbot_profile_is_the_arm_of_the_chapter() -> None:
         )
         for field in ("offset", "scale", "minimum", "maximum", "max_speed"):
             assert getattr(mine, field) == pytest.approx(getattr(theirs, field), abs=1e-5)
+
+
+def test_limits_of_planned_motion(tmp_path: Path) -> None:
+    usual = load_arm_file(_write(tmp_path, 'name = "x"\n' + JOINT)).model.joints[0]
+    assert (usual.max_acceleration, usual.max_jerk) == (MAX_ACCELERATION, MAX_JERK)
+    extra = "max_acceleration_deg_per_s2 = 90\nmax_jerk_deg_per_s3 = 1800\n"
+    soft = load_arm_file(_write(tmp_path, 'name = "x"\n' + JOINT + extra)).model.joints[0]
+    assert soft.max_acceleration == pytest.approx(math.pi / 2)
+    assert soft.max_jerk == pytest.approx(10 * math.pi)
+    with pytest.raises(ConfigError, match=r"joints\[0\]\.max_jerk_deg_per_s3 is 0"):
+        load_arm_file(_write(tmp_path, 'name = "x"\n' + JOINT + "max_jerk_deg_per_s3 = 0\n"))
 
 
 def test_gearing_signs_and_defaults(tmp_path: Path) -> None:

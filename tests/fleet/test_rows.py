@@ -47,6 +47,8 @@ def test_the_model_of_an_arm_is_the_same_after_its_way() -> None:
         {"scale": math.nan},
         {"max_speed": math.nan},
         {"max_speed": -1.0},
+        {"max_acceleration": 0.0},
+        {"max_jerk": math.inf},
         {"offset": math.nan},
         {"sign": 0},
         {"name": "J2"},

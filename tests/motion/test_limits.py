@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointTarget
-from hexwire.motion.limits import check_target, needed_duration, resting_inside
+from hexwire.motion.limits import check_target, needed_duration, resting_inside, smooth_duration
 
 ZERO = dict.fromkeys(HEX7BOT.names, 0.0)
 
@@ -90,3 +90,20 @@ def test_a_joint_that_rests_on_its_stop_begins_at_its_limit() -> None:
         assert resting_inside(HEX7BOT, far) == far
     assert resting_inside(HEX7BOT, {"J2": joint.minimum + 0.1}) == {"J2": joint.minimum + 0.1}
     assert math.isnan(resting_inside(HEX7BOT, {"J1": math.nan})["J1"])
+
+
+@given(GOALS, STARTS)
+def test_a_smooth_motion_keeps_every_limit(goal: dict[str, float], start: dict[str, float]) -> None:
+    seconds = smooth_duration(HEX7BOT, start, goal)
+    tightest = 0.0
+    for name, angle in goal.items():
+        joint, way = HEX7BOT.joint(name), abs(angle - start.get(name, math.nan))
+        if math.isfinite(way) and seconds:
+            peaks = (
+                15 / 8 * way / seconds / joint.max_speed,
+                10 / math.sqrt(3) * way / seconds**2 / joint.max_acceleration,
+                60 * way / seconds**3 / joint.max_jerk,
+            )
+            assert max(peaks) <= 1.0 + 1e-9
+            tightest = max(tightest, *peaks)
+    assert seconds == 0.0 or tightest == pytest.approx(1.0)

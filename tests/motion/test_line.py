@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 import random
+from itertools import pairwise
 
 import pytest
 
@@ -9,7 +10,7 @@ from hexwire.errors import LimitError, UsageError
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.pose import Pose, rotation_between
 from hexwire.model.puma260 import Puma260Model
-from hexwire.motion.line import Line
+from hexwire.motion.line import Line, Lines
 
 A = Hex7BotModel()
 START = tuple(math.radians(d) for d in (90, 100, 90, 90, 45, 90))
@@ -42,7 +43,8 @@ def test_tip_stays_on_the_line_at_the_speed() -> None:
         last = (t, pose.position)
     assert A.forward(line.goal).position == pytest.approx(goal.position, abs=1e-12)
     length = math.dist(a, b)
-    assert line.duration == pytest.approx(length / 0.1 + 0.1 / 0.5)
+    # Full acceleration takes a tenth of a second.
+    assert line.duration == pytest.approx(length / 0.1 + 0.1 / 0.5 + 0.1)
     assert line.start == pytest.approx(START, abs=1e-9)
 
 
@@ -128,13 +130,12 @@ def test_velocity_and_acceleration_are_derivatives_up_to_both_ends() -> None:
     for t in (0.0, 0.05, 0.3 * line.duration, 0.8 * line.duration, line.duration):
         middle = min(max(t, h), line.duration - h)
         before, here, after = (line.at(middle + k * h).position for k in (-1, 0, 1))
-        for v, a, b, m, c in zip(
-            line.at(middle).velocity, line.at(t).acceleration, before, here, after, strict=True
-        ):
+        for v, a, b, m, c in zip(*line.at(middle)[1:], before, here, after, strict=True):
             assert v == pytest.approx((c - b) / (2 * h), abs=1e-4)
             assert a == pytest.approx((c - 2 * m + b) / h**2, abs=0.02)
-    assert line.at(0.0).velocity == pytest.approx((0.0,) * 6, abs=1e-3)
-    assert line.at(line.duration).velocity == pytest.approx((0.0,) * 6, abs=1e-3)
+    for t in (0.0, line.duration):
+        assert line.at(t).velocity == pytest.approx((0.0,) * 6, abs=1e-9)
+        assert line.at(t).acceleration == pytest.approx((0.0,) * 6, abs=1e-9)
     assert line.at(line.duration + 1.0).position == line.goal
 
 
@@ -142,9 +143,9 @@ def test_the_slower_of_moving_and_turning_sets_the_time() -> None:
     here = A.forward(START)
     turned = A.forward((*START[:4], START[4] + 0.6, START[5])).rotation
     x, y, z = here.position
-    # A tool that turns as fast as it may covers 0.6 rad in 1.2 s, and gains and loses speed in 0.2 s each.
+    # A tool that turns as fast as it may covers 0.6 rad in 1.2 s, gains and loses speed in 0.3 s each.
     turning = Line(A, START, Pose((x, y, z), turned), speed=0.1, acceleration=0.5, turn_speed=0.5)
-    assert turning.duration == pytest.approx(0.6 / 0.5 + 0.1 / 0.5)
+    assert turning.duration == pytest.approx(0.6 / 0.5 + 0.1 / 0.5 + 0.1)
     both = Line(A, START, Pose((x + 0.05, y, z), turned), speed=0.1, acceleration=0.5, turn_speed=0.5)
     assert both.duration == pytest.approx(turning.duration)
     slow = Line(A, START, Pose((x + 0.05, y, z), turned), speed=0.01, acceleration=0.5, turn_speed=0.5)
@@ -156,10 +157,10 @@ def test_the_slower_of_moving_and_turning_sets_the_time() -> None:
 
 def test_usual_speeds() -> None:
     line = Line(A, START, moved(0.05, 0.0, 0.0))
-    assert line.duration == pytest.approx(0.05 / 0.1 + 0.1 / 0.5)
+    assert line.duration == pytest.approx(0.05 / 0.1 + 0.1 / 0.5 + 0.1)
     here = A.forward(START)
     turned = A.forward((*START[:4], START[4] + 0.6, START[5])).rotation
-    assert Line(A, START, Pose(here.position, turned)).duration == pytest.approx(0.6 / 1.0 + 0.1 / 0.5)
+    assert Line(A, START, Pose(here.position, turned)).duration == pytest.approx(0.6 / 1.0 + 0.1 / 0.5 + 0.1)
 
 
 def test_the_tip_stays_on_any_line() -> None:
@@ -177,3 +178,98 @@ def test_the_tip_stays_on_any_line() -> None:
             pose = A.forward(sample.position)
             assert off_the_line(pose.position, here.position, goal.position) < 1e-6
             assert rotation_between(pose.rotation, here.rotation)[1] < 1e-5
+
+
+# -- several lines ----------------------------------------------------------------------------------------
+
+
+def corners(*ways: tuple[float, float, float]) -> list[Pose]:
+    x, y, z = A.forward(START).position
+    return [Pose((x + dx, y + dy, z + dz), A.forward(START).rotation) for dx, dy, dz in ways]
+
+
+SQUARE = ((0.06, 0.0, 0.0), (0.06, 0.03, -0.06), (-0.04, 0.03, -0.06))
+
+
+def off_the_lines(p: tuple[float, ...], points: list[tuple[float, ...]]) -> float:
+    found = math.inf
+    for a, b in pairwise(points):
+        along = [q - r for q, r in zip(b, a, strict=True)]
+        share = sum((x - y) * d for x, y, d in zip(p, a, along, strict=True)) / math.hypot(*along) ** 2
+        share = min(1.0, max(0.0, share))
+        found = min(found, math.dist(p, [r + share * d for r, d in zip(a, along, strict=True)]))
+    return found
+
+
+@pytest.mark.parametrize("rounding", [0.0, 0.004, 0.02])
+def test_lines_leave_their_corners_only_as_far_as_is_allowed(rounding: float) -> None:
+    goals = corners(*SQUARE)
+    lines = Lines(A, START, goals, rounding=rounding, speed=0.05, acceleration=0.2)
+    points = [A.forward(START).position, *(goal.position for goal in goals)]
+    last: tuple[float, tuple[float, ...]] | None = None
+    for t, sample in lines.samples(lines.duration / 97):
+        tip = A.forward(sample.position).position
+        # It follows what is planned, and leaves the lines only near a corner.
+        assert math.dist(tip, lines.pose(t / lines.duration).position) < 1e-6
+        off = off_the_lines(tip, points)
+        if min(math.dist(tip, corner) for corner in points[1:-1]) > rounding + 1e-6:
+            assert off < 1e-6
+        assert off <= rounding + 1e-6
+        if last:
+            assert math.dist(tip, last[1]) <= 0.05 * (t - last[0]) * 1.001
+        last = t, tip
+    assert A.forward(lines.goal).position == pytest.approx(goals[-1].position, abs=1e-12)
+    stops = sum(
+        Lines(A, START, [goal], speed=0.05, acceleration=0.2).duration if not i else _single(goals[i - 1], goal)
+        for i, goal in enumerate(goals)
+    )
+    assert lines.duration == pytest.approx(stops) if not rounding else lines.duration < stops - 0.3
+    rest = (0.0,) * 6
+    assert lines.at(0.0).velocity == pytest.approx(rest, abs=1e-3)
+    assert lines.sample(lines.duration)[1:] == (rest, rest)
+
+
+def _single(a: Pose, b: Pose) -> float:
+    return math.dist(a.position, b.position) / 0.05 + 0.05 / 0.2 + 0.1
+
+
+def test_the_tip_does_not_stop_at_a_corner() -> None:
+    lines = Lines(
+        A, START, corners((0.06, 0.0, 0.0), (0.06, 0.0, -0.06)), rounding=0.02, speed=0.05, acceleration=0.2
+    )
+    tips = [A.forward(lines.at(k * lines.duration / 100).position).position for k in range(101)]
+    slowest = min(math.dist(a, b) for a, b in pairwise(tips[20:80])) / (lines.duration / 100)
+    assert slowest > 0.02
+
+
+def test_several_lines_velocities_are_derivatives() -> None:
+    lines = Lines(A, START, corners(*SQUARE))
+    h = 1e-5
+    for k in range(1, 30):
+        t = k * lines.duration / 30
+        for v, b, c in zip(lines.at(t).velocity, lines.at(t - h).position, lines.at(t + h).position, strict=True):
+            assert v == pytest.approx((c - b) / (2 * h), abs=1e-4)
+
+
+def test_a_tool_that_turns_at_a_corner_ends_as_it_should() -> None:
+    x, y, z = A.forward(START).position
+    turned = A.forward((*START[:4], START[4] + 0.4, START[5])).rotation
+    back = A.forward((*START[:4], START[4] - 0.1, START[5] + 0.3)).rotation
+    lines = Lines(A, START, [Pose((x + 0.03, y, z), turned), Pose((x + 0.03, y, z - 0.03), back)])
+    assert rotation_between(A.forward(lines.goal).rotation, back)[1] < 1e-6
+    turns = [lines.pose(k / 200).rotation for k in range(201)]
+    steps = [rotation_between(a, b)[1] for a, b in pairwise(turns)]
+    # Evenly: no jump where the second line begins.
+    assert max(steps) <= 1.0 * lines.duration / 200 * 1.001
+
+
+def test_corners_that_repeat_and_no_line_at_all() -> None:
+    once = Lines(A, START, corners(*SQUARE[:2]))
+    assert Lines(A, START, corners(SQUARE[0], SQUARE[0], SQUARE[1])).duration == once.duration
+    still = Lines(A, START, [A.forward(START)])
+    assert (still.duration, still.goal) == (0.0, pytest.approx(START))
+    for rounding in (-0.001, math.inf, math.nan):
+        with pytest.raises(UsageError, match="corners cannot be rounded by"):
+            Lines(A, START, corners(*SQUARE), rounding=rounding)
+    with pytest.raises(LimitError, match=r"at \d+% of the line: .*(out of reach|deg)"):
+        Lines(A, START, corners((0.02, 0.0, 0.0), (0.0, 0.4, 0.0)))

@@ -35,18 +35,22 @@ def test_trapezoid_arrives_within_its_limits(start: list[float], goal: list[floa
 
 
 @given(WAYS, WAYS)
-def test_ruckig_without_a_jerk_limit_takes_the_trapezoids_time(start: list[float], goal: list[float]) -> None:
-    fast = time_optimal(NAMES, start, goal, SPEED, ACCELERATION)
-    own = Trapezoid(NAMES, start, goal, SPEED, ACCELERATION)
-    # Both are optimal, so they agree.
-    assert fast.duration == pytest.approx(own.duration, abs=1e-6)
-    assert fast.start == pytest.approx(start, abs=1e-9)
-    assert fast.goal == tuple(goal)
+def test_ruckig_takes_the_same_time_from_rest(start: list[float], goal: list[float]) -> None:
+    # So slow at the start that ruckig is asked; both are optimal, so they agree.
+    slow, jerk = (1e-9, 0.0, 0.0), (20.0, 40.0, 30.0)
+    own, theirs = (time_optimal(NAMES, start, goal, SPEED, ACCELERATION, velocity=v) for v in (None, slow))
+    assert (type(own).__name__, type(theirs).__name__) == ("Trapezoid", "_Ruckig")
+    assert own.duration == pytest.approx(theirs.duration, abs=1e-4)
+    own, theirs = (
+        time_optimal(NAMES, start, goal, SPEED, ACCELERATION, max_jerk=jerk, velocity=v) for v in (None, slow)
+    )
+    assert (type(own).__name__, type(theirs).__name__) == ("Through", "_Ruckig")
+    assert own.duration == pytest.approx(theirs.duration, abs=1e-3)
+    assert own.goal == theirs.goal == tuple(goal)
 
 
-def test_ruckig_is_used_and_limits_jerk() -> None:
+def test_jerk_is_limited() -> None:
     way = time_optimal(NAMES, (0, 0, 0), (1, 1, 1), SPEED, ACCELERATION, max_jerk=(20.0, 20.0, 20.0))
-    assert type(way).__name__ == "_Ruckig"
     assert way.duration > Trapezoid(NAMES, (0, 0, 0), (1, 1, 1), SPEED, ACCELERATION).duration
     steps = [way.at(i * way.duration / 500).acceleration for i in range(500)]
     jerk = max(abs(b[i] - a[i]) / (way.duration / 500) for a, b in pairwise(steps) for i in range(3))
@@ -59,10 +63,12 @@ def test_ruckig_starts_in_motion() -> None:
     assert way.goal == (1.0,)
 
 
-def test_without_ruckig_the_trapezoid_does_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_ruckig_only_a_start_in_motion_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(optimal, "ruckig_or_none", lambda: None)
     way = time_optimal(NAMES, (0, 0, 0), (1, 1, 1), SPEED, ACCELERATION)
     assert isinstance(way, Trapezoid)
+    jerk = (20.0, 20.0, 20.0)
+    assert time_optimal(NAMES, (0, 0, 0), (1, 1, 1), SPEED, ACCELERATION, max_jerk=jerk).goal == (1, 1, 1)
     with pytest.raises(UsageError, match=r"needs ruckig: pip install 'hexwire\[motion\]'"):
         time_optimal(("a",), (0.0,), (1.0,), (1.0,), (2.0,), velocity=(0.5,))
 

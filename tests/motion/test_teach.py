@@ -149,9 +149,10 @@ def test_an_approach_takes_the_time_of_its_limits() -> None:
     here = [HOME["J1"], HOME["J2"]]
     half = 0.5 * HEX7BOT.joint("J1").max_speed
     usual = approach(HEX7BOT, ("J1", "J2"), here, [here[0] + 1.0, here[1]])
-    assert usual.duration == pytest.approx(1.0 / half + half / 4.0)
+    # Full acceleration, 4 rad/s^2, takes a fifteenth of a second at 60 rad/s^3.
+    assert usual.duration == pytest.approx(1.0 / half + half / 4.0 + 4.0 / 60.0)
     slow = approach(HEX7BOT, ("J1", "J2"), here, [here[0] + 1.0, here[1]], speed=0.25)
-    assert slow.duration == pytest.approx(2.0 / half + half / 8.0)
+    assert slow.duration == pytest.approx(2.0 / half + half / 8.0 + 4.0 / 60.0)
 
 
 def test_a_sample_that_is_no_number_or_not_later_is_left_out() -> None:

@@ -2,13 +2,14 @@ from __future__ import annotations
 
 import itertools
 import math
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from hexwire.errors import UsageError
-from hexwire.motion.trajectory import PEAK_SPEED, Quintic
+from hexwire.motion.trajectory import PEAK_ACCELERATION, PEAK_JERK, PEAK_SPEED, Quintic, quintic_share
 
 ANGLES = st.lists(st.floats(-4, 4), min_size=1, max_size=7).map(tuple)
 
@@ -75,3 +76,19 @@ def test_poses_of_two_arms_are_refused() -> None:
 def test_a_duration_that_is_none_is_refused(duration: float) -> None:
     with pytest.raises(UsageError, match="must be finite and not negative"):
         Quintic((0.0,), (1.0,), duration)
+
+
+def test_the_peaks_are_those_of_the_polynomial() -> None:
+    h = 1e-4
+
+    def change(u: float, order: int) -> float:
+        rows = [quintic_share(u + (k - order / 2) * h) for k in range(order + 1)]
+        for _ in range(order):
+            rows = [(b - a) / h for a, b in pairwise(rows)]
+        return abs(rows[0])
+
+    inside = [k / 1000 for k in range(1, 1000)]
+    assert max(change(u, 1) for u in inside) == pytest.approx(PEAK_SPEED, rel=1e-4)
+    assert max(change(u, 2) for u in inside) == pytest.approx(PEAK_ACCELERATION, rel=1e-4)
+    assert max(change(u, 3) for u in inside) == pytest.approx(PEAK_JERK, rel=1e-2)
+    assert [quintic_share(u) for u in (-1.0, 0.0, 0.5, 1.0, 2.0)] == [0.0, 0.0, 0.5, 1.0, 1.0]

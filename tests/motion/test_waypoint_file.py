@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from hexwire.errors import ConfigError, UsageError
-from hexwire.motion.waypoint_file import parse_waypoints
+from hexwire.motion.waypoint_file import parse_points, parse_waypoints
 from hexwire.motion.waypoints import Waypoint
 
 WHOLE: dict[str, Any] = {
@@ -141,3 +141,27 @@ def test_names_have_bounds() -> None:
     for bad in ((*many, "J253"), ("x" * 101,), ("",)):
         with pytest.raises(ConfigError, match="joint_names"):
             names(*bad)
+
+
+def test_positions_without_times() -> None:
+    data = {
+        "joint_names": ["J2", "J1"],
+        "points": [{"positions": [0.0, 0.1]}, {"positions": [1, 2], "velocities": 7}],
+    }
+    assert parse_points(json.dumps(data), "way.json") == (("J2", "J1"), [(0.0, 0.1), (1.0, 2.0)])
+    assert parse_points(json.dumps(WHOLE), "way.json")[1] == [(0.0, 0.1), (1.0, 2.0), (1.0, 2.0)]
+
+
+@pytest.mark.parametrize(
+    ("point", "error"),
+    [
+        ({"time_from_start": 1}, "positions"),
+        ({"positions": [1]}, r"points\[0\]\.positions has 1 values for 2 joints"),
+        ({"positions": []}, "has 0 values for 2 joints"),
+        ({"positions": [1, 1e9]}, "must be"),
+        (7, "must be"),
+    ],
+)
+def test_positions_that_are_none_are_refused(point: object, error: str) -> None:
+    with pytest.raises(ConfigError, match=error):
+        parse_points(json.dumps({"joint_names": ["J2", "J1"], "points": [point]}), "way.json")

@@ -10,7 +10,6 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +17,6 @@ import click
 
 from hexwire.errors import UsageError
 from hexwire.model.geometry import kinematics_for, make_kinematics
-from hexwire.units import decimal
 
 from .common import (
     RobotOptions,
@@ -35,24 +33,22 @@ from .common import (
 )
 from .exits import note
 from .model import NEGATIVE_NUMBERS, links_option
-from .numbers import FiniteFloat, number_option, numbers_argument
+from .numbers import FiniteFloat, number_option
 from .output import answer
 from .plot import open_picture
+from .points import Point, ToolAim, points_argument, points_words, pose_options, saved_poses, to_points
 from .run_motion import RunOptions, run_legs
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.kinematics import KinematicModel
-    from hexwire.model.pose import Pose, Vector
+    from hexwire.model.pose import Vector
     from hexwire.motion.teach import Taught
     from hexwire.motion.waypoints import Trajectory
     from hexwire.new_file import OutputFile
 
 __all__ = ["goto", "line", "play", "teach"]
 
-_ACCELERATION = 6.0
-"""Radians per second squared: a 7Bot joint is at full speed after 0.4 s."""
-_PLACE = FiniteFloat("coordinate")
 _MOST_STATES = 500_000
 """Most joint states of a recording to play: several hours."""
 _MOST_ANGLES = 16 * _MOST_STATES
@@ -110,38 +106,16 @@ def _picture(plot: str | None, force: bool, save: str | None) -> Iterator[Output
         yield picture
 
 
-def _pose_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    for option in (
-        click.option("--relative", is_flag=True, help="X Y Z is relative to the present tip position."),
-        click.option(
-            "--rpy",
-            nargs=3,
-            type=FiniteFloat("degrees"),
-            metavar="R P Y",
-            help="Roll, pitch and yaw of the tool in degrees.",
-        ),
-        number_option("--roll", "DEG", "With --pitch: angle of wrist_roll. If not given, it stays."),
-        number_option("--pitch", "DEG", "SO-100, SO-101: pitch of the tool; 0 is level, 90 straight down."),
-        click.option("--down", is_flag=True, help="The tool points straight down."),
-    ):
-        command = option(command)
-    return command
-
-
 @click.command(context_settings=NEGATIVE_NUMBERS)
-@numbers_argument("place", "X Y Z", _PLACE)
-@_pose_options
+@points_argument
+@pose_options
 @number_option("--speed", "PERCENT", "Percentage of the joints' speed limits.", above=0, default=50.0)
 @links_option
 @_motion_options
 @robot_options
 def goto(
-    place: Vector,
-    down: bool,
-    rpy: Vector | None,
-    pitch: float | None,
-    roll: float | None,
-    relative: bool,
+    points: Sequence[Point],
+    aim: ToolAim,
     speed: float,
     links: str,
     run: RunOptions,
@@ -149,65 +123,83 @@ def goto(
 ) -> None:
     """Move the tool tip to X Y Z on the fastest path: millimetres, but metres for the PUMA 260.
 
+    Several points are passed without a stop: places, and poses that were saved by name (`hexwire studio`), for
+    example `hexwire goto 0 220 200 60 180 120 home`. With --relative, each place counts from the point before it.
+
     Without --down, --rpy or --pitch, the tool keeps its direction relative to the arm. Five joints reach a
     position, a pitch and a roll; the heading of an SO-100 or SO-101 follows from the position.
     """
-    from hexwire.motion.checks import InJoints
-    from hexwire.motion.optimal import time_optimal
+    from hexwire.control.via import joint_points
+    from hexwire.motion.through import arm_path
 
     robot = make_robot(options)
-    model = _geometry_of(robot, links)
+    poses = saved_poses(robot.model, points)
+    model = _geometry_of(robot, links) if len(poses) < len(points) else kinematics_for(robot.model, links)
+    wanted = to_points(points, poses, model, aim)
     with attached(robot):
         start = _where(robot)
-        angles = model.from_joints(start)
-        goal = _goal(model, angles, place, _Aim(down, rpy, pitch, roll), relative)
-        solution = model.best(goal, angles)
-        names = [r.name for r in model.ranges]
-        joints = list(model.to_joints(angles))
-        limits = [min(1.0, speed / 100) * robot.model.joint(n).max_speed for n in joints]
-        path = time_optimal(names, angles, solution.angles, limits, [_ACCELERATION] * len(names))
-        title = f"goto {_place_words(model, goal)}"
-        run_legs(robot, [(title, InJoints(path, model))], model, start, run, title)
+        names, rows = joint_points(robot.model, model, start, wanted)
+        path = arm_path(robot.model, names, rows, speed=min(1.0, speed / 100))
+
+        def tips() -> list[Vector]:
+            assert model is not None
+            postures = (start | dict(zip(names, row, strict=True)) for row in rows[1:])
+            return [model.forward(model.from_joints(posture)).position for posture in postures]
+
+        title = f"goto {points_words(points, model, aim, tips)}"
+        run_legs(robot, [(title, path)], model, start, run, title)
 
 
 @click.command(context_settings=NEGATIVE_NUMBERS)
-@numbers_argument("place", "X Y Z", _PLACE)
-@_pose_options
+@points_argument
+@pose_options
 @number_option("--speed", "MM/S", "Speed of the tip.", above=0, default=50.0)
+@click.option(
+    "--round",
+    "rounding",
+    type=FiniteFloat("millimetres", minimum=0),
+    default=10.0,
+    show_default=True,
+    metavar="MM",
+    help="Of several lines: how far from a corner the tip may leave them; 0 stops there.",
+)
 @links_option
 @_motion_options
 @robot_options
 def line(
-    place: Vector,
-    down: bool,
-    rpy: Vector | None,
-    pitch: float | None,
-    roll: float | None,
-    relative: bool,
+    points: Sequence[Point],
+    aim: ToolAim,
     speed: float,
+    rounding: float,
     links: str,
     run: RunOptions,
     options: RobotOptions,
 ) -> None:
     """Move the tool tip to X Y Z on a straight line: millimetres, but metres for the PUMA 260.
 
+    Several points are joined by lines; the tip passes their corners without a stop, and rounds them.
+
     Without --down, --rpy or --pitch, the tool keeps its direction in space. That of an SO-100 or SO-101 turns with
     the base unless it points straight down; its pitch stays.
     """
-    from hexwire.model.pose import Pose
+    from hexwire.control.via import tip_poses
     from hexwire.motion.checks import InJoints
-    from hexwire.motion.line import Line
+    from hexwire.motion.line import Line, Lines
 
     robot = make_robot(options)
+    poses = saved_poses(robot.model, points)
     model = _geometry_of(robot, links)
+    wanted = to_points(points, poses, model, aim, fixed=True)
     with attached(robot):
         start = _where(robot)
-        angles = model.from_joints(start)
-        goal = _goal(model, angles, place, _Aim(down, rpy, pitch, roll), relative)
-        if not down and rpy is None and pitch is None:
-            goal = Pose(goal.position, model.forward(angles).rotation)
-        path = Line(model, angles, goal, speed=speed / 1000, acceleration=max(0.1, 4 * speed / 1000))
-        title = f"line to {_place_words(model, goal)}"
+        goals = tip_poses(model, start, wanted)
+        angles, tip_speed, gain = model.from_joints(start), speed / 1000, max(0.1, 4 * speed / 1000)
+        path = (
+            Line(model, angles, goals[0], speed=tip_speed, acceleration=gain)
+            if len(goals) == 1
+            else Lines(model, angles, goals, rounding=rounding / 1000, speed=tip_speed, acceleration=gain)
+        )
+        title = f"line to {points_words(points, model, aim, lambda: [goal.position for goal in goals])}"
         run_legs(robot, [(title, InJoints(path, model))], model, start, run, title)
 
 
@@ -223,6 +215,9 @@ def line(
 @click.option(
     "--repeat", type=click.IntRange(min=1), default=1, show_default=True, metavar="N", help="Number of times."
 )
+@click.option(
+    "--fastest", is_flag=True, help="Pass waypoints as fast as the joints' limits allow, not at their times."
+)
 @arm_option
 @click.option("--save", metavar="FILE.mcap", help="Write the edited recording, and move nothing.")
 @links_option
@@ -236,6 +231,7 @@ def play(
     smooth: float,
     trim: bool,
     repeat: int,
+    fastest: bool,
     arm: str | None,
     save: str | None,
     force: bool,
@@ -245,19 +241,31 @@ def play(
 ) -> None:
     """Play a recording (.mcap), or waypoints (.json in the format of ROS's JointTrajectory).
 
-    The arm first moves slowly to the start of the motion.
+    The arm first moves slowly to the start of the motion. With --fastest, waypoints need no times, and --speed is a
+    share of the speed limits.
     """
+    from hexwire.inputs import LARGEST_DATA, read_bytes
     from hexwire.motion.teach import approach
+    from hexwire.motion.through import arm_path
+    from hexwire.motion.waypoint_file import parse_points, parse_waypoints
     from hexwire.motion.waypoints import Scaled
 
-    path: Trajectory
+    path: Trajectory | None = None
+    names: tuple[str, ...] = ()
+    points: Sequence[Sequence[float]] = ()
     taught: Taught | None = None
     if file.lower().endswith(".json"):
         if begin or end is not None or smooth or trim or arm is not None:
             raise UsageError("--from, --to, --smooth, --trim and --arm are for recordings; edit the waypoints")
         if save is not None:
             raise UsageError("--save is for recordings; edit the file of waypoints instead")
-        path = Scaled(_read_waypoints(file), speed)
+        content = read_bytes(file, largest=LARGEST_DATA)
+        if fastest:
+            names, points = parse_points(content, file)
+        else:
+            path = Scaled(parse_waypoints(content, file), speed)
+    elif fastest:
+        raise UsageError("--fastest is for waypoints; a recording has its own times, --speed changes them")
     else:
         taught = _read_taught(file, arm)
         if begin or end is not None:
@@ -271,7 +279,7 @@ def play(
         path = taught.trajectory()
     robot = make_robot(options)
     model = kinematics_for(robot.model, links)
-    unknown = [name for name in path.names if name not in robot.model.names]
+    unknown = [name for name in (path.names if path else names) if name not in robot.model.names]
     if unknown:
         raise UsageError(
             f"{file} moves {', '.join(unknown)}; {robot.model.name} has {', '.join(robot.model.names)}"
@@ -279,6 +287,8 @@ def play(
     if taught is not None and (inside := taught.within(robot.model)) != taught:
         note("a joint that rested on its stop goes to its limit instead, just before the stop")
         path = inside.trajectory()
+    if path is None:
+        path = arm_path(robot.model, names, points, speed=min(1.0, speed))
     with attached(robot):
         start = _where(robot)
         legs: list[tuple[str, Trajectory]] = []
@@ -367,58 +377,6 @@ def _where(robot: RobotDriver) -> dict[str, float]:
     return resting_inside(robot.model, state.positions)
 
 
-@dataclass(frozen=True, slots=True)
-class _Aim:
-    """Where the tool is to point, as typed: degrees; None for what was not."""
-
-    down: bool
-    rpy: Vector | None
-    pitch: float | None
-    roll: float | None
-
-    def check(self, model: KinematicModel) -> None:
-        """Refuse options that contradict each other, or that the arm does not support.
-
-        Raises:
-            UsageError: They do.
-        """
-        given = {"--down": self.down, "--rpy": self.rpy is not None, "--pitch": self.pitch is not None}
-        typed = [name for name, there in given.items() if there]
-        if len(typed) > 1:
-            raise UsageError(f"{typed[0]} and {typed[1]} contradict each other")
-        if self.roll is not None and self.pitch is None:
-            raise UsageError("--roll needs --pitch")
-        if self.rpy is not None and len(model.ranges) < 6:
-            raise UsageError(
-                f"{model.name} has five joints, and the heading of its tool follows from the position: "
-                "give --pitch and --roll instead of --rpy"
-            )
-        if self.pitch is not None and len(model.ranges) == 6:
-            raise UsageError(f"{model.name} has six joints: give --rpy instead of --pitch")
-
-
-def _goal(model: KinematicModel, angles: Sequence[float], place: Vector, aim: _Aim, relative: bool) -> Pose:
-    from hexwire.model.aim import Aim, aimed_pose
-
-    aim.check(model)
-    unit = _unit(model)
-    where: Vector = (place[0] * unit, place[1] * unit, place[2] * unit)
-    rpy = (
-        None if aim.rpy is None else (math.radians(aim.rpy[0]), math.radians(aim.rpy[1]), math.radians(aim.rpy[2]))
-    )
-    pitch, roll = (None if turn is None else math.radians(turn) for turn in (aim.pitch, aim.roll))
-    return aimed_pose(model, angles, where, Aim(aim.down, rpy, pitch, roll), relative=relative)
-
-
-def _unit(model: KinematicModel) -> float:
-    return 1.0 if model.name == "puma260" else 1e-3
-
-
-def _place_words(model: KinematicModel, goal: Pose) -> str:
-    unit = _unit(model)
-    return " ".join(decimal(v / unit) for v in goal.position) + (" mm" if unit == 1e-3 else " m")
-
-
 def _read_taught(file: str, arm: str | None) -> Taught:
     from hexwire.motion.teach import Taught
     from hexwire.trace.recording import read_joint_states, topic_of
@@ -463,10 +421,3 @@ def _save(taught: Taught, file: str, save: str, force: bool, as_json: bool) -> N
 def _want_mcap(file: str) -> None:
     if Path(file).suffix.lower() != ".mcap":
         raise UsageError(f"{file}: the name of a recording must end in .mcap")
-
-
-def _read_waypoints(file: str) -> Trajectory:
-    from hexwire.inputs import LARGEST_DATA, read_bytes
-    from hexwire.motion.waypoint_file import parse_waypoints
-
-    return parse_waypoints(read_bytes(file, largest=LARGEST_DATA), file)

@@ -26,7 +26,7 @@ from hexwire.errors import UsageError
 from hexwire.model.aim import Aim
 from hexwire.model.state import finite
 
-from .preview import Place
+from .via import Place
 
 __all__ = ["MotionRequest", "read_motion"]
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 from hexwire.errors import HexwireError, ServoError, StoppedError, UsageError
 from hexwire.model.state import JointTarget, SentTarget
 from hexwire.motion.joined import Joined
-from hexwire.motion.limits import check_target
+from hexwire.motion.limits import check_target, smooth_duration
 from hexwire.motion.safety import SafetyLimits, StopReason, board_stop
 from hexwire.motion.waypoints import Blend, Spline, Trajectory, Waypoint
 
@@ -417,6 +417,8 @@ def _run_target(
 ) -> MotionResult:
     goal = dict(target.positions)
     state = _check_target(robot, goal, options, observer)
+    # Its ends are smooth; a longer time that was asked for stays.
+    target = replace(target, duration=max(target.duration, smooth_duration(robot.model, state.positions, goal)))
     with _asked_then(robot, asked):
         powered = give_torque(robot, list(goal), state)
     if powered:

@@ -8,31 +8,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from hexwire.errors import GoalError, HexwireError, LimitError, UsageError
-from hexwire.model.aim import Aim, Tip, aimed_pose
+from hexwire.model.aim import Tip, aimed_pose
 from hexwire.model.state import finite
 from hexwire.motion.checks import InJoints
 from hexwire.motion.joined import Joined, WithResting, sampled
 from hexwire.motion.line import Line
 from hexwire.motion.teach import approach
+from hexwire.motion.through import arm_path
 
 from .goals import MAX_POINTS, Point, TrajectoryGoal
 from .outcomes import Reason
 from .path_check import PathCheck
+from .via import Place, chosen_solution, joint_points
 
 if TYPE_CHECKING:
-    from hexwire.model.kinematics import KinematicModel, Solution
-    from hexwire.model.pose import Pose, Vector
+    from hexwire.model.kinematics import KinematicModel
+    from hexwire.model.pose import Pose
     from hexwire.model.state import JointState
     from hexwire.motion.teach import Taught
     from hexwire.motion.waypoints import Trajectory
 
     from .arm import Arm
 
-__all__ = ["PLAY_FACTORS", "Branch", "Place", "Planner", "Preview", "goal_of"]
+__all__ = ["PLAY_FACTORS", "Branch", "Planner", "Preview", "goal_of"]
 
 _MARGIN = 0.98
 """Share of the wanted speed that is planned: between the points that are sent, a joint may be slightly faster."""
@@ -44,25 +46,6 @@ _MOST_POINTS = MAX_POINTS - 1
 _SLOWEST = 0.01
 PLAY_FACTORS = (0.1, 4.0)
 """Slowest and fastest factor at which a taught motion is played."""
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """Where the tip is to go.
-
-    Attributes:
-        position: x, y, z, metres.
-        aim: Where the tool is to point.
-        relative: The position counts from the tip's present one.
-        straight: The tip moves on a straight line.
-        branch: Name of the solution of the inverse kinematics to use; empty for the nearest allowed one.
-    """
-
-    position: Vector
-    aim: Aim = field(default_factory=Aim)
-    relative: bool = False
-    straight: bool = False
-    branch: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +172,7 @@ class Planner:
         solutions = sorted(model.inverse(pose), key=lambda s: (not s.allowed, s.distance(angles)))
         branches = tuple(Branch(s.branch, s.distance(angles), "; ".join(s.violations)) for s in solutions)
         try:
-            chosen = _chosen(model, pose, solutions, place.branch, angles)
+            chosen = chosen_solution(model, pose, place.branch, angles, solutions)
         except LimitError as error:
             near = model.to_joints(solutions[0].angles) if solutions else {}
             tip = Tip.of(model, solutions[0].angles) if solutions else None
@@ -197,6 +180,27 @@ class Planner:
             return replace(refused, unready=self._unready(state))
         found = self._to(model.to_joints(chosen.angles), here, state, speed)
         return replace(found, branch=chosen.branch, branches=branches)
+
+    def through(self, points: Sequence[Place | Mapping[str, float]], *, speed: float = 0.3) -> Preview:
+        """Plan a motion through points without a stop at them.
+
+        Args:
+            points: Places of the tip, and poses as radians by joint; joints that a pose does not name stay.
+            speed: Share of the joints' speed limits.
+
+        Raises:
+            UsageError: There is no point or one is invalid, or a number is out of range.
+            HexwireError: The arm cannot be reached.
+        """
+        speed = _share(speed)
+        if not points:
+            raise UsageError("name at least one point")
+        state, here = self._here()
+        try:
+            names, rows = joint_points(self._model, self._kinematics, here, points)
+        except LimitError as error:
+            return Preview({}, refusal=_plain(error), unready=self._unready(state))
+        return self._checked(arm_path(self._model, names, rows, speed=_MARGIN * speed), here, state)
 
     def along(
         self,
@@ -331,21 +335,6 @@ def goal_of(path: Trajectory, joints: Sequence[str]) -> TrajectoryGoal:
         for t, s in sampled(path, _STEP, _MOST_POINTS)
     ]
     return TrajectoryGoal(tuple(joints), tuple(points))
-
-
-def _chosen(
-    model: KinematicModel, pose: Pose, solutions: Sequence[Solution], branch: str, angles: Sequence[float]
-) -> Solution:
-    if not branch:
-        return model.best(pose, angles)
-    for solution in solutions:
-        if solution.branch == branch:
-            if solution.violations:
-                raise LimitError(f"{branch}: {'; '.join(solution.violations)}")
-            return solution
-    raise LimitError(
-        f"the place has no solution {branch!r}; there are {', '.join(s.branch for s in solutions) or 'none'}"
-    )
 
 
 def _share(speed: float) -> float:

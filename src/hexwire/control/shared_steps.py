@@ -7,11 +7,12 @@ remains. Must not know leases, nor who sends targets.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from hexwire.errors import StoppedError
 from hexwire.model.state import JointTarget, SentTarget
-from hexwire.motion.limits import check_target
+from hexwire.motion.limits import check_target, smooth_duration
 
 from .output import SETTLING
 from .target import AHEAD, step_share
@@ -155,6 +156,8 @@ class SteppedTargets:
             for name, angle in sent.positions:
                 self._members[name].aimed(angle, now + sent.duration)
             return sent
+        smooth = smooth_duration(robot.model, here, dict(checked.positions))
+        checked = replace(checked, duration=max(checked.duration, smooth))
         # A joint whose position is unknown cannot be interpolated: it is sent directly to its target.
         start = {name: here[name] if math.isfinite(here[name]) else goal for name, goal in checked.positions}
         lines = {name: _Line(start[name], goal, now, checked.duration, step) for name, goal in checked.positions}

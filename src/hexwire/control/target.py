@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from hexwire.model.state import JointTarget, SentTarget
 from hexwire.motion.safety import StopReason, board_stop
+from hexwire.motion.trajectory import quintic_share
 from hexwire.motion.waypoints import Sample
 
 from .arrival import Arrival, Deviation, Tolerance, Verdict
@@ -49,14 +50,14 @@ def holding(arm: ArmModel, state: JointState, joints: Collection[str] | None = N
 
 
 def step_share(since: float, step: float, duration: float) -> float:
-    """Part of a straight line to which the next step leads, 0 to 1.
+    """Part of a straight line to which the next step leads, 0 to 1: slowly at both ends, with limited jerk.
 
     Args:
         since: Seconds since the motion began.
         step: Seconds between two steps.
         duration: Of the whole line, seconds.
     """
-    return min(1.0, (since + step) / duration)
+    return quintic_share((since + step) / duration)
 
 
 class SingleMotion:
@@ -107,7 +108,7 @@ class TargetController(SingleMotion):
     """Moves joints to one target, once.
 
     Args:
-        target: Positions and duration, within the speed limits.
+        target: Positions and duration, at least `smooth_duration`.
         here: Present positions, radians by name; NaN if unknown.
         tolerances: By joint of the target.
         grace: Seconds after its duration in which the joints must arrive.

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from hexwire.errors import ConfigError, UsageError
 from hexwire.inputs import Faults, Item, parse_toml, read_text
-from hexwire.model.arm import ArmModel, JointModel
+from hexwire.model.arm import MAX_ACCELERATION, MAX_JERK, ArmModel, JointModel
 from hexwire.model.calibration import Calibration
 from hexwire.wire.registers import Series
 
@@ -21,13 +21,16 @@ __all__ = ["BusArmFile", "load_arm_file", "load_calibration", "load_profile", "p
 _ARM_KEYS = ("name", "base", "baud", "calibration", "joints")
 _JOINT_KEYS = (
     "name", "servo_id", "series", "minimum_deg", "maximum_deg",  # these must be there
-    "neutral", "sign", "offset_deg", "max_speed_deg_per_s", "gearing", "degrees_per_count",
+    "neutral", "sign", "offset_deg", "max_speed_deg_per_s", "max_acceleration_deg_per_s2",
+    "max_jerk_deg_per_s3", "gearing", "degrees_per_count",
 )  # fmt: skip
 _LONGEST_NAME = 100
 _LONGEST_PATH = 4000
 _MOST_JOINTS = 254
 _MOST_COUNTS = 1_000_000
 _MOST_DEGREES = 36_000.0
+_MOST_CHANGE = 1e7
+"""Degrees per second squared or cubed."""
 _BAUD = 1_000_000
 """Factory setting of Feetech servos."""
 
@@ -134,6 +137,9 @@ def _joint(item: Item) -> JointModel:
     def number(key: str, default: float, low: float = -_MOST_DEGREES, high: float = _MOST_DEGREES) -> float:
         return row[key].number(low, high) if key in row else default
 
+    def change(key: str, default: float) -> float:
+        return math.radians(row[key].number(1e-3, _MOST_CHANGE)) if key in row else default
+
     try:
         series = Series(kind)
     except ValueError:
@@ -158,4 +164,6 @@ def _joint(item: Item) -> JointModel:
         minimum=math.radians(low),
         maximum=math.radians(high),
         max_speed=math.radians(number("max_speed_deg_per_s", 90.0, 1e-3)),
+        max_acceleration=change("max_acceleration_deg_per_s2", MAX_ACCELERATION),
+        max_jerk=change("max_jerk_deg_per_s3", MAX_JERK),
     )

@@ -12,6 +12,7 @@ from typing import Annotated, Any, TypeVar
 import msgspec
 
 from hexwire.errors import RemoteProtocolError
+from hexwire.model.arm import MAX_ACCELERATION, MAX_JERK
 
 __all__ = [
     "VERSION",
@@ -287,6 +288,9 @@ class Joint(_Message, tag=1):
     minimum: float
     maximum: float
     max_speed: float
+    # Servers of an older version do not send these.
+    max_acceleration: float = MAX_ACCELERATION
+    max_jerk: float = MAX_JERK
 
 
 class Facts(_Message, tag=2):

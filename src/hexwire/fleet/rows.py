@@ -86,12 +86,13 @@ def arm_model(facts: m.Facts) -> ArmModel:
     if not names or not all(names) or len(set(names)) != len(names):
         raise RemoteProtocolError("not the model of an arm: its joints need a name each")
     for joint in facts.joints:
-        numbers = (joint.offset, joint.scale, joint.minimum, joint.maximum, joint.max_speed)
+        numbers = (joint.offset, joint.scale, joint.minimum, joint.maximum)
+        most = (joint.max_speed, joint.max_acceleration, joint.max_jerk)
         if not (
-            all(map(math.isfinite, numbers))
+            all(map(math.isfinite, (*numbers, *most)))
             and joint.minimum <= joint.maximum
             and joint.scale != 0.0
-            and joint.max_speed > 0.0
+            and min(most) > 0.0
             and joint.sign in (-1, 1)
         ):
             raise RemoteProtocolError(f"not the model of an arm: joint {joint.name} has impossible values")

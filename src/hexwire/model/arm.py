@@ -12,7 +12,12 @@ from dataclasses import dataclass, field
 from hexwire.errors import LimitError, UsageError
 from hexwire.units import decimal
 
-__all__ = ["ArmModel", "JointModel"]
+__all__ = ["MAX_ACCELERATION", "MAX_JERK", "ArmModel", "JointModel"]
+
+MAX_ACCELERATION = 6.0
+"""Radians per second squared, where nothing else is said: a 7Bot joint is at full speed after 0.5 s."""
+MAX_JERK = 60.0
+"""Radians per second cubed, where nothing else is said: full acceleration takes a tenth of a second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +35,8 @@ class JointModel:
         minimum: Lower limit, radians.
         maximum: Upper limit, radians.
         max_speed: Radians per second.
+        max_acceleration: Of planned motion, radians per second squared.
+        max_jerk: Of planned motion, radians per second cubed: how fast the acceleration may change.
     """
 
     name: str
@@ -42,6 +49,8 @@ class JointModel:
     minimum: float
     maximum: float
     max_speed: float
+    max_acceleration: float = MAX_ACCELERATION
+    max_jerk: float = MAX_JERK
 
     def counts_to_angle(self, counts: float) -> float:
         """Joint angle in radians of a servo position in counts."""

@@ -15,7 +15,9 @@ from hexwire.errors import UsageError
 from hexwire.model.arm import ArmModel
 from hexwire.model.state import JointTarget
 
-__all__ = ["check_target", "needed_duration", "resting_inside"]
+from .trajectory import PEAK_ACCELERATION, PEAK_JERK, PEAK_SPEED
+
+__all__ = ["check_target", "needed_duration", "resting_inside", "smooth_duration"]
 
 _AT_STOP = math.radians(1.5)
 """How far a joint that rests on its mechanical stop may be outside its limits, which end before the stop."""
@@ -49,6 +51,24 @@ def needed_duration(model: ArmModel, start: Mapping[str, float], goal: Mapping[s
         ),
         default=0.0,
     )
+
+
+def smooth_duration(model: ArmModel, start: Mapping[str, float], goal: Mapping[str, float]) -> float:
+    """Shortest time in seconds in which a quintic from rest to rest keeps the limits of speed, acceleration, jerk.
+
+    Joints whose start position is missing or not a number do not count.
+    """
+    longest = 0.0
+    for name, angle in goal.items():
+        way, joint = abs(angle - start.get(name, math.nan)), model.joint(name)
+        if math.isfinite(way):
+            longest = max(
+                longest,
+                PEAK_SPEED * way / joint.max_speed,
+                math.sqrt(PEAK_ACCELERATION * way / joint.max_acceleration),
+                math.cbrt(PEAK_JERK * way / joint.max_jerk),
+            )
+    return longest
 
 
 def check_target(model: ArmModel, target: JointTarget, start: Mapping[str, float]) -> JointTarget:

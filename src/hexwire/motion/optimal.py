@@ -1,6 +1,6 @@
-"""Time-optimal motion from pose to pose under limits of speed and acceleration.
+"""Time-optimal motion from pose to pose under limits of speed and acceleration, and of jerk if wanted.
 
-Owns the trapezoid, and the use of ruckig if it is installed. Must not know robots: limits come in as numbers.
+Owns the trapezoid, and the use of ruckig for a start in motion. Must not know robots: limits come in as numbers.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import Any
 
 from hexwire.errors import UsageError
 
+from .through import Through
 from .waypoints import Sample, Trajectory
 
 __all__ = ["Trapezoid", "time_optimal"]
@@ -118,7 +119,7 @@ def time_optimal(
 ) -> Trajectory:
     """The fastest motion to a goal, ending at rest.
 
-    With ruckig, jerk can be limited and the start can be in motion. Without it, a trapezoid from rest.
+    A start in motion needs ruckig.
 
     Args:
         names: Joint names.
@@ -126,27 +127,25 @@ def time_optimal(
         goal: Radians.
         max_speed: Radians per second, above 0.
         max_acceleration: Radians per second squared, above 0.
-        max_jerk: Radians per second cubed, or None for no limit; the trapezoid has none.
+        max_jerk: Radians per second cubed, or None for no limit.
         velocity: At the start, radians per second; at rest if None.
 
     Raises:
-        UsageError: The numbers are invalid, or the start is in motion without ruckig.
+        UsageError: The numbers are invalid, or the start is in motion and ruckig is not installed.
     """
     _check(tuple(names), start, goal, max_speed, max_acceleration)
-    moving = velocity is not None and any(velocity)
+    if velocity is None or not any(velocity):
+        if max_jerk is None:
+            return Trapezoid(names, start, goal, max_speed, max_acceleration)
+        return Through(names, (start, goal), max_speed, max_acceleration, max_jerk)
     ruckig = ruckig_or_none()
     if ruckig is None:
-        if moving:
-            raise UsageError("a start in motion needs ruckig: pip install 'hexwire[motion]'")
-        return Trapezoid(names, start, goal, max_speed, max_acceleration)
-    if tuple(start) == tuple(goal) and not moving:
-        return Trapezoid(names, start, goal, max_speed, max_acceleration)
+        raise UsageError("a start in motion needs ruckig: pip install 'hexwire[motion]'")
     request = ruckig.InputParameter(len(names))
     request.current_position, request.target_position = list(start), list(goal)
     request.max_velocity, request.max_acceleration = list(max_speed), list(max_acceleration)
     request.max_jerk = list(max_jerk) if max_jerk is not None else [math.inf] * len(names)
-    if velocity is not None:
-        request.current_velocity = list(velocity)
+    request.current_velocity = list(velocity)
     trajectory = ruckig.Trajectory(len(names))
     result = ruckig.Ruckig(len(names)).calculate(request, trajectory)
     if int(result) < 0:

@@ -16,12 +16,13 @@ from hexwire.model.state import LONGEST
 from hexwire.units import decimal
 
 from .limits import resting_inside
-from .optimal import time_optimal
+from .through import arm_path
 from .waypoints import Spline, Trajectory, Waypoint
 
 __all__ = ["Taught", "approach"]
 
-_ACCELERATION = 4.0  # rad/s²
+_ACCELERATION = 4.0
+"""Most radians per second squared of an approach, however fast a joint could be."""
 _REST = math.radians(0.5)
 
 
@@ -170,11 +171,10 @@ def approach(
     """A slow motion to the start of another motion.
 
     Args:
-        arm: Speed limits.
+        arm: Limits of speed, acceleration and jerk.
         names: Joint names.
         here: Present positions of the joints, radians.
         goal: Start positions of the other motion, radians.
         speed: Share of the speed limits.
     """
-    limits = [speed * arm.joint(name).max_speed for name in names]
-    return time_optimal(names, here, goal, limits, [_ACCELERATION] * len(names))
+    return arm_path(arm, names, [here, goal], speed=speed, acceleration=_ACCELERATION)

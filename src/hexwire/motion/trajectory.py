@@ -11,10 +11,21 @@ from dataclasses import dataclass
 
 from hexwire.errors import UsageError
 
-__all__ = ["PEAK_SPEED", "Quintic"]
+__all__ = ["PEAK_ACCELERATION", "PEAK_JERK", "PEAK_SPEED", "Quintic", "quintic_share"]
 
 PEAK_SPEED = 15 / 8
 """Highest speed of a quintic over its mean speed: the derivative of 10u^3 - 15u^4 + 6u^5 at u = 1/2."""
+
+PEAK_ACCELERATION = 10 / math.sqrt(3.0)
+"""Its highest acceleration over distance and time squared: the second derivative at u = 1/2 - sqrt(3)/6."""
+PEAK_JERK = 60.0
+"""Its highest jerk over distance and time cubed: the third derivative at both ends."""
+
+
+def quintic_share(u: float) -> float:
+    """Share of the distance that is covered after a share of the time, both 0 to 1."""
+    u = min(1.0, max(0.0, u))
+    return u * u * u * (10.0 + u * (6.0 * u - 15.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +57,7 @@ class Quintic:
             return self.goal
         if t <= 0:
             return self.start
-        u = t / self.duration
-        share = u * u * u * (10.0 + u * (6.0 * u - 15.0))
+        share = quintic_share(t / self.duration)
         return tuple([a + share * (b - a) for a, b in zip(self.start, self.goal, strict=True)])
 
     @staticmethod

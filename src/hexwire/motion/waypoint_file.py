@@ -11,7 +11,7 @@ from hexwire.model.state import LONGEST
 
 from .waypoints import Spline, Waypoint
 
-__all__ = ["parse_waypoints"]
+__all__ = ["parse_points", "parse_waypoints"]
 
 _MOST_JOINTS = 253
 _MOST = 1e4
@@ -33,11 +33,8 @@ def parse_waypoints(content: str | bytes, name: str) -> Spline:
     Raises:
         ConfigError: Not JSON, another format, or the points are not a trajectory; the text names the place.
     """
-    root = parse_json(content, name).table(needed=("joint_names", "points"))
-    names = [row.text(100, least=1) for row in root["joint_names"].rows(_MOST_JOINTS, 1)]
-    if len(set(names)) != len(names):
-        raise root["joint_names"].fault("name a joint twice")
-    points = [_waypoint(row) for row in root["points"].rows()]
+    names, rows = _names_and_points(content, name)
+    points = [_waypoint(row) for row in rows]
     try:
         spline = Spline(names, points)
     except UsageError as error:
@@ -45,6 +42,38 @@ def parse_waypoints(content: str | bytes, name: str) -> Spline:
     if spline.duration > LONGEST:
         raise ConfigError(f"lasts {spline.duration:.6g} s; a motion may take {LONGEST:g} s", file=name)
     return spline
+
+
+def parse_points(content: str | bytes, name: str) -> tuple[tuple[str, ...], list[tuple[float, ...]]]:
+    """Parse the positions in a file, whatever their times.
+
+    Args:
+        content: As for `parse_waypoints`; only `positions` are read.
+        name: Name of the file in error texts.
+
+    Returns:
+        Joint names, and a row of radians for each point.
+
+    Raises:
+        ConfigError: Not JSON, another format, or a point has not one position for each joint; the text names the
+            place.
+    """
+    names, rows = _names_and_points(content, name)
+    points = []
+    for row in rows:
+        positions = row.table(needed=("positions",))["positions"]
+        points.append(_values(positions, _MOST) or ())
+        if len(points[-1]) != len(names):
+            raise positions.fault(f"has {len(points[-1])} values for {len(names)} joints")
+    return names, points
+
+
+def _names_and_points(content: str | bytes, name: str) -> tuple[tuple[str, ...], list[Item]]:
+    root = parse_json(content, name).table(needed=("joint_names", "points"))
+    names = tuple(row.text(100, least=1) for row in root["joint_names"].rows(_MOST_JOINTS, 1))
+    if len(set(names)) != len(names):
+        raise root["joint_names"].fault("name a joint twice")
+    return names, list(root["points"].rows())
 
 
 def _waypoint(row: Item) -> Waypoint:

@@ -1,0 +1,231 @@
+"""The fastest motion through points under limits of speed, acceleration and jerk, without a stop at them.
+
+Owns the choice of the speeds at the points, and the trajectory. Must not know robots, nor where points come from.
+
+Between two points each joint moves one way only, so it never leaves the range between their positions; where it
+turns back it rests for a moment while the others go on. No joint accelerates at a point. The speeds there are
+improved joint by joint until no small change saves time.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from itertools import pairwise
+
+from hexwire.errors import UsageError
+from hexwire.model.arm import ArmModel
+
+from .speed_profile import JointLimits, profile, time_window
+from .waypoints import Sample, Trajectory
+
+__all__ = ["MOST_POINTS", "Through", "arm_path"]
+
+MOST_POINTS = 100
+"""Points of one motion: more take too long to plan."""
+_FIRST_STEP, _LAST_STEP = 0.5, 0.002
+"""By how much a speed is changed to see whether that saves time, as shares of its limit: from coarse to fine."""
+_SWEEPS = 60
+_OTHERS = 0.02
+"""Weight of the times of all joints beside that of the slowest, so that others make way for it."""
+
+_NOTHING = 1e-12
+"""Radians."""
+
+Row = tuple[float, float, float, float, float]
+"""Time, position, velocity, acceleration and jerk at the begin of a piece."""
+
+
+def arm_path(
+    arm: ArmModel,
+    names: Sequence[str],
+    points: Sequence[Sequence[float]],
+    *,
+    speed: float = 1.0,
+    acceleration: float = math.inf,
+) -> Through:
+    """The fastest motion of an arm's joints through points, under the limits of its model.
+
+    Args:
+        arm: Limits of speed, acceleration and jerk.
+        names: Joint names.
+        points: As in `Through`.
+        speed: Share of the speed limits.
+        acceleration: Most radians per second squared, where the model allows more.
+
+    Raises:
+        UsageError: The numbers are invalid, or the arm lacks a joint.
+    """
+    joints = [arm.joint(name) for name in names]
+    return Through(
+        names,
+        points,
+        [speed * joint.max_speed for joint in joints],
+        [min(acceleration, joint.max_acceleration) for joint in joints],
+        [joint.max_jerk for joint in joints],
+    )
+
+
+class Through(Trajectory):
+    """From rest at the first point through all others to rest at the last.
+
+    Args:
+        names: Joint names.
+        points: At least one, at most 100: radians, one per joint. One that equals the point before it is left out.
+        max_speed: Radians per second, above 0, one per joint.
+        max_acceleration: Radians per second squared, likewise.
+        max_jerk: Radians per second cubed, likewise.
+
+    Attributes:
+        times: When it is at each point, seconds; without those that are left out.
+
+    Raises:
+        UsageError: The numbers are invalid.
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        points: Sequence[Sequence[float]],
+        max_speed: Sequence[float],
+        max_acceleration: Sequence[float],
+        max_jerk: Sequence[float],
+    ) -> None:
+        self.names = tuple(names)
+        _check(self.names, points, max_speed, max_acceleration, max_jerk)
+        rows = [tuple(points[0])]
+        rows += [tuple(b) for a, b in pairwise(points) if tuple(a) != tuple(b)]
+        self._goal = rows[-1]
+        limits = [JointLimits(*row) for row in zip(max_speed, max_acceleration, max_jerk, strict=True)]
+        plan = _Speeds(rows, limits)
+        plan.improve()
+        times = [0.0]
+        for seconds in plan.times():
+            times.append(times[-1] + seconds)
+        self.times, self.duration = tuple(times), times[-1]
+        self._pieces = [
+            _pieces([row[i] for row in rows], [speed[i] for speed in plan.speeds], times, limits[i])
+            for i in range(len(self.names))
+        ]
+        self._begins = [[piece[0] for piece in pieces] for pieces in self._pieces]
+
+    def at(self, t: float) -> Sample:
+        if t >= self.duration:
+            rest = (0.0,) * len(self.names)
+            return Sample(self._goal, rest, rest)
+        columns = []
+        for begins, pieces in zip(self._begins, self._pieces, strict=True):
+            since, p, v, a, j = pieces[bisect_right(begins, t) - 1]
+            u = t - since
+            columns.append((p + u * (v + u * (0.5 * a + u * j / 6.0)), v + u * (a + 0.5 * u * j), a + u * j))
+        return Sample(tuple(c[0] for c in columns), tuple(c[1] for c in columns), tuple(c[2] for c in columns))
+
+
+class _Speeds:
+    """Speeds of the joints at the points, as magnitudes, and the time windows of each joint between two points.
+
+    Attributes:
+        speeds: By point and joint; 0 at both ends, and where a joint turns back or rests.
+    """
+
+    def __init__(self, rows: Sequence[Sequence[float]], limits: Sequence[JointLimits]) -> None:
+        joints = range(len(limits))
+        ways = [[_way(a, b) for a, b in zip(one, two, strict=True)] for one, two in pairwise(rows)]
+        self._limits = limits
+        self._distances = [[abs(way) for way in row] for row in ways]
+        # Only there can a joint go on: where it turns back or rests its speed is 0.
+        self._free = [
+            (k, i) for k in range(1, len(ways)) for i in joints if _sign(ways[k - 1][i]) * _sign(ways[k][i]) > 0
+        ]
+        self.speeds = [[0.0] * len(limits) for _ in rows]
+        self._windows = [[self._window(k, i) for i in joints] for k in range(len(ways))]
+        self._costs = [_cost(row) for row in self._windows]
+
+    def times(self) -> list[float]:
+        """Seconds from each point to the next."""
+        return [max(low for low, _ in row) for row in self._windows]
+
+    def improve(self) -> None:
+        """Change speeds as long as that saves time."""
+        step = _FIRST_STEP
+        for _ in range(_SWEEPS):
+            # Not `any`, which would end at the first success.
+            if not sum(self._try(k, i, step) or self._try(k, i, -step) for k, i in self._free):
+                step *= 0.5
+            if step < _LAST_STEP:
+                break
+
+    def _try(self, k: int, i: int, step: float) -> bool:
+        """Change the speed of a joint at a point; undone if it saves no time."""
+        old, most = self.speeds[k][i], self._limits[i].speed
+        new = min(most, max(0.0, old + step * most))
+        if new == old:
+            return False
+        windows = self._windows[k - 1][i], self._windows[k][i]
+        self.speeds[k][i] = new
+        self._windows[k - 1][i], self._windows[k][i] = self._window(k - 1, i), self._window(k, i)
+        costs = _cost(self._windows[k - 1]), _cost(self._windows[k])
+        if sum(costs) < self._costs[k - 1] + self._costs[k] - 1e-9:
+            self._costs[k - 1 : k + 1] = costs
+            return True
+        self.speeds[k][i] = old
+        self._windows[k - 1][i], self._windows[k][i] = windows
+        return False
+
+    def _window(self, k: int, i: int) -> tuple[float, float]:
+        distance = self._distances[k][i]
+        if not distance:
+            return 0.0, math.inf
+        return time_window(distance, self.speeds[k][i], self.speeds[k + 1][i], self._limits[i])
+
+
+def _way(begin: float, end: float) -> float:
+    """From one position to another; 0 if that is only a rounding error."""
+    return end - begin if abs(end - begin) >= _NOTHING else 0.0
+
+
+def _sign(value: float) -> int:
+    return (value > 0.0) - (value < 0.0)
+
+
+def _cost(windows: Sequence[tuple[float, float]]) -> float:
+    """Seconds between two points, more if other joints are slow too; infinite if no time suits all joints."""
+    slowest = max(low for low, _ in windows)
+    if slowest > min(high for _, high in windows):
+        return math.inf
+    return slowest + _OTHERS * math.sqrt(math.sqrt(sum(low**4 for low, _ in windows)))
+
+
+def _pieces(
+    points: Sequence[float], speeds: Sequence[float], times: Sequence[float], limits: JointLimits
+) -> list[Row]:
+    rows: list[Row] = [(0.0, points[0], 0.0, 0.0, 0.0)]
+    for k in range(len(points) - 1):
+        p, way = points[k], _way(points[k], points[k + 1])
+        sign = math.copysign(1.0, way)
+        t, v, a = times[k], sign * speeds[k], 0.0
+        if not way:
+            rows.append((t, p, 0.0, 0.0, 0.0))
+            continue
+        for u, jerk in profile(abs(way), speeds[k], speeds[k + 1], times[k + 1] - t, limits):
+            if not u:
+                continue
+            j = sign * jerk
+            rows.append((t, p, v, a, j))
+            t, p, v, a = t + u, p + u * (v + u * (0.5 * a + u * j / 6.0)), v + u * (a + 0.5 * u * j), a + u * j
+    return rows
+
+
+def _check(names: Sequence[str], points: Sequence[Sequence[float]], *limits: Sequence[float]) -> None:
+    if not names or not points:
+        raise UsageError("a motion needs a joint and a point")
+    if len(points) > MOST_POINTS:
+        raise UsageError(f"{len(points)} points are too many for one motion; at most {MOST_POINTS}")
+    for column in (*points, *limits):
+        if len(column) != len(names):
+            raise UsageError(f"{len(column)} values for {len(names)} joints")
+        if not all(map(math.isfinite, column)):
+            raise UsageError("a value is not a number")
+    if min(map(min, limits)) <= 0:
+        raise UsageError("limits of speed, acceleration and jerk must be above 0")
