@@ -35,7 +35,7 @@ def test_joints_hold_when_no_set_point_has_arrived_for_the_command_timeout(timeo
 
 
 def test_targets_are_sent_at_the_command_rate_and_the_watchdog_is_that_of_the_settings() -> None:
-    bench = make_bench(command_rate=5.0, watchdog=2.5)
+    bench = make_bench(command_rate=5.0, watchdog=2.5, host_timed=True)
     durations = []
     write = bench.owner.robot.write
 

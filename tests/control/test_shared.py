@@ -302,7 +302,7 @@ def test_after_a_halt_of_the_program_nothing_that_waited_is_done_or_revives_the_
 
 
 def test_after_a_halt_the_owner_sends_nothing_more_of_a_trajectory() -> None:
-    bench = SharedBench()
+    bench = SharedBench(host_timed=True)
     key = bench.take()
     way = order((5.0, {"J1": HOME["J1"] + AWAY}))
     bench.shared.follow(bench.order(key), "", way, None)

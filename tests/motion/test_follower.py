@@ -434,3 +434,87 @@ def test_a_jam_is_seen_although_this_loop_is_late() -> None:
     times = [0.05 * i for i in range(12)] + [0.6 + 0.1 * i for i in range(15)]
     orders = [follower.cycle(state({"J1": J1}, load={"J1": 0.7}), now, LEAD) for now in times]
     assert [order.kind for order in orders if isinstance(order, StopReason)] == ["collision"]
+
+
+def ahead() -> Follower:
+    """A follower in the middle of a trajectory that the robot has."""
+    follower = started()
+    follower.settled, follower.sent_ahead = 0.12, True
+    follower.follow(way(J1, J1 + 1.0), 0.0)
+    for i in range(20):
+        follower.cycle(state({"J1": J1}), 0.05 * i, LEAD)
+    return follower
+
+
+def test_what_a_robot_has_begins_when_it_can_know_it() -> None:
+    follower = ahead()
+    ((_, begins),) = follower.planned
+    assert begins == pytest.approx(0.12)
+    assert follower.take_change() == pytest.approx(0.12)
+    assert follower.take_change() == math.inf
+    assert follower.next_start(1.0) == pytest.approx(1.12)
+
+
+def test_a_hold_brakes_on_what_the_robot_has_and_the_next_motion_begins_there() -> None:
+    follower = ahead()
+    ((whole, begins),) = follower.planned
+    follower.take_change()
+    follower.hold()
+    assert follower.mode is Mode.HOLD
+    assert follower.remaining(1.0) == 0.0
+    switch = follower.take_change()
+    assert switch == pytest.approx(0.95 + 0.12)
+    rest = follower.next_start(1.0)
+    assert rest == pytest.approx(switch + 0.2)
+    place = follower.desired(("J1",), rest)
+    assert place.velocity == pytest.approx((0.0,), abs=1e-9)
+    assert place.position == pytest.approx(whole.sample(switch + 0.1 - begins).position)
+    assert follower.desired(("J1",), switch).velocity[0] > 0.3
+    # Until it is at rest, set-points wait.
+    told = []
+    for i in range(12):
+        follower.set_point({"J1": J1}, 1.0 + 0.05 * i)
+        told.append(follower.cycle(state(), 1.0 + 0.05 * i, LEAD))
+    silent = [i for i, order in enumerate(told) if order is None]
+    assert silent
+    assert max(silent) * 0.05 + 1.0 < rest
+    last = told[-1]
+    assert isinstance(last, JointTarget)
+    assert dict(last.positions)["J1"] < place.position[0]
+
+
+def test_a_hold_before_the_robot_began_leaves_nothing() -> None:
+    follower = started()
+    follower.settled, follower.sent_ahead = 0.12, True
+    follower.follow(way(J1, J1 + 1.0), 0.0, 5.0)
+    follower.hold()
+    assert follower.planned == ()
+    assert follower.desired(("J1",), 9.0).position == (J1,)
+
+
+def test_after_an_unwanted_rest_it_goes_on_from_there() -> None:
+    follower = ahead()
+    ((whole, begins),) = follower.planned
+    left = begins + 0.9
+    here = whole.sample(0.9).position[0]
+    follower.rejoin({"J1": here}, left, 4.0)
+    assert follower.counters.slips == 1
+    ((rest, again),) = follower.planned
+    assert again == pytest.approx(4.12)
+    assert rest.sample(0.0).position[0] == pytest.approx(here)
+    assert rest.sample(0.0).velocity == (0.0,)
+    assert rest.duration == pytest.approx(1.1)
+    assert rest.goal == pytest.approx(whole.goal)
+    follower.hold()
+    follower.rejoin({"J1": here}, left, 5.0)
+    assert follower.planned == ()
+    assert follower.desired(("J1",), 9.0).position == pytest.approx((here,))
+
+
+def test_a_stall_does_not_delay_what_the_robot_has() -> None:
+    follower = ahead()
+    follower.cycle(state({"J1": J1}), 1.5, LEAD)
+    assert follower.counters.slips == 0
+    assert follower.planned[0][1] == pytest.approx(0.12)
+    follower.shift(0.3)
+    assert follower.planned[0][1] == pytest.approx(0.42)

@@ -9,7 +9,7 @@ from tests.motion.arms import rest_to_rest
 
 from hexwire.errors import UsageError
 from hexwire.motion.trajectory import Quintic
-from hexwire.motion.waypoints import Blend, Sample, Scaled, Spline, Tail, Trajectory, Waypoint
+from hexwire.motion.waypoints import Blend, Braked, Sample, Scaled, Spline, Tail, Trajectory, Waypoint
 
 VALUES = st.floats(-3.0, 3.0)
 
@@ -273,3 +273,24 @@ def test_a_blend_ends_with_its_time_and_then_is_the_new_trajectory() -> None:
     # Longer than the new one: it lasts as long as that.
     whole = Blend(old, 1.0, new, 9.0)
     assert whole.at(2.9) == Spline(("a",), [Waypoint(0.0, *here), Waypoint(3.0, *new.sample(3.0))]).at(2.9)
+
+
+def test_a_braked_trajectory_comes_to_rest_on_itself() -> None:
+    whole = rest_to_rest(("a",), (0.0,), (2.0,), 2.0)
+    braked = Braked(whole, 0.9, 0.2)
+    assert braked.duration == pytest.approx(1.1)
+    assert braked.sample(0.5) == whole.sample(0.5)
+    # Half of the time of braking is travelled.
+    assert braked.goal == pytest.approx(whole.sample(1.0).position)
+    assert braked.at(1.1).velocity[0] == pytest.approx(0.0, abs=1e-9)
+    for t in (0.92, 1.0, 1.08):
+        derivatives_agree(braked, t)
+
+
+def test_a_trajectory_that_ends_while_it_brakes_ends_there() -> None:
+    whole = Spline(("a",), [Waypoint(0.0, (0.0,)), Waypoint(1.0, (1.0,))])
+    braked = Braked(whole, 0.95, 0.2)
+    assert 1.0 < braked.duration < 1.15
+    assert braked.goal == (1.0,)
+    assert braked.sample(0.5 * (0.95 + braked.duration)).position[0] < 1.0
+    assert Braked(whole, 2.0, 0.2).sample(2.1).position == (1.0,)

@@ -86,6 +86,7 @@ class Arm:
             publish_rate=settings.publish_rate,
             command_rate=settings.command_rate,
             watchdog=settings.watchdog,
+            timed=not settings.host_timed,
             on_state=logging_states(on_state, settings.model.name) if settings.log_positions else on_state,
             on_sent=on_sent,
             clock=clock,
@@ -190,7 +191,8 @@ class Arm:
             plan = controller.plan(goal, received)
             with owner.locked():
                 start = controller.start(goal.delay, state, received)
-                others = self._meanwhile([name], controller.follower.next_start(received + max(0.0, goal.delay)))
+                begins = max(received + goal.delay, controller.follower.next_start(received))
+                others = self._meanwhile([name], begins)
             # Not under the lock, since the check of a long trajectory takes long.
             controller.check_path(plan.trajectory(start, received), state, others, wanted=wanted)
             with owner.locked():

@@ -154,7 +154,8 @@ class TrajectoryController:
         self._refuse_if_stopped()
         self.follower.observe(state)
         try:
-            return self.follower.desired(self.joints, self.follower.next_start(now + max(0.0, delay)))
+            begins = max(now + delay, self.follower.next_start(now))
+            return self.follower.desired(self.joints, begins)
         except HexwireError as error:
             raise GoalError(str(error), reason=Reason.NOT_READY) from None
 
@@ -249,7 +250,7 @@ class TrajectoryController:
             self._pending = plan
             self._active = _active(listener, tolerances, plan.due, math.inf)
             return
-        trajectory = self._due(plan, state, now, meanwhile)
+        trajectory = self._due(plan, state, now, self.follower.next_start(now), meanwhile)
         self.follow(trajectory, state, now, listener=listener, tolerances=tolerances)
 
     def follow(
@@ -370,13 +371,15 @@ class TrajectoryController:
 
     def _begin_pending(self, state: JointState, now: float) -> None:
         pending, active = self._pending, self._active
-        if pending is None or active is None or self.follower.next_start(now) < pending.due:
+        soonest = self.follower.next_start(now)
+        # A robot that keeps the time itself is told early, and begins exactly then.
+        if pending is None or active is None or soonest + self.follower.settled < pending.due:
             return
         self._pending = None
-        begins = self.follower.next_start(now)
+        begins = max(soonest, pending.due)
         try:
             self._refuse_unready(self.joints, state)
-            self._take_over(self._due(pending, state, now), state, now)
+            self._take_over(self._due(pending, state, now, begins), state, now, begins)
         except HexwireError as error:
             self.follower.hold()
             reason = Reason(error.reason) if isinstance(error, GoalError) else Reason.PATH_NOT_ALLOWED
@@ -384,17 +387,19 @@ class TrajectoryController:
         else:
             active.begins, active.arrival.ends = begins, now + self.follower.remaining(now)
 
-    def _take_over(self, trajectory: Trajectory, state: JointState, now: float) -> None:
-        self._check.takeover(self.follower.takeover(trajectory, now), state.positions)
-        self.follower.follow(trajectory, now)
+    def _take_over(self, trajectory: Trajectory, state: JointState, now: float, begins: float = -math.inf) -> None:
+        self._check.takeover(self.follower.takeover(trajectory, now, begins), state.positions)
+        self.follower.follow(trajectory, now, begins)
 
-    def _due(self, plan: Plan, state: JointState, now: float, meanwhile: Sequence[Trajectory] = ()) -> Trajectory:
-        """The trajectory of a plan that begins now, from the present position; its points keep their times.
+    def _due(
+        self, plan: Plan, state: JointState, now: float, begins: float, meanwhile: Sequence[Trajectory] = ()
+    ) -> Trajectory:
+        """The trajectory of a plan from the position at its beginning on; its points keep their times.
 
         Raises:
             GoalError: It is so late that the path to the next point would be too fast.
         """
-        start, begins = self.start(0.0, state, now), self.follower.next_start(now)
+        start = self.start(begins - now, state, now)
         if plan.is_over(begins):
             # Allowed if the joints are at its end already.
             with suppress(GoalError):
@@ -412,6 +417,7 @@ class TrajectoryController:
             now: Seconds.
         """
         active = self._active
+        self.follower.observe(state, now)
         if active is None and not self._monitored:
             self._progress = None
             return
@@ -445,7 +451,7 @@ class TrajectoryController:
 
     def _desired(self, ages: Sequence[float], stamp: float, now: float) -> Sample:
         """Desired state of each joint at the time of its sample; not beyond the last set-point."""
-        told = min(now, self.follower.next_start(-math.inf))
+        told = min(now, self.follower.due)
         youngest = min(ages)
         if not max(ages) - youngest > _TOGETHER:
             return self.follower.desired(self.joints, min(stamp - youngest, told))

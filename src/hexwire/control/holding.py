@@ -46,10 +46,11 @@ def hold_moving(owner: RobotOwner, why: str) -> None:
     try:
         # The call that this thread executes may be what just lost its right; this is not part of it.
         with robot.epochs.using(asked):
+            braked = owner.brake()
             state = robot.read()
         if state.stopped:
             return
-        moving = [joint for joint in state if joint.name in moved and joint.flags & _TORQUE]
+        moving = [j for j in state if j.name in moved and j.name not in braked and j.flags & _TORQUE]
         if unknown := [joint.name for joint in moving if not _is_known(joint)]:
             raise DeviceError(f"nobody knows where {', '.join(unknown)} is")
         target = holding(robot.model, state, [joint.name for joint in moving])

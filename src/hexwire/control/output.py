@@ -9,20 +9,22 @@ from __future__ import annotations
 import logging
 import math
 import threading
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from hexwire.errors import CommandRefusedError, HexwireError, StoppedError, UsageError
-from hexwire.model.state import JointFlag, JointTarget
+from hexwire.model.state import JointFlag, JointTarget, SentTarget
 from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop
 
 from .rate import Periodic
+from .sent_ahead import SentAhead
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.epochs import Token
-    from hexwire.model.state import JointState, SentTarget
+    from hexwire.model.state import JointState
 
     from .group import ControllerGroup
 
@@ -46,6 +48,8 @@ class Output:
         arm_watchdog: Called before every target: arms the watchdog, if it is wanted and not armed yet.
         asked: As in `RobotOwner`.
         clock: Likewise.
+        sleep: Likewise.
+        timed: Likewise.
 
     Attributes:
         before: Called before targets are decided; may end motions.
@@ -63,10 +67,15 @@ class Output:
         arm_watchdog: Callable[[], object],
         asked: Token | None = None,
         clock: Callable[[], float] | None = None,
+        sleep: Callable[[float], object] = time.sleep,
+        timed: bool = False,
     ) -> None:
         self._robot, self._group, self._borrowed = robot, group, borrowed
         self._on_sent, self._look_again, self._arm_watchdog = on_sent, look_again, arm_watchdog
         self._clock = clock or robot.now
+        self._ahead: SentAhead | None = None
+        if timed:
+            self._ahead = SentAhead(robot, group, clock=self._clock, sleep=sleep, arm_watchdog=arm_watchdog)
         self.before: Callable[[], object] = lambda: None
         self.refusal: Callable[[], HexwireError | None] | None = None
         # When each joint has reached its last target, owner's clock; infinite if only a special command knows.
@@ -96,14 +105,28 @@ class Output:
             self._update(state, speeds, now, period, lead)
 
     def running(self) -> tuple[str, ...]:
-        """Joints that are moving to their last target, or may be."""
+        """Joints that are moving to their last target or on a path of the robot, or may be."""
         now = self._clock()
-        return tuple([name for name, ends in self._ends.items() if now < ends])
+        moving = {name for name, ends in self._ends.items() if now < ends}
+        if self._ahead is not None:
+            moving.update(self._ahead.joints)
+        return tuple([name for name in self._robot.model.names if name in moving])
 
     def time_left(self) -> float:
         """Seconds until the last joint has reached its last target; 0 if none moves to one."""
         known = [ends for ends in self._ends.values() if ends < math.inf]
-        return max(0.0, max(known, default=0.0) - self._clock())
+        left = max(0.0, max(known, default=0.0) - self._clock())
+        return left if self._ahead is None else max(left, self._ahead.time_left())
+
+    def brake(self) -> tuple[str, ...]:
+        """Bring joints that follow a path of the robot to rest on it; returns them. Raises as `SentAhead.brake`."""
+        with self.deciding:
+            return () if self._ahead is None else self._ahead.brake()
+
+    def forget_path(self) -> None:
+        """Forget a path of the robot, which was lost."""
+        if self._ahead is not None:
+            self._ahead.drop()
 
     def set_free(self) -> None:
         """Count all joints as moving until each gets a target, holds, or was stopped."""
@@ -128,9 +151,47 @@ class Output:
         order = self._group.cycle(state, speeds, now, lead, due=due)
         if isinstance(order, StopReason):
             self.stop(order)
-        elif order is not None:
+            return
+        if order is not None:
             self._periodic.done(now)
+        if self._ahead is not None:
+            # What was decided for joints whose path ends in this turn is void.
+            kept = self._ahead.joints
+            # A change must reach the robot sooner than the next target is due.
+            if due or self._ahead.changed:
+                self._send_ahead(self._ahead, state, period, asked)
+            order = order if order is None else self._without(order, {*kept, *self._ahead.joints})
+        if order is not None:
             self._write(order, asked)
+
+    def _send_ahead(self, ahead: SentAhead, state: JointState, period: float, asked: Token) -> None:
+        epochs = self._robot.epochs
+        try:
+            epochs.check(asked, "a path")
+            with epochs.using(replace(asked, refusal=self.refusal)):
+                found = ahead.turn(state, period)
+        except StoppedError:
+            ahead.drop()
+            self._group.stop(board_stop(self._robot.read()) or StopReason("board", STOP_COMMAND))
+            return
+        if found is None:
+            return
+        if found.joint:
+            self.stop(found)
+        else:
+            self.tell(logging.WARNING, "stopped: %s", found)
+            self._group.stop(found)
+
+    def _without(self, order: JointTarget, joints: Collection[str]) -> JointTarget | None:
+        """What of a target must be sent, since the robot does not know it yet."""
+        kept = tuple([pair for pair in order.positions if pair[0] in joints])
+        if not kept:
+            return order
+        ends = self._clock() + order.duration + SETTLING
+        self._ends.update(dict.fromkeys([name for name, _ in kept], ends))
+        self._on_sent(SentTarget(kept, order.duration))
+        rest = tuple([pair for pair in order.positions if pair[0] not in joints])
+        return JointTarget(rest, order.duration) if rest else None
 
     def _write(self, target: JointTarget, asked: Token) -> None:
         epochs = self._robot.epochs
@@ -177,6 +238,9 @@ class Output:
             epochs.check(asked, "a target")
             if self._group.busy:
                 self._group.release("another motion was asked for", [name for name, _ in target.positions])
+            if self._ahead is not None:
+                with epochs.using(asked):
+                    self._ahead.brake([name for name, _ in target.positions])
             try:
                 with epochs.using(asked):
                     sent = self._robot.write(target)

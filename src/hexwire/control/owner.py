@@ -87,6 +87,7 @@ class RobotOwner:
         watchdog: Seconds of silence after which the board stops the arm; 0 for never. Longer for a borrowed robot
             with slow cycles.
         watchdog_mode: What the board does then.
+        timed: Trajectories of the controllers are sent ahead to a robot that keeps the time itself.
         stop_on_failure: Stop the arm when the robot fails or `shutdown` ends a motion; False for a caller that
             makes it safe by other means.
         on_state: Called with every new state and the part of it to publish, in the owner's thread.
@@ -117,6 +118,7 @@ class RobotOwner:
         command_rate: float = 0.0,
         watchdog: float = 1.0,
         watchdog_mode: StopMode = StopMode.HOLD,
+        timed: bool = False,
         stop_on_failure: bool = True,
         on_state: Callable[[JointState, KnownState], object] = lambda state, published: None,
         on_sent: Callable[[SentTarget], object] = lambda sent: None,
@@ -138,6 +140,7 @@ class RobotOwner:
         self._wanted_watchdog, self._watchdog_mode, self._watched = watchdog, watchdog_mode, ExitStack()
         self._covered = False
         self._ending, self._on_state = threading.Event(), on_state
+        self._clock, self._sleep = clock or robot.now, sleep or self._wait
         self._output = Output(
             robot,
             self.group,
@@ -147,8 +150,9 @@ class RobotOwner:
             arm_watchdog=self.arm_watchdog,
             asked=asked,
             clock=clock,
+            sleep=self._sleep,
+            timed=timed,
         )
-        self._clock, self._sleep = clock or robot.now, sleep or self._wait
         # A stop that could not be sent, and must be when the robot is back.
         self._owes_stop = False
         self._reader: StateReader | None = None
@@ -404,6 +408,14 @@ class RobotOwner:
         """Seconds until the last joint has reached its last target; 0 if none moves."""
         return self._output.time_left()
 
+    def brake(self) -> tuple[str, ...]:
+        """Bring joints that follow a path of the robot to rest on it, and wait for that; returns them.
+
+        Raises:
+            HexwireError: They do not come to rest, or the robot does not answer.
+        """
+        return self._output.brake()
+
     def send(self, target: JointTarget, asked: Token, *, holds: bool = False) -> SentTarget:
         """Send a target from any thread, between two cycles; the controllers of its joints end their motions.
 
@@ -566,6 +578,7 @@ class RobotOwner:
 
     def _begin(self) -> None:
         self._latest.begin(1.0 / self._publish_rate, max(_SILENT, 3.0 * self.command_period))
+        self._output.forget_path()
         self._reader, self._covered, self.connected, self.error = None, False, True, ""
 
     def _begin_reading(self) -> StateReader:

@@ -18,9 +18,12 @@ from hexwire.units import decimal
 
 from .safety import Guard, SafetyLimits, StopReason
 from .trajectory import PEAK_SPEED
-from .waypoints import Blend, Sample, Spline, Tail, Trajectory, Waypoint
+from .waypoints import Blend, Braked, Sample, Spline, Tail, Trajectory, Waypoint
 
-__all__ = ["Follower", "FollowerCounters", "Mode"]
+__all__ = ["BRAKE", "Follower", "FollowerCounters", "Mode"]
+
+BRAKE = 0.2
+"""Seconds in which a robot that has the trajectory itself comes to rest on it."""
 
 _STALL = 1.0
 """Delay behind the last command, in leads, from which the loop counts as stalled."""
@@ -80,6 +83,11 @@ class Follower:
         counters: Event counters.
         waits: After a stall of the loop the trajectory continues where it was, instead of catching up. False for a
             robot that keeps the time itself.
+        settled: Seconds before which a robot that keeps the time itself must know of a change; 0 for one that does
+            not.
+        sent_ahead: Such a robot has the trajectory: it goes on through a stall, and a hold brakes on it.
+        changes: How often a trajectory, a hold or a set-point has replaced what was planned.
+        changed_from: From when on it was replaced since `take_change`; infinite if it was not.
     """
 
     def __init__(
@@ -100,38 +108,60 @@ class Follower:
         self.reason: StopReason | None = None
         self.counters = FollowerCounters()
         self.waits = True
+        self.settled, self.sent_ahead = 0.0, False
+        self.changes, self.changed_from = 0, math.inf
         self._blend, self._lost_after, self._jump = blend, lost_after, jump
+        # After a hold it is the rest of it, on which the robot brakes.
         self._trajectory: Trajectory | None = None
         self._started = 0.0
         # The trajectory before it, and when that one started.
         self._earlier: tuple[Trajectory, float] | None = None
+        # Both, also when they are over.
+        self._planned: tuple[tuple[Trajectory, float], ...] = ()
         self._set_point: dict[str, float] = {}
         self._set_point_time = -math.inf
         self._fresh = False
         # The last commanded positions, and when they are due.
         self._command: dict[str, float] = {}
         self._command_due = -math.inf
+        # Until then the robot is busy with what it has.
+        self._busy_until = -math.inf
+        self._now = -math.inf
         self._state: JointState | None = None
 
     # -- requests ---------------------------------------------------------------------------------
 
-    def follow(self, trajectory: Trajectory, now: float) -> None:
+    def follow(self, trajectory: Trajectory, now: float, begins: float = -math.inf) -> None:
         """Follow a trajectory from now on; a running motion blends into it.
+
+        Args:
+            trajectory: The trajectory.
+            now: Seconds.
+            begins: Not earlier than this.
 
         Raises:
             UsageError: No state is known yet, or a joint does not exist.
             LimitError: Stopped, or the trajectory starts too far from the present position.
         """
-        running = self._running(trajectory.names)
-        blend = self._blended(trajectory, now)
-        self.counters.blends += running is not None
-        self._earlier = None if running is None else (running, self._started)
-        self._trajectory, self._started = blend, max(now, self._command_due)
+        begins = max(begins, self.next_start(now))
+        running = self._running(trajectory.names, begins)
+        blend = self._blended(trajectory, begins)
+        self.counters.blends += running is not None and self.mode is Mode.TRAJECTORY
+        self._earlier = running
+        self._trajectory, self._started = blend, begins
         self.mode = Mode.TRAJECTORY
         self._set_point = {}
+        self._changed(begins)
 
-    def takeover(self, trajectory: Trajectory, now: float) -> Iterator[tuple[float, dict[str, float]]]:
+    def takeover(
+        self, trajectory: Trajectory, now: float, begins: float = -math.inf
+    ) -> Iterator[tuple[float, dict[str, float]]]:
         """The joint positions while a trajectory takes over from a running motion; changes nothing.
+
+        Args:
+            trajectory: As for `follow`.
+            now: Likewise.
+            begins: Likewise.
 
         Yields:
             Seconds from its start, and radians by joint; nothing if the joints are at rest.
@@ -139,8 +169,9 @@ class Follower:
         Raises:
             UsageError, LimitError: As `follow`.
         """
-        blend = self._blended(trajectory, now)
-        if self._running(trajectory.names) is None:
+        begins = max(begins, self.next_start(now))
+        blend = self._blended(trajectory, begins)
+        if self._running(trajectory.names, begins) is None:
             return
         seconds = min(self._blend, trajectory.duration)
         steps = max(1, math.ceil(seconds / _BLEND_STEP))
@@ -148,12 +179,22 @@ class Follower:
             t = seconds * i / steps
             yield t, self._within_limits(dict(zip(blend.names, blend.sample(t).position, strict=True)))
 
-    def _running(self, names: tuple[str, ...]) -> Trajectory | None:
-        """The running motion of exactly these joints."""
+    def _running(self, names: tuple[str, ...], when: float) -> tuple[Trajectory, float] | None:
+        """What moves exactly these joints at a time, and when it started."""
         running = self._trajectory
-        return running if self.mode is Mode.TRAJECTORY and running is not None and running.names == names else None
+        if running is None or running.names != names:
+            return None
+        if when < self._started and self._earlier is not None:
+            return self._earlier
+        return running, self._started
 
-    def _blended(self, trajectory: Trajectory, now: float) -> Blend:
+    def _changed(self, when: float) -> None:
+        self.changes += 1
+        self.changed_from = min(when, self.changed_from)
+        now = () if self._trajectory is None else ((self._trajectory, self._started),)
+        self._planned = now if self._earlier is None else (self._earlier, *now)
+
+    def _blended(self, trajectory: Trajectory, begins: float) -> Blend:
         self._refuse_if_stopped()
         names = trajectory.names
         for name in names:
@@ -161,10 +202,10 @@ class Follower:
         here = self._present(names)
         old: Trajectory = Spline(names, [Waypoint(0.0, here)])
         switch = 0.0
-        running = self._running(names)
+        running = self._running(names, begins)
         if running is not None:
             # The last command may be ahead of now; going back behind it would be a jump.
-            old, switch = running, max(now, self._command_due) - self._started
+            old, switch = running[0], begins - running[1]
         seconds = min(self._blend, trajectory.duration)
         here = old.sample(switch).position
         for name, a, b in zip(names, here, trajectory.start, strict=True):
@@ -194,21 +235,35 @@ class Follower:
         self._present(tuple(checked))
         self.counters.set_points += 1
         self.counters.replaced += self._fresh
+        self.hold()
         self._set_point, self._set_point_time, self._fresh = checked, now, True
-        self._trajectory = None
         self.mode = Mode.STREAM
 
     def hold(self) -> None:
-        """Hold the last commanded position."""
-        if self.mode is not Mode.STOPPED:
-            self._trajectory, self._set_point, self._fresh = None, {}, False
-            self.mode = Mode.HOLD
+        """Hold the last commanded position. A robot that has the trajectory itself brakes on it from there on."""
+        if self.mode is Mode.STOPPED:
+            return
+        self._set_point, self._fresh = {}, False
+        if self.mode is Mode.TRAJECTORY:
+            self._leave()
+        self.mode = Mode.HOLD
+
+    def _leave(self) -> None:
+        """End the trajectory: as soon as the robot can learn it, if it was sent ahead."""
+        running = self._trajectory
+        due = self._now + self.settled if self.sent_ahead else self._command_due
+        self._trajectory, earlier, self._earlier = None, self._earlier, None
+        if running is not None and self.sent_ahead:
+            whole, began = earlier if due < self._started and earlier is not None else (running, self._started)
+            if due > began:
+                self._trajectory, self._started = Braked(whole, due - began, BRAKE), began
+        self._changed(due)
 
     def stop(self, reason: StopReason | str) -> None:
         """Latch a stop; the first reason stays."""
         if self.mode is Mode.STOPPED:
             return
-        self.hold()
+        self._drop()
         self.mode = Mode.STOPPED
         self.reason = StopReason("asked", reason) if isinstance(reason, str) else reason
         self.counters.stops += 1
@@ -221,9 +276,17 @@ class Follower:
 
     def forget(self) -> None:
         """Forget the last command, for example before motion by hand: the next motion starts where the arm is."""
-        self.hold()
+        self._drop()
         self._command, self._command_due, self._state = {}, -math.inf, None
         self.guard.forget()
+
+    def _drop(self) -> None:
+        """Forget everything planned."""
+        self._trajectory, self._earlier, self._set_point, self._fresh = None, None, {}, False
+        self._busy_until = -math.inf
+        self._changed(-math.inf)
+        if self.mode is not Mode.STOPPED:
+            self.mode = Mode.HOLD
 
     @property
     def streaming(self) -> Collection[str]:
@@ -237,7 +300,7 @@ class Follower:
 
     def remaining(self, now: float) -> float:
         """Seconds until the trajectory ends; 0 if there is none."""
-        if self._trajectory is None:
+        if self._trajectory is None or self.mode is not Mode.TRAJECTORY:
             return 0.0
         return max(0.0, self._started + self._trajectory.duration - now)
 
@@ -246,17 +309,71 @@ class Follower:
         if self.mode is Mode.TRAJECTORY:
             self._started = max(earliest, min(latest, self._started))
 
+    def shift(self, seconds: float) -> None:
+        """Move everything planned in time: the robot's clock drifts, or it started later."""
+        self._started += seconds
+        if self._earlier is not None:
+            self._earlier = self._earlier[0], self._earlier[1] + seconds
+        self._planned = tuple([(path, began + seconds) for path, began in self._planned])
+
+    def take_change(self) -> float:
+        """From when on the plan was replaced since the last call."""
+        when, self.changed_from = self.changed_from, math.inf
+        return when
+
+    @property
+    def planned(self) -> tuple[tuple[Trajectory, float], ...]:
+        """What was planned last, and when it starts; each counts until the next one starts. Empty after a drop."""
+        return self._planned
+
+    def rejoin(self, rest: Mapping[str, float], left: float, now: float) -> None:
+        """Go on after a robot has come to rest, although it should not have.
+
+        Args:
+            rest: Where its joints rest, radians.
+            left: The time that the trajectory had at that place, if the robot was on it.
+            now: Seconds.
+
+        Raises:
+            LimitError: It is too far from there to the trajectory.
+        """
+        trajectory, began, mode = self._trajectory, self._started, self.mode
+        self._trajectory = self._earlier = None
+        self._command.update({name: rest[name] for name in rest if name in self._command})
+        self._command_due = now
+        self._busy_until = -math.inf
+        self._changed(now)
+        if trajectory is None or mode is not Mode.TRAJECTORY:
+            return
+        self.mode = Mode.HOLD
+        self.counters.slips += 1
+        self.follow(Tail(trajectory, max(0.0, left - began)), now)
+
     def ahead(self, when: float) -> Trajectory | None:
         """The rest of the running trajectory at a time, or None."""
         return None if self._trajectory is None else Tail(self._trajectory, when - self._started)
 
-    def observe(self, state: JointState) -> None:
-        """Store a state between cycles, so that a motion that starts now starts at the arm's position."""
+    def observe(self, state: JointState, now: float = -math.inf) -> None:
+        """Store a state between cycles, so that a motion that starts now starts at the arm's position.
+
+        Args:
+            state: The state.
+            now: Seconds; a hold counts from then on.
+        """
         self._state = state
+        self._now = max(now, self._now)
 
     def next_start(self, now: float) -> float:
-        """When a trajectory given now would start: not before the last command is due."""
-        return max(now, self._command_due)
+        """When a trajectory given now would start: not before the last command is due, and not while braking."""
+        rest = -math.inf
+        if self._trajectory is not None and self.mode is not Mode.TRAJECTORY:
+            rest = self._started + self._trajectory.duration
+        return max(now + self.settled, self._command_due, rest)
+
+    @property
+    def due(self) -> float:
+        """When the last command is due."""
+        return self._command_due
 
     def desired(self, names: tuple[str, ...], now: float) -> Sample:
         """Desired state of joints at a time; at rest unless a trajectory of exactly these joints is running.
@@ -264,13 +381,10 @@ class Follower:
         Raises:
             UsageError: Their position is still unknown.
         """
-        running = self._running(names)
+        running = self._running(names, now)
         if running is not None:
-            if now < self._started and self._earlier is not None:
-                # The earlier trajectory applies until then.
-                earlier, began = self._earlier
-                return earlier.sample(now - began)
-            return running.sample(now - self._started)
+            trajectory, began = running
+            return trajectory.sample(now - began)
         rest = (0.0,) * len(names)
         return Sample(self._present(names), rest, rest)
 
@@ -288,33 +402,44 @@ class Follower:
             A target to write; a reason to stop the arm, once; None if nothing is to be sent.
         """
         self.counters.cycles += 1
-        self._state = state
+        self.observe(state, now)
         if self.mode is Mode.STOPPED:
             return None
-        if not self.waits:
+        if self.sent_ahead or not self.waits:
             self._fill_in(now)
         found = self.guard.judge(state, now)
         if found is not None:
             self.stop(found)
             return found
-        if self.mode is Mode.TRAJECTORY and self._trajectory is not None:
-            if self.waits:
-                self._slip(now, lead)
-            trajectory, t = self._trajectory, now + lead - self._started
-            if t >= trajectory.duration:
-                self._trajectory, self.mode = None, Mode.HOLD
-            positions = dict(zip(trajectory.names, trajectory.sample(t).position, strict=True))
-            if t < self._blend:
-                positions = self._within_limits(positions)
-            return self._send(positions, now, lead)
+        if self._trajectory is not None:
+            return self._advance(self._trajectory, now, max(lead, self.settled))
         if self.mode is Mode.STREAM:
             self._fresh = False
             if now - self._set_point_time > self._lost_after:
                 self.counters.lost += 1
                 self.hold()
                 return None
+            if now < self._busy_until:
+                return None
             return self._send(self._towards(self._set_point, now, lead), now, lead)
         return None
+
+    def _advance(self, trajectory: Trajectory, now: float, lead: float) -> JointTarget:
+        if self.waits and not self.sent_ahead:
+            self._slip(now, lead)
+        t = now + lead - self._started
+        running = self._running(trajectory.names, now + lead)
+        whole, began = running if running is not None else (trajectory, self._started)
+        if t >= trajectory.duration:
+            self._trajectory = self._earlier = None
+            if self.mode is Mode.TRAJECTORY:
+                self.mode = Mode.HOLD
+            if self.sent_ahead:
+                self._busy_until = self._started + trajectory.duration
+        positions = dict(zip(trajectory.names, whole.sample(now + lead - began).position, strict=True))
+        if t < self._blend:
+            positions = self._within_limits(positions)
+        return self._send(positions, now, lead)
 
     def _within_limits(self, positions: Mapping[str, float]) -> dict[str, float]:
         """Clamp to the limits: a blend may overshoot both trajectories, or begin at a joint that rests outside."""
@@ -324,7 +449,7 @@ class Follower:
     def _fill_in(self, now: float) -> None:
         """Record where a robot that keeps the time itself was sent during a stall of this loop."""
         trajectory = self._trajectory
-        if self.mode is not Mode.TRAJECTORY or trajectory is None or not math.isfinite(self._command_due):
+        if trajectory is None or not math.isfinite(self._command_due):
             return
         due = max(self._command_due, now - _LONGEST_GAP)
         while (due := due + _GAP) < now:
@@ -335,7 +460,7 @@ class Follower:
         """After a stall, continue from the last command: catching up would be a jump."""
         stall = now - max(self._command_due, self._started)
         if stall > _STALL * lead:
-            self._started += stall
+            self.shift(stall)
             self.counters.slips += 1
 
     def _towards(self, goal: Mapping[str, float], now: float, lead: float) -> dict[str, float]:

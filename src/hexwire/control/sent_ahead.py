@@ -1,0 +1,494 @@
+"""The trajectories of an arm's controllers, sent ahead to a robot that keeps the time itself.
+
+Owns when a path of the robot begins, what of it is sent, replaced and given up, and what its ends mean for the
+controllers. The followers decide where the joints are to be at each time, as for any robot; here the robot is told
+earlier. One thread at a time makes all calls. Must not know connections, goals, nor how a robot follows a path.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Collection, Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from hexwire.drivers.timed_path import PathReport, PathState, TimedPath, TimedPoint
+from hexwire.errors import CommandRefusedError, DeviceError, HexwireError, PreemptedError, StoppedError, UsageError
+from hexwire.motion.follower import BRAKE, Follower, Mode
+from hexwire.motion.path_points import path_points
+from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop
+from hexwire.motion.together import Together
+from hexwire.motion.waypoints import Tail
+
+from .controller import TrajectoryController
+
+if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
+    from hexwire.model.state import JointState
+    from hexwire.motion.waypoints import Trajectory
+
+    from .group import ControllerGroup
+
+__all__ = ["SentAhead"]
+
+_log = logging.getLogger(__name__)
+
+_AHEAD = 0.12
+"""Seconds by which the robot must know of a change: the point towards which its joints move cannot be replaced, and
+requests take time, perhaps one more that is under way."""
+_CLOSEST, _FURTHEST = 0.02, 0.03
+"""Seconds between two points; further apart where turns are rare."""
+_TURNS = 2.0
+"""Turns for which the points on the robot must last at least."""
+_FIRST, _NEXT = 12, 6
+"""Points that are sent before the start, and in one turn after it."""
+_SOON = 0.005
+"""Seconds: a start that is nearer than this is ordered as one at once."""
+_TRANSIT = 0.015
+"""Seconds that a request with points takes to the robot."""
+_TICK = 1e-4
+"""Seconds: all times of points are multiples of it."""
+_LOOK = 0.1
+"""Seconds between two questions where the path is."""
+_WAIT, _REST = 0.01, 3.0
+"""Seconds between two looks whether the joints are at rest, and the most until they are."""
+_DONE_BY_OTHERS = {
+    PathState.ABORTED: "another program has ended the path on the board",
+    PathState.NONE: "the board was reset, or another program began another path",
+}
+
+
+class SentAhead:
+    """Has a robot follow the trajectories of the controllers in its own time. See `turn`.
+
+    Args:
+        robot: Attached; need not have a time of its own.
+        group: The controllers.
+        clock: Monotonic seconds.
+        sleep: Waits for a number of seconds.
+        arm_watchdog: Called before anything begins to move.
+    """
+
+    def __init__(
+        self,
+        robot: RobotDriver,
+        group: ControllerGroup,
+        *,
+        clock: Callable[[], float],
+        sleep: Callable[[float], object],
+        arm_watchdog: Callable[[], object],
+    ) -> None:
+        self._robot, self._group, self._clock, self._sleep = robot, group, clock, sleep
+        self._arm_watchdog = arm_watchdog
+        self._path: TimedPath | None = None
+        self._members: dict[Follower, TrajectoryController] = {}
+        # What of each follower was sent: `Follower.changes` then.
+        self._marks: dict[Follower, int] = {}
+        # Followers whose targets are sent one by one, until they are at the end of what they follow.
+        self._one_by_one: set[Follower] = set()
+        self._plan = self._on_robot = Together((), {})
+        # When the time of the path was 0, host's clock.
+        self._origin = 0.0
+        self._period = 0.0
+        # Points on the robot, from index `_oldest` on.
+        self._sent: list[TimedPoint] = []
+        self._oldest = 0
+        self._points: Iterator[TimedPoint] = iter(())
+        self._waiting: list[TimedPoint] = []
+        # Index from which on the next points replace others, or None.
+        self._replaced: int | None = None
+        self._complete = False
+        self._looked = -math.inf
+        # It comes to rest although the plan goes on; at which time of the path.
+        self._leaving, self._rest = False, 0.0
+        # The robot refuses what comes next, and at rest the targets are sent one by one.
+        self._unfit = self._refuses = False
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joints that follow a path now; their targets must not be sent."""
+        return () if self._path is None else self._path.joints
+
+    @property
+    def changed(self) -> bool:
+        """Whether the controllers have other plans than the robot."""
+        if self._leaving:
+            return False
+        with self._group.lock:
+            return any(follower.changes != mark for follower, mark in self._marks.items())
+
+    def time_left(self) -> float:
+        """Seconds until the path is over; 0 if there is none."""
+        return 0.0 if self._path is None else max(0.0, self._origin + self._plan.duration - self._clock())
+
+    def drop(self) -> None:
+        """Forget the path: a stop has ended it, or the robot is lost."""
+        self._path = None
+        with self._group.lock:
+            for follower in self._members:
+                follower.sent_ahead = False
+            self._members, self._marks = {}, {}
+
+    def turn(self, state: JointState, period: float) -> StopReason | None:
+        """Send what has become due. Called after the cycles of the controllers: once a period, and if `changed`.
+
+        Args:
+            state: The newest state.
+            period: Seconds between two turns.
+
+        Returns:
+            Why the motion is over, if the robot does not follow it any more. The robot must be stopped if a joint
+            is named.
+
+        Raises:
+            StoppedError: The arm is stopped.
+            HexwireError: As `TimedPath`.
+        """
+        if not self._robot.times_motion:
+            return None
+        if self._group.reason is not None:
+            self.drop()
+            return None
+        self._set_pace(period)
+        found = None
+        if (path := self._path) is not None:
+            try:
+                found = self._follow(path, state)
+            except (StoppedError, PreemptedError):
+                raise
+            except (CommandRefusedError, UsageError) as error:
+                found = self._see_refusal(path, state, error)
+        if self._path is None and found is None and not self._refuses:
+            # At once, also after the end of another path: what has been decided for now is on the new one.
+            self._begin()
+        self._refuses = False
+        with self._group.lock:
+            moving = {one.follower for one in self._controllers() if one.follower.mode is Mode.TRAJECTORY}
+            self._one_by_one = moving - self._members.keys()
+        return found
+
+    def brake(self, joints: Collection[str] | None = None) -> tuple[str, ...]:
+        """Bring the joints to rest on their path, and wait for it; controllers that still want to move go on later.
+
+        Args:
+            joints: Only if one of them is on it; None for any.
+
+        Returns:
+            Joints that were on it; they hold.
+
+        Raises:
+            DeviceError: They do not come to rest.
+            HexwireError: As `TimedPath`.
+        """
+        path = self._path
+        if path is None or (joints is not None and set(joints).isdisjoint(path.joints)):
+            return ()
+        if not self._leaving:
+            self._give_up(path)
+        deadline = self._clock() + _REST
+        while not ((found := path.report().state).over or found is PathState.NONE):
+            if self._clock() > deadline:
+                raise DeviceError("the board does not end its path")
+            self._sleep(_WAIT)
+        self._settle()
+        return path.joints
+
+    def _follow(self, path: TimedPath, state: JointState) -> StopReason | None:
+        if self._leaving or self._is_ending() or self._clock() - self._looked >= _LOOK:
+            found = self._look(path, state)
+            if found is not None or self._leaving or self._path is None:
+                return found
+        self._go_on(path)
+        return None
+
+    # -- the beginning ------------------------------------------------------------------------------
+
+    def _set_pace(self, period: float) -> None:
+        self._period = period
+        with self._group.lock:
+            for controller in self._controllers():
+                controller.follower.settled = _AHEAD
+
+    def _controllers(self) -> list[TrajectoryController]:
+        return [member for member in self._group.members if isinstance(member, TrajectoryController)]
+
+    def _begin(self) -> None:
+        """Begin a path if a trajectory was begun."""
+        with self._group.lock:
+            members = {
+                one.follower: one
+                for one in self._controllers()
+                # A robot begins at rest. What moves already, target by target, goes on like that.
+                if one.follower.mode is Mode.TRAJECTORY and one.follower not in self._one_by_one
+            }
+            if not members:
+                return
+            self._members = members
+            for follower in members:
+                follower.sent_ahead = True
+                follower.take_change()
+            begins = min(_begins(follower.planned) for follower in members)
+            plan = self._take_plans(begins)
+        try:
+            self._arm_watchdog()
+            self._start(plan, begins)
+        except (StoppedError, PreemptedError):
+            self.drop()
+            raise
+        except (CommandRefusedError, UsageError) as error:
+            _log.info("the targets are sent one by one: %s", error)
+            # Nothing was sent of it while another path was at its end.
+            self._shift(max(0.0, self._clock() - begins))
+            self.drop()
+
+    def _take_plans(self, origin: float) -> Together:
+        """What the members have planned, in the time of a path that began then."""
+        names = tuple([name for member in self._members.values() for name in member.joints])
+        self._marks = {follower: follower.changes for follower in self._members}
+        parts = {
+            member.joints: tuple([(path, began - origin) for path, began in follower.planned])
+            for follower, member in self._members.items()
+        }
+        return Together(names, parts)
+
+    def _start(self, plan: Together, begins: float) -> None:
+        path = self._robot.path(plan.names, brake=BRAKE)
+        self._plan = self._on_robot = plan
+        self._sent, self._oldest, self._replaced = [], 0, None
+        self._make_points(path, 0.0)
+        self._send(path, min(max(_FIRST, self._most(path)), path.capacity))
+        self._path, self._leaving, self._unfit, self._origin = path, False, False, begins
+        self._looked = now = self._clock()
+        started = path.start(begins if begins - now > _SOON else None)
+        self._shift(started.time - begins)
+
+    # -- points -------------------------------------------------------------------------------------
+
+    def _apart(self, path: TimedPath) -> float:
+        """Least seconds between two points, so that those on the robot last for some turns."""
+        return max(_CLOSEST, _TURNS * self._period / path.capacity)
+
+    def _most(self, path: TimedPath) -> int:
+        """Most points that are sent in one turn."""
+        return max(_NEXT, math.ceil(_TURNS * self._period / self._apart(path)))
+
+    def _make_points(self, path: TimedPath, begin: float) -> None:
+        """Points of the plan from a time of the path on come next."""
+        plan, model, closest = self._plan, self._robot.model, self._apart(path)
+        rows = [(plan.names.index(name), model.joint(name)) for name in path.joints]
+        # Half a count, since the robot rounds to counts anyway.
+        error = [model.joint(name).scale / 2.0 for name in plan.names]
+
+        def points() -> Iterator[TimedPoint]:
+            rest = Tail(plan, begin)
+            for t, sample in path_points(rest, error, longest=max(closest, _FURTHEST), shortest=closest):
+                position, velocity = sample.position, sample.velocity
+                # A blend may overshoot the limits, and an optimal motion runs at them.
+                yield TimedPoint(
+                    begin + t,
+                    tuple([min(max(position[i], joint.minimum), joint.maximum) for i, joint in rows]),
+                    tuple([max(-joint.max_speed, min(joint.max_speed, velocity[i])) for i, joint in rows]),
+                )
+
+        self._points, self._waiting, self._complete = points(), [], False
+
+    def _send(self, path: TimedPath, most: int) -> None:
+        waiting = self._waiting
+        while len(waiting) <= most and (point := next(self._points, None)) is not None:
+            waiting.append(point)
+        some = waiting[:most]
+        if not some:
+            return
+        # One is always kept back, so that the last is known to be the last.
+        last = len(waiting) <= most
+        taken = path.send(some, last=last, first=self._replaced)
+        if taken:
+            if self._replaced is not None:
+                del self._sent[self._replaced - self._oldest :]
+            self._replaced, self._on_robot = None, self._plan
+        self._sent.extend(some[:taken])
+        del waiting[:taken]
+        self._complete = last and not waiting
+
+    def _go_on(self, path: TimedPath) -> None:
+        """Send what has changed, and what comes next."""
+        self._forget_past(path)
+        if not self._take_changes(path):
+            return
+        room = path.capacity - len(self._sent) - 1
+        if self._replaced is not None:
+            room += self._oldest + len(self._sent) - self._replaced
+        if not self._complete and room > 0:
+            self._send(path, min(room, self._most(path)))
+
+    def _take_changes(self, path: TimedPath) -> bool:
+        """Have points made of a new plan, if there is one; False if none can be sent now."""
+        with self._group.lock:
+            changed = [follower for follower, mark in self._marks.items() if follower.changes != mark]
+            if not changed:
+                return True
+            if not all(follower.planned for follower in changed):
+                # It was released, or held before it began: then nobody knows where it should go.
+                switches = None
+            else:
+                switches = {follower: follower.take_change() for follower in changed}
+            marks, plan = self._marks, self._plan if switches is None else self._take_plans(self._origin)
+        if switches is None:
+            self._give_up(path)
+            return False
+        if self._replace(path, plan, min(switches.values()) - self._origin):
+            return True
+        with self._group.lock:
+            self._marks = marks
+            for follower, switch in switches.items():
+                follower.changed_from = min(switch, follower.changed_from)
+        return False
+
+    def _replace(self, path: TimedPath, plan: Together, switch: float) -> bool:
+        """Have a new plan count from a time of the path on; whether that is possible."""
+        times = [point.time for point in self._sent]
+        # Rounded up, since points are at ticks.
+        switch = max(0.0, math.ceil(switch / _TICK - 1e-6) * _TICK)
+        place = bisect_left(times, switch - _TICK / 2.0)
+        begin, again = switch, True
+        if place == len(times):
+            # Points up to then have not been sent yet. The last one must be sent again.
+            begin, again = times[-1], self._complete
+            place -= self._complete
+        settled = self._clock() - self._origin + path.lead + _TRANSIT
+        if settled >= 0.0 and place <= bisect_right(times, settled):
+            if not (self._complete and switch >= times[-1]):
+                self._give_up(path)
+            # Else the path is over before the new plan begins, with another path.
+            return False
+        self._plan = plan
+        self._make_points(path, begin)
+        if not again:
+            next(self._points)
+        self._replaced = self._oldest + place
+        return True
+
+    def _forget_past(self, path: TimedPath) -> None:
+        """Forget points of which the robot is past; it keeps the one before that towards which it moves."""
+        passed = self._clock() - self._origin + path.lead - _TRANSIT
+        count = bisect_right([point.time for point in self._sent], passed) - 1
+        if count > 0:
+            del self._sent[:count]
+            self._oldest += count
+
+    # -- where it is --------------------------------------------------------------------------------
+
+    def _is_ending(self) -> bool:
+        return self._complete and self.time_left() <= 0.0
+
+    def _shift(self, seconds: float) -> None:
+        """Move what is planned in time."""
+        self._origin += seconds
+        with self._group.lock:
+            for follower in self._members:
+                follower.shift(seconds)
+
+    def _look(self, path: TimedPath, state: JointState) -> StopReason | None:
+        before = self._clock()
+        report = path.report()
+        self._looked = before
+        return self._see(path, report, state, before)
+
+    def _see(self, path: TimedPath, report: PathReport, state: JointState, before: float) -> StopReason | None:
+        """Act on where the robot is; returns why the motion is over, or None."""
+        found = report.state
+        if found is PathState.RUNNING:
+            self._keep_time(path, report, before)
+        elif found is PathState.BRAKING:
+            self._leaving = True
+        elif found is PathState.DONE or (found is PathState.NONE and self._is_ending()):
+            # If it is none, another program has begun another path since.
+            self.drop()
+        elif found is PathState.FAULT:
+            return self._see_fault(report, state)
+        elif found is PathState.DRY:
+            # This program was suspended for longer than the points lasted.
+            self._rest = self._sent[-1].time
+            self._settle()
+        elif found is PathState.ABORTED and self._leaving:
+            self._settle()
+        elif found is PathState.STOPPED:
+            # Perhaps resumed since: then no state says so any more.
+            self.drop()
+            return board_stop(self._robot.read()) or StopReason("board", STOP_COMMAND)
+        elif found in _DONE_BY_OTHERS:
+            self.drop()
+            return StopReason("board", _DONE_BY_OTHERS[found])
+        return None
+
+    def _see_fault(self, report: PathReport, state: JointState) -> StopReason | None:
+        joints = self.joints
+        limp = [name for name in joints if name not in state.torque_on]
+        if limp:
+            self.drop()
+            self._group.release(f"{', '.join(limp)} lost torque", joints)
+            return None
+        if not report.towards:
+            # A joint was not where the path begins; nothing has moved.
+            self._unfit, self._rest = True, 0.0
+            self._settle()
+            return None
+        self.drop()
+        silent = max(joints, key=lambda name: state[name].age)
+        return StopReason("lost", f"{silent} has not answered for {state[silent].age:.2f} s", silent)
+
+    def _keep_time(self, path: TimedPath, report: PathReport, before: float) -> None:
+        """Keep what is planned to the time of the robot, whose clock drifts."""
+        place = report.towards - self._oldest
+        if not 0 < place < len(self._sent):
+            return
+        # Where it was between request and reply; its targets are ahead by the lead.
+        earliest = before - self._sent[place].time
+        latest = self._clock() - self._sent[place - 1].time + path.lead
+        self._shift(max(earliest, min(latest, self._origin)) - self._origin)
+
+    def _see_refusal(self, path: TimedPath, state: JointState, error: HexwireError) -> StopReason | None:
+        before = self._clock()
+        report = path.report()
+        if report.state in (PathState.RUNNING, PathState.WAITING):
+            if self._replaced is None or self._replaced > report.towards:
+                # The robot's own limits are tighter: targets one by one are clamped, and given more time.
+                _log.info("the targets are sent one by one from here: %s", error)
+                self._unfit = True
+            self._give_up(path)
+            return None
+        return self._see(path, report, state, before)
+
+    # -- coming to rest -----------------------------------------------------------------------------
+
+    def _give_up(self, path: TimedPath) -> None:
+        """Have the robot come to rest on its path."""
+        before = self._clock()
+        path.abort()
+        begins = (before + self._clock()) / 2.0 - self._origin + path.lead
+        # Half of the braking time of the path is travelled; nothing, if it has not begun.
+        self._rest = begins + BRAKE / 2.0 if begins > 0.0 else 0.0
+        self._leaving = True
+
+    def _settle(self) -> None:
+        """The robot is at rest: those that want to move go on from there."""
+        rest = dict(zip(self._on_robot.names, self._on_robot.sample(self._rest).position, strict=True))
+        members, left = self._members, self._origin + self._rest
+        self._refuses = self._unfit
+        self.drop()
+        with self._group.lock:
+            for follower, controller in members.items():
+                if controller.reason is not None:
+                    continue
+                try:
+                    follower.rejoin(rest, left, self._clock())
+                except UsageError as error:
+                    controller.release(str(error))
+        self._group.deliver()
+
+
+def _begins(planned: Sequence[tuple[Trajectory, float]]) -> float:
+    """When the first motion of a plan begins that is not over when the next one does."""
+    *before, (_, begins) = planned
+    return min([begins, *(began for path, began in before if began + path.duration > begins + _SOON)])
