@@ -8,7 +8,6 @@ from collections.abc import Iterator
 
 import pytest
 from tests.frames import frame_bytes
-from tests.link.conformance import PATIENCE, soon
 
 from hexwire.errors import LinkLostError
 from hexwire.ipc.connections import host_connection
@@ -17,6 +16,7 @@ from hexwire.ipc.session_line import SessionLine
 from hexwire.link.base import Link
 from hexwire.link.memory import memory_pair
 from hexwire.session.policy import RetryPolicy
+from hexwire.testing.link import PATIENCE, soon
 from hexwire.wire.command_frame import Command
 
 

@@ -5,10 +5,10 @@ import threading
 from collections.abc import Callable
 
 import pytest
-from conformance import PATIENCE, Background
 from interrupts import interrupted_at, places
 
 from hexwire.link.call_turn import CallTurn
+from hexwire.testing.link import PATIENCE, Background
 
 
 def _is_free(turn: CallTurn) -> bool:

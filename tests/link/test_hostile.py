@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from conformance import PATIENCE, Background, descriptors, in_a_moment, read_bytes, soon
 from tests.frames import frame_bytes
 from tests.soak import rounds
 
@@ -22,6 +21,7 @@ from hexwire.link.listener import Listener
 from hexwire.link.tcp import PeerLink, TcpLink
 from hexwire.link.tls import TlsFiles
 from hexwire.session.decoder import FrameDecoder
+from hexwire.testing.link import PATIENCE, Background, descriptors, in_a_moment, read_bytes, soon
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Frame
 

@@ -4,7 +4,6 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from conformance import LinkConformance, in_a_moment, soon
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -13,6 +12,7 @@ from hexwire.link import impair as impair_module
 from hexwire.link.base import Link, LinkKind
 from hexwire.link.impair import NOTHING, ImpairedLink, Impairment, Lane
 from hexwire.link.memory import memory_pair
+from hexwire.testing.link import LinkConformance, in_a_moment, soon
 
 STREAM, DATAGRAM = LinkKind.STREAM, LinkKind.DATAGRAM
 

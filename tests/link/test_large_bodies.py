@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from conformance import Background
 from far_ends import PtyEnd, free_port
 from test_mqueue import name
 
@@ -28,6 +27,7 @@ from hexwire.link.tls import TlsFiles
 from hexwire.link.udp import UdpLink, UdpListenLink
 from hexwire.session.connection import Connection, Role
 from hexwire.session.events import Reply, Request, TimedOut
+from hexwire.testing.link import Background
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command
 

@@ -4,7 +4,6 @@ import time
 from pathlib import Path
 
 import pytest
-from conformance import Background, LinkConformance, in_a_moment, soon
 from far_ends import free_port
 
 from hexwire.errors import LinkClosedError, LinkLostError, LinkTimeoutError, UsageError
@@ -12,6 +11,7 @@ from hexwire.link.base import Link
 from hexwire.link.listen import TcpListenLink
 from hexwire.link.open import make_link
 from hexwire.link.tcp import TcpLink
+from hexwire.testing.link import Background, LinkConformance, in_a_moment, soon
 
 
 class TestTcpListen(LinkConformance):

@@ -8,7 +8,6 @@ import threading
 import time
 
 import pytest
-from conformance import PATIENCE, Background, descriptors, in_a_moment, soon
 from far_ends import free_port
 
 from hexwire.errors import (
@@ -23,6 +22,7 @@ from hexwire.link import listener as listener_module
 from hexwire.link.listener import Listener, explain_bind, listen_address
 from hexwire.link.tcp import PeerLink, TcpLink
 from hexwire.link.url import parse_url
+from hexwire.testing.link import PATIENCE, Background, descriptors, in_a_moment, soon
 
 
 def call(listener: Listener) -> tuple[TcpLink, PeerLink]:

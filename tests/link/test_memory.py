@@ -3,11 +3,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from conformance import LinkConformance, in_a_moment, soon
 
 from hexwire.errors import LinkLostError, LinkTimeoutError
 from hexwire.link.base import Link, LinkKind
 from hexwire.link.memory import memory_pair
+from hexwire.testing.link import LinkConformance, in_a_moment, soon
 
 
 class TestMemoryStream(LinkConformance):

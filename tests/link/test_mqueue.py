@@ -10,7 +10,6 @@ from pathlib import Path
 
 import posix_ipc
 import pytest
-from conformance import LinkConformance, in_a_moment, soon
 
 from hexwire.errors import (
     LinkBusyError,
@@ -23,6 +22,7 @@ from hexwire.link import mqueue as mqueue_module
 from hexwire.link.base import Link
 from hexwire.link.mqueue import QueueLink
 from hexwire.link.open import make_link
+from hexwire.testing.link import LinkConformance, in_a_moment, soon
 
 _numbers = itertools.count()
 

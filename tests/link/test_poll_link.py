@@ -13,7 +13,6 @@ from collections.abc import Callable
 from unittest.mock import Mock
 
 import pytest
-from conformance import PATIENCE, Background, descriptors, in_a_moment, soon
 from interrupts import interrupted_at
 from tests.soak import rounds
 
@@ -30,6 +29,7 @@ from hexwire.link import poll_link as poll_link_module
 from hexwire.link.base import LinkKind
 from hexwire.link.poll_link import PollLink
 from hexwire.link.serial import SerialLink
+from hexwire.testing.link import PATIENCE, Background, descriptors, in_a_moment, soon
 
 
 class ScriptedLink(PollLink):

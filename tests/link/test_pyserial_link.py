@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 import serial
-from conformance import ALL_BYTES, LinkConformance, read_bytes, soon
 from far_ends import PtyEnd
 
 from hexwire.errors import LinkBusyError, LinkLostError, LinkNotFoundError, LinkPermissionError, UsageError
@@ -13,6 +12,7 @@ from hexwire.link.base import Link
 from hexwire.link.open import make_link
 from hexwire.link.pyserial_link import PySerialLink
 from hexwire.link.serial import terminal_rate
+from hexwire.testing.link import ALL_BYTES, LinkConformance, read_bytes, soon
 
 
 class TestPySerial(LinkConformance):

@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from conformance import ALL_BYTES, Background, LinkConformance, read_bytes, soon
 from far_ends import PtyEnd
 
 from hexwire.errors import (
@@ -28,6 +27,7 @@ from hexwire.link import port_identity, serial_port
 from hexwire.link import serial as serial_module
 from hexwire.link.base import Link
 from hexwire.link.serial import SerialLink, terminal_rate
+from hexwire.testing.link import ALL_BYTES, Background, LinkConformance, read_bytes, soon
 
 
 class TestSerial(LinkConformance):

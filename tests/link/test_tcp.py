@@ -8,7 +8,6 @@ import time
 from pathlib import Path
 
 import pytest
-from conformance import Background, LinkConformance, descriptors, in_a_moment, soon
 from far_ends import free_port
 
 from hexwire.errors import (
@@ -25,6 +24,7 @@ from hexwire.link.listen import TcpListenLink
 from hexwire.link.listener import Listener
 from hexwire.link.open import make_link
 from hexwire.link.tcp import PeerLink, PlainStream, TcpLink, host_and_port
+from hexwire.testing.link import Background, LinkConformance, descriptors, in_a_moment, soon
 
 
 class TestTcp(LinkConformance):

@@ -14,7 +14,6 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from conformance import PATIENCE, Background, LinkConformance, descriptors, in_a_moment, soon
 from cryptography.hazmat.primitives import serialization
 from far_ends import free_port
 
@@ -27,6 +26,7 @@ from hexwire.link.listener import Listener
 from hexwire.link.open import make_link
 from hexwire.link.tcp import PeerLink, TcpLink
 from hexwire.link.tls import TlsFiles, TlsStream
+from hexwire.testing.link import PATIENCE, Background, LinkConformance, descriptors, in_a_moment, soon
 
 LONG_AGO = datetime.now(UTC) - timedelta(days=1000)
 

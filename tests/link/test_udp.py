@@ -7,7 +7,6 @@ import time
 from pathlib import Path
 
 import pytest
-from conformance import LinkConformance, descriptors, in_a_moment, refused, soon
 from far_ends import free_port
 
 from hexwire.errors import (
@@ -22,6 +21,7 @@ from hexwire.link import udp as udp_module
 from hexwire.link.base import Link
 from hexwire.link.open import make_link
 from hexwire.link.udp import MAX_DATAGRAM, UdpLink, UdpListenLink, bind_udp
+from hexwire.testing.link import LinkConformance, descriptors, in_a_moment, refused, soon
 
 
 class TestUdp(LinkConformance):

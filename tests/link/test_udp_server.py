@@ -6,11 +6,11 @@ import select
 import socket
 
 import pytest
-from conformance import PATIENCE
 
 from hexwire.errors import LinkBusyError, LinkClosedError, LinkNotFoundError, UsageError
 from hexwire.link.udp import MAX_DATAGRAM
 from hexwire.link.udp_server import Peer, UdpServer
+from hexwire.testing.link import PATIENCE
 
 
 def caller(server: UdpServer, address: str = "127.0.0.1") -> socket.socket:

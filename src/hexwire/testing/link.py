@@ -1,6 +1,7 @@
 """What every link must do, whatever it is made of.
 
-A link inherits all of it with a few lines::
+Owns the questions that `hexwire.link.base` answers in its documentation, and helpers for them. Must not know any
+particular link. A link inherits all of it with a few lines::
 
     class TestMemory(LinkConformance):
         def make_pair(self, tmp_path):
@@ -13,11 +14,11 @@ can do by its nature.
 from __future__ import annotations
 
 import contextlib
-import os
 import select
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -35,13 +36,16 @@ from hexwire.link.base import Link, LinkKind
 # Long enough for a machine that stalls; nothing waits for it unless it fails.
 PATIENCE = 10.0
 ALL_BYTES = bytes(range(256))
+_DESCRIPTORS = Path("/proc/self/fd")
 
 
 def soon() -> float:
+    """A deadline that is far enough for a machine that stalls."""
     return time.monotonic() + PATIENCE
 
 
 def in_a_moment() -> float:
+    """A deadline for what should not happen."""
     return time.monotonic() + 0.05
 
 
@@ -94,7 +98,9 @@ def refused(kind: type[LinkError], link: Link) -> Iterator[None]:
 
 
 def descriptors() -> int:
-    return len(os.listdir("/proc/self/fd"))  # noqa: PTH208 (the descriptor of the listing counts both times)
+    """Number of open descriptors of this program; 0 on a system that does not list them."""
+    # The descriptor of the listing counts both times.
+    return len(list(_DESCRIPTORS.iterdir())) if _DESCRIPTORS.is_dir() else 0
 
 
 class LinkConformance:
@@ -172,7 +178,7 @@ class LinkConformance:
         size = near.max_message or 300_000
         data = (ALL_BYTES * (size // 256 + 1))[:size]
         for source, sink in ((near, far), (far, near)):
-            reader = Background(lambda sink=sink: self.take(sink, size))
+            reader = Background(partial(self.take, sink, size))
             source.write(data, soon())
             assert reader.outcome() == data
 
@@ -442,7 +448,7 @@ class LinkConformance:
             for _ in range(rounds):
                 near.write(bytes([mark]) * size, soon())
 
-        writers = [Background(lambda mark=mark: write(mark)) for mark in (1, 2, 3)]
+        writers = [Background(partial(write, mark)) for mark in (1, 2, 3)]
         if far.kind is LinkKind.STREAM:
             data = read_bytes(far, 3 * rounds * size)
             whole = [data[at : at + size] for at in range(0, len(data), size)]

@@ -1,0 +1,153 @@
+"""The suite for robots: hexwire's own robots pass it, and a robot that breaks a promise does not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.control.so_bench import SoBench
+from tests.drivers.arms import Arm
+from tests.drivers.test_own_robot import drivers
+
+from hexwire.drivers.base import RobotDriver, StopMode
+from hexwire.drivers.bus_arm import So101Arm
+from hexwire.drivers.puma260 import Puma260Driver
+from hexwire.emulator.puma import EmulatedPuma
+from hexwire.emulator.serve import BoardLink, FakeClock
+from hexwire.ipc.handle import IpcHandle
+from hexwire.ipc.session import Session
+from hexwire.model.state import JointTarget
+from hexwire.testing import RobotConformance
+from hexwire.wire.modules import ModuleType
+
+
+class TestHex7Bot(RobotConformance):
+    dialect = 2
+
+    def make_robot(self, tmp_path: Path) -> RobotDriver:
+        self.arm = Arm(self.dialect, attach=False)
+        return self.arm.driver
+
+    def wait(self, robot: RobotDriver, seconds: float) -> None:
+        self.arm.wait(seconds)
+
+
+class TestHex7BotOfTheChapter(TestHex7Bot):
+    dialect = 1
+
+
+class TestPuma260(RobotConformance):
+    def make_robot(self, tmp_path: Path) -> RobotDriver:
+        self.clock = FakeClock(1000.0)
+        link = BoardLink(EmulatedPuma(start=self.clock.time).connect(253), self.clock)
+        handle = IpcHandle.from_link(link, ModuleType.PUMA260_HOST_IO_TRX, ModuleType.PUMA260_RBT_IO_SVR)
+        return Puma260Driver(Session(handle))
+
+    def wait(self, robot: RobotDriver, seconds: float) -> None:
+        self.clock.time += seconds
+
+
+class TestSo101(RobotConformance):
+    """On a bare servo bus; its servos stand where its maker has mounted them."""
+
+    def make_robot(self, tmp_path: Path) -> RobotDriver:
+        self.bench = SoBench(pose=3, any_horns=False)
+        return So101Arm(self.bench.link)
+
+    def wait(self, robot: RobotDriver, seconds: float) -> None:
+        self.bench.link.clock.time += seconds
+
+
+class TestTheRobotOfThePage(RobotConformance):
+    """docs/adding-a-robot.md."""
+
+    def make_robot(self, tmp_path: Path) -> RobotDriver:
+        return page()["PretendDriver"]()
+
+    def wait(self, robot: RobotDriver, seconds: float) -> None:
+        """It reaches every target at once."""
+
+
+def page() -> dict[str, Any]:
+    names: dict[str, Any] = {"__name__": "page"}
+    exec(drivers(), names)
+    return names
+
+
+# --- a robot that breaks a promise -----------------------------------------------------------------------
+
+
+class Suite(TestTheRobotOfThePage):
+    __test__ = False  # asked by hand below
+
+
+@pytest.fixture
+def pretend() -> Iterator[Any]:
+    robot = page()["PretendDriver"]()
+    robot.attach()
+    yield robot
+    robot.detach()
+
+
+def test_a_robot_that_moves_when_it_gets_torque_is_found(pretend: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    suite = Suite()
+    suite.test_torque_moves_nothing(pretend)
+    torque = pretend.torque
+
+    def jump(on: bool, joints: Any = None) -> Any:
+        pretend._angles["J1"] += 0.1
+        return torque(on, joints)
+
+    monkeypatch.setattr(pretend, "torque", jump)
+    with pytest.raises(AssertionError):
+        suite.test_torque_moves_nothing(pretend)
+
+
+def test_a_robot_without_limits_is_found(pretend: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    suite = Suite()
+    suite._model = pretend.model
+    pretend.torque(True)
+    suite.test_a_target_outside_the_limits_is_refused_whole(pretend)
+    monkeypatch.setattr(pretend, "write", lambda target: None)
+    with pytest.raises(pytest.fail.Exception):
+        suite.test_a_target_outside_the_limits_is_refused_whole(pretend)
+
+
+def test_a_robot_that_never_arrives_is_found(pretend: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    suite = Suite()
+    suite._model = pretend.model
+    pretend.torque(True)
+    suite.test_a_target_is_reached(pretend)
+    angles = dict(pretend._angles)
+    write = pretend.write
+
+    def forget(target: JointTarget) -> Any:
+        sent = write(target)
+        pretend._angles.update(angles)
+        return sent
+
+    monkeypatch.setattr(pretend, "write", forget)
+    with pytest.raises(AssertionError, match="did not get to"):
+        suite.test_a_target_is_reached(pretend)
+
+
+def test_a_stop_that_does_not_hold_is_found(pretend: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    suite = Suite()
+    suite._model = pretend.model
+    pretend.torque(True)
+    suite.test_a_stop_holds_until_resume(pretend)
+    monkeypatch.setattr(pretend, "stop", lambda mode=StopMode.HOLD: ())
+    for question in (
+        suite.test_a_stop_holds_until_resume,
+        suite.test_another_thread_may_stop_it,
+        suite.test_a_stop_takes_the_torque_away_if_it_is_asked_to,
+    ):
+        with pytest.raises(AssertionError):
+            question(pretend)
+
+
+def test_the_suite_of_a_robot_needs_its_robot(tmp_path: Path) -> None:
+    with pytest.raises(NotImplementedError):
+        RobotConformance().make_robot(tmp_path)
