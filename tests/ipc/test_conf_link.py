@@ -6,13 +6,17 @@ import time
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from tests.emulator.test_serve_tcp import serving
 
+from hexwire.cli.main import cli
+from hexwire.drivers.firmware import device_of
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.drivers.puma260 import Puma260Driver
 from hexwire.drivers.registry import connect, make_driver
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.errors import ConfigError, LinkNotFoundError, UsageError
+from hexwire.ipc.conf_link import device_url
 from hexwire.ipc.handle import IpcHandle
 from hexwire.link.open import make_link
 from hexwire.wire.modules import IpcType, ModuleType
@@ -94,6 +98,14 @@ def test_a_module_that_the_file_does_not_name(file: Path) -> None:
         IpcHandle.from_url(f"{file}?module=JOY_STICK")
     with pytest.raises(ConfigError, match="missing"):
         make_driver(str(file.with_name("missing.conf")))
+
+
+def test_commands_about_a_device_find_it_in_the_file(file: Path) -> None:
+    for port in (str(file), "/dev/none?baud=500000", "serial:///dev/none?baud=500000"):
+        assert (device_url(port).scheme, device_url(port).path) == ("serial", "/dev/none")
+        assert device_of(port) == "/dev/none"
+    result = CliRunner().invoke(cli, ["doctor", "--port", str(file)])
+    assert (result.exit_code, "/dev/none" in result.stderr + result.stdout) == (1, True)
 
 
 def test_a_board_is_driven_over_the_channel_of_a_file(file: Path) -> None:

@@ -96,11 +96,11 @@ def _show(findings: list[Finding], as_json: bool) -> None:
 def _device(port: str) -> str:
     """Path of a serial port; empty for another kind of link."""
     from hexwire.drivers.registry import is_address
-    from hexwire.link.url import parse_url
+    from hexwire.ipc.conf_link import device_url
 
     if is_address(port):
         return ""
-    url = parse_url(port)
+    url = device_url(port)
     return url.path if url.scheme == "serial" else ""
 
 

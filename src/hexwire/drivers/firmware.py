@@ -16,8 +16,8 @@ from pathlib import Path
 
 from hexwire.errors import DeviceError, UsageError
 from hexwire.inputs import read_text
+from hexwire.ipc.conf_link import device_url
 from hexwire.link.ports import list_ports
-from hexwire.link.url import parse_url
 
 __all__ = [
     "HOST_RATES",
@@ -125,12 +125,12 @@ def build(sources: Path, *, host_baud: int = 115200) -> BuildReport:
 
 
 def device_of(port: str) -> str:
-    """Return the device of a port given as a path or a serial URL.
+    """Return the device of a port given as a path, a serial URL or a channel of a configuration file.
 
     Raises:
         UsageError: The port is not a serial port, which flashing needs.
     """
-    url = parse_url(port)
+    url = device_url(port)
     if url.scheme != "serial":
         raise UsageError(f"{port}: a board is flashed through its serial port, such as /dev/ttyUSB0")
     return url.path

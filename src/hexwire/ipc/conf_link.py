@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from .channel import ChannelConf
 
-__all__ = ["channel_of", "conf_parts", "make_conf_link"]
+__all__ = ["channel_of", "conf_parts", "device_url", "make_conf_link"]
 
 
 def conf_parts(url: LinkUrl, default: ModuleType = ModuleType.ARM_7BOT_SERIAL_TRX) -> tuple[Path, ModuleType]:
@@ -55,6 +55,21 @@ def channel_of(file: Path, module: ModuleType) -> ChannelConf:
             return channel
     named = ", ".join(sorted({module_name(c.module) for c in channels})) or "none"
     raise ConfigError(f"there is no channel for {module_name(module)}; the file has {named}", file=str(file))
+
+
+def device_url(port: str) -> LinkUrl:
+    """The address of the link itself: of the channel, if `port` names one in a configuration file.
+
+    Raises:
+        UsageError: As `parse_url` and `conf_parts`.
+        ConfigError: As `channel_of`.
+    """
+    from hexwire.link.url import parse_url
+
+    from .channel import link_url
+
+    url = parse_url(port)
+    return parse_url(link_url(channel_of(*conf_parts(url)))) if url.scheme == "conf" else url
 
 
 def make_conf_link(url: LinkUrl) -> Link:
