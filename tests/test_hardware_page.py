@@ -6,6 +6,7 @@ import math
 import re
 import sys
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -118,6 +119,46 @@ def test_the_values_of_the_circuit() -> None:
     assert f"{1e6 * rise:.1f} µs: {100 * rise * 115200:.0f} % of a bit" in r2[1]
     assert rise > 1e-6, "at 1 Mbaud it is longer than a bit"
     assert 1000 / board.R2_OHM * rise < 0.3e-6
+
+
+def _root(f: Callable[[float], float], low: float, high: float) -> float:
+    """Where a falling function is 0."""
+    for _ in range(100):
+        middle = (low + high) / 2
+        low, high = (middle, high) if f(middle) > 0 else (low, middle)
+    return low
+
+
+def _bus(
+    tx: float, gain: float, backwards: float, *, pull_up: float, servo: float = math.inf
+) -> tuple[float, float]:
+    """Voltage of the bus and current into a servo's output, by the model of Ebers and Moll; ohms and volts."""
+
+    def diode(volts: float) -> float:
+        return 1e-14 * (math.exp(min(volts / 0.02585, 60.0)) - 1.0)
+
+    def excess(bus: float) -> float:
+        base = _root(
+            lambda v: (5.0 - v) / board.R1_OHM - diode(v - tx) / gain - diode(v - bus) / backwards, -1.0, 6.0
+        )
+        collector = diode(base - tx) - diode(base - bus) * (1.0 + 1.0 / backwards)
+        return (5.0 - bus) / pull_up - collector - bus / servo
+
+    volts = _root(excess, -0.5, 5.2)
+    return volts, volts / servo
+
+
+def test_the_levels_of_the_circuit() -> None:
+    kinds = [(gain, backwards) for gain in (40.0, 100.0, 300.0) for backwards in (1.0, 5.0, 20.0)]
+    with_servos = 1 / (1 / board.R2_OHM + 7 / 10_000)
+    sent = max(_bus(0.05, *kind, pull_up=with_servos)[0] for kind in kinds)
+    answers = [_bus(5.0, *kind, pull_up=board.R2_OHM, servo=50.0) for kind in kinds]
+    text = PAGES["hardware"].replace("\n", " ")
+    assert f"at most {math.ceil(100 * sent) / 100:.2f} V when the board sends" in text
+    assert f"{math.ceil(100 * max(answers)[0]) / 100:.2f} V when a servo answers" in text
+    assert f"up to {1000 * max(answers)[1]:.0f} mA" in text
+    assert max(sent, max(answers)[0]) < 0.45, "what an HLS3606M reads as low"
+    assert _bus(5.0, 100.0, 5.0, pull_up=board.R2_OHM)[0] > 4.9
 
 
 def test_the_data_sheet_has_the_series_of_the_register_tables() -> None:
