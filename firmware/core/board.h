@@ -11,6 +11,7 @@
 #include "generated.h"
 #include "host_rate.h"
 #include "joints.h"
+#include "messages.h"
 #include "platform.h"
 #include "poller.h"
 #include "queue.h"
@@ -35,8 +36,8 @@ class Board {
  private:
   friend struct BoardProbe;  // of the fuzz target
 
-  // The steps of a job, in groups: reading, aiming, sending, checking, answering. Reading and sending use the bus, the
-  // other steps are immediate.
+  // The steps of a job, in groups: reading, aiming, sending, checking, answering, waiting. Reading and sending use the bus,
+  // the other steps are immediate.
   enum class Step : uint8_t {
     kReadPosition,
     kReadStale,        // positions too old to compute a distance from
@@ -61,6 +62,7 @@ class Board {
     kSendPacketHls,
     kTakeOtherMode,    // remove torque from joints in a mode other than position
     kTakeRest,         // and from those that do not hold
+    kAskTable,
     kCheckTorque,
     kCheckTarget,
     kNote,
@@ -72,8 +74,10 @@ class Board {
     kReplyMove,
     kReplySyncWrite,
     kReplyPacket,
-    kAwaitCycle,
+    kTakeTable,
+    kReplyTable,
     kReplyState,
+    kAwaitCycle,
     kSetPathStart,
     kChangeRate,
     kAwaitStorage,
@@ -123,6 +127,28 @@ class Board {
     Targets targets;
   };
 
+  // Registers that a SERVO_TABLE names.
+  struct TableRange {
+    uint8_t joint;
+    uint8_t first;
+    uint16_t count;
+  };
+  enum class TablePhase : uint8_t { kRead, kCompare, kWrite, kVerify };
+
+  // The table that the present job reads or writes.
+  struct Table {
+    TableRange range;
+    TablePhase phase;
+    bool in_fragments;    // the reply is
+    uint8_t chunk;        // size of the fragment that is written; 0 for a request in one frame
+    uint8_t piece;        // registers of the present transaction
+    uint8_t filled;       // bytes that have been read
+    uint16_t at;          // the next register
+    uint16_t end;         // where the frame or chunk ends
+    uint8_t* bytes;       // what has been read
+    const uint8_t* data;  // what is to be written at `at`
+  };
+
   // board.cpp: input and output
   void tick();
   void receive();
@@ -147,6 +173,7 @@ class Board {
   void execute();
   void execute_other();
   void execute_path();
+  void execute_long();
   void execute_chapter();
   void identify();
   void joint_state();
@@ -189,6 +216,7 @@ class Board {
   void stop(uint8_t mode);
   bool start_stop();
   void void_next();
+  void void_request(const Request& request);
   void answer_stops();
   void finish_stop(uint8_t status, Mask confirmed);
   void aim_hold();
@@ -213,6 +241,7 @@ class Board {
   bool check_step(Step step);
   bool answer_step(Step step);
   void decide(Step step);
+  bool wait_step(Step step);
   bool execute_later();
   bool still_pausing() const;
   bool done();
@@ -279,6 +308,45 @@ class Board {
   bool make_path_targets(uint8_t series);
   Mask path_joints() const { return trajectory_.moving() ? trajectory_.joints() : 0; }
 
+  // fragments.cpp: messages that come in fragments
+  void take_fragment();
+  void answer_for(uint8_t cmd, uint8_t seq);
+  bool is_void(const Request& request) const;
+  void pass_over();
+  void ask_for(int32_t src, uint16_t id, uint16_t first, uint8_t count);
+  void ask_on();
+  void confirm_again(const Chunk& chunk);
+  void begin_message(const Chunk& chunk);
+  void use_chunk(const Chunk& chunk);
+  void begin_points(const Chunk& chunk);
+  void use_points(const uint8_t* points, uint8_t size, uint8_t of_chunk);
+  bool chunk_used(uint8_t size);
+  void end_message(uint8_t status);
+  void drop_message();
+  void forget_messages(int32_t src);
+  void void_messages();
+  void void_message(int32_t src, uint8_t seq, uint8_t cmd);
+  void watch_messages();
+
+  // tables.cpp: registers of a servo
+  bool find_table(const uint8_t* p, TableRange* range) const;
+  void servo_table();
+  void read_table(const TableRange& range);
+  bool path_is_near() const;
+  void read_chunk();
+  void start_reading();
+  void send_again();
+  uint8_t may_write_table() const;
+  void begin_table(const Chunk& chunk);
+  void use_table(const Chunk& chunk);
+  void write_table(const TableRange& range, uint16_t at, const uint8_t* data, uint8_t size);
+  void table_written();
+  void fail_table(uint8_t status);
+  void ask_table();
+  void take_table();
+  bool reply_table();
+  uint8_t* put_fragment(uint8_t* p, uint8_t index) const;
+
   static const Step kBoot[];
   static const Step kMove[];
   static const Step kSyncWrite[];
@@ -294,6 +362,7 @@ class Board {
   static const Step kToMaintenance[];
   static const Step kStartPath[];
   static const Step kToRate[];
+  static const Step kTable[];
 
   uint8_t flags() const {
     return static_cast<uint8_t>(board_flags_ | (settings_.is_default() ? gen::BOARD_FLAG_SETTINGS_DEFAULT : 0));
@@ -320,6 +389,11 @@ class Board {
   Job job_;
   Trajectory trajectory_;
   Path path_;
+  Inbox inbox_;
+  Outbox outbox_;
+  Table table_;
+  TableRange sent_table_;      // that the outbox is about
+  TableRange received_table_;  // that the inbox is about
   Owner owner_;
   Owner next_owner_;  // of what is prepared
   Request now_running_;

@@ -11,6 +11,8 @@ inline uint16_t get16(const uint8_t* p) {
   return static_cast<uint16_t>(p[0] | (static_cast<uint16_t>(p[1]) << 8));
 }
 
+inline int16_t signed16(const uint8_t* p) { return static_cast<int16_t>(get16(p)); }
+
 inline uint16_t get16_big(const uint8_t* p) {
   return static_cast<uint16_t>(p[1] | (static_cast<uint16_t>(p[0]) << 8));
 }

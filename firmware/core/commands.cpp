@@ -17,7 +17,8 @@ constexpr uint16_t kCapabilities = gen::CAPABILITY_REPORT | gen::CAPABILITY_JOIN
                                    gen::CAPABILITY_LIMITS | gen::CAPABILITY_OFFSETS | gen::CAPABILITY_TRANSACT |
                                    gen::CAPABILITY_SYNC_READ | gen::CAPABILITY_IO | gen::CAPABILITY_MAINTENANCE |
                                    gen::CAPABILITY_TRAJECTORY | gen::CAPABILITY_FINE_POSITIONS |
-                                   gen::CAPABILITY_SEVERAL;
+                                   gen::CAPABILITY_SEVERAL | gen::CAPABILITY_FRAGMENTS |
+                                   gen::CAPABILITY_SERVO_TABLE;
 constexpr uint16_t kNever = 0xFFFF;
 
 uint8_t* put_next(uint8_t* at, uint16_t value) {
@@ -80,6 +81,20 @@ void Board::execute_path() {
     case gen::CMD_TRAJECTORY_ABORT:
       return abort_path();
     default:
+      return execute_long();
+  }
+}
+
+// Commands whose body or reply may be longer than a frame.
+void Board::execute_long() {
+  switch (now_running_.cmd) {
+    case gen::CMD_FRAGMENT:
+      return take_fragment();
+    case gen::CMD_FRAGMENT_MISSING:
+      return send_again();
+    case gen::CMD_SERVO_TABLE:
+      return servo_table();
+    default:
       return refuse(gen::STATUS_UNKNOWN_COMMAND);
   }
 }
@@ -105,9 +120,6 @@ void Board::execute_other() {
       return maintenance();
     case gen::CMD_HOST_BAUD:
       return host_baud();
-    case gen::CMD_FRAGMENT:
-    case gen::CMD_FRAGMENT_MISSING:
-      return refuse(gen::STATUS_NOT_SUPPORTED);
     default:
       return execute_path();
   }

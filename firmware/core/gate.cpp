@@ -102,6 +102,12 @@ Gate::Verdict Gate::judge(const uint8_t* p, uint8_t size, const Circumstances& n
   return verdict;
 }
 
+uint8_t Gate::judge_write(uint8_t id, uint8_t address, uint8_t size, const uint8_t* data,
+                          const Circumstances& now) const {
+  Verdict verdict = {gen::STATUS_OK, Way::kAsItIs, 0, 0, 0};
+  return judge_row(row_of(id, address, size, data), now, &verdict);
+}
+
 uint8_t Gate::judge_row(const Row& row, const Circumstances& now, Verdict* verdict) const {
   // Half a value cannot be checked.
   for (uint8_t at = kTarget; at < kLastHalf; at = static_cast<uint8_t>(at + 2)) {

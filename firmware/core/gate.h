@@ -55,6 +55,8 @@ class Gate {
 
   // Checks a well-formed packet of PING, READ and TRANSACT.
   Verdict judge(const uint8_t* packet, uint8_t size, const Circumstances& now) const;
+  // Checks a write of these registers to one servo, in dialect 2.
+  uint8_t judge_write(uint8_t id, uint8_t address, uint8_t size, const uint8_t* data, const Circumstances& now) const;
   // Checks the chapter's move, of the command SYNC_WRITE.
   Verdict judge_move(const uint8_t* packet, uint8_t size, const Circumstances& now) const;
 

@@ -29,6 +29,8 @@ constexpr uint16_t MAX_SERIAL_FRAME = 253;
 constexpr uint16_t DIALECT2_REPLY_WINDOW_MS = 200;
 constexpr uint16_t REPEAT_WINDOW_MS = 2000;
 constexpr uint16_t INTERBYTE_TIMEOUT_MS = 50;
+constexpr uint16_t FRAGMENT_LIFETIME_MS = 2000;
+constexpr uint16_t FRAGMENT_AGAIN_MS = 100;
 constexpr uint16_t HOST_BAUD_TRIAL_MS = 1000;
 constexpr uint16_t HOST_BAUD_SILENCE_MS = 2000;
 constexpr uint8_t STORED_REPLIES = 4;
@@ -95,6 +97,7 @@ constexpr uint16_t CAPABILITY_WATCHDOG = 0x0004;
 constexpr uint16_t CAPABILITY_LIMITS = 0x0008;
 constexpr uint16_t CAPABILITY_OFFSETS = 0x0010;
 constexpr uint16_t CAPABILITY_TRANSACT = 0x0020;
+constexpr uint16_t CAPABILITY_FRAGMENTS = 0x0040;
 constexpr uint16_t CAPABILITY_SYNC_READ = 0x0080;
 constexpr uint16_t CAPABILITY_IO = 0x0100;
 constexpr uint16_t CAPABILITY_MAINTENANCE = 0x0200;
@@ -102,6 +105,7 @@ constexpr uint16_t CAPABILITY_TRAJECTORY = 0x0400;
 constexpr uint16_t CAPABILITY_HOST_BAUD = 0x0800;
 constexpr uint16_t CAPABILITY_FINE_POSITIONS = 0x1000;
 constexpr uint16_t CAPABILITY_SEVERAL = 0x2000;
+constexpr uint16_t CAPABILITY_SERVO_TABLE = 0x4000;
 constexpr uint8_t STATE_FIELD_SPEED = 0x01;
 constexpr uint8_t STATE_FIELD_LOAD = 0x02;
 constexpr uint8_t STATE_FIELD_VOLTAGE = 0x04;
@@ -231,9 +235,19 @@ constexpr uint8_t STATS_REPLY_SIZE = 60;
 
 // FRAGMENT: One chunk of a body that does not fit. Chunks of a message share message_id; all but the last are equally long.
 constexpr uint8_t CMD_FRAGMENT = 0x1C;
+constexpr uint8_t FRAGMENT_REQUEST_MESSAGE_ID = 0;
+constexpr uint8_t FRAGMENT_REQUEST_INDEX = 2;
+constexpr uint8_t FRAGMENT_REQUEST_COUNT = 4;
+constexpr uint8_t FRAGMENT_REQUEST_CMD = 6;
+constexpr uint8_t FRAGMENT_REQUEST_CMD_EXT = 7;
+constexpr uint8_t FRAGMENT_REQUEST_CHUNK = 8;
+constexpr uint8_t FRAGMENT_REQUEST_SIZE = 8;
 
 // FRAGMENT_MISSING: Asks for missing chunks; count 0 = all arrived, forget the message.
 constexpr uint8_t CMD_FRAGMENT_MISSING = 0x1D;
+constexpr uint8_t FRAGMENT_MISSING_REQUEST_MESSAGE_ID = 0;
+constexpr uint8_t FRAGMENT_MISSING_REQUEST_COUNT = 2;
+constexpr uint8_t FRAGMENT_MISSING_REQUEST_SIZE = 4;
 
 // IO: Digital outputs of the board: pump (pin 40), valve (36), buzzer (37). A mask of 0 reads.
 constexpr uint8_t CMD_IO = 0x1E;
@@ -309,6 +323,17 @@ constexpr uint8_t CMD_HOST_BAUD = 0x25;
 constexpr uint8_t HOST_BAUD_REQUEST_SIZE = 4;
 constexpr uint8_t HOST_BAUD_REPLY_RATE = 0;
 constexpr uint8_t HOST_BAUD_REPLY_SIZE = 4;
+
+// SERVO_TABLE: Registers of a joint's servo, from `first` on. Without data it reads `count` of them; with `count` bytes of data it writes those that differ, in maintenance only. A long one is sent in fragments, either way.
+constexpr uint8_t CMD_SERVO_TABLE = 0x26;
+constexpr uint8_t SERVO_TABLE_REQUEST_SERVO_ID = 0;
+constexpr uint8_t SERVO_TABLE_REQUEST_FIRST = 1;
+constexpr uint8_t SERVO_TABLE_REQUEST_COUNT = 2;
+constexpr uint8_t SERVO_TABLE_REQUEST_SIZE = 4;
+constexpr uint8_t SERVO_TABLE_REPLY_SERVO_ID = 0;
+constexpr uint8_t SERVO_TABLE_REPLY_FIRST = 1;
+constexpr uint8_t SERVO_TABLE_REPLY_COUNT = 2;
+constexpr uint8_t SERVO_TABLE_REPLY_SIZE = 4;
 
 constexpr uint8_t BROADCAST_ID = 0xFE;
 constexpr uint8_t INST_PING = 0x01;

@@ -54,6 +54,7 @@ const Board::Step Board::kStartPath[] = {Step::kReadUnknownMode, Step::kReadUnsu
                                          Step::kReadCeiling, Step::kSetPathStart};
 const Board::Step Board::kToRate[] = {Step::kReadUnsure, Step::kReadPosition, Step::kNote,
                                       Step::kPause,      Step::kReadPosition, Step::kChangeRate};
+const Board::Step Board::kTable[] = {Step::kAskTable, Step::kTakeTable, Step::kReplyTable};
 const Board::Step Board::kToMaintenance[] = {Step::kReadTorque, Step::kMaintain};
 
 void Board::start_job(const Step* program, Mask mask) {
@@ -212,7 +213,7 @@ Mask Board::asked(Step step) const {
 bool Board::needs_bus() const {
   const Step step = job_.program[job_.pc];
   if (step <= Step::kReadTaken) return job_.entered || asked(step);
-  return (step >= Step::kSendLegacy && step <= Step::kTakeRest) || step == Step::kReplyPacket;
+  return (step >= Step::kSendLegacy && step <= Step::kAskTable) || step == Step::kReplyPacket || step == Step::kTakeTable;
 }
 
 // False if the step needs more time.
@@ -221,9 +222,9 @@ bool Board::run_step() {
   if (step <= Step::kReadTaken) return read_step(step);
   if (!bus_.idle() && needs_bus()) return false;
   if (step <= Step::kJudgePacket) return aim_step(step);
-  if (step <= Step::kTakeRest) return send_step(step);
+  if (step <= Step::kAskTable) return send_step(step);
   if (step <= Step::kEndIfLimp) return check_step(step);
-  return answer_step(step);
+  return step <= Step::kReplyState ? answer_step(step) : wait_step(step);
 }
 
 bool Board::read_step(Step step) {
@@ -275,6 +276,10 @@ bool Board::send_step(Step step) {
       return !send_targets(gen::SERIES_HLS);
     case Step::kTakeOtherMode:
       return sent(take_back(in_other_mode()));
+    case Step::kAskTable:
+      next_step();
+      ask_table();
+      return false;
     default:
       return sent(take_back(job_.bad | job_.moving));
   }
@@ -307,7 +312,7 @@ bool Board::check_step(Step step) {
   }
 }
 
-// Steps that answer the request, or wait for what it needs.
+// Steps that answer the request.
 bool Board::answer_step(Step step) {
   switch (step) {
     case Step::kConfirmTorque:
@@ -322,11 +327,22 @@ bool Board::answer_step(Step step) {
     case Step::kReplyPacket:
       reply_packet();
       return true;
-    case Step::kAwaitCycle:
-      return job_.cycles != poller_.cycles() && done();
-    case Step::kReplyState:
+    case Step::kTakeTable:
+      take_table();
+      return true;
+    case Step::kReplyTable:
+      return reply_table();
+    default:  // kReplyState
       reply(gen::STATUS_OK, put_state(job_.argument));
       return true;
+  }
+}
+
+// Steps that wait for what the request needs, and what is done then.
+bool Board::wait_step(Step step) {
+  switch (step) {
+    case Step::kAwaitCycle:
+      return job_.cycles != poller_.cycles() && done();
     case Step::kAwaitStorage:
       return execute_later();
     case Step::kAwaitSaved:

@@ -124,6 +124,12 @@ class ReplyStore {
     memcpy(entry.reply, reply, size);
   }
 
+  // Room for a reply that is put together before it is answered; the oldest one makes way.
+  uint8_t* scratch() {
+    entries_[next_].used = false;
+    return entries_[next_].reply;
+  }
+
   // A restarted module restarts its count: none of its requests may be mistaken for a repeat.
   void forget(int32_t src) {
     for (uint8_t i = 0; i < gen::STORED_REPLIES; ++i) {

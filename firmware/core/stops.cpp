@@ -9,7 +9,6 @@ namespace {
 
 constexpr uint8_t kStill = 4;          // most counts between two samples of a joint that holds
 constexpr uint16_t kSettleMs = 400;
-constexpr uint8_t kStopAnswer = gen::FRAME_OVERHEAD + gen::STOP_REPLY_SIZE + 1;
 
 bool near(int16_t a, int16_t b) {
   const int32_t difference = static_cast<int32_t>(a) - b;
@@ -37,6 +36,7 @@ void Board::stop(uint8_t mode) {
   stops_.want(mode);
   voided_.stop();
   end_path();
+  void_messages();
   void_left_ = queue_.count();
   // A stop under way in this mode, or in a stronger one, is not restarted, however many requests arrive.
   if (job_.active && job_.owner == For::kStop && job_.argument >= mode) return;
@@ -62,14 +62,24 @@ void Board::void_next() {
   --void_left_;
   Request request;
   queue_.front(&request);
-  const bool room = platform_.host_write_room() >= 2 * kStopAnswer;
   if (request.proto == gen::PROTO_HEXWIRE) {
-    if (request.cmd != gen::CMD_IDENTIFY) voided_.add(request, ms_);
-    if (room) send(gen::PROTO_HEXWIRE, request.src, request.seq, request.cmd, gen::EXT_REPLY | gen::STATUS_STOPPED, 0);
+    if (request.cmd != gen::CMD_FRAGMENT_MISSING) void_request(request);
     return queue_.pop();
   }
+  const bool room = platform_.host_write_room() >= 2 * kStopAnswer;
   if (room && request.cmd != gen::CMD_SYNC_WRITE) send_chapter(silent_servo(request));
   queue_.pop();
+}
+
+// Remembers a request that a stop has voided, and answers it if there is room beside the stop's own answer.
+void Board::void_request(const Request& request) {
+  if (request.cmd == gen::CMD_FRAGMENT && request.size >= gen::FRAGMENT_REQUEST_SIZE) {
+    const Chunk chunk = Chunk::parse(request.src, request.body, request.size);
+    return void_message(chunk.src, chunk.seq(), chunk.cmd);
+  }
+  if (request.cmd != gen::CMD_IDENTIFY) voided_.add(request, ms_);
+  if (platform_.host_write_room() < 2 * kStopAnswer) return;
+  send(gen::PROTO_HEXWIRE, request.src, request.seq, request.cmd, gen::EXT_REPLY | gen::STATUS_STOPPED, 0);
 }
 
 void Board::answer_stops() {

@@ -14,6 +14,8 @@
 namespace hexwire {
 
 constexpr uint8_t kStopModes = 2;  // 0 holds, 1 switches torque off
+// Bytes of the frame that answers a stop.
+constexpr uint8_t kStopAnswer = gen::FRAME_OVERHEAD + gen::STOP_REPLY_SIZE + 1;
 
 // Hosts that asked for a stop and have no answer yet. One stop answers all requests for its mode that arrived before
 // its end.

@@ -2,21 +2,14 @@
 
 #include "trajectory.h"
 
-#include <string.h>
-
 #include "bytes.h"
 
 namespace hexwire {
 
 namespace {
 
-constexpr uint8_t kTickUs = 100;        // the unit of the times of points
-constexpr uint16_t kTicksPerSecond = 10000;
-constexpr uint8_t kFine = 8;            // parts of a count
-constexpr uint8_t kBrakeShift = 5;      // braking is computed in 32 us, so that 32 bits suffice
+constexpr uint8_t kBrakeShift = 5;  // braking is computed in 32 us, so that 32 bits suffice
 constexpr uint32_t kLeadUs = kTrajectoryLeadMs * 1000UL;
-
-int16_t signed16(const uint8_t* p) { return static_cast<int16_t>(get16(p)); }
 
 // value * share / 65536, for a share of 0..65536
 int32_t part(int32_t value, uint32_t share) {
@@ -51,6 +44,10 @@ Trajectory::Trajectory(const Settings& settings)
       head_(0),
       count_(0),
       next_(0),
+      staging_(false),
+      staged_last_(false),
+      staged_(0),
+      begun_(0),
       brake_us_(0),
       brake_left_us_(0),
       start_us_(0),
@@ -62,19 +59,6 @@ Trajectory::Trajectory(const Settings& settings)
       cubics_(),
       points_() {}
 
-void Trajectory::begin(uint8_t id, uint8_t flags, Mask mask, uint16_t brake_ms) {
-  id_ = id;
-  state_ = gen::TRAJECTORY_LOADING;
-  flags_ = flags;
-  mask_ = mask;
-  complete_ = ran_ = at_end_ = false;
-  stride_ = static_cast<uint8_t>(2 + place(kJoints) * size_of_joint());
-  capacity_ = static_cast<uint16_t>(kRoom / stride_);
-  head_ = count_ = next_ = 0;
-  brake_us_ = brake_ms * 1000UL;
-  behind_ = 0;
-}
-
 // Number of joints of the path below this one, which is its place in a point.
 uint8_t Trajectory::place(uint8_t joint) const {
   uint8_t n = 0;
@@ -84,94 +68,16 @@ uint8_t Trajectory::place(uint8_t joint) const {
   return n;
 }
 
-// The n-th point, counted from the oldest.
-const uint8_t* Trajectory::point(uint16_t n) const {
+// Where the n-th point is, counted from the oldest.
+uint16_t Trajectory::offset(uint16_t n) const {
   uint16_t at = static_cast<uint16_t>(head_ + n);
   if (at >= capacity_) at = static_cast<uint16_t>(at - capacity_);
-  return points_ + at * stride_;
+  return static_cast<uint16_t>(at * stride_);
 }
 
 // The point towards which the joints move.
 uint16_t Trajectory::index() const {
   return ran_ ? static_cast<uint16_t>(oldest() + 1) : oldest();
-}
-
-uint8_t Trajectory::add(const uint8_t* points, uint8_t size, uint16_t first, uint8_t count, bool last) {
-  if (count == 0 || size != static_cast<uint16_t>(count) * stride_) return gen::STATUS_BAD_LENGTH;
-  // Points that are there from `first` on are replaced.
-  const uint16_t kept = static_cast<uint16_t>(first - oldest());
-  if (!may_follow(kept)) return gen::STATUS_BAD_RANGE;
-  const uint8_t* before = kept ? point(static_cast<uint16_t>(kept - 1)) : nullptr;
-  for (uint8_t n = 0; n < count; ++n) {
-    const uint8_t* each = points + n * stride_;
-    const uint8_t status = check_point(each, before);
-    if (status != gen::STATUS_OK) return status;
-    before = each;
-  }
-  if (count > capacity_ - kept) return gen::STATUS_BUSY;
-  while (count_ > kept) drop_last();
-  for (uint8_t n = 0; n < count; ++n) store(points + n * stride_);
-  complete_ = last;
-  return gen::STATUS_OK;
-}
-
-// Whether further points may follow the oldest `kept` ones.
-bool Trajectory::may_follow(uint16_t kept) const {
-  if (kept > count_ || (kept == count_ && complete_)) return false;
-  // The joints already move towards the second one.
-  return ready() || (state_ == gen::TRAJECTORY_RUNNING && kept >= 2);
-}
-
-void Trajectory::drop_last() {
-  if (count_ > 2) behind_ -= get16(point(static_cast<uint16_t>(count_ - 1)));
-  --count_;
-  --next_;
-}
-
-uint8_t Trajectory::check_point(const uint8_t* now, const uint8_t* before) const {
-  const uint16_t dt = get16(now);
-  if ((dt == 0) != (before == nullptr)) return gen::STATUS_BAD_RANGE;
-  uint8_t at = 2;
-  for (uint8_t i = 0; i < kJoints; ++i) {
-    if (!(mask_ & only(i))) continue;
-    const uint8_t status = check_joint(i, now + at, before ? before + at : nullptr, dt);
-    if (status != gen::STATUS_OK) return status;
-    at = static_cast<uint8_t>(at + size_of_joint());
-  }
-  return gen::STATUS_OK;
-}
-
-uint8_t Trajectory::check_joint(uint8_t i, const uint8_t* now, const uint8_t* before, uint16_t dt) const {
-  const int16_t position = signed16(now);
-  const int32_t parts = fine() ? kFine : 1;  // of a count
-  if (position < settings_.minimum(i) * parts || position > settings_.maximum(i) * parts) return gen::STATUS_BAD_RANGE;
-  const int32_t limit = settings_.speed(i);
-  const int32_t velocity = hermite() ? signed16(now + 2) : 0;
-  if (velocity > limit || velocity < -limit) return gen::STATUS_BAD_RANGE;
-  if (before == nullptr) return gen::STATUS_OK;
-  const int32_t way = static_cast<int32_t>(position) - signed16(before);
-  // One less, since positions are rounded.
-  const uint32_t least = static_cast<uint32_t>(way > 0 ? way - 1 : way < 0 ? -way - 1 : 0);
-  const bool fast = least * (fine() ? kTicksPerSecond / kFine : kTicksPerSecond) > static_cast<uint32_t>(limit) * dt;
-  return fast ? gen::STATUS_BAD_RANGE : gen::STATUS_OK;
-}
-
-void Trajectory::store(const uint8_t* added) {
-  memcpy(points_ + (point(count_) - points_), added, stride_);
-  ++count_;
-  ++next_;
-  // The segment between the two oldest points is counted apart.
-  if (count_ > 2) behind_ += get16(added);
-}
-
-bool Trajectory::enough() const {
-  if (count_ < 2) return false;
-  return complete_ || rest() + get16(point(1)) * static_cast<uint32_t>(kTickUs) > brake_us_ / 2;
-}
-
-int16_t Trajectory::origin(uint8_t joint) const {
-  const int16_t position = signed16(point(0) + 2 + place(joint) * size_of_joint());
-  return fine() ? static_cast<int16_t>((static_cast<int32_t>(position) + kFine / 2) >> 3) : position;
 }
 
 void Trajectory::start_at(uint32_t time_us) {

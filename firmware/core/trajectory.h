@@ -12,6 +12,7 @@
 namespace hexwire {
 
 constexpr uint8_t kTrajectoryLeadMs = 24;  // a little more than the time between two targets of a joint
+constexpr uint8_t kTickUs = 100;           // the unit of the times of points
 constexpr uint16_t kLeastBrakeMs = 20;
 constexpr uint16_t kMostBrakeMs = 2000;
 
@@ -23,6 +24,14 @@ class Trajectory {
   void begin(uint8_t id, uint8_t flags, Mask mask, uint16_t brake_ms);
   // Adds points in the format of the line. Returns a status code; unless it is ok, nothing is added.
   uint8_t add(const uint8_t* points, uint8_t size, uint16_t first, uint8_t count, bool last);
+
+  // The same for points that come in pieces: their bytes are taken one after the other, and count when `commit` is called.
+  uint8_t stage(uint16_t first, uint8_t count, bool last);
+  uint8_t take(const uint8_t* bytes, uint8_t size);
+  void commit();
+  void drop_staged() { staging_ = false; }
+  bool staging() const { return staging_; }
+  uint8_t stride() const { return stride_; }
 
   uint8_t id() const { return id_; }
   uint8_t state() const { return state_; }
@@ -75,10 +84,13 @@ class Trajectory {
   bool may_follow(uint16_t kept) const;
   void drop_last();
   uint8_t place(uint8_t joint) const;
-  const uint8_t* point(uint16_t n) const;
+  uint16_t offset(uint16_t n) const;
+  const uint8_t* point(uint16_t n) const { return points_ + offset(n); }
+  uint8_t* place_of(uint16_t n) { return points_ + offset(n); }
   uint8_t check_point(const uint8_t* point, const uint8_t* before) const;
   uint8_t check_joint(uint8_t joint, const uint8_t* now, const uint8_t* before, uint16_t dt) const;
   void store(const uint8_t* point);
+  void count_in();
   void load_segment();
   bool next_segment();
   uint32_t rest() const;
@@ -101,6 +113,10 @@ class Trajectory {
   uint16_t head_;   // place of the oldest point
   uint16_t count_;
   uint16_t next_;   // index of the point after the newest
+  bool staging_;
+  bool staged_last_;
+  uint8_t staged_;  // whole points behind the newest that do not count yet
+  uint8_t begun_;   // bytes of the one after them
   uint32_t brake_us_;
   uint32_t brake_left_us_;
   uint32_t start_us_;
