@@ -6,13 +6,13 @@ import pytest
 from tests.drivers.arms import Arm
 
 from hexwire.drivers.board2 import Board2
-from hexwire.errors import CommandRefusedError, NotSupportedError, ServoError, StoppedError
+from hexwire.errors import CommandRefusedError, NotSupportedError, ServoError, StoppedError, UsageError
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointTarget
 from hexwire.session.events import Reply
 from hexwire.wire import servo_packet as sp
-from hexwire.wire.command_frame import Command, Frame
+from hexwire.wire.command_frame import Command, Frame, parse_frame
 from hexwire.wire.commands import ALL_FIELDS, Identity
 from hexwire.wire.tables import CAPABILITY_MAINTENANCE
 
@@ -196,3 +196,64 @@ def test_after_a_trip_of_the_watchdog_a_refusal_says_that() -> None:
     arm.driver.stop()
     with pytest.raises(StoppedError, match="the arm is stopped; `hexwire resume` ends that"):
         arm.driver.write(target)
+
+
+def sent_commands(arm: Arm) -> list[int]:
+    """Commands of the frames that the host has sent."""
+    return [parse_frame(data).cmd for data in arm.link.written]
+
+
+@pytest.mark.parametrize(("joint", "servo"), [("J2", 1), ("J6", 5)])
+def test_a_whole_table_is_one_request(joint: str, servo: int) -> None:
+    arm = Arm(2)
+    before = len(arm.link.written)
+    table = arm.driver.read_table(joint)
+    assert len(table) == 256
+    assert table[:40] == arm.board.wire[servo].registers.read(0, 40)
+    # And the confirmation that the fragments of the answer have come.
+    assert sent_commands(arm)[before:] == [Command.SERVO_TABLE, Command.FRAGMENT_MISSING]
+    assert arm.driver.read_table(joint, 5, 2) == table[5:7]
+
+
+def test_settings_are_written_where_they_differ() -> None:
+    arm = Arm(2)
+    with pytest.raises(CommandRefusedError, match="maintenance"):
+        arm.driver.write_table("J6", 21, b"\x21")
+    arm.driver.maintenance(True)
+    table = bytearray(arm.driver.read_table("J6", 9, 31))
+    table[21 - 9] = 99
+    arm.driver.write_table("J6", 9, bytes(table))
+    assert arm.driver.read_table("J6", 9, 31) == bytes(table)
+    assert arm.board.wire[5].registers.read(21, 1) == b"\x63"
+    with pytest.raises(ServoError, match="does not keep"):
+        # A register of the present state cannot be written.
+        arm.driver.write_table("J6", 66, b"\x55")
+
+
+def test_a_long_table_is_written_in_fragments() -> None:
+    arm = Arm(2)
+    arm.driver.maintenance(True)
+    # From a register that nobody has to the end: nothing differs, and nothing may be written there.
+    nothing = arm.driver.read_table("J6", 90, 150)
+    before = len(arm.link.written)
+    with pytest.raises(CommandRefusedError):
+        arm.driver.write_table("J6", 0, arm.driver.read_table("J6"))
+    assert Command.FRAGMENT in sent_commands(arm)[before:]
+    arm.driver.write_table("J6", 90, nothing)
+
+
+def test_tables_are_checked_before_anything_is_sent() -> None:
+    arm = Arm(2)
+    before = len(arm.link.written)
+    for first, count in ((-1, 2), (0, 257), (255, 2), (0, 0)):
+        with pytest.raises(UsageError, match="registers"):
+            arm.driver.read_table("J1", first, count)
+    board = board_of(arm)
+    board.identity = board.identity._replace(capabilities=0)
+    with pytest.raises(NotSupportedError, match="flash"):
+        arm.driver.read_table("J1")
+    assert len(arm.link.written) == before
+    with pytest.raises(NotSupportedError, match="dialect-1"):
+        Arm(1).driver.read_table("J1")
+    with pytest.raises(NotSupportedError, match="dialect-1"):
+        Arm(1).driver.write_table("J1", 0, b"x")

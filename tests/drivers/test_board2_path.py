@@ -5,15 +5,20 @@ from __future__ import annotations
 import itertools
 import math
 import time
+from collections import Counter
 from collections.abc import Iterator
 
 import pytest
+from tests.drivers.arms import Arm
 
+from hexwire.drivers.board2 import Board2
 from hexwire.drivers.board2_path import BoardTime
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.drivers.timed_path import PathState, TimedPath, TimedPoint
 from hexwire.errors import CommandRefusedError, LimitError, NotSupportedError, StoppedError, UsageError
 from hexwire.session.events import Reply
+from hexwire.wire.command_frame import Command, parse_frame
+from hexwire.wire.tables import CAPABILITY_FINE_POSITIONS, CAPABILITY_FRAGMENTS
 
 PATIENCE = 20.0
 
@@ -188,3 +193,84 @@ def test_the_time_on_the_line_narrows_the_relation_of_the_clocks() -> None:
     now[0], quick = 101.0, reply._replace(rtt=0.001)
     slow.note(quick, 0, 6_000_000)
     assert slow.relation.host_time(6.0).time == pytest.approx(101.0, abs=0.02)
+
+
+def line_of(arm: Arm, count: int, *, way: float = 0.2) -> list[TimedPoint]:
+    """An even motion of all joints."""
+    here = arm.driver.read().position
+    return [
+        TimedPoint(0.05 * n, tuple(p + way * n / count for p in here), (way / count / 0.05,) * 7)
+        for n in range(count)
+    ]
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_whole_path_is_one_request_where_the_board_takes_fragments(whole: bool) -> None:
+    arm = Arm(2)
+    arm.driver.torque(True)
+    board = arm.driver._board
+    assert isinstance(board, Board2)
+    if not whole:
+        board.identity = board.identity._replace(capabilities=board.identity.capabilities & ~CAPABILITY_FRAGMENTS)
+    points = line_of(arm, 60)
+    path = arm.driver.path()
+    before = len(arm.link.written)
+    assert path.send(points, last=True) == 60
+    commands = Counter(parse_frame(data).cmd for data in arm.link.written[before:])
+    # 60 points of 30 bytes: chunks of 200 bytes, or six points a frame.
+    assert commands == ({Command.FRAGMENT: 10} if whole else {Command.TRAJECTORY_POINTS: 10})
+    assert path.report().sent == 60
+    # Points that replace others do not go in fragments; what follows them may.
+    before = len(arm.link.written)
+    assert path.send(points, last=True, first=0) == 60
+    assert parse_frame(arm.link.written[before]).cmd == Command.TRAJECTORY_POINTS
+    assert path.report().sent == 60
+
+
+def test_more_points_than_fit_go_in_a_message_that_fits() -> None:
+    arm = Arm(2)
+    arm.driver.torque(True)
+    path = arm.driver.path()
+    points = line_of(arm, 90)
+    assert path.send(points, last=True) == path.capacity == 64
+    path.start()
+    arm.wait(2.0)
+    assert path.report().room > 30
+    assert path.send(points[64:], last=True) == 26
+    arm.wait(3.5)
+    assert path.report().state is PathState.DONE
+
+
+@pytest.mark.parametrize("fine", [True, False])
+def test_positions_keep_eighths_of_a_count_where_the_board_does(fine: bool) -> None:
+    arm = Arm(2)
+    arm.driver.torque(True)
+    board = arm.driver._board
+    assert isinstance(board, Board2)
+    if not fine:
+        board.identity = board.identity._replace(
+            capabilities=board.identity.capabilities & ~CAPABILITY_FINE_POSITIONS
+        )
+    here = arm.driver.read().positions["J2"]
+    joint = arm.driver.model.joint("J2")
+    path = arm.driver.path(["J2"], smooth=False)
+    angle = here + 10.3 * joint.scale
+    path.send([TimedPoint(0.0, (here,)), TimedPoint(1.0, (angle,))], last=True)
+    made = arm.board.trajectory.path
+    assert made is not None
+    counts = (angle - joint.offset) / joint.scale * joint.sign + joint.neutral
+    unit = 8 if fine else 1
+    assert made._knots[-1].positions == (round(counts * unit),)
+    path.start()
+    arm.wait(1.5)
+    assert path.report().state is PathState.DONE
+    assert arm.shaft(1) == pytest.approx(counts, abs=3)
+
+
+def test_an_answer_to_a_repeat_says_nothing_of_the_clock() -> None:
+    times = BoardTime(lambda: 10.0, 0)
+    reply = Reply(1, Command.TRAJECTORY_STATUS, 0, b"", None, 0.001, 2)
+    times.note(reply, 0, 5_000_000)
+    assert not times.relation
+    times.note(reply._replace(attempts=1), 0, 5_000_000)
+    assert times.relation

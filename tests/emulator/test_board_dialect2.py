@@ -43,8 +43,8 @@ def test_identify(baud: int) -> None:
     identity = Identity.parse(bench.ask(Command.IDENTIFY).body)
     assert identity.protocol == 2
     assert identity.max_frame == 253
-    # A line without a rate, and what this board does not do yet.
-    lacking = {"host_baud", "fine_positions", "servo_table"}
+    # A line without a rate.
+    lacking = {"host_baud"}
     can = sum(bit for name, bit in tables.CAPABILITIES.items() if name not in lacking)
     assert identity.capabilities == can
     assert [(r.servo_id, r.series, r.present) for r in identity.joints] == [

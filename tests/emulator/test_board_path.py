@@ -258,3 +258,69 @@ def test_whatever_is_put_the_rules_hold(
             assert abs(at - before) <= (1.5 if not hermite else 4.0) * LIMIT.speed * STEP + 2
             before = at
         assert 0 <= made.free <= made.capacity
+
+
+# -- eighths of a count, and points that come one after the other --------------------------------------------------
+
+
+def test_fine_positions_are_rounded_once_when_they_are_sent() -> None:
+    made = BoardPath(1, hermite=False, brake=0.2, fine=True)
+    made.put(0, [point(0, 16003), point(10000, 16043)], LIMITS, last=True)
+    assert made.first_positions == (2000,)
+    made.start(0.0)
+    # 2000.375 to 2005.375 in a second.
+    assert [made.positions(at)[0] for at in (0.0, 0.02, 0.03, 0.5, 1.0)] == [2000, 2000, 2001, 2003, 2005]
+
+
+def test_a_fine_cubic_has_the_given_velocities_in_counts() -> None:
+    made = BoardPath(1, hermite=True, brake=0.2, fine=True)
+    made.put(0, [point(0, 16000, 0), point(10000, 19200, 800), point(10000, 19200, 0)], LIMITS, last=True)
+    made.start(0.0)
+    assert [made.positions(at)[0] for at in (0.5, 1.0, 1.5, 2.0)] == [2100, 2400, 2500, 2400]
+
+
+@pytest.mark.parametrize(
+    ("place", "rounded"), [(16003, 2000), (16004, 2001), (15996, 2000), (15995, 1999), (8000, 1000)]
+)
+def test_point_0_is_rounded_to_the_nearest_count_and_halves_upwards(place: int, rounded: int) -> None:
+    made = BoardPath(1, hermite=False, brake=0.2, fine=True)
+    made.put(0, [point(0, place)], LIMITS, last=False)
+    assert made.first_positions == (rounded,)
+
+
+def test_fine_limits_and_speeds_are_exact_to_an_eighth() -> None:
+    made = BoardPath(1, hermite=False, brake=0.2, fine=True)
+    for place in (7999, 24001):
+        assert refused(made, 0, point(0, place)) == Status.BAD_RANGE
+    made.put(0, [point(0, 8000)], LIMITS, last=False)
+    # 2000 counts/s for 10 ms are 20 counts: 160 eighths, and one more for the rounding.
+    assert refused(made, 1, point(100, 8162)) == Status.BAD_RANGE
+    made.put(1, [point(100, 8161)], LIMITS, last=False)
+
+
+def test_points_that_come_one_by_one_count_together() -> None:
+    made = path((0, 2000), (1000, 2010), last=False)
+    free = made.free
+    made.begin_coming(2, 2)
+    made.come([point(1000, 2020)], LIMITS)
+    assert (made.next, made.free, made.whole) == (2, free, False)
+    assert refused(made, 2, point(1000, 2020)) == Status.BUSY
+    assert refused(made, 5, point(1000, 2020)) == Status.BAD_RANGE, "busy comes last"
+    made.come([point(1000, 2030)], LIMITS)
+    made.end_coming(last=True)
+    assert (made.next, made.free, made.whole) == (4, free - 2, True)
+
+
+def test_points_that_come_are_checked_against_the_one_before() -> None:
+    made = path((0, 2000), (1000, 2010), last=False)
+    for first, count, status in ((1, 1, Status.BAD_RANGE), (3, 1, Status.BAD_RANGE), (2, 481, Status.BUSY)):
+        with pytest.raises(RefusedError) as caught:
+            made.begin_coming(first, count)
+        assert caught.value.status == status
+    made.begin_coming(2, 2)
+    with pytest.raises(RefusedError):
+        made.come([point(100, 2900)], LIMITS)
+    made.drop_coming()
+    made.put(2, [point(1000, 2020)], LIMITS, last=True)
+    with pytest.raises(RefusedError):
+        made.begin_coming(3, 1)

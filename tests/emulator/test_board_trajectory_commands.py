@@ -126,7 +126,7 @@ def test_every_other_length_is_refused(cmd: int) -> None:
     [
         BeginRequest(NUMBER, 0, 0, 200),
         BeginRequest(NUMBER, 0, 0x80, 200),
-        BeginRequest(NUMBER, 4, 1, 200),
+        BeginRequest(NUMBER, 8, 1, 200),
         BeginRequest(NUMBER, 0, 1, 19),
         BeginRequest(NUMBER, 0, 1, 2001),
     ],

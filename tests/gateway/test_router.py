@@ -8,12 +8,13 @@ from hypothesis import strategies as st
 from tests.gateway.bench import Bench
 
 from hexwire.gateway.line import GATEWAY_MODULE
-from hexwire.session.events import TimedOut
+from hexwire.session.events import Reply, TimedOut
 from hexwire.wire import tables
 from hexwire.wire.addresses import Broadcast, Multicast
 from hexwire.wire.board_trajectory import BeginRequest, PathFlag, PathPoint, PointsRequest, StartRequest
-from hexwire.wire.command_frame import Command, Status
-from hexwire.wire.commands import Identity, JointReport
+from hexwire.wire.command_frame import Command, Frame, Status
+from hexwire.wire.commands import FragmentHead, Identity, JointReport
+from hexwire.wire.servo_table import ServoTable
 
 ALL_ON = b"\1\x7f\0"
 HERE = (2053, 2043, 2035, 2039, 2083, 2046, 2047)
@@ -228,3 +229,61 @@ def test_no_bytes_from_any_side_break_it(pieces: list[tuple[int, bytes]], seed: 
 
 def test_broadcast_reaches_only_boards_behind_it(bench: Bench) -> None:
     assert list(bench.ask_all(Command.STATS, to=Broadcast()).replies) == [8, 9, 10]
+
+
+# -- large data -------------------------------------------------------------------------------------------------
+
+
+def long_path(bench: Bench, module: int = 8) -> bytes:
+    """The body of a request with 40 points, of a path that has begun."""
+    begin = BeginRequest(5, PathFlag.HERMITE, 0x7F, 200).serialize()
+    assert bench.ask(Command.TRAJECTORY_BEGIN, begin, module).status == Status.OK
+    points = [PathPoint(100 if n else 0, HERE, (0,) * 7) for n in range(40)]
+    return PointsRequest.of(5, 0, points, last=True).serialize()
+
+
+def test_a_long_request_is_split_and_a_long_reply_joined(bench: Bench) -> None:
+    body = long_path(bench, 9)
+    reply = bench.ask(Command.TRAJECTORY_POINTS, body, 9)
+    assert (reply.status, len(reply.body)) == (Status.OK, 14)
+    assert {f.cmd for f in bench.to_boards[9][-7:]} == {Command.FRAGMENT}
+    table = bench.ask(Command.SERVO_TABLE, ServoTable(5, 0, 256).serialize(), 9)
+    assert table.frame is not None
+    assert (table.status, table.frame.src, table.frame.cmd_ext) == (Status.OK, 9, 0x80)
+    assert ServoTable.parse(table.body).data[:40] == bench.boards[9].wire[5].registers.read(0, 40)
+    assert (bench.gateway.lines[9].counters.split, bench.gateway.lines[9].counters.joined) == (1, 1)
+
+
+def test_a_chunk_that_is_lost_on_a_boards_line_is_sent_again(bench: Bench) -> None:
+    body = long_path(bench)
+    lost = [2, 4]
+
+    def drop(module: int, frame: Frame) -> bool:
+        if frame.cmd == Command.FRAGMENT and FragmentHead.parse(frame.body).number in lost:
+            lost.remove(FragmentHead.parse(frame.body).number)
+            return True
+        return False
+
+    bench.drop = drop
+    ticket = bench.host.request(Command.TRAJECTORY_POINTS, body, bench.now, window=1.0)
+    reply = bench.wait(ticket)
+    assert isinstance(reply, Reply)
+    assert (reply.status, lost) == (Status.OK, [])
+
+
+def test_a_stop_overtakes_a_long_request_on_a_slow_line() -> None:
+    bench = Bench(baud=115200)
+    bench.run(0.4)
+    bench.ask_all(Command.IDENTIFY)
+    body = long_path(bench)
+    long = bench.host.request(Command.TRAJECTORY_POINTS, body, bench.now, window=1.0)
+    bench.run(0.05)
+    stop = bench.host.request(Command.STOP, b"\0", bench.now, urgent=True)
+    at = bench.now
+    bench.run(1.0, until=lambda: bench.stopped()[8])
+    # At most the chunk that was on the line, and the stop.
+    assert bench.now - at < (252 + 48) * 10 / 115200 + 0.01
+    ends = [bench.wait(long), bench.wait(stop)]
+    assert [end.status for end in ends if isinstance(end, Reply)] == [Status.STOPPED, Status.OK]
+    assert bench.boards[8].trajectory.path is not None
+    assert bench.boards[8].trajectory.path.next == 0

@@ -160,6 +160,14 @@ class Board(Protocol):
         """Send one raw servo packet; returns the bytes of its answer."""
         ...
 
+    def read_table(self, servo_id: int, first: int, count: int) -> bytes:
+        """Read many registers of a servo by one request; raw."""
+        ...
+
+    def write_table(self, servo_id: int, first: int, data: bytes) -> None:
+        """Write many registers of a servo by one request; those that differ."""
+        ...
+
     def command(self, cmd: int, body: bytes) -> bytes:
         """Send a command by its code, with a body as in PROTOCOL.md section 6; returns the reply's body."""
         ...

@@ -48,6 +48,7 @@ _LOAD = Series.HLS.register("present_load")
 _CURRENT_CEILING = Series.HLS.register("protection_current")
 _SPEED_UNIT = 50
 """Counts per second of one unit of an HLS goal speed."""
+_NO_TABLES = "a dialect-1 board reads two registers at a time; `transact` sends such a read"
 
 
 class Board1:
@@ -352,6 +353,14 @@ class Board1:
             probes.append(JointProbe(joint.name, joint.servo_id, family, True, note))
             self._check_torque(i)
         return tuple(probes)
+
+    def read_table(self, servo_id: int, first: int, count: int) -> bytes:
+        """Not in dialect 1."""
+        raise NotSupportedError(_NO_TABLES)
+
+    def write_table(self, servo_id: int, first: int, data: bytes) -> None:
+        """Not in dialect 1."""
+        raise NotSupportedError(_NO_TABLES)
 
     def transact(self, packet: bytes, reply_length: int, timeout: float) -> bytes:
         """Send one servo packet by command 02, if a dialect-1 board can process it.

@@ -36,17 +36,21 @@ from hexwire.wire.commands import (
     parse_stop_reply,
 )
 from hexwire.wire.registers import Series
+from hexwire.wire.servo_table import TABLE_REGISTERS, ServoTable
 from hexwire.wire.tables import (
     BOARD_FLAGS_MAINTENANCE,
     BOARD_FLAGS_STOPPED,
     CAPABILITIES,
+    CAPABILITY_FINE_POSITIONS,
+    CAPABILITY_FRAGMENTS,
     CAPABILITY_MAINTENANCE,
+    CAPABILITY_SERVO_TABLE,
     CAPABILITY_TRAJECTORY,
 )
 
 from .base import JointProbe, StopMode
 from .board import BoardFacts
-from .board2_path import Board2Path, BoardTime, begin_request
+from .board2_path import MOST_BODY, Board2Path, BoardTime, begin_request
 from .board2_state import StateDecoder
 from .replies import check_reply
 
@@ -60,6 +64,9 @@ _MAX_DURATION_MS = 0xFFFF
 # must be repeated much sooner.
 _STOP_WINDOW = 0.1
 _STOP_ATTEMPTS = 20
+# A long request or answer goes in fragments; the window begins anew with each of them. A legacy servo takes half a
+# second for a chunk that is written.
+_LONG_WINDOW, _LONG_ATTEMPTS = 0.6, 5
 _TRIPPED = "the board's watchdog stopped the arm because the host fell silent; `hexwire resume` ends that"
 _SERIES_NAMES = {series.code: series.value for series in Series}
 
@@ -161,7 +168,9 @@ class Board2:
             raise NotSupportedError(f"the board's firmware {version} follows no path of its own; flash a newer one")
         mask = self._board_mask(joints)
         self._paths = (self._paths + 1) & 0xFF
-        request = begin_request(self._paths, mask, brake, smooth=smooth, outlives=outlives)
+        capabilities = self.identity.capabilities
+        fine = bool(capabilities & CAPABILITY_FINE_POSITIONS)
+        request = begin_request(self._paths, mask, brake, smooth=smooth, outlives=outlives, fine=fine)
         reply = self._check_done(self._ask(Command.TRAJECTORY_BEGIN, request.serialize()))
         named = [joint for i, joint in enumerate(self._order) if joint is not None and mask >> i & 1]
         return Board2Path(
@@ -171,6 +180,8 @@ class Board2:
             self._time,
             BeginReply.parse(reply.body),
             smooth=smooth,
+            fine=fine,
+            whole=bool(capabilities & CAPABILITY_FRAGMENTS),
         )
 
     def torque(self, on: bool, joints: Sequence[str] | None) -> tuple[str, ...]:
@@ -255,6 +266,34 @@ class Board2:
         reply = self._ask(Command.TRANSACT, body, window=self._session.policy.window + timeout)
         return self._check_done(reply).body
 
+    def read_table(self, servo_id: int, first: int, count: int) -> bytes:
+        """Send one SERVO_TABLE that reads; a long answer comes in fragments."""
+        body = self._table(ServoTable(servo_id, first, count))
+        reply = self._ask(Command.SERVO_TABLE, body, window=_LONG_WINDOW, attempts=_LONG_ATTEMPTS, repeatable=True)
+        table = ServoTable.parse(self._check_done(reply).body)
+        if (table.servo_id, table.first, len(table.data)) != (servo_id, first, count):
+            raise ServoError(f"the board's answer is a table of servo {table.servo_id} from register {table.first}")
+        return table.data
+
+    def write_table(self, servo_id: int, first: int, data: bytes) -> None:
+        """Send one SERVO_TABLE that writes; a long one goes in fragments."""
+        body = self._table(ServoTable(servo_id, first, len(data), data))
+        reply = self._ask(Command.SERVO_TABLE, body, window=_LONG_WINDOW, attempts=_LONG_ATTEMPTS)
+        if reply.status == Status.SERVO_FAULT:
+            raise ServoError(f"servo {servo_id} does not keep a value that was written to it", servo_id=servo_id)
+        self._check_done(reply)
+
+    def _table(self, table: ServoTable) -> bytes:
+        if not self.identity.capabilities & CAPABILITY_SERVO_TABLE:
+            version = ".".join(map(str, self.identity.firmware))
+            raise NotSupportedError(f"the board's firmware {version} reads no register tables; flash a newer one")
+        if not (table.first >= 0 and 0 < table.count <= TABLE_REGISTERS - table.first):
+            last = table.first + table.count - 1
+            raise UsageError(
+                f"registers {table.first} to {last} do not exist; a servo has 0 to {TABLE_REGISTERS - 1}"
+            )
+        return table.serialize()
+
     def maintenance(self, on: bool) -> None:
         """Send MAINTENANCE.
 
@@ -326,6 +365,8 @@ class Board2:
         repeatable: bool = False,
     ) -> Reply:
         """Send a request of the session; keeps the board's clock from the reply."""
+        if len(body) > MOST_BODY and window is None:
+            window, attempts = _LONG_WINDOW, _LONG_ATTEMPTS
         reply = self._session.request(
             cmd, body, window=window, attempts=attempts, urgent=urgent, repeatable=repeatable
         )

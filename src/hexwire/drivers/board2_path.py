@@ -35,10 +35,13 @@ if TYPE_CHECKING:
     from hexwire.model.arm import JointModel
     from hexwire.session.events import Reply
 
-__all__ = ["Board2Path", "BoardTime", "begin_request"]
+__all__ = ["MOST_BODY", "Board2Path", "BoardTime", "begin_request"]
 
 _POINTS_HEAD = 5
-_MOST_BODY = 208
+_MOST_POINTS = 255
+MOST_BODY = 208
+"""Bytes of the longest body that fits one frame of a board."""
+_FINE = 8
 _MOST_TICKS = 0xFFFF
 _BITS_PER_BYTE = 10
 _COUNTS_16 = 32767
@@ -72,6 +75,9 @@ class BoardTime:
         board = self._wrapping.read(time_us)
         received = self._now()
         sent = received - reply.rtt
+        if reply.attempts > 1:
+            # The answer may be to an earlier attempt, and its clock of before this one.
+            return board
         if self._baud:
             # The board cannot have read its clock before the request was there, nor after it began to answer.
             seconds = _BITS_PER_BYTE / self._baud
@@ -93,6 +99,8 @@ class Board2Path(TimedPath):
         clock: The board's clock.
         reply: To TRAJECTORY_BEGIN.
         smooth: The points have velocities.
+        fine: Their positions are sent in eighths of a count.
+        whole: Points that need several frames may be one request, in fragments.
     """
 
     def __init__(
@@ -104,7 +112,10 @@ class Board2Path(TimedPath):
         reply: BeginReply,
         *,
         smooth: bool,
+        fine: bool = False,
+        whole: bool = False,
     ) -> None:
+        self._unit, self._whole, self._room = _FINE if fine else 1, whole, reply.capacity
         self._ask, self._look, self._rows, self._clock = ask, look, tuple(joints), clock
         self.joints = tuple(joint.name for joint in joints)
         self.capacity, self.lead = reply.capacity, reply.lead_ms / 1000.0
@@ -121,10 +132,12 @@ class Board2Path(TimedPath):
         before = self._kept[begin - self._oldest - 1] if begin else None
         rows, kept = self._rows_of(points, before)
         size = point_size(len(self._rows), hermite=self._smooth)
-        each = min(255, (_MOST_BODY - _POINTS_HEAD) // size)
+        each, frame = _MOST_POINTS, (MOST_BODY - _POINTS_HEAD) // size
         done = 0
         while done < len(rows):
-            some = rows[done : done + each]
+            # Only what comes after all other points may be a message in fragments, and only if all of it fits.
+            fits = self._room if self._whole and begin + done == sent else 0
+            some = rows[done : done + min(each, max(frame, fits))]
             request = PointsRequest(
                 self._number,
                 int(last and done + len(some) == len(rows)),
@@ -142,6 +155,7 @@ class Board2Path(TimedPath):
             check_reply(reply)
             self._kept[begin + done - self._oldest :] = kept[done : done + len(some)]
             done += len(some)
+            sent = self._oldest + len(self._kept)
             self._note(reply, len(request))
         return done
 
@@ -162,6 +176,7 @@ class Board2Path(TimedPath):
 
     def _note(self, reply: Reply, request: int) -> PathReport:
         status = PathStatus.parse(reply.body)
+        self._room = status.free
         self._clock.note(reply, request, status.time_us)
         sent = self._oldest + len(self._kept)
         if status.id != self._number or status.state is PathState.NONE:
@@ -215,14 +230,15 @@ class Board2Path(TimedPath):
 
     def _check_speed(self, point: TimedPoint, before: tuple[float, ...], seconds: float) -> None:
         for joint, a, b in zip(self._rows, before, point.positions, strict=True):
-            # One count more, since positions are rounded.
-            if abs(b - a) > joint.max_speed * seconds + joint.scale:
+            # One count more, or an eighth, since positions are rounded.
+            if abs(b - a) > joint.max_speed * seconds + joint.scale / self._unit:
                 way, time = decimal(math.degrees(abs(b - a)), 3), decimal(seconds, 4)
                 raise LimitError(f"{joint.name} would turn {way} deg in {time} s, which is above its speed limit")
 
     def _row(self, point: TimedPoint, ticks: int) -> PathPoint:
+        unit = self._unit
         counts = tuple(
-            min(max(joint.angle_to_counts(angle), joint.count_limits[0]), joint.count_limits[1])
+            min(max(joint.angle_to_counts(angle, unit), joint.count_limits[0] * unit), joint.count_limits[1] * unit)
             for joint, angle in zip(self._rows, point.positions, strict=True)
         )
         if point.velocities is None:
@@ -234,9 +250,12 @@ class Board2Path(TimedPath):
         return PathPoint(ticks, counts, tuple(max(-_COUNTS_16, min(_COUNTS_16, speed)) for speed in speeds))
 
 
-def begin_request(number: int, mask: int, brake: float, *, smooth: bool, outlives: bool) -> BeginRequest:
+def begin_request(
+    number: int, mask: int, brake: float, *, smooth: bool, outlives: bool, fine: bool = False
+) -> BeginRequest:
     """The request for a new path; raises UsageError if the braking time is out of range."""
     if not 0.02 <= brake <= 2.0:
         raise UsageError(f"a path comes to rest in 0.02..2 s, not in {brake:g} s")
-    flags = (PathFlag.HERMITE if smooth else 0) | (PathFlag.OUTLIVES_HOST if outlives else 0)
+    wanted = {PathFlag.HERMITE: smooth, PathFlag.OUTLIVES_HOST: outlives, PathFlag.FINE: fine}
+    flags = sum(flag for flag, wants in wanted.items() if wants)
     return BeginRequest(number, flags, mask, round(1000 * brake))

@@ -23,6 +23,7 @@ from hexwire.session.effects import Effect, effect_of, packet_only_reads
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command, command_name
 from hexwire.wire.commands import ALL_FIELDS, LimitRow, OffsetRow
+from hexwire.wire.servo_table import TABLE_REGISTERS
 
 from .base import ProbeReport, StopMode
 from .board import Board
@@ -377,6 +378,42 @@ class Hex7BotDriver(SessionDriver):
         """
         with nullcontext() if packet_only_reads(packet) else self._calling("a servo packet"):
             return self._attached().transact(packet, reply_length, timeout)
+
+    def read_table(self, joint: str, first: int = 0, count: int | None = None) -> bytes:
+        """Read registers of a joint's servo by one request, raw and in the servo's byte order.
+
+        A table is no snapshot: the board reads it in several pieces.
+
+        Args:
+            joint: Its name.
+            first: The first register.
+            count: How many; all from `first` on if None.
+
+        Raises:
+            NotSupportedError: The board speaks dialect 1, or its firmware is too old.
+            CommandRefusedError: The servo is silent, or the board follows a path.
+        """
+        servo_id = self.model.joint(joint).servo_id
+        return self._attached().read_table(servo_id, first, TABLE_REGISTERS - first if count is None else count)
+
+    def write_table(self, joint: str, first: int, data: bytes) -> None:
+        """Write registers of a joint's servo by one request; the board writes those that differ.
+
+        It reads them back. It must be in `maintenance`. A servo keeps settings through power-off only while its
+        register `lock` is 0. If a part is refused, an earlier part may be written: read it back.
+
+        Args:
+            joint: Its name.
+            first: The first register.
+            data: Their values, raw.
+
+        Raises:
+            NotSupportedError: The board speaks dialect 1, or its firmware is too old.
+            CommandRefusedError: The board is not in maintenance, or the gate lets a register not pass.
+            ServoError: The servo does not keep a value.
+        """
+        with self._calling("write registers"):
+            self._attached().write_table(self.model.joint(joint).servo_id, first, data)
 
     def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:
         effect = effect_of(tables.PROTO_HEXWIRE, sub_cmd, data)

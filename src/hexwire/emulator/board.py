@@ -158,14 +158,14 @@ class EmulatedBoard:
         decoder = self.connection.next_timeout()
         if decoder is not None:
             times.append(decoder)
-        reset = self.faults.next_time(self.time)
-        if reset is not None:
-            times.append(reset)
+        others = (self.faults.next_time(self.time), self.dialect2.messages.next_timeout())
+        times += [due for due in others if due is not None]
         return min(times, default=None)
 
     def _next_moment(self, now: float) -> float:
         """When an idle board has something to do, at the latest now."""
-        due = (self.state.watchdog_due, self.state.report_due, self.trajectory.due_at)
+        messages = self.dialect2.messages.next_timeout()
+        due = (self.state.watchdog_due, self.state.report_due, self.trajectory.due_at, messages)
         moments = [t for t in due if t is not None and t > self.time]
         if self.paced and self.dialect == 2:
             moments.append(self._next_poll)
@@ -188,6 +188,7 @@ class EmulatedBoard:
             type=ModuleType.ARM_7BOT_ARDUINO_TRX,
             max_frame=self.max_frame,
             epoch=-now,
+            assembles=False,
         )
         state, connection, clock = self.state, self.connection, self._clock
         self.stops = StopQueue()
@@ -267,6 +268,7 @@ class EmulatedBoard:
                 self.dialect1.void(task.chapter)
             elif task.start:
                 self._tasks.append(_Task(self.bus.discover(), start=True))
+        self.dialect2.messages.stop()
         if not self.stops.add(mode, request) and request is not None:
             self.dialect2.refuse(request, Status.BUSY)
         if self.stops.interrupts:
@@ -378,6 +380,7 @@ class EmulatedBoard:
         if timeout is not None and timeout <= now:
             self.connection.handle_timeout(now)
             self._take_requests(now)
+        self.dialect2.messages.handle_timeout(now)
         state = self.state
         overdue = state.watchdog_due is not None and state.watchdog_due <= now
         if overdue and not self.trajectory.outlives_host:

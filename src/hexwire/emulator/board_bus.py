@@ -113,11 +113,8 @@ class BoardBus:
         answer = yield Transaction(passed.packets[-1], reply_length, timeout)
         return strip_echo(answer or b"", passed.packets[-1])
 
-    def _send_first(self, passed: Passed) -> Job:
-        """Record what the packets change, then send all but the last.
-
-        It is recorded before they are sent: a stop may come between a packet and its answer.
-        """
+    def note(self, passed: Passed) -> None:
+        """Record what packets change, before they are sent: a stop may come between a packet and its answer."""
         for packet in passed.packets:
             for servo_id in written_ids(parse_packet(packet)):
                 for joint in self._joints:
@@ -127,6 +124,10 @@ class BoardBus:
         for joint in self._joints:
             joint.torque_on = passed.torque.get(joint.servo_id, joint.torque_on)
             joint.target = passed.targets.get(joint.servo_id, joint.target)
+
+    def _send_first(self, passed: Passed) -> Job:
+        """Record what the packets change, then send all but the last."""
+        self.note(passed)
         for packet in passed.packets[:-1]:
             yield Transaction(packet, 0)
 

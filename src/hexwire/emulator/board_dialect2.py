@@ -33,9 +33,11 @@ from hexwire.wire.servo_packet import BROADCAST_ID
 
 from .board_bus import BoardBus
 from .board_jobs import Clock, Job
+from .board_messages import BoardMessages, Consumer
 from .board_orders import BoardOrders
 from .board_state import BoardState, JointSlot
 from .board_stop import Stopping, StopQueue
+from .board_table import BoardTable, TableMessage
 from .board_trajectory import Trajectory
 from .board_trajectory_commands import TrajectoryCommands
 from .chapter_packets import status_bytes, sync_write_rows
@@ -45,9 +47,7 @@ __all__ = ["Dialect2"]
 
 _FIRMWARE = (tables.VERSION_MAJOR, tables.VERSION_MINOR, tables.VERSION_PATCH)
 _DEFAULT_TRANSACT_MS = 20
-_CAPABILITIES = sum(tables.CAPABILITIES.values()) & ~(
-    tables.CAPABILITY_HOST_BAUD | tables.CAPABILITY_FINE_POSITIONS | tables.CAPABILITY_SERVO_TABLE
-)
+_CAPABILITIES = sum(tables.CAPABILITIES.values()) & ~tables.CAPABILITY_HOST_BAUD
 _OUTPUTS = 0x07
 
 
@@ -61,6 +61,9 @@ class Dialect2:
         connection: Where answers go.
         stops: Stops that wait or are under way.
         trajectory: The board's trajectory.
+
+    Attributes:
+        messages: Messages in fragments.
     """
 
     def __init__(
@@ -79,6 +82,12 @@ class Dialect2:
         self._stops = stops
         self._orders = BoardOrders(state, bus, clock)
         self._trajectory = TrajectoryCommands(state, trajectory, self._orders, clock)
+        table = BoardTable(state, bus, self._orders, trajectory)
+        consumers: dict[int, Callable[[], Consumer]] = {
+            Command.TRAJECTORY_POINTS: self._trajectory.points_message,
+            Command.SERVO_TABLE: lambda: TableMessage(table),
+        }
+        self.messages = BoardMessages(connection, clock, table, consumers)
         self._handlers: dict[int, Callable[[Request], Job]] = {
             Command.PING: self._packet,
             Command.READ: self._packet,
@@ -97,6 +106,9 @@ class Dialect2:
             Command.STATS: self._stats,
             Command.IO: self._io,
             Command.MAINTENANCE: self._maintenance,
+            Command.FRAGMENT: self.messages.fragment,
+            Command.FRAGMENT_MISSING: self.messages.missing,
+            Command.SERVO_TABLE: self.messages.table,
             Command.HOST_BAUD: self._host_baud,
             **dict.fromkeys(self._trajectory.handlers, self._trajectory_command),
         }
@@ -134,7 +146,12 @@ class Dialect2:
 
     def refuse(self, request: Request, status: Status, *, voided: bool = False) -> None:
         """Answer a request that is not executed: a stop made it void, or the queue is full."""
-        self._connection.reply(request, status, b"", self._clock(), voided=voided)
+        if request.frame.cmd not in (Command.FRAGMENT, Command.FRAGMENT_MISSING):
+            self._connection.reply(request, status, b"", self._clock(), voided=voided)
+        elif not voided:
+            self._connection.answer(request.frame, status, b"", self._clock())
+        elif request.frame.cmd == Command.FRAGMENT:
+            self.messages.void(request.frame)
 
     def stop_job(self, mode: int) -> Job:
         """Carry out one stop; all requests for it that arrive meanwhile get the same answer."""
@@ -163,6 +180,7 @@ class Dialect2:
     def _identify(self, request: Request) -> Job:
         self._body(request, 0)
         state = self._state
+        self.messages.identified(request.frame.src)
         # A host that sends IDENTIFY again has not asked for reports yet.
         state.report_due, state.report_period = None, 0.0
         rows = tuple(JointRow(j.servo_id, j.series.code, j.present) for j in state.joints)
@@ -271,6 +289,8 @@ class Dialect2:
 
     def _trajectory_command(self, request: Request) -> Job:
         body = yield from self._trajectory.handlers[request.frame.cmd](request.frame.body)
+        if request.frame.cmd == Command.TRAJECTORY_BEGIN and self.messages.streams_points:
+            self.messages.drop_incoming()
         self._reply(request, Status.OK, body)
 
     def _bad_stop(self, request: Request) -> Job:

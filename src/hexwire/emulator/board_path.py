@@ -17,7 +17,10 @@ from hexwire.wire.commands import LimitRow
 
 from .gate import RefusedError
 
-__all__ = ["MEMORY", "BoardPath"]
+__all__ = ["FINE", "MEMORY", "BoardPath"]
+
+FINE = 8
+"""Parts of a count in which fine positions are."""
 
 MEMORY = 1920
 """Bytes for points, packed as on the wire: 64 points of seven joints with velocities."""
@@ -57,6 +60,7 @@ class BoardPath:
         joints: How many joints follow it.
         hermite: Points have velocities.
         brake: Seconds that braking takes.
+        fine: Positions of points are in eighths of a count.
 
     Attributes:
         capacity: Points that fit.
@@ -66,9 +70,11 @@ class BoardPath:
         dry: It brakes because points are missing.
     """
 
-    def __init__(self, joints: int, *, hermite: bool, brake: float) -> None:
+    def __init__(self, joints: int, *, hermite: bool, brake: float, fine: bool = False) -> None:
         self.capacity = MEMORY // point_size(joints, hermite=hermite)
         self.hermite = hermite
+        self._unit = FINE if fine else 1
+        self._coming: list[_Knot] | None = None
         self.whole = False
         self.towards = 0
         self.dry = False
@@ -91,8 +97,8 @@ class BoardPath:
 
     @property
     def first_positions(self) -> tuple[int, ...]:
-        """Positions of point 0, before the start."""
-        return self._knots[0].positions
+        """Positions of point 0 in counts, before the start; halves upwards."""
+        return tuple((2 * place + self._unit) // (2 * self._unit) for place in self._knots[0].positions)
 
     @property
     def can_start(self) -> bool:
@@ -130,11 +136,49 @@ class BoardPath:
         kept = self._knots[: place - self._oldest]
         knots = list(kept)
         for point in points:
-            knots.append(_next_knot(knots[-1] if knots else None, point, limits))
-        if len(knots) > self.capacity:
+            knots.append(_next_knot(knots[-1] if knots else None, point, limits, self._unit))
+        if len(knots) > self.capacity or self._coming is not None:
             raise RefusedError(Status.BUSY)
         self._knots = knots
         self.whole = last
+
+    def begin_coming(self, first: int, count: int) -> None:
+        """Expect points that come one after the other and count when all are there.
+
+        Args:
+            first: Index of the first, modulo 65536.
+            count: How many.
+
+        Raises:
+            RefusedError: `bad_range` unless it is the next one, `busy` if they do not fit.
+        """
+        if (self.next - first) % _INDEXES or self.whole:
+            raise RefusedError(Status.BAD_RANGE)
+        if count > self.free:
+            raise RefusedError(Status.BUSY)
+        self._coming = []
+
+    def come(self, points: Sequence[PathPoint], limits: Sequence[LimitRow]) -> None:
+        """Take some of these points.
+
+        Raises:
+            RefusedError: `bad_range`.
+        """
+        assert self._coming is not None
+        for point in points:
+            before = self._coming[-1] if self._coming else self._knots[-1] if self._knots else None
+            self._coming.append(_next_knot(before, point, limits, self._unit))
+
+    def end_coming(self, *, last: bool) -> None:
+        """All of them have come."""
+        assert self._coming is not None
+        self._knots += self._coming
+        self._coming = None
+        self.whole = last
+
+    def drop_coming(self) -> None:
+        """They will not all come."""
+        self._coming = None
 
     # -- time ---------------------------------------------------------------------------------------
 
@@ -192,33 +236,34 @@ class BoardPath:
     # -- places -------------------------------------------------------------------------------------
 
     def positions(self, moment: float) -> tuple[int, ...]:
-        """Where the joints are at a moment, rounded to counts; time does not go back."""
+        """Where the joints are at a moment, rounded to counts, once; time does not go back."""
         self.advance(moment)
         before, after = self._knots[:2] if len(self._knots) > 1 else (self._knots[0], self._knots[0])
         ticks = after.at - before.at
         share = (self._ticks - before.at) / ticks if ticks else 1.0
         if not self.hermite:
             pairs = zip(before.positions, after.positions, strict=True)
-            return tuple(round(a + (b - a) * share) for a, b in pairs)
+            return tuple(round((a + (b - a) * share) / self._unit) for a, b in pairs)
         rows = zip(before.positions, before.velocities, after.positions, after.velocities, strict=True)
-        return tuple(round(_cubic(share, ticks * POINT_TIME, *row)) for row in rows)
+        seconds = ticks * POINT_TIME * self._unit
+        return tuple(round(_cubic(share, seconds, *row) / self._unit) for row in rows)
 
 
-def _next_knot(before: _Knot | None, point: PathPoint, limits: Sequence[LimitRow]) -> _Knot:
-    """Check a point and place it after another one.
+def _next_knot(before: _Knot | None, point: PathPoint, limits: Sequence[LimitRow], unit: int) -> _Knot:
+    """Check a point, whose positions are in parts of a count, and place it after another one.
 
     Raises:
         RefusedError: `bad_range`.
     """
     sound = (point.ticks == 0) == (before is None)
     for position, limit in zip(point.positions, limits, strict=True):
-        sound &= limit.minimum <= position <= limit.maximum
+        sound &= limit.minimum * unit <= position <= limit.maximum * unit
     for velocity, limit in zip(point.velocities, limits, strict=bool(point.velocities)):
         sound &= abs(velocity) <= limit.speed
     if before is not None:
         for a, b, limit in zip(before.positions, point.positions, limits, strict=True):
-            # Positions are rounded to counts, so an even motion at the limit may need one count more.
-            sound &= (abs(b - a) - 1) * _TICKS_PER_SECOND <= limit.speed * point.ticks
+            # Positions are rounded, so an even motion at the limit may need one unit more.
+            sound &= (abs(b - a) - 1) * _TICKS_PER_SECOND <= limit.speed * unit * point.ticks
     if not sound:
         raise RefusedError(Status.BAD_RANGE)
     return _Knot((before.at if before else 0) + point.ticks, point.positions, point.velocities)

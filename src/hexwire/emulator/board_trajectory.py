@@ -109,8 +109,8 @@ class Trajectory:
         """Replace a trajectory that has not started or is over; nothing moves."""
         self.number, self.mask, self._flags = request.id, request.mask, PathFlag(request.flags)
         self.joints = [j for i, j in enumerate(self._board.joints) if request.mask >> i & 1]
-        hermite = bool(self._flags & PathFlag.HERMITE)
-        self.path = BoardPath(len(self.joints), hermite=hermite, brake=request.brake_ms / 1000)
+        hermite, fine = bool(self._flags & PathFlag.HERMITE), bool(self._flags & PathFlag.FINE)
+        self.path = BoardPath(len(self.joints), hermite=hermite, brake=request.brake_ms / 1000, fine=fine)
         self.late = 0
         self.state = PathState.LOADING
         return self.path

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 
-from hexwire.wire import tables
 from hexwire.wire.board_trajectory import (
+    POINTS_HEAD_SIZE,
     BeginReply,
     BeginRequest,
+    PathFlag,
     PathState,
     PathStatus,
     PointsRequest,
@@ -21,18 +22,19 @@ from hexwire.wire.board_trajectory import (
     point_size,
 )
 from hexwire.wire.command_frame import Command, Status
+from hexwire.wire.commands import LimitRow
 
-from .board_jobs import Clock, Wait
+from .board_jobs import Clock, Job, Wait
 from .board_orders import BoardOrders
 from .board_path import BoardPath
 from .board_state import BoardState
 from .board_trajectory import LEAD_MS, Trajectory
 from .gate import RefusedError
 
-__all__ = ["TrajectoryCommands"]
+__all__ = ["PointsMessage", "TrajectoryCommands"]
 
 _BRAKE_MS = range(20, 2001)
-_FLAGS = tables.TRAJECTORY_FLAG_HERMITE | tables.TRAJECTORY_FLAG_OUTLIVES_HOST
+_FLAGS = sum(PathFlag)
 _INDEX = 0xFFFF
 _CLOCK = 1 << 32
 _FARTHEST_US = 10_000_000
@@ -84,23 +86,48 @@ class TrajectoryCommands:
 
     def _points(self, body: bytes) -> Answer:
         request = PointsRequest.parse(body)
+        path = self.check_points(request)
+        trajectory = self._trajectory
+        joints = len(trajectory.joints)
+        if not request.count or len(request.data) != request.count * point_size(joints, hermite=path.hermite):
+            raise RefusedError(Status.BAD_LENGTH)
+        self.check_loads()
+        points = parse_points(request.data, joints, hermite=path.hermite)
+        path.put(request.first, points, self.limits(), last=request.last == 1)
+        trajectory.update()
+        yield from ()
+        return self.report()
+
+    def check_points(self, request: PointsRequest) -> BoardPath:
+        """Check the fixed part of POINTS; returns the path.
+
+        Raises:
+            RefusedError: It is refused.
+        """
         path = self._path_of(request.id)
         if request.last > 1:
             raise RefusedError(Status.BAD_RANGE)
         self._orders.refuse_if_stopped()
-        trajectory = self._trajectory
-        trajectory.update()
-        joints = len(trajectory.joints)
-        if not request.count or len(request.data) != request.count * point_size(joints, hermite=path.hermite):
-            raise RefusedError(Status.BAD_LENGTH)
-        if trajectory.state not in _LOADS:
+        self._trajectory.update()
+        return path
+
+    def check_loads(self) -> None:
+        """Check that the trajectory takes points.
+
+        Raises:
+            RefusedError: It does not.
+        """
+        self._trajectory.update()
+        if self._trajectory.state not in _LOADS:
             raise RefusedError(Status.BAD_RANGE)
-        points = parse_points(request.data, joints, hermite=path.hermite)
-        limits = [limit for i, limit in enumerate(self._board.limits) if trajectory.mask >> i & 1]
-        path.put(request.first, points, limits, last=request.last == 1)
-        trajectory.update()
-        yield from ()
-        return self._report()
+
+    def limits(self) -> list[LimitRow]:
+        """Limits of the joints of the trajectory."""
+        return [limit for i, limit in enumerate(self._board.limits) if self._trajectory.mask >> i & 1]
+
+    def points_message(self) -> PointsMessage:
+        """A taker of points that come in fragments."""
+        return PointsMessage(self, self._trajectory)
 
     def _start(self, body: bytes) -> Answer:
         request = StartRequest.parse(body)
@@ -141,7 +168,7 @@ class TrajectoryCommands:
             raise RefusedError(Status.BAD_LENGTH)
         self._trajectory.update()
         yield from ()
-        return self._report()
+        return self.report()
 
     def _abort(self, body: bytes) -> Answer:
         if len(body) != 1:
@@ -164,7 +191,7 @@ class TrajectoryCommands:
             raise RefusedError(Status.BAD_RANGE)
         return path
 
-    def _report(self) -> bytes:
+    def report(self) -> bytes:
         """The body of STATUS and of the answer to POINTS."""
         trajectory = self._trajectory
         path = trajectory.path
@@ -173,3 +200,69 @@ class TrajectoryCommands:
             return PathStatus(0, PathState.NONE, 0, 0, 0, 0, time_us).serialize()
         counts = (path.next & _INDEX, path.towards & _INDEX, path.free, trajectory.late)
         return PathStatus(trajectory.number, trajectory.state, *counts, time_us).serialize()
+
+
+class PointsMessage:
+    """A TRAJECTORY_POINTS that comes in pieces: points are checked as they come, and count when all are there.
+
+    Args:
+        commands: The commands of the trajectory.
+        trajectory: The trajectory.
+    """
+
+    head_size = POINTS_HEAD_SIZE
+
+    def __init__(self, commands: TrajectoryCommands, trajectory: Trajectory) -> None:
+        self._commands = commands
+        self._trajectory = trajectory
+        self._path: BoardPath | None = None
+        self._last = False
+        self._rest = b""
+
+    def begin(self, head: bytes, check_length: Callable[[int], None]) -> None:
+        """Check the fixed part; `check_length` gets the length of the whole body.
+
+        Raises:
+            RefusedError: It is refused.
+        """
+        request = PointsRequest.parse(head)
+        path = self._commands.check_points(request)
+        if not request.count:
+            raise RefusedError(Status.BAD_LENGTH)
+        check_length(POINTS_HEAD_SIZE + request.count * self._size(path))
+        self._commands.check_loads()
+        path.begin_coming(request.first, request.count)
+        self._path, self._last = path, request.last == 1
+
+    def take(self, data: bytes) -> Job:
+        """Check the points that are complete.
+
+        Raises:
+            RefusedError: One is refused, or the trajectory takes none any more.
+        """
+        path = self._path
+        assert path is not None
+        self._commands.check_loads()
+        data = self._rest + data
+        size = self._size(path)
+        whole = len(data) // size * size
+        self._rest = data[whole:]
+        path.come(
+            parse_points(data[:whole], len(self._trajectory.joints), hermite=path.hermite), self._commands.limits()
+        )
+        yield from ()
+
+    def finish(self) -> bytes:
+        """Count them all; returns the body of the reply."""
+        assert self._path is not None
+        self._path.end_coming(last=self._last)
+        self._trajectory.update()
+        return self._commands.report()
+
+    def drop(self) -> None:
+        """Forget what has come."""
+        if self._path is not None:
+            self._path.drop_coming()
+
+    def _size(self, path: BoardPath) -> int:
+        return point_size(len(self._trajectory.joints), hermite=path.hermite)

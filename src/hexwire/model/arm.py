@@ -56,9 +56,9 @@ class JointModel:
         """Joint angle in radians of a servo position in counts."""
         return self.sign * (counts - self.neutral) * self.scale + self.offset
 
-    def angle_to_counts(self, angle: float) -> int:
-        """Nearest servo position in counts of a joint angle in radians."""
-        return round(self.sign * (angle - self.offset) / self.scale) + self.neutral
+    def angle_to_counts(self, angle: float, parts: int = 1) -> int:
+        """Nearest servo position of a joint angle in radians, in counts or in so many parts of a count."""
+        return round(self.sign * (angle - self.offset) / self.scale * parts) + self.neutral * parts
 
     def speed_to_angle(self, counts_per_s: float) -> float:
         """Radians per second of a servo speed in counts per second."""

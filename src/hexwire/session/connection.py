@@ -321,6 +321,10 @@ class Connection(FrameMaker):
         ext = EXT_REPLY | status & EXT_STATUS_MASK
         self._out.append(self.build(PROTO_HEXWIRE, frame.cmd, body, frame.seq, now, ext, dst=frame.src))
 
+    def done(self, frame: Frame) -> None:
+        """A request was answered in a way that is not stored: if it comes again, it is a new one."""
+        self._replies.drop(frame)
+
     def answer_again(self, frame: Frame, now: float) -> None:
         """Send the stored reply to a request again if there is one; only src, seq and cmd are compared."""
         for data in self._replies.find_by_number(frame.src, frame.seq, frame.cmd, now):

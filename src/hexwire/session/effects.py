@@ -9,6 +9,7 @@ from enum import Enum
 
 from hexwire.wire.command_frame import Command
 from hexwire.wire.servo_packet import Instruction
+from hexwire.wire.servo_table import TABLE_HEAD_SIZE
 from hexwire.wire.tables import PROTO_CHAPTER
 
 __all__ = ["Effect", "effect_of", "packet_only_reads"]
@@ -62,6 +63,8 @@ def effect_of(dialect: int, cmd: int, body: bytes) -> Effect:
     if cmd == Command.TORQUE and body[:1] == b"\0":
         return Effect.FREE
     if cmd == Command.IO and body[:1] == b"\0":
+        return Effect.NONE
+    if cmd == Command.SERVO_TABLE and len(body) == TABLE_HEAD_SIZE:
         return Effect.NONE
     if cmd == Command.TRANSACT and packet_only_reads(body[_TRANSACT_HEAD:]):
         return Effect.NONE

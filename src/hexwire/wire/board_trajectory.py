@@ -14,9 +14,15 @@ from typing import NamedTuple
 
 from hexwire.errors import RemoteProtocolError
 
-from .tables import TRAJECTORY_FLAG_HERMITE, TRAJECTORY_FLAG_OUTLIVES_HOST, TRAJECTORY_STATES
+from .tables import (
+    TRAJECTORY_FLAG_FINE,
+    TRAJECTORY_FLAG_HERMITE,
+    TRAJECTORY_FLAG_OUTLIVES_HOST,
+    TRAJECTORY_STATES,
+)
 
 __all__ = [
+    "POINTS_HEAD_SIZE",
     "POINT_TIME",
     "BeginReply",
     "BeginRequest",
@@ -38,6 +44,8 @@ POINT_TIME = 1e-4
 _BEGIN = struct.Struct("<BBHH")
 _BEGIN_REPLY = struct.Struct("<BBHH")
 _POINTS = struct.Struct("<BBHB")
+POINTS_HEAD_SIZE = _POINTS.size
+"""Bytes of TRAJECTORY_POINTS before the points."""
 _STATUS = struct.Struct("<BBHHHHI")
 _START = struct.Struct("<BBI")
 _START_REPLY = struct.Struct("<BBI")
@@ -68,6 +76,7 @@ class PathFlag(IntFlag):
 
     HERMITE = TRAJECTORY_FLAG_HERMITE
     OUTLIVES_HOST = TRAJECTORY_FLAG_OUTLIVES_HOST
+    FINE = TRAJECTORY_FLAG_FINE
 
 
 def _unpack(name: str, layout: struct.Struct, body: bytes) -> tuple[int, ...]:
@@ -118,7 +127,8 @@ class PathPoint(NamedTuple):
 
     Attributes:
         ticks: Time since the point before, in 0.1 ms; 0 for the first.
-        positions: Counts, of the joints of the mask from the lowest bit on.
+        positions: Counts, with the flag `FINE` eighths of a count, of the joints of the mask from the lowest bit
+            on.
         velocities: Counts per second, of the same; empty without the flag `HERMITE`.
     """
 
