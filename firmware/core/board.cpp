@@ -14,7 +14,8 @@ constexpr uint8_t kReportBacklog = 24;
 }  // namespace
 
 Board::Board(Platform& platform)
-    : platform_(platform),
+    : BoardFields(),
+      platform_(platform),
       rate_(platform),
       stats_(),
       decoder_(stats_),
@@ -40,25 +41,7 @@ Board::Board(Platform& platform)
       received_table_(),
       owner_(Owner::kNobody),
       next_owner_(Owner::kNobody),
-      now_running_(),
-      boot_id_(0),
-      board_flags_(0),
-      outputs_(0),
-      last_us_(0),
-      us_(0),
-      sec_(0),
-      ms_(0),
-      ms_rest_(0),
-      sn_(0),
-      report_seq_(0),
-      report_fields_(0),
-      report_to_(0),
-      heard_ms_(0),
-      chapter_heard_(false),
-      chapter_heard_ms_(0),
-      fed_(false),
-      watchdog_mode_(0),
-      watchdog_ms_(0) {}
+      now_running_() {}
 
 void Board::begin(uint32_t boot_id, uint8_t reset_flags) {
   boot_id_ = boot_id;

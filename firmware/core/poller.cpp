@@ -25,25 +25,7 @@ constexpr uint8_t kExtraCount = sizeof(kExtras) / sizeof(kExtras[0]);
 }  // namespace
 
 Poller::Poller(ServoBus& bus, Joints& joints, Sweep::Raw* raw)
-    : bus_(bus),
-      joints_(joints),
-      sweep_(bus, joints, raw),
-      phase_(Phase::kRest),
-      next_phase_(Phase::kRest),
-      awake_(false),
-      report_ready_(false),
-      cycles_(0),
-      extra_due_(false),
-      wanted_(0),
-      turn_(0),
-      extras_left_(0),
-      period_ms_(0),
-      awake_until_ms_(0),
-      report_at_us_(0),
-      cycle_begun_us_(0),
-      cycle_us_(0),
-      cycle_at_ms_(0),
-      sampled_us_(0) {}
+    : PollerFields(), bus_(bus), joints_(joints), sweep_(bus, joints, raw) {}
 
 void Poller::wake(uint32_t now_ms) {
   awake_ = true;

@@ -11,7 +11,29 @@
 
 namespace hexwire {
 
-class Poller {
+// The fields of a poller. All begin as zero: together in a struct, they are cleared by one loop instead of one by one.
+struct PollerFields {
+  enum class Phase : uint8_t { kRest, kCycle, kExtra };
+
+  Phase phase_;
+  Phase next_phase_;  // of what is prepared after the last transaction of a phase
+  bool awake_;
+  bool report_ready_;
+  uint8_t cycles_;
+  bool extra_due_;
+  Mask wanted_;
+  uint8_t turn_;  // item * kJoints + joint of the next extra
+  uint8_t extras_left_;
+  uint16_t period_ms_;
+  uint32_t awake_until_ms_;
+  uint32_t report_at_us_;
+  uint32_t cycle_begun_us_;
+  uint32_t cycle_us_;
+  uint32_t cycle_at_ms_;
+  uint32_t sampled_us_;
+};
+
+class Poller : private PollerFields {
  public:
   Poller(ServoBus& bus, Joints& joints, Sweep::Raw* raw);
 
@@ -46,8 +68,6 @@ class Poller {
   uint32_t sampled_us() const { return sampled_us_; }
 
  private:
-  enum class Phase : uint8_t { kRest, kCycle, kExtra };
-
   Mask worth_asking(uint32_t now_ms) const;
   Item item_of(uint8_t cycle, uint32_t now_ms) const;
   bool start_cycle(uint32_t now_us, uint32_t now_ms);
@@ -63,22 +83,6 @@ class Poller {
   ServoBus& bus_;
   Joints& joints_;
   Sweep sweep_;
-  Phase phase_;
-  Phase next_phase_;  // of what is prepared after the last transaction of a phase
-  bool awake_;
-  bool report_ready_;
-  uint8_t cycles_;
-  bool extra_due_;
-  Mask wanted_;
-  uint8_t turn_;  // item * kJoints + joint of the next extra
-  uint8_t extras_left_;
-  uint16_t period_ms_;
-  uint32_t awake_until_ms_;
-  uint32_t report_at_us_;
-  uint32_t cycle_begun_us_;
-  uint32_t cycle_us_;
-  uint32_t cycle_at_ms_;
-  uint32_t sampled_us_;
 };
 
 }  // namespace hexwire

@@ -23,38 +23,11 @@ constexpr uint16_t kMarginUs = 3000;
 }  // namespace
 
 ServoBus::ServoBus(Platform& platform, Stats& stats)
-    : platform_(platform),
-      stats_(stats),
-      state_(State::kIdle),
-      kind_(Kind::kSilent),
-      result_(BusResult::kSilent),
-      expect_(),
-      line_dirty_(true),
-      echo_seen_(false),
-      hurried_(false),
-      whole_(false),
-      prepared_(false),
-      size_(0),
-      tries_left_(0),
-      raw_length_(0),
-      echo_matched_(0),
-      echo_over_(true),
-      received_(0),
-      whole_answer_(0),
-      searched_(0),
-      wanted_(0),
-      got_(0),
-      half_size_(0),
-      half_index_(0),
-      made_size_(0),
-      next_(),
-      timeout_us_(0),
-      now_(0),
-      since_(0),
-      last_rx_(0),
-      hurried_at_(0),
-      packet_(packets_),
-      made_(packets_) {}
+    : ServoBusFields(), platform_(platform), stats_(stats), packet_(packets_), made_(packets_) {
+  result_ = BusResult::kSilent;
+  line_dirty_ = true;
+  echo_over_ = true;
+}
 
 void ServoBus::begin(uint8_t id, uint8_t instruction) {
   prepared_ = false;

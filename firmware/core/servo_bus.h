@@ -33,7 +33,51 @@ struct Expect {
   uint16_t timeout_us;  // from the end of the request to the first byte of the answer
 };
 
-class ServoBus {
+// The fields of a bus. Nearly all begin as zero: together in a struct, they are cleared by one loop instead of one by one.
+struct ServoBusFields {
+  enum class State : uint8_t { kIdle, kQuiet, kSending, kWaiting, kFinished };
+  enum class Kind : uint8_t { kSilent, kPackets, kRaw };
+
+  // What a packet is, and what comes back.
+  struct Plan {
+    Kind kind;
+    uint8_t size;
+    uint8_t wanted;  // number of status packets
+    uint8_t answer;  // their bytes, if they are known before
+    Expect expect;
+  };
+
+  State state_;
+  Kind kind_;
+  BusResult result_;
+  Expect expect_;
+  bool line_dirty_;   // the last transaction may still have bytes on the way
+  bool echo_seen_;    // the adapter echoes, as seen in the last transaction that showed it
+  bool hurried_;
+  bool whole_;        // the packet came with its checksum
+  bool prepared_;
+  uint8_t size_;
+  uint8_t tries_left_;
+  uint8_t raw_length_;
+  uint8_t echo_matched_;  // bytes of the request echoed so far
+  bool echo_over_;        // no more bytes can be part of the echo
+  uint8_t received_;
+  uint8_t whole_answer_;
+  uint8_t searched_;      // bytes of `answer_` that are already searched
+  uint8_t wanted_;
+  uint8_t got_;
+  uint8_t half_size_;     // of a packet whose beginning is found, 0 if there is none; and which of the awaited ones it is
+  uint8_t half_index_;
+  uint8_t made_size_;
+  Plan next_;
+  uint32_t timeout_us_;
+  uint32_t now_;      // time of the present pass
+  uint32_t since_;    // start of the state; while waiting, the end of the request
+  uint32_t last_rx_;
+  uint32_t hurried_at_;
+};
+
+class ServoBus : private ServoBusFields {
  public:
   static constexpr uint8_t kMaxPacket = kMaxBody;  // the longest that fits into a host's frame
   static constexpr uint8_t kMaxAnswer = 160;
@@ -84,9 +128,6 @@ class ServoBus {
   uint8_t answer_size(uint8_t index = 0) const;
 
  private:
-  enum class State : uint8_t { kIdle, kQuiet, kSending, kWaiting, kFinished };
-  enum class Kind : uint8_t { kSilent, kPackets, kRaw };
-
   void close_packet();
   void start(Kind kind, uint8_t wanted, const Expect& expect);
   uint8_t answer_bytes(Kind kind, uint8_t wanted, const Expect& expect) const;
@@ -107,45 +148,8 @@ class ServoBus {
   void fail();
   void finish(BusResult result);
 
-  // What a packet is, and what comes back.
-  struct Plan {
-    Kind kind;
-    uint8_t size;
-    uint8_t wanted;  // number of status packets
-    uint8_t answer;  // their bytes, if they are known before
-    Expect expect;
-  };
-
   Platform& platform_;
   Stats& stats_;
-  State state_;
-  Kind kind_;
-  BusResult result_;
-  Expect expect_;
-  bool line_dirty_;   // the last transaction may still have bytes on the way
-  bool echo_seen_;    // the adapter echoes, as seen in the last transaction that showed it
-  bool hurried_;
-  bool whole_;        // the packet came with its checksum
-  bool prepared_;
-  uint8_t size_;
-  uint8_t tries_left_;
-  uint8_t raw_length_;
-  uint8_t echo_matched_;  // bytes of the request echoed so far
-  bool echo_over_;        // no more bytes can be part of the echo
-  uint8_t received_;
-  uint8_t whole_answer_;
-  uint8_t searched_;      // bytes of `answer_` that are already searched
-  uint8_t wanted_;
-  uint8_t got_;
-  uint8_t half_size_;     // of a packet whose beginning is found, 0 if there is none; and which of the awaited ones it is
-  uint8_t half_index_;
-  uint8_t made_size_;
-  Plan next_;
-  uint32_t timeout_us_;
-  uint32_t now_;      // time of the present pass
-  uint32_t since_;    // start of the state; while waiting, the end of the request
-  uint32_t last_rx_;
-  uint32_t hurried_at_;
   uint8_t* packet_;  // on the line
   uint8_t* made_;    // being made; the other half of the buffer if one is on the line
   uint8_t at_[gen::MAX_JOINTS];

@@ -29,35 +29,7 @@ uint32_t share_of(uint32_t part_us, uint32_t whole_us) {
 
 }  // namespace
 
-Trajectory::Trajectory(const Settings& settings)
-    : settings_(settings),
-      id_(0),
-      state_(gen::TRAJECTORY_NONE),
-      end_(gen::TRAJECTORY_NONE),
-      flags_(0),
-      mask_(0),
-      complete_(false),
-      ran_(false),
-      at_end_(false),
-      stride_(0),
-      capacity_(0),
-      head_(0),
-      count_(0),
-      next_(0),
-      staging_(false),
-      staged_last_(false),
-      staged_(0),
-      begun_(0),
-      brake_us_(0),
-      brake_left_us_(0),
-      start_us_(0),
-      clock_us_(0),
-      segment_us_(0),
-      in_segment_us_(0),
-      share_(0),
-      behind_(0),
-      cubics_(),
-      points_() {}
+Trajectory::Trajectory(const Settings& settings) : TrajectoryFields(), settings_(settings) {}
 
 // Number of joints of the path below this one, which is its place in a point.
 uint8_t Trajectory::place(uint8_t joint) const {

@@ -16,7 +16,45 @@ constexpr uint8_t kTickUs = 100;           // the unit of the times of points
 constexpr uint16_t kLeastBrakeMs = 20;
 constexpr uint16_t kMostBrakeMs = 2000;
 
-class Trajectory {
+// The fields of a trajectory. All begin as zero. Together in a struct, they are cleared by one loop instead of one by one.
+struct TrajectoryFields {
+  static constexpr uint16_t kRoom = 64 * (2 + 4 * kJoints);  // 64 points of all joints with velocities
+
+  struct Cubic {
+    int16_t origin;      // as in the point
+    int32_t c1, c2, c3;  // sixteenths of a count
+  };
+
+  uint8_t id_;
+  uint8_t state_;
+  uint8_t end_;     // the state after braking
+  uint8_t flags_;
+  Mask mask_;
+  bool complete_;   // the last point has arrived
+  bool ran_;
+  bool at_end_;     // its position does not change any more
+  uint8_t stride_;  // bytes of a point
+  uint16_t capacity_;
+  uint16_t head_;   // place of the oldest point
+  uint16_t count_;
+  uint16_t next_;   // index of the point after the newest
+  bool staging_;
+  bool staged_last_;
+  uint8_t staged_;  // whole points behind the newest that do not count yet
+  uint8_t begun_;   // bytes of the one after them
+  uint32_t brake_us_;
+  uint32_t brake_left_us_;
+  uint32_t start_us_;
+  uint32_t clock_us_;    // up to when the path's clock was moved on
+  uint32_t segment_us_;  // the segment between the two oldest points
+  uint32_t in_segment_us_;
+  uint32_t share_;       // of the segment that is over, in 65536ths
+  uint32_t behind_;      // time of the path after this segment, in 0.1 ms
+  Cubic cubics_[kJoints];
+  uint8_t points_[kRoom];
+};
+
+class Trajectory : private TrajectoryFields {
  public:
   explicit Trajectory(const Settings& settings);
 
@@ -68,13 +106,6 @@ class Trajectory {
   void end(uint8_t state);
 
  private:
-  static constexpr uint16_t kRoom = 64 * (2 + 4 * kJoints);  // 64 points of all joints with velocities
-
-  struct Cubic {
-    int16_t origin;      // as in the point
-    int32_t c1, c2, c3;  // sixteenths of a count
-  };
-
   bool hermite() const { return flags_ & gen::TRAJECTORY_FLAG_HERMITE; }
   bool fine() const { return flags_ & gen::TRAJECTORY_FLAG_FINE; }
   // Sixteenths of a count in the unit of a position.
@@ -100,33 +131,6 @@ class Trajectory {
   void run_dry();
 
   const Settings& settings_;
-  uint8_t id_;
-  uint8_t state_;
-  uint8_t end_;     // the state after braking
-  uint8_t flags_;
-  Mask mask_;
-  bool complete_;   // the last point has arrived
-  bool ran_;
-  bool at_end_;     // its position does not change any more
-  uint8_t stride_;  // bytes of a point
-  uint16_t capacity_;
-  uint16_t head_;   // place of the oldest point
-  uint16_t count_;
-  uint16_t next_;   // index of the point after the newest
-  bool staging_;
-  bool staged_last_;
-  uint8_t staged_;  // whole points behind the newest that do not count yet
-  uint8_t begun_;   // bytes of the one after them
-  uint32_t brake_us_;
-  uint32_t brake_left_us_;
-  uint32_t start_us_;
-  uint32_t clock_us_;    // up to when the path's clock was moved on
-  uint32_t segment_us_;  // the segment between the two oldest points
-  uint32_t in_segment_us_;
-  uint32_t share_;       // of the segment that is over, in 65536ths
-  uint32_t behind_;      // time of the path after this segment, in 0.1 ms
-  Cubic cubics_[kJoints];
-  uint8_t points_[kRoom];
 };
 
 }  // namespace hexwire
