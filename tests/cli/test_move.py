@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from hexwire.cli.move import check_targets, hold_on_ctrl_c, parse_targets
+from hexwire.cli.move import arrived_words, check_targets, hold_on_ctrl_c, parse_targets, rest_json
+from hexwire.control.rest import Rest
 from hexwire.errors import LinkLostError, UsageError
 from hexwire.model.hex7bot import HEX7BOT
 
@@ -328,3 +329,30 @@ def test_a_duration_that_makes_no_sense_is_refused_before_the_torque(bench: Any)
     assert result.exit_code == 2
     assert "a motion takes 0 to 3600 s" in result.stderr
     assert not any(joint["torque_on"] for joint in bench.json("state")["joints"])
+
+
+def test_how_far_off_the_arm_came_to_rest() -> None:
+    off = Rest("J2", math.radians(0.8), 0.00394)
+    assert arrived_words(off) == "arrived, J2 0.8 deg off, the tip 3.9 mm"
+    assert arrived_words(Rest("J2", math.radians(0.8), None)) == "arrived, J2 0.8 deg off"
+    assert arrived_words(Rest("J2", math.radians(0.05), 0.001)) == "arrived"
+    assert arrived_words(Rest("J2", math.nan, None)) == "arrived; since then the position of J2 is unknown"
+    assert rest_json(off) == {"off_deg": pytest.approx(0.8), "off_mm": pytest.approx(3.94)}
+    assert rest_json(Rest("J2", math.nan, None)) == rest_json(None) == {"off_deg": None, "off_mm": None}
+
+
+def test_move_says_where_the_arm_came_to_rest(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    goals: list[dict[str, float]] = []
+
+    def rest(robot: object, goal: dict[str, float], kinematics: object) -> Rest:
+        goals.append(goal)
+        return Rest("J4", math.radians(0.8), 0.004)
+
+    monkeypatch.setattr("hexwire.control.rest.come_to_rest", rest)
+    assert bench.ok("move", "J4=20", "--wait").endswith("arrived, J4 0.8 deg off, the tip 4.0 mm\n")
+    told = bench.json("move", "J4=10", "--wait")
+    assert (told["off_deg"], told["off_mm"]) == (pytest.approx(0.8), pytest.approx(4.0))
+    assert [math.degrees(goal["J4"]) for goal in goals] == pytest.approx([20.0, 10.0], abs=0.1)
+    # Without waiting nobody knows.
+    assert bench.json("move", "J4=0")["off_deg"] is None
+    assert len(goals) == 2

@@ -1,17 +1,11 @@
 from __future__ import annotations
 
-import dataclasses
-import math
-from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from hexwire.cli import run_motion
-
 if TYPE_CHECKING:
-    from hexwire.control.motions import CheckedPath
-    from hexwire.drivers.base import RobotDriver
+    pass
 
 
 def test_a_stop_from_elsewhere_ends_the_motion(bench: Any) -> None:
@@ -87,38 +81,3 @@ def test_a_picture_that_fails_does_not_change_how_a_motion_ends(
     assert result.stdout.endswith("arrived\n")
     assert result.stderr.count("has gaps, it failed once: No space left on device") == 1
     assert bench.run("goto", "0", "220", "200", "--plot", picture, "--dry-run").exit_code == 1
-
-
-class Settling:
-    """A robot whose joint comes to rest after some reads."""
-
-    def __init__(self, *positions: float) -> None:
-        self.left = list(positions)
-        self.reads = 0
-
-    def read(self) -> Any:
-        self.reads += 1
-        angle = self.left.pop(0) if len(self.left) > 1 else self.left[0]
-        return SimpleNamespace(positions={"J1": angle})
-
-
-def test_how_far_off_it_is_counts_when_the_arm_is_at_rest() -> None:
-    robot = Settling(0.0, 0.02, 0.03, 0.0301)
-    assert run_motion._still(cast("RobotDriver", robot)) == {"J1": 0.0301}
-    assert robot.reads == 4
-
-
-def test_a_joint_that_never_rests_is_not_waited_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run_motion, "_SETTLES", 0.1)
-    robot = Settling(*[0.01 * i for i in range(1000)])
-    run_motion._still(cast("RobotDriver", robot))
-    assert robot.reads < 20
-
-
-def test_the_worst_joint_and_the_tip_are_named() -> None:
-    path = cast("CheckedPath", SimpleNamespace(legs=[SimpleNamespace(names=("J1", "J2"), goal=(0.0, 0.0))]))
-    rest = run_motion._rest({"J1": math.radians(0.05), "J2": math.radians(-0.8)}, path, None)
-    assert (rest.joint, round(rest.degrees, 3), rest.millimetres) == ("J2", 0.8, None)
-    assert rest.words() == "arrived, J2 0.8 deg off"
-    assert dataclasses.replace(rest, millimetres=3.94).words() == "arrived, J2 0.8 deg off, the tip 3.9 mm"
-    assert dataclasses.replace(rest, degrees=0.05).words() == "arrived"

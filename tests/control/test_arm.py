@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pytest
@@ -592,3 +592,20 @@ def test_a_goal_that_nobody_wants_any_more_does_not_begin() -> None:
     with pytest.raises(GoalError, match="cancelled"):
         bench.command(order((1.0, {"J1": J1 + 0.3})), wanted=lambda: False)
     assert not bench.controller.busy
+
+
+def test_a_motion_says_how_far_off_the_arm_is_at_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = make_bench()
+    seen: list[tuple[Sequence[float], Sequence[float]]] = []
+
+    def off(names: Sequence[str], goal: Sequence[float], position: Sequence[float]) -> str:
+        seen.append((goal, position))
+        return "J2 0.6 deg off"
+
+    monkeypatch.setattr("hexwire.control.controller.off_goal", off)
+    assert bench.ask(lambda: bench.arm.go_to("home")) == "at home, J2 0.6 deg off"
+    told = bench.command(order((1.0, {"J1": HOME["J1"] + 0.3})))
+    bench.turn(3.0)
+    assert (told.outcome, told.text) == (SUCCEEDED, "J2 0.6 deg off")
+    goal, position = seen[-1]
+    assert position == pytest.approx(goal, abs=0.02)

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from hexwire.control.arrival import Arrival, Deviation, Tolerance, Verdict, deviations, in_words
+from hexwire.control.arrival import Arrival, Deviation, Tolerance, Verdict, deviations, in_words, off_goal
 from hexwire.motion.waypoints import Sample
 
 JOINTS = ("J1", "J2")
@@ -121,3 +121,10 @@ def test_the_grace_time_is_over_after_it_and_not_at_it() -> None:
     early = arrival(0.5, early=True)
     assert [judge(early, now, SHORT) for now in (8.0, 9.0, 10.0, 10.5)] == [Verdict.NOT_YET] * 4
     assert judge(early, 10.5625, SHORT) is Verdict.MISSED
+
+
+def test_how_far_off_the_worst_joint_is() -> None:
+    assert off_goal(JOINTS, (1.0, 2.0), (1.0 + math.radians(0.6), 2.0 - math.radians(1.24))) == "J2 1.2 deg off"
+    assert off_goal(JOINTS, (1.0, 2.0), (1.0 + math.radians(0.09), 2.0)) == ""
+    assert off_goal(JOINTS, (1.0, 2.0), (math.nan, 2.0)) == ""
+    assert off_goal((), (), ()) == ""

@@ -62,6 +62,16 @@ def test_it_arrives_and_says_so_once(bench: RunBench) -> None:
     assert bench.over == [run]
 
 
+def test_it_says_how_far_off_the_joints_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hexwire.control.controller.off_goal", lambda names, *_: f"{names[-1]} 0.6 deg off")
+    bench = RunBench(controllers=SPLIT)
+    run = bench.begin(lambda: bench.planner.to_joints({"J1": J1 + 0.3, "J7": HOME["J7"] + 0.3}))
+    bench.until(run)
+    progress = run.progress()
+    assert (progress.outcome, progress.text) == ("succeeded", "")
+    assert set(progress.off.split("; ")) == {"J6 0.6 deg off", "J7 0.6 deg off"}
+
+
 def test_progress_rises_with_the_motion(bench: RunBench) -> None:
     run = bench.begin(lambda: bench.planner.to_joints({"J1": J1 + 0.8}, speed=0.1))
     bench.turn(0.2)

@@ -21,6 +21,13 @@ def test_all_must_succeed() -> None:
     assert waiter.wait(0.0) is DONE
 
 
+def test_what_the_goals_say_that_succeeded() -> None:
+    waiter = Waiter(3)
+    for text in ("J2 0.6 deg off", "", "J7 1.0 deg off"):
+        waiter.ended(Ended(Outcome.SUCCEEDED, Reason.REACHED, text))
+    assert waiter.off == ("J2 0.6 deg off", "J7 1.0 deg off")
+
+
 def test_the_first_that_fails_ends_the_wait() -> None:
     waiter = Waiter(3)
     waiter.ended(STOPPED)

@@ -187,6 +187,7 @@ def _tell(report: Report, arms: list[str], dry_run: bool, as_json: bool) -> None
                 "moved_s": row.moved,
                 "clock_uncertainty_s": row.doubt,
                 "stalls": row.slips,
+                "off": row.off,
             }
             for name, row in report.arms.items()
         ]
@@ -198,7 +199,8 @@ def _tell(report: Report, arms: list[str], dry_run: bool, as_json: bool) -> None
     for name, row in report.arms.items():
         moved = "did not move" if math.isnan(row.moved) else f"moved {1000 * row.moved:.1f} ms after the start"
         stalls = f", {row.slips} stalls" if row.slips else ""
-        say(f"{name}: {moved}, clock known to {1000 * row.doubt:.2f} ms{stalls}")
+        off = f"; arrived, {row.off}" if row.off else ""
+        say(f"{name}: {moved}, clock known to {1000 * row.doubt:.2f} ms{stalls}{off}")
     words = f"played {report.duration:.2f} s on {len(arms)} arm{'' if len(arms) == 1 else 's'}"
     if math.isfinite(report.skew):
         words += f"; first movements within {1000 * report.skew:.1f} ms (clocks: {1000 * report.doubt:.2f} ms)"

@@ -31,11 +31,23 @@ from .output import print_json, say
 
 if TYPE_CHECKING:
     from hexwire.control.motions import MotionResult
+    from hexwire.control.rest import Rest
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState, SentTarget
 
-__all__ = ["check_targets", "hold_on_ctrl_c", "move", "parse_targets", "unwatched_note"]
+__all__ = [
+    "arrived_words",
+    "check_targets",
+    "hold_on_ctrl_c",
+    "move",
+    "parse_targets",
+    "rest_json",
+    "unwatched_note",
+]
+
+_SHOWN = math.radians(0.1)
+"""A little more than a count."""
 
 _GRACE = 2.0
 """Seconds after the duration of the move in which the joints must arrive: servos settle, and lag under load."""
@@ -77,6 +89,7 @@ def move(
     this program dies.
     """
     from hexwire.control.motions import MotionObserver, MotionOptions, run_motion
+    from hexwire.control.rest import come_to_rest
     from hexwire.errors import ServoError
     from hexwire.model.geometry import kinematics_for
     from hexwire.model.state import JointTarget
@@ -125,8 +138,11 @@ def move(
 
         with attached(robot), hold_on_ctrl_c(robot):
             result = run_motion(robot, target, how, wait=wait, observer=Teller())
+            rest = None
+            if result.arrived and result.sent is not None:
+                rest = come_to_rest(robot, dict(result.sent.positions), kinematics)
             if as_json:
-                print_json(_as_json(robot, result))
+                print_json(_as_json(robot, result) | rest_json(rest))
     if result.sent is not None:
         raise_if_silent([(robot.model.joint(name).servo_id, name) for name in result.sent.silent])
     if result.stopped is not None:
@@ -136,8 +152,8 @@ def move(
         raise ServoError(result.why)
     if result.arrived is False:
         raise ServoError(_shortfall(result))
-    if wait:
-        tell("arrived")
+    if rest is not None:
+        tell(arrived_words(rest))
 
 
 def parse_targets(words: Sequence[str]) -> list[tuple[str, float]]:
@@ -219,6 +235,26 @@ def unwatched_note(robot: RobotDriver, seconds: float) -> None:
         f"note: {robot.model.name} has no watchdog {where}: "
         f"if {dies} dies, the arm moves on to its last target, for up to {seconds:.2g} s"
     )
+
+
+def arrived_words(rest: Rest) -> str:
+    """That the arm has arrived, and how far off its goal it came to rest."""
+    if math.isnan(rest.off):
+        return f"arrived; since then the position of {rest.joint} is unknown"
+    if rest.off < _SHOWN:
+        return "arrived"
+    text = f"arrived, {rest.joint} {math.degrees(rest.off):.1f} deg off"
+    return text if rest.tip is None else f"{text}, the tip {1e3 * rest.tip:.1f} mm"
+
+
+def rest_json(rest: Rest | None) -> dict[str, float | None]:
+    """How far off its goal the arm came to rest, for ``--json``; None if it has not arrived."""
+    if rest is None:
+        return {"off_deg": None, "off_mm": None}
+    return {
+        "off_deg": None if math.isnan(rest.off) else math.degrees(rest.off),
+        "off_mm": None if rest.tip is None else 1e3 * rest.tip,
+    }
 
 
 def _shortfall(result: MotionResult) -> str:

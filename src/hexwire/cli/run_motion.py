@@ -6,7 +6,6 @@ Owns the texts and the picture. Must not know how a motion is checked or run.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -15,7 +14,7 @@ from hexwire.errors import ServoError
 from hexwire.link.tap import Missed
 
 from .exits import note, tell_missed
-from .move import hold_on_ctrl_c, unwatched_note
+from .move import arrived_words, hold_on_ctrl_c, rest_json, unwatched_note
 from .output import print_json, say
 from .plot import MotionPlot
 
@@ -29,11 +28,6 @@ if TYPE_CHECKING:
     from hexwire.new_file import OutputFile
 
 __all__ = ["RunOptions", "run_legs"]
-
-_SHOWN = 0.1
-"""Degrees: a little more than a count."""
-_SETTLES, _LOOK, _STILL = 0.6, 0.05, math.radians(0.05)
-"""Most seconds until the arm is at rest, seconds between two looks, and radians that it may move between them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +76,7 @@ def run_legs(
         ServoError: The arm was stopped, or did not arrive.
     """
     from hexwire.control.motions import MotionOptions, check_path
+    from hexwire.control.rest import come_to_rest
 
     how = MotionOptions(
         kinematics=model,
@@ -99,14 +94,14 @@ def run_legs(
     plot = _planned(path.legs, model, start, title)
     missed = Missed()
     outcome: dict[str, object] = {"legs": told, "arrived": None if options.dry_run else False, "plot": None}
-    outcome |= {"off_deg": None, "off_mm": None}
+    outcome |= rest_json(None)
     try:
         if not options.dry_run:
             _drive(robot, path, how, plot, missed)
-            rest = _rest(_still(robot), path, model)
+            rest = come_to_rest(robot, dict(zip(path.legs[-1].names, path.legs[-1].goal, strict=True)), model)
             if not options.as_json:
-                say(rest.words())
-            outcome |= {"arrived": True, "off_deg": rest.degrees, "off_mm": rest.millimetres}
+                say(arrived_words(rest))
+            outcome |= {"arrived": True, **rest_json(rest)}
     finally:
         if options.plot is not None:
             # After a motion, a failure to draw must not hide how the motion ended.
@@ -121,45 +116,6 @@ def run_legs(
         tell_missed(f"the picture {options.plot.path if options.plot else ''}", missed)
         if options.as_json:
             print_json(outcome)
-
-
-@dataclass(frozen=True, slots=True)
-class _Rest:
-    """How far off the goal the arm came to rest: its worst joint, and its tip if the arm has kinematics."""
-
-    joint: str
-    degrees: float
-    millimetres: float | None
-
-    def words(self) -> str:
-        text = "arrived"
-        if self.degrees >= _SHOWN:
-            text += f", {self.joint} {self.degrees:.1f} deg off"
-            if self.millimetres is not None:
-                text += f", the tip {self.millimetres:.1f} mm"
-        return text
-
-
-def _still(robot: RobotDriver) -> dict[str, float]:
-    """Where the joints are when they do not move any more, or after a while; they arrive within a tolerance."""
-    here, deadline = robot.read().positions, time.monotonic() + _SETTLES
-    while time.monotonic() < deadline:
-        time.sleep(_LOOK)
-        before, here = here, robot.read().positions
-        if all(abs(here[name] - angle) < _STILL for name, angle in before.items() if name in here):
-            break
-    return here
-
-
-def _rest(here: dict[str, float], path: CheckedPath, model: KinematicModel | None) -> _Rest:
-    names, goal = path.legs[-1].names, path.legs[-1].goal
-    off, joint = max((abs(here[name] - angle), name) for name, angle in zip(names, goal, strict=True))
-    tip = None
-    if model is not None:
-        wanted = {**here, **dict(zip(names, goal, strict=True))}
-        places = [model.forward(model.from_joints(angles)).position for angles in (here, wanted)]
-        tip = 1e3 * math.dist(*places)
-    return _Rest(joint, math.degrees(off), tip)
 
 
 def _as_json(name: str, report: MotionReport) -> dict[str, object]:

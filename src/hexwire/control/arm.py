@@ -346,8 +346,8 @@ class Arm:
         if goals is None:
             raise UsageError(f"no pose {pose!r}; there are {', '.join(self.settings.poses) or 'none'}")
         with self._exclusive():
-            self._move_to(goals, f"replaced by a motion to {pose}", asked)
-        return f"at {pose}"
+            off = self._move_to(goals, f"replaced by a motion to {pose}", asked)
+        return ", ".join((f"at {pose}", *off))
 
     def teach_start(self, asked: int | None = None) -> str:
         """Start teach mode: switch torque off and record the motion of the arm. Somebody must hold the arm.
@@ -390,8 +390,8 @@ class Arm:
         with self._exclusive():
             first = dict(zip(taught.names, taught.rows[0], strict=True))
             self._move_to(first, "replaced by the taught motion", asked)
-            self._run({key: taught_part(taught, c.joints) for key, c in self.controllers.items()}, asked)
-        return f"played {taught.duration:.1f} s"
+            off = self._run({key: taught_part(taught, c.joints) for key, c in self.controllers.items()}, asked)
+        return ", ".join((f"played {taught.duration:.1f} s", *off))
 
     # -- diagnostics ----------------------------------------------------------------------------------
 
@@ -442,8 +442,8 @@ class Arm:
     def _all_joints(self) -> tuple[str, ...]:
         return tuple(name for controller in self.controllers.values() for name in controller.joints)
 
-    def _move_to(self, goals: Mapping[str, float], why: str, asked: int) -> None:
-        """Hold, then move slowly to positions, and wait for the arrival."""
+    def _move_to(self, goals: Mapping[str, float], why: str, asked: int) -> tuple[str, ...]:
+        """Hold, then move slowly to positions, and wait for the arrival; returns as `_run`."""
         lost = [name for name in goals if name not in self._all_joints()]
         if lost:
             raise UsageError(f"no controller moves {', '.join(lost)}; there are {', '.join(self._all_joints())}")
@@ -461,10 +461,10 @@ class Arm:
                 there = [goals.get(name, angle) for name, angle in zip(joints, here, strict=True)]
                 paths[key] = approach(self.settings.model, joints, here, there, speed=self.settings.pose_speed)
         self.owner.group.deliver()
-        self._run(paths, asked)
+        return self._run(paths, asked)
 
-    def _run(self, paths: Mapping[str, Trajectory], asked: int) -> None:
-        """Check trajectories, one per controller, follow them together, and wait until all have ended."""
+    def _run(self, paths: Mapping[str, Trajectory], asked: int) -> tuple[str, ...]:
+        """Check and follow trajectories, one per controller, to their end; returns how far off joints are then."""
         owner = self.owner
         state = owner.newest()
         with owner.locked():
@@ -484,6 +484,7 @@ class Arm:
             owner.group.deliver()
             # The controllers check the arrival; this timeout is for an owner that has failed.
             waiter.wait(max(path.duration for path in paths.values()) + 2.0 * _GRACE)
+            return waiter.off
         finally:
             # If one fails, or the wait was interrupted, the others must not continue.
             with owner.locked():

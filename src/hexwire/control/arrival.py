@@ -15,10 +15,12 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from hexwire.motion.waypoints import Sample
 
-__all__ = ["Arrival", "Deviation", "Tolerance", "Verdict", "deviations", "in_words"]
+__all__ = ["Arrival", "Deviation", "Tolerance", "Verdict", "deviations", "in_words", "off_goal"]
 
 _SHOWN = 5
 """Most deviations listed in a text."""
+_EXACT = math.radians(0.1)
+"""A little more than a count: a smaller distance from the goal is not worth a word."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,6 +156,21 @@ def deviations(
     # The sort is stable: equal deviations stay in joint order.
     found.sort(key=lambda row: -row.by / row.allowed)
     return found
+
+
+def off_goal(names: Sequence[str], goal: Sequence[float], position: Sequence[float]) -> str:
+    """How far off its goal the worst joint is, such as ``J2 0.6 deg off``; empty if it is less than 0.1 degree.
+
+    Args:
+        names: Joints, in the order of the other arguments.
+        goal: Radians.
+        position: Radians; NaN if unknown.
+    """
+    off, name = max(
+        ((abs(have - want), name) for name, want, have in zip(names, goal, position, strict=True)),
+        default=(0.0, ""),
+    )
+    return f"{name} {math.degrees(off):.1f} deg off" if _EXACT <= off < math.inf else ""
 
 
 def in_words(found: Sequence[Deviation], aim: str) -> str:

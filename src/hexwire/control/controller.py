@@ -18,7 +18,7 @@ from hexwire.motion.follower import Follower, Mode
 from hexwire.motion.safety import StopReason
 from hexwire.motion.waypoints import Sample
 
-from .arrival import Arrival, Deviation, Verdict
+from .arrival import Arrival, Deviation, Verdict, off_goal
 from .goals import check_goal
 from .outcomes import Ended, GoalListener, Outcome, Progress, Reason
 from .path_check import PathCheck
@@ -445,7 +445,7 @@ class TrajectoryController:
             verdict = active.arrival.judge(now, self.joints, desired, position, speed, oldest)
             self.off = active.arrival.off
             if verdict is Verdict.ARRIVED:
-                self._end(Outcome.SUCCEEDED, Reason.REACHED)
+                self._end(Outcome.SUCCEEDED, Reason.REACHED, off_goal(self.joints, desired.position, position))
             elif verdict is Verdict.MISSED:
                 self._end(Outcome.ABORTED, Reason.GOAL_TOLERANCE, active.arrival.why)
 

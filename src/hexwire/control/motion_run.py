@@ -57,6 +57,7 @@ class Progress:
         outcome: As `Outcome`; empty while it runs.
         text: Why it ended, in words; empty after a success.
         holds: The gripper met an object, and holds it.
+        off: After a success, how far off the goal joints have come to rest, in words; empty if they have not.
     """
 
     title: str
@@ -66,6 +67,7 @@ class Progress:
     outcome: str = ""
     text: str = ""
     holds: bool = False
+    off: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +116,7 @@ class MotionRun:
         self._grip, self._on_end = grip, on_end
         self._lock = threading.Lock()
         self._outcome: Outcome | None = None
-        self._text, self._done = "", 0.0
+        self._text, self._off, self._done = "", "", 0.0
         # Controllers that have not reached their goals.
         self._waiting = 0
         # Successive states in which the jaws pressed, while they close, and the time of the first.
@@ -132,7 +134,7 @@ class MotionRun:
             self._done = self._elapsed()
             return Progress(self._title, self._done, duration, lead, holds=self._holds)
         done = duration if self._outcome is Outcome.SUCCEEDED else self._done
-        return Progress(self._title, done, duration, lead, self._outcome.value, self._text, self._holds)
+        return Progress(self._title, done, duration, lead, self._outcome.value, self._text, self._holds, self._off)
 
     def end(self, why: str) -> None:
         """End it; the joints that it moves hold. Without effect after its end.
@@ -159,12 +161,16 @@ class MotionRun:
         with self._lock:
             if self._outcome is not None:
                 return
+            text = ended.text
             if ended.outcome is Outcome.SUCCEEDED:
+                if text:
+                    self._off = f"{self._off}; {text}" if self._off else text
+                    text = ""
                 self._waiting -= 1
                 if self._waiting > 0:
                     return
             self._done = self._elapsed()
-            self._finish(ended.outcome, ended.text)
+            self._finish(ended.outcome, text)
         # If one controller fails, the others must not go on.
         self._cancel()
         self._on_end(self)

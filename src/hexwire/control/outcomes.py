@@ -56,7 +56,7 @@ class Ended:
     Attributes:
         outcome: How it ended.
         reason: Why.
-        text: The reason in words; empty after a success.
+        text: The reason in words; after a success how far off the goal the worst joint is, empty if it is not.
     """
 
     outcome: Outcome

@@ -25,10 +25,12 @@ class Waiter:
 
     Attributes:
         end: End of the first goal that failed, or of the last goal; None while they are active.
+        off: How far off their goals those have come to rest that succeeded, in words; empty for exactly there.
     """
 
     def __init__(self, count: int = 1) -> None:
         self.end: Ended | None = None
+        self.off: tuple[str, ...] = ()
         self._missing = count
         self._lock = threading.Lock()
         self._over = threading.Event()
@@ -37,6 +39,8 @@ class Waiter:
         """Take the end of a goal."""
         with self._lock:
             self._missing -= 1
+            if ended.outcome is Outcome.SUCCEEDED and ended.text:
+                self.off += (ended.text,)
             if self.end is None and (ended.outcome is not Outcome.SUCCEEDED or self._missing == 0):
                 self.end = ended
                 self._over.set()

@@ -90,11 +90,13 @@ class Played:
         moved: When it had begun to move, seconds after the common start; NaN if it did not move.
         doubt: Uncertainty of its clock, seconds.
         slips: Stalls of its server, by which its motion was shifted.
+        off: How far off the end of its motion the worst joint is, in words; empty if it is not.
     """
 
     moved: float
     doubt: float
     slips: int
+    off: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,7 +252,7 @@ class _Player:
             offset, doubt = arm.robot.clock_offset
             goal = ended[arm.name]
             moved = math.nan if goal.moved is None else goal.moved - offset - start
-            rows[arm.name] = Played(moved, doubt, goal.slips)
+            rows[arm.name] = Played(moved, doubt, goal.slips, goal.text)
         return Report(self.duration, rows)
 
     def _run(self, what: str, number: int) -> tuple[float, dict[str, m.Goal]]:

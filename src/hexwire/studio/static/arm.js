@@ -172,7 +172,7 @@ function mountRun(page) {
     since = performance.now();
     page.root.classList.toggle("arm-running", !told.outcome);
     if (told.outcome) {
-      const words = { succeeded: told.holds ? "holds an object" : "arrived" }[told.outcome] || told.text || told.outcome;
+      const words = { succeeded: told.holds ? "holds an object" : told.off ? `arrived, ${told.off}` : "arrived" }[told.outcome] || told.text || told.outcome;
       text.textContent = `${capital(told.title)}: ${words}`;
       bar.value = told.outcome === "succeeded" ? 1 : bar.value;
       text.dataset.level = told.outcome === "aborted" ? "error" : "";

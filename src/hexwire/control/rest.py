@@ -1,0 +1,76 @@
+"""Where an arm came to rest after a motion, beside where it should be.
+
+Owns how long to wait until it is at rest, and the distance of joints and tip. Must not know how it moved.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
+    from hexwire.model.kinematics import KinematicModel
+
+__all__ = ["Rest", "come_to_rest"]
+
+_SETTLES, _LOOK, _STILL = 0.6, 0.05, math.radians(0.05)
+"""Most seconds until the arm is at rest, seconds between two looks, and radians that it may move between them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """How far off its goal an arm came to rest.
+
+    Attributes:
+        joint: The worst joint.
+        off: Its distance, radians; NaN if its position is unknown.
+        tip: Distance of the tip from where the goal would have it, metres; None if it is unknown.
+    """
+
+    joint: str
+    off: float
+    tip: float | None
+
+
+def come_to_rest(
+    robot: RobotDriver,
+    goal: Mapping[str, float],
+    kinematics: KinematicModel | None = None,
+    *,
+    clock: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], object] = time.sleep,
+) -> Rest:
+    """Wait until the joints do not move any more, at most 0.6 s: they arrive within a tolerance, and settle then.
+
+    Args:
+        robot: Attached.
+        goal: Radians by joint, at least one.
+        kinematics: For the tip; None if the arm has none.
+        clock: Monotonic seconds.
+        sleep: Waits for a number of seconds.
+
+    Raises:
+        HexwireError: The robot does not answer.
+    """
+    here, deadline = robot.read().positions, clock() + _SETTLES
+    while clock() < deadline:
+        sleep(_LOOK)
+        before, here = here, robot.read().positions
+        if all(abs(here[name] - angle) < _STILL for name, angle in before.items() if name in here):
+            break
+    # An unknown position is the worst.
+    off, joint = max(
+        ((abs(here.get(name, math.nan) - angle), name) for name, angle in goal.items()),
+        key=lambda row: math.inf if math.isnan(row[0]) else row[0],
+    )
+    tip = None
+    if kinematics is not None and all(math.isfinite(here.get(name, math.nan)) for name in kinematics.joint_names):
+        places = [
+            kinematics.forward(kinematics.from_joints(angles)).position for angles in (here, {**here, **goal})
+        ]
+        tip = math.dist(*places)
+    return Rest(joint, off, tip)

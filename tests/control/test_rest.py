@@ -1,0 +1,71 @@
+"""How far off its goal an arm came to rest."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, cast
+
+import pytest
+from tests.motion.arms import HOME
+
+from hexwire.control.rest import Rest, come_to_rest
+from hexwire.model.geometry import kinematics_for
+from hexwire.model.hex7bot import HEX7BOT
+
+if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
+
+
+class Settling:
+    """A robot whose joint comes to rest after some reads; its clock runs while somebody waits."""
+
+    def __init__(self, *positions: float, others: dict[str, float] | None = None) -> None:
+        self.left, self.others = list(positions), others or {}
+        self.reads, self.time = 0, 0.0
+
+    def read(self) -> Any:
+        self.reads += 1
+        angle = self.left.pop(0) if len(self.left) > 1 else self.left[0]
+        return SimpleNamespace(positions=self.others | {"J1": angle})
+
+    def sleep(self, seconds: float) -> None:
+        self.time += seconds
+
+    def rest(self, goal: dict[str, float], **how: Any) -> Rest:
+        return come_to_rest(cast("RobotDriver", self), goal, clock=lambda: self.time, sleep=self.sleep, **how)
+
+
+def test_how_far_off_it_is_counts_when_the_arm_is_at_rest() -> None:
+    robot = Settling(0.0, 0.02, 0.03, 0.0301)
+    assert robot.rest({"J1": 0.0}) == Rest("J1", 0.0301, None)
+    assert robot.reads == 4
+
+
+def test_a_joint_that_never_rests_is_not_waited_for_long() -> None:
+    robot = Settling(*[0.01 * i for i in range(1000)])
+    robot.rest({"J1": 0.0})
+    assert robot.reads == 13
+    assert robot.time == pytest.approx(0.6)
+
+
+def test_the_worst_joint_is_named_and_the_tip_measured() -> None:
+    model = kinematics_for(HEX7BOT)
+    assert model is not None
+    where = HOME | {"J2": HOME["J2"] - 0.014, "J7": 0.1}
+    robot = Settling(HOME["J1"], others=where)
+    rest = robot.rest({"J1": HOME["J1"], "J2": HOME["J2"]}, kinematics=model)
+    assert (rest.joint, rest.off) == ("J2", pytest.approx(0.014))
+    tips = [model.forward(model.from_joints(angles)).position for angles in (where, HOME)]
+    assert rest.tip == pytest.approx(math.dist(*tips))
+    assert rest.tip > 0.001
+
+
+def test_an_unknown_position_is_the_worst() -> None:
+    model = kinematics_for(HEX7BOT)
+    robot = Settling(HOME["J1"] + 0.5, others=HOME | {"J4": math.nan})
+    rest = robot.rest({"J1": HOME["J1"], "J4": 0.0}, kinematics=model)
+    assert rest.joint == "J4"
+    assert math.isnan(rest.off)
+    assert rest.tip is None
+    assert Settling(0.0).rest({"J1": 0.0, "J9": 0.0}).joint == "J9"
