@@ -60,7 +60,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .PHONY: help mutants setup system-packages demo test test-lerobot check lint types imports schema tests soak bench pictures \
-    analyzers man dist resolvable lock lock-lerobot lock-witnesses clean
+    analyzers man dist try-wheel resolvable lock lock-lerobot lock-witnesses clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -88,6 +88,9 @@ dist: setup ## build what is published: wheel with firmware and analysers, sourc
 	@.ci/install-packages $(APT_AVR)
 	$(UV) sync --quiet --frozen --inexact --python '$(PYTHON)' --group dist </dev/null
 	@$(BIN)/python '$(ROOT)/release/build.py' --uv '$(UV)'
+
+try-wheel: setup ## try the wheel of make dist alone, in an environment of its own
+	@$(BIN)/python '$(ROOT)/release/try_wheel.py' --uv '$(UV)'
 
 resolvable: setup ## check that hexwire and each extra can be installed from wheels only; needs the package index
 	@$(BIN)/python '$(ROOT)/release/resolve.py' --uv '$(UV)'

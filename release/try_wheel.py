@@ -1,0 +1,110 @@
+"""`make try-wheel`: the built wheel does what it promises, alone, in an environment outside of the sources.
+
+    python release/try_wheel.py --uv PATH WHEEL
+
+Owns the list of what somebody tries first: versions, an emulated arm, the firmware, the analysers, the pages.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+class Trial:
+    """An environment with the wheel, and a user's empty home."""
+
+    def __init__(self, folder: Path) -> None:
+        self.bin = folder / "venv/bin"
+        self.folder = folder
+        kept = {
+            name: value for name, value in os.environ.items() if not name.startswith(("HEXWIRE_", "PYTHON", "XDG_"))
+        }
+        self.environment = kept | {
+            "HOME": str(folder),
+            "PATH": f"{self.bin}:{os.environ['PATH']}",
+            "COLUMNS": "200",
+        }
+
+    def run(self, *words: str, status: int = 0, says: str = "") -> str:
+        """Run a command, which must end with this status and say this.
+
+        Raises:
+            AssertionError: It does not.
+        """
+        done = subprocess.run(
+            words, cwd=self.folder, env=self.environment, capture_output=True, text=True, timeout=120, check=False
+        )
+        text = done.stdout + done.stderr
+        assert done.returncode == status, f"{' '.join(words)}: status {done.returncode}\n{text}"
+        assert says in text, f"{' '.join(words)} does not say {says!r}:\n{text}"
+        sys.stdout.write(f"ok  {' '.join(words)}\n")
+        return text
+
+
+def board(trial: Trial) -> None:
+    """Move an emulated board on a serial port."""
+    port = trial.folder / "arm"
+    running = subprocess.Popen(
+        [str(trial.bin / "hexwire"), "sim", "board", "--link", str(port)],
+        cwd=trial.folder,
+        env=trial.environment,
+        stdout=subprocess.DEVNULL,
+    )
+    try:
+        deadline = time.monotonic() + 30
+        while not port.exists():
+            assert time.monotonic() < deadline, "hexwire sim board does not start"
+            time.sleep(0.05)
+        trial.run("hexwire", "probe", "--port", str(port), says="hex7bot")
+        trial.run("hexwire", "move", "J1=10", "--wait", "--port", str(port))
+        trial.run("hexwire", "state", "--port", str(port), says="J1")
+        trial.run("hexwire", "firmware", "info", "--port", str(port), says="in this package 2.")
+        flash = ("hexwire", "firmware", "flash", "--port", str(port), "--dry-run", "--any-port")
+        trial.run(*flash, says="share/firmware/mega2560-115200.hex")
+    finally:
+        running.terminate()
+        running.wait(30)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Try the wheel; returns the exit status."""
+    parser = argparse.ArgumentParser(description="try the wheel in an environment of its own")
+    parser.add_argument("wheel", nargs="?", type=Path)
+    parser.add_argument("--uv", default="uv", help="the program uv")
+    options = parser.parse_args(arguments)
+    wheel = options.wheel or next(iter(sorted((ROOT / "dist").glob("*.whl"))), None)
+    if wheel is None:
+        sys.stderr.write("no wheel in dist; run make dist first\n")
+        return 2
+    with tempfile.TemporaryDirectory(prefix="hexwire-try-") as name:
+        trial = Trial(Path(name))
+        subprocess.run([options.uv, "venv", "--quiet", "--python", sys.executable, f"{name}/venv"], check=True)
+        install = [options.uv, "pip", "install", "--quiet", "--python", f"{name}/venv"]
+        subprocess.run([*install, str(wheel.resolve())], check=True, cwd=name)
+        where = trial.run("python", "-c", "import hexwire; print(hexwire.__file__)", says=name)
+        assert str(ROOT) not in where
+        trial.run("hexwire", "--version", says=wheel.name.split("-")[1])
+        trial.run("hexwire-ros1", "--package-path", says=name)
+        board(trial)
+        trial.run("hexwire", "--port", "sim://so101", "state", says="gripper")
+        trial.run("hexwire", "studio", "--demo", status=2, says="pip install 'hexwire[studio]'")
+        for program in ("wireshark", "sigrok", "saleae"):
+            trial.run("hexwire", "analyzers", "install", program)
+        trial.run("hexwire", "analyzers", "list", says="installed")
+        trial.run("hexwire", "analyzers", "remove", "sigrok", says="removed")
+        trial.run("man", "-w", "hexwire", says="share/man/man1/hexwire.1")
+        trial.run("sh", "-c", "_HEXWIRE_COMPLETE=zsh_source hexwire", says="compdef")
+    sys.stdout.write("the wheel alone does all of this\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
