@@ -282,6 +282,7 @@ void Board::settings(Block block) {
     if (whole && stopped()) return refuse(gen::STATUS_STOPPED);
     if (!whole || now_running_.body[0] != kJoints) return refuse(gen::STATUS_BAD_LENGTH);
     if (!Settings::valid(block, now_running_.body + 1)) return refuse(gen::STATUS_BAD_RANGE);
+    if (!settings_.may_save(block, now_running_.body + 1, ms_)) return refuse(gen::STATUS_BUSY);
     settings_.save(block, now_running_.body + 1);
   }
   job_.argument = static_cast<uint8_t>(block);

@@ -90,7 +90,7 @@ bool Board::prepare_path() {
 // The time that a servo takes before it answers.
 void Board::note_pause() {
   const uint32_t took = platform_.micros() - path_.begun_us - bus_.line_us() - bus_.answer_us();
-  if (bus_.answers() && took < kMostGapUs) path_.pause_us = static_cast<uint16_t>(took) / bus_.answers();
+  if (bus_.answers() && took < kMostGapUs) path_.pause_us = static_cast<uint16_t>(took / bus_.answers());
 }
 
 // Whether the prepared targets are still those of this moment.

@@ -31,7 +31,7 @@ class Platform {
   virtual void host_expect(uint8_t bytes) { (void)bytes; }
   virtual void bus_expect(uint8_t bytes) { (void)bytes; }
 
-  // Memory that survives a reset. A byte may be written while `storage_ready`.
+  // Memory that survives a reset. A byte may be written while `storage_ready`; before that it waits.
   virtual uint8_t storage_read(uint16_t address) = 0;
   virtual bool storage_ready() = 0;
   virtual void storage_write(uint16_t address, uint8_t value) = 0;

@@ -8,6 +8,8 @@ namespace hexwire {
 
 Settings::Settings(Platform& platform)
     : platform_(platform),
+      saves_left_(gen::SETTINGS_STORES),
+      gained_ms_(0),
       defaults_(0),
       saving_(Saving::kIdle),
       block_(Block::kLimits),
@@ -88,6 +90,20 @@ void Settings::load() {
   defaults_ = 0;
   if (!read_block(Block::kLimits, limits_)) set_defaults(Block::kLimits);
   if (!read_block(Block::kOffsets, offsets_)) set_defaults(Block::kOffsets);
+}
+
+bool Settings::may_save(Block block, const uint8_t* wanted, uint32_t now_ms) {
+  while (saves_left_ < gen::SETTINGS_STORES && now_ms - gained_ms_ >= gen::SETTINGS_STORE_EVERY_MS) {
+    ++saves_left_;
+    gained_ms_ += gen::SETTINGS_STORE_EVERY_MS;
+  }
+  const bool stored = !(defaults_ & (1 << static_cast<uint8_t>(block)));
+  if (stored && memcmp(rows(block), wanted, rows_size(block)) == 0) return true;
+  if (saves_left_ == 0) return false;
+  // While all are there, no time passes.
+  if (saves_left_ == gen::SETTINGS_STORES) gained_ms_ = now_ms;
+  --saves_left_;
+  return true;
 }
 
 void Settings::save(Block block, const uint8_t* rows) {

@@ -11,7 +11,7 @@
 
 namespace hexwire {
 
-// Storage below this address is the board's own (boot counter).
+// Storage below this address has the boot counter of earlier firmware.
 constexpr uint16_t kSettingsAt = 16;
 
 enum class Block : uint8_t { kLimits, kOffsets };
@@ -36,6 +36,8 @@ class Settings {
   // Whether these rows are valid; they are used and stored only as a whole.
   static bool valid(Block block, const uint8_t* rows);
 
+  // Whether rows that differ from the stored ones may be stored now. Storage bears a limited number of writes.
+  bool may_save(Block block, const uint8_t* rows, uint32_t now_ms);
   // Starts storing; `poll` continues it. The new rows take effect once they are stored and read back.
   void save(Block block, const uint8_t* rows);
   void poll();
@@ -52,6 +54,8 @@ class Settings {
   void set_defaults(Block block);
 
   Platform& platform_;
+  uint8_t saves_left_;
+  uint32_t gained_ms_;
   uint8_t defaults_;  // bit per block
   Saving saving_;
   Block block_;

@@ -335,6 +335,8 @@ class CoreBoard(Machine):
             getattr(lib, name).argtypes = [board, u8p, ctypes.c_uint32]
         lib.hexwire_bus_free.restype, lib.hexwire_bus_free.argtypes = ctypes.c_uint64, [board]
         lib.hexwire_storage.restype, lib.hexwire_storage.argtypes = u8p, [board]
+        lib.hexwire_storage_writes.restype = ctypes.POINTER(ctypes.c_uint32)
+        lib.hexwire_storage_writes.argtypes = [board]
         lib.hexwire_begin.restype, lib.hexwire_begin.argtypes = None, [board, ctypes.c_uint32, ctypes.c_uint8]
         lib.hexwire_storage_broken.restype = None
         lib.hexwire_storage_broken.argtypes = [board, ctypes.c_int]
@@ -359,6 +361,11 @@ class CoreBoard(Machine):
     def storage(self) -> ctypes.Array[ctypes.c_uint8]:
         """The 4096 bytes that survive a reset."""
         return self._lib.hexwire_storage(self._board)
+
+    @property
+    def storage_writes(self) -> list[int]:
+        """How often each of those bytes has been written."""
+        return list(self._lib.hexwire_storage_writes(self._board)[:4096])
 
     @property
     def outputs(self) -> int:
@@ -409,6 +416,11 @@ class CoreBoard(Machine):
                 self.stamps.append((self._us + 87) / 1e6)
                 self._out_free = self._us + 87
         self.wire.step(self.now)
+
+    def leap(self, seconds: float) -> None:
+        """Let time pass at once, without what would happen meanwhile."""
+        self._us += round(seconds * 1e6)
+        self.advance(0.01)
 
     def close(self) -> None:
         if self._board:

@@ -110,8 +110,8 @@ def test_the_boot_id_counts_resets(chip: Chip) -> None:
         assert Identity.parse(client.ask(Command.IDENTIFY).body).boot_id == first + n
 
 
-@pytest.mark.parametrize(("stored", "expected"), [(0xFFFFFFFF, 1), (0xFFFFFFFE, 0xFFFFFFFF), (0, 1)])
-def test_the_boot_id_is_never_zero(chip: Chip, stored: int, expected: int) -> None:
+@pytest.mark.parametrize(("stored", "expected"), [(0xFFFFFFFF, 2), (0xFFFFFFFE, 2), (0, 2), (1000, 1001)])
+def test_the_boot_id_goes_on_from_that_of_earlier_firmware(chip: Chip, stored: int, expected: int) -> None:
     board, client = chip()
     assert Identity.parse(client.ask(Command.IDENTIFY).body).boot_id == 1
     board.write_eeprom(0, stored.to_bytes(4, "little"))

@@ -27,6 +27,7 @@ HostBoard::HostBoard()
       storage_broken(false),
       outputs(0),
       storage(kStorageSize, 0xFF),
+      storage_writes(kStorageSize, 0),
       board(*this) {}
 
 uint16_t HostBoard::host_read(uint8_t* into, uint16_t room) { return take(from_host, into, room); }
@@ -42,6 +43,7 @@ void HostBoard::bus_write(const uint8_t* data, uint8_t size) {
 
 void HostBoard::storage_write(uint16_t address, uint8_t value) {
   if (!storage_broken) storage[address % kStorageSize] = value;
+  ++storage_writes[address % kStorageSize];
   storage_free_us = now_us + kStorageByteUs;
 }
 
@@ -58,11 +60,13 @@ void hexwire_delete(HostBoard* b) { delete b; }
 void hexwire_begin(HostBoard* b, uint32_t boot_id, uint8_t reset_flags) {
   // A reset: only storage survives.
   std::vector<uint8_t> storage = b->storage;
+  std::vector<uint32_t> writes = b->storage_writes;
   const uint64_t now = b->now_us;
   const uint32_t byte_us = b->bus_byte_us;
   b->~HostBoard();
   new (b) HostBoard;
   b->storage = storage;
+  b->storage_writes = writes;
   b->now_us = now;
   b->bus_byte_us = byte_us;
   b->board.begin(boot_id, reset_flags);
@@ -93,6 +97,8 @@ uint32_t hexwire_bus_out(HostBoard* b, uint8_t* into, uint32_t room) {
 // When the last byte given to the bus is sent.
 uint64_t hexwire_bus_free(HostBoard* b) { return b->bus_free_us; }
 uint8_t* hexwire_storage(HostBoard* b) { return b->storage.data(); }
+// How often each of its bytes has been written.
+uint32_t* hexwire_storage_writes(HostBoard* b) { return b->storage_writes.data(); }
 void hexwire_storage_broken(HostBoard* b, int broken) { b->storage_broken = broken != 0; }
 uint8_t hexwire_outputs(HostBoard* b) { return b->outputs; }
 

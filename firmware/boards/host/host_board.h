@@ -39,6 +39,7 @@ class HostBoard final : public Platform {
   uint8_t outputs;
   std::vector<uint8_t> from_host, to_host, from_bus, to_bus;
   std::vector<uint8_t> storage;
+  std::vector<uint32_t> storage_writes;  // of each byte
   Board board;
 };
 

@@ -7,6 +7,7 @@
 #include <avr/wdt.h>
 
 #include "src/core/board.h"
+#include "src/core/boot_counter.h"
 #include "uart.h"
 
 #ifndef HEXWIRE_HOST_BAUD
@@ -53,15 +54,6 @@ class Mega : public hexwire::Platform {
 Mega platform;
 hexwire::Board board(platform);
 
-// The first four bytes of EEPROM count the resets. A new chip reads FFFFFFFF; 0 is no boot id.
-uint32_t next_boot_id() {
-  uint32_t* const cell = reinterpret_cast<uint32_t*>(0);
-  uint32_t id = eeprom_read_dword(cell) + 1;
-  if (id == 0) id = 1;
-  eeprom_update_dword(cell, id);
-  return id;
-}
-
 uint8_t reset_cause __attribute__((section(".noinit")));
 
 }  // namespace
@@ -85,7 +77,7 @@ void setup() {
   uint8_t flags = 0;
   if (reset_cause & _BV(BORF)) flags |= hexwire::gen::BOARD_FLAG_UNDER_VOLTAGE_RESET;
   if (reset_cause & _BV(WDRF)) flags |= hexwire::gen::BOARD_FLAG_WATCHDOG_RESET;
-  const uint32_t boot_id = next_boot_id();
+  const uint32_t boot_id = hexwire::next_boot_id(platform);
   uart_begin(HEXWIRE_HOST_BAUD, HEXWIRE_BUS_BAUD);
   board.begin(boot_id, flags);
   OCR0A = 128;
