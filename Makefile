@@ -60,7 +60,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .PHONY: help mutants setup system-packages demo test test-lerobot check lint types imports schema tests soak bench pictures \
-    analyzers man dist try-wheel resolvable lock lock-lerobot lock-witnesses clean
+    docs docs-serve analyzers man dist try-wheel resolvable lock lock-lerobot lock-witnesses clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -101,6 +101,12 @@ bench: setup ## measure the speed, as ratios against a bare reference
 pictures: setup system-packages ## take the pictures of the documentation anew: docs/pictures
 	@$(BIN)/python docs/make_pictures.py
 	@$(BIN)/python docs/make_screenshots.py
+
+docs: setup ## build the documentation site: build/site
+	@$(BIN)/python docs/site/make.py
+
+docs-serve: setup ## build the documentation site, and serve it on this machine
+	@$(BIN)/python docs/site/make.py --serve
 
 mutants: setup ## count the random faults in the code that the tests detect (a quarter of an hour)
 	$(UV) sync --quiet --frozen --python '$(PYTHON)' $(addprefix --extra ,$(EXTRAS)) --group mutants </dev/null

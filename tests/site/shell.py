@@ -1,0 +1,282 @@
+"""A terminal for the commands of a page: those of hexwire are run in this process, with emulated arms.
+
+What cannot be run here is checked as far as possible: a command of hexwire that does not end by itself is parsed,
+and for each program of others there is a check of what can be known of it.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import click
+from click.testing import CliRunner
+
+from hexwire.cli.main import cli
+from hexwire.control.pose_file import PoseFile
+from hexwire.model.hex7bot import HEX7BOT
+
+ROOT = Path(__file__).resolve().parents[2]
+ENDLESS = (
+    r"^hexwire (sim|serve|gateway|studio|teach|follow|teleop|doctor --fix)\b",
+    r"^hexwire fleet (router|watch|record)\b",
+    r"^hexwire joystick (send|show)\b",
+    r"--watch\b",
+    r"^hexwire bus monitor\b",
+)
+"""They end when somebody ends them, or need somebody's hands."""
+ELSEWHERE = (
+    # Minutes of motion; tests/test_so101_page.py runs them in simulated time.
+    r"^hexwire bus (setup|calibrate)\b",
+    r"^hexwire ports --find\b",
+    # Every rate with every id; tests/cli/test_bus.py.
+    r"--all-rates\b",
+    # What they read or write is made by another program; tests/cli/test_motion.py, test_record_ros2.py.
+    r"^hexwire play\b",
+    r"^hexwire record ros2\b",
+    r"--record-ros2\b",
+    # It asks first; tests/cli/test_bus_health.py.
+    r"--backlash\b",
+    # They need a compiler, or a board to write to; tests/cli/test_firmware.py, test_loopback.py.
+    r"^hexwire (firmware|loopback)\b",
+    # The server of the page; tests/test_fleet_page.py, tests/cli/test_sim_puma.py, test_gateway.py.
+    r"zenoh:|tcp://127",
+)
+"""They are run by a test of their own."""
+TELLS = r"^hexwire model check 90 40 40"
+"""Its exit status is 1: it shows a pose that is refused."""
+PLAN = r"^hexwire (goto|line)\b(?! 0 220 150$)"
+"""Their motions are planned and checked, but not waited for; but from the pose of one of them others begin."""
+
+
+def commands(text: str) -> list[tuple[str, list[str]]]:
+    """The commands of a console block with the output that is shown below each; continued lines are one.
+
+    Raises:
+        ValueError: The block begins with a line that is not a command.
+    """
+    found: list[tuple[str, list[str]]] = []
+    quoted = False
+    for line in text.splitlines():
+        if line.startswith("$ ") and not quoted:
+            found.append((line[2:], []))
+        elif not found:
+            raise ValueError(f"{line!r} does not begin with '$ '")
+        elif quoted or found[-1][0].endswith("\\"):
+            found[-1] = (f"{found[-1][0].removesuffix(chr(92))} {line.strip()}", [])
+        else:
+            found[-1][1].append(line)
+        quoted = found[-1][0].count("'") % 2 == 1 or found[-1][0].count('"') % 2 == 1
+    return found
+
+
+def split(command: str) -> list[list[str]]:
+    """The simple commands of a line, as lists of words; comments are left out."""
+    lexer = shlex.shlex(command, posix=True, punctuation_chars="|&;()")
+    lexer.whitespace_split = True
+    lexer.commenters = "#"
+    parts: list[list[str]] = [[]]
+    for word in lexer:
+        if set(word) <= set("|&;()"):
+            parts.append([])
+        else:
+            parts[-1].append(word)
+    return [part for part in parts if part]
+
+
+def parse(words: list[str]) -> None:
+    """Parse a command line of hexwire as the program does, without running it.
+
+    Raises:
+        click.UsageError: It is wrong.
+    """
+    group: click.Command = cli
+    context = click.Context(cli, info_name="hexwire")
+    rest = words[1:]
+    while rest and rest[0] in ("--robot", "--port", "--record", "--record-ros2"):
+        rest = rest[2:]
+    while isinstance(group, click.Group) and rest:
+        name, group_, rest = group.resolve_command(context, rest)
+        assert group_ is not None
+        group = group_
+        if isinstance(group, click.Group):
+            context = click.Context(group, info_name=name, parent=context)
+            continue
+        try:
+            with group.make_context(name, rest, parent=context):
+                return
+        except click.BadParameter as error:
+            # What another command makes is not there.
+            if "No such file" not in error.message and "does not exist" not in error.message:
+                raise
+
+
+class Shell:
+    """A terminal at a page.
+
+    Args:
+        folder: Where commands run.
+        arm: The port of an emulated arm, which stands for every other port of the page.
+    """
+
+    def __init__(self, folder: Path, arm: str) -> None:
+        self.folder, self.arm = folder, arm
+        self.only_parse = False
+        # Pages go to a pose that the reader has saved.
+        rest = {joint.name: joint.offset for joint in HEX7BOT.joints}
+        PoseFile(HEX7BOT, folder / "hexwire" / "poses").save("home", rest)
+        self.env: dict[str, str | None] = {"HEXWIRE_PORT": arm, "COLUMNS": "200", "XDG_CONFIG_HOME": str(folder)}
+
+    def run(self, command: str, *, whole: bool = False) -> str | None:
+        """Run a line; returns what it printed, or None if it was only checked.
+
+        Args:
+            command: The line.
+            whole: Motions are waited for.
+
+        Raises:
+            AssertionError: A command failed, or is wrong.
+        """
+        said = ""
+        checked = False
+        refused = "||" in command
+        for words in split(re.sub(r"/dev/tty\w+|/tmp/\w+|\$\w+", lambda _: self.arm, command)):
+            program = words[0].removeprefix(".venv/bin/")
+            if program == "sudo":
+                words, program = words[1:], words[1].removeprefix(".venv/bin/")
+            words = [program, *words[1:]]
+            if program == "echo" and refused:
+                said += f"{' '.join(words[1:])}\n"
+            elif program != "hexwire":
+                if not re.match(r"\w+=", program):
+                    OTHERS[program](words)
+                checked = True
+            else:
+                output = self._hexwire(words, refused, whole, said if "|" in command else "")
+                checked = checked or output is None
+                said = output or "" if "|" in command and not refused else said + (output or "")
+        return None if checked else said
+
+    def _hexwire(self, words: list[str], refused: bool, whole: bool, given: str) -> str | None:
+        line = " ".join(words)
+        if self.only_parse or any(re.search(pattern, line) for pattern in (*ENDLESS, *ELSEWHERE)):
+            parse(words)
+            return None
+        if re.search("^hexwire goto .*--robot so10[01]", line) and "--port" not in words:
+            words = [*words, "--port", "sim://so101"]
+        if re.search(PLAN, line) and "--dry-run" not in words and not whole:
+            words = [*words, "--dry-run"]
+        before = Path.cwd()
+        os.chdir(self.folder)
+        try:
+            done = CliRunner().invoke(cli, words[1:], env=self.env, input=given)
+        finally:
+            os.chdir(before)
+        assert (done.exit_code != 0) == (refused or bool(re.search(TELLS, line))), f"{line}: {done.output}"
+        return "" if refused else done.output
+
+
+# --- programs of others ------------------------------------------------------------------------------------------
+
+
+def _pip(words: list[str]) -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    assert words[1] == "install"
+    for word in words[2:]:
+        name, _, extra = word.partition("[")
+        assert name in ("hexwire", "zenoh-ros2-sdk") or (ROOT / name / "pyproject.toml").is_file(), word
+        assert set(filter(None, extra.removesuffix("]").split(","))) <= set(extras), word
+
+
+def _make(words: list[str]) -> None:
+    assert re.search(rf"^{words[1]}:", (ROOT / "Makefile").read_text(), re.MULTILINE), words
+
+
+def _launch(words: list[str]) -> None:
+    folder = ROOT / "src/hexwire/ros1/share/hexwire/launch"
+    if words[1] != "hexwire":
+        return  # another package's
+    text = (folder / words[2]).read_text()
+    for argument in (word.partition(":=")[0] for word in words[3:] if ":=" in word):
+        assert f'<arg name="{argument}"' in text, words
+
+
+def _in_page(page: str) -> Callable[[list[str]], None]:
+    """Every such command stands in a page whose own test runs it."""
+
+    def check(words: list[str]) -> None:
+        text = (ROOT / page).read_text()
+        known = [
+            split(line) for block in re.findall(r"```console\n(.*?)```", text, re.S) for line, _ in commands(block)
+        ]
+        assert words in [part for parts in known for part in parts], f"{words} is not in {page}"
+
+    return check
+
+
+def _lerobot(words: list[str]) -> None:
+    source = "".join(path.read_text() for path in (ROOT / "integrations/lerobot/src").rglob("*.py"))
+    for name in re.findall(r"\.type=(hexwire\w+)", " ".join(words)):
+        assert f'"{name}"' in source, name
+
+
+def _analyser(words: list[str]) -> None:
+    from tests.analyzers.lines import assembled
+
+    for path in re.findall(r"build/analyzers/(\S+)", " ".join(words)):
+        assert (assembled() / path).is_file(), path
+
+
+def _node(words: list[str]) -> None:
+    for argument in words[1:]:
+        assert argument.startswith(("_", "-")) or "=" in argument or argument.endswith(".yaml"), argument
+
+
+def _apt(words: list[str]) -> None:
+    packages = {word for word in words[1:] if word not in ("install", "-y")}
+    makefile = (ROOT / "Makefile").read_text().replace("\\\n", " ")
+    known = " ".join(re.findall(r"^APT_\w+ := (.*)$", makefile, re.MULTILINE))
+    pages = (ROOT / "docs/ros.md").read_text() + (ROOT / "docs/ros2.md").read_text()
+    assert all(name in known.split() or name in pages for name in packages), packages
+
+
+def _firmware(words: list[str]) -> None:
+    assert re.search(rf"\b{Path(words[0]).name}\b", (ROOT / "firmware/Makefile").read_text()), words
+
+
+def _word(words: list[str]) -> None:
+    """A word of the shell or a program of every system."""
+    assert words
+
+
+LEROBOT = ("calibrate", "find-port", "record", "replay", "teleoperate", "train")
+WORDS = (
+    *("export", "source", ".", "eval", "mkdir", "cp", "cd", "umask", "openssl", "udevadm", "python", "python3"),
+    *("colcon", "rosdep"),  # on a machine with ROS 2, which none of the tests is
+)
+OTHERS: Mapping[str, Callable[[list[str]], None]] = {
+    "pip": _pip,
+    "make": _make,
+    "roslaunch": _launch,
+    "ros2": _in_page("docs/ros2.md"),
+    "zenoh-ros2": _in_page("docs/ros2.md"),
+    "rosservice": _in_page("docs/ros.md"),
+    "rostopic": _in_page("docs/ros.md"),
+    "hexwire-ros2": _node,
+    "tshark": _analyser,
+    "wireshark": _analyser,
+    "sigrok-cli": _analyser,
+    "firmware/build/host/fuzz_board": _firmware,
+    "apt-get": _apt,
+    "apt": _apt,
+    **{
+        f"lerobot-{name}": _lerobot
+        for name in ("calibrate", "teleoperate", "record", "replay", "train", "find-port")
+    },
+    **dict.fromkeys(WORDS, _word),
+}
+"""Programs that pages use -> what is checked of their words."""

@@ -1,0 +1,179 @@
+"""No block of any page escapes the tests: each is run, or checked by the test that is named here."""
+
+from __future__ import annotations
+
+import re
+import threading
+import time
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.site.pages import blocks
+from tests.site.shell import Shell, commands
+
+from hexwire.drivers.arm_file import load_arm_file
+from hexwire.emulator.bus_device import BusDevice
+from hexwire.emulator.serve_pty import PtyServer
+from hexwire.emulator.so_arms import make_so_arm
+from hexwire.ipc.conf import load_conf
+
+ROOT = Path(__file__).resolve().parents[2]
+HIDDEN = ("build", "node_modules")
+PAGES = sorted(
+    path.relative_to(ROOT).as_posix()
+    for path in ROOT.rglob("*.md")
+    if not any(part in HIDDEN or part.startswith(".") for part in path.relative_to(ROOT).parts)
+)
+ALL = {page: list(blocks((ROOT / page).read_text(encoding="utf-8"))) for page in PAGES}
+OWN = {
+    "docs/debugging.md": "tests/test_debugging_page.py",
+    "docs/fleet.md": "tests/test_fleet_page.py",
+    "docs/ros.md": "tests/ros1/test_ros_page.py",
+    "docs/ros2.md": "tests/ros2/test_ros2_page.py",
+    "docs/shell.md": "tests/cli/test_completion.py",
+    "docs/so101.md": "tests/test_so101_page.py",
+    "src/hexwire/ros2/package/templates/README.md": "tests/ros2/package/test_files.py",
+}
+"""Pages whose console blocks a test of their own runs, as programs."""
+CONSOLE = [page for page, found in ALL.items() if page not in OWN and any(b.language == "console" for b in found)]
+NOTEST = [(page, b) for page, found in ALL.items() for b in found if b.language == "python" and "notest" in b.info]
+ON_A_BUS = ("docs/bus.md",)
+"""Their ports are of servos on an adapter."""
+
+
+def where(page: str, line: int) -> str:
+    return f"{page}:{line}"
+
+
+def test_there_is_no_other_kind_of_block() -> None:
+    known = {"python", "console", "sh", "toml", "yaml", "json5", "conf", "text"}
+    other = [
+        f"{where(page, b.line)}: {b.info!r}"
+        for page, found in ALL.items()
+        for b in found
+        if b.language not in known
+    ]
+    assert not other, f"say what is in the block, with a word after its fence: {other}"
+
+
+def test_pages_with_python_are_collected_by_pytest() -> None:
+    """`make tests` runs the blocks of README.md and docs/ with --markdown-docs, except those marked notest."""
+    (recipe,) = re.findall(r"--markdown-docs (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    assert "README.md docs" in recipe
+    outside = [page for page, found in ALL.items() for b in found if b.language == "python" if not collected(page)]
+    assert not outside
+
+
+def collected(page: str) -> bool:
+    return page == "README.md" or page.startswith("docs/")
+
+
+def test_pages_that_have_a_test_of_their_own_are_named_in_it() -> None:
+    for page, test in OWN.items():
+        assert f'{Path(page).name}"' in (ROOT / test).read_text(encoding="utf-8")
+
+
+def test_only_pages_with_a_test_of_their_own_have_blocks_that_it_reads() -> None:
+    kinds = {(page, b.language) for page, found in ALL.items() for b in found} & {
+        (page, kind) for page in PAGES for kind in ("sh", "yaml", "json5")
+    }
+    assert kinds == {("docs/ros2.md", "yaml"), ("docs/ros2.md", "json5"), ("docs/shell.md", "sh")}
+
+
+@pytest.mark.parametrize("page", OWN)
+def test_programs_in_pages_with_a_test_of_their_own_are_known(page: str, tmp_path: Path) -> None:
+    """Whatever their own test leaves out: every command of hexwire can be parsed, every other program is known."""
+    shell = Shell(tmp_path, "/dev/ttyUSB0")
+    shell.only_parse = True
+    for block in ALL[page]:
+        if block.language == "console":
+            for command, _ in commands(block.text):
+                if "@" not in command:  # of a template
+                    shell.run(command)
+
+
+# --- console ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def bus_arm(tmp_path: Path) -> Iterator[str]:
+    """An emulated SO-101 on a port."""
+    server = PtyServer(BusDevice(make_so_arm("so101", start=time.monotonic()).servos))
+    stop = threading.Event()
+    path = server.open()
+
+    def serve() -> None:
+        while not stop.is_set():
+            server.run_once(0.05)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        yield path
+    finally:
+        stop.set()
+        thread.join()
+        server.close()
+
+
+def plain(line: str) -> str:
+    """A line without what differs from run to run."""
+    return " ".join(re.sub(r"-?\d+(\.\d+)?", "N", line).split())
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("page", CONSOLE)
+def test_commands_of_a_page(page: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    arm = request.getfixturevalue("bus_arm" if page in ON_A_BUS else "emulated_arm")
+    shell = Shell(tmp_path, arm)
+    for block in ALL[page]:
+        if block.language != "console":
+            continue
+        for command, shown in commands(block.text):
+            try:
+                said = shell.run(command, whole=bool(shown))
+            except KeyError as error:
+                pytest.fail(f"{where(page, block.line)}: no test knows the program {error} (tests/site/shell.py)")
+            if said is not None:
+                lines = [plain(line) for line in said.splitlines()]
+                assert [line for line in map(plain, shown) if line not in lines] == [], f"{command}: {said}"
+
+
+# --- Python that pytest-markdown-docs does not run ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("page", "block"), NOTEST, ids=[where(page, block.line) for page, block in NOTEST])
+def test_python_that_needs_a_real_port(page: str, block: object, request: pytest.FixtureRequest) -> None:
+    text = block.text  # type: ignore[attr-defined]
+    if page == "docs/ros.md":
+        assert "find_ros()" in text, "tests/ros1/test_ros_page.py runs the program of the first move, and no other"
+        return
+    assert page in ON_A_BUS, "run it here, or without notest"
+    exec(compile(text.replace("/dev/ttyACM0", request.getfixturevalue("bus_arm")), page, "exec"), {})
+
+
+# --- files -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if p not in OWN and any(b.language == "toml" for b in ALL[p])])
+def test_toml(page: str, tmp_path: Path) -> None:
+    for block in ALL[page]:
+        if block.language == "toml":
+            table = tomllib.loads(block.text)
+            if "name" in table:
+                if "calibration" in table:
+                    continue  # its second file is made by a calibration: tests/test_so101_page.py
+                (tmp_path / "arm.toml").write_text(block.text)
+                assert load_arm_file(tmp_path / "arm.toml").model.name == table["name"]
+            else:
+                assert set(table) in ({"poses"}, {"project"}), f"say what reads the file in {page}: {table}"
+
+
+def test_channel_files(tmp_path: Path) -> None:
+    for found in ALL.values():
+        for block in found:
+            if block.language == "conf":
+                (tmp_path / "ipc_msg.conf").write_text(block.text)
+                assert len(load_conf(tmp_path / "ipc_msg.conf")) > 0

@@ -1,0 +1,150 @@
+"""Where pages come from, and what becomes of their links; docs/site/pages.py."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+from tests.site.pages import ROOT, make, pages
+
+TEXT = """\
+# A page
+
+See [b](b.md#two-words), [the top](../TOP.md), [code](../src/x.py), [out](https://example.com), `[no](link.md)`.
+
+<img src="pictures/p.png"> ![q](pictures/p.png)
+
+## Two words
+
+## Two words
+
+## `--wait`, and more
+
+- item
+
+  ```python fixture:arm
+  [no](block.md)
+  ```
+"""
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    (tmp_path / "docs" / "sub").mkdir(parents=True)
+    (tmp_path / "docs" / "site").mkdir()
+    (tmp_path / "docs" / "a.md").write_text(TEXT)
+    (tmp_path / "docs" / "b.md").write_text("# B\n")
+    (tmp_path / "docs" / "sub" / "c.md").write_text("[a](../a.md) [top](../../SECURITY.md)\n")
+    (tmp_path / "docs" / "site" / "note.md").write_text("not a page\n")
+    (tmp_path / "SECURITY.md").write_text("# Top\n")
+    return tmp_path
+
+
+def test_sources_are_the_pages_of_docs_and_of_the_top(tree: Path) -> None:
+    found = pages.sources(tree)
+    assert sorted(found) == ["a.md", "b.md", "security.md", "sub/c.md"]
+    assert found["security.md"] == tree / "SECURITY.md"
+
+
+def test_blocks_of_a_page_are_found_in_lists_too() -> None:
+    (block,) = pages.blocks(TEXT)
+    assert (block.line, block.info, block.language) == (15, "python fixture:arm", "python")
+    assert block.text == "[no](block.md)\n"
+    with pytest.raises(ValueError, match="line 2 has no end"):
+        list(pages.blocks("x\n```text\n"))
+    (outer,) = pages.blocks("````text\n```\n````\n")
+    assert outer.text == "```\n"
+
+
+def test_links_are_found_outside_of_code_only() -> None:
+    targets = [target for _, _, target in pages.links(TEXT)]
+    assert targets == [
+        *("b.md#two-words", "../TOP.md", "../src/x.py", "https://example.com"),
+        *("pictures/p.png", "pictures/p.png"),
+    ]
+
+
+def test_anchors_are_those_of_github() -> None:
+    assert pages.headings(TEXT) == ["a-page", "two-words", "two-words-1", "--wait-and-more"]
+
+
+def test_links_lead_to_pages_of_the_site(tree: Path) -> None:
+    made = pages.site_page("a.md", pages.sources(tree), tree)
+    assert "[b](b.md#two-words), ../TOP.md" not in made
+    assert "See [b](b.md#two-words), the top, code, [out](https://example.com), `[no](link.md)`." in made
+    assert "```python\n" in made
+    assert 'src="pictures/p.png"' in made
+    (tree / "docs" / "b.md").write_text(
+        "# Of B\n\n[a.md](a.md) [sub/c.md](sub/c.md#x) [`SECURITY.md`](../SECURITY.md)\n"
+    )
+    assert "[A page](a.md) [c](sub/c.md#x) [Top](security.md)" in pages.site_page("b.md", pages.sources(tree), tree)
+    assert pages.site_page("sub/c.md", pages.sources(tree), tree) == "[a](../a.md) [top](../security.md)\n"
+
+
+# --- the pages of this repository ---------------------------------------------------------------------------------
+
+
+def repository_pages() -> list[Path]:
+    hidden = ("build", "node_modules")
+    found = [path.relative_to(ROOT) for path in ROOT.rglob("*.md")]
+    return sorted(path for path in found if not any(p in hidden or p.startswith(".") for p in path.parts))
+
+
+@pytest.mark.parametrize("page", repository_pages(), ids=str)
+def test_every_link_leads_somewhere_on_github_too(page: Path) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    gone = []
+    for _, _, target in pages.links(text):
+        name, _, anchor = target.partition("#")
+        if "://" in name or name.startswith("mailto:"):
+            continue
+        file = (ROOT / page.parent / name) if name else ROOT / page
+        if not file.exists() or (anchor and anchor not in pages.headings(file.read_text(encoding="utf-8"))):
+            gone.append(target)
+    assert not gone
+
+
+def listed(nav: list[object]) -> list[str]:
+    found = []
+    for entry in nav:
+        target = entry if isinstance(entry, str) else next(iter(dict(entry).values()))  # type: ignore[call-overload]
+        found += listed(target) if isinstance(target, list) else [str(target)]
+    return found
+
+
+def test_every_page_has_its_place_in_the_navigation() -> None:
+    nav = listed(yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"])
+    written = set(pages.sources())
+    assert not written - set(nav), "give them a place in the navigation of mkdocs.yml"
+    assert len(nav) == len(set(nav))
+    assert {page for page in nav if page not in written} == {
+        f"reference/{name}/index.md" for name in ("commands", "api", "registers", "errors")
+    }
+
+
+def test_the_index_of_a_generated_folder_stands_for_its_pages() -> None:
+    made = {"x/index.md": "", "x/one.md": "", "y/index.md": ""}
+    nav = ["a.md", {"Part": [{"X": "x/index.md"}, {"B": "b.md"}]}]
+    assert make.navigation(nav, made) == ["a.md", {"Part": [{"X": ["x/index.md", "x/one.md"]}, {"B": "b.md"}]}]
+
+
+def test_names_that_pages_import_are_in_the_reference() -> None:
+    from api import MODULES  # type: ignore[import-not-found]
+
+    known = {
+        "hexwire",
+        "hexwire.control",
+        "hexwire.testing",
+        *(module for modules in MODULES.values() for module in modules),
+    }
+    # Of the repository, not of the package: how these pages start an emulated board.
+    known |= {"hexwire.cli.board_process"}
+    for page in pages.sources().values():
+        for block in pages.blocks(page.read_text(encoding="utf-8")):
+            if block.language == "python":
+                names = {n.module for n in ast.walk(ast.parse(block.text)) if isinstance(n, ast.ImportFrom)}
+                ours = {name for name in names if name is not None and re.match(r"hexwire\b", name)}
+                assert ours <= known, f"{page.name}: add {ours - known} to MODULES in docs/site/api.py"
