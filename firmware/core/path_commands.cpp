@@ -23,6 +23,7 @@ void Board::begin_path() {
   if (stopped()) return refuse(gen::STATUS_STOPPED);
   if (in_maintenance()) return refuse(gen::STATUS_FORBIDDEN);
   if (trajectory_.moving()) return refuse(gen::STATUS_BUSY);
+  if (inbox_.cmd() == gen::CMD_TRAJECTORY_POINTS) drop_message();
   path_ = Path();
   trajectory_.begin(p[gen::TRAJECTORY_BEGIN_REQUEST_ID], flags, mask, brake);
   body()[gen::TRAJECTORY_BEGIN_REPLY_ID] = trajectory_.id();

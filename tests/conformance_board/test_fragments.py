@@ -23,10 +23,9 @@ KP = 50
 """A setting of an HLS servo in RAM; it keeps any value up to 254."""
 
 Make = Callable[..., MessageHost]
-BOARDS = list(KINDS)[:1]
 
 
-@pytest.fixture(params=BOARDS)
+@pytest.fixture(params=list(KINDS))
 def make(request: pytest.FixtureRequest) -> Iterator[Make]:
     made: list[MessageHost] = []
 

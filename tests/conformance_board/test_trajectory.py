@@ -60,8 +60,17 @@ class Rider:
     def ask(self, command: int, body: bytes = b"") -> Frame:
         return self.client.ask(command, body, within=1.5)
 
-    def begin(self, mask: int = ALL, *, hermite: bool = False, outlives: bool = False, brake: int = 200) -> int:
+    def begin(
+        self,
+        mask: int = ALL,
+        *,
+        hermite: bool = False,
+        outlives: bool = False,
+        fine: bool = False,
+        brake: int = 200,
+    ) -> int:
         flags = (PathFlag.HERMITE if hermite else 0) | (PathFlag.OUTLIVES_HOST if outlives else 0)
+        flags |= PathFlag.FINE if fine else 0
         self.next = 0
         return self.ask(Command.TRAJECTORY_BEGIN, BeginRequest(NUMBER, flags, mask, brake).serialize()).status
 
@@ -625,3 +634,68 @@ def test_a_clamped_path_stays_within_changed_limits(make: Make) -> None:
     assert rider.ask(Command.LIMITS, bytes(table)).status == Status.OK
     rider.until(PathState.DONE)
     assert rider.sent()[-1].target == START[0] + 150
+
+
+# -- fine positions ---------------------------------------------------------------------------------------------
+
+
+def in_eighths(points: Sequence[PathPoint], more: int = 0) -> list[PathPoint]:
+    """The same points in eighths of a count, each so many eighths further on."""
+    return [point._replace(positions=tuple(8 * place + more for place in point.positions)) for point in points]
+
+
+def test_a_fine_path_is_rounded_when_it_is_sent(make: Make) -> None:
+    rider = make()
+    assert rider.begin(fine=True) == Status.OK
+    # 30 counts in two seconds, 0.625 of a count beside whole ones.
+    points = [PathPoint(20000 if n else 0, tuple(8 * p + 5 + 240 * n for p in START)) for n in range(2)]
+    assert rider.add(points, last=True) == Status.OK
+    since = rider.machine.now
+    assert rider.start() == Status.OK
+    rider.until(PathState.DONE)
+    rider.run(0.1)
+    for joint in range(7):
+        own = [each for each in rider.sent(since) if each.joint == joint]
+        assert own[-1].target == START[joint] + 31
+        steps = [(b.time, b.target) for a, b in itertools.pairwise(own) if b.target > a.target]
+        # Whole counts are passed every 66.7 ms; the first is at 0.875 of a count, since halves go either way.
+        inner = [time for time, target in steps if START[joint] + 3 < target < START[joint] + 28]
+        gaps = [b - a for a, b in itertools.pairwise(inner)]
+        assert sum(gaps) / len(gaps) == pytest.approx(2.0 / 30, rel=0.02)
+
+
+def test_a_fine_cubic_path_follows_its_velocities(make: Make) -> None:
+    rider = make()
+    assert rider.begin(hermite=True, fine=True) == Status.OK
+    assert rider.add(in_eighths(wave(150, 1.0, 20), 3), last=True) == Status.OK
+    since = rider.machine.now
+    assert rider.start() == Status.OK
+    rider.until(PathState.DONE)
+    targets = [each for each in rider.sent(since) if each.joint == 4]
+    assert max(each.target for each in targets) == pytest.approx(START[4] + 150, abs=1)
+    assert targets[-1].target == START[4]
+
+
+def test_fine_points_are_checked_to_an_eighth(make: Make) -> None:
+    rider = make()
+    assert rider.begin(0b1, fine=True) == Status.OK
+    # The usual limits are 0 to 4095 counts, or 32760 eighths.
+    for place in (-1, 32761, 32767, -32768):
+        assert rider.add([PathPoint(0, (place,))]) == Status.BAD_RANGE
+    assert rider.add([PathPoint(0, (32760,))]) == Status.OK
+    assert rider.begin(0b1, fine=True) == Status.OK
+    speed = tables.DEFAULT_SPEED
+    assert rider.add([PathPoint(0, (16000,))]) == Status.OK
+    far = 8 * speed // 100
+    assert rider.add([PathPoint(100, (16000 + far + 2,))]) == Status.BAD_RANGE
+    assert rider.add([PathPoint(100, (16000 + far + 1,))]) == Status.OK
+
+
+@pytest.mark.parametrize(("beside", "expected"), [(64 * 8 + 3, Status.OK), (64 * 8 + 4, Status.BAD_RANGE)])
+def test_a_fine_start_is_compared_in_counts(make: Make, beside: int, expected: int) -> None:
+    rider = make()
+    assert rider.begin(0b1, fine=True) == Status.OK
+    place = JointReport.parse(rider.ask(Command.JOINT_STATE, b"\0").body).position[0]
+    points = [PathPoint(10000 * n, (8 * place + beside + n,)) for n in range(2)]
+    assert rider.add(points, last=True) == Status.OK
+    assert rider.start() == expected

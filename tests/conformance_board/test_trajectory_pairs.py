@@ -12,7 +12,7 @@ from hexwire.wire.command_frame import Command, Status
 # The first one builds.
 pytestmark = pytest.mark.timeout(600)
 
-SEEDS = (0, 3, 4, 5, 7, 8, 9, 16)
+SEEDS = (0, 1, 4, 8, 10, 12, 15, 16)
 
 
 def test_emulator_and_core_do_the_same() -> None:
@@ -28,7 +28,7 @@ def test_emulator_and_core_do_the_same() -> None:
 
 @pytest.fixture(scope="module")
 def outcome() -> Outcome:
-    return play("emulator", sequence(9))
+    return play("emulator", sequence(4))
 
 
 def test_a_board_differs_in_nothing_from_itself(outcome: Outcome) -> None:

@@ -111,6 +111,7 @@ class _Host:
         self.draw = draw
         self.joints: list[int] = [0]
         self.hermite = False
+        self.unit = 1
         self.next = 0
         self.place = [0]
         self.tick = 0
@@ -120,8 +121,10 @@ class _Host:
         mask = draw.choice((0x7F, 0x7F, 0x01, 0x11, 0x0C, 0x70))
         self.joints = [i for i in range(7) if mask >> i & 1]
         self.hermite = draw.random() < 0.5
-        self.next, self.place = 0, [START[i] for i in self.joints]
-        flags = (PathFlag.HERMITE if self.hermite else 0) | (PathFlag.OUTLIVES_HOST if draw.random() < 0.3 else 0)
+        self.unit = 8 if draw.random() < 0.4 else 1
+        self.next, self.place = 0, [START[i] * self.unit for i in self.joints]
+        flags = (PathFlag.HERMITE if self.hermite else 0) | (PathFlag.FINE if self.unit > 1 else 0)
+        flags |= PathFlag.OUTLIVES_HOST if draw.random() < 0.3 else 0
         brake = draw.choice((20, 20, 100, 200, 700))
         bad = draw.random()
         if bad < 0.03:
@@ -141,8 +144,9 @@ class _Host:
         points = []
         for n in range(count):
             ticks = draw.choice((800, 1500, 2500, 4000)) if first + n else 0
-            step = [draw.randint(-150, 150) if first + n else 0 for _ in self.joints]
-            near = [min(max(a + b, LOW), HIGH) for a, b in zip(self.place, step, strict=True)]
+            unit = self.unit
+            step = [draw.randint(-150 * unit, 150 * unit) if first + n else 0 for _ in self.joints]
+            near = [min(max(a + b, LOW * unit), HIGH * unit) for a, b in zip(self.place, step, strict=True)]
             speeds = tuple(draw.randint(-300, 300) for _ in self.joints) if self.hermite else ()
             points.append(PathPoint(ticks, tuple(near), speeds))
             self.place = near
@@ -169,7 +173,12 @@ class _Host:
             return point._replace(velocities=(draw.choice((SPEED + 1, -SPEED - 1, -32768)), *point.velocities[1:]))
         if bad == 2:
             return point._replace(ticks=draw.choice((1, 50, 65535)))
-        return point._replace(positions=(draw.choice((LOW - 1, HIGH + 1, -32768, 32767)), *point.positions[1:]))
+        return point._replace(
+            positions=(
+                draw.choice((LOW * self.unit - 1, HIGH * self.unit + 1, -32768, 32767)),
+                *point.positions[1:],
+            )
+        )
 
     def start(self) -> Step:
         draw = self.draw

@@ -1,0 +1,36 @@
+"""The firmware's core and the emulator, written apart from each other, say the same to any fragments and tables."""
+
+from __future__ import annotations
+
+import pytest
+from tests.conformance_board.message_pairs import differences, play, run_seed, sequence
+
+from hexwire.wire.command_frame import Command
+
+# The first one builds.
+pytestmark = pytest.mark.timeout(600)
+
+SEEDS = (0, 1, 2, 3, 5, 8)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_emulator_and_core_say_the_same(seed: int) -> None:
+    assert run_seed(seed) == []
+
+
+def test_the_sequences_reach_both_ends_of_a_message() -> None:
+    heard = [said for seed in SEEDS for _, lines in play("emulator", sequence(seed)) for said in lines]
+    done = f"{Command.TRAJECTORY_POINTS:02x} to 7"
+    assert any(line.startswith(done) and " 80 " in line for line in heard), "a whole path came"
+    assert any(line.startswith("FRAGMENT to") for line in heard), "a table was sent in fragments"
+    assert any(line.startswith("FRAGMENT_MISSING") for line in heard)
+
+
+def test_another_answer_is_seen() -> None:
+    steps = sequence(1)
+    one = play("emulator", steps)
+    assert differences(one, one) == []
+    at = next(i for i, (_, said) in enumerate(one) if said)
+    other = [*one[:at], (one[at][0], [one[at][1][0] + " 00"]), *one[at + 1 :]]
+    assert differences(one, other)
+    assert differences(one, [*one[:at], (one[at][0], []), *one[at + 1 :]])
