@@ -79,6 +79,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="try the wheel in an environment of its own")
     parser.add_argument("wheel", nargs="?", type=Path)
     parser.add_argument("--uv", default="uv", help="the program uv")
+    parser.add_argument("--python", default=sys.executable, help="interpreter to try it with")
     options = parser.parse_args(arguments)
     wheel = options.wheel or next(iter(sorted((ROOT / "dist").glob("*.whl"))), None)
     if wheel is None:
@@ -86,7 +87,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     with tempfile.TemporaryDirectory(prefix="hexwire-try-") as name:
         trial = Trial(Path(name))
-        subprocess.run([options.uv, "venv", "--quiet", "--python", sys.executable, f"{name}/venv"], check=True)
+        subprocess.run([options.uv, "venv", "--quiet", "--python", options.python, f"{name}/venv"], check=True)
         install = [options.uv, "pip", "install", "--quiet", "--python", f"{name}/venv"]
         subprocess.run([*install, str(wheel.resolve())], check=True, cwd=name)
         where = trial.run("python", "-c", "import hexwire; print(hexwire.__file__)", says=name)

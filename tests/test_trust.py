@@ -81,7 +81,7 @@ def test_every_action_is_pinned_to_a_commit() -> None:
 def test_the_workflows_run_the_commands_of_this_machine() -> None:
     runs = [step["run"] for path in WORKFLOWS for step in steps(path) if "run" in step]
     targets = {line.removeprefix("make ") for line in runs if line.startswith("make ")}
-    assert {"test", "test-lerobot", "dist", "try-wheel", "resolvable"} <= targets
+    assert {"test", "test-lerobot", "docs", "dist", "try-wheel", "resolvable"} <= targets
     known = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
     assert targets <= known
     other = [line for line in runs if not line.startswith(("make ", "apt-get ", "git config "))]
