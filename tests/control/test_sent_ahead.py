@@ -209,6 +209,19 @@ def test_a_goal_for_later_begins_exactly_then() -> None:
     assert told.outcome == SUCCEEDED
 
 
+@pytest.mark.parametrize("before", [0.4, 0.1, 0.05])
+def test_a_goal_that_is_cancelled_before_its_time_moves_nothing(before: float) -> None:
+    bench = Timed()
+    points, place = order((1.0, {"J1": J1 + 0.5})).points, at(bench)
+    told = bench.command(TrajectoryGoal(NAMES, points, delay=0.7))
+    bench.turn(0.7 - before)
+    bench.arm.cancel("", told)
+    bench.turn(1.5)
+    assert told.outcome == CANCELLED
+    assert at(bench) == pytest.approx(place, abs=0.003)
+    assert bench.state in (PathState.ABORTED, PathState.NONE)
+
+
 def test_a_stop_ends_it_and_a_reset_does_not_continue_it() -> None:
     bench = Timed()
     told = bench.go()
@@ -500,6 +513,23 @@ def test_a_change_that_comes_too_late_for_the_board_is_made_at_rest() -> None:
     assert at(bench) == pytest.approx(-0.2, abs=0.01)
     assert bench.controller.follower.counters.slips == 1
     assert not bench.targets
+
+
+def test_settled_it_is_at_rest_when_the_call_returns() -> None:
+    bench = Timed()
+    told = bench.go(seconds=6.0, by=0.8)
+    bench.turn(1.0)
+    bench.owner.settle("a jog was begun")
+    assert told.outcome == NOT_READY
+    assert bench.state is PathState.ABORTED
+    place = at(bench)
+    bench.turn(1.0)
+    assert at(bench) == pytest.approx(place, abs=0.003)
+    # The board takes targets again.
+    bench.arm.set_points({"J1": J1})
+    bench.turn(0.2)
+    assert bench.targets
+    assert bench.owner.group.reason is None
 
 
 # -- a shared arm ------------------------------------------------------------------------------------------

@@ -274,3 +274,13 @@ def test_an_answer_to_a_repeat_says_nothing_of_the_clock() -> None:
     assert not times.relation
     times.note(reply._replace(attempts=1), 0, 5_000_000)
     assert times.relation
+
+
+def test_paths_of_two_programs_are_not_taken_for_each_other() -> None:
+    numbers = set()
+    for i in range(8):
+        with Hex7BotDriver.from_url(f"sim://hex7bot?name=number{i}") as robot:
+            robot.path(["J2"])
+            numbers.add(robot.ioctl(Command.TRAJECTORY_STATUS)[0])
+    # All the same by chance: once in 10^16.
+    assert len(numbers) > 1

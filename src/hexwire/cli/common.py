@@ -38,6 +38,7 @@ __all__ = [
     "force_option",
     "format_table",
     "group_port_option",
+    "host_timed_option",
     "is_typed",
     "joint_json",
     "json_option",
@@ -364,6 +365,13 @@ def confirm(question: str, yes: bool, *, alone: str = "") -> None:
         raise UsageError(alone or f"{question} There is no terminal to answer on: confirm with --yes")
     if answer.strip().lower() not in ("y", "yes"):
         raise click.Abort
+
+
+def host_timed_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """``--host-timed``: the way of boards that cannot keep the time."""
+    return click.option(
+        "--host-timed", is_flag=True, help="Send targets one by one, although the board can keep the time."
+    )(command)
 
 
 def force_option(command: Callable[..., Any]) -> Callable[..., Any]:

@@ -24,6 +24,7 @@ from .common import (
     attached,
     confirm,
     force_option,
+    host_timed_option,
     json_option,
     make_robot,
     open_robot,
@@ -85,9 +86,7 @@ def _motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--let-finish", is_flag=True, help="Let the board finish the motion even if this program falls silent."
         ),
-        click.option(
-            "--host-timed", is_flag=True, help="Send targets one by one, although the board can keep the time."
-        ),
+        host_timed_option,
         click.option("--dry-run", is_flag=True, help="Check the path (and draw it with --plot), but move nothing."),
         click.option("--plot", metavar="FILE", help="Draw joints and path as .png, .svg or .pdf."),
     ):

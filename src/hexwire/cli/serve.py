@@ -12,7 +12,7 @@ import click
 
 from hexwire.errors import UsageError
 
-from .common import DEFAULT_ROBOT, early_port, is_typed, table_options
+from .common import DEFAULT_ROBOT, early_port, host_timed_option, is_typed, table_options
 from .exits import note
 from .fleet_options import certificate_options
 from .model import links_option
@@ -46,6 +46,7 @@ _SWITCH = 0.001
 @certificate_options("this arm")
 @click.option("--access", metavar="FILE", help="Rights by certificate, as 'hexwire fleet config' writes them.")
 @number_option("--lease", "SECONDS", "Silence after which a lease is lost.", minimum=0.1, default=0.5)
+@host_timed_option
 @links_option
 @table_options
 def serve(
@@ -62,6 +63,7 @@ def serve(
     access: str | None,
     reachable_without_certificates: bool,
     lease: float,
+    host_timed: bool,
     links: str,
     table: float | None,
 ) -> None:
@@ -76,13 +78,18 @@ def serve(
 
     network: dict[str, Any] = {}
     if file is not None:
-        typed = [option for option in ("robot", "port", "name", "links", "table", "no_table") if is_typed(option)]
+        typed = [
+            option
+            for option in ("robot", "port", "name", "links", "table", "no_table", "host_timed")
+            if is_typed(option)
+        ]
         if typed:
             wrong = ", ".join(f"--{option.replace('_', '-')}" for option in typed)
             raise UsageError(f"--config names the arms and their settings; leave out {wrong}")
         arms, network = read_service_file(file, lease=lease)
     else:
-        arms = read_arms({name or "": _given(robot, early_port(port), links, table)}, lease=lease)
+        given = _given(robot, early_port(port), links, table) | {"host_timed": host_timed}
+        arms = read_arms({name or "": given}, lease=lease)
     rows = {"listen": listen, "connect": router, "ca": ca, "cert": cert, "key": key, "access": access}
     network |= {row: value for row, value in rows.items() if value}
     if reachable_without_certificates:

@@ -22,7 +22,7 @@ import click
 
 from hexwire.errors import HexwireError, UsageError
 
-from .common import early_port, is_typed, table_options
+from .common import early_port, host_timed_option, is_typed, table_options
 from .exits import note
 from .model import links_option
 from .output import say
@@ -94,6 +94,7 @@ class _Demo(Enum):
     help="Folder of recordings.  [default: ~/.local/share/hexwire/recordings]",
 )
 @click.option("--no-browser", is_flag=True, help="Only print the address.")
+@host_timed_option
 @links_option
 @table_options
 def studio(
@@ -109,6 +110,7 @@ def studio(
     password_file: str,
     recordings: str | None,
     no_browser: bool,
+    host_timed: bool,
     links: str,
     table: float | None,
 ) -> None:
@@ -126,7 +128,7 @@ def studio(
         raise UsageError("--demo has an arm of its own; leave out --port")
     if physics and not demo:
         raise UsageError("--physics is for --demo; for an arm on a port of its own there is 'hexwire sim board'")
-    settings: dict[str, object] = {"check_table": table is not None}
+    settings: dict[str, object] = {"check_table": table is not None, "host_timed": host_timed}
     if is_typed("links"):
         settings["links"] = links
     if is_typed("table") and table is not None:

@@ -408,6 +408,18 @@ class RobotOwner:
         """Seconds until the last joint has reached its last target; 0 if none moves."""
         return self._output.time_left()
 
+    def settle(self, why: str) -> None:
+        """End all motions of the controllers; joints that follow a path of the robot are at rest when it returns.
+
+        Args:
+            why: In words.
+
+        Raises:
+            HexwireError: As `brake`.
+        """
+        self.group.release(why)
+        self.brake()
+
     def brake(self) -> tuple[str, ...]:
         """Bring joints that follow a path of the robot to rest on it, and wait for that; returns them.
 

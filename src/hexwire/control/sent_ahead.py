@@ -464,8 +464,10 @@ class SentAhead:
 
     def _give_up(self, path: TimedPath) -> None:
         """Have the robot come to rest on its path."""
-        before = self._clock()
-        path.abort()
+        before, epochs = self._clock(), self._robot.epochs
+        # Also if whoever moves the joints has just lost the right to: this only brings them to rest.
+        with epochs.using(epochs.mark()):
+            path.abort()
         begins = (before + self._clock()) / 2.0 - self._origin + path.lead
         # Half of the braking time of the path is travelled; nothing, if it has not begun.
         self._rest = begins + BRAKE / 2.0 if begins > 0.0 else 0.0

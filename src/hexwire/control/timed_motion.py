@@ -104,7 +104,7 @@ class PathFeed:
         shortest = min(_LONGEST, max(_SHORTEST, _AHEAD * self._period / path.capacity))
         self._next = max(_NEXT, math.ceil(_AHEAD * self._period / shortest))
         self._points = self._make_points(error, shortest)
-        self._send(min(max(_FIRST, self._next), path.capacity))
+        self._send(min(max(_FIRST, self._next), path.capacity) if path.refilled else path.capacity)
         self.ordered = True
         try:
             self.start = path.start()
@@ -148,7 +148,7 @@ class PathFeed:
                 # Perhaps resumed since: then no state says so any more.
                 return board_stop(self._robot.read()) or StopReason("board", STOP_COMMAND)
             if (why := _WHY.get(report.state)) is not None:
-                return StopReason("board", why)
+                return StopReason("board", report.why or why)
             if not self._complete and report.state is PathState.RUNNING:
                 self._send(min(report.room, self._next))
         except (StoppedError, PreemptedError):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import math
+import secrets
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
@@ -110,7 +111,8 @@ class Board2:
             raise ServoError(f"the board has no servo for {', '.join(missing)}; it has the ids {known}")
         self._decoder = StateDecoder(model, self._order)
         self._time = BoardTime(session.now, getattr(session.ipc.link, "baud", 0))
-        self._paths = 0
+        # Another program at this board begins paths too, and must not take one for its own.
+        self._paths = secrets.randbits(8)
 
     # -- state --------------------------------------------------------------------------------------
 

@@ -49,6 +49,7 @@ class PathReport(NamedTuple):
         towards: Index of the point towards which the joints move.
         room: Points that it can take now.
         late: Times that the robot's own targets came late, counted modulo 65536.
+        why: Why it ended, in words, if the robot says more than the state.
     """
 
     state: PathState
@@ -56,6 +57,7 @@ class PathReport(NamedTuple):
     towards: int
     room: int
     late: int
+    why: str = ""
 
 
 class TimedPath(ABC):
@@ -68,8 +70,10 @@ class TimedPath(ABC):
         joints: Names, in the order of every point.
         capacity: Points that the robot can hold.
         lead: Seconds by which its targets are ahead of its clock.
+        refilled: Points may also be sent after the start.
     """
 
+    refilled = True
     joints: tuple[str, ...]
     capacity: int
     lead: float

@@ -7,15 +7,20 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
-from hexwire.errors import RemoteProtocolError
+from hexwire.errors import RemoteProtocolError, UsageError
 from hexwire.motion.waypoints import Spline
 
 from . import messages as m
 from .clock import ClockOffset
+from .goal_path import GoalPath
 from .questions import decoded
 from .trajectories import follow_message
+
+if TYPE_CHECKING:
+    from hexwire.model.arm import ArmModel
 
 __all__ = ["Following"]
 
@@ -24,6 +29,8 @@ class Following(ABC):
     """The part of a `RemoteRobot` that follows trajectories."""
 
     _clock: ClockOffset
+    _facts: m.Facts
+    model: ArmModel
 
     @abstractmethod
     def _order(self, what: str, order: m.Order, *, freeing: bool = False, slow: bool = False) -> Any:
@@ -55,6 +62,34 @@ class Following(ABC):
         if not isinstance(value, int):
             raise RemoteProtocolError("not the number of a trajectory")
         return value
+
+    @property
+    def times_motion(self) -> bool:
+        """Whether the arm's board keeps the time, so that neither its server nor this program disturbs a motion."""
+        return self._facts.times_motion
+
+    def path(
+        self,
+        joints: Sequence[str] | None = None,
+        *,
+        smooth: bool = True,
+        brake: float = 0.2,
+        outlives: bool = False,
+    ) -> GoalPath:
+        """Begin a path that the arm's server follows; see `RobotDriver.path`. The braking time is the server's.
+
+        Raises:
+            UsageError: `outlives` is asked for: a motion ends with the lease.
+        """
+        if outlives:
+            raise UsageError("a motion of a shared arm does not go on without the program that began it")
+        names = self.model.names if joints is None else [self.model.joint(name).name for name in joints]
+        return GoalPath(self, names)
+
+    @property
+    @abstractmethod
+    def clock_offset(self) -> tuple[float, float]:
+        """Offset of the owner's clock, and its uncertainty, seconds."""
 
     def check_path(self, path: Spline) -> None:
         """Have the arm's server check a trajectory from its first point on; nothing moves. Needs the lease.

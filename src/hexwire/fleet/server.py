@@ -487,6 +487,7 @@ class ArmServer:
             self._robot.has_own_watchdog,
             self._robot.stop_kept_by,
             model.geometry,
+            self._robot.times_motion and not shared.arm.settings.host_timed,
         )
 
 

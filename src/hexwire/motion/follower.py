@@ -255,7 +255,7 @@ class Follower:
         self._trajectory, earlier, self._earlier = None, self._earlier, None
         if running is not None and self.sent_ahead:
             whole, began = earlier if due < self._started and earlier is not None else (running, self._started)
-            if due > began:
+            if self._now >= began:
                 self._trajectory, self._started = Braked(whole, due - began, BRAKE), began
         self._changed(due)
 

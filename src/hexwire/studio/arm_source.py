@@ -170,6 +170,7 @@ class ArmSource:
         self.shared.admit(order)
         self._settle()
         owner = self.arm.owner
+        owner.settle("a jog was begun")
         with owner.locked():
             self.shared.path_check.stop_latch(owner.group.reason)
             state = owner.newest()

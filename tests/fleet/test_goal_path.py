@@ -1,0 +1,139 @@
+"""A path that the server of a shared arm follows: with a server in the test's hand, and one over a socket."""
+
+from __future__ import annotations
+
+import pytest
+from tests.fleet.conftest import Serve
+from tests.motion.arms import rest_to_rest
+
+import hexwire
+from hexwire.control.motions import MotionOptions, run_motion
+from hexwire.drivers.timed_path import PathState, TimedPoint
+from hexwire.errors import GoalError, UsageError
+from hexwire.fleet import messages as m
+from hexwire.fleet.goal_path import GoalPath
+from hexwire.fleet.remote import RemoteRobot
+from hexwire.motion.waypoints import Spline
+
+POINTS = [TimedPoint(0.1 * i, (0.1 * i * i,), (0.2 * i,)) for i in range(11)]
+
+
+class FakeServer:
+    def __init__(self) -> None:
+        self.time = 100.0
+        self.sent: list[tuple[Spline, float, bool]] = []
+        self.cancelled: list[int] = []
+        self.row: m.Goal | None = m.Goal(7, 100.0)
+        self.clock_offset = (3.0, 0.004)
+
+    def follow(self, path: Spline, start: float, *, anywhere: bool = False) -> int:
+        self.sent.append((path, start, anywhere))
+        return 7
+
+    def goal(self, number: int) -> m.Goal:
+        if self.row is None:
+            raise GoalError(f"there is no goal {number}")
+        return self.row
+
+    def cancel(self, number: int) -> None:
+        self.cancelled.append(number)
+
+    def path(self) -> GoalPath:
+        return GoalPath(self, ["J1"], now=lambda: self.time)
+
+
+def test_it_is_sent_whole_at_the_start() -> None:
+    server = FakeServer()
+    path = server.path()
+    assert not path.refilled
+    assert path.send(POINTS[:6]) == 6
+    assert path.send(POINTS[4:], first=4, last=True) == 7
+    assert path.report().state is PathState.LOADING
+    start = path.start()
+    assert 100.0 < start.time < 101.0
+    assert start.uncertainty == 0.004
+    ((sent, at, anywhere),) = server.sent
+    assert (at, anywhere) == (start.time, True)
+    assert [point.time for point in sent.waypoints] == [point.time for point in POINTS]
+    assert sent.waypoints[10].velocity == (2.0,)
+    assert path.report().state is PathState.WAITING
+    server.time = start.time + 0.1
+    assert path.report().state is PathState.RUNNING
+    with pytest.raises(UsageError, match="no points after the start"):
+        path.send(POINTS)
+    path.abort()
+    assert server.cancelled == [7]
+
+
+def test_a_path_that_is_not_whole_is_not_begun() -> None:
+    server = FakeServer()
+    path = server.path()
+    path.send(POINTS)
+    with pytest.raises(UsageError, match="at once"):
+        path.start()
+    with pytest.raises(UsageError, match="none can be sent as number 20"):
+        path.send(POINTS, first=20)
+    many = [TimedPoint(0.01 * i, (0.0,)) for i in range(path.capacity + 1)]
+    assert path.send(many, first=0, last=True) == path.capacity
+    with pytest.raises(UsageError, match="at once"):
+        path.start()
+    assert not server.sent
+    assert not server.cancelled
+    path.abort()
+
+
+@pytest.mark.parametrize(
+    ("outcome", "reason", "state"),
+    [
+        ("succeeded", "reached", PathState.DONE),
+        ("aborted", "stopped", PathState.STOPPED),
+        ("aborted", "path tolerance", PathState.ABORTED),
+        ("preempted", "replaced", PathState.ABORTED),
+    ],
+)
+def test_its_end_is_that_of_the_goal(outcome: str, reason: str, state: PathState) -> None:
+    server = FakeServer()
+    path = server.path()
+    path.send(POINTS, last=True)
+    path.start()
+    server.row = m.Goal(7, 100.0, outcome, reason, "words")
+    report = path.report()
+    assert report.state is state
+    assert report.why == ("" if state is PathState.DONE else "words")
+
+
+def test_a_goal_that_waits_for_its_joints_is_done_and_one_that_was_replaced_is_gone() -> None:
+    server = FakeServer()
+    path = server.path()
+    path.send(POINTS, last=True)
+    server.time = path.start().time + 1.2
+    assert path.report().state is PathState.RUNNING
+    server.time += 0.2
+    assert path.report().state is PathState.DONE
+    server.row = None
+    report = path.report()
+    assert report.state is PathState.NONE
+    assert "there is no goal" in report.why
+
+
+def test_a_motion_of_a_client_is_followed_by_the_board(serve: Serve) -> None:
+    serve("lab/arm1", lease=2.0, port="sim://hex7bot?name=goalpath")
+    with hexwire.connect("zenoh:lab/arm1") as robot:
+        assert isinstance(robot, RemoteRobot)
+        assert robot.times_motion
+        # The server's controller moves all joints.
+        robot.torque(True)
+        here = robot.read()["J4"].position
+        way = rest_to_rest(("J4",), (here,), (here + 0.2,), 0.6)
+        result = run_motion(robot, way, MotionOptions(table=None, grace=20.0))
+        assert result.arrived, result.why
+        assert result.timed
+        assert robot.read()["J4"].position == pytest.approx(here + 0.2, abs=0.03)
+        with pytest.raises(UsageError, match="does not go on without the program"):
+            robot.path(outlives=True)
+
+
+def test_a_server_that_sends_targets_itself_gets_targets(serve: Serve) -> None:
+    serve("lab/arm1", lease=2.0, port="sim://hex7bot?name=goalhost", host_timed=True)
+    with hexwire.connect("zenoh:lab/arm1") as robot:
+        assert not robot.times_motion
