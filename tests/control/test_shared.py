@@ -15,6 +15,7 @@ from tests.control.shared_bench import SharedBench
 from tests.motion.arms import HOME
 
 from hexwire.control import shared as module
+from hexwire.control.lease import Lease
 from hexwire.drivers.values import StopMode
 from hexwire.errors import GoalError, HexwireError, LeaseError, LimitError, LinkLostError, StoppedError, UsageError
 from hexwire.model.hex7bot import HEX7BOT
@@ -299,6 +300,17 @@ def test_after_a_halt_of_the_program_nothing_that_waited_is_done_or_revives_the_
     assert [name for name, _ in bench.sent[0].positions] == ["J1"]
     assert len(bench.sent) == 1, "the hold"
     assert bench.shared.held
+
+
+def test_a_target_after_a_trajectory_is_not_taken_for_an_error_of_its_joint() -> None:
+    bench = SharedBench(lease=Lease(timeout=100.0))
+    key = bench.take()
+    bench.shared.follow(bench.order(key), "", order((0.5, {"J1": HOME["J1"] + 0.1})), None)
+    bench.turn(1.5)
+    bench.ask(lambda: bench.move(key, 1.0, J1=0.6))
+    bench.turn(2.0)
+    assert bench.owner.group.reason is None
+    assert bench.where("J1") == pytest.approx(HOME["J1"] + 0.7, abs=0.02)
 
 
 def test_after_a_halt_the_owner_sends_nothing_more_of_a_trajectory() -> None:

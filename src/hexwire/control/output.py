@@ -236,8 +236,8 @@ class Output:
             if self._group.reason is not None:
                 raise StoppedError.unsent("a target", 0, f"the arm is stopped ({self._group.reason}); resume first")
             epochs.check(asked, "a target")
-            if self._group.busy:
-                self._group.release("another motion was asked for", [name for name, _ in target.positions])
+            # Also those at rest: what they were told before is not where their joints will be.
+            self._group.release("another motion was asked for", [name for name, _ in target.positions])
             if self._ahead is not None:
                 with epochs.using(asked):
                     self._ahead.brake([name for name, _ in target.positions])

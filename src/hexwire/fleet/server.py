@@ -429,9 +429,8 @@ class ArmServer:
         if isinstance(what, m.Write):
             if len(what.names) != len(what.position):
                 raise UsageError("a target needs one position for each joint")
-            sent = shared.write(
-                order, JointTarget(tuple(zip(what.names, what.position, strict=True)), what.duration)
-            )
+            positions = tuple(zip(what.names, what.position, strict=True))
+            sent = shared.write(order, JointTarget(positions, what.duration))
             value = [
                 [name for name, _ in sent.positions],
                 [angle for _, angle in sent.positions],
