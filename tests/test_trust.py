@@ -58,6 +58,11 @@ def test_the_citation_is_of_this_version_and_repository() -> None:
     assert cited["repository-code"] == PROJECT["urls"]["Source"]
 
 
+def test_the_ros_package_has_this_version() -> None:
+    text = (ROOT / "src/hexwire/ros1/share/hexwire/package.xml").read_text(encoding="utf-8")
+    assert f"<version>{PROJECT['version']}</version>" in text
+
+
 def test_the_addresses_of_the_project_are_of_one_repository() -> None:
     urls = PROJECT["urls"]
     assert all(url.startswith(urls["Source"]) for url in urls.values())
