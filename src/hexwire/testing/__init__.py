@@ -6,7 +6,10 @@ pytest: ``pip install 'hexwire[testing]'``. See docs/adding-a-robot.md.
 
 from __future__ import annotations
 
-import pytest
+try:
+    import pytest
+except ImportError as error:
+    raise ImportError("hexwire.testing needs pytest: pip install 'hexwire[testing]'") from error
 
 # Failed comparisons are then explained as in any test file; only before a module is first imported.
 pytest.register_assert_rewrite("hexwire.testing.link", "hexwire.testing.robot")
