@@ -19,7 +19,7 @@ class HostRate {
   uint32_t own() const { return platform_.host_own_rate(); }
   uint32_t now() const { return rate_of(code_); }
 
-  // Changes to a known rate once everything is sent. Until then nothing may be sent or executed.
+  // Changes to a known rate once everything is sent. Until then nothing may be sent, nor executed but a stop.
   void change(uint32_t rate);
   bool changing() const { return phase_ == Phase::kSending || phase_ == Phase::kLastBytes; }
 

@@ -11,7 +11,6 @@ namespace {
 constexpr uint8_t kMoreTries = 2;
 constexpr uint8_t kPauseMs = 20;
 constexpr uint8_t kRatePauseMs = 100;
-constexpr uint8_t kMostLooks = 20;  // for the last byte of an answer, about 100 us
 
 // What each reading step reads, in the order of the steps.
 const Item kItems[] = {Item::kPosition, Item::kPosition, Item::kTorque, Item::kTorque,   Item::kMode,
@@ -102,7 +101,7 @@ void Board::run_bus() {
   bus_.poll(last_us_);
   // If the next byte ends the answer, what follows should begin at once: all that can be is known before.
   const bool ready = bus_.ends_soon() && may_go_on();
-  for (uint8_t n = 0; n < kMostLooks && bus_.ends_soon(); ++n) bus_.poll(platform_.micros());
+  if (bus_.ends_soon()) bus_.await_end();
   if (bus_.finished()) take_result(ready || may_go_on());
   watch_path();
   if (!job_.active) start_next();
@@ -172,8 +171,8 @@ bool Board::keeps_line_free() const { return decoder_.receiving() && (chapter_he
 
 // A stop first; after it no request starts before every voided request and every stop is answered.
 bool Board::start_next() {
-  if (rate_.changing()) return false;
   if (start_stop()) return true;
+  if (rate_.changing()) return false;
   if (void_left_ || !stops_.empty()) return false;
   if (!queue_.front(&now_running_) || !may_send()) return false;
   execute();

@@ -19,6 +19,7 @@ constexpr uint16_t kGapUs = 1500;           // silence inside an answer, or betw
 constexpr uint16_t kHurryUs = 1000;
 constexpr uint16_t kMaxHurryUs = 4000;
 constexpr uint16_t kMarginUs = 3000;
+constexpr uint8_t kMostLooks = 30;          // for the last byte of an answer
 
 }  // namespace
 
@@ -255,15 +256,34 @@ bool ServoBus::match_at(uint8_t at) {
   }
   const uint8_t size = half_size_;
   if (received_ - at < size) return false;
-  half_size_ = 0;
   if (size && p[size - 1] == servo_checksum(p + 2, static_cast<uint8_t>(size - 3))) {
-    at_[half_index_] = at;
-    ++got_;
-    searched_ = static_cast<uint8_t>(at + size);
+    take_half();
   } else {
+    half_size_ = 0;
     searched_ = static_cast<uint8_t>(at + 1);
   }
   return true;
+}
+
+// The packet whose beginning was found is complete.
+void ServoBus::take_half() {
+  at_[half_index_] = searched_;
+  ++got_;
+  searched_ = static_cast<uint8_t>(searched_ + half_size_);
+  half_size_ = 0;
+}
+
+void ServoBus::await_end() {
+  if (half_size_ == 0 || received_ + 1 != searched_ + half_size_) return;
+  // The last byte is the checksum, so what it must be is known.
+  const uint8_t check = servo_checksum(answer_ + searched_ + 2, static_cast<uint8_t>(half_size_ - 3));
+  for (uint8_t n = 0; n < kMostLooks; ++n) {
+    if (platform_.bus_read(answer_ + received_, 1) == 0) continue;
+    const bool right = answer_[received_++] == check;
+    if (right) take_half();
+    if (right && complete()) finish(BusResult::kOk);
+    return;
+  }
 }
 
 bool ServoBus::right_header(const uint8_t* p) const {

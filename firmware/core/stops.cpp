@@ -83,6 +83,7 @@ void Board::void_request(const Request& request) {
 }
 
 void Board::answer_stops() {
+  if (rate_.changing()) return;
   StopList::Asker asker;
   StopList::Outcome outcome;
   while (platform_.host_write_room() >= kStopAnswer && stops_.take_done(&asker, &outcome)) {

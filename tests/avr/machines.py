@@ -25,6 +25,7 @@ FIRMWARE = ROOT / "firmware"
 BUILD = FIRMWARE / "build"
 CLOCK_HZ = 16_000_000
 HOST, BUS = 0, 1
+WRONG = 0x5B  # makes another byte of one that is heard at a wrong rate
 
 
 @contextmanager
@@ -82,6 +83,8 @@ def _simulator() -> ctypes.CDLL:
     lib.sim_in_free.restype, lib.sim_in_free.argtypes = u64, [board, ctypes.c_int]
     lib.sim_overruns.restype, lib.sim_overruns.argtypes = u64, [board, ctypes.c_int]
     lib.sim_line_rate.restype, lib.sim_line_rate.argtypes = None, [board, ctypes.c_int, ctypes.c_uint32]
+    lib.sim_spoil.restype, lib.sim_spoil.argtypes = None, [board, ctypes.c_int, unsigned]
+    lib.sim_chip_rate.restype, lib.sim_chip_rate.argtypes = ctypes.c_uint32, [board]
     lib.sim_eeprom.restype = None
     lib.sim_eeprom.argtypes = [board, ctypes.c_uint16, ctypes.c_char_p, ctypes.c_uint16, ctypes.c_int]
     lib.sim_peek.restype, lib.sim_peek.argtypes = ctypes.c_uint8, [board, ctypes.c_uint16]
@@ -173,6 +176,10 @@ class Machine:
         """Let time pass."""
         raise NotImplementedError
 
+    def set_rate(self, baud: int) -> None:
+        """Change the host's rate of the host line; at any other than the board's, bytes arrive as others."""
+        raise NotImplementedError
+
     def reset(self) -> None:
         """Press the reset button."""
         raise NotImplementedError
@@ -239,6 +246,18 @@ class ChipBoard(Machine):
     def asleep(self) -> bool:
         """Whether the processor is stopped until the next interrupt."""
         return bool(self._lib.sim_sleeping(self._board))
+
+    @property
+    def chip_rate(self) -> int:
+        """The rate of the host line that the program has set, bits a second."""
+        return self._lib.sim_chip_rate(self._board)
+
+    def set_rate(self, baud: int) -> None:
+        self._lib.sim_line_rate(self._board, HOST, baud)
+
+    def spoil(self, every: int) -> None:
+        """Damage every so-manieth byte of the host line from now on; 0 ends that."""
+        self._lib.sim_spoil(self._board, HOST, every)
 
     @property
     def host_free(self) -> float:
@@ -340,6 +359,7 @@ class CoreBoard(Machine):
         lib.hexwire_begin.restype, lib.hexwire_begin.argtypes = None, [board, ctypes.c_uint32, ctypes.c_uint8]
         lib.hexwire_storage_broken.restype = None
         lib.hexwire_storage_broken.argtypes = [board, ctypes.c_int]
+        lib.hexwire_host_rate.restype, lib.hexwire_host_rate.argtypes = ctypes.c_uint32, [board]
         lib.hexwire_outputs.restype, lib.hexwire_outputs.argtypes = ctypes.c_uint8, [board]
         lib.hexwire_delete.restype, lib.hexwire_delete.argtypes = None, [board]
         self._lib = lib
@@ -351,6 +371,7 @@ class CoreBoard(Machine):
         self._order = 0
         self._in_free = 0
         self._out_free = 0
+        self._rate = 115200
         self.reset()
 
     @property
@@ -380,9 +401,16 @@ class CoreBoard(Machine):
         self._boots += 1
         self._lib.hexwire_begin(self._board, self._boots, 0)
 
+    def set_rate(self, baud: int) -> None:
+        self._rate = baud
+
+    def _passed(self, byte: int) -> int:
+        """A byte of the host line as the other end hears it."""
+        return byte if self._lib.hexwire_host_rate(self._board) == self._rate else byte ^ WRONG
+
     def _schedule(self, line: int, data: bytes, begin_us: float) -> float:
         for byte in data:
-            begin_us += 10e6 / 115200
+            begin_us += 10e6 / (self._rate if line == HOST else 115200)
             self._order += 1
             heapq.heappush(self._events, (round(begin_us), self._order, line, byte))
         return begin_us
@@ -400,7 +428,7 @@ class CoreBoard(Machine):
             due: tuple[bytearray, bytearray] = (bytearray(), bytearray())
             while self._events and self._events[0][0] <= self._us:
                 _, _, line, byte = heapq.heappop(self._events)
-                due[line].append(byte)
+                due[line].append(self._passed(byte) if line == HOST else byte)
             if due[HOST]:
                 self._lib.hexwire_host_in(self._board, bytes(due[HOST]), len(due[HOST]))
             if due[BUS]:
@@ -412,9 +440,10 @@ class CoreBoard(Machine):
                 self.line.byte_sent(self._bytes[i], over)
             # A byte at a time, so that the firmware sees its output ring drain as on the chip.
             if self._us >= self._out_free and self._lib.hexwire_host_out(self._board, self._bytes, 1):
-                self.received.append(self._bytes[0])
-                self.stamps.append((self._us + 87) / 1e6)
-                self._out_free = self._us + 87
+                byte_us = round(10e6 / self._lib.hexwire_host_rate(self._board))
+                self.received.append(self._passed(self._bytes[0]))
+                self.stamps.append((self._us + byte_us) / 1e6)
+                self._out_free = self._us + byte_us
         self.wire.step(self.now)
 
     def leap(self, seconds: float) -> None:

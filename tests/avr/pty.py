@@ -15,7 +15,10 @@ from contextlib import contextmanager
 
 from tests.avr.machines import Machine
 
+from hexwire.link.serial import terminal_rate
+
 _SLICE = 0.002
+_UNSET = 38400  # of a terminal that no program has opened
 _MOST = 0.05  # after a stall the board does not make up for more
 
 
@@ -48,6 +51,9 @@ class PtyBoard:
             if ready:
                 self._take(os.read(self._master, 4096))
             now = time.monotonic()
+            rate = terminal_rate(self._master)
+            if rate != _UNSET:
+                self.machine.set_rate(rate or 115200)
             self.machine.advance(min(now - last, _MOST))
             last = now
             data = self.machine.take()

@@ -3,6 +3,7 @@
 // Owns what libsimavr 1.6 gets wrong about serial lines: a character takes 11 bits there, output appears when
 // it begins rather than when it ends, and the receiver never overruns. Here both lines are serialised at
 // their own rate, and a byte that finds the chip's two-deep receive buffer and its shift register full is lost.
+// While the chip's rate of the host line is not that of the host, every byte arrives as another one.
 #include <fcntl.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -23,6 +24,12 @@
 // From the data-register-empty flag to the write to UDR: what the interrupt costs. The chip hides it behind
 // its transmit buffer, the simulator has none.
 #define LATENCY 60
+#define UCSR0A 0xC0
+#define UBRR0L 0xC4
+#define UBRR0H 0xC5
+#define U2X 1
+// What makes a byte that is heard at a wrong rate another one. What it is does not matter.
+#define WRONG 0x5B
 
 typedef struct {
   uint8_t byte;
@@ -41,6 +48,8 @@ typedef struct {
   character_t out[QUEUE];
   unsigned out_head, out_tail;
   uint64_t overruns;
+  uint64_t written;       // bytes in both directions
+  unsigned spoil_every;   // 0, or every so-manieth byte is damaged
   int armed;
 } line_t;
 
@@ -55,6 +64,28 @@ typedef struct board {
 static board_t *the_board;  // avr->reset has no place for a parameter
 
 static avr_cycle_count_t feed(avr_t *avr, avr_cycle_count_t when, void *param);
+
+// Cycles that a byte takes by the chip's own setting, of the host line.
+static uint32_t chip_cycles(board_t *board) {
+  const uint8_t *data = board->avr->data;
+  return ((data[UBRR0H] << 8 | data[UBRR0L]) + 1) * 10 * (data[UCSR0A] & 1 << U2X ? 8 : 16);
+}
+
+static int heard(line_t *line) {
+  if (line != &line->board->line[0]) return 1;
+  const int32_t off = (int32_t)chip_cycles(line->board) - (int32_t)line->byte_cycles;
+  return (off < 0 ? -off : off) * 20 < (int32_t)line->byte_cycles;
+}
+
+// The byte as the other end receives it.
+static uint8_t passed(line_t *line, uint8_t byte) {
+  line->written++;
+  if (line->spoil_every && line->written % line->spoil_every == 0) byte ^= 0x10;
+  return heard(line) ? byte : byte ^ WRONG;
+}
+
+// Cycles for which the chip's transmitter is busy with a byte.
+static uint32_t sending_cycles(line_t *line) { return heard(line) ? line->byte_cycles : chip_cycles(line->board); }
 
 static void no_sleep(avr_t *avr, avr_cycle_count_t cycles) {
   (void)avr;
@@ -82,7 +113,7 @@ static avr_cycle_count_t feed(avr_t *avr, avr_cycle_count_t when, void *param) {
   } else {
     // The simulator shows a byte that long after it was put in, and the next one that long after.
     line->uart->cycles_per_byte = 1;
-    avr_raise_irq(line->input, c.byte);
+    avr_raise_irq(line->input, passed(line, c.byte));
   }
   arm(line);
   return 0;
@@ -93,9 +124,9 @@ static void on_output(struct avr_irq_t *irq, uint32_t value, void *param) {
   (void)irq;
   const uint64_t now = line->board->avr->cycle;
   const uint64_t begin = now > line->free_at ? now : line->free_at;
-  line->free_at = begin + line->byte_cycles;
+  line->free_at = begin + sending_cycles(line);
   if (line->out_head - line->out_tail == QUEUE) line->out_tail++;
-  line->out[line->out_head % QUEUE].byte = (uint8_t)value;
+  line->out[line->out_head % QUEUE].byte = passed(line, (uint8_t)value);
   line->out[line->out_head++ % QUEUE].end = line->free_at;
   line->uart->cycles_per_byte = 1;
   line->board->stop = 1;
@@ -108,7 +139,7 @@ static void on_transmit(struct avr_irq_t *irq, uint32_t value, void *param) {
   if (!value) return;
   const uint64_t now = line->board->avr->cycle;
   const uint64_t begin = now > line->free_at ? now : line->free_at;
-  line->uart->cycles_per_byte = begin + line->byte_cycles - now - LATENCY;
+  line->uart->cycles_per_byte = begin + sending_cycles(line) - now - LATENCY;
 }
 
 static avr_uart_t *find_uart(avr_t *avr, char name) {
@@ -220,6 +251,10 @@ uint64_t sim_overruns(board_t *board, int line_number) { return board->line[line
 void sim_line_rate(board_t *board, int line_number, uint32_t baud) {
   board->line[line_number].byte_cycles = FREQUENCY / 8 * 80 / baud;
 }
+// Damages every so-manieth byte of a line from now on; 0 ends that.
+void sim_spoil(board_t *board, int line_number, unsigned every) { board->line[line_number].spoil_every = every; }
+// The rate of the host line that the chip has set, bits per second.
+uint32_t sim_chip_rate(board_t *board) { return FREQUENCY * 10ull / chip_cycles(board); }
 
 // The reset button. The cause is an external reset.
 void sim_reset(board_t *board) {

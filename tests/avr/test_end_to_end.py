@@ -67,6 +67,39 @@ def test_the_command_line() -> None:
         assert "(the same)" in info.stdout
 
 
+class ShakyBoard(ChipBoard):
+    """Its line does not hold a raised rate: every so-manieth byte is damaged there."""
+
+    def set_rate(self, baud: int) -> None:
+        super().set_rate(baud)
+        self.spoil(200 if baud > 115200 else 0)
+
+
+@pytest.mark.parametrize("rate", [500_000, 1_000_000])
+def test_the_rate_of_the_line_is_raised_and_put_back(rate: int) -> None:
+    with on_pty(PtyBoard(ChipBoard())) as board:
+        chip = board.machine
+        assert isinstance(chip, ChipBoard)
+        with Hex7BotDriver.from_url(f"{board.path}?raise={rate}") as robot:
+            assert chip.chip_rate == rate
+            assert len(robot.read().position) == 7
+        with Hex7BotDriver.from_url(board.path) as robot:
+            assert chip.chip_rate == 117_647
+            assert len(robot.read().position) == 7
+        assert chip.overruns == 0
+
+
+def test_a_line_that_does_not_hold_the_rate() -> None:
+    with on_pty(PtyBoard(ShakyBoard())) as board:
+        probe = hexwire("probe", "--port", board.path, "--raise-baud", "1000000", "--json")
+        assert probe.returncode == 0, probe.stderr
+        assert json.loads(probe.stdout)["firmware"] == VERSION
+        lines = probe.stderr.splitlines()
+        assert len(lines) == 1, lines
+        assert "the rate stays at 115200 baud instead of 1000000" in lines[0]
+        assert "exchanges failed" in lines[0]
+
+
 def test_the_chapters_dialect_alone() -> None:
     with on_pty(PtyBoard(ChipBoard())) as board:
         probe = hexwire("probe", "--port", board.path, "--dialect", "1", "--json")

@@ -42,7 +42,7 @@ def test_a_faster_host_line_is_no_limit_any_more() -> None:
     assert slow < 0.85 * BUS_HZ
     assert fast.rate >= 0.95 * BUS_HZ
     assert fast.positions == pytest.approx(1e3 * bench.CYCLE)
-    assert fast.idle < 0.4
+    assert fast.idle < 0.3
 
 
 def test_states_and_targets_while_a_trajectory_runs() -> None:

@@ -46,6 +46,17 @@ def test_a_rate_that_does_not_go_with_the_url(port: str, text: str) -> None:
         resolve_url(port, 9600)
 
 
+def test_a_raised_rate_goes_into_the_url_too() -> None:
+    assert resolve_url("/dev/ttyUSB0", None, 500_000) == "/dev/ttyUSB0?raise=500000"
+    assert resolve_url("/dev/ttyUSB0", 57600, 500_000) == "/dev/ttyUSB0?baud=57600&raise=500000"
+    with pytest.raises(UsageError, match="--raise-baud does not apply to tcp://host:15030"):
+        resolve_url("tcp://host:15030", None, 500_000)
+    with pytest.raises(UsageError, match="--raise-baud 9600 and /dev/ttyUSB0"):
+        resolve_url("/dev/ttyUSB0?raise=500000", None, 9600)
+    with pytest.raises(UsageError, match="--raise-baud, --dialect and --timeout belong to a port"):
+        make_robot(options(port="zenoh:lab/arm1", raise_baud=500_000))
+
+
 def test_without_a_port_the_only_board_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ports, "find_only_board", lambda: "/dev/ttyACM3")
     assert resolve_url(None) == "/dev/ttyACM3"

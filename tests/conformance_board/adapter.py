@@ -6,15 +6,13 @@ Owns what may differ between them, in one place: `comparable`. Everything else h
 from __future__ import annotations
 
 from tests.avr.client import Client
-from tests.avr.machines import ChipBoard, CoreBoard, Machine
+from tests.avr.machines import WRONG, ChipBoard, CoreBoard, Machine
 
 from hexwire.emulator.board import EmulatedBoard
 from hexwire.wire import tables
 from hexwire.wire.command_frame import BODY_OFFSET, Command, Frame, serialize_frame
 
-_NOT_ON_EACH = sum(
-    tables.CAPABILITIES[name] for name in ("fragments", "fine_positions", "several", "servo_table", "host_baud")
-)
+_NOT_ON_EACH = sum(tables.CAPABILITIES[name] for name in ("fragments", "fine_positions", "several", "servo_table"))
 _BOOT = slice(4, 8)
 _CAPABILITIES = slice(8, 10)
 _IDENTIFY_FLAGS = 12
@@ -31,7 +29,8 @@ class EmulatorBoard(Machine):
     def __init__(self, faults: tuple[str, ...] = (), *, seed: int = 0) -> None:
         super().__init__(faults, seed=seed)
         self._now = 0.0
-        self._board = EmulatedBoard(self.wire)
+        self._board = EmulatedBoard(self.wire, host_rate=115200)
+        self._rate = 115200
         self._incoming: list[tuple[float, bytes]] = []
         self._free = 0.0
         transact = self.wire.transact
@@ -47,7 +46,7 @@ class EmulatorBoard(Machine):
         return self._now
 
     def send(self, data: bytes) -> None:
-        self._free = max(self._free, self._now) + len(data) * 10 / 115200
+        self._free = max(self._free, self._now) + len(data) * 10 / self._rate
         self._incoming.append((self._free, data))
 
     def advance(self, seconds: float) -> None:
@@ -55,11 +54,19 @@ class EmulatorBoard(Machine):
         while self._now < end:
             self._now = min(self._now + 0.0005, end)
             while self._incoming and self._incoming[0][0] <= self._now:
-                self._board.receive(self._incoming.pop(0)[1], self._now)
+                self._board.receive(self._passed(self._incoming.pop(0)[1]), self._now)
             self._board.step(self._now)
-            data = self._board.data_to_send()
+            data = self._passed(self._board.data_to_send())
             self.received += data
             self.stamps += [self._now] * len(data)
+
+    def set_rate(self, baud: int) -> None:
+        self._rate = baud
+
+    def _passed(self, data: bytes) -> bytes:
+        """Bytes of the host line as the other end hears them."""
+        same = self._rate == self._board.host_rate
+        return data if same else bytes(byte ^ WRONG for byte in data)
 
     def reset(self) -> None:
         self._board.reset(self._now)

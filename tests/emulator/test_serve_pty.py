@@ -268,3 +268,23 @@ def test_a_link_made_by_url_opens_it() -> None:
         while len(data) < 4:
             data += link.read(time.monotonic() + 5)
         assert data == b"ping"
+
+
+def test_a_host_raises_the_rate_and_the_next_one_finds_the_old_one() -> None:
+    board = make_hex7bot_board(baud=115200, host_rate=115200, start=time.monotonic())
+    with serving(PtyServer(board, baud=115200, rate=lambda: board.host_rate)) as path:
+        with Hex7BotDriver.from_url(f"{path}?raise=1000000") as robot:
+            assert board.host_rate == 1_000_000
+            assert len(robot.read().position) == 7
+        with Hex7BotDriver.from_url(path) as robot:
+            assert board.host_rate == 115200
+            assert len(robot.read().position) == 7
+
+
+def test_an_unpaced_line_has_no_rate() -> None:
+    board = make_hex7bot_board(host_rate=115200, start=time.monotonic())
+    with (
+        serving(PtyServer(board, rate=lambda: board.host_rate)) as path,
+        Hex7BotDriver.from_url(f"{path}?raise=1000000") as robot,
+    ):
+        assert len(robot.read().position) == 7

@@ -23,6 +23,13 @@ def test_addresses() -> None:
     assert by_id.device == "/dev/serial/by-id/usb-1a86_USB Serial-if00"
 
 
+@pytest.mark.parametrize("backend", ["termios", "pyserial"])
+def test_a_rate_to_which_the_line_is_raised(backend: str) -> None:
+    port = make_link(f"/dev/ttyUSB0?raise=500000&backend={backend}")
+    assert isinstance(port, SerialLink | PySerialLink)
+    assert (port.baud, port.raise_to, port.url) == (115200, 500_000, "serial:///dev/ttyUSB0?baud=115200")
+
+
 @pytest.mark.parametrize(
     ("url", "words"),
     [
@@ -30,10 +37,11 @@ def test_addresses() -> None:
         ("serial://", "the device is missing"),
         (
             "serial:///dev/ttyUSB0?bauds=9600",
-            "unknown option 'bauds'; options of serial://: backend, baud, low_latency, reset",
+            "unknown option 'bauds'; options of serial://: backend, baud, low_latency, raise, reset",
         ),
         ("serial:///dev/ttyUSB0?baud=fast", "baud must be an integer from 50 to 12000000, not 'fast'"),
         ("/dev/ttyUSB0?baud=1", "baud must be an integer"),
+        ("/dev/ttyUSB0?raise=1", "raise must be an integer from 50 to 12000000, not '1'"),
         ("serial:///dev/tty%00", "contains a zero character"),
         ("/dev/ttyUSB0?backend=poll", "backend must be termios or pyserial, not 'poll'"),
         ("/dev/ttyUSB0?reset=maybe", "reset must be 1 or 0, not 'maybe'"),

@@ -60,7 +60,7 @@ def test_dialect_1(cmd: int, body: bytes, effect: Effect) -> None:
 def test_requests_that_only_read_whatever_their_body() -> None:
     names = {
         "IDENTIFY", "JOINT_STATE", "REPORT", "WATCHDOG", "STATS", "ROBOT_PROBE", "JOINT_STATES", "JOYSTICK",
-        "TRAJECTORY_STATUS",
+        "TRAJECTORY_STATUS", "HOST_BAUD",
     }  # fmt: skip
     for body in (b"\1", b"\1\2\3"):
         asks = {cmd.name for cmd in Command if effect_of(2, cmd, body) is Effect.NONE}

@@ -26,6 +26,7 @@ HostBoard::HostBoard()
       storage_free_us(0),
       storage_broken(false),
       outputs(0),
+      host_rate(115200),
       storage(kStorageSize, 0xFF),
       storage_writes(kStorageSize, 0),
       board(*this) {}
@@ -100,6 +101,7 @@ uint8_t* hexwire_storage(HostBoard* b) { return b->storage.data(); }
 // How often each of its bytes has been written.
 uint32_t* hexwire_storage_writes(HostBoard* b) { return b->storage_writes.data(); }
 void hexwire_storage_broken(HostBoard* b, int broken) { b->storage_broken = broken != 0; }
+uint32_t hexwire_host_rate(HostBoard* b) { return b->host_rate; }
 uint8_t hexwire_outputs(HostBoard* b) { return b->outputs; }
 
 }  // extern "C"

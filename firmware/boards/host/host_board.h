@@ -23,6 +23,8 @@ class HostBoard final : public Platform {
   uint16_t host_write_room() override { return static_cast<uint16_t>(kHostOut - to_host.size()); }
   uint16_t host_write_waiting() override { return static_cast<uint16_t>(to_host.size()); }
   void host_write(const uint8_t* data, uint16_t size) override;
+  uint32_t host_own_rate() override { return 115200; }
+  void set_host_rate(uint32_t rate) override { host_rate = rate; }
   uint8_t bus_read(uint8_t* into, uint8_t room) override;
   void bus_write(const uint8_t* data, uint8_t size) override;
   bool bus_sending() override { return now_us < bus_free_us; }
@@ -37,6 +39,7 @@ class HostBoard final : public Platform {
   uint64_t storage_free_us;
   bool storage_broken;       // writes are lost
   uint8_t outputs;
+  uint32_t host_rate;
   std::vector<uint8_t> from_host, to_host, from_bus, to_bus;
   std::vector<uint8_t> storage;
   std::vector<uint32_t> storage_writes;  // of each byte

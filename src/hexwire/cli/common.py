@@ -88,6 +88,7 @@ class RobotOptions:
         timeout: Seconds to wait for a board that is booting; the driver's default if None.
         take: Command a shared arm even if another program holds it.
         observed: Its states go to the observer of `observing_states`.
+        raise_baud: Rate to which the line is raised once the board is known; None leaves it.
     """
 
     port: str | None
@@ -97,6 +98,7 @@ class RobotOptions:
     timeout: float | None
     take: bool = False
     observed: bool = True
+    raise_baud: int | None = None
 
 
 def port_option(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -136,12 +138,18 @@ def early_port(port: str | None) -> str | None:
 
 
 def line_options(command: _F) -> _F:
-    """``--baud``, ``--dialect`` and ``--timeout``: parameters of the connection to the board."""
+    """``--baud``, ``--raise-baud``, ``--dialect`` and ``--timeout``: parameters of the connection to the board."""
     command = number_option(
         "--timeout", "SECONDS", "Time to wait for a board that does not answer yet (5, enough to boot).", minimum=0
     )(command)
     command = click.option(
         "--dialect", type=click.IntRange(1, 2), metavar="1|2", help="Use only this dialect instead of trying both."
+    )(command)
+    command = click.option(
+        "--raise-baud",
+        type=click.IntRange(min=1),
+        metavar="N",
+        help="Raise the rate of the line while this command runs, such as to 500000, if board and line can.",
     )(command)
     return click.option("--baud", type=click.IntRange(min=1), metavar="N", help="Rate of a serial port (115200).")(
         command
@@ -157,6 +165,7 @@ def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
         port: str | None,
         robot: str | None,
         baud: int | None,
+        raise_baud: int | None,
         dialect: int | None,
         timeout: float | None,
         take: bool,
@@ -166,7 +175,8 @@ def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
         robot = robot or click.get_current_context().find_root().params.get("robot")
         if robot is None:
             robot = robot_at_port(port)
-        return command(*args, options=RobotOptions(port, robot, baud, dialect, timeout, take), **rest)
+        options = RobotOptions(port, robot, baud, dialect, timeout, take, raise_baud=raise_baud)
+        return command(*args, options=options, **rest)
 
     robot_option = click.option(
         "--robot", metavar="NAME", help=f"Type of robot on the port.  [default: {DEFAULT_ROBOT}]"
@@ -216,16 +226,17 @@ def refuse_table(model: ArmModel) -> None:
         )
 
 
-def resolve_url(port: str | None, baud: int | None = None) -> str:
+def resolve_url(port: str | None, baud: int | None = None, raise_baud: int | None = None) -> str:
     """The URL to open.
 
     Args:
         port: As typed; that of the only likely board if None.
         baud: Rate for a serial port.
+        raise_baud: Rate to which it is raised later.
 
     Raises:
         LinkNotFoundError: No port was named and no board is plugged in.
-        UsageError: Several boards are plugged in, or `baud` does not apply to the URL.
+        UsageError: Several boards are plugged in, or a rate does not apply to the URL.
     """
     from hexwire.drivers.registry import is_address
 
@@ -235,16 +246,21 @@ def resolve_url(port: str | None, baud: int | None = None) -> str:
         port = find_only_board()
     if is_address(port):
         raise UsageError(f"{port} is a shared arm; this command needs the port itself, where its server runs")
-    if baud is None:
+    return _with_rate(_with_rate(port, "--baud", "baud", baud), "--raise-baud", "raise", raise_baud)
+
+
+def _with_rate(port: str, option: str, key: str, rate: int | None) -> str:
+    """The URL with a rate in its query, if one is given."""
+    if rate is None:
         return port
     from hexwire.link.url import parse_url
 
     url = parse_url(port)
     if url.scheme != "serial":
-        raise UsageError(f"--baud does not apply to {port}: only a serial port has a rate")
-    if "baud" in url.query:
-        raise UsageError(f"--baud {baud} and {port}: give the rate only once")
-    return f"{port}{'&' if url.query else '?'}baud={baud}"
+        raise UsageError(f"{option} does not apply to {port}: only a serial port has a rate")
+    if key in url.query:
+        raise UsageError(f"{option} {rate} and {port}: give the rate only once")
+    return f"{port}{'&' if url.query else '?'}{key}={rate}"
 
 
 def make_robot(options: RobotOptions) -> RobotDriver:
@@ -260,14 +276,17 @@ def make_robot(options: RobotOptions) -> RobotDriver:
     given = {name: value for name, value in given.items() if value is not None}
     prepare = observed_driver if options.observed else _unchanged
     if options.port and is_address(options.port):
-        if given or options.baud is not None:
-            raise UsageError("--baud, --dialect and --timeout belong to a port; a shared arm's server has them")
+        if given or options.baud is not None or options.raise_baud is not None:
+            raise UsageError(
+                "--baud, --raise-baud, --dialect and --timeout belong to a port; a shared arm's server has them"
+            )
         _note_no_trace(options.port)
         take = f"{'&' if '?' in options.port else '?'}take=1" if options.take else ""
         return make_driver(f"{options.port}{take}", options.robot, prepare=prepare)
     if options.take:
         raise UsageError("--take is for a shared arm, as in --port zenoh:lab/arm1")
-    return make_driver(resolve_url(options.port, options.baud), options.robot, prepare=prepare, **given)
+    url = resolve_url(options.port, options.baud, options.raise_baud)
+    return make_driver(url, options.robot, prepare=prepare, **given)
 
 
 def _unchanged(driver: type[_R]) -> type[_R]:

@@ -95,6 +95,8 @@ def board(
         faults=faults,
         seed=seed,
         start=time.monotonic(),
+        # Only a terminal has a rate that a host can change.
+        host_rate=baud if tcp is None else 0,
     )
     twin = None
     if physics:
@@ -115,6 +117,7 @@ def board(
             baud=baud,
             reset_on_open=reset_on_open,
             hands=Hands(device.wire.servos, HEX7BOT),
+            rate=(lambda: device.host_rate) if device.host_rate else None,
             stop=stop,
             announce=_announce,
         )

@@ -36,6 +36,7 @@ def serve_device(
     baud: int,
     reset_on_open: bool = False,
     hands: Hands | None = None,
+    rate: Callable[[], int] | None = None,
     stop: Callable[[], bool],
     announce: Callable[[str], None],
 ) -> None:
@@ -52,7 +53,14 @@ def serve_device(
     except ImportError:
         no_terminals()
     serve_board(
-        device, link=link, baud=baud, reset_on_open=reset_on_open, hands=hands, stop=stop, announce=announce
+        device,
+        link=link,
+        baud=baud,
+        reset_on_open=reset_on_open,
+        hands=hands,
+        rate=rate,
+        stop=stop,
+        announce=announce,
     )
 
 

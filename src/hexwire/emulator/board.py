@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from hexwire.session.connection import Connection, Role
 from hexwire.session.events import Request
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Frame, Status
+from hexwire.wire.command_frame import Command, Frame, Status
 from hexwire.wire.modules import ModuleType
 from hexwire.wire.tables import PROTO_CHAPTER
 
@@ -28,6 +28,7 @@ from .board_chapter import ChapterDialect
 from .board_dialect1 import Dialect1
 from .board_dialect2 import Dialect2
 from .board_jobs import BUS_TIMEOUT, BusBuffer, Delay, Job, Pause, Transaction
+from .board_rate import LineRate
 from .board_state import BoardState, Settings
 from .board_stop import StopQueue
 from .board_trajectory import Trajectory
@@ -69,6 +70,7 @@ class EmulatedBoard:
         faults: Scripted faults; none if None.
         max_frame: Longest frame it accepts, in bytes.
         module: Its module id.
+        host_rate: Own rate of its host line, bits per second; 0 if that has none.
         start: The time at which it starts.
     """
 
@@ -80,6 +82,7 @@ class EmulatedBoard:
         faults: FaultPlan | None = None,
         max_frame: int = tables.MAX_SERIAL_FRAME,
         module: int = ModuleType.ARM_7BOT_ARDUINO_TRX,
+        host_rate: int = 0,
         start: float = 0.0,
     ) -> None:
         self.wire = wire
@@ -88,12 +91,18 @@ class EmulatedBoard:
         self.faults = faults or FaultPlan()
         self.paced = wire.baud > 0
         self.max_frame = max_frame
+        self._own_rate = host_rate
         self.resets = 0
         self.settings = Settings()
         self.time = start
         self._now = start
         self._out: list[bytes] = []
         self.reset(start)
+
+    @property
+    def host_rate(self) -> int:
+        """Present rate of the host line, bits per second; 0 if it has none."""
+        return self.line_rate.now
 
     # -- bytes and time -----------------------------------------------------------------------------
 
@@ -119,6 +128,8 @@ class EmulatedBoard:
             self.reset(now)
             self.state.under_voltage_reset = cause == "brownout"
         self._now = max(self._now, now)
+        if self.line_rate.step(now):
+            self.connection.decoder.reset()
         if not self._busy and self.trajectory.due_at is None:
             self.time = max(self.time, now - _CATCH_UP)
         while True:
@@ -138,18 +149,22 @@ class EmulatedBoard:
 
     def data_to_send(self) -> bytes:
         """Bytes for the host line since the last call."""
+        if self.line_rate.leaves:
+            return b""
         frames = [*self._out, *self.connection.data_to_send()]
         self._out = []
         self._report_unsent = False
-        return self.faults.host_out(b"".join(frames), self._now)
+        data = self.faults.host_out(b"".join(frames), self._now)
+        self.line_rate.sent(len(data), self._now)
+        return data
 
     def next_event_time(self) -> float | None:
         """When `step` must be called next if no bytes arrive; None if never."""
         watchdog = None if self.trajectory.outlives_host else self.state.watchdog_due
-        times = [t for t in (self.state.report_due, watchdog) if t is not None]
+        times = [t for t in (self.state.report_due, watchdog, self.line_rate.due) if t is not None]
         if self._busy:
             times.append(self._busy_until)
-        elif self._tasks or self.stops:
+        elif self.stops or (self._tasks and not self.line_rate.changing):
             times.append(self.time)
         elif self.paced and self.dialect == 2:
             times.append(self._next_poll)
@@ -191,13 +206,14 @@ class EmulatedBoard:
             assembles=False,
         )
         state, connection, clock = self.state, self.connection, self._clock
+        self.line_rate = LineRate(self._own_rate)
         self.stops = StopQueue()
         self._buffer = BusBuffer()
         self.bus = BoardBus(state, clock, paced=self.paced)
         self.chapter = ChapterDialect(state, self._buffer, clock, connection)
         self.dialect1 = Dialect1(state, self.bus, clock, connection)
         self.trajectory = Trajectory(state, self.bus, clock)
-        self.dialect2 = Dialect2(state, self.bus, clock, connection, self.stops, self.trajectory)
+        self.dialect2 = Dialect2(state, self.bus, clock, connection, self.stops, self.trajectory, self.line_rate)
         self._sketch = SketchReceiver() if self.dialect == 1 and self.faults.sketch else None
         self._deaf_until = now + self.faults.boot_time
         self._out = []
@@ -227,7 +243,9 @@ class EmulatedBoard:
             self.state.feed_watchdog(now)
         while (event := self.connection.next_event()) is not None:
             if isinstance(event, Request):
-                self.state.feed_watchdog(now)
+                self.line_rate.heard(now)
+                if event.frame.proto == PROTO_CHAPTER or event.frame.cmd != Command.HOST_BAUD:
+                    self.state.feed_watchdog(now)
                 self._queue(event)
 
     def _queue(self, event: Request) -> None:
@@ -285,11 +303,12 @@ class EmulatedBoard:
         return task
 
     def _start_next(self) -> bool:
+        held = self.line_rate.changing
         if self.stops:
             self._task = _Task(self.dialect2.stop_job(self.stops.start()), stop=True)
         elif self.trajectory.due(self.time):
             self._task = _Task(self.trajectory.step(), path=True)
-        elif self._tasks:
+        elif self._tasks and not held:
             self._task = self._tasks.popleft()
         elif self.paced and self.dialect == 2 and self._next_poll <= self.time:
             self._task = _Task(self.bus.poll_next())
@@ -405,6 +424,7 @@ def make_hex7bot_board(
     module: int = ModuleType.ARM_7BOT_ARDUINO_TRX,
     seed: int = 0,
     start: float = 0.0,
+    host_rate: int = 0,
 ) -> EmulatedBoard:
     """The board of a Hex7Bot with its seven servos.
 
@@ -415,7 +435,8 @@ def make_hex7bot_board(
         module: Its module id.
         seed: Seed of all random numbers.
         start: The time at which it starts.
+        host_rate: Own rate of the host line; 0 if it has none.
     """
     plan = FaultPlan.parse(faults, seed=seed, start=start)
     wire = ServoWire(make_hex7bot_servos(seed=seed, start=start), baud=baud, faults=plan)
-    return EmulatedBoard(wire, dialect=dialect, faults=plan, module=module, start=start)
+    return EmulatedBoard(wire, dialect=dialect, faults=plan, module=module, start=start, host_rate=host_rate)

@@ -6,7 +6,7 @@ to servos through `board_bus` and answers through the connection. Knows nothing 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 
 from hexwire.errors import RemoteProtocolError
 from hexwire.session.connection import Connection
@@ -32,9 +32,10 @@ from hexwire.wire.commands import (
 from hexwire.wire.servo_packet import BROADCAST_ID
 
 from .board_bus import BoardBus
-from .board_jobs import Clock, Job
+from .board_jobs import Clock, Job, Pause, Wait
 from .board_messages import BoardMessages, Consumer
 from .board_orders import BoardOrders
+from .board_rate import LineRate
 from .board_state import BoardState, JointSlot
 from .board_stop import Stopping, StopQueue
 from .board_table import BoardTable, TableMessage
@@ -49,6 +50,8 @@ _FIRMWARE = (tables.VERSION_MAJOR, tables.VERSION_MINOR, tables.VERSION_PATCH)
 _DEFAULT_TRANSACT_MS = 20
 _CAPABILITIES = sum(tables.CAPABILITIES.values()) & ~tables.CAPABILITY_HOST_BAUD
 _OUTPUTS = 0x07
+_STILL_TIME, _STILL = 0.1, 4
+"""Seconds between two looks at joints that may move, and the most counts between them of one that does not."""
 
 
 class Dialect2:
@@ -61,6 +64,7 @@ class Dialect2:
         connection: Where answers go.
         stops: Stops that wait or are under way.
         trajectory: The board's trajectory.
+        line: The rate of the host line.
 
     Attributes:
         messages: Messages in fragments.
@@ -74,12 +78,15 @@ class Dialect2:
         connection: Connection,
         stops: StopQueue,
         trajectory: Trajectory,
+        line: LineRate,
     ) -> None:
         self._state = state
         self._bus = bus
         self._clock = clock
         self._connection = connection
         self._stops = stops
+        self._line = line
+        self._moves = trajectory
         self._orders = BoardOrders(state, bus, clock)
         self._trajectory = TrajectoryCommands(state, trajectory, self._orders, clock)
         table = BoardTable(state, bus, self._orders, trajectory)
@@ -188,7 +195,7 @@ class Dialect2:
             tables.PROTO_HEXWIRE,
             _FIRMWARE,
             state.boot_id,
-            _CAPABILITIES,
+            _CAPABILITIES | (tables.CAPABILITY_HOST_BAUD if self._line.own else 0),
             self._connection.max_frame,
             state.board_flags,
             rows,
@@ -233,9 +240,30 @@ class Dialect2:
         yield from ()
 
     def _host_baud(self, request: Request) -> Job:
-        self._body(request, 4)
-        yield from ()
-        raise RefusedError(Status.NOT_SUPPORTED)
+        body, line = self._body(request, 4), self._line
+        rate = int.from_bytes(body, "little")
+        if not line.own:
+            raise RefusedError(Status.NOT_SUPPORTED)
+        if not line.knows(rate):
+            raise RefusedError(Status.BAD_RANGE)
+        if rate not in (line.now, line.own):
+            moved = yield from self._moved()
+            if moved or self._moves.due_at is not None:
+                raise RefusedError(Status.BUSY)
+        self._reply(request, Status.OK, body)
+        line.change(rate)
+
+    def _moved(self) -> Generator[Wait, bytes | None, bool]:
+        """Read positions twice; whether a joint with torque is elsewhere the second time."""
+        before: dict[int, int] = {}
+        yield from self._bus.poll_all()
+        for joint in self._state.joints:
+            before[joint.servo_id] = joint.position
+        yield Pause(_STILL_TIME)
+        yield from self._bus.poll_all()
+        return any(
+            j.present and j.torque_on and abs(j.position - before[j.servo_id]) > _STILL for j in self._state.joints
+        )
 
     # -- motion -------------------------------------------------------------------------------------
 

@@ -51,6 +51,7 @@ class PtyServer:
         baud: Line rate; 0 is unpaced. If paced, a host that opens the port at another rate gets garbage.
         reset_on_open: Reset the device when the port is opened, as DTR does on an Arduino.
         hands: The joints that programs of this user may move by hand; none if None.
+        rate: Present rate of a paced line whose device changes it; it starts with `baud`.
     """
 
     def __init__(
@@ -61,8 +62,10 @@ class PtyServer:
         baud: int = 0,
         reset_on_open: bool = False,
         hands: Hands | None = None,
+        rate: Callable[[], int] | None = None,
     ) -> None:
         self.device = device
+        self._rate = rate
         self.path = ""
         self._hands = hands
         self._door: HandServer | None = None
@@ -131,6 +134,7 @@ class PtyServer:
 
     def run_once(self, timeout: float = _IDLE) -> None:
         """Wait for bytes or the next event, at most `timeout` seconds, and act on them."""
+        self._follow_rate()
         now = time.monotonic()
         due = [t for t in (self.device.next_event_time(), self._to_host.next_time()) if t is not None]
         arriving = self._to_board.next_time()
@@ -165,12 +169,19 @@ class PtyServer:
         if data:
             self.device.receive(data, now)
         self.device.step(now)
+        self._follow_rate()
         # While the line or the host is behind, the device keeps its bytes.
         if self._to_host.next_time() is None and not self._unsent:
             out = self.device.data_to_send()
             if out:
                 self._to_host.put(out, now)
         self._write(now)
+
+    def _follow_rate(self) -> None:
+        """Take over the rate of the device. What is on the line then is lost, as on a real one."""
+        if self._baud and self._rate is not None and (rate := self._rate()) != self._baud:
+            self._baud = rate
+            self._to_board, self._to_host = PacedLine(rate), PacedLine(rate)
 
     def _seen_open(self, now: float) -> None:
         if self._hung_up:
@@ -224,6 +235,7 @@ def serve_board(
     baud: int = 0,
     reset_on_open: bool = False,
     hands: Hands | None = None,
+    rate: Callable[[], int] | None = None,
     stop: Callable[[], bool],
     announce: Callable[[str], None],
 ) -> None:
@@ -235,10 +247,11 @@ def serve_board(
         baud: Line rate; 0 is unpaced.
         reset_on_open: Reset the board when the port is opened.
         hands: The joints that can be moved by hand.
+        rate: As of `PtyServer`.
         stop: Called at least every quarter of a second; True ends it.
         announce: Called with the path once the terminal is open.
     """
-    server = PtyServer(device, link=link, baud=baud, reset_on_open=reset_on_open, hands=hands)
+    server = PtyServer(device, link=link, baud=baud, reset_on_open=reset_on_open, hands=hands, rate=rate)
     path = server.open()
     try:
         announce(path)

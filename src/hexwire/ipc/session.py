@@ -41,6 +41,7 @@ from hexwire.wire.modules import IpcType, ModuleType
 from .connections import Introduction, host_connection
 from .handle import IpcHandle
 from .mistaken import find_servos, is_servo_bus
+from .raised_line import raise_line
 from .several import SeveralModules
 
 __all__ = ["Session"]
@@ -137,6 +138,7 @@ class Session(SeveralModules, Openable):
         self._open()
 
     def _open(self) -> None:
+        self._forget_rate()
         self.ipc.open()
         clock = self._clock or getattr(self.ipc.link, "clock", None) or time.monotonic
         self._now = clock
@@ -152,8 +154,14 @@ class Session(SeveralModules, Openable):
         self._board_sn = self._noted = 0
 
     def close(self) -> None:
-        """Close the channel; a request that waits in another thread ends with LinkClosedError."""
+        """Close the channel; a request that waits in another thread ends with LinkClosedError.
+
+        A raised rate is put back first, unless another thread has the line.
+        """
         self._closed = True
+        if self._raised is not None and self.is_open and not self._turn.owner:
+            self._raised.lower()
+        self._forget_rate()
         self.ipc.close()
 
     @property
@@ -175,6 +183,8 @@ class Session(SeveralModules, Openable):
         look: bool = True,
     ) -> Negotiated:
         """Find out the dialect of the board; waits for a board that is booting.
+
+        If the link's address asks for it, the rate of the line is then raised.
 
         Args:
             boot_window: Seconds to keep asking.
@@ -212,6 +222,7 @@ class Session(SeveralModules, Openable):
             if self.negotiated.identity is not None:
                 self.connection.limit_frame(self.negotiated.identity.max_frame)
             _log.info("%s speaks dialect %d", self.ipc.link.url, self.negotiated.dialect)
+            self._raised = raise_line(self.ipc.link, self.negotiated.identity, self.request, self.now)
             return self.negotiated
 
     def _look_for_servos(self) -> None:

@@ -20,6 +20,7 @@ from hexwire.wire import tables
 from hexwire.wire.command_frame import Frame, command_name
 
 from .handle import IpcHandle
+from .raised_line import RaisedLine
 from .turn import Turn
 
 __all__ = ["SessionLine"]
@@ -54,6 +55,7 @@ class SessionLine(ABC):
         self._now = clock
         self._turn = Turn()
         self._datagrams = False
+        self._raised: RaisedLine | None = None
         self._stash: dict[int, Event] = {}
         self._reports: deque[tuple[Frame, float]] = deque(maxlen=_KEPT)
         self._frames: deque[Frame] = deque(maxlen=_KEPT)
@@ -131,6 +133,8 @@ class SessionLine(ABC):
             token: The call that waits here: after a stop, nothing of it is written.
         """
         connection = self.connection
+        if self._raised is not None:
+            self._raised.watch(connection)
         out = connection.data_to_send()
         due = connection.next_timeout()
         if due is None or (deadline is not None and deadline < due):
@@ -154,6 +158,12 @@ class SessionLine(ABC):
                 link.confirm()
         if due is not None and now >= due:
             connection.handle_timeout(now)
+
+    def _forget_rate(self) -> None:
+        """A port opens at its own rate."""
+        if self._raised is not None:
+            self._raised.forget()
+            self._raised = None
 
     def _write(self) -> None:
         for data in self.connection.data_to_send():

@@ -58,17 +58,24 @@ class PySerialLink(PollLink):
         baud: Bits per second; any rate that the port's driver supports.
         low_latency: Ask the driver to deliver bytes at once, where the system has such a setting.
         reset_board: Pulse DTR after opening, to reset a board even if opening does not.
+        raise_to: As of `SerialLink`.
     """
 
     kind = LinkKind.STREAM
     _lost_advice = LOST_ADVICE
 
     def __init__(
-        self, device: str, baud: int = DEFAULT_BAUD, *, low_latency: bool = True, reset_board: bool = False
+        self,
+        device: str,
+        baud: int = DEFAULT_BAUD,
+        *,
+        low_latency: bool = True,
+        reset_board: bool = False,
+        raise_to: int = 0,
     ) -> None:
         check_baud(baud)
         super().__init__(serial_url(device, baud))
-        self.device, self.baud = device, baud
+        self.device, self.baud, self.raise_to = device, baud, raise_to
         self._low_latency, self._reset_board = low_latency, reset_board
         self._port: Any = None
         self._near: socket.socket | None = None
@@ -91,8 +98,13 @@ class PySerialLink(PollLink):
     def set_baud(self, baud: int) -> None:
         """As `SerialLink.set_baud`; bytes that were written before leave at the old rate."""
         check_baud(baud)
+        self.url = serial_url(self.device, baud)
+        self.set_rate(baud)
+
+    def set_rate(self, baud: int) -> None:
+        """As `SerialLink.set_rate`; bytes that were written before leave at the old rate."""
         patience = self._patience()
-        self.baud, self.url = baud, serial_url(self.device, baud)
+        self.baud = baud
         if self.is_open:
             with self._idle:
                 self._idle.wait_for(lambda: not self._ahead, patience)

@@ -86,6 +86,11 @@ class SerialLink(PollLink):
         low_latency: Ask the driver to deliver bytes at once (FTDI: 1 ms instead of 16); ignored if the driver does
             not support it.
         reset_board: Pulse DTR after opening, to reset a board even if opening does not.
+        raise_to: Rate to which a session shall raise the line once it knows the board; 0 leaves it.
+
+    Attributes:
+        baud: The present rate.
+        raise_to: As given.
     """
 
     kind = LinkKind.STREAM
@@ -98,13 +103,14 @@ class SerialLink(PollLink):
         *,
         low_latency: bool = True,
         reset_board: bool = False,
+        raise_to: int = 0,
     ) -> None:
         check_baud(baud)
         if "\0" in device:
             raise UsageError(f"{device!r} is not a path: it contains a zero character")
         super().__init__(serial_url(device, baud))
         self.device = device
-        self.baud = baud
+        self.baud, self.raise_to = baud, raise_to
         self._low_latency = low_latency
         self._reset_board = reset_board
         self._port = -1
@@ -131,8 +137,12 @@ class SerialLink(PollLink):
             LinkLostError: The port was lost.
         """
         check_baud(baud)
-        self.baud = baud
         self.url = serial_url(self.device, baud)
+        self.set_rate(baud)
+
+    def set_rate(self, baud: int) -> None:
+        """As `set_baud`, but the address stays that of the usual rate: the board changes its rate as well."""
+        self.baud = baud
         if self.is_open:
             self._apply_settings()
 

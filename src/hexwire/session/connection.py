@@ -467,6 +467,9 @@ class Connection(FrameMaker):
             self._replies.forget(frame.src)
             self._fragments_in.forget()
         reply = self._replies.find(frame, now)
+        if reply and frame.cmd == Command.HOST_BAUD:
+            # The rate may have gone back since: it is executed again.
+            reply = None
         if reply is not None:
             self.counters.repeats += 1
             self._out.extend(self.build_again(data, now) for data in reply)

@@ -21,6 +21,7 @@ _NEUTRAL = frozenset(
         Command.REPORT,
         Command.WATCHDOG,
         Command.STATS,
+        Command.HOST_BAUD,
         Command.TRAJECTORY_STATUS,
         Command.ROBOT_PROBE,
         Command.JOINT_STATES,
@@ -35,7 +36,7 @@ _TRANSACT_HEAD = 2
 class Effect(Enum):
     """Effect of a request."""
 
-    NONE = "reads, or feeds the watchdog"
+    NONE = "reads, feeds the watchdog, or keeps the line"
     ACT = "moves, switches or sets something"
     FREE = "switches torque off"
     STOP = "stops"
