@@ -1,4 +1,4 @@
-"""Emulated boards on TCP ports of this machine, served by one thread."""
+"""Emulated boards on TCP ports of this machine, served by one thread, and a gateway to them in another."""
 
 from __future__ import annotations
 
@@ -9,8 +9,12 @@ from contextlib import contextmanager
 
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
 from hexwire.emulator.serve_tcp import TcpServer
+from hexwire.gateway.service import GatewayService
+from hexwire.link.listener import Listener
+from hexwire.link.open import make_link
 
 LONG = 10.0
+ARDUINO = 8
 
 
 class TcpBoards:
@@ -78,3 +82,26 @@ def tcp_boards(count: int) -> Iterator[TcpBoards]:
         for server in boards.servers:
             if server is not None:
                 server.close()
+
+
+class Running:
+    """A gateway in a thread, with two boards."""
+
+    def __init__(self, boards: TcpBoards) -> None:
+        self.boards = boards
+        links = {number: make_link(url) for number, url in enumerate(boards.urls, ARDUINO)}
+        self.service = GatewayService(Listener(), links, local=ARDUINO)
+        self.service.open()
+        self.url = self.service.url.replace("-listen", "")
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        self.service.run(self._ended.is_set)
+        self.service.close()
+
+    def end(self) -> None:
+        self._ended.set()
+        self._thread.join(LONG)
+        assert not self._thread.is_alive()

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import socket
 import struct
-import threading
 import time
 from collections.abc import Callable, Iterator
 
 import pytest
-from tests.gateway.tcp_boards import LONG, TcpBoards, tcp_boards
+from tests.gateway.tcp_boards import LONG, Running, tcp_boards
 
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.errors import LinkError, ReplyTimeoutError, UsageError
@@ -19,31 +18,6 @@ from hexwire.link.listener import Listener
 from hexwire.link.open import make_link
 from hexwire.wire.addresses import Broadcast
 from hexwire.wire.command_frame import Command, Status
-
-ARDUINO = 8
-
-
-class Running:
-    """A gateway in a thread, with two boards."""
-
-    def __init__(self, boards: TcpBoards) -> None:
-        self.boards = boards
-        links = {number: make_link(url) for number, url in enumerate(boards.urls, ARDUINO)}
-        self.service = GatewayService(Listener(), links, local=ARDUINO)
-        self.service.open()
-        self.url = self.service.url.replace("-listen", "")
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
-
-    def _run(self) -> None:
-        self.service.run(self._ended.is_set)
-        self.service.close()
-
-    def end(self) -> None:
-        self._ended.set()
-        self._thread.join(LONG)
-        assert not self._thread.is_alive()
 
 
 @pytest.fixture

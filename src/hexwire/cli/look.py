@@ -13,6 +13,7 @@ import click
 
 from hexwire.errors import UsageError
 
+from .channel import all_option, probe_all
 from .common import RobotOptions, fault_names, is_typed, json_option, open_robot, raise_if_silent, robot_options
 from .exits import note
 from .numbers import number_option
@@ -67,10 +68,14 @@ def ping(ids: tuple[int, ...], options: RobotOptions, as_json: bool) -> None:
 
 
 @click.command()
+@all_option
 @robot_options
 @json_option
-def probe(options: RobotOptions, as_json: bool) -> None:
+def probe(everybody: bool, options: RobotOptions, as_json: bool) -> None:
     """Show the identity and condition of the board and its servos."""
+    if everybody:
+        probe_all(options, as_json)
+        return
     with open_robot(options) as robot:
         report = robot.probe()
     if as_json:

@@ -43,6 +43,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "probe": ("hexwire.cli.look:probe", "Show the identity and condition of the board and its servos."),
     "pump": ("hexwire.cli.tool:pump", "Control the suction cup: hold, release, off."),
     "record": ("hexwire.cli.record:record", "Inspect, convert and repair recordings."),
+    "registers": ("hexwire.cli.registers:registers", "Show the registers of a servo behind a board."),
     "resume": ("hexwire.cli.power:resume", "End a stop; the arm does not move."),
     "serve": ("hexwire.cli.serve:serve", "Share an arm with other programs and machines."),
     "sim": ("hexwire.cli.sim:sim", "Emulate a board on a pseudo-terminal."),

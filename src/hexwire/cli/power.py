@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from .channel import all_option, resume_all, stop_all
 from .common import RobotOptions, json_option, open_robot, robot_options
 from .exits import note
 from .output import answer, say
@@ -46,15 +47,19 @@ def torque(switch: str, joints: tuple[str, ...], options: RobotOptions, as_json:
 
 @click.command()
 @click.option("--torque-off", is_flag=True, help="Switch torque off as well: the arm may fall.")
+@all_option
 @robot_options
 @json_option
-def stop(torque_off: bool, options: RobotOptions, as_json: bool) -> None:
+def stop(torque_off: bool, everybody: bool, options: RobotOptions, as_json: bool) -> None:
     """Stop the arm at its present position and keep it stopped: nothing moves until `hexwire resume`.
 
     A board with hexwire's firmware latches the stop for every program. A dialect-1 board and a servo bus cannot:
     there hexwire keeps the stop for you in a file, one per device. Other users, other computers and programs that
     do not use hexwire do not see it and can move the arm.
     """
+    if everybody:
+        stop_all(options, torque_off=torque_off, as_json=as_json)
+        return
     from hexwire.drivers.base import StopMode
 
     with open_robot(options) as robot:
@@ -67,13 +72,17 @@ def stop(torque_off: bool, options: RobotOptions, as_json: bool) -> None:
 
 
 @click.command()
+@all_option
 @robot_options
 @json_option
-def resume(options: RobotOptions, as_json: bool) -> None:
+def resume(everybody: bool, options: RobotOptions, as_json: bool) -> None:
     """End a stop. The arm does not move, and torque that the stop switched off stays off.
 
     If a watchdog stopped the arm because the program that had armed it died, the watchdog is switched off as well.
     """
+    if everybody:
+        resume_all(options, as_json)
+        return
     from hexwire.control.power import end_stop
     from hexwire.model.state import JointFlag
 

@@ -425,6 +425,20 @@ class RobotDriver(ABC):
         else:
             self.torque(signal is Signal.TORQUE_ON)
 
+    def read_table(self, joint: str, first: int = 0, count: int | None = None) -> bytes:
+        """Read registers of a joint's servo by one request, raw and in the servo's byte order; no snapshot.
+
+        Args:
+            joint: Its name.
+            first: The first register.
+            count: How many; all from `first` on if None.
+
+        Raises:
+            NotSupportedError: The robot has no such request.
+            CommandRefusedError: The servo is silent, or the robot follows a path.
+        """
+        raise NotSupportedError(f"{self.model.name} reads no register tables; 'hexwire bus read' reads bus servos")
+
     # -- diagnosis ------------------------------------------------------------------------------------
 
     def examine(self) -> list[Finding]:

@@ -380,19 +380,6 @@ class Hex7BotDriver(SessionDriver):
             return self._attached().transact(packet, reply_length, timeout)
 
     def read_table(self, joint: str, first: int = 0, count: int | None = None) -> bytes:
-        """Read registers of a joint's servo by one request, raw and in the servo's byte order.
-
-        A table is no snapshot: the board reads it in several pieces.
-
-        Args:
-            joint: Its name.
-            first: The first register.
-            count: How many; all from `first` on if None.
-
-        Raises:
-            NotSupportedError: The board speaks dialect 1, or its firmware is too old.
-            CommandRefusedError: The servo is silent, or the board follows a path.
-        """
         servo_id = self.model.joint(joint).servo_id
         return self._attached().read_table(servo_id, first, TABLE_REGISTERS - first if count is None else count)
 

@@ -1,0 +1,158 @@
+"""`--all`: one frame to every board of a channel, such as those behind a gateway.
+
+Owns what is printed for each module, and when a module counts as missing. Must not know how frames travel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .common import RobotOptions, resolve_url
+from .output import answer
+
+if TYPE_CHECKING:
+    from hexwire.ipc.session import Session
+    from hexwire.session.events import Answers, Reply
+
+__all__ = ["all_option", "probe_all", "resume_all", "stop_all"]
+
+_LOOK, _LOOKS = 0.3, 2
+"""Seconds for all to answer who they are, and how often they are asked."""
+_AT_ONCE = 0.25
+"""Seconds after which the next question may follow a stop."""
+_STOP_WINDOW, _STOP_ATTEMPTS = 0.6, 4
+"""A stop takes up to half a second, while the board drops repeats."""
+
+all_option: Callable[[Callable[..., Any]], Callable[..., Any]] = click.option(
+    "--all", "everybody", is_flag=True, help="Every board of the channel, such as all behind a gateway."
+)
+
+
+@contextmanager
+def _open(options: RobotOptions) -> Iterator[Session]:
+    from hexwire.ipc.session import Session
+
+    session = Session.from_url(resolve_url(options.port, options.baud))
+    with session:
+        yield session
+
+
+def _names(mask: int) -> str:
+    from hexwire.model.hex7bot import HEX7BOT
+
+    return " ".join(name for i, name in enumerate(HEX7BOT.names) if mask >> i & 1) or "none"
+
+
+def probe_all(options: RobotOptions, as_json: bool) -> None:
+    """Show who answers on the channel.
+
+    Raises:
+        ReplyTimeoutError: Nobody does.
+    """
+    from hexwire.wire.command_frame import Status
+    from hexwire.wire.commands import Identity
+    from hexwire.wire.modules import module_name
+    from hexwire.wire.tables import BOARD_FLAGS_STOPPED
+
+    with _open(options) as session:
+        found = _find(session)
+    data, lines = [], []
+    for module, reply in found.replies.items():
+        if reply.status != Status.OK:
+            continue
+        identity = Identity.parse(reply.body)
+        stopped = bool(identity.board_flags & BOARD_FLAGS_STOPPED)
+        present = sum(row.present for row in identity.joints)
+        firmware = ".".join(map(str, identity.firmware))
+        data.append(
+            {
+                "module": module,
+                "firmware": firmware,
+                "boot_id": identity.boot_id,
+                "stopped": stopped,
+                "servos": len(identity.joints),
+                "present": present,
+            }
+        )
+        servos = f"{present} of {len(identity.joints)} servos answer"
+        lines.append(
+            f"{module_name(module)} ({module}): firmware {firmware}, {servos}{', stopped' if stopped else ''}"
+        )
+    answer(as_json, data, *lines)
+
+
+def stop_all(options: RobotOptions, *, torque_off: bool, as_json: bool) -> None:
+    """Stop every board of the channel by one frame, and find out who has confirmed it.
+
+    Raises:
+        ServoError: A joint has not confirmed it.
+        ReplyTimeoutError: Nobody has answered, or a board that is there has not.
+    """
+    from hexwire.wire.command_frame import Command
+    from hexwire.wire.commands import parse_stop_reply
+
+    body = bytes((int(torque_off),))
+    with _open(options) as session:
+        # First the stop. Who is there comes later, and then who has confirmed it.
+        session.request_all(Command.STOP, body, window=_AT_ONCE, attempts=1)
+        _find(session)
+        stopped = session.request_all(Command.STOP, body, window=_STOP_WINDOW, attempts=_STOP_ATTEMPTS)
+    replies = stopped.replies
+    masks = {module: parse_stop_reply(reply.body)[1] if reply.body else 0 for module, reply in replies.items()}
+    silent = sorted(stopped.silent)
+    words = "stopped, torque off" if torque_off else "stopped, holding"
+    data = {"did": words, "confirmed": {str(m): _names(masks[m]).split() for m in sorted(masks)}, "silent": silent}
+    answer(as_json, data, *(f"module {module}: {words}: {_names(masks[module])}" for module in sorted(masks)))
+    _check_all(replies, silent, {module: mask == 0x7F for module, mask in masks.items()})
+
+
+def resume_all(options: RobotOptions, as_json: bool) -> None:
+    """End the stop of every board of the channel; a watchdog that caused it is switched off.
+
+    Raises:
+        ReplyTimeoutError: Nobody has answered, or a board that is there has not.
+    """
+    from hexwire.wire.addresses import Multicast
+    from hexwire.wire.command_frame import Command, Status
+    from hexwire.wire.commands import Identity
+    from hexwire.wire.tables import BOARD_FLAGS_WATCHDOG_TRIPPED
+
+    with _open(options) as session:
+        found = _find(session)
+        there = {m: Identity.parse(r.body) for m, r in found.replies.items() if r.status == Status.OK}
+        tripped = [m for m, board in there.items() if board.board_flags & BOARD_FLAGS_WATCHDOG_TRIPPED]
+        if tripped:
+            # Its program is gone, so it would trip again.
+            session.request_all(Command.WATCHDOG, b"\0\0\0", Multicast(tripped))
+        resumed = session.request_all(Command.RESUME)
+    data = {"resumed": sorted(resumed.replies), "silent": sorted(resumed.silent)}
+    answer(as_json, data, *(f"module {module}: resumed" for module in resumed.replies))
+    _check_all(resumed.replies, sorted(resumed.silent), {m: not r.status for m, r in resumed.replies.items()})
+
+
+def _find(session: Session) -> Answers:
+    """Who is there."""
+    from hexwire.errors import ReplyTimeoutError
+    from hexwire.wire.command_frame import Command
+
+    found = session.request_all(Command.IDENTIFY, window=_LOOK, attempts=_LOOKS)
+    if not found.replies:
+        advice = "--all is for boards with hexwire's present firmware, and for a gateway to them"
+        raise ReplyTimeoutError("IDENTIFY to all modules", attempts=_LOOKS, advice=advice)
+    return found
+
+
+def _check_all(replies: dict[int, Reply], silent: list[int], done: dict[int, bool]) -> None:
+    from hexwire.errors import ReplyTimeoutError, ServoError
+
+    if silent:
+        raise ReplyTimeoutError(
+            f"modules {', '.join(map(str, silent))}", attempts=_STOP_ATTEMPTS, advice="check these boards"
+        )
+    missing = [module for module in sorted(replies) if not done[module]]
+    if missing:
+        raise ServoError(f"not confirmed by every joint of modules {', '.join(map(str, missing))}")

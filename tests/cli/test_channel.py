@@ -1,0 +1,95 @@
+"""`--all` on `probe`, `stop` and `resume`: every board behind a gateway."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+
+import pytest
+from click.testing import CliRunner, Result
+from tests.gateway.tcp_boards import Running, tcp_boards
+
+from hexwire.cli.main import cli
+from hexwire.link.listener import Listener
+
+
+def run(*words: str) -> Result:
+    return CliRunner().invoke(cli, list(words))
+
+
+@pytest.fixture(scope="module")
+def gateway() -> Iterator[Running]:
+    with tcp_boards(2) as boards:
+        running = Running(boards)
+        yield running
+        running.end()
+
+
+@pytest.mark.system
+def test_probe_shows_every_board(gateway: Running) -> None:
+    result = run("probe", "--all", "--port", gateway.url)
+    assert result.exit_code == 0, result.output
+    lines = result.stdout.splitlines()
+    assert [line.partition(":")[0] for line in lines] == ["ARM_7BOT_ARDUINO_TRX (8)", "module 9 (9)"]
+    assert all("7 of 7 servos answer" in line for line in lines)
+    rows = json.loads(run("probe", "--all", "--json", "--port", gateway.url).stdout)
+    assert [(row["module"], row["present"], row["stopped"]) for row in rows] == [(8, 7, False), (9, 7, False)]
+
+
+@pytest.mark.system
+def test_stop_and_resume_all(gateway: Running) -> None:
+    result = run("stop", "--all", "--port", gateway.url)
+    assert result.exit_code == 0, result.output
+    assert result.stdout.splitlines() == [f"module {m}: stopped, holding: J1 J2 J3 J4 J5 J6 J7" for m in (8, 9)]
+    assert gateway.boards.stopped() == [True, True]
+    assert "stopped" in run("probe", "--all", "--port", gateway.url).stdout
+    result = run("resume", "--all", "--json", "--port", gateway.url)
+    assert json.loads(result.stdout) == {"resumed": [8, 9], "silent": []}
+    assert gateway.boards.stopped() == [False, False]
+
+
+@pytest.mark.system
+def test_a_watchdog_that_has_tripped_does_not_trip_again_after_resume(gateway: Running) -> None:
+    state = gateway.boards.boards[1].state
+    state.watchdog_timeout = 60.0
+    state.watchdog_tripped = state.stopped = True
+    assert run("resume", "--all", "--port", gateway.url).exit_code == 0
+    assert (state.watchdog_timeout, state.watchdog_due, state.stopped) == (0.0, None, False)
+
+
+@pytest.mark.system
+def test_a_joint_that_does_not_confirm_is_an_error(gateway: Running) -> None:
+    servo = gateway.boards.boards[1].wire[3]
+    plain = servo.receive
+    servo.receive = lambda packet, now: None  # type: ignore[method-assign]  # it has lost its supply
+    try:
+        result = run("stop", "--all", "--torque-off", "--port", gateway.url)
+        assert result.exit_code == 1
+        assert "modules 9" in result.stderr
+        assert "module 9: stopped, torque off: J1 J2 J3 J5 J6 J7" in result.stdout
+    finally:
+        servo.receive = plain  # type: ignore[method-assign]
+        run("resume", "--all", "--port", gateway.url)
+
+
+@pytest.mark.system
+def test_nobody_answers() -> None:
+    with Listener() as listener:
+        result = run("probe", "--all", "--port", listener.url.replace("-listen", ""))
+    assert result.exit_code == 1
+    assert "IDENTIFY to all modules" in result.stderr
+    assert "gateway" in result.stderr
+
+
+@pytest.mark.system
+def test_a_board_without_a_gateway_is_a_channel_too() -> None:
+    with tcp_boards(1) as boards:
+        boards.boards[0].connection.local = 12
+        result = run("probe", "--all", "--port", boards.urls[0])
+    assert result.stdout.startswith("module 12 (12): ")
+
+
+def test_what_does_not_fit_a_channel() -> None:
+    result = run("stop", "--all", "--baud", "9600", "--port", "tcp://127.0.0.1:1")
+    assert result.exit_code == 2
+    assert "--baud" in result.stderr
