@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 _TOP = ("ARCHITECTURE.md", "CHANGELOG.md", "CONTRIBUTING.md", "PROTOCOL.md", "SECURITY.md")
 _FENCE = re.compile(r"^( *)(`{3,}|~{3,})(.*)$")
 _LINK = re.compile(r"(?<=\]\()([^)\s]+)(?=\))|(?<=\b(?:src)=\")([^\"]+)(?=\")|(?<=\bsrcset=\")([^\"]+)(?=\")")
-_NAMED = re.compile(r"\[`?[\w./-]+\.md`?\]\(([^)#\s]+)(#[^)\s]*)?\)")
+_NAMED = re.compile(r"\[`?[\w./-]+\.md`?([^\]]*)\]\(([^)#\s]+)(#[^)\s]*)?\)")
 _CODE = re.compile(r"(`+)(?!`).*?(?<!`)\1(?!`)")
 
 
@@ -127,9 +127,10 @@ def site_page(page: str, pages: Mapping[str, Path], root: Path = ROOT) -> str:
     text = path.read_text(encoding="utf-8")
     of_file = {file.resolve(): name for name, file in pages.items()}
 
-    def titled(target: str, anchor: str) -> str:
+    def titled(target: str, rest: str, anchor: str) -> str:
         named = pages.get(os.path.normpath(here / target))
-        return f"[{title(named)}]({target}{anchor})" if named is not None else f"[{target}]({target}{anchor})"
+        words = title(named) if named is not None else target
+        return f"[{words}{rest}]({target}{anchor})"
 
     out, end = [], 0
     for start, stop, target in links(text):
@@ -146,11 +147,9 @@ def site_page(page: str, pages: Mapping[str, Path], root: Path = ROOT) -> str:
         out += [text[end:start], new or _NOWHERE]
         end = stop
     made = "".join([*out, text[end:]])
-    # Readers of the site know no files: a link that is called by its file gets the page's title.
-    made = re.sub(
-        r"\[`?[\w./-]+\.md`?\]\(([^)#\s]+)(#[^)\s]*)?\)", lambda found: titled(found[1], found[2] or ""), made
-    )
     made = re.sub(rf"\[([^\]]+)\]\({_NOWHERE}\)", r"\1", made)
+    # Readers of the site know no files: a link that is called by its file gets the page's title.
+    made = _NAMED.sub(lambda found: titled(found[2], found[1], found[3] or ""), made)
     return re.sub(r"^( *`{3,})(\w+) .*$", r"\1\2", made, flags=re.MULTILINE)
 
 

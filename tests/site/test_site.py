@@ -149,12 +149,25 @@ def test_search_finds_without_a_network(
         context.on("weberror", lambda one: faults.append(str(one.error)))
         context.on("console", lambda one: faults.append(one.text) if one.type == "error" else None)
         page = context.new_page()
-        page.goto(f"{base}/bus.html")
+        page.goto(f"{base}/index.html")
         page.locator(".md-search__button").click()
         page.keyboard.type("backlash")
-        page.get_by_role("link", name="Health").first.wait_for()
+        page.get_by_role("option", name="Health").first.click()
+        page.wait_for_url(f"{base}/bus.html*")
     assert not faults
     assert [url for url in asked if not url.startswith((base, "about:", "data:"))] == []
+
+
+@pytest.mark.system
+def test_commands_are_copied_without_prompts(address: str, window: Browser) -> None:
+    with window.new_context(permissions=["clipboard-read", "clipboard-write"]) as context:
+        page = context.new_page()
+        page.goto(f"{address}/tutorials/first-steps.html")
+        block = page.locator(".highlight", has_text="hexwire move J1=10 --wait").first
+        block.hover()
+        block.locator("button[title*=Copy], button.md-code__button").first.click()
+        page.wait_for_function("navigator.clipboard.readText().then((text) => text)")
+        assert page.evaluate("navigator.clipboard.readText()") == "hexwire move J1=10 --wait"
 
 
 @pytest.mark.system
