@@ -80,7 +80,8 @@ def test_links_lead_to_pages_of_the_site(tree: Path) -> None:
     (tree / "docs" / "b.md").write_text(
         "# Of B\n\n[a.md](a.md) [sub/c.md, section 2](sub/c.md#x) [`SECURITY.md`](../SECURITY.md)\n"
     )
-    assert "[A page](a.md) [c, section 2](sub/c.md#x) [Top](security.md)" in pages.site_page("b.md", pages.sources(tree), tree)
+    made = pages.site_page("b.md", pages.sources(tree), tree)
+    assert "[A page](a.md) [c, section 2](sub/c.md#x) [Top](security.md)" in made
     assert pages.site_page("sub/c.md", pages.sources(tree), tree) == "[a](../a.md) [top](../security.md)\n"
 
 
