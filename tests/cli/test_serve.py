@@ -447,6 +447,7 @@ def test_if_the_line_hangs_the_end_says_so_and_the_arm_is_stopped(runtime: Path,
     [
         (["--config", "FILE", "--robot", "sim"], "leave out --robot"),
         (["--config", "FILE", "--no-table"], "leave out --no-table"),
+        (["--config", "FILE", "--host-timed"], "leave out --host-timed"),
         (["--config", "FILE"], "arms.a.wacthdog: unknown, did you mean watchdog?"),
         (["--config", "/nowhere"], "cannot be read"),
         (["--robot", "sim", "--name", "a b"], "is not the name of an arm"),
@@ -466,3 +467,14 @@ def test_what_is_wrong_is_said_before_anything_is_opened(runtime: Path, words: l
     assert result.exit_code == USAGE, result.output
     assert says in result.stderr
     assert not (runtime / "hexwire").exists()
+
+
+def test_who_keeps_the_time_is_an_option_and_a_setting(runtime: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[bool] = []
+    monkeypatch.setattr(
+        "hexwire.cli.serve._run", lambda arms, *rest: given.extend(arm.settings.host_timed for arm in arms)
+    )
+    (runtime / "FILE").write_text("[arms.a]\nrobot = 'sim'\nhost_timed = true\n[arms.b]\nrobot = 'sim'")
+    for words in (["--robot", "sim"], ["--robot", "sim", "--host-timed"], ["--config", str(runtime / "FILE")]):
+        assert CliRunner().invoke(cli, ["serve", *words]).exit_code == 0
+    assert given == [False, True, True, False]

@@ -109,6 +109,16 @@ def test_what_contradicts_itself_or_is_unprotected_is_refused_in_one_line(option
     assert len(result.stderr.splitlines()) == 1
 
 
+def test_who_keeps_the_time_is_an_option(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[object] = []
+    monkeypatch.setattr(
+        "hexwire.cli.studio._run", lambda kind, port, robot, settings, *rest, **more: given.append(settings)
+    )
+    for words in ([], ["--host-timed"]):
+        assert CliRunner().invoke(cli, ["studio", "--demo", *words]).exit_code == 0
+    assert [row["host_timed"] for row in given if isinstance(row, dict)] == [False, True]
+
+
 def test_without_the_extra_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     found = importlib.util.find_spec
     monkeypatch.setattr("hexwire.cli.studio.find_spec", lambda name: None if name == "nicegui" else found(name))

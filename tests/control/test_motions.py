@@ -552,3 +552,20 @@ def test_a_target_is_refused_while_a_joint_that_it_does_not_name_moves(dialect: 
     run_motion(bench.robot, bench.target("J7", 0.1), options, wait=False)  # which no path can hit
     bench.arm.clock.advance(6.0)
     run_motion(bench.robot, bench.target("J4", 0.1), options, wait=False)
+
+
+def test_a_stall_of_the_program_does_not_disturb_a_single_target() -> None:
+    bench = Bench()
+    goal = bench.target(seconds=1.0)
+    begun: list[float] = []
+
+    def stall(state: JointState) -> None:
+        if not begun and bench.targets:
+            begun.append(bench.arm.clock.time)
+            bench.arm.wait(0.8)
+
+    result = run_motion(bench.robot, goal, bench.options(), observer=Watched(stall))
+    assert result.arrived
+    # It takes the time that it was given.
+    assert bench.arm.clock.time - begun[0] < 1.3
+    assert len(bench.targets) == 1

@@ -14,7 +14,7 @@ from tests.motion.arms import HOME, NAMES
 from hexwire.control.goals import Point, TrajectoryGoal
 from hexwire.control.lease import Lease
 from hexwire.control.outcomes import Outcome, Reason
-from hexwire.drivers.timed_path import PathState
+from hexwire.drivers.timed_path import PathState, TimedPoint
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointTarget
 from hexwire.wire.command_frame import Command
@@ -418,6 +418,25 @@ def test_another_program_that_begins_a_path_ends_the_goal() -> None:
     bench.turn(0.3)
     assert told.outcome == STOPPED
     assert "another program began another path" in told.text
+
+
+def test_a_path_of_another_program_that_still_runs_is_left_alone() -> None:
+    bench = Timed()
+    robot = bench.owner.robot
+    here = robot.read().positions["J1"]
+    path = robot.path(["J1"], outlives=True)
+    path.send(
+        [TimedPoint(0.2 * i, (here + 0.02 * i,), (0.1 if 0 < i < 10 else 0.0,)) for i in range(11)], last=True
+    )
+    path.start()
+    bench.turn(0.3)
+    told = bench.go()
+    bench.turn(0.3)
+    assert told.outcome == NOT_READY
+    assert "busy" in told.text
+    bench.turn(2.0)
+    assert path.report().state is PathState.DONE
+    assert bench.where("J1") == pytest.approx(here + 0.2, abs=0.01)
 
 
 def test_a_board_whose_clock_is_slow_is_followed_in_its_own_time(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ from tests.motion.arms import rest_to_rest
 import hexwire
 from hexwire.control.motions import MotionOptions, run_motion
 from hexwire.drivers.timed_path import PathState, TimedPoint
-from hexwire.errors import GoalError, UsageError
+from hexwire.errors import GoalError, NotSupportedError, UsageError
 from hexwire.fleet import messages as m
 from hexwire.fleet.goal_path import GoalPath
 from hexwire.fleet.remote import RemoteRobot
@@ -45,7 +45,6 @@ class FakeServer:
 def test_it_is_sent_whole_at_the_start() -> None:
     server = FakeServer()
     path = server.path()
-    assert not path.refilled
     assert path.send(POINTS[:6]) == 6
     assert path.send(POINTS[4:], first=4, last=True) == 7
     assert path.report().state is PathState.LOADING
@@ -121,6 +120,7 @@ def test_a_motion_of_a_client_is_followed_by_the_board(serve: Serve) -> None:
     with hexwire.connect("zenoh:lab/arm1") as robot:
         assert isinstance(robot, RemoteRobot)
         assert robot.times_motion
+        assert not robot.refills_paths
         # The server's controller moves all joints.
         robot.torque(True)
         here = robot.read()["J4"].position
@@ -137,3 +137,5 @@ def test_a_server_that_sends_targets_itself_gets_targets(serve: Serve) -> None:
     serve("lab/arm1", lease=2.0, port="sim://hex7bot?name=goalhost", host_timed=True)
     with hexwire.connect("zenoh:lab/arm1") as robot:
         assert not robot.times_motion
+        with pytest.raises(NotSupportedError):
+            robot.path()

@@ -9,7 +9,7 @@ from tests.motion.arms import HOME, rest_to_rest, state
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointTarget
-from hexwire.motion.follower import Follower, Mode
+from hexwire.motion.follower import BRAKE, Follower, Mode
 from hexwire.motion.safety import StopReason
 from hexwire.motion.waypoints import Spline, Waypoint
 
@@ -465,10 +465,10 @@ def test_a_hold_brakes_on_what_the_robot_has_and_the_next_motion_begins_there() 
     switch = follower.take_change()
     assert switch == pytest.approx(0.95 + 0.12)
     rest = follower.next_start(1.0)
-    assert rest == pytest.approx(switch + 0.2)
+    assert rest == pytest.approx(switch + BRAKE)
     place = follower.desired(("J1",), rest)
     assert place.velocity == pytest.approx((0.0,), abs=1e-9)
-    assert place.position == pytest.approx(whole.sample(switch + 0.1 - begins).position)
+    assert place.position == pytest.approx(whole.sample(switch + BRAKE / 2 - begins).position)
     assert follower.desired(("J1",), switch).velocity[0] > 0.3
     # Until it is at rest, set-points wait.
     told = []

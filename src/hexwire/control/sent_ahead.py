@@ -63,7 +63,7 @@ class SentAhead:
     """Has a robot follow the trajectories of the controllers in its own time. See `turn`.
 
     Args:
-        robot: Attached; need not have a time of its own.
+        robot: Attached; need not have a time of its own, and is left alone unless it refills paths.
         group: The controllers.
         clock: Monotonic seconds.
         sleep: Waits for a number of seconds.
@@ -145,7 +145,7 @@ class SentAhead:
             StoppedError: The arm is stopped.
             HexwireError: As `TimedPath`.
         """
-        if not self._robot.times_motion:
+        if not self._robot.refills_paths:
             return None
         if self._group.reason is not None:
             self.drop()

@@ -104,7 +104,7 @@ class PathFeed:
         shortest = min(_LONGEST, max(_SHORTEST, _AHEAD * self._period / path.capacity))
         self._next = max(_NEXT, math.ceil(_AHEAD * self._period / shortest))
         self._points = self._make_points(error, shortest)
-        self._send(min(max(_FIRST, self._next), path.capacity) if path.refilled else path.capacity)
+        self._send(min(max(_FIRST, self._next), path.capacity) if robot.refills_paths else path.capacity)
         self.ordered = True
         try:
             self.start = path.start()

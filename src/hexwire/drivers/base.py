@@ -93,6 +93,11 @@ class RobotDriver(ABC):
         return False
 
     @property
+    def refills_paths(self) -> bool:
+        """Whether points of such a path may be sent and replaced after its start; else it is sent whole before."""
+        return self.times_motion
+
+    @property
     def reports_states(self) -> bool:
         """Whether the robot can report states periodically, see `stream`; known after `attach`."""
         return False

@@ -70,10 +70,8 @@ class TimedPath(ABC):
         joints: Names, in the order of every point.
         capacity: Points that the robot can hold.
         lead: Seconds by which its targets are ahead of its clock.
-        refilled: Points may also be sent after the start.
     """
 
-    refilled = True
     joints: tuple[str, ...]
     capacity: int
     lead: float

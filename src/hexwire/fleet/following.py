@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from hexwire.errors import RemoteProtocolError, UsageError
+from hexwire.errors import NotSupportedError, RemoteProtocolError, UsageError
 from hexwire.motion.waypoints import Spline
 
 from . import messages as m
@@ -68,6 +68,11 @@ class Following(ABC):
         """Whether the arm's board keeps the time, so that neither its server nor this program disturbs a motion."""
         return self._facts.times_motion
 
+    @property
+    def refills_paths(self) -> bool:
+        """The server takes a trajectory whole."""
+        return False
+
     def path(
         self,
         joints: Sequence[str] | None = None,
@@ -79,8 +84,11 @@ class Following(ABC):
         """Begin a path that the arm's server follows; see `RobotDriver.path`. The braking time is the server's.
 
         Raises:
+            NotSupportedError: The arm's board keeps no time.
             UsageError: `outlives` is asked for: a motion ends with the lease.
         """
+        if not self.times_motion:
+            raise NotSupportedError(f"{self.model.name} follows no path in its own time")
         if outlives:
             raise UsageError("a motion of a shared arm does not go on without the program that began it")
         names = self.model.names if joints is None else [self.model.joint(name).name for name in joints]

@@ -49,8 +49,6 @@ class GoalPath(TimedPath):
         now: This program's clock, seconds.
     """
 
-    refilled = False
-
     def __init__(
         self, server: _Server, joints: Sequence[str], *, now: Callable[[], float] = time.monotonic
     ) -> None:

@@ -22,7 +22,7 @@ from .waypoints import Blend, Braked, Sample, Spline, Tail, Trajectory, Waypoint
 
 __all__ = ["BRAKE", "Follower", "FollowerCounters", "Mode"]
 
-BRAKE = 0.2
+BRAKE = 0.15
 """Seconds in which a robot that has the trajectory itself comes to rest on it."""
 
 _STALL = 1.0
