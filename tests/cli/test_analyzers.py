@@ -41,6 +41,7 @@ def test_install_list_remove(tmp_path: Path) -> None:
     assert "not installed" in run("list").stdout
     removed = run("remove", "wireshark")
     assert f"removed {file}" in removed.stdout
+    assert json.loads(run("remove", "wireshark", "--json").stdout) == {"removed": [], "kept": []}
     assert "there is nothing to remove" in run("remove", "wireshark").stdout
 
 

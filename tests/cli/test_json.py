@@ -75,7 +75,7 @@ ELSEWHERE = {
         "loopback",
         "firmware build",
     ),
-    "sim hand",
+    *("analyzers install", "analyzers list", "analyzers remove", "ioctl", "sim hand"),
 }
 WITHOUT = {
     # What they print is a document or an address for other programs, or they run until they are stopped.
