@@ -25,6 +25,11 @@ def test_counters_tell_what_happened() -> None:
     assert counted["given_up"] == 1
 
 
+def test_a_servo_bus_is_not_raised() -> None:
+    with pytest.raises(UsageError, match="only a board's line can be raised"):
+        ServoBus.from_url("/dev/ttyUSB0?raise=500000")
+
+
 def test_windows_follow_the_line() -> None:
     quick, _ = make_bus((1,))
     slow, _ = make_bus((1,), baud=38400)

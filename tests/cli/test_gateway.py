@@ -107,6 +107,7 @@ def test_it_ends_when_asked_and_stops_what_is_watched(
         (("--board", "9=tcp://127.0.0.1:1", "--board", "9=tcp://127.0.0.1:2"), "already"),
         (("--board", "tcp://127.0.0.1:1", "--board", "tcp://127.0.0.1:1"), "twice"),
         (("--board", "mq:///arm"), "serial or TCP"),
+        (("--board=/dev/ttyUSB0?raise=500000",), "a gateway does not raise the rate of a line"),
     ],
 )
 def test_wrong_arguments(words: tuple[str, ...], why: str) -> None:

@@ -54,6 +54,8 @@ class BusLine:
     def __init__(self, link: Link, servos: KnownServos, *, baud: int | None = None, retries: int = 2) -> None:
         if retries < 0:
             raise UsageError(f"{retries} retries are too few; give 0 or more")
+        if getattr(link, "raise_to", 0):
+            raise UsageError(f"{link.url}: only a board's line can be raised; name the servos' rate with baud")
         self.link = link
         self.machine = BusMachine(servos, getattr(link, "baud", 0) if baud is None else baud, retries)
         self.epochs = Epochs()

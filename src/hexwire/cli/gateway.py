@@ -104,5 +104,7 @@ def _links(boards: tuple[str, ...]) -> dict[int, Link]:
         if any(link.url == make_link(text).url for link in links.values()):
             raise UsageError(f"--board {text} is given twice")
         links[number] = make_link(text)
+        if getattr(links[number], "raise_to", 0):
+            raise UsageError(f"--board {text}: a gateway does not raise the rate of a line; leave out raise")
         number += 1
     return links
