@@ -100,6 +100,7 @@ bench: setup ## measure the speed, as ratios against a bare reference
 
 pictures: setup system-packages ## take the pictures of the documentation anew: docs/pictures
 	@$(BIN)/python docs/make_pictures.py
+	@$(BIN)/python docs/make_demo_picture.py
 	@$(BIN)/python docs/make_screenshots.py
 
 docs: setup ## build the documentation site: build/site

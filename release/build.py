@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -32,6 +33,8 @@ from hexwire.drivers import firmware, firmware_images  # noqa: E402
 
 BOARD = "mega2560"
 NOT_SOURCES = {".git", ".venv", ".tools", "build", "dist", "__pycache__"}
+LINK = re.compile(r"""(?<=\]\()(?![a-z]+:|#)[^)\s]+|(?<=src=")(?![a-z]+:)[^"]+|(?<=srcset=")(?![a-z]+:)[^"]+""")
+PICTURE = (".svg", ".png")
 ZIP_TIME = (1980, 1, 1, 0, 0, 0)
 
 
@@ -67,10 +70,25 @@ def stage(into: Path, root: Path = ROOT) -> None:
     original = root / "pyproject.toml.orig"
     if original.exists():
         copy(original, into / "pyproject.toml")
+    page = into / "README.md"
+    page.write_text(with_whole_links(page.read_text(encoding="utf-8"), into), encoding="utf-8")
     share = into / "src/hexwire/share"
     add_firmware(into / "firmware", share / "firmware")
     add_analyzers(share / "analyzers.zip")
     man.write(into / "release/data/share/man/man1")
+
+
+def with_whole_links(text: str, root: Path) -> str:
+    """A page of the repository for the package index, where a link to a file needs its whole address."""
+    project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    source, tag = project["urls"]["Source"], f"v{project['version']}"
+    raw = source.replace("github.com", "raw.githubusercontent.com")
+
+    def whole(link: re.Match[str]) -> str:
+        path = link[0]
+        return f"{raw}/{tag}/{path}" if path.endswith(PICTURE) else f"{source}/blob/{tag}/{path}"
+
+    return LINK.sub(whole, text)
 
 
 def copy(source: Path, target: Path) -> None:

@@ -57,6 +57,24 @@ def test_two_builds_give_the_same_bytes(built: list[list[Path]]) -> None:
         assert one.read_bytes() == another.read_bytes(), one.name
 
 
+def test_no_link_of_the_package_page_is_relative(built: list[list[Path]]) -> None:
+    with zipfile.ZipFile(built[0][0]) as wheel:
+        (name,) = (name for name in wheel.namelist() if name.endswith(".dist-info/METADATA"))
+        page = message_from_bytes(wheel.read(name)).get_payload()
+    links = re.findall(r"\]\(([^)\s]+)\)|(?:src|srcset|href)=\"([^\"]+)\"", str(page))
+    assert len(links) > 20
+    targets = ["".join(link) for link in links]
+    assert all(target.startswith("https://") for target in targets)
+    # Each is a file of the source distribution.
+    with tarfile.open(built[0][1]) as source:
+        files = {file.partition("/")[2] for file in source.getnames()}
+    own = re.compile(
+        r"https://(?:github\.com|raw\.githubusercontent\.com)/hexwire/hexwire/(?:blob/)?v[0-9.]+/([^#]+)"
+    )
+    found = {path[1] for target in targets if (path := own.match(target))}
+    assert {"docs/pictures/demo.svg", "docs/safety.md", "LICENSE"} <= found <= files
+
+
 def test_the_wheel_brings_firmware_analysers_ros_and_pages(built: list[list[Path]], tmp_path: Path) -> None:
     with zipfile.ZipFile(built[0][0]) as wheel:
         names = set(wheel.namelist())

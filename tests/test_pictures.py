@@ -1,0 +1,67 @@
+"""The pictures of README.md: made by programs, whole, and readable without a script."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="module")
+def picture() -> ModuleType:
+    file = ROOT / "docs" / "make_demo_picture.py"
+    spec = importlib.util.spec_from_file_location("make_demo_picture", file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_picture_of_the_readme_is_made_by_make_pictures() -> None:
+    named = set(re.findall(r"docs/pictures/([\w-]+\.\w+)", (ROOT / "README.md").read_text(encoding="utf-8")))
+    assert {"demo.svg", "studio-arm-light.png", "studio-arm-dark.png"} <= named
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8").partition("\npictures:")[2].partition("\n\n")[0]
+    makers = {file: (ROOT / file).read_text(encoding="utf-8") for file in re.findall(r"docs/\w+\.py", makefile)}
+    assert "docs/make_demo_picture.py" in makers
+    for name in named:
+        stem = name.partition(".")[0].removesuffix("-light").removesuffix("-dark").removeprefix("studio-")
+        assert any(stem in text for text in makers.values()), name
+        assert (ROOT / "docs" / "pictures" / name).stat().st_size > 1000
+
+
+def test_the_demo_shows_what_it_says_now() -> None:
+    root = ET.fromstring((ROOT / "docs" / "pictures" / "demo.svg").read_text(encoding="utf-8"))
+    shown = " ".join(element.text or "" for element in root.iter("{http://www.w3.org/2000/svg}text"))
+    for words in ("make demo", "started", "identified", "7 of 7 servos answer", "J7", "torque off", "0 retries"):
+        assert words in shown
+    drawn = {element.tag.rpartition("}")[2] for element in root.iter()}
+    assert drawn == {"svg", "style", "rect", "text"}
+
+
+def test_a_program_is_drawn_as_it_was_seen(picture: ModuleType) -> None:
+    said = "import time;print('first',flush=True);time.sleep(0.7);print('\\x1b[1;31msecond <&>\\x1b[0m',flush=True)"
+    frames = list(picture.watch([sys.executable, "-c", said + ";time.sleep(0.5)"]))
+    runs = {run[1]: (row, run, since, until) for row, run, since, until in picture.shown(frames)}
+    end = frames[-1][0] + picture.REST
+    first, second = runs["first"], runs["second <&>"]
+    assert (first[0], second[0]) == (0, 1)
+    assert second[1][2:4] == ("red", True)
+    assert first[2] < second[2]
+    assert first[3] == second[3] == end
+    root = ET.fromstring(picture.draw(frames, "a title"))
+    texts = list(root.iter("{http://www.w3.org/2000/svg}text"))
+    assert [element.text for element in texts] == ["a title", "first", "second <&>"]
+    assert texts[2].get("font-weight") == "bold"
+
+
+def test_a_program_that_fails_gives_no_picture(picture: ModuleType) -> None:
+    with pytest.raises(SystemExit, match="status 3"):
+        list(picture.watch([sys.executable, "-c", "raise SystemExit(3)"]))
