@@ -15,16 +15,18 @@ from __future__ import annotations
 import random
 import sys
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from tests.conformance_board.adapter import BoardUnderTest
 
 from hexwire.emulator.servo import EmulatedServo
 from hexwire.wire import tables
+from hexwire.wire.addresses import Multicast
 from hexwire.wire.command_frame import Command, Status
-from hexwire.wire.commands import JointReport, LimitRow, LimitTable
+from hexwire.wire.commands import FragmentHead, JointReport, LimitRow, LimitTable
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import Instruction, ServoPacket, iter_packets, make_packet, parse_sync_write
+from hexwire.wire.servo_table import ServoTable
 
 __all__ = ["Kind", "Watch", "play", "sequence"]
 
@@ -60,6 +62,7 @@ class Step:
     proto: int = 2
     again: int = 0
     pause: float = 0.0
+    dst: int = 8
 
 
 _GO = [Step(Command.RESUME), Step(pause=0.03), Step(Command.TORQUE, b"\1\x7f\0"), Step(pause=0.1)]
@@ -70,7 +73,10 @@ def sequence(draw: random.Random, kind: Kind, length: int) -> list[Step]:
     steps = [Step(Command.TORQUE, bytes((1, draw.choice((0x7F, 0x7F, 0x11, 0)), 0)))]
     while len(steps) < length:
         if draw.randrange(16):
-            steps.append(_step(draw, kind))
+            step = _step(draw, kind)
+            # In dialect 1 the destination means nothing.
+            several = step.proto == 2 and step.cmd >= 0 and not draw.randrange(8)
+            steps.append(replace(step, dst=draw.choice((-1, Multicast((8, 9)).dst))) if several else step)
         else:
             # What stands in a queue when a stop comes, and what goes on after it.
             steps.append(Step(Command.TRANSACT, bytes((8, 250)) + make_packet(9, Instruction.PING)))
@@ -106,7 +112,30 @@ def _step(draw: random.Random, kind: Kind) -> Step:
         return (
             Step(draw.randrange(0x80), draw.randbytes(draw.randrange(12))) if draw.random() < 0.5 else _else(draw)
         )
+    if what < 17:
+        return _table(draw, kind)
     return _servo_packet(draw, kind)
+
+
+def _table(draw: random.Random, kind: Kind) -> Step:
+    """Registers of a servo as a table, in one frame or in fragments."""
+    servo_id = draw.choice((*_IDS, 9))
+    address, data = _data(draw, kind, legacy=servo_id < 4)
+    if not draw.randrange(4):
+        body = ServoTable(servo_id, draw.randrange(60), draw.choice((1, 20, 130))).serialize()
+        return Step(Command.SERVO_TABLE, body)
+    count = len(data) if draw.randrange(6) else draw.randrange(300)
+    body = ServoTable(servo_id, address, count, data).serialize()
+    if draw.randrange(3):
+        return Step(Command.SERVO_TABLE, body)
+    # Whole in one chunk, or the two of a message in either order.
+    number = draw.randrange(0x300)
+    if draw.randrange(2):
+        return Step(Command.FRAGMENT, FragmentHead(number, 0, 1, Command.SERVO_TABLE, 0).serialize() + body)
+    half = (len(body) + 1) // 2
+    index = draw.randrange(2)
+    head = FragmentHead(number & 0x101, index, 2, Command.SERVO_TABLE, 0).serialize()
+    return Step(Command.FRAGMENT, head + (body[half:] if index else body[:half]))
 
 
 def _else(draw: random.Random) -> Step:
@@ -369,7 +398,7 @@ def play(board: BoardUnderTest, steps: Iterable[Step], kind: Kind, speed: int) -
         if again:
             step, data = frames[-again]
         else:
-            data = client.frame(step.cmd, step.body, proto=step.proto)
+            data = client.frame(step.cmd, step.body, proto=step.proto, dst=step.dst)
             frames.append((step, data))
         free = max(free, client.machine.now) + len(data) * _BYTE
         watch.sent(step, free, again=bool(again))
