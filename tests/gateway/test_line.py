@@ -111,6 +111,14 @@ def test_answers_of_the_gateway_carry_number_and_time_of_the_board(line: BoardLi
     )
 
 
+def test_the_rate_of_its_line_is_not_for_the_host(line: BoardLine) -> None:
+    identity = Identity.parse(knows(line, tables.CAPABILITY_HOST_BAUD | tables.CAPABILITY_REPORT).body)
+    assert identity.capabilities == tables.CAPABILITY_REPORT
+    refused = line.request(ask(Command.HOST_BAUD, (500_000).to_bytes(4, "little"), seq=1), 0.0)
+    assert statuses(refused) == [(1, Status.NOT_SUPPORTED)]
+    assert sent(line, 0.0) == []
+
+
 def test_a_lost_board_forgets_what_waits_but_not_a_stop(line: BoardLine) -> None:
     line.request(ask(Command.RESUME, seq=1), 0.0)
     line.request(ask(Command.STOP, b"\1", 2), 0.0)

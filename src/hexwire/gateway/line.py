@@ -138,6 +138,9 @@ class BoardLine:
             return [self._answer(frame, Status.STOPPED)]
         if any(_same(waiting.frame, frame) for waiting in self._queue):
             return []
+        if frame.cmd == Command.HOST_BAUD:
+            # The board would change the rate of a line whose other end is here.
+            return [self._refuse(frame, Status.NOT_SUPPORTED)]
         if frame.cmd == Command.IDENTIFY:
             # A restarted host: nothing of the one before it continues.
             self._receiver.forget()
@@ -382,7 +385,8 @@ class BoardLine:
             if self._takes_fragments:
                 # Longer frames are split here.
                 identity = identity._replace(max_frame=tables.MAX_NETWORK_FRAME)
-                frame = frame._replace(body=identity.serialize())
+            identity = identity._replace(capabilities=identity.capabilities & ~tables.CAPABILITY_HOST_BAUD)
+            frame = frame._replace(body=identity.serialize())
         return frame._replace(src=self.module)
 
     # -- loss -----------------------------------------------------------------------------------------
