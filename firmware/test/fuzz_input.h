@@ -18,7 +18,8 @@ const uint8_t kCommands[] = {gen::CMD_IDENTIFY, gen::CMD_JOINT_STATE, gen::CMD_R
                              gen::CMD_STATS,    gen::CMD_FRAGMENT,    gen::CMD_IO,       gen::CMD_MAINTENANCE,
                              gen::CMD_TRANSACT, gen::CMD_READ,        gen::CMD_SYNC_WRITE, gen::CMD_PING,
                              gen::CMD_TRAJECTORY_BEGIN, gen::CMD_TRAJECTORY_POINTS, gen::CMD_TRAJECTORY_START,
-                             gen::CMD_TRAJECTORY_STATUS, gen::CMD_TRAJECTORY_ABORT};
+                             gen::CMD_TRAJECTORY_STATUS, gen::CMD_TRAJECTORY_ABORT, gen::CMD_FRAGMENT_MISSING,
+                             gen::CMD_SERVO_TABLE, gen::CMD_HOST_BAUD};
 const uint8_t kInstructions[] = {gen::INST_PING,    gen::INST_READ,   gen::INST_WRITE,       gen::INST_REG_WRITE,
                                  gen::INST_ACTION,  gen::INST_RESTORE, gen::INST_REBOOT,     gen::INST_BACKUP,
                                  gen::INST_RESET_STATE, gen::INST_CALIBRATE, gen::INST_SYNC_READ, gen::INST_SYNC_WRITE,

@@ -1,4 +1,4 @@
-"""Writes the seeds of the fuzz target into corpus/: known attacks, in the format that fuzz_board.cpp reads.
+"""Writes the seeds of the fuzz target into corpus/: known attacks, in the format that fuzz_attack.cpp reads.
 
 python firmware/test/make_corpus.py
 """
@@ -80,21 +80,85 @@ def limits(low: int, speed: int) -> bytes:
 HERMITE, OUTLIVES, BEGIN, POINTS, START, LAST, ABORT, STATUS = 1, 2, 4, 8, 16, 32, 64, 128
 
 
+FINE = 0x80  # in the mask
+
+
 def path(
-    how: int, steps: list[int] | None = None, ticks: int = 500, first: bool = True, then: int = SHORT
+    how: int,
+    steps: list[int] | None = None,
+    ticks: int = 500,
+    first: bool = True,
+    then: int = SHORT,
+    mask: int = ALL,
 ) -> bytes:
     """Parts of a trajectory of all joints; each step is a way of four counts a unit."""
-    data = bytes((how, ALL))
+    data = bytes((how, mask))
     if how & BEGIN:
         data += b"\xb4"
     if how & POINTS:
-        rows = steps or []
-        data += bytes((len(rows) + first,))
-        if first:
-            data += b"\0" * 7 if how & HERMITE else b""
-        for step in rows:
-            data += u16(ticks) + (bytes((step & 0xFF, 0)) if how & HERMITE else bytes((step & 0xFF,))) * 7
+        data += points(steps or [], ticks, first, bool(how & HERMITE))
     return do(15, 200, data, then=then)
+
+
+def points(steps: list[int], ticks: int = 500, first: bool = True, hermite: bool = False) -> bytes:
+    """Points for a trajectory or a message: their number, then each."""
+    data = bytes((len(steps) + first,))
+    if first:
+        data += b"\0" * 7 if hermite else b""
+    for step in steps:
+        data += u16(ticks) + (bytes((step & 0xFF, 0)) if hermite else bytes((step & 0xFF,))) * 7
+    return data
+
+
+# Messages in fragments: what one is about, how many of the next chunks are sent, and whether chunks are asked for.
+PATH_POINTS, ANY_POINTS, TABLE, ANY_MESSAGE, ASK = 0, 1, 2, 3, 0x80
+
+
+def message(kind: int, size: int, content: bytes, chunks: int = 7, then: int = WHILE) -> bytes:
+    """Begin a message in chunks of that size, and send the first ones."""
+    return do(15, 220, 1 | kind << 1 | chunks << 3, size - 1, 3, content, then=then)
+
+
+def chunks(count: int = 7, then: int = WHILE) -> bytes:
+    """The next chunks of the message."""
+    return do(15, 220, count << 3, then=then)
+
+
+def chunk(index: int, then: int = SHORT) -> bytes:
+    """One chunk of it."""
+    return do(15, 220, 0x40, index, then=then)
+
+
+def missing(number: int, *indices: int, then: int = WHILE) -> bytes:
+    """Ask for chunks of the reply to the last request."""
+    return do(15, 220, ASK, len(indices) | number << 2, bytes(indices), then=then)
+
+
+def table_of(servo: int, first: int, data: bytes) -> bytes:
+    """Registers of a servo, for a message or a request."""
+    return bytes((servo, first, len(data))) + data
+
+
+def write_table(servo: int, first: int, data: bytes, then: int = WHILE) -> bytes:
+    return do(15, 232, 1, table_of(servo, first, data), then=then)
+
+
+def read_table(servo: int, first: int, then: int = WHILE) -> bytes:
+    """All registers from the first on."""
+    return do(15, 232, 0, servo, first, 0, then=then)
+
+
+def aim(whom: int) -> bytes:
+    """Whom the next frames are for."""
+    return do(15, 240, whom, then=AT_ONCE)
+
+
+THIS, EVERYBODY, SEVERAL, OTHERS = 0, 1, 2, 3
+
+
+def rate(which: int, then: int = LONG) -> bytes:
+    """HOST_BAUD: 115200, 250000, 500000, 1000000, or what no board knows."""
+    return do(15, 248, which, then=then)
 
 
 STATS = do(0, 8, 0, then=SHORT)
@@ -283,6 +347,118 @@ SEEDS = {
     + path(BEGIN | OUTLIVES | POINTS | START | LAST, [10, 10, 10, 10, 10], 4000, then=LONG)
     + resume()
     + path(BEGIN | OUTLIVES | POINTS | START, [10, 10, 10, 10, 10], 4000, then=LONG),
+    "trajectory-in-eighths": bytes((SETTLE, 0))
+    + limits(1400, 900)
+    + torque()
+    + path(BEGIN | POINTS | START | LAST, [5, 10, 10, 5], then=LONG, mask=ALL | FINE)
+    + path(BEGIN | HERMITE | POINTS | LAST, [-100, -100, -100], 9000, mask=ALL | FINE)
+    + path(HERMITE | START | STATUS, then=LONG),
+    "frames-for-others": bytes((SETTLE, 0))
+    + aim(OTHERS)
+    + torque()
+    + move(2500)
+    + aim(4)
+    + torque()
+    + aim(THIS)
+    + stop()
+    + aim(OTHERS)
+    + resume()
+    + torque()
+    + move(1500)
+    + aim(6 | 64),
+    "commands-for-all": bytes((SETTLE, 0))
+    + aim(EVERYBODY)
+    + torque()
+    + move(2000, 900)
+    + maintenance(1)
+    + torque(0x80 | ALL)
+    + maintenance(1)
+    + write(TRANSACT, 4, 33, b"\1")
+    + write_table(4, 33, b"\1")
+    + aim(SEVERAL)
+    + stop(1)
+    + resume()
+    + limits(1400, 900)
+    + again(3),
+    "trajectory-in-fragments": bytes((SETTLE, 0))
+    + torque()
+    + path(BEGIN)
+    + message(PATH_POINTS, 60, points([5, 10, 10, 5, 0, -5, -10, -10, -5] * 2))
+    + path(START | STATUS, then=LONG)
+    + path(BEGIN)
+    + message(PATH_POINTS, 17, points([5, 10, 10, 5]), 2)
+    + path(POINTS, [1, 2, 3], first=False)
+    + path(BEGIN)
+    + chunks(),
+    "message-over-a-stop": bytes((SETTLE, 0))
+    + torque()
+    + path(BEGIN)
+    + message(PATH_POINTS, 30, points([10, 10, 10, 10, 10]), 2)
+    + stop()
+    + resume()
+    + path(BEGIN)
+    + chunks()
+    + b"".join(chunk(n) for n in range(7))
+    + path(START, then=LONG),
+    "commands-in-fragments": bytes((SETTLE, 0))
+    + b"".join(
+        message(ANY_MESSAGE, 200, bytes((cmd, len(data))) + data)
+        for cmd, data in ((0x16, b""), (0x14, b"\1\x7f\0"), (0x1F, b"\1"), (0x15, b"\1"), (0x1C, b"\0" * 9))
+    )
+    + stop()
+    + message(ANY_MESSAGE, 1, b"\x16\1\0")
+    + message(ANY_MESSAGE, 3, b"\x14\3\1\x7f\0"),
+    "table-outside-maintenance": bytes((SETTLE, 0))
+    + torque()
+    + write_table(4, 33, b"\1")
+    + write_table(4, 42, u16(2500))
+    + write_table(0, 40, b"\1\0\7\xd0")
+    + message(TABLE, 5, table_of(5, 5, bytes(range(40))))
+    + maintenance(1)
+    + write_table(5, 7, b"\4"),
+    "table-in-maintenance": bytes((SETTLE, 0))
+    + maintenance(1)
+    + write_table(4, 9, u16(200) + u16(3000))
+    + write_table(4, 40, b"\1")
+    + write_table(4, 41, b"\0" + u16(2500) + u16(100) + u16(100))
+    + message(TABLE, 20, table_of(5, 9, bytes(31)))
+    + message(TABLE, 20, table_of(1, 9, bytes(60)), then=SHORT)
+    + stop()
+    + resume()
+    + maintenance(1)
+    + write_table(5, 5, b"\6\0")
+    + torque(),
+    "table-of-a-silent-servo": bytes((SETTLE, 0))
+    + read_table(4, 0, SHORT)
+    + do(14, 4)
+    + read_table(4, 0, LONG)
+    + maintenance(1)
+    + write_table(4, 0, bytes(200))
+    + do(14, 4)
+    + message(TABLE, 200, table_of(4, 0, bytes(255))),
+    "chunks-asked-for": bytes((SETTLE, 0))
+    + read_table(4, 0)
+    + missing(1, 0, 1, 2)
+    + missing(1, 3, 3, 3)
+    + read_table(0, 0, SHORT)
+    + missing(2, 1, then=SHORT)
+    + do(0, 0, 0, then=SHORT)
+    + missing(2, 0)
+    + missing(2)
+    + read_table(6, 100)
+    + stop()
+    + missing(3, 0, 1),
+    "rates": bytes((SETTLE, 0))
+    + rate(2)
+    + torque()
+    + move(2000, 900, SHORT)
+    + rate(3, SHORT)
+    + rate(0)
+    + rate(3, AT_ONCE)
+    + message(PATH_POINTS, 20, points([1, 2, 3]))
+    + stop()
+    + rate(4)
+    + resume(),
     "torque-at-start": bytes((TORQUE_AT_START, 0x5F))
     + move(2000, 900, SHORT)
     + torque(0x80 | 4)

@@ -15,6 +15,13 @@ constexpr uint8_t kGoal = gen::HLS_REG_GOAL_POSITION;
 constexpr uint8_t kTorque = gen::HLS_REG_TORQUE_ENABLE;
 constexpr double kFastest = 20000;  // counts/s: faster than any real servo, so that excess speed shows
 
+// Servos ignore what is not a whole packet.
+bool is_whole(const std::vector<uint8_t>& p) {
+  const size_t size = p.size();
+  return size >= 6 && p[0] == 0xFF && p[1] == 0xFF && p[3] + 4u == size &&
+         p[size - 1] == servo_checksum(&p[2], static_cast<uint8_t>(size - 3));
+}
+
 }  // namespace
 
 ServoModel::ServoModel(uint8_t id, bool is_legacy, int16_t at)
@@ -110,68 +117,80 @@ void ServoLine::write(ServoModel& servo, uint8_t address, const uint8_t* data, u
 
 std::vector<uint8_t> ServoLine::exchange(const std::vector<uint8_t>& p) {
   std::vector<uint8_t> heard;
-  const size_t size = p.size();
-  // Servos ignore what is not a whole packet.
-  if (size < 6 || p[0] != 0xFF || p[1] != 0xFF || p[3] + 4u != size ||
-      p[size - 1] != servo_checksum(&p[2], static_cast<uint8_t>(size - 3))) {
-    return heard;
-  }
-  const uint8_t* parameters = &p[5];
-  const uint8_t count = static_cast<uint8_t>(size - 6);
-  const bool all = p[2] == gen::BROADCAST_ID;
+  if (!is_whole(p)) return heard;
+  const Packet packet = {p[2], p[4], &p[5], static_cast<uint8_t>(p.size() - 6)};
+  if (packet.instruction == gen::INST_SYNC_READ) return sync_read(packet);
   for (ServoModel& servo : servos) {
-    if (!servo.is_addressed(p[2])) continue;
-    std::vector<uint8_t> answer;
-    const bool own = p[2] == servo.id();
-    switch (p[4]) {
-      case gen::INST_PING:
-        if (own) answer = servo.status({});
-        break;
-      case gen::INST_READ:
-        if (own && count == 2) servo.read(parameters[0], parameters[1], &answer);
-        break;
-      case gen::INST_WRITE:
-        if (own && !servo.legacy) answer = servo.status({});
-        if (count >= 2) write(servo, parameters[0], parameters + 1, static_cast<uint8_t>(count - 1));
-        break;
-      case gen::INST_REG_WRITE:
-        if (own && !servo.legacy) answer = servo.status({});
-        if (count >= 2) servo.waiting.assign(parameters, parameters + count);
-        break;
-      case gen::INST_ACTION:
-        if (own && !servo.legacy) answer = servo.status({});
-        if (!servo.waiting.empty()) {
-          const std::vector<uint8_t> wrote = servo.waiting;
-          servo.waiting.clear();
-          write(servo, wrote[0], &wrote[1], static_cast<uint8_t>(wrote.size() - 1));
-        }
-        break;
-      case gen::INST_SYNC_READ:
-        break;
-      case gen::INST_SYNC_WRITE:
-        if (!all || count < 3 || parameters[1] == 0) break;
-        for (size_t at = 2; at + parameters[1] < count; at += parameters[1] + 1u) {
-          if (parameters[at] == servo.id()) write(servo, parameters[0], parameters + at + 1, parameters[1]);
-        }
-        break;
-      default: {
-        // Resets and the like: torque is lost, the id stays.
-        const ServoModel before = servo;
-        servo.registers[kTorque] = 0;
-        if (p[4] == gen::INST_RESTORE && !servo.legacy) servo.registers[gen::HLS_REG_MODE] = 0;
-        watcher_.written(before, servo, false);
-        break;
-      }
-    }
+    if (!servo.is_addressed(packet.id)) continue;
+    const std::vector<uint8_t> answer = obey(servo, packet);
     heard.insert(heard.end(), answer.begin(), answer.end());
   }
-  if (p[4] == gen::INST_SYNC_READ && all && count > 2) {
-    for (uint8_t i = 2; i < count; ++i) {
-      for (ServoModel& servo : servos) {
-        std::vector<uint8_t> answer;
-        if (servo.legacy || servo.silent || servo.id() != parameters[i]) continue;
-        if (servo.read(parameters[0], parameters[1], &answer)) heard.insert(heard.end(), answer.begin(), answer.end());
-      }
+  return heard;
+}
+
+std::vector<uint8_t> ServoLine::obey(ServoModel& servo, const Packet& p) {
+  std::vector<uint8_t> answer;
+  const bool own = p.id == servo.id();
+  switch (p.instruction) {
+    case gen::INST_PING:
+      if (own) answer = servo.status({});
+      break;
+    case gen::INST_READ:
+      if (own && p.count == 2) servo.read(p.parameters[0], p.parameters[1], &answer);
+      break;
+    case gen::INST_SYNC_WRITE:
+      sync_write(servo, p);
+      break;
+    case gen::INST_WRITE:
+    case gen::INST_REG_WRITE:
+    case gen::INST_ACTION:
+      if (own && !servo.legacy) answer = servo.status({});
+      take(servo, p);
+      break;
+    default:
+      reset(servo, p.instruction);
+      break;
+  }
+  return answer;
+}
+
+// What a servo does with a packet that writes to it.
+void ServoLine::take(ServoModel& servo, const Packet& p) {
+  if (p.instruction == gen::INST_ACTION) {
+    const std::vector<uint8_t> waited = servo.waiting;
+    servo.waiting.clear();
+    if (!waited.empty()) write(servo, waited[0], &waited[1], static_cast<uint8_t>(waited.size() - 1));
+    return;
+  }
+  if (p.count < 2) return;
+  if (p.instruction == gen::INST_WRITE) return write(servo, p.parameters[0], p.parameters + 1, static_cast<uint8_t>(p.count - 1));
+  servo.waiting.assign(p.parameters, p.parameters + p.count);
+}
+
+void ServoLine::sync_write(ServoModel& servo, const Packet& p) {
+  if (p.id != gen::BROADCAST_ID || p.count < 3 || p.parameters[1] == 0) return;
+  const uint8_t each = p.parameters[1];
+  for (size_t at = 2; at + each < p.count; at += each + 1u) {
+    if (p.parameters[at] == servo.id()) write(servo, p.parameters[0], p.parameters + at + 1, each);
+  }
+}
+
+// Resets and the like: torque is lost, the id stays.
+void ServoLine::reset(ServoModel& servo, uint8_t instruction) {
+  const ServoModel before = servo;
+  servo.registers[kTorque] = 0;
+  if (instruction == gen::INST_RESTORE && !servo.legacy) servo.registers[gen::HLS_REG_MODE] = 0;
+  watcher_.written(before, servo, false);
+}
+
+std::vector<uint8_t> ServoLine::sync_read(const Packet& p) {
+  std::vector<uint8_t> heard;
+  if (p.id != gen::BROADCAST_ID || p.count <= 2) return heard;
+  for (uint8_t i = 2; i < p.count; ++i) {
+    for (ServoModel& servo : servos) {
+      std::vector<uint8_t> answer;
+      if (servo.legacy || servo.silent || servo.id() != p.parameters[i]) continue;
+      if (servo.read(p.parameters[0], p.parameters[1], &answer)) heard.insert(heard.end(), answer.begin(), answer.end());
     }
   }
   return heard;

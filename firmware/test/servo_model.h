@@ -59,6 +59,18 @@ class ServoLine {
   std::vector<ServoModel> servos;
 
  private:
+  struct Packet {
+    uint8_t id;
+    uint8_t instruction;
+    const uint8_t* parameters;
+    uint8_t count;
+  };
+
+  std::vector<uint8_t> obey(ServoModel& servo, const Packet& packet);
+  void take(ServoModel& servo, const Packet& packet);
+  void sync_write(ServoModel& servo, const Packet& packet);
+  void reset(ServoModel& servo, uint8_t instruction);
+  std::vector<uint8_t> sync_read(const Packet& packet);
   void write(ServoModel& servo, uint8_t address, const uint8_t* data, uint8_t count);
 
   ServoWatcher& watcher_;
