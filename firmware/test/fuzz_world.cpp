@@ -29,18 +29,21 @@ bool is_stop(uint8_t cmd, const std::vector<uint8_t>& body) {
 }
 
 // The time of a move that is too short for its way is an error.
-void judge_time(uint8_t i, double way, const ServoModel& after, int32_t speed) {
+void judge_time(uint8_t i, double way, const ServoModel& before, const ServoModel& after, int32_t speed) {
   const uint16_t run_time = after.word(gen::SEVEN_BOT_REG_RUN_TIME);
   // The register cannot hold a longer time.
-  if (run_time != 0xFFFF && (way - 4) * 1000 > speed * (run_time + 12.0)) {
-    broken("a move too fast", i, std::lround(way), run_time);
+  if (run_time == 0xFFFF) return;
+  // What it covered since its last sample: it may still move as fast as it might before the limits changed.
+  const double faster = before.torque_on() ? std::max(0.0, before.speed - speed) * 0.02 : 0;
+  if ((way - faster - 4) * 1000 > speed * (run_time + 12.0)) {
+    broken("a move too fast", i, std::lround(way), run_time, std::lround(before.speed));
   }
 }
 
 }  // namespace
 
-void broken(const char* what, long a, long b, long c) {
-  fprintf(stderr, "broken: %s (%ld, %ld, %ld)\n", what, a, b, c);
+void broken(const char* what, long a, long b, long c, long d) {
+  fprintf(stderr, "broken: %s (%ld, %ld, %ld, %ld)\n", what, a, b, c, d);
   abort();
 }
 
@@ -277,7 +280,7 @@ void World::judge_goal(uint8_t i, const ServoModel& before, const ServoModel& af
   const double age = before.torque_on() ? std::max(before.speed, 1.0 * limits.speed) * 0.06 + 4 : 2;
   if (way > age) judge_place(i, before, goal, limits);
   if (after.legacy) {
-    if (way > age) judge_time(i, way, after, limits.speed);
+    if (way > age) judge_time(i, way, before, after, limits.speed);
     return;
   }
   const uint16_t units = after.word(gen::HLS_REG_GOAL_SPEED) & (gen::HLS_REG_GOAL_SPEED_SIGN - 1);

@@ -25,7 +25,7 @@ struct BoardProbe {
 };
 
 // Something happened that must never happen: tells it, and ends the program.
-void broken(const char* what, long a = 0, long b = 0, long c = 0);
+void broken(const char* what, long a = 0, long b = 0, long c = 0, long d = 0);
 
 class World final : public ServoWatcher {
  public:

@@ -12,9 +12,7 @@ from hexwire.emulator.board import EmulatedBoard
 from hexwire.wire import tables
 from hexwire.wire.command_frame import BODY_OFFSET, Command, Frame, serialize_frame
 
-_NOT_ON_EACH = sum(tables.CAPABILITIES[name] for name in ("fragments", "fine_positions", "several", "servo_table"))
 _BOOT = slice(4, 8)
-_CAPABILITIES = slice(8, 10)
 _IDENTIFY_FLAGS = 12
 _STATE_CLOCK = slice(0, 4)
 _STATE_FIELDS, _STATE_FLAGS, _STATE_JOINTS, _STATE_HEAD = 4, 5, 6, 8
@@ -121,14 +119,12 @@ def comparable(frame: Frame) -> bytes:
     """A frame's bytes without what may differ between boards.
 
     That is: the clock (and with it the frame's check, which `FrameDecoder` has verified), in IDENTIFY the
-    boot id and the capabilities that not every board has yet, in JOINT_STATE the sample's clock, its age,
+    boot id, in JOINT_STATE the sample's clock, its age,
     and the speed of legacy servos, which is worked out from two samples; in both, whether settings are stored.
     """
     body = bytearray(frame.body)
     if frame.proto == tables.PROTO_HEXWIRE and frame.cmd == Command.IDENTIFY and len(body) > _IDENTIFY_FLAGS:
         body[_BOOT] = bytes(4)
-        known = int.from_bytes(body[_CAPABILITIES], "little") & ~_NOT_ON_EACH
-        body[_CAPABILITIES] = known.to_bytes(2, "little")
         body[_IDENTIFY_FLAGS] &= ~tables.BOARD_FLAGS_SETTINGS_DEFAULT
     if frame.proto == tables.PROTO_HEXWIRE and frame.cmd == Command.JOINT_STATE and len(body) > _STATE_HEAD:
         _clean_state(body)
