@@ -10,7 +10,8 @@ from collections.abc import Callable, Iterator
 import pytest
 from tests.conformance_board.adapter import KINDS, BoardUnderTest
 
-from hexwire.wire.command_frame import Command
+from hexwire.wire import tables
+from hexwire.wire.command_frame import Command, Status
 from hexwire.wire.servo_packet import (
     make_action,
     make_ping,
@@ -251,6 +252,26 @@ def test_settings(boards: Callable[..., Trio]) -> None:
     same(trio, Command.TRANSACT, b"\0\0" + make_sync_write(0x2A, {1: b"\x0d\xac\0\0"}))
     same(trio, 2, make_write(4, 0x2A, (50).to_bytes(2, "little")), proto=1)
     same(trio, 2, make_read(4, 0x2A, 2), proto=1)
+
+
+def test_settings_are_stored_64_times_in_a_row(boards: Callable[..., Trio]) -> None:
+    trio = boards()
+
+    def store(neutral: int) -> int:
+        body = b"\7" + neutral.to_bytes(2, "little") + b"\1" + b"\xff\7\1" * 6
+        (status,) = {board.client.ask(Command.OFFSETS, body).status for board in trio}
+        return status
+
+    assert {store(2000 + n) for n in range(tables.SETTINGS_STORES)} == {Status.OK}
+    busy = b"\7" + b"\1\1\1" * 7
+    same(trio, Command.OFFSETS, busy)
+    same(trio, Command.LIMITS, b"\7" + (b"\x64\0\xb8\x0b\xe8\3" * 7))
+    same(trio, Command.LIMITS, b"\7" + bytes(42))
+    assert {board.client.ask(Command.OFFSETS, busy).status for board in trio} == {Status.BUSY}
+    # What is stored already may be stored again.
+    assert store(2000 + tables.SETTINGS_STORES - 1) == Status.OK
+    same(trio, Command.OFFSETS)
+    same(trio, Command.LIMITS)
 
 
 def test_packets_in_dialect_2(boards: Callable[..., Trio]) -> None:

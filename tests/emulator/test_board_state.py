@@ -65,3 +65,16 @@ def test_a_watchdog_that_tripped_is_not_fed() -> None:
     state.watchdog_due, state.watchdog_tripped = None, True
     state.feed_watchdog(2.0)
     assert state.watchdog_due is None
+
+
+def test_stores_are_limited_and_come_back_one_a_minute() -> None:
+    state = BoardState(1, 0.0, Settings())
+    every = tables.SETTINGS_STORE_EVERY
+    assert [state.may_store(1000.0) for _ in range(tables.SETTINGS_STORES + 1)] == [
+        True
+    ] * tables.SETTINGS_STORES + [False]
+    assert not state.may_store(1000.0 + every - 0.1)
+    assert [state.may_store(1000.0 + every) for _ in range(2)] == [True, False]
+    assert [state.may_store(1000.0 + 3.5 * every) for _ in range(3)] == [True, True, False]
+    assert state.may_store(1000.0 + 4.0 * every), "no time is lost in between"
+    assert sum(state.may_store(1e6) for _ in range(100)) == tables.SETTINGS_STORES

@@ -358,10 +358,16 @@ class Dialect2:
                 raise RefusedError(Status.BAD_LENGTH)
             if any(row.minimum >= row.maximum or not row.speed for row in rows):
                 raise RefusedError(Status.BAD_RANGE)
+            self._may_store(list(rows) == state.settings.limits)
             state.settings.limits = state.limits = list(rows)
         table = LimitTable(tables.SETTINGS_VERSION, tuple(state.limits))
         self._reply(request, Status.OK, table.serialize())
         yield from ()
+
+    def _may_store(self, same: bool) -> None:
+        """Refuse rows that would wear out the EEPROM."""
+        if not same and not self._state.may_store(self._clock()):
+            raise RefusedError(Status.BUSY)
 
     def _offsets(self, request: Request) -> Job:
         state = self._state
@@ -372,6 +378,7 @@ class Dialect2:
                 raise RefusedError(Status.BAD_LENGTH)
             if any(row.sign not in (1, -1) for row in rows):
                 raise RefusedError(Status.BAD_RANGE)
+            self._may_store(list(rows) == state.settings.offsets)
             state.settings.offsets = state.offsets = list(rows)
         table = OffsetTable(tables.SETTINGS_VERSION, tuple(state.offsets))
         self._reply(request, Status.OK, table.serialize())

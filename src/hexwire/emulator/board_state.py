@@ -108,6 +108,8 @@ class BoardState:
     bus_timeouts: int = 0
     bus_bad: int = 0
     queue_high_water: int = 0
+    stores_left: int = tables.SETTINGS_STORES
+    stores_gained: float = 0.0
 
     def __post_init__(self) -> None:
         by_name = {series.value: series for series in Series}
@@ -123,6 +125,18 @@ class BoardState:
     def joint(self, servo_id: int) -> JointSlot | None:
         """The joint of a servo id, or None."""
         return next((j for j in self.joints if j.servo_id == servo_id), None)
+
+    def may_store(self, now: float) -> bool:
+        """Whether settings that differ may be written to the EEPROM; counts it if so."""
+        while self.stores_left < tables.SETTINGS_STORES and now - self.stores_gained >= tables.SETTINGS_STORE_EVERY:
+            self.stores_left += 1
+            self.stores_gained += tables.SETTINGS_STORE_EVERY
+        if self.stores_left == tables.SETTINGS_STORES:
+            self.stores_gained = now
+        if not self.stores_left:
+            return False
+        self.stores_left -= 1
+        return True
 
     @property
     def board_flags(self) -> int:
