@@ -15,6 +15,8 @@ from hexwire.control.motions import MotionOptions, MotionResult, run_motion
 from hexwire.drivers.timed_path import PathState
 from hexwire.errors import StoppedError
 from hexwire.model.state import JointState, JointTarget
+from hexwire.motion.path_points import path_points
+from hexwire.motion.through import arm_path
 from hexwire.motion.waypoints import Spline, Trajectory, Waypoint
 from hexwire.wire.commands import LimitRow
 
@@ -243,6 +245,30 @@ def test_a_motion_at_its_speed_limit_is_followed_by_the_board() -> None:
         result = bench.run(straight(bench, rows))
         assert result.arrived
         assert result.timed
+
+
+def test_a_motion_through_points_at_full_speed_is_refilled_and_passes_them() -> None:
+    bench = Timed()
+    names = bench.robot.model.names
+    here = [bench.at(name) for name in names]
+    points = [here]
+    for k in range(1, 7):
+        moved = {"J1": here[0] + 0.9 * (k % 2), "J4": 0.35 * k - 0.9, "J6": 0.3 - 0.3 * (k % 3)}
+        points.append([moved.get(name, angle) for name, angle in zip(names, here, strict=True)])
+    way = arm_path(bench.robot.model, names, points)
+    path = bench.robot.path(names, brake=0.2, outlives=False)
+    assert len(list(path_points(way, [1e-3] * len(names)))) > path.capacity
+    path.abort()
+    nearest = [math.inf] * len(points)
+
+    def seen(state: JointState) -> None:
+        there = [state[name].position for name in names]
+        nearest[:] = [min(old, math.dist(there, point)) for old, point in zip(nearest, points, strict=True)]
+
+    result = bench.run(way, seen)
+    assert (result.arrived, result.timed, bench.targets) == (True, True, [])
+    # Between two states a joint turns by 0.13 rad; where it turns back it is seen nearer.
+    assert max(nearest) < 0.1
 
 
 def test_a_duration_between_two_ticks_is_possible() -> None:
