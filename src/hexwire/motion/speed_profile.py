@@ -1,11 +1,14 @@
 """One joint from one point to the next, under limits of speed, acceleration and jerk.
 
-Owns the profile: a change of speed, a constant speed, another change of speed. The joint moves one way only, and
-does not accelerate at either point. Must not know other joints, nor how speeds at points are chosen.
+Owns the profile: a change of speed, a constant speed, another change of speed. The joint moves one way only.
+Must not know other joints, nor how speeds at points are chosen.
 
 All values are magnitudes: a distance and speeds in its direction. A change of speed begins and ends without
 acceleration, and takes the shortest time: at full jerk and, if it is long, full acceleration. It is symmetric: its
 mean speed is the mean of both.
+
+A joint that turns back at a point may do so without a pause: it has no speed there, but an acceleration. Then that
+point is inside a change of speed which begins at a speed in the other direction.
 """
 
 from __future__ import annotations
@@ -13,7 +16,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-__all__ = ["JointLimits", "Piece", "change_time", "profile", "time_window"]
+__all__ = ["JointLimits", "Passing", "Piece", "change_time", "profile", "time_window"]
 
 _HALVINGS = 50
 """Of an interval of speeds: the rest is far below the resolution of any servo."""
@@ -36,6 +39,31 @@ class JointLimits(NamedTuple):
     jerk: float
 
 
+class Passing(NamedTuple):
+    """How a joint passes a point.
+
+    Attributes:
+        speed: Radians per second, 0 or more.
+        turn: Its acceleration where it turns back, radians per second squared, at most the limit; otherwise 0. Only
+            without a speed.
+    """
+
+    speed: float = 0.0
+    turn: float = 0.0
+
+    def before(self, limits: JointLimits) -> float:
+        """The speed from which the change begins that has this speed and acceleration on its way."""
+        return self.speed - self.after(limits) if self.turn else self.speed
+
+    def after(self, limits: JointLimits) -> float:
+        """The speed at which the acceleration could be over."""
+        return self.speed + 0.5 * self.turn * self.turn / limits.jerk
+
+    def cut(self, limits: JointLimits) -> tuple[float, float]:
+        """Seconds of that change that are over at the point, and the distance that is."""
+        return self.turn / limits.jerk, -(self.turn**3) / (3.0 * limits.jerk * limits.jerk)
+
+
 class Piece(NamedTuple):
     """A time of constant jerk.
 
@@ -56,62 +84,71 @@ def change_time(change: float, limits: JointLimits) -> float:
     return 2.0 * math.sqrt(change / jerk) if change > 0.0 else 0.0
 
 
-def time_window(distance: float, begin: float, end: float, limits: JointLimits) -> tuple[float, float]:
+def time_window(distance: float, begin: Passing, end: Passing, limits: JointLimits) -> tuple[float, float]:
     """The shortest and the longest time for a distance; it can be covered in any time between.
 
     Args:
         distance: Radians, at least 1e-12.
-        begin: Speed at the first point, at most the limit.
-        end: Speed at the second point, at most the limit.
+        begin: At the first point.
+        end: At the second point.
         limits: Of the joint.
 
     Returns:
-        Seconds, the longest infinite if the joint can stop on its way. Infinite and 0 if the distance is too short
-        for the change of speed.
+        Seconds, the longest infinite if the joint can stop on its way; with a turn, longer times are left out.
+        Infinite and 0 if the distance is too short for the change of speed.
     """
-    low, high = (begin, end) if begin < end else (end, begin)
-    if 0.5 * (low + high) * change_time(high - low, limits) > distance * (1.0 + _ROUNDING):
+    first, last = begin.before(limits), end.before(limits)
+    low, high = sorted((begin.after(limits), end.after(limits)))
+    (cut, gone), (left, more) = begin.cut(limits), end.cut(limits)
+    distance += gone + more
+    if _needed(first, last, high, limits) > distance * (1.0 + _ROUNDING):
         return math.inf, 0.0
-    shortest = _extreme(distance, begin, end, high, limits.speed, limits)
-    stopping = _needed(begin, end, 0.0, limits)
+    shortest = _extreme(distance, first, last, high, limits.speed, limits) - cut - left
+    if begin.turn or end.turn:
+        return shortest, _extreme(distance, first, last, high, high, limits) - cut - left
+    stopping = _needed(first, last, 0.0, limits)
     if _LONGER * stopping <= distance:
         return shortest, math.inf
     slowest = 0.0
     if stopping <= distance:
         # It could stop, but not be slowed down to every speed before that: times beyond a gap are left out.
-        slowest = _longest(begin, end, limits)
-        if _needed(begin, end, slowest, limits) <= distance:
+        slowest = _longest(first, last, limits)
+        if _needed(first, last, slowest, limits) <= distance:
             return shortest, math.inf
-    return shortest, _extreme(distance, begin, end, low, slowest, limits)
+    return shortest, _extreme(distance, first, last, low, slowest, limits)
 
 
-def profile(distance: float, begin: float, end: float, seconds: float, limits: JointLimits) -> list[Piece]:
+def profile(distance: float, begin: Passing, end: Passing, seconds: float, limits: JointLimits) -> list[Piece]:
     """The pieces of constant jerk that cover a distance in a time.
 
     Args:
         distance: Radians, at least 1e-12.
-        begin: Speed at the first point.
-        end: Speed at the second point.
+        begin: At the first point.
+        end: At the second point.
         seconds: A time within `time_window`.
         limits: Of the joint.
     """
-    low, high = (begin, end) if begin < end else (end, begin)
-    if distance >= _covered(begin, end, high, seconds, limits):
-        between = _between(distance, begin, end, seconds, high, limits.speed, limits)
-    elif distance <= _covered(begin, end, low, seconds, limits):
-        between = _between(distance, begin, end, seconds, low, 0.0, limits)
+    first, last = begin.before(limits), end.before(limits)
+    low, high = sorted((begin.after(limits), end.after(limits)))
+    (cut, gone), (left, more) = begin.cut(limits), end.cut(limits)
+    distance, seconds = distance + gone + more, seconds + cut + left
+    if begin.turn or end.turn or distance >= _covered(first, last, high, seconds, limits):
+        between = _between(distance, first, last, seconds, high, limits.speed, limits)
+    elif distance <= _covered(first, last, low, seconds, limits):
+        between = _between(distance, first, last, seconds, low, 0.0, limits)
     else:
         # At the speed of the first point, then at that of the second.
         change = change_time(high - low, limits)
-        first = (end * (seconds - change) + 0.5 * (begin + end) * change - distance) / (end - begin)
-        first = min(max(0.0, first), seconds - change)
-        return [Piece(first, 0.0), *_change(begin, end, limits), Piece(seconds - change - first, 0.0)]
-    changes = change_time(abs(between - begin), limits) + change_time(abs(between - end), limits)
-    return [
-        *_change(begin, between, limits),
-        Piece(max(0.0, seconds - changes), 0.0),
-        *_change(between, end, limits),
-    ]
+        wait = (last * (seconds - change) + 0.5 * (first + last) * change - distance) / (last - first)
+        wait = min(max(0.0, wait), seconds - change)
+        return [Piece(wait, 0.0), *_change(first, last, limits), Piece(seconds - change - wait, 0.0)]
+    changes = change_time(abs(between - first), limits) + change_time(abs(between - last), limits)
+    up, down = _change(first, between, limits), _change(between, last, limits)
+    if cut:
+        up[0] = Piece(max(0.0, up[0].seconds - cut), up[0].jerk)
+    if left:
+        down[-1] = Piece(max(0.0, down[-1].seconds - left), down[-1].jerk)
+    return [*up, Piece(max(0.0, seconds - changes), 0.0), *down]
 
 
 def _change(begin: float, end: float, limits: JointLimits) -> list[Piece]:
@@ -162,7 +199,9 @@ def _extreme(distance: float, begin: float, end: float, near: float, far: float,
                 near = middle
     changes = change_time(abs(near - begin), limits) + change_time(abs(near - end), limits)
     left = distance - _needed(begin, end, near, limits)
-    return changes + (left / near if left > 0.0 else 0.0)
+    if left <= 0.0:
+        return changes
+    return changes + left / near if near > 0.0 else math.inf
 
 
 def _covered(begin: float, end: float, between: float, seconds: float, limits: JointLimits) -> float:

@@ -3,8 +3,8 @@
 Owns the choice of the speeds at the points, and the trajectory. Must not know robots, nor where points come from.
 
 Between two points each joint moves one way only, so it never leaves the range between their positions; where it
-turns back it rests for a moment while the others go on. No joint accelerates at a point. The speeds there are
-improved joint by joint until no small change saves time.
+turns back it has no speed while the others go on, and only there it accelerates at a point. Speeds, and the
+accelerations of joints that turn back, are improved joint by joint until no small change saves time.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from itertools import pairwise
 from hexwire.errors import UsageError
 from hexwire.model.arm import ArmModel
 
-from .speed_profile import JointLimits, profile, time_window
+from .speed_profile import JointLimits, Passing, profile, time_window
 from .waypoints import Sample, Trajectory
 
 __all__ = ["MOST_POINTS", "Through", "arm_path"]
@@ -25,8 +25,9 @@ __all__ = ["MOST_POINTS", "Through", "arm_path"]
 MOST_POINTS = 100
 """Points of one motion: more take too long to plan."""
 _FIRST_STEP, _LAST_STEP = 0.5, 0.002
-"""By how much a speed is changed to see whether that saves time, as shares of its limit: from coarse to fine."""
-_SWEEPS = 60
+"""By how much a value is changed to see whether that saves time, as shares of its limit: from coarse to fine."""
+_WORTH = 0.002
+"""Share of the time that all such changes must save; otherwise the next ones are finer."""
 _OTHERS = 0.02
 """Weight of the times of all joints beside that of the slowest, so that others make way for it."""
 
@@ -105,7 +106,7 @@ class Through(Trajectory):
             times.append(times[-1] + seconds)
         self.times, self.duration = tuple(times), times[-1]
         self._pieces = [
-            _pieces([row[i] for row in rows], [speed[i] for speed in plan.speeds], times, limits[i])
+            _pieces([row[i] for row in rows], [row[i] for row in plan.passing], times, limits[i])
             for i in range(len(self.names))
         ]
         self._begins = [[piece[0] for piece in pieces] for pieces in self._pieces]
@@ -123,10 +124,10 @@ class Through(Trajectory):
 
 
 class _Speeds:
-    """Speeds of the joints at the points, as magnitudes, and the time windows of each joint between two points.
+    """How the joints pass the points, and the time windows of each joint between two points.
 
     Attributes:
-        speeds: By point and joint; 0 at both ends, and where a joint turns back or rests.
+        passing: By point and joint; at rest at both ends.
     """
 
     def __init__(self, rows: Sequence[Sequence[float]], limits: Sequence[JointLimits]) -> None:
@@ -134,11 +135,14 @@ class _Speeds:
         ways = [[_way(a, b) for a, b in zip(one, two, strict=True)] for one, two in pairwise(rows)]
         self._limits = limits
         self._distances = [[abs(way) for way in row] for row in ways]
-        # Only there can a joint go on: where it turns back or rests its speed is 0.
+        # A joint goes on, or turns back; where it has rested or will rest, nothing can be improved.
         self._free = [
-            (k, i) for k in range(1, len(ways)) for i in joints if _sign(ways[k - 1][i]) * _sign(ways[k][i]) > 0
+            (k, i, _sign(ways[k - 1][i]) == _sign(ways[k][i]))
+            for k in range(1, len(ways))
+            for i in joints
+            if ways[k - 1][i] and ways[k][i]
         ]
-        self.speeds = [[0.0] * len(limits) for _ in rows]
+        self.passing = [[Passing()] * len(limits) for _ in rows]
         self._windows = [[self._window(k, i) for i in joints] for k in range(len(ways))]
         self._costs = [_cost(row) for row in self._windows]
 
@@ -147,29 +151,36 @@ class _Speeds:
         return [max(low for low, _ in row) for row in self._windows]
 
     def improve(self) -> None:
-        """Change speeds as long as that saves time."""
-        step = _FIRST_STEP
-        for _ in range(_SWEEPS):
-            # Not `any`, which would end at the first success.
-            if not sum(self._try(k, i, step) or self._try(k, i, -step) for k, i in self._free):
-                step *= 0.5
-            if step < _LAST_STEP:
-                break
+        """Change how the joints pass the points as long as that saves time."""
+        # Speeds first: a joint that turns back without a pause leaves the others less time.
+        for some in ([one for one in self._free if one[2]], self._free):
+            step = _FIRST_STEP
+            while step >= _LAST_STEP:
+                before = sum(self._costs)
+                for one in some:
+                    _ = self._try(*one, step) or self._try(*one, -step)
+                if sum(self._costs) >= (1.0 - _WORTH) * before:
+                    step *= 0.5
 
-    def _try(self, k: int, i: int, step: float) -> bool:
-        """Change the speed of a joint at a point; undone if it saves no time."""
-        old, most = self.speeds[k][i], self._limits[i].speed
-        new = min(most, max(0.0, old + step * most))
+    def _try(self, k: int, i: int, goes_on: bool, step: float) -> bool:
+        """Change how a joint passes a point; undone if it saves no time."""
+        old, limits = self.passing[k][i], self._limits[i]
+        if goes_on:
+            new = Passing(min(limits.speed, max(0.0, old.speed + step * limits.speed)))
+        else:
+            # It must not need more than the limit of speed to lose this acceleration.
+            most = min(limits.acceleration, math.sqrt(2.0 * limits.speed * limits.jerk))
+            new = Passing(turn=min(most, max(0.0, old.turn + step * most)))
         if new == old:
             return False
         windows = self._windows[k - 1][i], self._windows[k][i]
-        self.speeds[k][i] = new
+        self.passing[k][i] = new
         self._windows[k - 1][i], self._windows[k][i] = self._window(k - 1, i), self._window(k, i)
         costs = _cost(self._windows[k - 1]), _cost(self._windows[k])
         if sum(costs) < self._costs[k - 1] + self._costs[k] - 1e-9:
             self._costs[k - 1 : k + 1] = costs
             return True
-        self.speeds[k][i] = old
+        self.passing[k][i] = old
         self._windows[k - 1][i], self._windows[k][i] = windows
         return False
 
@@ -177,7 +188,7 @@ class _Speeds:
         distance = self._distances[k][i]
         if not distance:
             return 0.0, math.inf
-        return time_window(distance, self.speeds[k][i], self.speeds[k + 1][i], self._limits[i])
+        return time_window(distance, self.passing[k][i], self.passing[k + 1][i], self._limits[i])
 
 
 def _way(begin: float, end: float) -> float:
@@ -198,17 +209,17 @@ def _cost(windows: Sequence[tuple[float, float]]) -> float:
 
 
 def _pieces(
-    points: Sequence[float], speeds: Sequence[float], times: Sequence[float], limits: JointLimits
+    points: Sequence[float], passing: Sequence[Passing], times: Sequence[float], limits: JointLimits
 ) -> list[Row]:
     rows: list[Row] = [(0.0, points[0], 0.0, 0.0, 0.0)]
     for k in range(len(points) - 1):
         p, way = points[k], _way(points[k], points[k + 1])
         sign = math.copysign(1.0, way)
-        t, v, a = times[k], sign * speeds[k], 0.0
+        t, v, a = times[k], sign * passing[k].speed, sign * passing[k].turn
         if not way:
             rows.append((t, p, 0.0, 0.0, 0.0))
             continue
-        for u, jerk in profile(abs(way), speeds[k], speeds[k + 1], times[k + 1] - t, limits):
+        for u, jerk in profile(abs(way), passing[k], passing[k + 1], times[k + 1] - t, limits):
             if not u:
                 continue
             j = sign * jerk
