@@ -490,6 +490,40 @@ def smooth(bench: Timed) -> bool:
     return max(changes) < 0.45
 
 
+def test_over_a_slow_network_the_board_is_told_earlier() -> None:
+    bench = Timed()
+    robot = bench.owner.robot
+    begin = robot.path
+
+    def slowly(call: Any) -> Any:
+        def late(*given: Any, **more: Any) -> Any:
+            bench.stall(0.06)
+            answer = call(*given, **more)
+            bench.stall(0.06)
+            return answer
+
+        return late
+
+    def path(*given: Any, **more: Any) -> Any:
+        made = slowly(begin)(*given, **more)
+        for name in ("send", "start", "report", "abort"):
+            setattr(made, name, slowly(getattr(made, name)))
+        return made
+
+    robot.path = path  # type: ignore[method-assign]
+    told = bench.go(by=0.3, seconds=2.0)
+    bench.turn(1.0)
+    for by in (0.5, 0.1):
+        told = bench.go(by=by, seconds=3.0)
+        bench.turn(1.2)
+    bench.until(lambda: told.ends)
+    assert told.outcome == SUCCEEDED
+    assert at(bench) == pytest.approx(0.1, abs=0.01)
+    # It never had to come to rest in between.
+    assert bench.controller.follower.counters.slips == 0
+    assert bench.commands().count(Command.TRAJECTORY_ABORT) == 0
+
+
 def test_a_goal_right_after_a_hold_begins_at_rest() -> None:
     bench = Timed()
     bench.go(by=0.8)

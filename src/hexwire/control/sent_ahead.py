@@ -22,6 +22,7 @@ from hexwire.motion.together import Together
 from hexwire.motion.waypoints import Tail
 
 from .controller import TrajectoryController
+from .path_pace import PathPace
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -34,23 +35,14 @@ __all__ = ["SentAhead"]
 
 _log = logging.getLogger(__name__)
 
-_AHEAD = 0.12
-"""Seconds by which the robot must know of a change: the point towards which its joints move cannot be replaced, and
-requests take time, perhaps one more that is under way."""
-_CLOSEST, _FURTHEST = 0.02, 0.03
-"""Seconds between two points; further apart where turns are rare."""
-_TURNS = 2.0
-"""Turns for which the points on the robot must last at least."""
-_FIRST, _NEXT = 12, 6
-"""Points that are sent before the start, and in one turn after it."""
+_FIRST = 12
+"""Points that are sent before the start, at least."""
 _SOON = 0.005
 """Seconds: a start that is nearer than this is ordered as one at once."""
-_TRANSIT = 0.015
-"""Seconds that a request with points takes to the robot."""
 _TICK = 1e-4
 """Seconds: all times of points are multiples of it."""
-_LOOK = 0.1
-"""Seconds between two questions where the path is."""
+_LOOK, _LONGER = 0.1, 0.5
+"""Seconds between two questions where the path is; the second if there is a change to send."""
 _WAIT, _REST = 0.01, 3.0
 """Seconds between two looks whether the joints are at rest, and the most until they are."""
 _DONE_BY_OTHERS = {
@@ -90,7 +82,7 @@ class SentAhead:
         self._plan = self._on_robot = Together((), {})
         # When the time of the path was 0, host's clock.
         self._origin = 0.0
-        self._period = 0.0
+        self._pace = PathPace()
         # Points on the robot, from index `_oldest` on.
         self._sent: list[TimedPoint] = []
         self._oldest = 0
@@ -99,7 +91,7 @@ class SentAhead:
         # Index from which on the next points replace others, or None.
         self._replaced: int | None = None
         self._complete = False
-        self._looked = -math.inf
+        self._looked = self._turned = -math.inf
         # It comes to rest although the plan goes on; at which time of the path.
         self._leaving, self._rest = False, 0.0
         # The robot refuses what comes next, and at rest the targets are sent one by one.
@@ -113,7 +105,7 @@ class SentAhead:
     @property
     def changed(self) -> bool:
         """Whether the controllers have other plans than the robot."""
-        if self._leaving:
+        if self._leaving or not self._marks:
             return False
         with self._group.lock:
             return any(follower.changes != mark for follower, mark in self._marks.items())
@@ -195,20 +187,28 @@ class SentAhead:
         return path.joints
 
     def _follow(self, path: TimedPath, state: JointState) -> StopReason | None:
-        if self._leaving or self._is_ending() or self._clock() - self._looked >= _LOOK:
-            found = self._look(path, state)
-            if found is not None or self._leaving or self._path is None:
-                return found
-        self._go_on(path)
-        return None
+        changed = self.changed
+        if self._clock() - self._turned < self._pace.pause and not changed:
+            return None
+        try:
+            # A change is urgent.
+            patience = _LONGER if changed else _LOOK
+            if self._leaving or self._is_ending() or self._clock() - self._looked >= patience:
+                found = self._look(path, state)
+                if found is not None or self._leaving or self._path is None:
+                    return found
+            self._go_on(path)
+            return None
+        finally:
+            self._turned = self._clock()
 
     # -- the beginning ------------------------------------------------------------------------------
 
     def _set_pace(self, period: float) -> None:
-        self._period = period
+        self._pace.period = period
         with self._group.lock:
             for controller in self._controllers():
-                controller.follower.settled = _AHEAD
+                controller.follower.settled = self._pace.ahead
 
     def _controllers(self) -> list[TrajectoryController]:
         return [member for member in self._group.members if isinstance(member, TrajectoryController)]
@@ -253,11 +253,13 @@ class SentAhead:
         return Together(names, parts)
 
     def _start(self, plan: Together, begins: float) -> None:
+        before = self._clock()
         path = self._robot.path(plan.names, brake=BRAKE)
+        self._pace.measure(self._clock() - before)
         self._plan = self._on_robot = plan
         self._sent, self._oldest, self._replaced = [], 0, None
         self._make_points(path, 0.0)
-        self._send(path, min(max(_FIRST, self._most(path)), path.capacity))
+        self._send(path, min(max(_FIRST, self._pace.most(path.capacity)), path.capacity))
         self._path, self._leaving, self._unfit, self._origin = path, False, False, begins
         self._looked = now = self._clock()
         started = path.start(begins if begins - now > _SOON else None)
@@ -265,24 +267,17 @@ class SentAhead:
 
     # -- points -------------------------------------------------------------------------------------
 
-    def _apart(self, path: TimedPath) -> float:
-        """Least seconds between two points, so that those on the robot last for some turns."""
-        return max(_CLOSEST, _TURNS * self._period / path.capacity)
-
-    def _most(self, path: TimedPath) -> int:
-        """Most points that are sent in one turn."""
-        return max(_NEXT, math.ceil(_TURNS * self._period / self._apart(path)))
-
     def _make_points(self, path: TimedPath, begin: float) -> None:
         """Points of the plan from a time of the path on come next."""
-        plan, model, closest = self._plan, self._robot.model, self._apart(path)
+        plan, model = self._plan, self._robot.model
+        least, most = self._pace.apart(path.capacity)
         rows = [(plan.names.index(name), model.joint(name)) for name in path.joints]
         # Half a count, since the robot rounds to counts anyway.
         error = [model.joint(name).scale / 2.0 for name in plan.names]
 
         def points() -> Iterator[TimedPoint]:
             rest = Tail(plan, begin)
-            for t, sample in path_points(rest, error, longest=max(closest, _FURTHEST), shortest=closest):
+            for t, sample in path_points(rest, error, longest=most, shortest=least):
                 position, velocity = sample.position, sample.velocity
                 # A blend may overshoot the limits, and an optimal motion runs at them.
                 yield TimedPoint(
@@ -320,7 +315,7 @@ class SentAhead:
         if self._replaced is not None:
             room += self._oldest + len(self._sent) - self._replaced
         if not self._complete and room > 0:
-            self._send(path, min(room, self._most(path)))
+            self._send(path, min(room, self._pace.most(path.capacity)))
 
     def _take_changes(self, path: TimedPath) -> bool:
         """Have points made of a new plan, if there is one; False if none can be sent now."""
@@ -356,7 +351,7 @@ class SentAhead:
             # Points up to then have not been sent yet. The last one must be sent again.
             begin, again = times[-1], self._complete
             place -= self._complete
-        settled = self._clock() - self._origin + path.lead + _TRANSIT
+        settled = self._clock() - self._origin + path.lead + self._pace.transit
         if settled >= 0.0 and place <= bisect_right(times, settled):
             if not (self._complete and switch >= times[-1]):
                 self._give_up(path)
@@ -371,7 +366,7 @@ class SentAhead:
 
     def _forget_past(self, path: TimedPath) -> None:
         """Forget points of which the robot is past; it keeps the one before that towards which it moves."""
-        passed = self._clock() - self._origin + path.lead - _TRANSIT
+        passed = self._clock() - self._origin + path.lead - self._pace.transit
         count = bisect_right([point.time for point in self._sent], passed) - 1
         if count > 0:
             del self._sent[:count]
@@ -393,6 +388,7 @@ class SentAhead:
         before = self._clock()
         report = path.report()
         self._looked = before
+        self._pace.measure(self._clock() - before)
         return self._see(path, report, state, before)
 
     def _see(self, path: TimedPath, report: PathReport, state: JointState, before: float) -> StopReason | None:
