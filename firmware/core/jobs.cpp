@@ -139,7 +139,9 @@ void Board::take_result(bool may_go_on) {
 // Puts what is prepared on the line, if the transaction before went well.
 bool Board::launch_prepared() {
   if (bus_.result() != BusResult::kOk) return false;
-  return (next_owner_ != Owner::kPath || path_goes_on()) && bus_.launch();
+  if (next_owner_ == Owner::kPath && !path_goes_on()) return false;
+  platform_.bus_release();
+  return bus_.launch();
 }
 
 void Board::went_on() {

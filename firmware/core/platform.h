@@ -1,4 +1,4 @@
-// The board's interface to the core. Every call returns at once; nothing here may block.
+// The board's interface to the core. Every call returns at once, but for the pause of `bus_release`; nothing may block.
 #ifndef HEXWIRE_PLATFORM_H
 #define HEXWIRE_PLATFORM_H
 
@@ -26,6 +26,9 @@ class Platform {
   virtual uint8_t bus_read(uint8_t* into, uint8_t room) = 0;
   virtual void bus_write(const uint8_t* data, uint8_t size) = 0;
   virtual bool bus_sending() = 0;
+  // Waits some 25 us between an answer and the request that is ready to follow it: a servo that is slow to release the
+  // line must not meet that request.
+  virtual void bus_release() {}
 
   // Hints for a board that sleeps: it need not wake up before this many more bytes have arrived.
   virtual void host_expect(uint8_t bytes) { (void)bytes; }

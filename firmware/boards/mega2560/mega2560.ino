@@ -5,6 +5,7 @@
 #include <avr/eeprom.h>
 #include <avr/sleep.h>
 #include <avr/wdt.h>
+#include <util/delay.h>
 
 #include "src/core/board.h"
 #include "src/core/boot_counter.h"
@@ -35,6 +36,7 @@ class Mega : public hexwire::Platform {
   uint8_t bus_read(uint8_t* into, uint8_t room) override { return bus_uart_read(into, room); }
   void bus_write(const uint8_t* data, uint8_t size) override { bus_uart_write(data, size); }
   bool bus_sending() override { return bus_uart_sending(); }
+  void bus_release() override { _delay_us(25); }
   void host_expect(uint8_t bytes) override { host_uart_expect(bytes); }
   void bus_expect(uint8_t bytes) override { bus_uart_expect(bytes); }
   uint8_t storage_read(uint16_t address) override {
