@@ -7,11 +7,13 @@ import time
 
 import pytest
 from tests.drivers.arms import Arm
+from tests.ipc.channels import open_channel
 
 from hexwire.drivers.base import Signal, StopMode
 from hexwire.drivers.board1 import Board1
 from hexwire.drivers.board2 import Board2
 from hexwire.drivers.hex7bot import Hex7BotDriver
+from hexwire.drivers.timed_path import TimedPoint
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.faults import FaultPlan
 from hexwire.errors import (
@@ -638,3 +640,44 @@ def test_thousands_of_reads_over_hostile_lines_give_no_wrong_value_and_count_eve
     assert stats["bad_frames"] + stats["resyncs"] > 50
     assert stats["repeats"] > 20
     assert arm.board.faults.__class__ is FaultPlan
+
+
+def test_a_stream_leaves_out_the_reports_of_other_boards() -> None:
+    channel, link, session = open_channel(8, 9)
+    channel.boards[9].wire[0].motion.position += 300
+    arm = Hex7BotDriver(session)
+    session.close()
+    arm.attach()
+    here = arm.read().positions["J1"]
+    states = arm.stream(0.05)
+    next(states)
+    answers = session.request_all(Command.REPORT, b"\x32\0\0", [8, 9])
+    assert not answers.silent
+    link.clock.advance(0.2)
+    assert {round(next(states).positions["J1"] - here, 3) for _ in range(6)} == {0.0}
+
+
+NOISES = [("flip:0.1",), ("drop:0.1", "dup:0.05"), ("cut:0.08",), ("junk:0.3", "host.flip:0.05")]
+
+
+@pytest.mark.parametrize("noise", NOISES, ids=str)
+def test_long_requests_and_answers_survive_a_bad_line(noise: tuple[str, ...]) -> None:
+    arm = Arm(2, faults=noise, policy=RetryPolicy(attempts=12), seed=3)
+    arm.driver.maintenance(True)
+    for number in range(6):
+        table = arm.driver.read_table("J6")
+        assert table[:40] == arm.board.wire[5].registers.read(0, 40)
+        settings = bytearray(table[6:40])
+        settings[21 - 6] = 30 + number
+        arm.driver.write_table("J6", 6, bytes(settings))
+        assert arm.board.wire[5].registers.read(21, 1) == bytes((30 + number,))
+    arm.driver.maintenance(False)
+    for _ in range(4):
+        path = arm.driver.path(["J1", "J5"], smooth=False)
+        here = arm.driver.read().positions
+        points = [TimedPoint(0.02 * n, (here["J1"] + 0.001 * n, here["J5"])) for n in range(120)]
+        assert path.send(points, last=True) == 120
+        made = arm.board.trajectory.path
+        assert made is not None
+        assert made.next == 120
+    assert arm.driver.session.connection.counters.retries, "some of it was lost"

@@ -245,7 +245,8 @@ class Hex7BotDriver(SessionDriver):
                         fed = self.session.now()
                     if slow is not None and self.session.now() - asked >= slow:
                         whole, asked = board.read(), self.session.now()
-                    if frame.cmd == Command.JOINT_STATE:
+                    # Another board of the channel may report too.
+                    if frame.cmd == Command.JOINT_STATE and frame.src == self.session.connection.remote:
                         state = orders.explain(board.decode_state(frame.body, frame, arrived))
                         self._remember(state)
                         if whole is not None:
