@@ -197,6 +197,22 @@ std::vector<uint8_t> Attack::points(uint8_t count, bool last) {
   return body;
 }
 
+// Any number of points at one place, perhaps more than fit.
+std::vector<uint8_t> Attack::still_points(uint8_t count) {
+  std::vector<uint8_t> body = {kPath, 0, low(next_), high(next_), count};
+  const int unit = flags_ & gen::TRAJECTORY_FLAG_FINE ? 8 : 1;
+  for (uint8_t n = 0; n < count; ++n, ++next_) {
+    body.insert(body.end(), {static_cast<uint8_t>(next_ ? 100 : 0), 0});
+    for (uint8_t i = 0; i < gen::JOINTS; ++i) {
+      if (!(mask_ & (1u << i))) continue;
+      const uint32_t raw = static_cast<uint32_t>(at_[i] * unit);
+      body.insert(body.end(), {low(raw), high(raw)});
+      if (flags_ & 1) body.insert(body.end(), {0, 0});
+    }
+  }
+  return body;
+}
+
 // -- messages in fragments, and tables --------------------------------------------------------------
 
 // Begins a message, and sends chunks of it: the next ones, any one, or all that are left.
@@ -212,7 +228,7 @@ void Attack::begin_message(uint8_t kind) {
   message_id_ = static_cast<uint16_t>(in_.byte() | w_.next_seq() << 8);
   message_cmd_ = kind < 2 ? gen::CMD_TRAJECTORY_POINTS : gen::CMD_SERVO_TABLE;
   if (kind == 0) message_ = points(in_.byte() % 24, true);
-  if (kind == 1) message_ = in_.bytes(in_.byte());
+  if (kind == 1) message_ = still_points(in_.byte());
   if (kind == 2) message_ = table_body(true);
   if (kind == 3) {
     message_cmd_ = in_.byte();

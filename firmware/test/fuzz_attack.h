@@ -49,6 +49,7 @@ class Attack {
   void aim(uint8_t how);
   void follow(uint8_t how);
   std::vector<uint8_t> points(uint8_t count, bool last);
+  std::vector<uint8_t> still_points(uint8_t count);
   void message(uint8_t how);
   void begin_message(uint8_t kind);
   void send_chunk(uint16_t index);

@@ -6,8 +6,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 
-#include "address.h"
 #include "bytes.h"
 
 namespace hexwire {
@@ -26,6 +26,14 @@ bool changes_speed(const ServoModel& before, const ServoModel& after) {
 
 bool is_stop(uint8_t cmd, const std::vector<uint8_t>& body) {
   return cmd == gen::CMD_STOP && body.size() == 1 && body[0] <= 1;
+}
+
+// Whether the board may execute such a frame (PROTOCOL.md section 6.9). Not the board's own function, which may be wrong.
+bool is_for_board(int32_t dst, uint8_t cmd) {
+  static const uint8_t kForSeveral[] = {0x03, 0x10, 0x11, 0x12, 0x13, 0x14, 0x15, 0x16, 0x17, 0x1B, 0x22, 0x23, 0x24};
+  if (dst == 8) return true;
+  const bool named = dst == -1 || (static_cast<uint32_t>(dst) >> 30 == 1 && (dst & 0x100));
+  return named && std::count(std::begin(kForSeveral), std::end(kForSeveral), cmd);
 }
 
 // The time of a move that is too short for its way is an error.
@@ -101,8 +109,7 @@ void World::repeat(uint8_t ago) {
 // Notes what the host has asked this board for, and so allows.
 void World::note(const Sent& sent) {
   if (sent.proto != gen::PROTO_HEXWIRE) return;
-  const Named named = names_board(sent.dst);
-  if (named == Named::kNo || (named == Named::kAmongSeveral && !goes_to_several(sent.cmd))) return;
+  if (!is_for_board(sent.dst, sent.cmd)) return;
   if (sent.cmd == gen::CMD_IDENTIFY) ++identified_;
   note_motion(sent.cmd, sent.body);
 }

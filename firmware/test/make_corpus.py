@@ -111,7 +111,7 @@ def points(steps: list[int], ticks: int = 500, first: bool = True, hermite: bool
 
 
 # Messages in fragments: what one is about, how many of the next chunks are sent, and whether chunks are asked for.
-PATH_POINTS, ANY_POINTS, TABLE, ANY_MESSAGE, ASK = 0, 1, 2, 3, 0x80
+PATH_POINTS, STILL_POINTS, TABLE, ANY_MESSAGE, ASK = 0, 1, 2, 3, 0x80
 
 
 def message(kind: int, size: int, content: bytes, chunks: int = 7, then: int = WHILE) -> bytes:
@@ -390,6 +390,18 @@ SEEDS = {
     + path(POINTS, [1, 2, 3], first=False)
     + path(BEGIN)
     + chunks(),
+    "more-points-than-fit": bytes((SETTLE, 0))
+    + torque()
+    + path(BEGIN | HERMITE)
+    + message(STILL_POINTS, 200, bytes((60,)), 7)
+    + chunks(3)
+    + message(STILL_POINTS, 13, bytes((5,)))
+    + chunks(6)
+    + message(STILL_POINTS, 200, bytes((255,)), 7)
+    + chunks(7) * 5
+    + path(HERMITE | START, then=LONG)
+    + message(STILL_POINTS, 200, bytes((65,)), 7)
+    + chunks(3),
     "message-over-a-stop": bytes((SETTLE, 0))
     + torque()
     + path(BEGIN)
