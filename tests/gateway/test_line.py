@@ -59,6 +59,15 @@ def test_frames_leave_at_the_pace_of_the_line_and_a_stop_first() -> None:
     assert [f.cmd for f in sent(line, busy + 1e-6)] == [Command.STOP]
 
 
+def test_a_stop_that_waits_for_the_line_stays_before_what_comes_after_it() -> None:
+    line = BoardLine(9, local=8, baud=115200)
+    line.request(ask(TRANSACT, bytes(200), 1), 0.0)
+    sent(line, 0.0)
+    line.request(ask(Command.STOP, b"\0", 2), 0.001)
+    line.request(ask(Command.RESUME, seq=3), 0.002)
+    assert [f.cmd for f in (*sent(line, 0.1), *sent(line, 0.2))] == [Command.STOP, Command.RESUME]
+
+
 def test_a_stop_voids_what_waits_and_its_repeats(line: BoardLine) -> None:
     resume, move = ask(Command.RESUME, seq=1), ask(Command.JOINT_MOVE, b"\1\2\3", seq=2)
     assert (
