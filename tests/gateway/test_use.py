@@ -116,3 +116,10 @@ def test_a_reply_that_is_cut_changes_nothing(talk: Talk) -> None:
     talk.done(Command.TRAJECTORY_START, START)
     talk.done(Command.TRAJECTORY_STATUS, reply=b"\1\2")
     assert not talk.use.in_order
+
+
+def test_a_host_that_asks_without_end_does_not_leave_in_order(talk: Talk) -> None:
+    for source in range(2000):
+        talk.use.asked(Frame(0, 0, 0, source, 8, 1, 2, 1, Command.STATS, b""))
+    assert not talk.use.in_order
+    assert len(talk.use._asked) == 512

@@ -14,6 +14,8 @@ from hexwire.wire.tables import EXT_REPLY, EXT_STATUS_MASK, PROTO_HEXWIRE
 __all__ = ["Use"]
 
 _WATCHDOG_BODY = 3
+_MOST_ASKED = 512
+"""Requests without an answer; a host has at most 256."""
 
 
 class Use:
@@ -29,12 +31,13 @@ class Use:
         self.mode = 0
         self._asked: dict[tuple[int, int], Frame] = {}
         self._outlives = self._whole = self._runs = False
+        self._forgot = False
 
     @property
     def in_order(self) -> bool:
         """Whether the host may leave: no watchdog is armed, no path runs, and nothing that acts is unanswered."""
         acts = (effect_of(PROTO_HEXWIRE, f.cmd, f.body) is not Effect.NONE for f in self._asked.values())
-        return self.finishes or not (self.watched or self._runs or any(acts))
+        return self.finishes or not (self.watched or self._runs or self._forgot or any(acts))
 
     @property
     def finishes(self) -> bool:
@@ -44,6 +47,10 @@ class Use:
     def asked(self, frame: Frame) -> None:
         """Note a request."""
         self._asked[frame.src, frame.seq] = frame
+        if len(self._asked) > _MOST_ASKED:
+            # No host does that. What is forgotten may have acted.
+            del self._asked[next(iter(self._asked))]
+            self._forgot = True
 
     def ended(self, frame: Frame) -> None:
         """Note that a request will not be carried out."""
