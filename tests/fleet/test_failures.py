@@ -13,6 +13,7 @@ from hexwire import errors
 from hexwire.errors import (
     CommandRefusedError,
     DeviceError,
+    GoalError,
     HexwireError,
     LeaseError,
     LimitError,
@@ -111,3 +112,12 @@ def test_whatever_a_server_says_gives_an_error_of_this_program(
     assert isinstance(error, HexwireError)
     str(error), repr(error)
     assert not isinstance(error, ReplyTimeoutError)
+
+
+def test_why_a_goal_was_refused_arrives() -> None:
+    error = travelled(GoalError("the start time is 0.1 s ago", reason="too late"))
+    assert isinstance(error, GoalError)
+    assert (str(error), error.reason) == ("the start time is 0.1 s ago", "too late")
+    old = restore("GoalError", "no", {})
+    assert isinstance(old, GoalError)
+    assert old.reason == "malformed"

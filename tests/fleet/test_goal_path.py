@@ -64,6 +64,41 @@ def test_it_is_sent_whole_at_the_start() -> None:
     assert server.cancelled == [7]
 
 
+def test_an_order_that_comes_too_late_is_given_more_time() -> None:
+    server = FakeServer()
+    follow, tried = server.follow, []
+
+    def late(path: Spline, start: float, *, anywhere: bool = False) -> int:
+        tried.append(start)
+        server.time += 0.5
+        if len(tried) < 3:
+            raise GoalError("the start time is 0.1 s ago", reason="too late")
+        return follow(path, start, anywhere=anywhere)
+
+    server.follow = late  # type: ignore[method-assign]  # the network is slow
+    path = server.path()
+    path.send(POINTS, last=True)
+    assert path.start().time == tried[2] > 102.0
+
+
+def test_an_order_with_a_time_or_another_fault_is_not_repeated() -> None:
+    server, tried = FakeServer(), []
+
+    def refused(path: Spline, start: float, *, anywhere: bool = False) -> int:
+        tried.append(start)
+        raise GoalError("no", reason="too late" if server.time < 101.0 else "stopped")
+
+    server.follow = refused  # type: ignore[method-assign]
+    path = server.path()
+    path.send(POINTS, last=True)
+    with pytest.raises(GoalError):
+        path.start(at=100.5)
+    server.time = 200.0
+    with pytest.raises(GoalError):
+        path.start()
+    assert len(tried) == 2
+
+
 def test_a_path_that_is_not_whole_is_not_begun() -> None:
     server = FakeServer()
     path = server.path()

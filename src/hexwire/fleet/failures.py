@@ -30,7 +30,6 @@ _TRAVEL = {
         LinkError,
         LinkLostError,
         RemoteProtocolError,
-        errors.GoalError,
         errors.LimitError,
         errors.LinkNotFoundError,
         errors.NotSupportedError,
@@ -51,6 +50,8 @@ def describe(error: HexwireError) -> tuple[str, str, dict[str, Any]]:
         return kind, text, {"command": error.command, "status": error.status, "reason": error.reason}
     if isinstance(error, ServoError):
         return "ServoError", text, {"servo_id": error.servo_id, "status": error.status}
+    if isinstance(error, errors.GoalError):
+        return "GoalError", text, {"reason": str(error.reason)}
     for base in type(error).__mro__:
         if base.__name__ in _TRAVEL:
             return base.__name__, text, {}
@@ -71,4 +72,6 @@ def restore(kind: str, text: str, details: Mapping[str, Any]) -> HexwireError:
     if kind == "ServoError":
         servo_id = details.get("servo_id", -1)
         return ServoError(text, servo_id=servo_id if isinstance(servo_id, int) else -1, status=number)
+    if kind == "GoalError":
+        return errors.GoalError(text, reason=str(details.get("reason", "malformed")))
     return _TRAVEL.get(kind, DeviceError)(text)

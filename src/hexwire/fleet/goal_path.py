@@ -21,6 +21,8 @@ __all__ = ["GoalPath"]
 
 _SOON, _PER_SECOND = 0.4, 0.02
 """Seconds from the order to the start, and more for each second of the path: the server checks all of it before."""
+_ATTEMPTS = 3
+"""Orders of which each has twice as much time to reach the server."""
 _SETTLED = 0.3
 """Seconds after the end of a path until which its server may still wait for the joints to stand still."""
 
@@ -75,13 +77,20 @@ class GoalPath(TimedPath):
         if not self._whole or len(self._points) < 2:
             raise UsageError(f"the server of a shared arm takes a path of 2 to {self.capacity} points at once")
         path = Spline(self.joints, [Waypoint(p.time, p.positions, p.velocities) for p in self._points])
-        if at is None:
-            at = self._now() + _SOON + _PER_SECOND * path.duration
+        soon, attempt = _SOON + _PER_SECOND * path.duration, 1
+        while self._number is None:
+            begins = self._now() + soon if at is None else at
+            try:
+                # From where the joints are: under load they rest beside what they were told.
+                self._number = self._server.follow(path, begins, anywhere=True)
+            except GoalError as error:
+                if error.reason != Reason.TOO_LATE.value or at is not None or attempt == _ATTEMPTS:
+                    raise
+                soon, attempt = 2.0 * soon, attempt + 1
+            else:
+                self._began, self._ends = begins, begins + path.duration
         _, doubt = self._server.clock_offset
-        # From where the joints are: under load they rest beside what they were told.
-        self._number = self._server.follow(path, at, anywhere=True)
-        self._began, self._ends = at, at + path.duration
-        return PathStart(at, doubt)
+        return PathStart(self._began, doubt)
 
     def report(self) -> PathReport:
         sent = len(self._points)
