@@ -79,6 +79,34 @@ def test_a_driver_over_a_served_board(tmp_path: Path) -> None:
         assert not link.is_symlink()
 
 
+def test_a_request_reaches_the_device_after_it_was_sent_although_the_server_stalls(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Else the clock of an emulated board would be wrong by the length of the stall."""
+    device, sent, taken = Loopback(), list[float](), list[float]()
+    plain_read, plain_receive = os.read, device.receive
+
+    def stalled(fd: int, count: int) -> bytes:
+        # While the server is between its wait and this.
+        sent.append(time.monotonic())
+        return plain_read(fd, count)
+
+    def receive(data: bytes, now: float) -> None:
+        taken.append(now)
+        plain_receive(data, now)
+
+    monkeypatch.setattr(device, "receive", receive)
+    server = PtyServer(device)
+    fd = os.open(server.open(), os.O_RDWR | os.O_NOCTTY)
+    monkeypatch.setattr(os, "read", stalled)
+    os.write(fd, b"question")
+    server.run_once(1.0)
+    os.close(fd)
+    server.close()
+    assert len(sent) == 1
+    assert taken[0] >= sent[0]
+
+
 def test_the_link_of_a_served_terminal_is_not_taken_and_an_old_one_is(tmp_path: Path) -> None:
     link = tmp_path / "port"
     link.symlink_to("/dev/pts/1048576")

@@ -165,6 +165,8 @@ class PtyServer:
                 time.sleep(min(0.02, max(timeout, 0.0)))
         if not events or not any(flags & select.POLLHUP for _, flags in events):
             self._seen_open(now)
+        # The device must not answer at a time before the request was sent, although this process stalls.
+        now = time.monotonic()
         data = self._to_board.take(now)
         if data:
             self.device.receive(data, now)
