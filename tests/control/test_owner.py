@@ -89,7 +89,7 @@ def test_a_low_rate_of_publishing_leaves_watchdog_and_commands_alone() -> None:
     assert 2 <= len(bench.published) <= 4
     assert bench.board.state.watchdog_trips == 0
     bench.until(lambda: told.ends)
-    assert told.words == "succeeded: "
+    assert told.words.startswith("succeeded: ")
 
 
 def test_without_reports_states_are_requested_as_fast_as_the_line_allows() -> None:
@@ -142,7 +142,7 @@ def test_a_goal_is_reached(dialect: int, baud: int) -> None:
     start = bench.owner.newest()["J1"].position
     told = bench.go("J1", 0.4, 4.0)
     bench.until(lambda: told.ends)
-    assert told.words == "succeeded: "
+    assert told.words.startswith("succeeded: ")
     bench.turn(1.0)
     assert bench.owner.newest()["J1"].position == pytest.approx(start + 0.4, abs=0.02)
 
@@ -233,7 +233,7 @@ def test_a_target_that_a_stop_took_the_line_from() -> None:
     bench.turn(0.5)
     assert bench.board.state.report_due is not None
     bench.until(lambda: told.ends)
-    assert told.words == "succeeded: "
+    assert told.words.startswith("succeeded: ")
 
 
 def test_torque_that_somebody_else_took_ends_the_motion() -> None:
@@ -260,7 +260,7 @@ def test_torque_on_in_the_middle_of_a_motion_brakes_nothing() -> None:
     bench.enable()
     assert Command.TORQUE not in bench.arm.commands()
     bench.until(lambda: told.ends)
-    assert told.words == "succeeded: "
+    assert told.words.startswith("succeeded: ")
 
 
 def test_torque_on_does_not_stop_other_joints_that_move() -> None:
@@ -430,7 +430,7 @@ def test_robots_without_a_watchdog(which: str, request: pytest.FixtureRequest) -
     start = owner.newest()[joint].position
     told = bench.go(joint, 0.3, 3.0)
     bench.until(lambda: told.ends)
-    assert told.words == "succeeded: "
+    assert told.words.startswith("succeeded: ")
     bench.turn(0.5)
     assert owner.newest()[joint].position == pytest.approx(start + 0.3, abs=0.03)
     told = bench.go(joint, -0.3, 3.0)
