@@ -1,4 +1,4 @@
-"""Shared arms: what sharing costs beside bare Zenoh, one process and PhysicalAI; then many arms, then one process.
+"""Shared arms: what sharing costs beside bare Zenoh, one process and PhysicalAI; then many arms; then their start.
 
 Owners run all the time; their readers take turns in blocks, forwards and backwards. A figure is the median of the
 blocks, and a ratio the median of the ratios within each round, so that no stall and no drift of the machine favours
@@ -22,6 +22,7 @@ sys.path.insert(0, str(HERE))
 
 import fleet_process  # noqa: E402
 import fleet_router  # noqa: E402
+import fleet_start  # noqa: E402
 import fleet_worker  # noqa: E402
 from fleet_blocks import Block, Process, free_port, in_rounds, middle, quantiles, ratio  # noqa: E402
 
@@ -47,6 +48,7 @@ def run() -> Iterator[str]:
             with ExitStack() as stack:
                 yield from part(stack, Path(folder))
         yield from fleet_router.run()
+        yield from fleet_start.run()
     yield from fleet_process.run()
 
 

@@ -116,9 +116,10 @@ def make_fake_arm(name: str, **settings: object) -> ServedArm:
 
 @contextmanager
 def owner(name: str, port: str, *listen: str) -> Iterator[w.Worker]:
-    """An arm shared as `hexwire serve` does; without a port, a fake one."""
+    """An arm shared as `hexwire serve` does; without a port, a fake one; with ``host:`` before it, host-timed."""
     sys.setswitchinterval(SWITCH)
-    arm = read_arms({name: {"port": port}})[0] if port else make_fake_arm(name)
+    timed, port = port.startswith("host:"), port.removeprefix("host:")
+    arm = read_arms({name: {"port": port, "host_timed": timed}})[0] if port else make_fake_arm(name)
     robot = arm.driver
     with Service([arm], Network(listen=listen)):
         yield lambda what: w.cpu() if what == "cpu" else robot.targets.take()  # type: ignore[attr-defined]
@@ -245,7 +246,8 @@ def board(link: str) -> Iterator[w.Worker]:
 
     ServoWire.transact = noted  # type: ignore[method-assign]
     ending = threading.Event()
-    server = PtyServer(make_hex7bot_board(dialect=2, baud=0, start=time.monotonic()), link=link)
+    device = make_hex7bot_board(dialect=2, baud=0, start=time.monotonic())
+    server = PtyServer(device, link=link)
     server.open()
 
     def run() -> None:
@@ -257,7 +259,8 @@ def board(link: str) -> Iterator[w.Worker]:
 
     def work(what: str) -> w.Row:
         found, times[:] = list(times), []
-        return {"times": found}
+        # When its path was to start, in the time of the terminal, which is this machine's.
+        return {"times": found, "start": device.trajectory.start_at}
 
     yield work
     ending.set()

@@ -12,8 +12,10 @@ from tests.control.shared_bench import SharedBench
 from tests.motion.arms import HOME
 
 from hexwire.control.goals import Point, TrajectoryGoal
-from hexwire.control.shared_goals import SharedGoals
+from hexwire.control.shared_goals import BOARD, CONFIRM, HOST, GoalReport, SharedGoals
+from hexwire.drivers.timed_path import PathState
 from hexwire.errors import GoalError, LeaseError
+from hexwire.model.state import JointTarget, SentTarget
 from hexwire.motion.fence import Fence
 
 AWAY = 0.3
@@ -23,20 +25,27 @@ STILL = 0.004
 class Goals(SharedBench):
     """Times of its owner's clock are far from those of another one's."""
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, **options: object) -> None:
+        super().__init__(**options)
         self.goals = SharedGoals(self.shared)
         self.key = self.take()
 
-    def follow(self, delay: float = 1.0, seconds: float = 2.0, **by: float) -> int:
+    def follow(self, delay: float = 1.0, seconds: float = 2.0, *, confirm: bool = False, **by: float) -> int:
         """Send a motion that begins in `delay` seconds; returns its number."""
         goal = {name: self.where(name) + way for name, way in (by or {"J1": AWAY}).items()}
-        return self.goals.follow(self.order(self.key), order((seconds, {**HOME, **goal})), self.owner.now() + delay)
+        path, start = order((seconds, {**HOME, **goal})), self.owner.now() + delay
+        return self.goals.follow(self.order(self.key), path, start, confirm=confirm)
 
-    def outcome(self, number: int) -> str:
+    def confirm(self, number: int) -> None:
+        self.goals.confirm(self.order(self.key), number)
+
+    def report(self, number: int) -> GoalReport:
         report = self.goals.report(number)
         assert report is not None
-        return report.outcome
+        return report
+
+    def outcome(self, number: int) -> str:
+        return self.report(number).outcome
 
 
 def test_a_motion_begins_at_its_time_and_not_before() -> None:
@@ -64,7 +73,7 @@ def test_nobody_takes_the_motion_of_the_next_holder_for_its_own() -> None:
 
 
 def test_arms_whose_clocks_differ_begin_together() -> None:
-    """The skew of the first movement, on the servos, is less than a cycle of the owners."""
+    """The skew of the first movement, on the servos, is that of the samples between which it is found."""
     late = []
     for ahead in (0.0, 0.013, 0.031):
         bench = Goals()
@@ -78,6 +87,79 @@ def test_arms_whose_clocks_differ_begin_together() -> None:
         late.append(report.moved - report.start)
     assert all(0.0 < seconds < 0.5 for seconds in late)
     assert max(late) - min(late) <= bench.owner.command_period
+
+
+@pytest.mark.parametrize("confirm", [False, True], ids=["plain", "confirmed"])
+def test_the_board_has_the_motion_and_its_start_as_soon_as_it_is_accepted(confirm: bool) -> None:
+    bench = Goals()
+    number = bench.follow(delay=4.0, confirm=confirm)
+    assert not bench.report(number).ready
+    bench.keep(bench.key, 0.3)
+    board, report = bench.board.trajectory, bench.report(number)
+    assert (board.state, report.ready) == (PathState.WAITING, BOARD)
+    if confirm:
+        bench.confirm(number)
+    before = bench.where("J1")
+    bench.keep(bench.key, report.start - bench.clock.time - 0.15)
+    assert abs(bench.where("J1") - before) < STILL
+    # In the emulator's time, which is also that of the owner; a request takes none here.
+    assert report.doubt < 0.001
+    assert board.start_at == pytest.approx(report.start, abs=0.0001)
+    bench.keep(bench.key, 3.0)
+    assert bench.outcome(number) == "succeeded"
+    assert not bench.sent
+
+
+@pytest.mark.parametrize("options", [{"host_timed": True}, {"dialect": 1, "publish_rate": 1.0}], ids=str)
+def test_without_such_a_board_the_first_target_comes_a_period_late_at_most(options: dict[str, object]) -> None:
+    bench = Goals(**options)
+    number = bench.follow(delay=1.0, confirm=True, seconds=8.0)
+    bench.keep(bench.key, 0.3)
+    report = bench.report(number)
+    assert (report.ready, report.doubt) == (HOST, bench.owner.command_period)
+    bench.confirm(number)
+    times, write = list[float](), bench.robot.write
+
+    def timed(target: JointTarget) -> SentTarget:
+        times.append(bench.clock.time)
+        return write(target)
+
+    bench.robot.write = timed  # type: ignore[method-assign]  # it looks at the time
+    bench.keep(bench.key, 1.5)
+    assert 0.0 <= times[0] - report.start <= report.doubt + 0.01
+
+
+@pytest.mark.parametrize("options", [{}, {"host_timed": True}], ids=["board", "host"])
+def test_a_motion_that_is_not_confirmed_in_time_never_begins(options: dict[str, object]) -> None:
+    bench = Goals(**options)
+    number = bench.follow(delay=1.0, confirm=True)
+    before = bench.where("J1")
+    with pytest.raises(GoalError, match="it is not ready"):
+        bench.confirm(number)
+    bench.keep(bench.key, 1.0 - CONFIRM - 0.05)
+    with pytest.raises(LeaseError):
+        bench.goals.confirm(bench.order(bench.key + 1), number)
+    with pytest.raises(GoalError, match="no goal"):
+        bench.confirm(number + 1)
+    assert bench.outcome(number) == ""
+    bench.clock.sleep(0.06)
+    with pytest.raises(GoalError, match=r"not confirmed 0\.25 s before its start"):
+        bench.confirm(number)
+    bench.keep(bench.key, 0.1)
+    assert bench.report(number).text == "it was not confirmed 0.25 s before its start"
+    assert bench.outcome(number) == "preempted"
+    assert bench.board.trajectory.state in (PathState.ABORTED, PathState.NONE)
+    with pytest.raises(GoalError, match="not confirmed"):
+        bench.confirm(number)
+    bench.keep(bench.key, 1.5)
+    assert abs(bench.where("J1") - before) < STILL
+
+
+def test_a_motion_that_is_to_be_confirmed_needs_the_time_for_it() -> None:
+    bench = Goals()
+    with pytest.raises(GoalError):
+        bench.follow(delay=CONFIRM, confirm=True)
+    assert not bench.owner.group.busy
 
 
 def test_the_first_movement_is_interpolated_between_two_samples() -> None:

@@ -32,6 +32,10 @@ class Client(Following):
         self.orders.append(order)
         return self.value
 
+    @property
+    def clock_offset(self) -> tuple[float, float]:
+        return self._clock.at(time.monotonic())
+
     def _asked(self, question: m.Ask) -> m.Answer:
         self.orders.append(question)
         return m.Answer("", value=self.value)
@@ -50,6 +54,15 @@ def test_a_trajectory_from_anywhere_leaves_out_its_first_point() -> None:
     client = Client(7)
     client.follow(PATH, 50.0, anywhere=True)
     assert (client.orders[0].times, client.orders[0].positions) == ((1.0,), (0.1,))
+
+
+def test_a_start_that_is_to_be_confirmed() -> None:
+    client = Client(7)
+    client.follow(PATH, 50.0)
+    client.follow(PATH, 50.0, confirm=True)
+    client.confirm(7)
+    assert [order.confirm for order in client.orders[:2]] == [False, True]
+    assert client.orders[2] == m.Confirm(7)
 
 
 def test_a_check_says_that_it_is_only_one() -> None:

@@ -39,12 +39,13 @@ VALID: list[Any] = [
     m.Envelope(17, 4, 1.5, 0.001, m.Resume()),
     m.Envelope(17, 5, 1.5, 0.001, m.Watchdog(0.5, 0)),
     m.Envelope(17, 6, 1.5, 0.001, m.Ioctl(3, b"\x00\xff")),
-    m.Envelope(17, 7, 1.5, 0.001, m.Follow(("J1",), (0.5, 1.0), (0.1, 0.2), (0.0, 0.0), (), 3.5)),
+    m.Envelope(17, 7, 1.5, 0.001, m.Follow(("J1",), (0.5, 1.0), (0.1, 0.2), (0.0, 0.0), (), 3.5, False, True)),
+    m.Envelope(17, 8, 1.5, 0.001, m.Confirm(9)),
     m.Envelope(17, 8, 1.5, 0.001, m.Cancel(7)),
     m.Ask("ping", 254),
     m.StopRequest("Ann", 1),
     m.Facts("hex7bot", (JOINT,), 100.0, 20.0, 0.25, 0.5, "pc", "sim://", "", "", 1.5),
-    m.Goal(7, 3.5, "aborted", "stopped", "Ann stopped it", None, 2),
+    m.Goal(7, 3.5, "aborted", "stopped", "Ann stopped it", None, 2, "board", 0.001),
     m.Answer("LeaseError", "no", {"holder": "Ann"}, [1, "a", {"b": 2.5}, None, b"c"], 1.5, 12),
 ]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import _thread
 import math
 import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -12,7 +13,8 @@ import pytest
 
 import hexwire
 from hexwire.errors import HexwireError
-from hexwire.fleet.player import Arm, FleetMotionError, Played, Report, attached_to, each_of, play_together
+from hexwire.fleet import messages as m
+from hexwire.fleet.player import Arm, FleetMotionError, Played, Report, attached_to, play_together
 from hexwire.fleet.remote import RemoteRobot
 from hexwire.motion.waypoints import Spline, Waypoint
 
@@ -34,7 +36,8 @@ def way(by: float = 0.2, seconds: float = 1.0, joint: str = "J1") -> Spline:
 def robots(serve: Serve) -> Iterator[dict[str, RemoteRobot]]:
     for name in NAMES:
         # A longer time than usual, so that a busy machine is not taken for a player that died.
-        serve(name, lease=3.0, robot="sim")
+        # The board of the first keeps the time, the server of the second.
+        serve(name, lease=3.0, robot="sim", host_timed=name == NAMES[1])
     with attached_to({name: f"zenoh:{name}" for name in NAMES}) as attached:
         yield attached
 
@@ -54,8 +57,13 @@ def stand_still(robots: dict[str, RemoteRobot], before: list[float]) -> bool:
 def test_arms_begin_together_and_arrive(robots: dict[str, RemoteRobot]) -> None:
     told: list[str] = []
     report = play_together(arms(robots), tell=told.append)
-    assert [line.partition(" ")[0] for line in told[2:]] == ["approach:", "motion:"]
+    assert [line.partition(" ")[0] for line in told[2:]] == ["approach:", "motion:", "lab/arm2:"]
     assert sorted(line.partition(":")[0] for line in told[:2]) == list(NAMES)
+    assert told[-1] == "lab/arm2: its server keeps the time: it may begin 50 ms late"
+    assert [row.kept_by for row in report.arms.values()] == ["board", "host"]
+    assert report.arms["lab/arm1"].late < 0.01
+    assert report.arms["lab/arm2"].late == 0.05
+    assert 0.05 < report.apart < 0.08
     assert report.duration == 1.0
     assert sorted(report.arms) == list(NAMES)
     # How far apart is tested in simulated time, in tests/control/test_shared_goals.py.
@@ -109,6 +117,46 @@ def test_a_refusal_at_the_last_moment_cancels_the_others(
         play_together(arms(robots))
     assert stand_still(robots, before)
     assert not any(robot.read().stopped for robot in robots.values())
+
+
+def test_the_start_is_confirmed_when_all_are_ready_and_a_refusal_then_calls_it_off(
+    robots: dict[str, RemoteRobot], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refuses, ready = robots["lab/arm2"], list[bool]()
+    plain = RemoteRobot.confirm
+
+    def confirm(self: RemoteRobot, number: int) -> None:
+        ready.append(bool(self.goal(number).ready))
+        if self is refuses:
+            raise HexwireError("not now")
+        plain(self, number)
+
+    monkeypatch.setattr(RemoteRobot, "confirm", confirm)
+    before = where(robots)
+    with pytest.raises(FleetMotionError, match="no arm began: lab/arm2: not now"):
+        play_together(arms(robots))
+    assert ready == [True, True]
+    time.sleep(0.5)
+    assert stand_still(robots, before)
+    assert not robots["lab/arm1"].read().stopped
+
+
+def test_an_arm_whose_start_is_not_known_well_enough_is_refused(
+    robots: dict[str, RemoteRobot], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain = RemoteRobot.goal
+
+    def goal(self: RemoteRobot, number: int) -> m.Goal:
+        row = plain(self, number)
+        row.doubt += 0.05
+        return row
+
+    monkeypatch.setattr(RemoteRobot, "goal", goal)
+    with pytest.raises(
+        FleetMotionError, match=r"lab/arm1: its start is known to 5.\.. ms only, and 40\.0 ms"
+    ) as error:
+        play_together(arms(robots), most_doubt=0.04)
+    assert list(error.value.why) == ["lab/arm1"], "a server that keeps the time itself has another doubt"
 
 
 def test_an_arm_that_does_not_answer_in_time_is_stopped_and_none_begins(
@@ -216,23 +264,9 @@ def test_the_report_says_how_far_apart_arms_began() -> None:
     report = Report(2.0, rows)
     assert report.skew == pytest.approx(0.03)
     assert report.doubt == pytest.approx(0.007)
+    rows = {"a": Played(0.1, 0.001, 0, "", "board", 0.0002), "b": Played(0.1, 0.002, 0, "", "host", 0.05)}
+    assert Report(2.0, rows).apart == pytest.approx(0.0532)
+    rows = dict.fromkeys(("a", "b"), Played(0.1, 0.002, 0, "", "host", 0.05))
+    assert Report(2.0, rows).apart == pytest.approx(0.054), "both are late, not one early"
+    assert Report(2.0, {"a": rows["a"]}).apart == 0.0
     assert math.isnan(Report(2.0, {"a": rows["a"]}).skew)
-
-
-def test_calls_for_all_do_not_wait_for_the_one_that_hangs() -> None:
-    over = threading.Event()
-
-    def call(name: str) -> str:
-        if name == "hangs":
-            over.wait(30.0)
-        if name == "fails":
-            raise ValueError("a mistake")
-        return name.upper()
-
-    done, failed = each_of({name: name for name in ("a", "hangs", "fails")}, call, 0.2)
-    assert done == {"a": "A"}
-    assert str(failed["fails"]) == "the program failed: a mistake"
-    assert "no answer" in str(failed["hangs"])
-    done, failed = each_of({name: name for name in ("hangs", "fails")}, call, 60.0, together=True)
-    assert list(failed) == ["fails"]
-    over.set()

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
+from hexwire.control.goals import TrajectoryGoal
 from hexwire.control.shared_goals import GoalReport
 from hexwire.errors import UsageError
 from hexwire.fleet import messages as m
-from hexwire.fleet.trajectories import follow_message, goal_row, trajectory_goal
+from hexwire.fleet.trajectories import do_goal_order, follow_message, goal_row, trajectory_goal
 from hexwire.motion.waypoints import Spline, Waypoint
 
 PATH = Spline(
@@ -54,12 +57,47 @@ def test_rows_of_wrong_length_are_refused() -> None:
 
 
 def test_a_report_arrives_as_it_was() -> None:
-    report = GoalReport(3, 1.5, "aborted", "stopped", "stopped by Ann", 1.6, 2)
+    report = GoalReport(3, 1.5, "aborted", "stopped", "stopped by Ann", 1.6, 2, "board", 0.25)
     row = m.decode(m.encode(goal_row(report)), m.Goal)
-    assert (row.number, row.outcome, row.text, row.moved, row.slips) == (
-        3,
-        "aborted",
-        "stopped by Ann",
-        1.6,
-        2,
+    assert (row.number, row.outcome, row.text, row.moved, row.slips) == (3, "aborted", "stopped by Ann", 1.6, 2)
+    assert (row.ready, row.doubt) == ("board", 0.25)
+
+
+def test_each_order_is_its_call() -> None:
+    class Goals:
+        """Notes its calls."""
+
+        def __init__(self) -> None:
+            self.calls: list[tuple[Any, ...]] = []
+
+        def check(self, order: object, goal: TrajectoryGoal) -> float:
+            self.calls.append(("check", goal.names))
+            return 2.0
+
+        def follow(self, order: object, goal: TrajectoryGoal, start: float, *, confirm: bool) -> int:
+            self.calls.append(("follow", start, confirm))
+            return 7
+
+        def confirm(self, order: object, number: int) -> None:
+            self.calls.append(("confirm", number))
+
+        def cancel(self, order: object, number: int) -> None:
+            self.calls.append(("cancel", number))
+
+    goals: Any = Goals()
+    orders = (
+        follow_message(PATH, check=True),
+        follow_message(PATH, 3.0),
+        follow_message(PATH, 3.0, confirm=True),
+        m.Confirm(7),
+        m.Cancel(7),
     )
+    proof: Any = None
+    assert [do_goal_order(goals, proof, what) for what in orders] == [2.0, 7, 7, None, None]
+    assert goals.calls == [
+        ("check", PATH.names),
+        ("follow", 3.0, False),
+        ("follow", 3.0, True),
+        ("confirm", 7),
+        ("cancel", 7),
+    ]

@@ -30,6 +30,7 @@ __all__ = ["play", "record"]
 _SLICE = 0.5
 """Seconds between two looks at signals."""
 _SETTLE = 4.0
+_KEEPERS = {"board": "board", "host": "server"}
 
 
 @click.command()
@@ -105,7 +106,8 @@ def play(
     """Play a recording (.mcap) or waypoints (.json) on several arms, with a common start time.
 
     A recording of a fleet is played arm by arm; any other file plays on every arm. All arms move slowly to their
-    first point, and then begin together. Each follows its motion by itself, so that the network cannot disturb it.
+    first point, and then begin together. Each follows its motion by itself, so that the network cannot disturb it;
+    boards that keep the time begin to a millisecond, the servers of others up to a period of targets late.
     If one refuses, none begins. Ctrl-C or the failure of one arm stops all of them: 'hexwire resume' ends the stop.
     """
     from hexwire.fleet.address import address_text
@@ -186,12 +188,15 @@ def _tell(report: Report, arms: list[str], dry_run: bool, as_json: bool) -> None
                 "name": name,
                 "moved_s": row.moved,
                 "clock_uncertainty_s": row.doubt,
+                "time_kept_by": row.kept_by,
+                "start_uncertainty_s": row.doubt + row.late,
                 "stalls": row.slips,
                 "off": row.off,
             }
             for name, row in report.arms.items()
         ]
-        print_json({"duration_s": report.duration, "dry_run": dry_run, "skew_s": report.skew, "arms": rows})
+        figures = {"duration_s": report.duration, "dry_run": dry_run, "skew_s": report.skew}
+        print_json({**figures, "starts_within_s": report.apart, "arms": rows})
         return
     if dry_run:
         say(f"{', '.join(arms)}: the motion of {report.duration:.2f} s is allowed; nothing moved")
@@ -200,8 +205,11 @@ def _tell(report: Report, arms: list[str], dry_run: bool, as_json: bool) -> None
         moved = "did not move" if math.isnan(row.moved) else f"moved {1000 * row.moved:.1f} ms after the start"
         stalls = f", {row.slips} stalls" if row.slips else ""
         off = f"; arrived, {row.off}" if row.off else ""
-        say(f"{name}: {moved}, clock known to {1000 * row.doubt:.2f} ms{stalls}{off}")
+        to = f"start known to {1000 * (row.doubt + row.late):.2f} ms, time kept by its {_KEEPERS[row.kept_by]}"
+        say(f"{name}: {moved}, {to}{stalls}{off}")
     words = f"played {report.duration:.2f} s on {len(arms)} arm{'' if len(arms) == 1 else 's'}"
     if math.isfinite(report.skew):
         words += f"; first movements within {1000 * report.skew:.1f} ms (clocks: {1000 * report.doubt:.2f} ms)"
+    if len(arms) > 1:
+        words += f"; starts within {1000 * report.apart:.1f} ms"
     say(words)

@@ -122,6 +122,11 @@ class TrajectoryController:
         return not self.follower.done
 
     @property
+    def waiting(self) -> bool:
+        """A goal waits for its start, and its trajectory is not made yet."""
+        return self._pending is not None
+
+    @property
     def reason(self) -> StopReason | None:
         """Why it is stopped, or None."""
         return self.follower.reason
@@ -131,7 +136,7 @@ class TrajectoryController:
         """The state of the controller in words."""
         if self.follower.mode is Mode.STOPPED:
             return f"stopped: {self.follower.reason}"
-        return "waiting for the start time" if self._pending is not None else self.follower.mode.value
+        return "waiting for the start time" if self.waiting else self.follower.mode.value
 
     @property
     def progress(self) -> Progress | None:
@@ -371,9 +376,12 @@ class TrajectoryController:
 
     def _begin_pending(self, state: JointState, now: float) -> None:
         pending, active = self._pending, self._active
-        soonest = self.follower.next_start(now)
+        soonest, settled = self.follower.next_start(now), self.follower.settled
+        if pending is None or active is None:
+            return
         # A robot that keeps the time itself is told early, and begins exactly then.
-        if pending is None or active is None or soonest + self.follower.settled < pending.due:
+        early = max(settled, pending.goal.early) if settled else 0.0
+        if soonest + early < pending.due:
             return
         self._pending = None
         begins = max(soonest, pending.due)

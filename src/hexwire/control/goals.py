@@ -72,12 +72,14 @@ class TrajectoryGoal:
         delay: Seconds from now to the goal's stamp; 0 for no stamp, negative if it has passed.
         free: Names of further joints with several degrees of freedom each, for which the client wants a motion too.
             No supported arm has one, so such a goal is refused.
+        early: Seconds before its start at which a robot that keeps the time gets it, if it waits for its start.
     """
 
     names: tuple[str, ...]
     points: tuple[Point, ...]
     delay: float = 0.0
     free: tuple[str, ...] = ()
+    early: float = 0.0
 
 
 class Component(IntEnum):

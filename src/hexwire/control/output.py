@@ -23,6 +23,7 @@ from .sent_ahead import SentAhead
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
+    from hexwire.drivers.timed_path import PathStart
     from hexwire.epochs import Token
     from hexwire.model.state import JointState
 
@@ -117,6 +118,11 @@ class Output:
         known = [ends for ends in self._ends.values() if ends < math.inf]
         left = max(0.0, max(known, default=0.0) - self._clock())
         return left if self._ahead is None else max(left, self._ahead.time_left())
+
+    @property
+    def path_start(self) -> PathStart | None:
+        """When the path that the robot follows, or waits to follow, starts; None if there is none."""
+        return None if self._ahead is None else self._ahead.start.given
 
     def brake(self) -> tuple[str, ...]:
         """Bring joints that follow a path of the robot to rest on it; returns them. Raises as `SentAhead.brake`."""

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from hexwire.drivers.base import ProbeReport, RobotDriver
+    from hexwire.drivers.timed_path import PathStart
     from hexwire.epochs import Token
     from hexwire.model.state import JointState, JointTarget, SentTarget
 
@@ -419,6 +420,11 @@ class RobotOwner:
         """
         self.group.release(why)
         self.brake()
+
+    @property
+    def path_start(self) -> PathStart | None:
+        """When the path that the robot follows in its own time starts or has started; None if there is none."""
+        return self._output.path_start
 
     def brake(self) -> tuple[str, ...]:
         """Bring joints that follow a path of the robot to rest on it, and wait for that; returns them.

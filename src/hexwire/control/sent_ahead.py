@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator
 from typing import TYPE_CHECKING
 
 from hexwire.drivers.timed_path import PathReport, PathState, TimedPath, TimedPoint
@@ -23,11 +23,11 @@ from hexwire.motion.waypoints import Tail
 
 from .controller import TrajectoryController
 from .path_pace import PathPace
+from .path_start import StartOrder, first_start
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.state import JointState
-    from hexwire.motion.waypoints import Trajectory
 
     from .group import ControllerGroup
 
@@ -37,8 +37,6 @@ _log = logging.getLogger(__name__)
 
 _FIRST = 12
 """Points that are sent before the start, at least."""
-_SOON = 0.005
-"""Seconds: a start that is nearer than this is ordered as one at once."""
 _TICK = 1e-4
 """Seconds: all times of points are multiples of it."""
 _LOOK, _LONGER = 0.1, 0.5
@@ -60,6 +58,9 @@ class SentAhead:
         clock: Monotonic seconds.
         sleep: Waits for a number of seconds.
         arm_watchdog: Called before anything begins to move.
+
+    Attributes:
+        start: When the path starts or has started.
     """
 
     def __init__(
@@ -73,6 +74,7 @@ class SentAhead:
     ) -> None:
         self._robot, self._group, self._clock, self._sleep = robot, group, clock, sleep
         self._arm_watchdog = arm_watchdog
+        self.start = StartOrder(clock)
         self._path: TimedPath | None = None
         self._members: dict[Follower, TrajectoryController] = {}
         # What of each follower was sent: `Follower.changes` then.
@@ -116,7 +118,7 @@ class SentAhead:
 
     def drop(self) -> None:
         """Forget the path: a stop has ended it, or the robot is lost."""
-        self._path = None
+        self._path = self.start.given = None
         with self._group.lock:
             for follower in self._members:
                 follower.sent_ahead = False
@@ -228,7 +230,7 @@ class SentAhead:
             for follower in members:
                 follower.sent_ahead = True
                 follower.take_change()
-            begins = min(_begins(follower.planned) for follower in members)
+            begins = min(first_start(follower.planned) for follower in members)
             plan = self._take_plans(begins)
         try:
             self._arm_watchdog()
@@ -261,9 +263,8 @@ class SentAhead:
         self._make_points(path, 0.0)
         self._send(path, min(max(_FIRST, self._pace.most(path.capacity)), path.capacity))
         self._path, self._leaving, self._unfit, self._origin = path, False, False, begins
-        self._looked = now = self._clock()
-        started = path.start(begins if begins - now > _SOON else None)
-        self._shift(started.time - begins)
+        self._looked = self._clock()
+        self._shift(self.start.give(path, begins))
 
     # -- points -------------------------------------------------------------------------------------
 
@@ -396,6 +397,8 @@ class SentAhead:
         found = report.state
         if found is PathState.RUNNING:
             self._keep_time(path, report, before)
+        elif found is PathState.WAITING:
+            self._shift(self.start.correct(path))
         elif found is PathState.BRAKING:
             self._leaving = True
         elif found is PathState.DONE or (found is PathState.NONE and self._is_ending()):
@@ -484,9 +487,3 @@ class SentAhead:
                 except UsageError as error:
                     controller.release(str(error))
         self._group.deliver()
-
-
-def _begins(planned: Sequence[tuple[Trajectory, float]]) -> float:
-    """When the first motion of a plan begins that is not over when the next one does."""
-    *before, (_, begins) = planned
-    return min([begins, *(began for path, began in before if began + path.duration > begins + _SOON)])

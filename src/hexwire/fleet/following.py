@@ -40,7 +40,7 @@ class Following(ABC):
     def _asked(self, question: m.Ask) -> m.Answer:
         """The answer to a question that is answered at once."""
 
-    def follow(self, path: Spline, start: float, *, anywhere: bool = False) -> int:
+    def follow(self, path: Spline, start: float, *, anywhere: bool = False, confirm: bool = False) -> int:
         """Have the arm's server follow a trajectory from a time on, so that the network cannot disturb it.
 
         The server checks it, and refuses one that cannot begin in time. It ends, and the joints hold, when this
@@ -50,15 +50,18 @@ class Following(ABC):
             path: Begins where the joints are.
             start: When it begins, seconds of this program's monotonic clock.
             anywhere: Lead the joints from where they are to its second point, and not only from its first one.
+            confirm: It begins only if `confirm` is called before the start (see `control.shared_goals.CONFIRM`).
 
         Returns:
-            Its number, for `goal` and `cancel`.
+            Its number, for `goal`, `confirm` and `cancel`.
 
         Raises:
             GoalError: It is refused; nothing moves.
         """
         offset, _ = self._clock.at(time.monotonic())
-        value = self._order("a trajectory", follow_message(path, start + offset, anywhere=anywhere), slow=True)
+        value = self._order(
+            "a trajectory", follow_message(path, start + offset, anywhere=anywhere, confirm=confirm), slow=True
+        )
         if not isinstance(value, int):
             raise RemoteProtocolError("not the number of a trajectory")
         return value
@@ -111,6 +114,14 @@ class Following(ABC):
         """What became of a trajectory; times are of the owner's clock (see `clock_offset`)."""
         row: m.Goal = decoded(self._asked(m.Ask("goal", number)), m.Goal)
         return row
+
+    def confirm(self, number: int) -> None:
+        """Let a trajectory begin that waits for it.
+
+        Raises:
+            GoalError: It will not begin: it is not ready, has ended, or it is too late.
+        """
+        self._order("the start of a trajectory", m.Confirm(number))
 
     def cancel(self, number: int) -> None:
         """End a trajectory, before or after its start; the joints hold."""

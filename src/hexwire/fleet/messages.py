@@ -197,6 +197,7 @@ class Follow(_Message, tag=6):
         accelerations: Likewise.
         start: Owner's monotonic clock at the start, as the client estimates it, seconds.
         check: Only check the path, from its own first point; the answer has its duration.
+        confirm: It begins only if a `Confirm` comes in time.
     """
 
     names: _Names
@@ -206,6 +207,7 @@ class Follow(_Message, tag=6):
     accelerations: _Rows = ()
     start: float = 0.0
     check: bool = False
+    confirm: bool = False
 
 
 class Cancel(_Message, tag=7):
@@ -218,7 +220,17 @@ class Cancel(_Message, tag=7):
     number: _Count
 
 
-Order = Write | Torque | Resume | Watchdog | Ioctl | Follow | Cancel
+class Confirm(_Message, tag=8):
+    """Let a trajectory begin at its time. A server that does not know this message refuses it.
+
+    Attributes:
+        number: The trajectory's.
+    """
+
+    number: _Count
+
+
+Order = Write | Torque | Resume | Watchdog | Ioctl | Follow | Cancel | Confirm
 
 
 class Envelope(_Message, tag=10):
@@ -343,6 +355,9 @@ class Goal(_Message, tag=3):
     text: _Text = ""
     moved: float | None = None
     slips: _Count = 0
+    # Servers of an older version do not send these.
+    ready: _Name = ""
+    doubt: float = 0.0
 
 
 # -- answers ----------------------------------------------------------------------------------------------

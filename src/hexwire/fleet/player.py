@@ -13,29 +13,35 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from itertools import permutations
+from typing import TypeVar
 
 from hexwire.control.power import give_torque
+from hexwire.control.shared_goals import CONFIRM, HOST
 from hexwire.errors import DeviceError, HexwireError, LeaseError, ServoError, UsageError
 from hexwire.motion.teach import approach
 from hexwire.motion.waypoints import Spline, Trajectory, Waypoint
 
 from . import messages as m
+from .each_of import SilentError, each_of
 from .remote import RemoteRobot
 
-__all__ = ["Arm", "FleetMotionError", "Played", "Report", "attached_to", "each_of", "play_together"]
+__all__ = ["Arm", "FleetMotionError", "Played", "Report", "attached_to", "play_together"]
 
 _T = TypeVar("_T")
-_A = TypeVar("_A")
 
 Shield = Callable[[], AbstractContextManager[object]]
 
 MOST_DOUBT = 0.010
 """Default greatest uncertainty of an arm's clock, seconds."""
-_LEAD = 0.8
+_LEAD = 1.4
 """Least seconds from the request to the start: a refusal of one arm must reach the others before."""
+_READY = CONFIRM + 0.3
+"""Seconds before the start at which all arms must be ready for it."""
 _MARGIN = 0.1
-"""Seconds before the start at which all arms must have accepted."""
+"""Seconds before the start at which all arms must have confirmed it; and those that an arm has to call it off."""
+_LOOK, _SLACK = 0.02, 0.1
+"""Seconds between two questions whether an arm is ready, and for the answer to the last one."""
 _KNOT = 0.05
 """Seconds between two points of an approach."""
 _SHORTEST = 0.5
@@ -91,12 +97,17 @@ class Played:
         doubt: Uncertainty of its clock, seconds.
         slips: Stalls of its server, by which its motion was shifted.
         off: How far off the end of its motion the worst joint is, in words; empty if it is not.
+        kept_by: Who kept the time of its motion: its ``board``, or the ``host``, its server.
+        late: How far off the start was in the server's time at most: the uncertainty of the board's clock, or the
+            period of targets of a server that keeps the time itself, seconds.
     """
 
     moved: float
     doubt: float
     slips: int
     off: str = ""
+    kept_by: str = HOST
+    late: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,9 +130,19 @@ class Report:
 
     @property
     def doubt(self) -> float:
-        """Uncertainty of the skew that comes from the clocks, seconds."""
+        """Uncertainty of the skew that comes from the clocks of the servers, seconds."""
         rows = sorted((row.doubt for row in self.arms.values()), reverse=True)
         return sum(rows[:2])
+
+    @property
+    def apart(self) -> float:
+        """Most seconds between the starts of two arms, as far as is known before anything moves."""
+        # A server begins late, but a clock is off either way.
+        spans = [
+            (row.doubt + (row.late if row.kept_by != HOST else 0.0), row.doubt + row.late)
+            for row in self.arms.values()
+        ]
+        return max((early + late for (early, _), (_, late) in permutations(spans, 2)), default=0.0)
 
 
 def play_together(
@@ -142,15 +163,15 @@ def play_together(
         arms: At least one; each name once.
         take: Pre-empt other holders of the leases.
         dry_run: Have the servers check the paths, and move nothing; then no holder is pre-empted.
-        most_doubt: Greatest uncertainty of an arm's clock, seconds.
+        most_doubt: Greatest uncertainty of an arm's clock, and of its start if its board keeps the time, seconds.
         tell: Called with a text for each event.
         shield: Keeps signals away while the arms are stopped.
 
     Raises:
         FleetMotionError: Arms refused, and nothing moved; or one failed, and all were stopped.
     """
-    player = _Player(arms, tell, shield)
-    player.check_clocks(most_doubt)
+    player = _Player(arms, tell, shield, most_doubt)
+    player.check_clocks()
     player.each(lambda arm: arm.robot.take(force=take and not dry_run), "no arm moved")
     try:
         player.prepare()
@@ -187,28 +208,34 @@ def attached_to(urls: Mapping[str, str]) -> Iterator[dict[str, RemoteRobot]]:
 
 
 class _Player:
-    def __init__(self, arms: Sequence[Arm], tell: Callable[[str], object], shield: Shield) -> None:
+    def __init__(
+        self, arms: Sequence[Arm], tell: Callable[[str], object], shield: Shield, most_doubt: float
+    ) -> None:
         if not arms or len({arm.name for arm in arms}) < len(arms):
             raise UsageError("a motion needs arms, each once")
         self._arms, self._tell, self._shield = {arm.name: arm for arm in arms}, tell, shield
         self._paths: dict[str, tuple[Spline, Spline]] = {}
-        self._lead = _LEAD
+        self._most_doubt, self._lead = most_doubt, _LEAD
 
     @property
     def duration(self) -> float:
         """Seconds of the longest motion."""
         return max(path.duration for _, path in self._paths.values())
 
-    def check_clocks(self, most_doubt: float) -> None:
+    def check_clocks(self) -> None:
         """Refuse arms whose clock is not known well enough."""
         doubts = {arm.name: arm.robot.clock_offset[1] for arm in self._arms.values()}
-        bad = {
-            name: f"its clock is known to {1000 * doubt:.1f} ms only, and {1000 * most_doubt:.1f} ms are needed"
+        if bad := self._doubtful(doubts, "its clock"):
+            raise FleetMotionError("no arm moved", {name: str(error) for name, error in bad.items()})
+
+    def _doubtful(self, doubts: Mapping[str, float], what: str) -> dict[str, HexwireError]:
+        """Errors for arms of which something is not known well enough."""
+        most = self._most_doubt
+        return {
+            name: ServoError(f"{what} is known to {1000 * doubt:.1f} ms only, and {1000 * most:.1f} ms are needed")
             for name, doubt in doubts.items()
-            if not doubt <= most_doubt
+            if not doubt <= most
         }
-        if bad:
-            raise FleetMotionError("no arm moved", bad)
 
     def prepare(self) -> None:
         """Plan the approaches, and have the servers check everything; nothing moves."""
@@ -252,7 +279,7 @@ class _Player:
             offset, doubt = arm.robot.clock_offset
             goal = ended[arm.name]
             moved = math.nan if goal.moved is None else goal.moved - offset - start
-            rows[arm.name] = Played(moved, doubt, goal.slips, goal.text)
+            rows[arm.name] = Played(moved, doubt, goal.slips, goal.text, goal.ready, goal.doubt)
         return Report(self.duration, rows)
 
     def _run(self, what: str, number: int) -> tuple[float, dict[str, m.Goal]]:
@@ -263,31 +290,65 @@ class _Player:
         return start, self._wait(number, goals, start)
 
     def _begin(self, number: int) -> tuple[float, dict[str, int]]:
-        """Send the motions to all arms; returns the start time and the numbers of the motions.
+        """Have all arms prepare their motions, and confirm the start when all are ready.
+
+        Returns:
+            The start time and the numbers of the motions.
 
         Raises:
             FleetMotionError: An arm refused, and none has begun.
         """
         start = time.monotonic() + self._lead
-        patience = self._lead - _MARGIN
-        goals, failed = each_of(
-            self._arms,
-            lambda arm: arm.robot.follow(self._paths[arm.name][number], start, anywhere=number == 0),
-            patience,
-        )
+        goals: dict[str, int] = {}
+
+        def prepare(arm: Arm) -> m.Goal:
+            path = self._paths[arm.name][number]
+            goal = goals[arm.name] = arm.robot.follow(path, start, anywhere=number == 0, confirm=True)
+            while True:
+                row = arm.robot.goal(goal)
+                if row.outcome:
+                    raise ServoError(row.text or row.reason)
+                # Until then the board's clock is compared again and again.
+                over = time.monotonic() > start - _READY
+                if row.ready and (over or not number or self._doubt(arm.name, row) <= self._most_doubt):
+                    return row
+                if over:
+                    raise ServoError("it is not ready in time")
+                time.sleep(_LOOK)
+
+        ready, failed = each_of(self._arms, prepare, self._lead - _READY + _SLACK)
+        if number and not failed:
+            failed = self._check_starts(ready)
+        if not failed:
+            patience = start - _MARGIN - time.monotonic()
+            _, failed = each_of(self._arms, lambda arm: arm.robot.confirm(goals[arm.name]), patience)
         if not failed:
             return start, goals
-        accepted = {name: arm for name, arm in self._arms.items() if name in goals}
-        _, kept = each_of(accepted, lambda arm: arm.robot.cancel(goals[arm.name]), _MARGIN)
+        # Without those that still prepare: nobody confirms theirs.
+        sent = dict(goals)
+        accepted = {name: arm for name, arm in self._arms.items() if name in sent}
+        _, kept = each_of(accepted, lambda arm: arm.robot.cancel(sent[arm.name]), _MARGIN)
         # It is not known whether these will start.
         unknown = {
             name: arm
             for name, arm in self._arms.items()
-            if name in kept or isinstance(failed.get(name), _SilentError)
+            if name in kept or isinstance(failed.get(name), SilentError)
         }
         if unknown:
             self.stop(arms=unknown)
         raise _NotBegunError("no arm began", {name: str(error) for name, error in failed.items()})
+
+    def _check_starts(self, ready: Mapping[str, m.Goal]) -> dict[str, HexwireError]:
+        """Errors of boards that do not know well enough when to start; tells whose server keeps the time."""
+        for name, row in ready.items():
+            if row.ready == HOST:
+                self._tell(f"{name}: its server keeps the time: it may begin {1000 * row.doubt:.0f} ms late")
+        return self._doubtful({name: self._doubt(name, row) for name, row in ready.items()}, "its start")
+
+    def _doubt(self, name: str, row: m.Goal) -> float:
+        """How far off the start of an arm may be because of the clocks, seconds."""
+        board = row.doubt if row.ready != HOST else 0.0
+        return self._arms[name].robot.clock_offset[1] + board
 
     def _wait(self, number: int, goals: Mapping[str, int], start: float) -> dict[str, m.Goal]:
         """Wait until all have arrived.
@@ -368,61 +429,6 @@ class _Player:
 
 class _NotBegunError(FleetMotionError):
     """No arm has started; those that might have were stopped."""
-
-
-class _SilentError(HexwireError):
-    """There was no result in time."""
-
-
-def each_of(
-    arms: Mapping[str, _A], call: Callable[[_A], _T], patience: float, *, together: bool = False
-) -> tuple[dict[str, _T], dict[str, HexwireError]]:
-    """Call for all arms at the same time, so that none delays another.
-
-    Args:
-        arms: The arms by name.
-        call: What to do.
-        patience: Seconds to wait; an interruption ends the wait at once.
-        together: The first failure ends the wait.
-
-    Returns:
-        Results and errors by name.
-    """
-    done: dict[str, _T] = {}
-    failed: dict[str, HexwireError] = {}
-    changed = threading.Condition()
-
-    def run(name: str, arm: _A) -> None:
-        result: Any = None
-        error: HexwireError | None = None
-        try:
-            result = call(arm)
-        except HexwireError as problem:
-            error = problem
-        except Exception as problem:  # noqa: BLE001  # the other arms must learn of it
-            error = DeviceError(f"the program failed: {problem}")
-        with changed:
-            if error is not None:
-                failed[name] = error
-            else:
-                done[name] = result
-            changed.notify_all()
-
-    for name, arm in arms.items():
-        threading.Thread(target=run, args=(name, arm), name=f"play {name}", daemon=True).start()
-    deadline = time.monotonic() + patience
-    with changed:
-        while len(done) + len(failed) < len(arms) and not (together and failed):
-            left = deadline - time.monotonic()
-            if left <= 0:
-                break
-            changed.wait(min(left, 0.5))
-        errors = dict(failed)
-        if not together or not errors:
-            for name in arms:
-                if name not in done and name not in errors:
-                    errors[name] = _SilentError(f"no answer in {patience:.1f} s")
-        return dict(done), errors
 
 
 def _paths(arm: Arm) -> tuple[Spline, Spline]:

@@ -410,7 +410,7 @@ class RemoteRobot(Following, Described):
             offset, doubt = self._clock.at(made)
             self.epochs.check(token, what)
             envelope = m.Envelope(self._lease, self._sequence, made + offset, doubt, order)
-            slow = slow or not isinstance(order, m.Write | m.Watchdog | m.Cancel)
+            slow = slow or not isinstance(order, m.Write | m.Watchdog | m.Cancel | m.Confirm)
             try:
                 answer = self._exchange(self._keys.order(self._role), envelope, _SLOW if slow else _TIMEOUT)
             except LeaseError as error:

@@ -36,7 +36,7 @@ from . import messages as m
 from .failures import describe
 from .names import Keys, Role, name_of
 from .rows import as_probe_rows, joints_of
-from .trajectories import goal_row, trajectory_goal
+from .trajectories import do_goal_order, goal_row
 
 if TYPE_CHECKING:
     from hexwire.control.shared import SharedArm
@@ -444,11 +444,8 @@ class ArmServer:
             shared.resume(order)
         elif isinstance(what, m.Watchdog):
             shared.watchdog(order, what.timeout, _mode(what.mode))
-        elif isinstance(what, m.Follow):
-            goal = trajectory_goal(what)
-            value = self._goals.check(order, goal) if what.check else self._goals.follow(order, goal, what.start)
-        elif isinstance(what, m.Cancel):
-            self._goals.cancel(order, what.number)
+        elif isinstance(what, m.Follow | m.Confirm | m.Cancel):
+            value = do_goal_order(self._goals, order, what)
         else:
             value = shared.ioctl(order, what.sub_cmd, what.data)
         self._count()

@@ -1,21 +1,41 @@
 """Trajectories and what became of them as messages, and back.
 
-Owns the conversion. Must not know Zenoh, nor whether a path is allowed.
+Owns the conversion, and which order is which call. Must not know Zenoh, nor whether a path is allowed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple
+from typing import TYPE_CHECKING
 
 from hexwire.control.goals import Point, TrajectoryGoal
-from hexwire.control.shared_goals import GoalReport
+from hexwire.control.shared_goals import GoalReport, SharedGoals
 from hexwire.errors import UsageError
 from hexwire.motion.waypoints import Spline
 
 from . import messages as m
 
-__all__ = ["follow_message", "goal_row", "trajectory_goal"]
+if TYPE_CHECKING:
+    from hexwire.control.shared_order import Order
+
+__all__ = ["do_goal_order", "follow_message", "goal_row", "trajectory_goal"]
+
+
+def do_goal_order(goals: SharedGoals, order: Order, what: m.Follow | m.Confirm | m.Cancel) -> float | int | None:
+    """Do what a message asks for; raises as the method of `SharedGoals` that does it.
+
+    Returns:
+        The duration of a path that was checked, or the number of a trajectory that is followed.
+    """
+    if isinstance(what, m.Confirm):
+        goals.confirm(order, what.number)
+        return None
+    if isinstance(what, m.Cancel):
+        goals.cancel(order, what.number)
+        return None
+    goal = trajectory_goal(what)
+    return goals.check(order, goal) if what.check else goals.follow(order, goal, what.start, confirm=what.confirm)
 
 
 def goal_row(report: GoalReport) -> m.Goal:
@@ -23,7 +43,9 @@ def goal_row(report: GoalReport) -> m.Goal:
     return m.Goal(*astuple(report))
 
 
-def follow_message(path: Spline, start: float = 0.0, *, check: bool = False, anywhere: bool = False) -> m.Follow:
+def follow_message(
+    path: Spline, start: float = 0.0, *, check: bool = False, anywhere: bool = False, confirm: bool = False
+) -> m.Follow:
     """A trajectory to follow.
 
     Args:
@@ -31,6 +53,7 @@ def follow_message(path: Spline, start: float = 0.0, *, check: bool = False, any
         start: Owner's clock at its start, seconds.
         check: Only check it.
         anywhere: Leave out its first point: it begins where the joints are.
+        confirm: It begins only if that is confirmed.
     """
     points = path.waypoints[1:] if anywhere and len(path.waypoints) > 1 else path.waypoints
 
@@ -49,6 +72,7 @@ def follow_message(path: Spline, start: float = 0.0, *, check: bool = False, any
         flat([point.acceleration for point in points]),
         start,
         check,
+        confirm,
     )
 
 

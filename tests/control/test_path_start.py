@@ -1,0 +1,80 @@
+"""When a path of a robot starts, and the correction of that."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pytest
+
+from hexwire.control.path_start import StartOrder, first_start
+from hexwire.drivers.timed_path import PathReport, PathStart, PathState, TimedPath, TimedPoint
+from hexwire.errors import CommandRefusedError, StoppedError
+from hexwire.motion.waypoints import Spline, Waypoint
+
+
+class Path(TimedPath):
+    """Starts as late as it is told to."""
+
+    def __init__(self) -> None:
+        self.asked: list[float | None] = []
+        self.late = 0.0
+        self.error: Exception | None = None
+
+    def start(self, at: float | None = None) -> PathStart:
+        if self.error is not None:
+            raise self.error
+        self.asked.append(at)
+        return PathStart((10.0 if at is None else at) + self.late, 0.001)
+
+    def send(self, points: Sequence[TimedPoint], *, last: bool = False, first: int | None = None) -> int:
+        raise AssertionError
+
+    def report(self) -> PathReport:
+        raise AssertionError
+
+    def abort(self) -> PathState:
+        raise AssertionError
+
+
+def test_a_start_is_ordered_for_its_time_or_at_once() -> None:
+    path, start = Path(), StartOrder(lambda: 9.0)
+    assert start.given is None
+    path.late = 0.25
+    assert start.give(path, 12.0) == 0.25
+    assert start.given == (12.25, 0.001)
+    start.give(path, 9.004)
+    start.give(path, 8.0)
+    assert path.asked == [12.0, None, None]
+
+
+def test_it_is_corrected_while_there_is_time_for_that() -> None:
+    now = [9.0]
+    path, start = Path(), StartOrder(lambda: now[0])
+    assert start.correct(path) == 0.0
+    path.late = 0.003
+    start.give(path, 12.0)
+    path.late = 0.001
+    now[0] = 11.9
+    assert start.correct(path) == pytest.approx(-0.002)
+    assert start.given == (12.001, 0.001)
+    now[0] = 11.96
+    assert start.correct(path) == 0.0
+    assert path.asked == [12.0, 12.0]
+
+
+def test_a_correction_that_comes_too_late_changes_nothing_and_a_stop_is_told() -> None:
+    path, start = Path(), StartOrder(lambda: 9.0)
+    start.give(path, 12.0)
+    path.error = CommandRefusedError("a start", 1, "it has passed")
+    assert start.correct(path) == 0.0
+    assert start.given == (12.0, 0.001)
+    path.error = StoppedError("a start", 2, "stopped")
+    with pytest.raises(StoppedError):
+        start.correct(path)
+
+
+def test_the_first_start_is_that_of_the_motion_that_is_not_over() -> None:
+    path = Spline(("J1",), [Waypoint(0.0, (0.0,)), Waypoint(2.0, (1.0,))])
+    assert first_start([(path, 5.0)]) == 5.0
+    assert first_start([(path, 1.0), (path, 5.0)]) == 5.0
+    assert first_start([(path, 4.0), (path, 5.0)]) == 4.0
