@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from hexwire.errors import UsageError
-from hexwire.wire.addresses import Address, Broadcast, Multicast, Unicast, address_of, module_id
+from hexwire.wire.addresses import Address, Broadcast, Multicast, Unicast, address_of, destination_name, module_id
 from hexwire.wire.modules import ModuleType
 
 
@@ -54,3 +54,9 @@ def test_words_for_a_log() -> None:
     assert str(Multicast([8, 9])) == "ARM_7BOT_ARDUINO_TRX, module 9"
     assert str(Broadcast()) == "all modules"
     assert str(Unicast(1)) == "JOY_STICK"
+    assert [destination_name(dst) for dst in (8, 0x40000300, -1, -5)] == [
+        "ARM_7BOT_ARDUINO_TRX",
+        "ARM_7BOT_ARDUINO_TRX, module 9",
+        "all modules",
+        "module -5",
+    ]

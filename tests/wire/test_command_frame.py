@@ -214,3 +214,10 @@ def test_what_a_frame_says_of_itself() -> None:
     assert "report" in str(report)
     assert isinstance(report, Frame)
     assert report.time == 0.0
+
+
+def test_the_line_of_a_frame_for_several_names_them() -> None:
+    frame = Frame(0, 0, 1, 7, -1, 3, 2, 1, Command.STATS, b"")
+    assert "ARM_7BOT_SERIAL_TRX -> all modules dialect 2" in str(frame)
+    assert "-> ARM_7BOT_ARDUINO_TRX, module 9 " in str(frame._replace(dst=0x40000300))
+    assert "-> INVALID_MODULE " in str(frame._replace(proto=1))

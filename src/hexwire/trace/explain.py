@@ -15,6 +15,7 @@ from typing import Any
 from hexwire.errors import HexwireError
 from hexwire.link.tap import Direction, Passed
 from hexwire.wire import tables
+from hexwire.wire.addresses import destination_name
 from hexwire.wire.command_frame import BODY_OFFSET, Command, Frame, command_name, parse_frame, status_name
 from hexwire.wire.commands import JointReport, MaintenanceReply
 from hexwire.wire.modules import module_name
@@ -146,8 +147,9 @@ class Explainer:
         return Explained(reading.way, reading.time, "frame", raw, str(frame), tuple(layers), problem, reading.text)
 
     def _session_layer(self, frame: Frame) -> Layer:
+        name = module_name if frame.proto == PROTO_CHAPTER else destination_name
         text = (
-            f"{module_name(frame.src)} -> {module_name(frame.dst)}, sn {frame.sn}, time {frame.time:.6f} s, "
+            f"{module_name(frame.src)} -> {name(frame.dst)}, sn {frame.sn}, time {frame.time:.6f} s, "
             f"type {frame.type}, size {frame.size}"
         )
         fields = {name: getattr(frame, name) for name, _, _ in tables.HEADER_FIELDS if name != "sync"}

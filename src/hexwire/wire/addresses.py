@@ -13,7 +13,7 @@ from hexwire.errors import UsageError
 from .modules import MAX_MODULE, known_modules, module_name, module_named
 from .tables import ADDRESS_BROADCAST, ADDRESS_MULTICAST, ADDRESS_MULTICAST_MODULES
 
-__all__ = ["Address", "Broadcast", "Multicast", "Unicast", "address_of", "module_id"]
+__all__ = ["Address", "Broadcast", "Multicast", "Unicast", "address_of", "destination_name", "module_id"]
 
 _ALL, _SEVERAL, _MOST = ADDRESS_BROADCAST, ADDRESS_MULTICAST, ADDRESS_MULTICAST_MODULES
 
@@ -123,3 +123,8 @@ def address_of(dst: int) -> Address | None:
     if not 0 < mask < 1 << _MOST:
         return None
     return Multicast(module for module in range(_MOST) if mask >> module & 1)
+
+
+def destination_name(dst: int) -> str:
+    """The modules that a dialect-2 frame's `dst` names, in words."""
+    return str(address_of(dst) or module_name(dst))

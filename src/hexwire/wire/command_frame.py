@@ -15,6 +15,7 @@ from typing import NamedTuple
 from hexwire.errors import LocalProtocolError, RemoteProtocolError
 
 from . import tables
+from .addresses import destination_name
 from .checksum import frame_check
 from .modules import module_name
 from .tables import (
@@ -188,8 +189,9 @@ class Frame(NamedTuple):
                 kind = f" reply {status_name(self.status)}"
             elif self.is_unsolicited:
                 kind = " report"
+        dst = destination_name(self.dst) if self.proto == PROTO_HEXWIRE else module_name(self.dst)
         text = (
-            f"#{self.sn} {module_name(self.src)} -> {module_name(self.dst)} "
+            f"#{self.sn} {module_name(self.src)} -> {dst} "
             f"dialect {self.proto} seq {self.seq} {command_name(self.cmd)}{kind} {len(self.body)} bytes"
         )
         return text if len(self.body) == 0 else f"{text}: {self.body[:16].hex(' ').upper()}"
