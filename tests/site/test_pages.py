@@ -149,3 +149,23 @@ def test_names_that_pages_import_are_in_the_reference() -> None:
                 names = {n.module for n in ast.walk(ast.parse(block.text)) if isinstance(n, ast.ImportFrom)}
                 ours = {name for name in names if name is not None and re.match(r"hexwire\b", name)}
                 assert ours <= known, f"{page.name}: add {ours - known} to MODULES in docs/site/api.py"
+
+
+def test_each_page_says_at_its_top_who_it_is_for() -> None:
+    told = re.compile(
+        r"\bfor (?:those|readers|users|owners|everybody|Python programmers)\b|Read this page|\bYou need\b",
+        re.IGNORECASE,
+    )
+    # Made from the code: a reference is for who looks something up. The first page asks the reader.
+    listed = re.findall(r"(\S+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE)
+    written = [page for page in listed if not page.startswith("reference/") and page != "index.md"]
+    assert len(written) > 25
+    silent = []
+    for page in written:
+        source = ROOT / "docs" / page
+        if not source.exists():
+            source = ROOT / f"{Path(page).stem.upper()}.md"
+        top = source.read_text(encoding="utf-8").split("\n## ")[0].split("\n|")[0].split("```")[0]
+        if not told.search(" ".join(top.split())):
+            silent.append(page)
+    assert silent == []
