@@ -193,7 +193,7 @@ def test_each_command_says_and_returns_the_same_directly_and_through_a_server(
         ("bus scan", "is a shared arm; this command needs the port itself"),
         ("loopback", "is a shared arm"),
         ("demo --yes-move-the-arm", "is a shared arm"),
-        ("state --baud 9600", "--baud, --dialect and --timeout belong to a port"),
+        ("state --baud 9600", "--baud, --raise-baud, --dialect and --timeout belong to a port"),
         ("state --robot so101", "is a hex7bot, not a so101"),
     ],
 )
@@ -224,7 +224,9 @@ def test_the_environment_names_the_arm_and_observers_work(
     traced = CliRunner().invoke(cli, ["state", "--trace"])
     assert traced.exit_code == 0
     assert traced.stderr.startswith("note: no bytes to show")
-    assert traced.stderr.count("\n") == 1
+    # Then the states that it read, as in the chapter.
+    assert next(line.partition(" ")[0] for line in traced.stderr.splitlines()[1:]) == "hex7bot::"
+    assert traced.stderr.count("note:") == 1
     file = runtime / "file.mcap"
     recorded = CliRunner().invoke(cli, ["--record", str(file), "move", "--wait", "J1=3", "--duration", "0.2"])
     assert (recorded.exit_code, recorded.stderr) == (0, "")

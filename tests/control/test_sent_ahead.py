@@ -105,6 +105,18 @@ def test_a_stall_of_the_program_does_not_delay_the_goal() -> None:
     assert bench.controller.follower.counters.slips == 0
 
 
+def test_torque_that_is_on_can_be_switched_on_while_the_board_comes_to_rest() -> None:
+    bench = Timed()
+    told = bench.go(by=1.0, seconds=4.0)
+    bench.turn(1.5)
+    bench.arm.cancel("", told)
+    bench.turn(0.05)
+    assert bench.state is PathState.RUNNING
+    assert bench.ask(lambda: bench.arm.enable(True)) == "torque is on"
+    bench.turn(1.0)
+    assert bench.state is PathState.DONE
+
+
 def test_a_goal_that_ends_while_the_program_is_suspended_has_succeeded() -> None:
     tolerances = {"goal_time": 0.3, "J1": {"goal": 0.05, "trajectory": 0.1}}
     bench = Timed(constraints=tolerances, watchdog=3.0)

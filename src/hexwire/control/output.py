@@ -299,8 +299,9 @@ class Output:
         if on and self._group.reason is not None:
             raise UsageError(f"the arm is stopped ({self._group.reason}); reset it first")
         wanted = list(names)
-        if on and self._group.busy:
-            # Torque on means to hold the present position: it must not stop joints that are moving.
+        if on and (self._group.busy or (self._ahead is not None and self._ahead.joints)):
+            # Torque on means to hold the present position: it must not stop joints that are moving, and a robot
+            # refuses it for joints that follow or leave a path.
             have = set(self._robot.read().torque_on)
             wanted = [name for name in names if name not in have]
         why = "one of its joints had no torque" if on else "torque was switched off"

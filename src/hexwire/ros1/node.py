@@ -318,10 +318,12 @@ class HardwareInterface:
 
     def _publish_feedback(self) -> None:
         for controller in self._arm.controllers.values():
-            goal = controller.listener
-            if isinstance(goal, ClientGoal) and goal.accepted and controller.progress is not None:
+            goal, progress = controller.listener, controller.progress
+            # A board that keeps the time begins a moment after the acceptance: there is nothing to tell before.
+            begun = progress is not None and progress.stamp >= controller.begins
+            if isinstance(goal, ClientGoal) and goal.accepted and progress is not None and begun:
                 goal.client.handle.publish_feedback(
-                    self._progress(self._control.FollowJointTrajectoryFeedback, controller.progress)
+                    self._progress(self._control.FollowJointTrajectoryFeedback, progress)
                 )
 
     @staticmethod

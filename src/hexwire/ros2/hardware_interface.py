@@ -408,6 +408,9 @@ class HardwareInterface:
                 client: ActionClient = goal.client
                 wall = self._stamps.stamp(progress.stamp)
                 elapsed = progress.stamp - controller.begins
+                # A board that keeps the time begins a moment later: there is nothing to tell before.
+                if elapsed < 0.0:
+                    continue
                 client.handle.publish_feedback(self._reports.feedback(progress, wall, client.handle.goal, elapsed))
 
     def _publish_taught(self, taught: Taught) -> None:
