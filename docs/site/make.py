@@ -76,7 +76,7 @@ def assemble(out: Path) -> Path:
     written = pages.sources()
     made = generated()
     for page in written:
-        _write(folder / page, pages.site_page(page, written))
+        _write(folder / page, pages.site_page(page, written, made=made))
     for page, text in made.items():
         _write(folder / page, text)
     shutil.copytree(ROOT / "docs" / "pictures", folder / "pictures")

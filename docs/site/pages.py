@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -116,11 +116,12 @@ def title(path: Path) -> str:
     return found[1] if found is not None else path.stem
 
 
-def site_page(page: str, pages: Mapping[str, Path], root: Path = ROOT) -> str:
+def site_page(page: str, pages: Mapping[str, Path], root: Path = ROOT, made: Container[str] = ()) -> str:
     """A page as the site builds it.
 
-    Links to other pages lead to those of the site. What the site does not have, such as a source file, stays as
-    text. Of a fence only the language stays: the rest is for the tests.
+    Links to other pages lead to those of the site, and links to a module to its page among those in `made`. A
+    link to any other file of the repository becomes its text and the file's path, one to nothing its text. Of a
+    fence only the language stays: the rest is for the tests.
     """
     path = pages[page]
     here = PurePosixPath(page).parent
@@ -143,14 +144,18 @@ def site_page(page: str, pages: Mapping[str, Path], root: Path = ROOT) -> str:
         elif file.is_relative_to(root / "docs") and file.suffix in (".svg", ".png"):
             new = os.path.relpath(file.relative_to(root / "docs"), here)
         else:
-            new = ""
-        out += [text[end:start], new or _NOWHERE]
+            known = file.is_file() and file.is_relative_to(root.resolve())
+            inside = file.relative_to(root.resolve()).as_posix() if known else ""
+            module = f"reference/api/{inside.removeprefix('src/').removesuffix('.py').replace('/', '.')}.md"
+            new = os.path.relpath(module, here) if module in made else _NOWHERE + inside
+        out += [text[end:start], new]
         end = stop
-    made = "".join([*out, text[end:]])
-    made = re.sub(rf"\[([^\]]+)\]\({_NOWHERE}\)", r"\1", made)
+    done = "".join([*out, text[end:]])
+    done = re.sub(rf"\[([^\]]+)\]\({_NOWHERE}([^)]+)\)", r"\1 in `\2`", done)
+    done = re.sub(rf"\[([^\]]+)\]\({_NOWHERE}\)", r"\1", done)
     # Readers of the site know no files: a link that is called by its file gets the page's title.
-    made = _NAMED.sub(lambda found: titled(found[2], found[1], found[3] or ""), made)
-    return re.sub(r"^( *`{3,})(\w+) .*$", r"\1\2", made, flags=re.MULTILINE)
+    done = _NAMED.sub(lambda found: titled(found[2], found[1], found[3] or ""), done)
+    return re.sub(r"^( *`{3,})(\w+) .*$", r"\1\2", done, flags=re.MULTILINE)
 
 
 _NOWHERE = "nowhere:"

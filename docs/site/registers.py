@@ -41,6 +41,7 @@ def _index(table: dict[str, Any]) -> str:
         turn = f"{series['counts'] * 360 / series['range_deg']:.0f}"
         order = f"{series['byte_order']}-endian"
         lines.append(f"| [`{name}`]({name}.md) | {series['title']} | {order} | {turn} | {series['baud']} |")
+    lines += ["", "SMS servos, with RS-485, are delivered with a rate of 115200."]
     lines += ["", "## Codes of the rate", "", "Register `baud_code` of the Feetech series.", ""]
     lines += ["| code | baud |", "|---|---|"]
     lines += [f"| {code} | {baud} |" for code, baud in table["baud_codes"].items()]

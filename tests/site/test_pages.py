@@ -85,6 +85,17 @@ def test_links_lead_to_pages_of_the_site(tree: Path) -> None:
     assert pages.site_page("sub/c.md", pages.sources(tree), tree) == "[a](../a.md) [top](../security.md)\n"
 
 
+def test_links_to_code_lead_to_the_reference_or_say_where_it_is(tree: Path) -> None:
+    (tree / "src" / "hexwire").mkdir(parents=True)
+    for name in ("known", "other"):
+        (tree / "src" / "hexwire" / f"{name}.py").touch()
+    (tree / "docs" / "sub" / "c.md").write_text(
+        "# C\n\n[`f`](../../src/hexwire/known.py) [`g`](../../src/hexwire/other.py)\n"
+    )
+    made = pages.site_page("sub/c.md", pages.sources(tree), tree, {"reference/api/hexwire.known.md"})
+    assert "[`f`](../reference/api/hexwire.known.md) `g` in `src/hexwire/other.py`\n" in made
+
+
 # --- the pages of this repository ---------------------------------------------------------------------------------
 
 
