@@ -120,7 +120,8 @@ def find_only_board() -> str:
         raise UsageError(f"several likely boards: {_in_words(boards)}; name one with --port")
     if ports:
         raise LinkNotFoundError(
-            f"no likely board among the serial ports: {_in_words(ports)}; plug it in, or name a port with --port"
+            f"no likely board among the serial ports: {_in_words(ports)}; plug it in, or name a port with --port "
+            "or HEXWIRE_PORT"
         )
     raise LinkNotFoundError(
         "no serial port on this machine; plug the board in, or name a link with --port ('hexwire sim board' prints "
