@@ -15,6 +15,7 @@ from hexwire.control.goals import Point, TrajectoryGoal
 from hexwire.control.lease import Lease
 from hexwire.control.outcomes import Outcome, Reason
 from hexwire.drivers.timed_path import PathState, TimedPoint
+from hexwire.errors import StoppedError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointTarget
 from hexwire.wire.command_frame import Command
@@ -637,3 +638,78 @@ def test_a_target_of_the_holder_replaces_a_path() -> None:
     bench.turn(2.5)
     assert bench.where("J1") == pytest.approx(dict(sent.positions)["J1"], abs=0.01)
     assert math.isfinite(bench.where("J1"))
+
+
+# -- at awkward moments ------------------------------------------------------------------------------------
+
+
+def test_a_stop_and_a_reset_within_one_turn_end_the_path_and_nothing_after_it() -> None:
+    bench = Timed()
+    told = bench.go(by=0.8)
+    bench.turn(1.0)
+    run = bench.owner._calls.run
+
+    def both() -> None:
+        bench.owner._calls.run = run  # type: ignore[method-assign]
+        bench.arm.stop("somebody asks")
+        bench.owner._output.reset(bench.owner.group.stops)
+
+    bench.owner._calls.run = both  # type: ignore[method-assign]  # the owner has no turn between them
+    bench.turn(0.011)
+    assert told.outcome == STOPPED
+    place = at(bench)
+    after = bench.go(by=0.1)
+    bench.turn(0.1)
+    assert at(bench) == pytest.approx(place, abs=0.01)
+    bench.until(lambda: after.ends)
+    assert after.outcome == SUCCEEDED
+    assert not bench.targets
+
+
+def test_a_goal_right_after_the_motion_was_released_begins_at_rest() -> None:
+    bench = Timed()
+    told = bench.go(by=0.8)
+    bench.turn(1.0)
+    bench.owner.group.release("somebody asks")
+    after = bench.go(by=0.1)
+    assert told.outcome == NOT_READY
+    bench.until(lambda: after.ends)
+    assert after.outcome == SUCCEEDED
+    assert smooth(bench)
+
+
+def test_a_joint_gets_torque_again_while_the_others_come_to_rest() -> None:
+    bench = Timed()
+    bench.go(by=0.8)
+    bench.turn(1.0)
+    bench.ask(lambda: bench.owner.torque(False, ["J5"]))
+    assert bench.board.trajectory.state in (PathState.RUNNING, PathState.BRAKING)
+    assert bench.ask(lambda: bench.arm.enable(True)) == "torque is on"
+    assert all(bench.torques())
+    place = at(bench)
+    bench.turn(0.5)
+    assert at(bench) == pytest.approx(place, abs=0.01)
+    told = bench.go(by=0.0)
+    bench.until(lambda: told.ends)
+    assert told.outcome == SUCCEEDED
+
+
+def test_a_target_does_not_revive_what_a_stop_from_elsewhere_has_ended() -> None:
+    bench = Timed(controllers=SPLIT)
+    arm_goal = TrajectoryGoal(NAMES[:6], (Point(2.0, (J1 + 0.5, *[HOME[name] for name in NAMES[1:6]])),))
+    both = [
+        bench.command(arm_goal, "arm"),
+        bench.command(TrajectoryGoal(("J7",), (Point(2.0, (0.3,)),)), "hand"),
+    ]
+    bench.turn(0.7)
+    assert bench.owner.running() == NAMES
+    # Resumed already, so that the board takes targets again.
+    bench.board.trajectory.stop()
+    target, asked = JointTarget.of({"J7": 0.1}, 0.5), bench.owner.robot.epochs.mark()
+    with pytest.raises(StoppedError, match="the arm is stopped"):
+        bench.ask(lambda: bench.owner.send(target, asked))
+    assert both[0].outcome == STOPPED
+    place = at(bench)
+    bench.turn(1.5)
+    assert at(bench) == pytest.approx(place, abs=0.02)
+    assert not bench.targets

@@ -273,6 +273,9 @@ class Output:
         Raises:
             UsageError: The stop was not cleared.
         """
+        if self._group.reason is not None:
+            # The stop has ended it, perhaps after the last turn.
+            self.forget_path()
         state = self._robot.read()
         suspects = [joint for joint in state if joint.name in self._group.blamed]
         faults = [(joint.name, JointFlag(joint.flags).faults) for joint in suspects]
@@ -300,10 +303,12 @@ class Output:
             raise UsageError(f"the arm is stopped ({self._group.reason}); reset it first")
         wanted = list(names)
         if on and (self._group.busy or (self._ahead is not None and self._ahead.joints)):
-            # Torque on means to hold the present position: it must not stop joints that are moving, and a robot
-            # refuses it for joints that follow or leave a path.
+            # Torque on means to hold the present position: it must not stop joints that are moving.
             have = set(self._robot.read().torque_on)
             wanted = [name for name in names if name not in have]
+        if on and self._ahead is not None:
+            # A robot refuses it for joints that leave a path.
+            self._ahead.brake(wanted)
         why = "one of its joints had no torque" if on else "torque was switched off"
         if not on:
             self._group.release(why, wanted)

@@ -172,6 +172,7 @@ class SentAhead:
             Joints that were on it; they hold.
 
         Raises:
+            StoppedError: A stop has ended it, or another program.
             DeviceError: They do not come to rest.
             HexwireError: As `TimedPath`.
         """
@@ -185,7 +186,11 @@ class SentAhead:
             if self._clock() > deadline:
                 raise DeviceError("the board does not end its path")
             self._sleep(_WAIT)
-        self._settle()
+        if (reason := self._see_end(found)) is not None:
+            self._group.stop(reason)
+            raise StoppedError.unsent("an order", 0, f"the arm is stopped ({reason}); resume first")
+        if self._path is not None:
+            self._settle()
         return path.joints
 
     def _follow(self, path: TimedPath, state: JointState) -> StopReason | None:
@@ -324,8 +329,8 @@ class SentAhead:
             changed = [follower for follower, mark in self._marks.items() if follower.changes != mark]
             if not changed:
                 return True
-            if not all(follower.planned for follower in changed):
-                # It was released, or held before it began: then nobody knows where it should go.
+            if any(math.isinf(follower.changed_from) or not follower.planned for follower in changed):
+                # It was released, or held before it began: then the robot must be at rest before what comes next.
                 switches = None
             else:
                 switches = {follower: follower.take_change() for follower in changed}
@@ -401,8 +406,7 @@ class SentAhead:
             self._shift(self.start.correct(path))
         elif found is PathState.BRAKING:
             self._leaving = True
-        elif found is PathState.DONE or (found is PathState.NONE and self._is_ending()):
-            # If it is none, another program has begun another path since.
+        elif found is PathState.DONE:
             self.drop()
         elif found is PathState.FAULT:
             return self._see_fault(report, state)
@@ -412,11 +416,17 @@ class SentAhead:
             self._settle()
         elif found is PathState.ABORTED and self._leaving:
             self._settle()
-        elif found is PathState.STOPPED:
-            # Perhaps resumed since: then no state says so any more.
+        return self._see_end(found)
+
+    def _see_end(self, found: PathState) -> StopReason | None:
+        """Forget a path that others have ended; returns why the motion is over, or None."""
+        if found is PathState.STOPPED:
             self.drop()
+            # Perhaps resumed since: then no state says so any more.
             return board_stop(self._robot.read()) or StopReason("board", STOP_COMMAND)
-        elif found in _DONE_BY_OTHERS:
+        if found is PathState.NONE and self._is_ending():
+            self.drop()  # another program has begun another path since
+        elif found in _DONE_BY_OTHERS and not (found is PathState.ABORTED and self._leaving):
             self.drop()
             return StopReason("board", _DONE_BY_OTHERS[found])
         return None
