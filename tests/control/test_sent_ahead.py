@@ -292,6 +292,18 @@ def test_without_a_watchdog_a_suspended_program_goes_on_where_the_arm_came_to_re
     assert at(bench) == pytest.approx(0.8, abs=0.01)
 
 
+def test_a_goal_whose_time_is_over_when_the_program_goes_on_is_not_taken_for_reached() -> None:
+    bench = Timed(watchdog=0.0)
+    told = bench.go(by=0.5, seconds=4.0)
+    bench.turn(1.0)
+    bench.stall(3.5)
+    assert bench.state is PathState.DRY
+    assert at(bench) < 0.45
+    bench.until(lambda: told.ends)
+    assert told.outcome == SUCCEEDED
+    assert at(bench) == pytest.approx(0.5, abs=0.01)
+
+
 def test_a_joint_that_falls_silent_stops_the_arm() -> None:
     bench = Timed()
     told = bench.go(seconds=4.0)

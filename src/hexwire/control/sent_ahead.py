@@ -493,7 +493,7 @@ class SentAhead:
                 if controller.reason is not None:
                     continue
                 try:
-                    follower.rejoin(rest, left, self._clock())
+                    follower.rejoin(rest, left, self._clock(), wanted=controller.busy)
                 except UsageError as error:
                     controller.release(str(error))
         self._group.deliver()

@@ -326,18 +326,23 @@ class Follower:
         """What was planned last, and when it starts; each counts until the next one starts. Empty after a drop."""
         return self._planned
 
-    def rejoin(self, rest: Mapping[str, float], left: float, now: float) -> None:
+    def rejoin(self, rest: Mapping[str, float], left: float, now: float, *, wanted: bool = True) -> None:
         """Go on after a robot has come to rest, although it should not have.
 
         Args:
             rest: Where its joints rest, radians.
             left: The time that the trajectory had at that place, if the robot was on it.
             now: Seconds.
+            wanted: Go on also with a trajectory that has been over since, by its times.
 
         Raises:
             LimitError: It is too far from there to the trajectory.
         """
         trajectory, began, mode = self._trajectory, self._started, self.mode
+        if trajectory is None and mode is Mode.HOLD and wanted and self._planned:
+            last, start = self._planned[-1]
+            if left < start + last.duration and not isinstance(last, Braked):
+                trajectory, began, mode = last, start, Mode.TRAJECTORY
         self._trajectory = self._earlier = None
         self._command.update({name: rest[name] for name in rest if name in self._command})
         self._command_due = now
@@ -365,9 +370,8 @@ class Follower:
 
     def next_start(self, now: float) -> float:
         """When a trajectory given now would start: not before the last command is due, and not while braking."""
-        rest = -math.inf
-        if self._trajectory is not None and self.mode is not Mode.TRAJECTORY:
-            rest = self._started + self._trajectory.duration
+        braking = self._trajectory if self.mode is not Mode.TRAJECTORY else None
+        rest = -math.inf if braking is None else self._started + braking.duration
         return max(now + self.settled, self._command_due, rest)
 
     @property
@@ -381,10 +385,8 @@ class Follower:
         Raises:
             UsageError: Their position is still unknown.
         """
-        running = self._running(names, now)
-        if running is not None:
-            trajectory, began = running
-            return trajectory.sample(now - began)
+        if (running := self._running(names, now)) is not None:
+            return running[0].sample(now - running[1])
         rest = (0.0,) * len(names)
         return Sample(self._present(names), rest, rest)
 
@@ -407,8 +409,7 @@ class Follower:
             return None
         if self.sent_ahead or not self.waits:
             self._fill_in(now)
-        found = self.guard.judge(state, now)
-        if found is not None:
+        if (found := self.guard.judge(state, now)) is not None:
             self.stop(found)
             return found
         if self._trajectory is not None:
@@ -486,8 +487,7 @@ class Follower:
         known: Mapping[str, float] = {} if state is None or command.keys() >= set(names) else state.positions
         values = []
         for name in names:
-            value = command.get(name)
-            if value is None:
+            if (value := command.get(name)) is None:
                 value = known.get(name, math.nan)
                 if not math.isfinite(value):
                     raise UsageError(f"the position of {name} is still unknown: it has not answered yet")
