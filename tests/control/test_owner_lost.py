@@ -52,7 +52,7 @@ def test_an_unplugged_robot_is_stopped_and_found_again(dialect: int, baud: int) 
     bench.turn(2.0)
     again = bench.go("J1", 0.1, 3.0)
     bench.until(lambda: again.ends)
-    assert again.words == "succeeded: "
+    assert again.words.startswith("succeeded: ")
     assert bench.board.state.watchdog_trips == (dialect == 2)
 
 
@@ -118,7 +118,7 @@ def test_a_board_that_is_reset_during_a_motion_stops_the_arm() -> None:
     bench.turn(0.3)
     again = bench.go("J1", 0.1, 2.0)
     bench.until(lambda: again.ends)
-    assert again.words == "succeeded: "
+    assert again.words.startswith("succeeded: ")
 
 
 def test_a_board_that_is_reset_while_stopped_is_stopped_again() -> None:

@@ -33,7 +33,7 @@ def test_a_stop_and_its_reset(dialect: int, baud: int) -> None:
     assert not owner.newest().stopped
     again = bench.go("J1", 0.1, 3.0)
     bench.until(lambda: again.ends)
-    assert again.words == "succeeded: "
+    assert again.words.startswith("succeeded: ")
 
 
 def test_calls_that_wait_for_the_owner_are_void_after_a_stop() -> None:
@@ -97,7 +97,7 @@ def test_a_watchdog_that_tripped_is_seen_and_reset() -> None:
     assert bench.owner.group.reason is None
     again = bench.go("J1", 0.1, 2.0)
     bench.until(lambda: again.ends)
-    assert again.words == "succeeded: "
+    assert again.words.startswith("succeeded: ")
     bench.arm.wait(1.5)
     assert bench.board.state.watchdog_trips == 2
 

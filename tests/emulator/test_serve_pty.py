@@ -301,9 +301,14 @@ def test_a_link_made_by_url_opens_it() -> None:
 def test_a_host_raises_the_rate_and_the_next_one_finds_the_old_one() -> None:
     board = make_hex7bot_board(baud=115200, host_rate=115200, start=time.monotonic())
     with serving(PtyServer(board, baud=115200, rate=lambda: board.host_rate)) as path:
-        with Hex7BotDriver.from_url(f"{path}?raise=1000000") as robot:
-            assert board.host_rate == 1_000_000
-            assert len(robot.read().position) == 7
+        # A line that stalls while it is checked stays at the old rate, as it should: the machine may do that.
+        for _ in range(5):
+            with Hex7BotDriver.from_url(f"{path}?raise=1000000") as robot:
+                raised = board.host_rate
+                assert len(robot.read().position) == 7
+            if raised == 1_000_000:
+                break
+        assert raised == 1_000_000
         with Hex7BotDriver.from_url(path) as robot:
             assert board.host_rate == 115200
             assert len(robot.read().position) == 7

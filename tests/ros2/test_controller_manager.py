@@ -30,6 +30,8 @@ def aside(arm: Arm, angle: float) -> dict[str, float]:
 def test_a_controller_moves_the_arm_through_the_manager(arm: Arm, manager: TopicBasedSystem) -> None:
     target = aside(arm, 0.4)
     manager.activate()
+    # It commands where the arm is, as a controller does, until that is accepted, even if the machine stalls.
+    manager.run(0.5)
     manager.move(target, 2.0)
     manager.run(0.5)
     assert near(target, arm.board.positions)

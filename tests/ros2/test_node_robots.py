@@ -85,7 +85,8 @@ def test_every_robot_with_a_geometry_moves_and_has_a_description(world: World, r
     arm = Arm(world, node, at=at)
     here = arm.position()
     joint = next(iter(here))
-    assert Goal(arm, (1.5, {joint: here[joint] + 0.1})).result() == (SUCCEEDED, 0, "")
+    # The text may say how far off a joint came to rest.
+    assert Goal(arm, (1.5, {joint: here[joint] + 0.1})).result()[:2] == (SUCCEEDED, 0)
     assert near({joint: here[joint] + 0.1}, arm.position())
     (message,) = arm.peer.collect(f"{at}robot_description", STRING, qos=LATCHED)
     assert all(f'<joint name="{name}"' in message.data for name in here)

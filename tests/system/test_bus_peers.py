@@ -52,7 +52,15 @@ def _seen(port: str, name: str) -> dict[int, int | None]:
 
 def _again(call: Callable[[], bool]) -> bool:
     """These clients take a stall of the machine for a lost answer; a second and third try is fair."""
-    return any(call() for _ in range(3))
+
+    def tried() -> bool:
+        try:
+            return call()
+        except IndexError:
+            # The vendor's SDK takes bytes from an answer that it has not received.
+            return False
+
+    return any(tried() for _ in range(3))
 
 
 def test_the_vendors_sdk(port: str) -> None:
