@@ -343,3 +343,15 @@ def test_a_start_over_the_wrap_of_the_clock() -> None:
     assert rider.look().state == PathState.WAITING
     assert rider.until_over() == PathState.DONE
     assert rider.targets(0, begin + 0.1)[0][0] == pytest.approx(begin + 2.5, abs=0.03)
+
+
+def test_a_host_that_asks_without_a_pause_does_not_keep_the_board_from_its_servos() -> None:
+    rider = Rider()
+    rider.load(way=200, mask=0x02, seconds=0.5)
+    assert rider.start() == Status.OK
+    oldest = 0
+    while not rider.look().state.over:
+        oldest = max(oldest, *(rider.state().age or (999,)))
+        rider.now += 1e-5
+    assert oldest < 100
+    assert abs(rider.true_positions()[1] - START[1] - 200) <= 6

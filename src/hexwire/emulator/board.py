@@ -221,6 +221,7 @@ class EmulatedBoard:
         self._task: _Task | None = None
         self._waiting: tuple[_Task, bytes] | None = None
         self._busy: bool = False
+        self._used_bus = False
         self._listening = False
         self._busy_until: float = now
         self._cut_at: float = now
@@ -352,7 +353,10 @@ class EmulatedBoard:
                 (self._task, self._answer), self._waiting = self._waiting, None
                 self._run(self._answer)
                 return
-            self._next_poll = self.time + _POLL_PAUSE
+            # A host that asks without a pause must not keep the board from its servos.
+            if self._used_bus or (task.request is None and task.chapter is None):
+                self._next_poll = self.time + _POLL_PAUSE
+            self._used_bus = False
             return
         self._busy = True
         self._listening = isinstance(wait, Transaction)
@@ -362,6 +366,7 @@ class EmulatedBoard:
             return
         if isinstance(wait, Transaction):
             self._buffer.read(self.time)
+        self._used_bus = True
         self.state.bus_transactions += 1
         heard, finish = self.wire.transact(wait.packet, self.time)
         byte = _BITS / self.wire.baud if self.paced else 0.0
