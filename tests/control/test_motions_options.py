@@ -98,7 +98,8 @@ def test_a_joint_may_be_silent_for_three_cycles_of_a_path_but_at_least_half_a_se
     result = run_motion(bench.robot, bench.way(seconds=10.0), bench.options(rate=rate), observer=watched)
     assert result.stopped is not None
     assert (result.stopped.kind, result.stopped.joint) == ("lost", "J4")
-    assert longest - 0.01 < watched.states[-1]["J4"].age <= longest + 1.0 / rate + 0.05
+    # The age is that of a state which was read a moment before.
+    assert longest - 0.05 < watched.states[-1]["J4"].age <= longest + 1.0 / rate + 0.05
 
 
 @KINDS

@@ -113,8 +113,9 @@ def test_a_stall_of_the_program_does_not_disturb_it() -> None:
 
 def test_a_program_that_stalls_for_longer_finds_the_arm_at_rest_on_its_path() -> None:
     bench = Timed()
-    way = bench.way(by=1.0, seconds=8.0)
-    result = bench.run(way, bench.after(0.4, lambda: bench.arm.wait(5.0)), watchdog=0.0)
+    # Longer than the points that the board has room for.
+    way = bench.way(by=1.0, seconds=30.0)
+    result = bench.run(way, bench.after(0.4, lambda: bench.arm.wait(25.0)), watchdog=0.0)
     assert not result.arrived
     assert result.stopped is not None
     assert "too slow to send the next points" in result.why
