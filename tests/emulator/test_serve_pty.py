@@ -4,15 +4,13 @@ import os
 import resource
 import select
 import termios
-import threading
 import time
 import tty
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from tests.emulator.loopback import Loopback
+from tests.emulator.terminals import serving
 
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.emulator.board import make_hex7bot_board
@@ -28,25 +26,6 @@ from hexwire.session.policy import ReconnectPolicy
 from hexwire.wire.command_frame import Command, Frame, serialize_frame
 
 # --- PacedLine -------------------------------------------------------------------------------------------------
-
-
-@contextmanager
-def serving(server: PtyServer) -> Iterator[str]:
-    path = server.open()
-    ended = threading.Event()
-
-    def run() -> None:
-        while not ended.is_set():
-            server.run_once(0.02)
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    try:
-        yield path
-    finally:
-        ended.set()
-        thread.join(10)
-        server.close()
 
 
 def read_some(fd: int, count: int, timeout: float = 5.0) -> bytes:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-import threading
 import time
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.emulator.terminals import serving
 from tests.site.pages import blocks
 from tests.site.shell import Shell, commands
 
@@ -100,22 +100,8 @@ def test_programs_in_pages_with_a_test_of_their_own_are_known(page: str, tmp_pat
 @pytest.fixture
 def bus_arm(tmp_path: Path) -> Iterator[str]:
     """An emulated SO-101 on a port."""
-    server = PtyServer(BusDevice(make_so_arm("so101", start=time.monotonic()).servos))
-    stop = threading.Event()
-    path = server.open()
-
-    def serve() -> None:
-        while not stop.is_set():
-            server.run_once(0.05)
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    try:
+    with serving(PtyServer(BusDevice(make_so_arm("so101", start=time.monotonic()).servos))) as path:
         yield path
-    finally:
-        stop.set()
-        thread.join()
-        server.close()
 
 
 def plain(line: str) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from typing import Any
 
 from hexwire.epochs import Token
 from hexwire.session.effects import Effect, effect_of
@@ -92,14 +93,14 @@ class SeveralModules(SessionLine):
         effect = effect_of(self.connection.dialect, cmd, body)
         if effect is Effect.STOP:
             with self.epochs.stopping():
-                answers = self._ask_all(cmd, body, window, attempts, effect, True, repeatable, None, asked)
+                answers = self._collect(cmd, body, window, attempts, effect, True, repeatable, None, None, asked)
                 if answers.silent or not all(r.status in _OBEYED for r in answers.replies.values()):
                     self.epochs.unconfirmed()
                 return answers
         token = self.epochs.of_this_call
         if effect is not Effect.NONE and token is None:
             token = self.epochs.token(command_name(cmd), freeing=effect is not Effect.ACT)
-        answers = self._ask_all(cmd, body, window, attempts, effect, False, repeatable, token, asked)
+        answers = self._collect(cmd, body, window, attempts, effect, False, repeatable, None, token, asked)
         if cmd == Command.IDENTIFY:
             self.modules |= {module for module, r in answers.replies.items() if r.status == Status.OK}
             if finding:
@@ -109,18 +110,7 @@ class SeveralModules(SessionLine):
             self.epochs.resumed(token)
         return answers
 
-    def _ask_all(
-        self,
-        cmd: int,
-        body: bytes,
-        window: float | None,
-        attempts: int | None,
-        effect: Effect,
-        urgent: bool,
-        repeatable: bool,
-        token: Token | None,
-        to: To,
-    ) -> Answers:
-        answers = self._request(cmd, body, window, attempts, effect, urgent, repeatable, None, token, to)
+    def _collect(self, *asked: Any) -> Answers:
+        answers = self._request(*asked)
         assert isinstance(answers, Answers)
         return answers

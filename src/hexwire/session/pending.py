@@ -18,8 +18,8 @@ class Pending:
         ticket: What the caller knows it by.
         seq: Its number on the wire.
         window: Seconds for each answer.
-        attempts: How often it is sent at most.
-        sent: How often it was.
+        attempts: Most times that it is sent.
+        sent: Times that it has been sent.
         sent_at: Time of the last attempt.
         deadline: Time at which that attempt is over.
         instead: What arrived instead of the answer, in words.
