@@ -5,13 +5,20 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
 
 from hexwire.cli.main import cli
+from hexwire.control import following
+from hexwire.control.following import Pair
 from hexwire.emulator.hand import HandOrder
 from hexwire.emulator.serve_hand import move_by_hand
+from hexwire.trace.capture import Message, read_messages
+from hexwire.trace.recording import JOINT_STATES
 
 LEADER, FOLLOWER = "sim://so101?leader=1&name=follow_lead", "sim://so101?name=follow_follow"
 
@@ -49,6 +56,42 @@ def test_options_before_the_command() -> None:
     result = CliRunner().invoke(cli, ["--robot", "nobody", "follow", "/none/a", "/none/b"])
     assert result.exit_code == 2
     assert "nobody" in result.stderr
+
+
+@pytest.mark.parametrize("option", ["--record", "--record-ros2"])
+def test_the_followers_of_two_pairs_are_recorded_apart(
+    option: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each on a topic of its own, named by its arm, with its own description."""
+
+    def read_once(pairs: Sequence[Pair], *_: Any, **__: Any) -> None:
+        for pair in pairs:
+            pair.leader.read()
+            pair.follower.read()
+
+    monkeypatch.setattr(following, "run_following", read_once)
+    for name, base in (("left", "so101"), ("right-1", "so100"), ("right.1", "so101")):
+        (tmp_path / f"{name}.toml").write_text(f'name = "{name}"\nbase = "{base}"\n')
+    file = tmp_path / "recording"
+    arms: list[str] = []
+    for name in ("left", "right-1", "right.1"):
+        arms += [f"sim://so101?leader=1&name=lead_{name[-1]}{len(name)}{len(arms)}"]
+        arms += [f"{tmp_path}/{name}.toml@sim://so101?name=two_{len(arms)}"]
+    result = CliRunner().invoke(cli, [option, str(file), "follow", *arms])
+    assert result.exit_code == 0, result.output
+    if option == "--record-ros2":
+        file = next(file.glob("*.mcap"))
+    with file.open("rb") as opened:
+        messages = [message for message in read_messages(opened, "it") if isinstance(message, Message)]
+    topics = {message.topic for message in messages if message.topic.endswith(f"/{JOINT_STATES[1:]}")}
+    assert topics == {"/left/joint_states", "/right_1/joint_states", "/right_1_2/joint_states"}
+    if option == "--record-ros2":
+        urdf = {m.topic.split("/")[1]: m.data for m in messages if m.topic.endswith("/robot_description")}
+        assert {arm: b'<robot name="so100"' in data for arm, data in urdf.items()} == {
+            "left": False,
+            "right_1": True,
+            "right_1_2": False,
+        }
 
 
 @pytest.mark.system

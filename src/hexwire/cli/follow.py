@@ -5,6 +5,7 @@ Owns the command line. Must not know how a follower follows.
 
 from __future__ import annotations
 
+import re
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,7 @@ from .exits import note, shielded
 from .numbers import number_option
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from hexwire.drivers.base import RobotDriver
     from hexwire.motion.following import Following
@@ -68,12 +69,12 @@ def follow(
         if share > 1.0:
             raise UsageError(f"{name} must be at most {'1' if name == '--meet' else '100'}")
     # Joints of the same names: a recording shows those of the follower.
-    if len(arms) > 2 and context.find_root().params.get("record"):
-        raise UsageError("--record tells no pair from another; record one pair at a time")
     made = [_make(text, robot, observed=bool(place % 2)) for place, text in enumerate(arms)]
     # so101@PORT and PORT are one arm: it would follow itself.
     if len({driver.url for driver in made}) < len(made):
         raise UsageError("an arm is named twice")
+    if len(made) > 2:
+        _tell_apart(made[1::2])
     with ExitStack() as stack:
         pairs = []
         for place in range(0, len(made), 2):
@@ -103,6 +104,24 @@ def _make(text: str, robot: str | None, *, observed: bool) -> RobotDriver:
     if not at or "/" in name.removesuffix(".toml").rpartition(":")[0] or "://" in name:
         name, port = "", text
     return make_robot(RobotOptions(port, name or robot or robot_at_port(port), None, None, None, observed=observed))
+
+
+def _tell_apart(followers: Sequence[RobotDriver]) -> None:
+    """Give each follower a name of its own in a recording: that of a shared arm, or of its arm file or type."""
+    from .recording import record_as
+
+    taken: set[str] = set()
+    for driver in followers:
+        shared = driver.url.startswith("zenoh:")
+        full = driver.url.removeprefix("zenoh:").partition("?")[0] if shared else driver.model.name
+        # Letters that ROS allows, too.
+        name = first = re.sub(r"[^A-Za-z0-9_/]", "_", full)
+        number = 1
+        while name in taken:
+            number += 1
+            name = f"{first}_{number}"
+        taken.add(name)
+        record_as(driver, name)
 
 
 def _rules(

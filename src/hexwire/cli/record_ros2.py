@@ -17,7 +17,7 @@ from hexwire.model.geometry import ROBOTS, kinematics_for, make_kinematics
 from .common import force_option, json_option, name_of
 from .exits import note
 from .output import answer
-from .recording import capturing
+from .recording import capturing, topic_for
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -30,24 +30,22 @@ __all__ = ["bag_recording", "ros2"]
 def bag_recording(folder: str, *, force: bool, optional: bool = False) -> Iterator[None]:
     """In this context, traffic and joint states are recorded in a bag of ROS 2.
 
-    Arguments and errors are those of `hexwire.cli.recording.recording`. The bag gets the URDF of the first robot
-    whose state is read, if it has a geometry.
+    Arguments and errors are those of `hexwire.cli.recording.recording`. The bag gets the URDF of each robot
+    whose states are read, if it has a geometry.
     """
     from hexwire.ros2.bag_recording import BagRecording
     from hexwire.ros2.types import Types
 
     made: list[BagRecording] = []
-    known = False
 
     def make_writer() -> BagRecording:
         made.append(BagRecording(folder, Types(), force=force))
         return made[0]
 
     def observe(robot: RobotDriver) -> None:
-        nonlocal known
-        if not known:
-            known = True
-            made[0].urdf = _urdf_of(robot)
+        topic = topic_for(robot)
+        if topic not in made[0].urdfs:
+            made[0].urdfs[topic] = _urdf_of(robot)
 
     with capturing(folder, make_writer, optional=optional, observe=observe):
         yield

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
 
 from hexwire.errors import UsageError
 from hexwire.link.base import Link
@@ -23,7 +24,23 @@ if TYPE_CHECKING:
     from hexwire.model.state import JointState
     from hexwire.trace.capture import Writer
 
-__all__ = ["capturing", "recording"]
+__all__ = ["capturing", "record_as", "recording", "topic_for"]
+
+_arms: WeakKeyDictionary[RobotDriver, str] = WeakKeyDictionary()
+"""Names of the robots that have a topic of their own."""
+
+
+def record_as(robot: RobotDriver, arm: str) -> None:
+    """Record the states of a robot on a topic of their own: a command with several arms names each."""
+    _arms[robot] = arm
+
+
+def topic_for(robot: RobotDriver) -> str:
+    """The topic of a robot's states in a recording."""
+    from hexwire.trace.recording import JOINT_STATES, topic_of
+
+    arm = _arms.get(robot)
+    return JOINT_STATES if arm is None else topic_of(arm)
 
 
 @contextmanager
@@ -80,7 +97,7 @@ def capturing(
 
     def state(robot: RobotDriver, joints: JointState) -> None:
         observe(robot)
-        capture.joint_state(joints, time.time())
+        capture.joint_state(joints, time.time(), topic_for(robot))
 
     def tap(link: Link) -> Link:
         return TapLink(link, missed.guard(capture.passed))

@@ -53,6 +53,7 @@ class BagRecording:
 
     Attributes:
         urdf: The arm's description; it is written with the first joint state. Empty without one.
+        urdfs: That of each of several arms, by the topic of its joint states.
 
     Raises:
         UsageError: As `BagWriter`.
@@ -60,6 +61,7 @@ class BagRecording:
 
     def __init__(self, folder: str | Path, types: Types, *, force: bool = False) -> None:
         self.urdf = ""
+        self.urdfs: dict[str, str] = {}
         self._bag = BagWriter(folder, types, force=force)
         self._types = types
         self._filters: dict[str, StateFilter] = {}
@@ -80,11 +82,12 @@ class BagRecording:
         extra: Mapping[str, Any] | None = None,
     ) -> None:
         """Write a joint state, as `RecordingWriter.joint_state`; `extra` has no place in ROS's messages."""
+        urdf = self.urdfs.get(topic, self.urdf)
         topic = ros_topic(topic)
         namespace = topic.removesuffix(JOINT_STATES)
-        if self.urdf and namespace not in self._described:
+        if urdf and namespace not in self._described:
             self._described.add(namespace)
-            text = self._types.message("std_msgs/msg/String")(data=self.urdf)
+            text = self._types.message("std_msgs/msg/String")(data=urdf)
             self._bag.write(f"{namespace}{_DESCRIPTION}", "std_msgs/msg/String", text, nanoseconds(stamp), LATCHED)
         known = self._filters.setdefault(topic, StateFilter()).take(state)
         if known is not None:

@@ -2,7 +2,8 @@
 
 Owns the topics of such a recording, reading it and recovering a damaged one; `recording` owns the file. Topics:
 ``/bytes/sent`` and ``/bytes/received`` hold raw bytes, ``/frames`` holds ``foxglove.Log``, ``/joint_states`` holds
-``foxglove.JointStates``. Must not know who sends or receives the bytes.
+``foxglove.JointStates``, ``/NAME/joint_states`` those of one of several arms. Must not know who sends or receives
+the bytes.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from hexwire.link.tap import Direction, Passed
 
 from .explain import Explainer
 from .mcap_file import MAGIC, load_mcap, read_records
-from .recording import RecordingWriter, nanoseconds
+from .recording import JOINT_STATES, RecordingWriter, nanoseconds
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -60,7 +61,7 @@ class Writer(Protocol):
     def message(self, topic: str, schema: str, stamp: float, body: dict[str, Any]) -> None:
         """Write a JSON message."""
 
-    def joint_state(self, state: JointState, stamp: float) -> None:
+    def joint_state(self, state: JointState, stamp: float, *, topic: str) -> None:
         """Write a joint state."""
 
     def close(self) -> None:
@@ -103,11 +104,11 @@ class Capture:
             for explained in self._explainers.setdefault(passed.url, Explainer()).feed(passed):
                 self._frame(explained, stamp)
 
-    def joint_state(self, state: JointState, stamp: float) -> None:
-        """Record a joint state at `stamp`, seconds since 1970."""
+    def joint_state(self, state: JointState, stamp: float, topic: str = JOINT_STATES) -> None:
+        """Record a joint state at `stamp`, seconds since 1970; each of several arms has a topic of its own."""
         with self._exclusive():
             if not self._closed:
-                self._writer.joint_state(state, stamp)
+                self._writer.joint_state(state, stamp, topic=topic)
 
     def close(self) -> None:
         """Finish the file. Does nothing if it is finished.
