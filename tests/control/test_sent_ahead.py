@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from itertools import pairwise
 from typing import Any
 
@@ -15,7 +16,7 @@ from hexwire.control.goals import Point, TrajectoryGoal
 from hexwire.control.lease import Lease
 from hexwire.control.outcomes import Outcome, Reason
 from hexwire.drivers.timed_path import PathState, TimedPoint
-from hexwire.errors import StoppedError
+from hexwire.errors import LeaseError, StoppedError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointTarget
 from hexwire.wire.command_frame import Command
@@ -638,6 +639,40 @@ def test_after_a_halt_a_path_whose_lease_is_lost_is_not_continued() -> None:
     assert bench.shared.held
     assert abs(bench.where("J1") - here) < 0.01
     assert not bench.owner.group.busy
+
+
+@pytest.mark.parametrize("requests", range(6))
+@pytest.mark.parametrize("when", [0.0, 1.0, 1.05])
+def test_a_lease_that_ends_between_two_requests_brakes_and_loses_no_connection(when: float, requests: int) -> None:
+    bench = SharedBench(lease=Lease(timeout=0.5))
+    key = bench.take()
+    bench.shared.follow(bench.order(key), "", order((9.0, {"J1": J1 + 1.0})), None)
+    bench.keep(key, when)
+    check, asked = bench.shared._orders.of_targets, 0
+
+    def halted() -> LeaseError | None:
+        # The program is halted right before a request leaves.
+        nonlocal asked
+        if asked == requests:
+            bench.clock.time += 0.6
+        asked += 1
+        return check()
+
+    assert bench.owner._output.refusal is not None
+    bench.owner._output.refusal = halted
+    with suppress(LeaseError):
+        while not bench.shared.held:
+            bench.turn(0.01)
+            bench.shared.beat(key, 0.0)
+    here = bench.where("J1")
+    bench.turn(1.0)
+    assert bench.shared.held == "Ann lost the lease after 0.5 s of silence"
+    assert (bench.owner.reconnects, bench.owner.group.reason, bench.owner.state.stopped) == (0, None, False)
+    assert bench.board.trajectory.state in (PathState.NONE, PathState.LOADING, PathState.ABORTED)
+    assert abs(bench.where("J1") - here) < 0.03
+    assert bench.travel("J1") < 0.003
+    assert not bench.owner.group.busy
+    assert bench.sent == []
 
 
 def test_a_target_of_the_holder_replaces_a_path() -> None:

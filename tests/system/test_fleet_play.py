@@ -120,7 +120,7 @@ def test_a_player_that_is_killed_leaves_arms_that_hold(stage: Stage, capsys: pyt
     killed = player.kill()
     show(capsys, "killed", stage.rest(killed, TIMEOUT + HOLD))
     for row in stage.arms():
-        assert (row["stopped"], row["holder"]) == (False, None), row
+        assert (row["stopped"], row["holder"]) == (False, None), f"{row} {stage.said()}"
         assert "lost the lease after 0.5 s of silence" in str(row["condition"])
 
 

@@ -14,7 +14,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from hexwire.errors import CommandRefusedError, HexwireError, StoppedError, UsageError
+from hexwire.errors import CommandRefusedError, HexwireError, LeaseError, StoppedError, UsageError
 from hexwire.model.state import JointFlag, JointTarget, SentTarget
 from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop
 
@@ -180,6 +180,11 @@ class Output:
             ahead.drop()
             self._group.stop(board_stop(self._robot.read()) or StopReason("board", STOP_COMMAND))
             return
+        except LeaseError as error:
+            # The robot is not lost: it goes on along its path until it is told to come to rest.
+            if not self._ended_with_lease(error):
+                raise
+            return
         if found is None:
             return
         if found.joint:
@@ -187,6 +192,13 @@ class Output:
         else:
             self.tell(logging.WARNING, "stopped: %s", found)
             self._group.stop(found)
+
+    def _ended_with_lease(self, error: HexwireError) -> bool:
+        """End the motions if the right to move has ended since `before` was asked; else the robot refused."""
+        if not isinstance(error, LeaseError) or self.refusal is None or self.refusal() is None:
+            return False
+        self.before()
+        return True
 
     def _without(self, order: JointTarget, joints: Collection[str]) -> JointTarget | None:
         """What of a target must be sent, since the robot does not know it yet."""
@@ -214,7 +226,8 @@ class Output:
             if self._borrowed:
                 raise
             # For example after another program switched torque off: the motion is over, its set-points are void.
-            _log.error("%s", error)
+            if not self._ended_with_lease(error):
+                _log.error("%s", error)
             self._group.release(str(error))
         else:
             clamped = frozenset(sent.clamped)

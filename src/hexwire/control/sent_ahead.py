@@ -14,7 +14,7 @@ from collections.abc import Callable, Collection, Iterator
 from typing import TYPE_CHECKING
 
 from hexwire.drivers.timed_path import PathReport, PathState, TimedPath, TimedPoint
-from hexwire.errors import CommandRefusedError, DeviceError, HexwireError, PreemptedError, StoppedError, UsageError
+from hexwire.errors import CommandRefusedError, DeviceError, LeaseError, PreemptedError, StoppedError, UsageError
 from hexwire.motion.follower import BRAKE, Follower, Mode
 from hexwire.motion.path_points import path_points
 from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop
@@ -83,8 +83,7 @@ class SentAhead:
         self._one_by_one: set[Follower] = set()
         self._plan = self._on_robot = Together((), {})
         # When the time of the path was 0, host's clock.
-        self._origin = 0.0
-        self._pace = PathPace()
+        self._origin, self._pace = 0.0, PathPace()
         # Points on the robot, from index `_oldest` on.
         self._sent: list[TimedPoint] = []
         self._oldest = 0
@@ -137,6 +136,7 @@ class SentAhead:
 
         Raises:
             StoppedError: The arm is stopped.
+            LeaseError: Whoever moves the joints has lost the right to; `brake` brings them to rest.
             HexwireError: As `TimedPath`.
         """
         if not self._robot.refills_paths:
@@ -149,7 +149,7 @@ class SentAhead:
         if (path := self._path) is not None:
             try:
                 found = self._follow(path, state)
-            except (StoppedError, PreemptedError):
+            except (StoppedError, PreemptedError, LeaseError):
                 raise
             except (CommandRefusedError, UsageError) as error:
                 found = self._see_refusal(path, state, error)
@@ -198,8 +198,7 @@ class SentAhead:
         if self._clock() - self._turned < self._pace.pause and not changed:
             return None
         try:
-            # A change is urgent.
-            patience = _LONGER if changed else _LOOK
+            patience = _LONGER if changed else _LOOK  # a change is urgent
             if self._leaving or self._is_ending() or self._clock() - self._looked >= patience:
                 found = self._look(path, state)
                 if found is not None or self._leaving or self._path is None:
@@ -240,8 +239,10 @@ class SentAhead:
         try:
             self._arm_watchdog()
             self._start(plan, begins)
-        except (StoppedError, PreemptedError):
-            self.drop()
+        except (StoppedError, PreemptedError, LeaseError) as error:
+            # One that the robot has must still be brought to rest.
+            if self._path is None or not isinstance(error, LeaseError):
+                self.drop()
             raise
         except (CommandRefusedError, UsageError) as error:
             _log.info("the targets are sent one by one: %s", error)
@@ -457,7 +458,7 @@ class SentAhead:
         latest = self._clock() - self._sent[place - 1].time + path.lead
         self._shift(max(earliest, min(latest, self._origin)) - self._origin)
 
-    def _see_refusal(self, path: TimedPath, state: JointState, error: HexwireError) -> StopReason | None:
+    def _see_refusal(self, path: TimedPath, state: JointState, error: Exception) -> StopReason | None:
         before = self._clock()
         report = path.report()
         if report.state in (PathState.RUNNING, PathState.WAITING):
