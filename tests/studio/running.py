@@ -98,6 +98,11 @@ class RunningStudio:
         """Wait until something is true, at most so long."""
         until(true, what, seconds)
 
+    def stopped(self, what: str) -> None:
+        """Wait until the arm is stopped and the board has said so: then a reset is asked for after the stop."""
+        owner = self.arm.owner
+        until(lambda: owner.group.reason is not None and owner.state is not None and owner.state.stopped, what)
+
 
 def _link_of(robot: Any) -> Any:
     session = getattr(robot, "session", None)

@@ -38,7 +38,7 @@ def test_stop_works_while_a_dialog_is_open(studio: RunningStudio, page: Page) ->
     )
     page.get_by_text("A question.").wait_for()
     page.get_by_role("button", name="STOP").click()
-    studio.until(lambda: studio.arm.owner.group.reason is not None, "the stop by the button")
+    studio.stopped("the stop by the button")
     studio.arm.owner.reset()
     page.get_by_text("A question.").click()
     page.keyboard.press("Escape")

@@ -110,6 +110,7 @@ def moving(served: RunningStudio) -> Iterator[Callable[[], _Holder]]:
         while made:
             made.pop().end()
         if served.arm.owner.group.reason is not None:
+            served.stopped("the stop before")
             served.arm.owner.reset()
         made.append(_Holder(served))
         made[-1].hold()
@@ -195,7 +196,7 @@ def test_nothing_from_before_a_stop_continues_after_resume(moving: Callable[[], 
     assert source is not None
     old = source.stops
     _stop(holder)
-    studio.until(lambda: owner.group.reason is not None, "the stop")
+    studio.stopped("the stop")
     owner.reset()
     _is_held(studio, "its beats still arrive")
     # An order that was under way while the arm was stopped and resumed.
