@@ -26,3 +26,10 @@ def test_ids(text: str, ids: list[int]) -> None:
 def test_what_is_not_a_list_of_ids_is_refused(text: str) -> None:
     with pytest.raises(UsageError, match="servo ids"):
         parse_ids(text)
+
+
+def test_what_is_wrong_with_an_id_or_their_order_is_said() -> None:
+    with pytest.raises(UsageError, match="'6-1' is not a list of servo ids: write the lower id first"):
+        parse_ids("6-1")
+    with pytest.raises(UsageError, match="'250-254' is not a list of servo ids: they are from 0 to 253"):
+        parse_ids("1,250-254")

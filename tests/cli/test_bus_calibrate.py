@@ -184,7 +184,10 @@ def test_a_lerobot_file_is_taken_over_and_given_back(monkeypatch: pytest.MonkeyP
     arm = CalibrateCli(monkeypatch)
     theirs, mine, again = tmp_path / "follower.json", tmp_path / "cal.toml", tmp_path / "again.json"
     theirs.write_text(json.dumps({"shoulder_pan": ROW}))
-    assert "1 joints saved" in arm.run("so101", str(mine), "--lerobot", str(theirs)).stdout
+    result = arm.run("so101", str(mine), "--lerobot", str(theirs))
+    assert "1 joint saved" in result.stdout
+    missing = "shoulder_lift, elbow_flex, wrist_flex, wrist_roll, gripper"
+    assert result.stderr == f"warning: {theirs} has no {missing}: not calibrated\n"
     found = Calibration.parse(mine.read_text())
     assert (found.arm, found.joints[0].middle, found.joints[0].turn) == ("so101", 2024.5, 4095)
     assert arm.parts.arm.servos[0].registers.stored("position_offset") == 0

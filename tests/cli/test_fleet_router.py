@@ -167,6 +167,22 @@ def test_it_may_have_zenohs_own_settings(tmp_path: Path) -> None:
         assert router.wait(30) == 0
 
 
+def test_without_options_the_file_of_rmw_zenohs_variable_counts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "router.json5"
+    path.write_text("{mode: 'peer'}")
+    monkeypatch.setenv("ZENOH_ROUTER_CONFIG_URI", f"file://{path}")
+    result = run("fleet", "router")
+    assert result.exit_code == 2
+    assert f"settings from {path}, which ZENOH_ROUTER_CONFIG_URI names" in result.stderr
+    assert f"{path}: has no mode 'router'" in result.stderr
+    # What is typed counts more.
+    result = run("fleet", "router", "--listen", "tcp/0.0.0.0:1")
+    assert "ZENOH_ROUTER_CONFIG_URI" not in result.stderr
+    assert result.exit_code == 2
+
+
 @pytest.mark.parametrize(
     ("text", "words", "why"),
     [

@@ -35,7 +35,9 @@ def parse_ids(text: str) -> list[int]:
         if found is None:
             raise UsageError(f"{text[:_SHOWN]!r} is not a list of servo ids: write 1-7 or 1,2,5")
         low, high = int(found[1]), int(found[2] or found[1])
-        if high > 253 or low > high:
+        if low > high:
+            raise UsageError(f"{part.strip()!r} is not a list of servo ids: write the lower id first")
+        if high > 253:
             raise UsageError(f"{part.strip()!r} is not a list of servo ids: they are from 0 to 253")
         ids.extend(range(low, high + 1))
     return ids

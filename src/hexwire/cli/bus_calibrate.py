@@ -114,7 +114,11 @@ def calibrate(
                 _store(bench, found)
         out.file.write(text.encode())
     joints = [joint.name for joint in found.joints]
-    answer(as_json, {"file": file, "joints": joints}, f"{len(joints)} joints saved to {file}")
+    answer(
+        as_json,
+        {"file": file, "joints": joints},
+        f"{len(joints)} {'joint' if len(joints) == 1 else 'joints'} saved to {file}",
+    )
 
 
 def _text(found: Calibration, file: str) -> str:
@@ -134,7 +138,10 @@ def _loaded(source: str, robot: str, driver: type[BusArm]) -> Calibration:
     if _is_lerobot(source):
         taken = datetime.datetime.fromtimestamp(Path(source).stat().st_mtime).astimezone()
         found = replace(found, arm=robot, taken=taken.isoformat(timespec="seconds"))
-    found.apply(driver.described().model)
+    model = driver.described().model
+    found.apply(model)
+    if missing := [name for name in model.names if name not in {joint.name for joint in found.joints}]:
+        note(f"warning: {source} has no {', '.join(missing)}: not calibrated")
     return found
 
 

@@ -6,6 +6,7 @@ Owns the command lines. `hexwire.fleet.rights` owns the rules, `hexwire.fleet.ne
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 
 __all__ = ["config", "router"]
 
+_FILE = "ZENOH_ROUTER_CONFIG_URI"
+"""The environment variable of `rmw_zenoh` for a router's settings."""
 _PATIENCE = 5.0
 """Seconds from the signal in which the router must have ended."""
 _LOOK = 0.2
@@ -46,8 +49,8 @@ _LOOK = 0.2
 @click.option(
     "--zenoh-config",
     metavar="FILE",
-    help="Zenoh's own settings in JSON5 instead of all other options, as the file that ZENOH_ROUTER_CONFIG_URI "
-    "names for a router of ROS 2. They may let anybody in.",
+    help="Zenoh's own settings in JSON5 instead of all other options; without any option, those of the file that "
+    "ZENOH_ROUTER_CONFIG_URI names, as for a router of ROS 2. They may let anybody in.",
 )
 @click.pass_context
 def router(
@@ -72,10 +75,13 @@ def router(
 
     shutdown = Shutdown(_PATIENCE)
     shutdown.listen()
+    default = click.core.ParameterSource.DEFAULT
+    given = [name for name in context.params if context.get_parameter_source(name) is not default]
+    if not given and (named := os.environ.get(_FILE, "").removeprefix("file://")):
+        note(f"settings from {named}, which {_FILE} names")
+        zenoh_config = named
     if zenoh_config:
-        default = click.core.ParameterSource.DEFAULT
-        given = [name for name in context.params if context.get_parameter_source(name) is not default]
-        if given != ["zenoh_config"]:
+        if given not in ([], ["zenoh_config"]):
             raise UsageError("--zenoh-config has all settings of the router; leave out the other options")
         _relay(*open_router_file(zenoh_config), shutdown)
         return
