@@ -48,6 +48,7 @@ def raw(router: Router) -> Iterator[Any]:
     config.insert_json5("mode", json.dumps("peer"))
     config.insert_json5("connect/endpoints", json.dumps([router.endpoint]))
     config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("scouting/delay", "0")
     config.insert_json5("timestamping/enabled", "true")
     session = zenoh.open(config)
     yield session

@@ -22,6 +22,8 @@ class Router:
         config.insert_json5("mode", json.dumps("router"))
         config.insert_json5("listen/endpoints", json.dumps([self.endpoint]))
         config.insert_json5("scouting/multicast/enabled", "false")
+        # Otherwise it waits half a second for what it finds.
+        config.insert_json5("scouting/delay", "0")
         self._session = zenoh.open(config)
 
     def stop(self) -> None:

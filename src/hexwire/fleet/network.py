@@ -154,6 +154,8 @@ class Network:
             # A router tells ROS 2 nodes of this machine of each other, as theirs does: these connect directly.
             "scouting/gossip/enabled": self.router,
             "scouting/gossip/autoconnect": {"router": [], "peer": []},
+            # Zenoh would wait half a second at every start for what scouting finds.
+            "scouting/delay": 0,
             # A program that waits tries once, and says why; the others try until they end.
             "connect/timeout_ms": 0 if wait else -1,
             "connect/exit_on_failure": wait,

@@ -192,6 +192,8 @@ def router(port: int) -> Iterator[zenoh.Session]:
     config.insert_json5("mode", '"router"')
     config.insert_json5("listen/endpoints", json.dumps([f"tcp/127.0.0.1:{port}"]))
     config.insert_json5("scouting/multicast/enabled", "false")
+    # Otherwise it waits half a second for what it finds.
+    config.insert_json5("scouting/delay", "0")
     with zenoh.open(config) as session:
         yield session
 
