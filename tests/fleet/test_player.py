@@ -14,6 +14,7 @@ import pytest
 import hexwire
 from hexwire.errors import HexwireError
 from hexwire.fleet import messages as m
+from hexwire.fleet import player
 from hexwire.fleet.player import Arm, FleetMotionError, Played, Report, attached_to, play_together
 from hexwire.fleet.remote import RemoteRobot
 from hexwire.motion.waypoints import Spline, Waypoint
@@ -33,9 +34,10 @@ def way(by: float = 0.2, seconds: float = 1.0, joint: str = "J1") -> Spline:
 
 
 @pytest.fixture
-def robots(serve: Serve) -> Iterator[dict[str, RemoteRobot]]:
+def robots(serve: Serve, monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, RemoteRobot]]:
+    # Longer times than usual, so that a busy machine is not taken for a player that died.
+    monkeypatch.setattr(player, "_WATCHDOG", 5.0)
     for name in NAMES:
-        # A longer time than usual, so that a busy machine is not taken for a player that died.
         # The board of the first keeps the time, the server of the second.
         serve(name, lease=3.0, robot="sim", host_timed=name == NAMES[1])
     with attached_to({name: f"zenoh:{name}" for name in NAMES}) as attached:
