@@ -1,23 +1,20 @@
-"""A `ros2` that asks the running node as the real one would, and prints what that would print.
-
-    python stand_in_ros2.py PORT WORDS...
+"""A `ros2` that asks the running node as the real one would, and returns what that would print.
 
 It knows the words that docs/ros2_check.py uses. The strict client asks; the forms are those of ros2cli and rclpy.
 """
 
 from __future__ import annotations
 
-import sys
-import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import yaml
+from tests.ros2.check_here import WAIT
 from tests.ros2.strict_client import action as a
 from tests.ros2.strict_client.action import ActionClient
 from tests.ros2.strict_client.parameters import ParameterClient
-from tests.ros2.strict_client.wire import DEFAULT, LATCHED, Participant, Token, until
+from tests.ros2.strict_client.wire import DEFAULT, LATCHED, Participant, Token
 
 LABELS = ["", "Boolean", "Integer", "Double", "String", "Byte", "Boolean", "Integer", "Double", "String"]
 KINDS = ["not set", "boolean", "integer", "double", "string", "byte array", "boolean array", "integer array"]
@@ -44,22 +41,43 @@ def represented(message: SimpleNamespace) -> str:
 
 
 class Ros2:
-    def __init__(self, me: Participant, options: dict[str, str]) -> None:
-        self.me = me
-        self.options = options
+    """Its programs.
 
-    def settled(self) -> list[Token]:
-        """All tokens, when none has come for a moment."""
-        until(lambda: self.me.graph.tokens(kind="NN", node="hardware_interface") or None, "the node is there")
-        time.sleep(0.5)
+    Args:
+        me: Asks; all of the node is in its graph.
+    """
+
+    def __init__(self, me: Participant) -> None:
+        self.me = me
+        self.options: dict[str, str] = {}
+
+    def answer(self, words: tuple[str, ...]) -> str:
+        """What `ros2 WORDS` prints."""
+        self.options = {}
+        plain_words: list[str] = []
+        left = iter(words)
+        for word in left:
+            if word in VALUED:
+                self.options[word] = next(left)
+            elif word not in FLAGS:
+                plain_words.append(word)
+        first, second, *rest = plain_words
+        before = len(self.me.ends)
+        try:
+            return str(getattr(self, f"{first}_{second}")(rest))
+        finally:
+            self.me.drop_later_than(before)
+
+    def others(self) -> list[Token]:
+        """All tokens of others."""
         return [token for token in self.me.graph.tokens() if token.zid != self.me.zid]
 
     def listed(self, kinds: tuple[str, ...], hidden: bool = False) -> list[str]:
-        found = {f"{token.topic} [{ros_type(token)}]" for token in self.settled() if token.kind in kinds}
+        found = {f"{token.topic} [{ros_type(token)}]" for token in self.others() if token.kind in kinds}
         return sorted(line for line in found if hidden or "/_" not in line)
 
     def node_list(self, _: list[str]) -> str:
-        return "\n".join(token.full_node for token in self.settled() if token.kind == "NN")
+        return "\n".join(token.full_node for token in self.others() if token.kind == "NN")
 
     def topic_list(self, _: list[str]) -> str:
         return "\n".join(self.listed(("MP", "MS")))
@@ -74,7 +92,7 @@ class Ros2:
     def topic_info(self, words: list[str]) -> str:
         said = []
         for kind, count in (("MP", "Publisher"), ("MS", "Subscription")):
-            ends = [token for token in self.settled() if token.topic == words[-1] and token.kind == kind]
+            ends = [token for token in self.others() if token.topic == words[-1] and token.kind == kind]
             said.append(f"{count} count: {len(ends)}\n")
             for token in ends:
                 reliability = {"": "RELIABLE", "2": "BEST_EFFORT"}[token.qos.split(":")[0]]
@@ -85,7 +103,7 @@ class Ros2:
         return "\n".join(said)
 
     def heard(self, topic: str, qos: str = DEFAULT) -> SimpleNamespace:
-        token = next(token for token in self.settled() if token.kind == "MP" and token.topic == topic)
+        token = next(token for token in self.others() if token.kind == "MP" and token.topic == topic)
         return self.me.subscribe(topic, ros_type(token), qos).take().message
 
     def topic_echo(self, words: list[str]) -> str:
@@ -99,16 +117,10 @@ class Ros2:
         return as_yaml(message) + "---"
 
     def topic_hz(self, words: list[str]) -> str:
-        token = next(token for token in self.settled() if token.kind == "MP" and token.topic == words[-1])
+        token = next(token for token in self.others() if token.kind == "MP" and token.topic == words[-1])
         subscription = self.me.subscribe(words[-1], ros_type(token))
-        count = len([subscription.take() for _ in range(50)])
-        stamps = [subscription.take().attachment.stamp for _ in range(count)]
-        print(f"average rate: {(count - 1) / (stamps[-1] - stamps[0]) * 1e9:.3f}\n\tmin: 0.01s", flush=True)
-        try:
-            time.sleep(600)
-        except KeyboardInterrupt:
-            return ""
-        return ""
+        first, *_, last = [subscription.take().attachment.stamp for _ in range(20)]
+        return f"average rate: {19 / (last - first) * 1e9:.3f}\n\tmin: 0.01s{WAIT}"
 
     def param_list(self, words: list[str]) -> str:
         return "\n".join(f"  {name}" for name in sorted(ParameterClient(self.me, words[0]).list().names))
@@ -163,27 +175,8 @@ class Ros2:
         file = next(word for word in words if word.endswith("robot.yaml"))
         read = yaml.safe_load(Path(file).read_text(encoding="utf-8"))
         assert read["/**"]["ros__parameters"]["robot_description"].startswith("<")
-        time.sleep(600)
-        return ""
+        return WAIT
 
 
 FLAGS = {"--no-daemon", "--feedback", "-v", "-t", "--once", "--full-length"}
 VALUED = {"--spin-time", "--qos-durability", "--qos-reliability", "--field"}
-
-
-def main(port: int, words: list[str]) -> None:
-    options: dict[str, str] = {}
-    plain_words: list[str] = []
-    left = iter(words)
-    for word in left:
-        if word in VALUED:
-            options[word] = next(left)
-        elif word not in FLAGS:
-            plain_words.append(word)
-    first, second, *rest = plain_words
-    with Participant(port, "ros2cli") as me:
-        print(getattr(Ros2(me, options), f"{first}_{second}")(rest), flush=True)
-
-
-if __name__ == "__main__":
-    main(int(sys.argv[1]), sys.argv[2:])

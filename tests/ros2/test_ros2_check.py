@@ -6,17 +6,18 @@ The forms are those of ros2cli (Jazzy) and rclpy's `__str__` and `__repr__`. No 
 # ruff: noqa: E501, ISC004 (texts of several lines, in a table)
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
+from tests.fleet.eventually import eventually
+from tests.ros2.check_here import CHECK, load_check
 
-CHECK = Path(__file__).resolve().parents[2] / "docs" / "ros2_check.py"
 NODE = "/hardware_interface"
 FOLLOW = "control_msgs/action/FollowJointTrajectory"
 HASH = "RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e"
@@ -94,7 +95,9 @@ TRIGGER = """requester: making request: std_srvs.srv.Trigger_Request()
 response:
 std_srvs.srv.Trigger_Response(success=True, message='')
 """
-WELL = [
+Answers = list[tuple[str, str]]
+"""Start of the words, and what is printed then."""
+WELL: Answers = [
     ("node list", f"/rviz\n{NODE}\n/move_group\n"),
     (
         "topic list",
@@ -207,21 +210,62 @@ class Stage:
         program.write_text(text, encoding="utf-8")
         program.chmod(0o755)
 
-    def check(self, *arguments: str, **changed: str) -> tuple[int, dict[str, list[str]], str]:
-        """Run it; returns its status, the names of the checks by outcome, and all that it printed."""
-        answers = [(start, changed.pop(start, text)) for start, text in WELL]
-        assert not changed, "what is changed is one of the answers"
+    def run(self, check: Path, answers: Answers, *arguments: str) -> tuple[int, dict[str, list[str]], str]:
+        """Run it with real programs; returns its status, the names of the checks by outcome, and what it printed."""
         self._answers.write_text(json.dumps(answers), encoding="utf-8")
-        words = [sys.executable, str(CHECK), "--seconds", "-1.0", *arguments]
+        words = [sys.executable, str(check), "--seconds", "-1.0", *arguments]
         done = subprocess.run(words, env=self.env, capture_output=True, text=True, timeout=110, check=False)
-        outcomes: dict[str, list[str]] = {"pass": [], "FAIL": [], "left out": []}
-        for line in done.stdout.splitlines()[:-1]:
-            outcomes[line[:8].strip()].append(line[10:24].strip())
-        return done.returncode, outcomes, done.stdout + done.stderr
+        return done.returncode, outcomes_of(done.stdout), done.stdout + done.stderr
 
-    @property
-    def calls(self) -> list[str]:
-        return self._calls.read_text(encoding="utf-8").splitlines()
+    def running(self) -> list[str]:
+        """The programs that run."""
+        found = []
+        for process in Path("/proc").glob("[0-9]*/cmdline"):
+            with contextlib.suppress(OSError):
+                words = process.read_bytes()
+                if os.fsencode(self.folder / "ros2") in words:
+                    found.append(os.fsdecode(words))
+        return found
+
+
+def outcomes_of(said: str) -> dict[str, list[str]]:
+    outcomes: dict[str, list[str]] = {"pass": [], "FAIL": [], "left out": []}
+    for line in said.splitlines()[:-1]:
+        outcomes[line[:8].strip()].append(line[10:24].strip())
+    return outcomes
+
+
+class Told:
+    """The checks in this process; instead of a `ros2` that is started, the table answers at once."""
+
+    def __init__(self, stage: Stage, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+        self._capsys = capsys
+        self._monkeypatch = monkeypatch
+        self.env = stage.env
+        self.calls: list[str] = []
+        self._answers: Answers = []
+        self._module = load_check(monkeypatch, self._answer)
+
+    def _answer(self, words: tuple[str, ...]) -> str:
+        call = " ".join(words)
+        self.calls.append(call)
+        return next((text for start, text in self._answers if call.startswith(start)), "ros2: error: " + call)
+
+    def check(self, *arguments: str, **changed: str) -> tuple[int, dict[str, list[str]], str]:
+        """As `Stage.run`, with some of the answers changed."""
+        self._answers = [(start, changed.pop(start, text)) for start, text in WELL]
+        assert not changed, "what is changed is one of the answers"
+        with self._monkeypatch.context() as patch:
+            for name in set(os.environ) - {"PATH"}:
+                patch.delenv(name)
+            for name, value in self.env.items():
+                patch.setenv(name, value)
+            try:
+                status = self._module.main([*arguments])
+            except SystemExit as ended:
+                status = ended.code
+        said, error = self._capsys.readouterr()
+        return status, outcomes_of(said), said + error
 
 
 @pytest.fixture
@@ -229,24 +273,31 @@ def stage(tmp_path: Path) -> Stage:
     return Stage(tmp_path)
 
 
-def test_all_is_well(stage: Stage) -> None:
-    status, outcomes, said = stage.check("--move")
+@pytest.fixture
+def told(stage: Stage, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Told:
+    return Told(stage, monkeypatch, capsys)
+
+
+def test_all_is_well_with_real_programs_and_none_is_left(stage: Stage) -> None:
+    status, outcomes, said = stage.run(CHECK, WELL, "--move")
     assert (status, outcomes["FAIL"], outcomes["left out"]) == (0, [], []), said
     assert len(outcomes["pass"]) == CHECKS + MOVES
     assert said.endswith(f"{CHECKS + MOVES} passed, 0 failed, 0 left out\n")
     assert "75.0 Hz" in said
     assert "J1, J2" in said
+    # One that was killed is in the list of processes until it is gone.
+    eventually(lambda: not stage.running())
 
 
-def test_without_move_nothing_is_ordered(stage: Stage) -> None:
-    status, outcomes, _ = stage.check()
+def test_without_move_nothing_is_ordered(told: Told) -> None:
+    status, outcomes, _ = told.check()
     assert (status, len(outcomes["pass"])) == (0, CHECKS)
-    assert not [call for call in stage.calls if "send_goal" in call or "/enable" in call or "/stop" in call]
+    assert not [call for call in told.calls if "send_goal" in call or "/enable" in call or "/stop" in call]
 
 
-def test_the_goal_moves_the_first_joint_from_where_it_is_and_back(stage: Stage) -> None:
-    stage.check("--move")
-    goals = [call for call in stage.calls if call.startswith("action send_goal")]
+def test_the_goal_moves_the_first_joint_from_where_it_is_and_back(told: Told) -> None:
+    told.check("--move")
+    goals = [call for call in told.calls if call.startswith("action send_goal")]
     assert "joint_names: [J1, J2], points: [{positions: [0.15, -0.0], time_from_start: {sec: 2}}]" in goals[0]
     assert "positions: [0.25, -0.0]" in goals[1]
     assert len(goals) == 3
@@ -287,50 +338,50 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("name", BROKEN)
-def test_each_check_can_fail(stage: Stage, name: str) -> None:
+def test_each_check_can_fail(told: Told, name: str) -> None:
     start, broken = BROKEN[name]
-    well = stage.check("--move", "--only", name)
+    well = told.check("--move", "--only", name)
     assert (well[0], well[1]["pass"]) == (0, [name]), well[2]
-    status, outcomes, said = stage.check("--move", "--only", name, **{start: broken})
+    status, outcomes, said = told.check("--move", "--only", name, **{start: broken})
     assert (status, outcomes["FAIL"]) == (1, [name]), said
 
 
-def test_the_others_are_made_after_one_failed(stage: Stage) -> None:
+def test_the_others_are_made_after_one_failed(told: Told) -> None:
     start, broken = BROKEN["node list"]
-    status, outcomes, said = stage.check("--move", **{start: broken})
+    status, outcomes, said = told.check("--move", **{start: broken})
     assert status == 1, said
     assert len([*itertools.chain(*outcomes.values())]) == CHECKS + MOVES
 
 
-def test_a_check_that_does_not_exist(stage: Stage) -> None:
-    status, outcomes, said = stage.check("--only", "send goal")
+def test_a_check_that_does_not_exist(told: Told) -> None:
+    status, outcomes, said = told.check("--only", "send goal")
     assert (status, [*itertools.chain(*outcomes.values())]) == (2, [])
     assert "no check send goal; there are setting, node list" in said, "without --move there is none"
 
 
-def test_another_middleware_fails(stage: Stage) -> None:
-    stage.env["RMW_IMPLEMENTATION"] = "rmw_fastrtps_cpp"
-    status, outcomes, said = stage.check()
+def test_another_middleware_fails(told: Told) -> None:
+    told.env["RMW_IMPLEMENTATION"] = "rmw_fastrtps_cpp"
+    status, outcomes, said = told.check()
     assert (status, outcomes["FAIL"]) == (1, ["setting"])
     assert "rmw_fastrtps_cpp" in said
 
 
-def test_what_is_not_installed_is_left_out(stage: Stage) -> None:
-    del stage.env["DISPLAY"]
-    status, outcomes, _ = stage.check(**{"pkg list": "rclpy\nrviz2\n", "node list": f"{NODE}\n"})
+def test_what_is_not_installed_is_left_out(told: Told) -> None:
+    del told.env["DISPLAY"]
+    status, outcomes, _ = told.check(**{"pkg list": "rclpy\nrviz2\n", "node list": f"{NODE}\n"})
     assert status == 0
     assert outcomes["left out"] == ["bag", "transforms", "rviz2", "moveit"]
 
 
-def test_a_node_with_a_namespace(stage: Stage) -> None:
-    status, _, said = stage.check("--node", "/lab/hardware_interface")
+def test_a_node_with_a_namespace(told: Told) -> None:
+    status, _, said = told.check("--node", "/lab/hardware_interface")
     assert status == 1
     assert "no /lab/joint_states [sensor_msgs/msg/JointState]" in said
 
 
-def test_without_ros_2_it_says_so(stage: Stage) -> None:
-    stage.env["PATH"] = "/usr/bin:/bin"
-    status, outcomes, said = stage.check()
+def test_without_ros_2_it_says_so(told: Told) -> None:
+    told.env["PATH"] = "/usr/bin:/bin"
+    status, outcomes, said = told.check()
     assert status == 2
     assert [*itertools.chain(*outcomes.values())] == []
     assert said == "ROS 2 is not set up in this shell: source /opt/ros/jazzy/setup.bash\n"
@@ -339,22 +390,9 @@ def test_without_ros_2_it_says_so(stage: Stage) -> None:
 def test_a_program_that_hangs_is_interrupted(stage: Stage, tmp_path: Path) -> None:
     """With `PATIENCE` made short in a copy: 30 s are for real machines."""
     copy = tmp_path / "check.py"
-    copy.write_text(
-        CHECK.read_text(encoding="utf-8").replace("PATIENCE = 30.0", "PATIENCE = 1.0"), encoding="utf-8"
-    )
-    stage._answers.write_text(json.dumps([["node list", "<wait>"], *WELL[1:]]), encoding="utf-8")
-    words = [sys.executable, str(copy), "--seconds", "-1.0"]
-    done = subprocess.run(words, env=stage.env, capture_output=True, text=True, timeout=110, check=False)
-    assert done.returncode == 1
-    assert "FAIL      node list       ros2 node list --no-daemon --spin-time 3 did not end in 1 s" in done.stdout
-
-
-def test_nothing_is_left_running(stage: Stage) -> None:
-    stage.check("--move")
-    time.sleep(0.2)
-    for process in Path("/proc").glob("[0-9]*/cmdline"):
-        try:
-            words = process.read_bytes()
-        except OSError:
-            continue
-        assert str(stage.folder / "ros2").encode() not in words, os.fsdecode(words)
+    text = CHECK.read_text(encoding="utf-8").replace("PATIENCE = 30.0", "PATIENCE = 1.0")
+    copy.write_text(text, encoding="utf-8")
+    status, _, said = stage.run(copy, [("node list", "<wait>")], "--only", "node list")
+    assert status == 1
+    assert "FAIL      node list       ros2 node list --no-daemon --spin-time 3 did not end in 1 s" in said
+    eventually(lambda: not stage.running())

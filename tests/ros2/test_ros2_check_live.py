@@ -1,36 +1,37 @@
-"""docs/ros2_check.py looks at the running node, through a `ros2` that asks it as the real one would."""
+"""docs/ros2_check.py looks at the running node, through a `ros2` that asks it as the real one would.
+
+The programs of this `ros2` run in this process; `test_ros2_check` has real ones.
+"""
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
-from tests.ros2.strict_client.wire import Participant
-from tests.ros2.strict_client.world import Arm, running
+import pytest
+from tests.ros2.check_here import load_check
+from tests.ros2.stand_in_ros2 import Ros2
+from tests.ros2.strict_client.wire import Participant, until
+from tests.ros2.strict_client.world import CONTROLLER, NODE, Arm, running
 
-ROOT = Path(__file__).resolve().parents[2]
-STAND_IN = Path(__file__).with_name("stand_in_ros2.py")
 
-
-def test_every_check_passes_for_the_running_node(tmp_path: Path) -> None:
+def test_every_check_passes_for_the_running_node(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     program = tmp_path / "ros2"
+    program.touch(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_zenoh_cpp")
     with running(tmp_path / "node") as (port, node), Participant(port) as me:
         Arm(me, port, node)
-        program.write_text(f'#!/bin/sh\nPYTHONPATH={ROOT} exec {sys.executable} {STAND_IN} {port} "$@"\n')
-        program.chmod(0o755)
-        env = {"PATH": f"{tmp_path}:/usr/bin:/bin", "RMW_IMPLEMENTATION": "rmw_zenoh_cpp", "HOME": str(tmp_path)}
-        done = subprocess.run(
-            [sys.executable, ROOT / "docs" / "ros2_check.py", "--move", "--seconds", "1"],
-            env={**os.environ, **env},
-            capture_output=True,
-            text=True,
-            timeout=115,
-            check=False,
-        )
-    outcomes = [line[:8].strip() for line in done.stdout.splitlines()]
-    assert done.returncode == 0, done.stdout + done.stderr
+        ros2 = Ros2(me)
+        check = load_check(monkeypatch, ros2.answer)
+        checks = check.Checks(None, NODE, CONTROLLER.strip("/"), 0.0)
+        wanted = {checks.name(name) for name in (*check.TOPICS, *check.SERVICES)}
+        until(lambda: wanted <= {token.topic for token in ros2.others()}, "all that is asked for is there")
+        status = check.main(["--move"])
+    said = capsys.readouterr().out
+    outcomes = [line[:8].strip() for line in said.splitlines()]
+    assert status == 0, said
     assert "FAIL" not in outcomes
     assert outcomes.count("left out") == 3, "a bag, rviz2 and MoveIt need a real ROS 2"
     assert outcomes.count("pass") == 22
