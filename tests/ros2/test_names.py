@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from hexwire.errors import UsageError
-from hexwire.ros2.names import Kind, Remap, expand, parse_remap, remap_node, resolve
+from hexwire.ros2.names import Kind, Remap, expand, logger_name, parse_remap, remap_node, resolve
 
 
 @pytest.mark.parametrize(
@@ -117,3 +117,8 @@ def test_invalid_node_names_are_refused(name: str, words: str) -> None:
 def test_a_namespace_without_its_slash_gets_one() -> None:
     assert remap_node("arm", "driver", ()) == ("/arm", "driver")
     assert remap_node("", "driver", ()) == ("/", "driver")
+
+
+@pytest.mark.parametrize(("full", "name"), [("/driver", "driver"), ("/lab/left/driver", "lab.left.driver")])
+def test_a_logger_has_the_whole_name_of_its_node_with_dots(full: str, name: str) -> None:
+    assert logger_name(full) == name

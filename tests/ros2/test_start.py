@@ -21,8 +21,12 @@ from hexwire.ros2.zenoh_session import ZenohSettings
         ([], ["INFO", "WARN"]),
         (["--ros-args", "--log-level", "debug"], ["DEBUG", "INFO", "WARN"]),
         (["--ros-args", "--log-level", "error"], []),
-        (["--ros-args", "--log-level", "left_arm:=warn"], ["WARN"]),
+        (["--ros-args", "--log-level", "lab.left_arm:=warn"], ["WARN"]),
+        (["--ros-args", "--log-level", "lab:=warn"], ["WARN"]),
+        (["--ros-args", "--log-level", "lab:=debug", "--log-level", "lab.left_arm:=warn"], ["WARN"]),
+        (["--ros-args", "--log-level", "error", "--log-level", "lab:=warn"], ["WARN"]),
         (["--ros-args", "--log-level", "other:=debug"], ["INFO", "WARN"]),
+        (["--ros-args", "--log-level", "left_arm:=debug"], ["INFO", "WARN"]),
         (["--ros-args", "--disable-stdout-logs"], []),
     ],
 )
@@ -30,18 +34,37 @@ def test_the_log_is_written_as_ros_nodes_do(
     capsys: pytest.CaptureFixture[str], words: list[str], wanted: list[str]
 ) -> None:
     log = logging.getLogger("hexwire.control.arm")
-    with _console(parse_arguments(words), "left_arm"):
+    with _console(parse_arguments(words), "lab.left_arm"):
         for level in (logging.DEBUG, logging.INFO, logging.WARNING):
             log.log(level, "torque is %s", "on")
     captured = capsys.readouterr()
     found = [
-        re.fullmatch(r"\[(\w+)\] \[\d+\.\d{9}\] \[left_arm\]: torque is on", line)
+        re.fullmatch(r"\[(\w+)\] \[\d+\.\d{9}\] \[lab\.left_arm\]: torque is on", line)
         for line in captured.err.splitlines()
     ]
     assert [match and match[1] for match in found] == wanted
     assert captured.out == ""
     log.warning("not shown after the end")
     assert "after the end" not in capsys.readouterr().err
+
+
+def test_the_log_of_a_node_in_a_namespace_has_the_name_of_its_logger(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Node:
+        def __init__(self, *_: object) -> None: ...
+
+        def run(self) -> int:
+            logging.getLogger("hexwire.control.arm").info("torque is on")
+            return 0
+
+    monkeypatch.setattr(start, "HardwareInterface", Node)
+    before = sys.getswitchinterval()
+    try:
+        start.run(["--ros-args", "-r", "__ns:=/lab/left", "-r", "__node:=arm", "-p", "port:=/dev/null"], {})
+    finally:
+        sys.setswitchinterval(before)
+    assert "[lab.left.arm]: torque is on" in capsys.readouterr().err
 
 
 def test_the_router_is_the_usual_one_unless_it_is_named() -> None:

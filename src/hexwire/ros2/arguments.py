@@ -70,6 +70,18 @@ class RosArguments:
                 found |= values
         return found
 
+    def level_of(self, logger: str) -> int:
+        """The severity from which a logger logs: its own, else that of the nearest logger above it; 0 for none.
+
+        Args:
+            logger: Its name, such as ``left.driver``, which is below ``left``.
+        """
+        while logger:
+            if level := self.levels.get(logger):
+                return level
+            logger = logger.rpartition(".")[0]
+        return self.level or 0
+
 
 def domain_of(environment: Mapping[str, str]) -> int:
     """The domain that ROS_DOMAIN_ID names; 0 if it is not set.

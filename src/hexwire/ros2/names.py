@@ -21,6 +21,7 @@ __all__ = [
     "check_topic",
     "expand",
     "full_name",
+    "logger_name",
     "parse_remap",
     "remap_node",
     "resolve",
@@ -157,6 +158,15 @@ def check_node_name(name: str) -> str:
 def full_name(namespace: str, node: str) -> str:
     """Name of a node with its namespace."""
     return f"{namespace.rstrip('/')}/{node}"
+
+
+def logger_name(full: str) -> str:
+    """Name of a node's logger, such as ``left.driver``.
+
+    Args:
+        full: Name of the node with its namespace.
+    """
+    return full.strip("/").replace("/", ".")
 
 
 def expand(name: str, namespace: str, node: str) -> str:

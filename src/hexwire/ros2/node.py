@@ -23,7 +23,7 @@ from .graph import Graph
 from .keys import MOST_DOMAIN, Endpoint, Role, gid_of, graph_pattern
 from .logging import LOG, TIME, RosoutHandler
 from .mismatches import describe_mismatch
-from .names import Kind, Remap, full_name, remap_node, resolve
+from .names import Kind, Remap, full_name, logger_name, remap_node, resolve
 from .parts import MessageCodec, Part, ServiceCodec, TypeSource
 from .qos import DEFAULT, ROSOUT, SERVICES, Qos
 from .router_watch import START_ONE, RouterWatch
@@ -293,8 +293,9 @@ class Node:
         publisher = self.publisher("/rosout", LOG, ROSOUT)
         types = self.types.message(LOG), self.types.message(TIME)
         wake: Inbox[None] = self.callbacks.inbox(1, lambda _: handler.flush())
-        name = self.full_name.strip("/").replace("/", ".")
-        handler = RosoutHandler(name, self.log.name, types, publisher.publish, lambda: wake.put(None))
+        handler = RosoutHandler(
+            logger_name(self.full_name), self.log.name, types, publisher.publish, lambda: wake.put(None)
+        )
         logger = logging.getLogger(_PROGRAM)
         logger.addHandler(handler)
 

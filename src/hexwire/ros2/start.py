@@ -17,7 +17,7 @@ from hexwire.errors import UsageError
 
 from .arguments import LEVELS, RosArguments, domain_of, parse_arguments
 from .hardware_interface import NAME, HardwareInterface
-from .names import full_name, remap_node
+from .names import full_name, logger_name, remap_node
 from .node import NodeOptions
 from .settings import load_settings
 from .zenoh_session import ZenohSettings, load_zenoh
@@ -63,7 +63,7 @@ def run(words: Sequence[str], environ: Mapping[str, str]) -> int:
         type_descriptions=settings.describes_types,
     )
     sys.setswitchinterval(_SWITCH)
-    with _console(arguments, name):
+    with _console(arguments, logger_name(full_name(namespace, name))):
         return HardwareInterface(options, settings, robot).run()
 
 
@@ -92,7 +92,12 @@ def _zenoh(words: Sequence[str], environ: Mapping[str, str]) -> ZenohSettings:
 
 @contextmanager
 def _console(arguments: RosArguments, name: str) -> Iterator[None]:
-    """Show hexwire's log on standard error, in a thread of its own: the arm must not wait for a console."""
+    """Show hexwire's log on standard error, in a thread of its own: the arm must not wait for a console.
+
+    Args:
+        arguments: Which of it.
+        name: Of the node's logger.
+    """
     logger = logging.getLogger("hexwire")
     lines: queue.SimpleQueue[logging.LogRecord | None] = queue.SimpleQueue()
     shown = logging.StreamHandler(sys.stderr)
@@ -103,7 +108,7 @@ def _console(arguments: RosArguments, name: str) -> Iterator[None]:
     before = logger.level, logger.propagate
     logger.addHandler(handler)
     logger.propagate = False
-    logger.setLevel(arguments.levels.get(name) or arguments.level or logging.INFO)
+    logger.setLevel(arguments.level_of(name) or logging.INFO)
     listener.start()
     try:
         yield
@@ -116,7 +121,7 @@ def _console(arguments: RosArguments, name: str) -> Iterator[None]:
 
 
 class _RosFormat(logging.Formatter):
-    """A line as ROS nodes write it: severity, time, name of the node, text."""
+    """A line as ROS nodes write it: severity, time, name of the node's logger, text."""
 
     def __init__(self, name: str) -> None:
         super().__init__()
