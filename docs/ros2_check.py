@@ -3,7 +3,7 @@
 
     ros2_check.py [--node /hardware_interface] [--controller NAME] [--move] [--only CHECK]
 
-Needs Jazzy, Kilted or Rolling with `rmw_zenoh_cpp`, in a shell where ROS 2 is set up, and the node running.
+Needs Jazzy or later with `rmw_zenoh_cpp`, in a shell where ROS 2 is set up, and the node running.
 Everything goes through the programs of ROS 2. Without `--move` nothing moves, and torque stays as it is. What is
 not installed is left out. The exit status is 0 if nothing failed, 1 if something did, 2 if ROS 2 is not set up.
 """

@@ -11,7 +11,7 @@ FEEDBACK = "control_msgs/action/FollowJointTrajectory_Feedback"
 
 def test_distributions_are_found_by_their_names() -> None:
     assert Distribution("humble") is Distribution.HUMBLE
-    assert [each.value for each in Distribution] == ["humble", "jazzy", "kilted", "rolling"]
+    assert [each.value for each in Distribution] == ["humble", "jazzy", "kilted", "lyrical", "rolling"]
 
 
 def test_humble_has_the_old_names_of_a_controller_state_beside_the_new_ones() -> None:
@@ -21,19 +21,27 @@ def test_humble_has_the_old_names_of_a_controller_state_beside_the_new_ones() ->
 
 
 def test_later_distributions_have_a_speed_scaling_factor_and_no_old_names() -> None:
-    for each in (Distribution.JAZZY, Distribution.KILTED, Distribution.ROLLING):
+    for each in set(Distribution) - {Distribution.HUMBLE}:
         fields = Types(each).message(STATE).fields
         assert fields[2:6] == ("reference", "feedback", "error", "output")
         assert fields[-1] == "speed_scaling_factor"
         assert "desired" not in fields
 
 
-def test_only_kilted_and_rolling_have_the_index_in_the_feedback() -> None:
+def test_distributions_since_kilted_have_the_index_in_the_feedback() -> None:
     for each in Distribution:
         fields = Types(each).message(FEEDBACK).fields
         has_index = "index" in fields, "multi_dof_index" in fields
-        assert has_index == ((each in (Distribution.KILTED, Distribution.ROLLING)),) * 2
+        assert has_index == (each not in (Distribution.HUMBLE, Distribution.JAZZY),) * 2
         assert fields[2:5] == ("desired", "actual", "error")
+
+
+def test_transition_events_of_lyrical_and_rolling_have_a_stamp() -> None:
+    for each in Distribution:
+        message = Types(each).message("lifecycle_msgs/msg/TransitionEvent")
+        assert message.fields[0] == (
+            "stamp" if each in (Distribution.LYRICAL, Distribution.ROLLING) else "timestamp"
+        )
 
 
 def test_humble_has_no_type_hashes() -> None:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import logging
 import threading
+from types import SimpleNamespace
 
 import pytest
 from tests.control.owner_bench import wait_for
 from tests.ros2.fake_node import Call, FakeNode
 
 from hexwire.errors import UsageError
+from hexwire.ros2.distributions import Distribution
 from hexwire.ros2.lifecycle import TRANSITIONS, Change, Lifecycle, State
 from hexwire.ros2.qos import Qos
+from hexwire.ros2.types import Types
 
 # Id, label, start, goal, in the order of rcl_lifecycle/default_state_machine.c.
 GRAPH = """
@@ -108,6 +111,24 @@ def test_names_types_and_quality_of_service_are_those_of_a_managed_node(world: W
         "lifecycle_msgs/msg/TransitionEvent",
     )
     assert publisher.qos == Qos(depth=10)
+
+
+@pytest.mark.parametrize("distribution", Distribution)
+def test_from_lyrical_on_an_event_has_its_transition_and_time(
+    distribution: Distribution, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hexwire.ros2.lifecycle.time", SimpleNamespace(time_ns=lambda: 1_795_000_000_000_000_007))
+    node = FakeNode(Types(distribution))
+    Lifecycle(node, node.types, lambda _: None).mirror(State.INACTIVE)  # type: ignore[arg-type]
+    sent = node.publishers["/arm/transition_event"].sent
+    assert [event.goal_state.label for event in sent] == ["configuring", "inactive"]
+    told = [(event.transition.id, event.transition.label) for event in sent]
+    if distribution in (Distribution.LYRICAL, Distribution.ROLLING):
+        assert told == [(1, "configure"), (10, "transition_success")]
+        assert [(event.stamp.sec, event.stamp.nanosec) for event in sent] == [(1_795_000_000, 7)] * 2
+    else:
+        assert told == [(0, ""), (0, "")]
+        assert [event.timestamp for event in sent] == [0, 0]
 
 
 def test_whoever_asks_sees_the_present_state() -> None:

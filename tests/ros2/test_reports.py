@@ -17,7 +17,7 @@ from hexwire.ros2.reports import CONTROLLER_STATE, DIAGNOSTICS, JOINT_STATE, TRA
 from hexwire.ros2.types import Types
 
 WALL = 1_700_000_000.25
-NEW = {Distribution.KILTED, Distribution.ROLLING}
+NEW = {Distribution.KILTED, Distribution.LYRICAL, Distribution.ROLLING}
 PROGRESS = Progress(("J1", "J2"), Sample((1.0, 2.0), (0.5, 0.0), (0.1, 0.2)), (0.75, 2.5), (0.25, math.nan), 5.0)
 
 

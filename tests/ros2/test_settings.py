@@ -137,11 +137,21 @@ def test_what_every_node_of_ros_has_is_no_fault() -> None:
         ("", {}, Distribution.JAZZY),
         ("", {"ROS_DISTRO": "humble"}, Distribution.HUMBLE),
         ("", {"ROS_DISTRO": "noetic"}, Distribution.JAZZY),
+        ("", {"ROS_DISTRO": "lyrical"}, Distribution.LYRICAL),
         ("kilted", {"ROS_DISTRO": "humble"}, Distribution.KILTED),
     ],
 )
 def test_the_distribution(given: str, environ: dict[str, str], found: Distribution) -> None:
     assert load(environ, distribution=given).distribution is found
+
+
+def test_an_unknown_distribution_of_the_environment_is_told(caplog: pytest.LogCaptureFixture) -> None:
+    load({"ROS_DISTRO": "jazzy"})
+    load({"ROS_DISTRO": "zulu"}, distribution="rolling")
+    assert not caplog.messages
+    load({"ROS_DISTRO": "zulu"})
+    (text,) = caplog.messages
+    assert "ROS_DISTRO is zulu, which is not known here: messages are those of jazzy" in text
 
 
 def test_a_trajectory_must_end_at_rest_unless_it_is_allowed() -> None:

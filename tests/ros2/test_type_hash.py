@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from rosbags.typesys import Stores, get_typestore
 
 from hexwire.ros2.definitions import Definition, ServiceDefinition, parse_action, parse_service
 from hexwire.ros2.distributions import Distribution
@@ -87,3 +88,21 @@ def test_the_action_of_a_trajectory_has_two_hashes_of_its_feedback() -> None:
     assert after.feedback.hash == "RIHS01_95618cc73912d99b9acaa17d2da5e832cb0bfdeede7534fa8ec600feca2a6c4b"
     assert before.send_goal.hash == after.send_goal.hash
     assert before.get_result.hash == after.get_result.hash
+
+
+@pytest.mark.parametrize(
+    ("distribution", "store"),
+    [
+        (Distribution.JAZZY, Stores.ROS2_JAZZY),
+        (Distribution.KILTED, Stores.ROS2_KILTED),
+        (Distribution.LYRICAL, Stores.ROS2_LYRICAL),
+        # Rolling goes on from the newest.
+        (Distribution.ROLLING, Stores.ROS2_LYRICAL),
+    ],
+)
+def test_hashes_are_those_of_rosbags_for_each_distribution(distribution: Distribution, store: Stores) -> None:
+    types, theirs = Types(distribution), get_typestore(store)
+    names = [name for name in PUBLISHED if name in theirs.fielddefs]
+    assert len(names) > 8
+    for name in names:
+        assert types.message(name).hash == theirs.hash_rihs01(name), name

@@ -377,7 +377,7 @@ def urdf(links: str, robot: str, output: str | None, force: bool) -> None:
     default="jazzy",
     show_default=True,
     metavar="NAME",
-    help="ROS 2 distribution: humble, jazzy, kilted or rolling.",
+    help="ROS 2 distribution: humble, jazzy, kilted, lyrical or rolling.",
 )
 @links_option
 @_robot_option

@@ -20,6 +20,7 @@ class Distribution(Enum):
     HUMBLE = "humble"
     JAZZY = "jazzy"
     KILTED = "kilted"
+    LYRICAL = "lyrical"
     ROLLING = "rolling"
 
     @property
@@ -31,9 +32,10 @@ class Distribution(Enum):
     def variants(self) -> tuple[str, ...]:
         """Folders of ``interfaces/variants`` whose files replace those of the same package.
 
-        control_msgs is 4.9 in Humble, 5.9 in Jazzy and 6.10 in Kilted and Rolling. `JointTrajectoryControllerState`
-        has ``desired`` and ``actual`` in Humble only, and ``speed_scaling_factor`` after it, from 5.3. The feedback
-        of `FollowJointTrajectory` has ``index`` and ``multi_dof_index`` from 6.3.
+        control_msgs is 4.9 in Humble, 5.9 in Jazzy and 6.10 in Kilted, Lyrical and Rolling.
+        `JointTrajectoryControllerState` has ``desired`` and ``actual`` in Humble only, and ``speed_scaling_factor``
+        after it, from 5.3. The feedback of `FollowJointTrajectory` has ``index`` and ``multi_dof_index`` from 6.3.
+        `TransitionEvent` has ``stamp`` in place of ``timestamp`` from lifecycle_msgs 2.4.3, in Lyrical and Rolling.
         """
         return _VARIANTS.get(self, ())
 
@@ -41,5 +43,6 @@ class Distribution(Enum):
 _VARIANTS = {
     Distribution.HUMBLE: ("control_msgs_4",),
     Distribution.KILTED: ("control_msgs_6.3",),
-    Distribution.ROLLING: ("control_msgs_6.3",),
+    Distribution.LYRICAL: ("control_msgs_6.3", "lifecycle_msgs_2.4.3"),
+    Distribution.ROLLING: ("control_msgs_6.3", "lifecycle_msgs_2.4.3"),
 }

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -152,6 +153,7 @@ class Lifecycle:
         self._transition_message = message("lifecycle_msgs/msg/Transition")
         self._description = message("lifecycle_msgs/msg/TransitionDescription")
         self._event = message("lifecycle_msgs/msg/TransitionEvent")
+        self._time = message("builtin_interfaces/msg/Time")
         self._changed = types.service("lifecycle_msgs/srv/ChangeState").response
         self._got_state = types.service("lifecycle_msgs/srv/GetState").response
         self._got_states = types.service("lifecycle_msgs/srv/GetAvailableStates").response
@@ -194,8 +196,13 @@ class Lifecycle:
     def _move(self, label: str) -> None:
         row = next(row for row in TRANSITIONS if row.start is self._state and row.label == label)
         self._state = row.goal
-        # ROS leaves the transition and its time empty.
-        self._events.publish(self._event(start_state=self._message(row.start), goal_state=self._message(row.goal)))
+        fields = {"start_state": self._message(row.start), "goal_state": self._message(row.goal)}
+        if "stamp" in self._event.fields:
+            # Up to Kilted, ROS leaves the transition and its time empty.
+            seconds, rest = divmod(time.time_ns(), 1_000_000_000)
+            fields["stamp"] = self._time(sec=seconds, nanosec=rest)
+            fields["transition"] = self._transition_message(id=row.id, label=row.label)
+        self._events.publish(self._event(**fields))
 
     # -- services -------------------------------------------------------------------------------------------------
 

@@ -7,6 +7,7 @@ know messages, services or Zenoh.
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
 
 __all__ = ["DISTRIBUTION_VARIABLE", "FOREIGN", "OWN", "PARAMETERS", "NodeSettings", "changed", "load_settings"]
+
+_log = logging.getLogger(__name__)
 
 DISTRIBUTION_VARIABLE = "ROS_DISTRO"
 _USUAL_DISTRIBUTION = Distribution.JAZZY
@@ -243,7 +246,17 @@ def _distribution(name: str, environ: Mapping[str, str], faults: Faults) -> Dist
     known = {row.value: row for row in Distribution}
     if name and name not in known:
         faults.add("distribution", f"unknown: {name!r}; there are {', '.join(known)}")
-    return known.get(name or environ.get(DISTRIBUTION_VARIABLE, ""), _USUAL_DISTRIBUTION)
+    told = environ.get(DISTRIBUTION_VARIABLE, "")
+    if not name and told and told not in known:
+        _log.warning(
+            "%s is %s, which is not known here: messages are those of %s; the parameter 'distribution' selects "
+            "those of %s",
+            DISTRIBUTION_VARIABLE,
+            told[:40],
+            _USUAL_DISTRIBUTION.value,
+            ", ".join(known),
+        )
+    return known.get(name or told, _USUAL_DISTRIBUTION)
 
 
 def _check_names(tables: Mapping[str, object], own: Mapping[str, Any], faults: Faults) -> None:

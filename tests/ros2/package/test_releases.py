@@ -18,7 +18,7 @@ def test_name_in_any_case() -> None:
 
 def test_unknown_name_lists_the_known_ones() -> None:
     with pytest.raises(
-        UsageError, match="no ROS 2 distribution 'foxy'; choose one of humble, jazzy, kilted, rolling"
+        UsageError, match="no ROS 2 distribution 'foxy'; choose one of humble, jazzy, kilted, lyrical, rolling"
     ):
         release("foxy")
 

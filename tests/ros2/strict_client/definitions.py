@@ -68,6 +68,7 @@ lifecycle_msgs/msg/State: uint8 id, string label
 lifecycle_msgs/msg/Transition: uint8 id, string label
 lifecycle_msgs/msg/TransitionDescription: lifecycle_msgs/msg/Transition transition, lifecycle_msgs/msg/State start_state, lifecycle_msgs/msg/State goal_state
 lifecycle_msgs/msg/TransitionEvent: uint64 timestamp, lifecycle_msgs/msg/Transition transition, lifecycle_msgs/msg/State start_state, lifecycle_msgs/msg/State goal_state
+@lifecycle_msgs/msg/TransitionEvent: builtin_interfaces/msg/Time stamp, lifecycle_msgs/msg/Transition transition, lifecycle_msgs/msg/State start_state, lifecycle_msgs/msg/State goal_state
 lifecycle_msgs/srv/ChangeState: lifecycle_msgs/msg/Transition transition > bool success
 lifecycle_msgs/srv/GetState: > lifecycle_msgs/msg/State current_state
 lifecycle_msgs/srv/GetAvailableStates: > lifecycle_msgs/msg/State[] available_states
@@ -117,6 +118,7 @@ HASHES = {
 # Where a version of control_msgs differs.
 NEW_HASHES = {
     "control_msgs/action/FollowJointTrajectory_FeedbackMessage": "RIHS01_95618cc73912d99b9acaa17d2da5e832cb0bfdeede7534fa8ec600feca2a6c4b",
+    "lifecycle_msgs/msg/TransitionEvent": "RIHS01_78b19e2be41a797fc009c96bda68944182edabec7852cccd928a40bc06f6f9d7",
 }
 
 # Humble knows no hashes, and writes this in their place (rosidl_runtime_c, rmw_zenoh for Humble).

@@ -67,7 +67,7 @@ def _since_jazzy(name: str) -> Release:
 
 
 RELEASES: Mapping[str, Release] = {
-    release.name: release for release in (_HUMBLE, *map(_since_jazzy, ("jazzy", "kilted", "rolling")))
+    release.name: release for release in (_HUMBLE, *map(_since_jazzy, ("jazzy", "kilted", "lyrical", "rolling")))
 }
 """The distributions that are known, oldest first."""
 
