@@ -118,9 +118,11 @@ def test_the_load_of_a_follower_is_read_fifty_times_a_second_and_its_positions_e
     clock = FakeClock()
     arm = Arm(clock)
     arm.driver.attach()
-    reads = itertools.count()
-    whole = arm.driver.read
-    arm.driver.read = lambda: (next(reads), whole())[1]  # type: ignore[method-assign]
+    wholes, loads = itertools.count(), itertools.count()
+    whole, load = arm.driver.read, arm.driver.read_loads
+    arm.driver.read = lambda: (next(wholes), whole())[1]  # type: ignore[method-assign]
+    # Loads that tell which reading they are from.
+    arm.driver.read_loads = lambda: replace(load(), load=(float(next(loads)),) * 6)  # type: ignore[method-assign]
     read = BriefReader(arm.driver)
     first, begin = read(), arm.link.clock()
     arm.hand("shoulder_pan", 20.0, begin)
@@ -129,11 +131,17 @@ def test_the_load_of_a_follower_is_read_fifty_times_a_second_and_its_positions_e
         clock.advance(0.001)
         states.append(read())
     seconds = arm.link.clock() - begin
-    assert next(reads) - 1 == pytest.approx(50 * seconds, rel=0.2)
+    count = next(loads)
+    assert count == pytest.approx(50 * seconds, rel=0.2)
+    assert states[-1].load[0] == count - 1
     assert all(math.isfinite(state.load[0]) and state.voltage == first.voltage for state in states)
     assert 0.003 < max(max(state.age) for state in states) <= 0.005
     assert sum(state.age == first.age for state in states) == pytest.approx(seconds / 0.0055, rel=0.2)
     assert math.degrees(states[-1].position[0] - first.position[0]) > 5.0
+    assert next(wholes) == 1
+    clock.advance(1.0)
+    read()
+    assert next(wholes) == 3, "the rest is read once a second"
 
 
 def test_a_leader_that_is_unplugged_ends_it_and_stops_the_follower(rig: Rig) -> None:

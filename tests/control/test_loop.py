@@ -68,6 +68,19 @@ def test_a_cycle_just_over_its_period_makes_the_next_late_but_skips_nothing() ->
     assert loop.counters.worst == pytest.approx(0.005)
 
 
+def test_a_cycle_that_is_late_by_less_than_a_sleep_is_exact_begins_at_once() -> None:
+    """At 10 kHz, which no line has room for: it runs without pauses, instead of sleeping into the next period."""
+    time = FakeTime(oversleep=0.0001)
+    loop = make(10_000, time)
+    ticks = loop.ticks()
+    next(ticks)
+    for _ in range(10):
+        time.now += 0.00095
+        next(ticks)
+    assert time.slept == []
+    assert loop.counters.late == 0
+
+
 def test_deadlines_that_were_run_over_are_skipped_not_made_up_for() -> None:
     time = FakeTime()
     loop = make(10, time)
@@ -134,6 +147,7 @@ def test_rates_have_bounds() -> None:
     assert RateLoop(10_000.0).period == 1e-4
     assert RateLoop(1 / 3600).period == pytest.approx(3600.0)
     assert RateLoop(10.0).tolerance == pytest.approx(0.01)
+    assert RateLoop(1000.0).tolerance == RateLoop(10_000.0).tolerance == pytest.approx(1e-4)
     assert RateLoop(10.0, tolerance=0.0).tolerance == 0.0
     for rate in (10_001.0, 1 / 3601):
         with pytest.raises(UsageError, match="is not possible"):

@@ -62,3 +62,14 @@ def test_an_arm_reads_them_as_it_reads_whole_states() -> None:
         assert short.position == pytest.approx(whole.position, abs=0.01)
         assert short.flags == whole.flags
         assert arm.host_counters()["repeats"] == 0
+
+
+def test_loads_are_read_in_two_thirds_of_the_time_of_a_whole_state() -> None:
+    with So101Arm.from_url("sim://so101") as arm:
+        whole, short = arm.read(), arm.read_loads()
+        assert short.position == pytest.approx(whole.position, abs=0.01)
+        assert short.load == pytest.approx(whole.load, abs=0.01)
+        assert short.flags == whole.flags
+        assert all(map(math.isfinite, (*short.velocity, *short.load)))
+        assert all(map(math.isnan, (*short.current, *short.voltage, *short.temperature)))
+        assert arm.host_counters()["repeats"] == 0

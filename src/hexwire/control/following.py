@@ -33,8 +33,10 @@ __all__ = ["BriefReader", "FollowController", "FollowCounters", "Pair", "ReadAhe
 
 _STALL = 0.5
 """Seconds without a cycle, as when the program was suspended, after which the follower meets the leader again."""
-_REST_EVERY = 0.019
-"""Seconds between readings of a follower's load and the like: jaws hold something after a tenth of a second."""
+_LOADS_EVERY = 0.019
+"""Seconds between readings of a follower's loads: jaws hold something after a tenth of a second."""
+_REST_EVERY = 1.0
+"""Seconds between readings of its voltages and the like, which take its line three times as long as a goal."""
 _POSITIONS_EVERY = 0.005
 """Seconds between readings of a follower's positions, where cycles are shorter: a goal with them takes its line
 twice as long. At 180 degrees per second that is 0.9 degrees."""
@@ -112,7 +114,7 @@ class FollowController(GuidedController):
 
 
 class BriefReader:
-    """Reads a follower: its positions every 5 ms at most, the rest at times, since that takes twice as long.
+    """Reads a follower: its positions every 5 ms at most, its loads and the rest less often: they take longer.
 
     Args:
         robot: The follower.
@@ -121,15 +123,25 @@ class BriefReader:
     def __init__(self, robot: RobotDriver) -> None:
         self._robot = robot
         self._whole: JointState | None = None
-        self._whole_at = -math.inf
+        self._whole_at = self._loads_at = -math.inf
 
     def __call__(self) -> JointState:
         """The state, with load, current, voltage and temperature of the last reading that had them."""
         robot, whole = self._robot, self._whole
         now = robot.now()
         if whole is None or now - self._whole_at >= _REST_EVERY:
-            self._whole_at = now
+            self._whole_at = self._loads_at = now
             self._whole = whole = robot.read()
+            return whole
+        if now - self._loads_at >= _LOADS_EVERY:
+            self._loads_at = now
+            state = robot.read_loads()
+            self._whole = whole = replace(
+                state,
+                current=_filled(state.current, whole.current),
+                voltage=_filled(state.voltage, whole.voltage),
+                temperature=_filled(state.temperature, whole.temperature),
+            )
             return whole
         return replace(
             robot.read_positions(_POSITIONS_EVERY),
@@ -138,6 +150,11 @@ class BriefReader:
             voltage=whole.voltage,
             temperature=whole.temperature,
         )
+
+
+def _filled(values: Sequence[float], before: Sequence[float]) -> tuple[float, ...]:
+    """The values, and those from before where they are not known."""
+    return tuple([old if math.isnan(new) else new for new, old in zip(values, before, strict=True)])
 
 
 class ReadAhead:

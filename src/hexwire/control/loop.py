@@ -15,6 +15,8 @@ from hexwire.model.state import LONGEST
 
 _FASTEST = 10_000.0
 """Greatest rate, hertz."""
+_LEAST_WAIT = 0.0001
+"""Seconds; a sleep is no more exact than this, so a cycle that is less late begins at once."""
 
 __all__ = ["LoopCounters", "RateLoop", "check_rate"]
 
@@ -58,7 +60,8 @@ class RateLoop:
         rate: Cycles per second.
         clock: Monotonic seconds.
         sleep: Waits for a number of seconds.
-        tolerance: Seconds after its deadline from which a cycle counts as late; a tenth of the period if None.
+        tolerance: Seconds after its deadline from which a cycle counts as late; if None a tenth of the period, but
+            at least 0.1 ms.
 
     Attributes:
         period: Seconds.
@@ -76,7 +79,7 @@ class RateLoop:
     ) -> None:
         check_rate(rate)
         self.period = 1.0 / rate
-        self.tolerance = 0.1 * self.period if tolerance is None else tolerance
+        self.tolerance = max(0.1 * self.period, _LEAST_WAIT) if tolerance is None else tolerance
         self.counters = LoopCounters()
         self.due = 0.0
         self._clock = clock

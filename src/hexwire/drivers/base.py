@@ -279,6 +279,10 @@ class RobotDriver(ABC):
         """
         return self.read()
 
+    def read_loads(self) -> JointState:
+        """Read at least positions and loads, in the shortest time; the rest may be NaN. Else as `read`."""
+        return self.read()
+
     def stream(self, period: float, timeout: float = 1.0, *, slow: float | None = None) -> Iterator[JointState]:
         """Yield the states that the robot reports periodically, until the caller stops iterating.
 

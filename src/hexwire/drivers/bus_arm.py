@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
 __all__ = ["BusArm", "ChainArm", "SevenBotArm", "So100Arm", "So101Arm", "arm_class"]
 
-_LIVE_FIRST, _LIVE_COUNT = 56, 15
+_LIVE_FIRST, _LIVE_COUNT, _TO_LOAD = 56, 15, 6
 _MIN_DURATION = 0.02
 _MOST_BACKLOG = 0.001
 """Seconds that the line may be behind with goals while old positions serve for new ones."""
@@ -121,8 +121,7 @@ class BusArm(RobotDriver):
     @classmethod
     def from_url(cls, url: str, **options: Any) -> Self:
         """Make a driver for the adapter that `url` names; options as in the constructor."""
-        unknown = set(options) - {"arm", "calibration"}
-        if unknown:
+        if unknown := set(options) - {"arm", "calibration"}:
             raise UsageError(f"an arm on a servo bus has no option {', '.join(sorted(unknown))}")
         from hexwire.link.open import make_link
 
@@ -227,8 +226,7 @@ class BusArm(RobotDriver):
     def examine(self) -> list[Finding]:
         from .bus_checkup import examine_bus
 
-        report, state = self.probe(), self.read()
-        return examine_bus(self.bus, self.model, report, state)
+        return examine_bus(self.bus, self.model, self.probe(), self.read())
 
     def explain_silence(self) -> list[Finding]:
         from .bus_checkup import explain_silence
@@ -239,13 +237,18 @@ class BusArm(RobotDriver):
     # -- reading ------------------------------------------------------------------------------------
 
     def read(self) -> JointState:
+        return self._read(_LIVE_COUNT)
+
+    def read_loads(self) -> JointState:
+        return self._read(_TO_LOAD)
+
+    def _read(self, count: int) -> JointState:
         self._check_attached()
         self.epochs.let_through()
         bus, joints = self.bus, self.model.joints
         able = tuple(joint.servo_id for joint in joints if joint.series != "seven_bot")
-        blocks: dict[int, ServoBlock] = {}
-        if able:
-            blocks = {block.servo_id: block for block in bus.sync_read_blocks(_LIVE_FIRST, _LIVE_COUNT, able)}
+        found = bus.sync_read_blocks(_LIVE_FIRST, count, able) if able else []
+        blocks = {block.servo_id: block for block in found}
         rows = []
         for i, joint in enumerate(joints):
             block = blocks.get(joint.servo_id)
@@ -256,11 +259,10 @@ class BusArm(RobotDriver):
             else:
                 rows.append(self._live(i, joint, block))
         now = bus.now()
-        columns = list(zip(*rows, strict=True))
-        for joint, angle, condition in zip(joints, columns[0], columns[6], strict=True):
+        position, velocity, load, current, voltage, temperature, flags = zip(*rows, strict=True)
+        for joint, angle, condition in zip(joints, position, flags, strict=True):
             if not condition & _SILENT:
                 self._positions[joint.name], self._sampled[joint.name] = angle, now
-        position, velocity, load, current, voltage, temperature, flags = columns
         state = JointState(
             names=self.model.names,
             position=position,
@@ -448,14 +450,12 @@ class BusArm(RobotDriver):
         if sub_cmd == Command.IO:
             raise NotSupportedError("an arm on a servo bus has no outputs for a pump or a valve")
         if sub_cmd != Command.TRANSACT or len(data) < 8:
-            raise NotSupportedError(
-                f"an arm on a servo bus has no ioctl 0x{sub_cmd:02X}; use TRANSACT with a servo packet"
-            )
+            text = f"an arm on a servo bus has no ioctl 0x{sub_cmd:02X}; use TRANSACT with a servo packet"
+            raise NotSupportedError(text)
         packet, length = data[2:], data[0]
         if not packet_only_reads(packet):
             self._refuse_if_stopped("a servo packet")
-        answers = self.bus.raw(packet, (packet[2],) if length else (), max(0, length - 6))
-        return answers.get(packet[2], b"")
+        return self.bus.raw(packet, (packet[2],) if length else (), max(0, length - 6)).get(packet[2], b"")
 
     def may_move(self, sub_cmd: int, data: bytes = b"") -> bool:
         return not packet_only_reads(data[2:])
