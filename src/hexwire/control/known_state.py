@@ -106,6 +106,9 @@ class StateFilter:
             None if no joint is known, or if no sample is newer than the last result.
         """
         when = self._clock.time(state)
+        if when - min(state.age, default=0.0) - self._newest < _SAME:
+            # A state that is passed on again: no sample is newer.
+            return None
         if self._complete(state):
             age = max(0.0, min(state.age))
             known: KnownState | None = KnownState(state.names, state.position, state.velocity, age)

@@ -217,7 +217,7 @@ class Output:
             epochs.check(asked, "a target")
             with epochs.using(asked):
                 self._arm_watchdog()
-            with epochs.using(replace(asked, refusal=self.refusal)):
+            with epochs.using(asked if self.refusal is None else replace(asked, refusal=self.refusal)):
                 sent = self._robot.write(target)
         except StoppedError:
             # States that are waiting may be older, for example after a stall in which the watchdog tripped.

@@ -103,8 +103,11 @@ class PathCheck:
             LimitError: An angle is outside its limits.
             UsageError: There is no such joint.
         """
+        joint_of = self._arm.joint
         for name, angle in goal.items():
-            self._arm.joint(name).check(angle)
+            joint = joint_of(name)
+            if not joint.minimum <= angle <= joint.maximum:
+                joint.check(angle)
 
     def target(self, here: Mapping[str, float], goal: Mapping[str, float]) -> None:
         """Check limits, and joint coupling limits and the table on the straight path of joints to a goal.

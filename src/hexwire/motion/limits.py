@@ -87,10 +87,11 @@ def check_target(model: ArmModel, target: JointTarget, start: Mapping[str, float
         UsageError: A joint does not exist, or is named twice.
     """
     # Every target of every cycle comes here: it is made anew only if something changes.
-    duration, positions, renamed = target.duration, {}, False
+    duration, positions, renamed, joint_of = target.duration, {}, False, model.joint
     for name, angle in target.positions:
-        joint = model.joint(name)
-        joint.check(angle)
+        joint = joint_of(name)
+        if not joint.minimum <= angle <= joint.maximum:
+            joint.check(angle)
         own = joint.name
         if own in positions:
             raise UsageError(f"a target names {own} twice")
