@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING, Any, Self
 from websockets.sync.client import connect
 
 if TYPE_CHECKING:
+    from playwright.sync_api import Locator, Page
+
     from hexwire.emulator.servo import EmulatedServo
     from hexwire.studio.app import Studio
 
-__all__ = ["PATIENCE", "RunningStudio", "Visitor", "until"]
+__all__ = ["PATIENCE", "RunningStudio", "Visitor", "press", "until"]
 
 PATIENCE = 20.0
 """Seconds in which what a test waits for must happen, also on a busy machine."""
@@ -30,6 +32,23 @@ def until(true: Callable[[], object], what: str, seconds: float = PATIENCE) -> N
     while not true():
         assert time.monotonic() < deadline, f"not in time: {what}"
         time.sleep(0.01)
+
+
+def press(page: Page, button: Locator, begun: Callable[[], object]) -> None:
+    """Press the mouse on a button until something has begun.
+
+    Again if it has not: on a busy machine what was entered before may still shift the page under the mouse.
+    """
+    for _ in range(5):
+        button.hover()
+        page.mouse.down()
+        deadline = time.monotonic() + 4.0
+        while time.monotonic() < deadline:
+            if begun():
+                return
+            page.wait_for_timeout(20)
+        page.mouse.up()
+    raise AssertionError("nothing has begun")
 
 
 class RunningStudio:

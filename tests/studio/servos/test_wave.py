@@ -3,7 +3,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from tests.studio.running import until
+from tests.studio.running import press, until
 
 if TYPE_CHECKING:
     from tests.studio.servos.conftest import Bench
@@ -14,8 +14,7 @@ def test_a_wave_lasts_while_its_button_is_held(bench: Bench) -> None:
     bench.part("Wave")
     page.get_by_label("Duration, s").fill("60")
     before = servo.motion.position
-    bench.button("Hold to move servo 1").hover()
-    page.mouse.down()
+    press(page, bench.button("Hold to move servo 1"), lambda: bench.bus.job is not None)
     until(lambda: abs(servo.motion.position - before) > 40, "motion")
     page.mouse.up()
     until(lambda: bench.bus.job is None and servo.motion.settled, "the end of the wave")
@@ -31,9 +30,7 @@ def test_a_wave_lasts_while_its_button_is_held(bench: Bench) -> None:
     until(lambda: bench.bus.bench.stopped and bench.bus.job is None and servo.motion.settled, "the stop")
     page.keyboard.up("Enter")
     there = servo.motion.position
-    bench.button("Hold to move servo 1").hover()
-    page.mouse.down()
-    page.get_by_text("resume first").first.wait_for()
+    press(page, bench.button("Hold to move servo 1"), page.get_by_text("resume first").first.is_visible)
     page.mouse.up()
     assert servo.motion.position == pytest.approx(there, abs=3)
     page.get_by_role("button", name="Resume").click()
