@@ -213,16 +213,18 @@ function holdButton(element, kind, args, options = {}) {
     element.setPointerCapture(event.pointerId);
     begin();
   });
-  for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) element.addEventListener(name, () => release());
+  // The press of a second button takes the focus from the first after its own hold has begun.
+  const letGo = () => held && held.element === element && release();
+  for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) element.addEventListener(name, letGo);
   element.addEventListener("keydown", (event) => {
     if (event.repeat || (event.key !== " " && event.key !== "Enter") || element.disabled) return;
     event.preventDefault();
     begin();
   });
   element.addEventListener("keyup", (event) => {
-    if (event.key === " " || event.key === "Enter") release();
+    if (event.key === " " || event.key === "Enter") letGo();
   });
-  element.addEventListener("blur", () => release());
+  element.addEventListener("blur", letGo);
   element.addEventListener("contextmenu", (event) => event.preventDefault());
 }
 
