@@ -16,6 +16,7 @@ import pytest
 from tests.avr.machines import BUILD, ChipBoard, built
 from tests.avr.pty import PtyBoard, on_pty
 
+from hexwire.control import run_motion
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.emulator.arms import make_hex7bot_servos
 from hexwire.emulator.servo_wire import ServoWire
@@ -43,6 +44,17 @@ def test_the_driver_moves_a_joint() -> None:
         assert robot.torque(True) == tuple(angles)
         sent = robot.write(JointTarget((("J1", 0.0), ("J5", 0.1)), duration=0.2))
         assert (sent.clamped, sent.silent) == ((), ())
+
+
+def test_a_target_is_a_path_that_a_later_program_may_replace() -> None:
+    with on_pty(PtyBoard(ChipBoard())) as board:
+        with Hex7BotDriver.from_url(board.path) as robot:
+            assert run_motion(robot, JointTarget.of({"J4": 0.6}, 20.0), wait=False).timed
+        with Hex7BotDriver.from_url(board.path) as robot:
+            assert robot.left_path() == ("J4",)
+            result = run_motion(robot, JointTarget.of({"J4": 0.05}, 0.3))
+            assert (result.arrived, result.timed, result.why) == (True, True, "")
+            assert robot.left_path() == ()
 
 
 def test_the_command_line() -> None:

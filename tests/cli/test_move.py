@@ -8,8 +8,10 @@ import pytest
 
 from hexwire.cli.move import arrived_words, check_targets, hold_on_ctrl_c, parse_targets, rest_json
 from hexwire.control.rest import Rest
+from hexwire.drivers.timed_path import PathState
 from hexwire.errors import LinkLostError, UsageError
 from hexwire.model.hex7bot import HEX7BOT
+from hexwire.wire.command_frame import Command, parse_frame
 
 # --- what a person types ---------------------------------------------------------------------------------
 
@@ -151,6 +153,84 @@ def test_a_stop_during_a_move_is_reported(bench: Any, monkeypatch: pytest.Monkey
     result = bench.run("move", "J4=80", "--duration", "5", "--wait")
     assert result.exit_code == 1
     assert result.stderr.startswith("error: the arm was stopped before it arrived")
+
+
+def test_a_board_that_keeps_the_time_gets_a_path_and_host_timed_is_one_target(bench: Any) -> None:
+    for words, taken in (((), Command.TRAJECTORY_START), (("--host-timed",), Command.JOINT_MOVE)):
+        for wait in ((), ("--wait",)):
+            bench.link.written.clear()
+            bench.ok("move", "J4=20", *words, *wait)
+            sent = [parse_frame(data).cmd for data in bench.link.written]
+            assert [sent.count(cmd) for cmd in (Command.TRAJECTORY_START, Command.JOINT_MOVE)] == [
+                int(cmd == taken) for cmd in (Command.TRAJECTORY_START, Command.JOINT_MOVE)
+            ]
+            bench.clock.advance(2.0)
+
+
+def test_a_board_reset_that_keeps_the_torque_is_told_at_once(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    step, hit = bench.board.step, []
+
+    def reset(now: float) -> None:
+        step(now)
+        if now > 1002.5 and not hit:
+            hit.append(now)
+            bench.board.trajectory.state = PathState.NONE
+
+    monkeypatch.setattr(bench.board, "step", reset)
+    result = bench.run("move", "J4=80", "--duration", "9", "--wait")
+    assert result.exit_code == 1
+    words = "not arrived: the board was reset, or another program began another path, J4 is "
+    assert result.stderr.startswith(f"error: {words}")
+    assert "resume" not in result.stderr
+    assert bench.clock() < 1006.0
+
+
+# --- a motion that was left to the board --------------------------------------------------------------------
+
+
+def test_a_second_move_replaces_the_first(bench: Any) -> None:
+    bench.ok("move", "J4=60", "--duration", "4")
+    bench.clock.advance(2.0)
+    assert bench.ok("move", "J4=0", "--wait").endswith("arrived\n")
+    assert bench.positions()["J4"] == pytest.approx(0.0, abs=0.5)
+
+
+def test_a_second_move_that_would_leave_a_joint_short_is_refused(bench: Any) -> None:
+    bench.ok("move", "J4=20", "J7=20", "--duration", "3")
+    bench.clock.advance(1.0)
+    result = bench.run("move", "J4=0")
+    assert result.exit_code == 2
+    assert result.stderr == (
+        "error: still moving: J7, as a program has told the board; wait until they have stopped, "
+        "or move all joints together; nothing was sent\n"
+    )
+    bench.clock.advance(3.0)
+    assert [bench.positions()[name] for name in ("J4", "J7")] == pytest.approx([20.0, 20.0], abs=0.5)
+
+
+def test_a_stop_ends_it_and_resume_continues_nothing(bench: Any) -> None:
+    bench.ok("move", "J4=60", "--duration", "4")
+    bench.clock.advance(1.5)
+    bench.ok("stop")
+    place = bench.positions()["J4"]
+    assert 2.0 < place < 50.0
+    bench.ok("resume")
+    bench.clock.advance(4.0)
+    assert bench.positions()["J4"] == pytest.approx(place, abs=0.5)
+
+
+def test_goto_and_grip_begin_where_it_came_to_rest(bench: Any) -> None:
+    bench.ok("torque", "on")
+    bench.ok("move", "J1=60", "--duration", "5")
+    bench.clock.advance(2.0)
+    assert "arrived" in bench.ok("goto", "0", "220", "150")
+    bench.ok("move", "J7=20", "--duration", "3")
+    bench.clock.advance(1.0)
+    assert bench.ok("grip", "close").endswith("% open\n")
+    bench.ok("move", "J1=40", "--duration", "3")
+    bench.ok("line", "0", "0", "-10", "--relative", "--dry-run")
+    bench.clock.advance(3.0)
+    assert bench.positions()["J1"] == pytest.approx(40.0, abs=0.5)
 
 
 # --- when this program dies ---------------------------------------------------------------------------------

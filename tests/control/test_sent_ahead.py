@@ -446,17 +446,23 @@ def test_another_program_that_begins_a_path_ends_the_goal() -> None:
     assert "another program began another path" in told.text
 
 
-def test_a_path_of_another_program_that_still_runs_is_left_alone() -> None:
+@pytest.mark.parametrize("outlives", [False, True])
+def test_a_path_of_another_program_is_left_alone_unless_it_outlives_it(outlives: bool) -> None:
     bench = Timed()
     robot = bench.owner.robot
     here = robot.read().positions["J1"]
-    path = robot.path(["J1"], outlives=True)
+    path = robot.path(["J1"], outlives=outlives)
     path.send(
         [TimedPoint(0.2 * i, (here + 0.02 * i,), (0.1 if 0 < i < 10 else 0.0,)) for i in range(11)], last=True
     )
     path.start()
     bench.turn(0.3)
     told = bench.go()
+    if outlives:
+        bench.until(lambda: told.ends)
+        assert told.outcome == SUCCEEDED
+        assert path.report().state is not PathState.DONE
+        return
     bench.turn(0.3)
     assert told.outcome == NOT_READY
     assert "busy" in told.text

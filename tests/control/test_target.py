@@ -182,3 +182,38 @@ def test_an_old_sample_is_no_arrival() -> None:
     assert not see(controller, 11.1, GOAL["J1"], age={"J1": 0.2})
     assert see(controller, 11.2, GOAL["J1"], age={"J1": 0.1, "J2": 9.0})
     assert controller.arrived
+
+
+def test_it_waits_until_it_may_go() -> None:
+    controller = make(waits=True)
+    assert write(controller, 10.0) is None
+    assert not controller.moving
+    controller.go()
+    assert write(controller, 10.1) == JointTarget.of(GOAL, 1.0)
+
+
+def test_on_a_path_of_the_robot_nothing_is_written_and_the_arrival_is_judged() -> None:
+    controller = make(waits=True, early=False)
+    controller.on_path(SentTarget(tuple(GOAL.items()), 1.0), 10.2)
+    assert controller.moving
+    assert write(controller, 10.5) is None
+    assert not see(controller, 11.1, GOAL["J1"])
+    assert see(controller, 11.2, GOAL["J1"])
+    assert (controller.arrived, controller.ended) == (True, "")
+
+
+def test_a_path_that_is_cut_short_leaves_time_for_a_last_look() -> None:
+    controller = make(waits=True)
+    controller.on_path(SentTarget(tuple(GOAL.items()), 9.0), 10.0)
+    assert not see(controller, 12.0, HOME["J1"] + 0.1)
+    controller.cut("the board was reset", 12.0)
+    controller.cut("something else", 12.1)
+    assert not see(controller, 12.1, HOME["J1"] + 0.1)
+    assert see(controller, 12.5, HOME["J1"] + 0.1)
+    assert (controller.arrived, controller.ended, controller.reason) == (False, "the board was reset", None)
+    assert [row.joint for row in controller.off] == ["J1"]
+    controller = make(waits=True)
+    controller.on_path(SentTarget(tuple(GOAL.items()), 9.0), 10.0)
+    controller.cut("a joint lost its torque", 12.0)
+    assert see(controller, 12.1, HOME["J1"], flags={"J1": JointFlag(0)})
+    assert controller.without_torque == ("J1",)

@@ -225,7 +225,7 @@ def test_where_the_board_refuses_a_path_targets_are_sent(caplog: pytest.LogCaptu
         watched.refused = told.append  # type: ignore[method-assign, assignment]
         way = bench.way(by=math.radians(40.0), seconds=1.0)
         result = run_motion(bench.robot, way, bench.options(grace=8.0), observer=watched)
-    assert "one by one" in caplog.text
+    assert "does not follow it" in caplog.text
     assert told == ["the board refused TRAJECTORY_POINTS: bad range"]
     assert not result.timed
     assert bench.targets

@@ -122,6 +122,7 @@ def test_what_a_plain_robot_says_of_itself() -> None:
     assert [robot.has_watchdog, robot.watchdog_armed, robot.reports_states] == [False] * 3
     assert (list(robot.round_trips), robot.restarts) == ([], 0)
     assert (robot.host_counters(), robot.board_counters()) == ({}, {})
+    assert (robot.left_path(), robot.clear_path()) == ((), False)
     before = time.monotonic()
     assert before <= robot.now() <= time.monotonic()
     robot.auto_reconnect(False)

@@ -1,18 +1,21 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 from tests.drivers.arms import Arm
 
 from hexwire.drivers.board2 import Board2
+from hexwire.drivers.timed_path import TimedPoint
 from hexwire.errors import CommandRefusedError, NotSupportedError, ServoError, StoppedError, UsageError
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointTarget
 from hexwire.session.events import Reply
 from hexwire.wire import servo_packet as sp
-from hexwire.wire.command_frame import Command, Frame, parse_frame
+from hexwire.wire.board_trajectory import PathState, PathStatus
+from hexwire.wire.command_frame import Command, Frame, Status, parse_frame
 from hexwire.wire.commands import ALL_FIELDS, Identity
 from hexwire.wire.tables import CAPABILITY_MAINTENANCE
 
@@ -257,3 +260,110 @@ def test_tables_are_checked_before_anything_is_sent() -> None:
         Arm(1).driver.read_table("J1")
     with pytest.raises(NotSupportedError, match="dialect-1"):
         Arm(1).driver.write_table("J1", 0, b"x")
+
+
+# --- a path that outlives its program --------------------------------------------------------------------------
+
+
+def left(arm: Arm, *joints: str, seconds: float = 3.0, outlives: bool = True) -> dict[str, float]:
+    """Have the board follow a path; returns the goals."""
+    robot = arm.driver
+    robot.torque(True)
+    here = robot.read().positions
+    path = robot.path(joints, outlives=outlives)
+    rest = (0.0,) * len(joints)
+    start = tuple(here[name] for name in path.joints)
+    goal = tuple(angle + 0.3 for angle in start)
+    path.send([TimedPoint(0.0, start, rest), TimedPoint(seconds, goal, rest)], last=True)
+    path.start()
+    arm.wait(0.6)
+    return dict(zip(path.joints, goal, strict=True))
+
+
+def test_its_joints_are_known_to_every_later_program_until_it_is_over() -> None:
+    arm = Arm(2)
+    left(arm, "J4", "J7", seconds=2.0)
+    arm.driver.detach()
+    arm.driver.attach()
+    assert arm.driver.left_path() == ("J4", "J7")
+    arm.wait(2.0)
+    assert arm.driver.left_path() == ()
+    assert not arm.driver.clear_path()
+
+
+def test_it_is_brought_to_rest_for_those_who_move_all_its_joints() -> None:
+    arm = Arm(2)
+    goal = left(arm, "J4", "J5")
+    assert not arm.driver.clear_path(["J1"])
+    with pytest.raises(
+        UsageError, match=r"^still moving: J5, as a program has told the board; .*; nothing was sent$"
+    ):
+        arm.driver.clear_path(["j4"])
+    assert arm.board.trajectory.state is PathState.RUNNING
+    assert arm.driver.clear_path(["J5", "J4", "J1"])
+    assert arm.board.trajectory.state is PathState.ABORTED
+    place = arm.driver.read().positions
+    arm.wait(3.0)
+    assert arm.driver.read().positions == pytest.approx(place, abs=0.01)
+    assert place["J4"] < goal["J4"] - 0.1
+
+
+def test_a_target_and_torque_on_replace_it() -> None:
+    arm = Arm(2)
+    left(arm, "J4", "J5")
+    with pytest.raises(UsageError, match="still moving: J5"):
+        arm.driver.write(JointTarget.of({"J4": 0.0}, 1.0))
+    assert arm.driver.write(JointTarget.of({"J1": 0.0}, 0.5)).positions, "beside it"
+    arm.driver.write(JointTarget.of({"J4": 0.0, "J5": 0.0}, 0.5))
+    arm.wait(1.0)
+    assert arm.driver.read()["J4"].position == pytest.approx(0.0, abs=0.01)
+    left(arm, "J4")
+    arm.driver.torque(True)
+    place = arm.driver.read()["J4"].position
+    arm.wait(3.0)
+    assert arm.driver.read()["J4"].position == pytest.approx(place, abs=0.02)
+
+
+def test_a_path_that_needs_its_program_is_left_alone() -> None:
+    arm = Arm(2)
+    left(arm, "J4", outlives=False)
+    assert arm.driver.left_path() == ()
+    assert not arm.driver.clear_path()
+    with pytest.raises(CommandRefusedError, match="busy"):
+        arm.driver.write(JointTarget.of({"J4": 0.0}, 1.0))
+    assert arm.board.trajectory.state is PathState.RUNNING
+
+
+def test_one_that_ends_at_that_moment_is_no_obstacle(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = Arm(2)
+    left(arm, "J4", seconds=1.0)
+    board = board_of(arm)
+    ask = board._ask
+
+    def late(cmd: int, *given: Any, **rest: Any) -> Reply:
+        reply = ask(cmd, *given, **rest)
+        if reply.status == Status.BUSY:
+            arm.wait(1.0)
+        return reply
+
+    monkeypatch.setattr(board, "_ask", late)
+    assert arm.driver.write(JointTarget.of({"J4": 0.0}, 0.5)).positions
+
+
+def test_a_board_without_paths_and_one_of_dialect_1_have_none() -> None:
+    arm = Arm(2)
+    board = board_of(arm)
+    board.identity = board.identity._replace(capabilities=0)
+    before = len(arm.link.written)
+    assert (board.left_path(), board.clear_path(None)) == ((), False)
+    assert len(arm.link.written) == before
+    arm = Arm(1)
+    assert (arm.driver.left_path(), arm.driver.clear_path()) == ((), False)
+
+
+def test_where_the_id_does_not_tell_the_joints_it_may_be_any() -> None:
+    arm = Arm(2)
+    board = board_of(arm)
+    status = PathStatus(0x80, PathState.RUNNING, 0, 0, 0, 0, 0)
+    assert board._joints_on(status) == HEX7BOT.names
+    assert board._joints_on(status._replace(id=0x88)) == ("J4",)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 import os
 import re
 import signal
@@ -120,6 +121,19 @@ def test_a_command_that_is_killed_leaves_an_arm_that_is_stopped(port: str, tmp_p
     assert max(abs(a - b) for a, b in zip(there.position, before.position, strict=True)) > 0.005, "it moved"
     if name == "move":
         assert there["J4"].position < 0.6, "far from its target"
+
+
+@pytest.mark.system
+def test_a_move_that_nobody_waits_for_is_finished_although_its_program_is_killed(port: str) -> None:
+    process = start(port, DIES.format(after=1, signal=9) + CLI, "move", "J4=8", "--duration", "0.6")
+    _, errors = process.communicate(timeout=PATIENCE)
+    assert process.returncode == -signal.SIGKILL, errors
+    with Hex7BotDriver.from_url(port) as robot:
+        deadline = time.monotonic() + PATIENCE
+        while abs(robot.read()["J4"].position - math.radians(8.0)) > 0.01:
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        assert not robot.read().stopped
 
 
 @contextmanager

@@ -136,7 +136,8 @@ def goto(
     model = _geometry_of(robot, links) if len(poses) < len(points) else kinematics_for(robot.model, links)
     wanted = to_points(points, poses, model, aim)
     with attached(robot):
-        start = _where(robot)
+        joints = robot.model.names if model is None else model.joint_names
+        start = _where(robot, joints, dry_run=run.dry_run)
         names, rows = joint_points(robot.model, model, start, wanted)
         path = arm_path(robot.model, names, rows, speed=min(1.0, speed / 100))
 
@@ -190,7 +191,7 @@ def line(
     model = _geometry_of(robot, links)
     wanted = to_points(points, poses, model, aim, fixed=True)
     with attached(robot):
-        start = _where(robot)
+        start = _where(robot, model.joint_names, dry_run=run.dry_run)
         goals = tip_poses(model, start, wanted)
         angles, tip_speed, gain = model.from_joints(start), speed / 1000, max(0.1, 4 * speed / 1000)
         path = (
@@ -289,7 +290,7 @@ def play(
     if path is None:
         path = arm_path(robot.model, names, points, speed=min(1.0, speed))
     with attached(robot):
-        start = _where(robot)
+        start = _where(robot, path.names, dry_run=run.dry_run)
         legs: list[tuple[str, Trajectory]] = []
         here: Sequence[float] = [start[name] for name in path.names]
         for _ in range(repeat):
@@ -359,8 +360,15 @@ def _geometry_of(robot: RobotDriver, links: str) -> KinematicModel:
     return make_kinematics(arm.geometry or arm.name, links, for_motion=True).for_arm(arm)
 
 
-def _where(robot: RobotDriver) -> dict[str, float]:
+def _where(robot: RobotDriver, joints: Sequence[str], *, dry_run: bool) -> dict[str, float]:
     """Positions of the joints, radians; one that rests on its stop is at its limit.
+
+    If they follow a path that a program has left to the board, they come to rest first, unless nothing is to move.
+
+    Args:
+        robot: Attached.
+        joints: Those that are to move.
+        dry_run: None is to move.
 
     Raises:
         ServoError: A joint does not answer.
@@ -368,6 +376,8 @@ def _where(robot: RobotDriver) -> dict[str, float]:
     from hexwire.errors import ServoError
     from hexwire.motion.limits import resting_inside
 
+    if not dry_run:
+        robot.clear_path(joints)
     state = robot.read()
     if state.silent:
         raise ServoError(

@@ -64,6 +64,11 @@ _GRACE = 2.0
 )
 @click.option("--wait", is_flag=True, help="Wait until the joints have arrived; Ctrl-C stops the arm.")
 @number_option("--tolerance", "DEGREES", "With --wait, how near counts as arrived.", above=0, default=1.0)
+@click.option(
+    "--host-timed",
+    is_flag=True,
+    help="Send one target, to which each servo goes by itself, although the board can keep the time.",
+)
 @table_options
 @links_option
 @robot_options
@@ -73,6 +78,7 @@ def move(
     duration: float,
     wait: bool,
     tolerance: float,
+    host_timed: bool,
     table: float | None,
     links: str,
     options: RobotOptions,
@@ -83,10 +89,13 @@ def move(
     Torque is first switched on for joints without it, which moves nothing. If the arm's geometry is known, a path
     that violates the joint coupling limits or the table is refused.
 
+    A board with hexwire's firmware moves all joints together on a smooth path, in its own time; on other robots and
+    on a shared arm each servo goes to its target by itself.
+
     With --wait, the board stops the arm if this program dies or hangs for a second. Without --wait, this program
-    ends at once, and the board completes the motion; only 'hexwire stop' ends it earlier. A board of dialect 1 and
-    a servo bus have no watchdog: for these, --wait sends the motion in short steps, so that the arm soon stops if
-    this program dies.
+    ends at once, and the board completes the motion; only 'hexwire stop', or another command that moves the same
+    joints, ends it earlier. A board of dialect 1 and a servo bus have no watchdog: for these, --wait sends the
+    motion in short steps, so that the arm soon stops if this program dies.
     """
     from hexwire.control.motions import MotionObserver, MotionOptions, run_motion
     from hexwire.control.rest import come_to_rest
@@ -101,7 +110,13 @@ def move(
     if kinematics is None:
         refuse_table(robot.model)
     tell: Callable[[str], object] = (lambda _: None) if as_json else say
-    how = MotionOptions(kinematics=kinematics, table=table, tolerance=math.radians(tolerance), grace=_GRACE)
+    how = MotionOptions(
+        kinematics=kinematics,
+        table=table,
+        tolerance=math.radians(tolerance),
+        grace=_GRACE,
+        host_timed=host_timed,
+    )
 
     with _progress() if wait and on_terminal() and not as_json else nullcontext(lambda *_: None) as show:
 
@@ -267,6 +282,8 @@ def _shortfall(result: MotionResult) -> str:
         known = row.by < math.inf
         where = f"{row.joint} is {far:.1f} deg away" if known else f"the position of {row.joint} is unknown"
         parts.append(where + ("" if why == "ok" else f" ({why})"))
+    if result.ended:
+        return f"not arrived: {', '.join([result.ended, *parts])}"
     return f"not arrived after {result.seconds:.1f} s: {', '.join(parts)}"
 
 

@@ -9,21 +9,23 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 
-from hexwire.errors import HexwireError, ServoError, StoppedError, UsageError
+from hexwire.errors import HexwireError, StoppedError, UsageError
 from hexwire.model.state import JointTarget, SentTarget
 from hexwire.motion.joined import Joined
 from hexwire.motion.limits import check_target, smooth_duration
 from hexwire.motion.safety import SafetyLimits, StopReason, board_stop
 from hexwire.motion.waypoints import Blend, Spline, Trajectory, Waypoint
 
-from .arrival import Deviation, Tolerance
+from .arrival import Tolerance
 from .controller import TrajectoryController
 from .goals import Tolerances
-from .loop import LoopCounters, RateLoop
+from .loop import RateLoop
 from .motion_options import MotionObserver, MotionOptions
+from .motion_result import MotionResult
 from .outcomes import Outcome
 from .owner import RobotOwner
 from .path_check import PathCheck
@@ -31,7 +33,8 @@ from .power import give_torque
 from .reader import read_state
 from .settings import ControllerSettings
 from .target import TargetController, holding
-from .timed_motion import begin_feed
+from .target_path import apart, path_to, sent_as
+from .timed_motion import PathFeed, begin_feed
 from .waiting import Waiter
 
 if TYPE_CHECKING:
@@ -66,64 +69,6 @@ class CheckedPath:
 
     legs: tuple[Trajectory, ...]
     reports: tuple[MotionReport, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class MotionResult:
-    """How a motion ended.
-
-    Attributes:
-        arrived: Whether the joints are at the goal; None if the call did not wait for it.
-        stopped: Why the arm was stopped, or None.
-        off: Joints that are not at their goal, worst first.
-        without_torque: Joints that lost torque during the motion.
-        cut: `until` ended the motion.
-        powered: Joints whose torque was switched on for it.
-        sent: A single target as sent, or None.
-        seconds: Time limit for the arrival, from the beginning.
-        state: The last state, or None.
-        timing: Timing of the cycles.
-        timed: The robot kept the time of the motion itself.
-    """
-
-    arrived: bool | None
-    stopped: StopReason | None = None
-    off: tuple[Deviation, ...] = ()
-    without_torque: tuple[str, ...] = ()
-    cut: bool = False
-    powered: tuple[str, ...] = ()
-    sent: SentTarget | None = None
-    seconds: float = 0.0
-    state: JointState | None = None
-    timing: LoopCounters = field(default_factory=LoopCounters)
-    timed: bool = False
-
-    @property
-    def why(self) -> str:
-        """Why the arm has not arrived; empty if it has."""
-        if self.stopped is not None:
-            return f"stopped: {self.stopped}"
-        if self.without_torque:
-            return f"{', '.join(self.without_torque)} lost torque before the arrival"
-        if self.arrived is not False or self.cut:
-            return ""
-        parts = [
-            f"{row.joint} is {math.degrees(row.by):.1f} deg{'/s' if row.of_speed else ''} off"
-            if row.by < math.inf
-            else f"the position of {row.joint} is unknown"
-            for row in self.off
-        ]
-        return f"did not arrive: {', '.join(parts) or 'some joints have not reported since the end'}"
-
-    def require(self) -> MotionResult:
-        """Return itself, if the joints are at the goal or the call did not wait for it.
-
-        Raises:
-            ServoError: The arm was stopped, or did not arrive.
-        """
-        if self.why:
-            raise ServoError(self.why)
-        return self
 
 
 def check_path(
@@ -171,17 +116,18 @@ def run_motion(
 ) -> MotionResult:
     """Run one motion: check its path, switch torque on, arm the watchdog, monitor it, and check the arrival.
 
-    A trajectory is sent cycle by cycle. A single target is sent once, and the board interpolates the motion; on a
-    robot without a watchdog, it is sent in short steps. An exception during the motion, including Ctrl-C, stops the
-    arm.
+    A robot that keeps the time of a motion follows a path: the trajectory, or a smooth way to the target. Otherwise
+    a trajectory is sent cycle by cycle, and a target once; without a watchdog, it is sent in short steps. An
+    exception during the motion, including Ctrl-C, stops the arm.
 
     Args:
         robot: Attached.
         motion: Trajectories of the robot's joints, or a target.
         options: How it is run and checked.
-        wait: False returns as soon as a single target is sent; the motion is then not monitored.
+        wait: False returns as soon as a single target is sent; the motion is then not monitored, and outlives this
+            program.
         until: Called with every state once the motion has started; True ends the motion and holds the
-            joints at their positions; a target ends it and is sent instead.
+            joints at their positions; a target ends it and is sent instead. With it, a target is no path.
         observer: Is called at the events of the motion.
         safe: Entered before anything moves, and left while the watchdog is still armed, whatever ends the motion.
             It makes the arm safe instead of the stop on an exception; not used without `wait`.
@@ -299,10 +245,13 @@ def _check_target(
         if others := [name for name in unknown if name not in goal]:
             observer.unchecked(others)
         return state
+    # A path begins too slowly to be seen.
+    left = robot.left_path()
     turned = [
         name
         for name in known
-        if name not in goal and not abs(state[name].position - states[0][name].position) <= _FLICKER
+        if name not in goal
+        and (name in left or not abs(state[name].position - states[0][name].position) <= _FLICKER)
     ]
     if turned:
         words = f"still moving: {', '.join(turned)}; wait until the arm has stopped, or move all joints together"
@@ -373,21 +322,15 @@ def _run_path(
             with owner.locked():
                 begins = owner.now() if feed is None else feed.start.time
                 controller.follow(leg, owner.newest(), begins, listener=waiter, tolerances=tolerances)
-            over = waiter.is_over if feed is None else feed.until(owner, controller, waiter.is_over)
+            over = waiter.is_over
+            if feed is not None:
+                over = feed.until(owner, controller.follower.keep_start, owner.group.stop, over)
             end = _turn_until(owner, over, until)
             arrived = waiter.end is not None and waiter.end.outcome is Outcome.SUCCEEDED
             if not arrived:
                 break
         if feed is not None:
-            # Whatever ended the motion: this program must not leave, and disarm the watchdog, while joints move.
-            # And another motion would be refused until this one is over.
-            try:
-                feed.end(owner.turn, abort=bool(end) or not arrived)
-            except BaseException:
-                if safe is None:
-                    with suppress(HexwireError):
-                        robot.stop()
-                raise
+            _end_feed(feed, owner, safe, abort=bool(end) or not arrived)
         if end:
             reason = _end_at(owner, end, names, asked)
         controller.hold("it is over")
@@ -405,6 +348,31 @@ def _run_path(
         )
 
 
+def _end_feed(
+    feed: PathFeed, owner: RobotOwner, safe: AbstractContextManager[object] | None, *, abort: bool
+) -> None:
+    """Wait until the joints are at rest, whatever ended the motion.
+
+    This program must not leave, and disarm the watchdog, while they move. And another motion would be refused.
+    """
+    try:
+        feed.end(owner.turn, abort=abort)
+    except BaseException:
+        if safe is None:
+            with suppress(HexwireError):
+                owner.robot.stop()
+        raise
+
+
+def _see_end(owner: RobotOwner, controller: TargetController, feed: PathFeed, found: StopReason) -> None:
+    """The board does not follow the path any more: the arm is stopped, or the next states say what is wrong."""
+    if feed.stopped:
+        owner.group.stop(found)
+        return
+    with owner.locked():
+        controller.cut(str(found), owner.now())
+
+
 def _run_target(
     robot: RobotDriver,
     target: JointTarget,
@@ -415,26 +383,43 @@ def _run_target(
     safe: AbstractContextManager[object] | None,
     asked: Token,
 ) -> MotionResult:
+    state = _check_target(robot, dict(target.positions), options, observer)
+    target = check_target(robot.model, target, {})
     goal = dict(target.positions)
-    state = _check_target(robot, goal, options, observer)
+    with _asked_then(robot, asked):
+        cleared = robot.clear_path(list(goal))
+    if cleared:
+        # The joints are elsewhere now, and at rest.
+        state = _check_target(robot, goal, options, observer)
     # Its ends are smooth; a longer time that was asked for stays.
     target = replace(target, duration=max(target.duration, smooth_duration(robot.model, state.positions, goal)))
     with _asked_then(robot, asked):
         powered = give_torque(robot, list(goal), state)
     if powered:
         observer.powered(powered)
+    # What `until` ends is replaced at once, but a path comes to rest first. And the server of a shared arm, which
+    # refills none, follows a path as a goal: it would stop an arm whose gripper meets an object.
+    timed = robot.refills_paths and not options.host_timed and until is None
     if not wait:
         with _asked_then(robot, asked):
-            sent = robot.write(target)
+            path = path_to(robot, target, robot.read()) if timed else None
+            whole = None if path is None else begin_feed(robot, path, asked, outlives=True, apart=apart(path))
+            sent = robot.write(target) if path is None or whole is None else sent_as(robot, path)
         observer.sent(sent)
-        return MotionResult(None, powered=powered, sent=sent, seconds=sent.duration)
+        return MotionResult(None, powered=powered, sent=sent, seconds=sent.duration, timed=whole is not None)
     rate = options.rate or robot.command_rate
     step = None if robot.has_watchdog else 1.0 / rate
     here = state.positions
     if step is not None:
         target = check_target(robot.model, target, here)
     controller = TargetController(
-        target, here, options.goal(list(goal)), grace=options.grace, step=step, early=options.early
+        target,
+        here,
+        options.goal(list(goal)),
+        grace=options.grace,
+        step=step,
+        early=options.early,
+        waits=timed,
     )
 
     def was_sent(sent: SentTarget) -> None:
@@ -442,13 +427,36 @@ def _run_target(
         if step is None:
             observer.sent(sent)
 
+    def over() -> bool:
+        return controller.over
+
     with _owner(robot, rate, options, observer, asked, was_sent, safe) as owner:
         owner.group.members = (controller,)
         if step is not None:
             observer.sent(SentTarget(target.positions, target.duration))
         owner.turn()
         observer.started(owner.timing)
-        end = _turn_until(owner, lambda: controller.over, until)
+        feed = None
+        if timed and not controller.over and (path := path_to(robot, target, owner.newest())) is not None:
+            feed = begin_feed(
+                robot,
+                path,
+                asked,
+                outlives=options.outlives,
+                stop_on_failure=safe is None,
+                apart=apart(path),
+            )
+            if feed is not None:
+                with owner.locked():
+                    controller.on_path(sent_as(robot, path), feed.start.time)
+                observer.sent(sent_as(robot, path))
+                # Its end may be judged by this program's clock: the grace is longer than what clocks differ.
+                over = feed.until(owner, lambda first, last: None, partial(_see_end, owner, controller, feed), over)
+        if feed is None:
+            controller.go()
+        end = _turn_until(owner, over, until)
+        if feed is not None:
+            _end_feed(feed, owner, safe, abort=not controller.arrived)
         reason = _end_at(owner, end, goal, asked) if end else None
         controller.release("it is over")
         sent_duration = controller.sent.duration if controller.sent is not None else target.duration
@@ -463,4 +471,6 @@ def _run_target(
             sent_duration + options.grace,
             owner.state,
             owner.timing.counters,
+            feed is not None,
+            controller.ended,
         )

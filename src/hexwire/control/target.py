@@ -1,4 +1,4 @@
-"""A single target: the board interpolates the motion, or it is sent in short steps if there is no watchdog.
+"""A single target: on a path of the board, sent once, or in short steps if there is no watchdog.
 
 Owns what is sent when, and the result. Time comes in as an argument. Must not know robots or threads.
 """
@@ -28,6 +28,8 @@ AHEAD = 1.5
 """Duration of a step's target in steps, so that a late step does not pause the motion."""
 _SETTLE = 0.05
 """Duration of a target that holds the joints, seconds."""
+_CUT = 0.3
+"""Seconds after the end of a path that was cut short in which a state tells what is wrong with a joint."""
 _BACK = 0.2
 """Share of its speed limit at which a joint outside its limits goes back to them when it is held."""
 
@@ -114,12 +116,14 @@ class TargetController(SingleMotion):
         grace: Seconds after its duration in which the joints must arrive.
         step: Seconds between two steps on the straight line; None to send the whole target at once.
         early: The target may count as reached before its duration is over.
+        waits: Nothing is sent before `go`.
 
     Attributes:
         sent: The target as sent, once all of it was sent; or None.
         arrived: The joints are at the target.
         off: Joints that are not, as of the last state.
         without_torque: Joints that have lost torque.
+        ended: Why the robot has ended the path that it followed, or empty.
     """
 
     def __init__(
@@ -131,6 +135,7 @@ class TargetController(SingleMotion):
         grace: float,
         step: float | None = None,
         early: bool = True,
+        waits: bool = False,
     ) -> None:
         goal = dict(target.positions)
         super().__init__(tuple(goal))
@@ -138,8 +143,9 @@ class TargetController(SingleMotion):
         self.arrived = False
         self.off: tuple[Deviation, ...] = ()
         self.without_torque: tuple[str, ...] = ()
+        self.ended = ""
         self._target, self._tolerances, self._grace, self._early = target, tolerances, grace, early
-        self._step = step
+        self._step, self._waits = step, waits
         # A joint whose position is unknown cannot be interpolated: it is sent directly to its target.
         self._start = {name: here[name] if math.isfinite(here[name]) else goal[name] for name in goal}
         self._now = -math.inf
@@ -174,7 +180,7 @@ class TargetController(SingleMotion):
 
     def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | None:
         """The target to send now."""
-        if self.over or self._last:
+        if self.over or self._last or self._waits:
             return None
         self._now, self._begun = now, now if self._begun == -math.inf else self._begun
         if self._step is None:
@@ -187,6 +193,21 @@ class TargetController(SingleMotion):
         share = step_share(since, self._step, duration)
         place = {name: start + share * (goal[name] - start) for name, start in self._start.items()}
         return JointTarget.of(place, AHEAD * self._step)
+
+    def go(self) -> None:
+        """Send the target from the next cycle on."""
+        self._waits = False
+
+    def on_path(self, sent: SentTarget, begins: float) -> None:
+        """Nothing needs to be sent: the robot follows a path to the target, from a time on."""
+        self.sent, self._begun = sent, begins
+        self._arrival = Arrival(self._tolerances, begins + sent.duration, self._grace, early=self._early)
+
+    def cut(self, why: str, now: float) -> None:
+        """The robot has ended that path: the joints are at rest, and the next states say where."""
+        if not (self.ended or self.over):
+            self.ended = why
+            self._arrival = Arrival(self._tolerances, now, _CUT, early=self._early)
 
     def was_sent(self, sent: SentTarget) -> None:
         """Note how the last target was sent."""

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from hexwire.epochs import Token
     from hexwire.motion.waypoints import Trajectory
 
-    from .controller import TrajectoryController
     from .owner import RobotOwner
 
 __all__ = ["PathFeed", "begin_feed"]
@@ -57,10 +56,13 @@ class PathFeed:
         brake: As in `RobotDriver.path`.
         outlives: Likewise.
         period: Seconds between two turns: what is sent in one lasts for several.
+        apart: Seconds between two points, and all of them are sent before the start; if None, they are as close
+            as the trajectory needs, and are sent while it runs.
 
     Attributes:
         start: When it starts; set by `begin`.
         ordered: The start was sent, so that the robot may move, whether or not it has answered.
+        stopped: A stop of the arm has ended it.
     """
 
     start: PathStart
@@ -73,10 +75,11 @@ class PathFeed:
         brake: float = 0.2,
         outlives: bool = False,
         period: float = 0.05,
+        apart: float | None = None,
     ) -> None:
         self._robot, self._trajectory = robot, trajectory
         self._brake, self._outlives, self._period = brake, outlives, period
-        self._next = _NEXT
+        self._next, self._apart = _NEXT, apart
         self._path: TimedPath | None = None
         self._places: list[int] = []
         self._points: Iterator[TimedPoint] = iter(())
@@ -86,7 +89,7 @@ class PathFeed:
         self._complete = False
         self._looked = -math.inf
         self._over = False
-        self.ordered = False
+        self.ordered = self.stopped = False
 
     def begin(self) -> None:
         """Send the first points, and start.
@@ -94,6 +97,7 @@ class PathFeed:
         Raises:
             CommandRefusedError: The robot refuses the points or the start; nothing moves.
             LimitError: The points are beyond limits; nothing moves.
+            UsageError: Not all of them fit, although they must.
             HexwireError: As `TimedPath`.
         """
         robot, trajectory = self._robot, self._trajectory
@@ -101,10 +105,16 @@ class PathFeed:
         self._places = [trajectory.names.index(name) for name in path.joints]
         # Half a count, since the robot rounds to counts anyway.
         error = [robot.model.joint(name).scale / 2.0 for name in trajectory.names]
-        shortest = min(_LONGEST, max(_SHORTEST, _AHEAD * self._period / path.capacity))
-        self._next = max(_NEXT, math.ceil(_AHEAD * self._period / shortest))
-        self._points = self._make_points(error, shortest)
-        self._send(min(max(_FIRST, self._next), path.capacity) if robot.refills_paths else path.capacity)
+        if self._apart is None:
+            shortest = min(_LONGEST, max(_SHORTEST, _AHEAD * self._period / path.capacity))
+            self._next = max(_NEXT, math.ceil(_AHEAD * self._period / shortest))
+            self._points = self._make_points(error, _LONGEST, shortest)
+            self._send(min(max(_FIRST, self._next), path.capacity) if robot.refills_paths else path.capacity)
+        else:
+            self._points = self._make_points(error, self._apart, self._apart)
+            self._send(path.capacity)
+            if not self._complete:
+                raise UsageError("the motion takes too long for the points that the robot can hold")
         self.ordered = True
         try:
             self.start = path.start()
@@ -113,24 +123,30 @@ class PathFeed:
             raise
 
     def until(
-        self, owner: RobotOwner, watched: TrajectoryController, over: Callable[[], bool]
+        self,
+        owner: RobotOwner,
+        keep: Callable[[float, float], object],
+        ended: Callable[[StopReason], object],
+        over: Callable[[], bool],
     ) -> Callable[[], bool]:
         """A function that feeds the robot, and says whether the motion is over.
 
         Args:
-            owner: Of the robot; its controllers are stopped if the robot does not follow the path any more.
-            watched: Follows the same trajectory; it is kept to the time of the robot, whose clock drifts.
-            over: Whether they are done.
+            owner: Of the robot.
+            keep: Called with the earliest and the latest start of the path, under the lock of the controllers: the
+                clock of the robot drifts.
+            ended: Called with the reason if the robot does not follow the path any more.
+            over: Whether the motion is over.
         """
 
         def is_over() -> bool:
-            if not over() and (found := self._turn(owner, watched)) is not None:
-                owner.group.stop(found)
+            if not over() and (found := self._turn(owner, keep)) is not None:
+                ended(found)
             return over()
 
         return is_over
 
-    def _turn(self, owner: RobotOwner, watched: TrajectoryController) -> StopReason | None:
+    def _turn(self, owner: RobotOwner, keep: Callable[[float, float], object]) -> StopReason | None:
         """Send the next points if there is room, and see where the robot is; why it does not follow, or None."""
         path, now = self._path, owner.now()
         if path is None or self._over or (self._complete and now - self._looked < _LOOK):
@@ -142,9 +158,10 @@ class PathFeed:
                 # Where it was between request and reply; its targets are ahead by the lead.
                 first, last = self._times[report.towards - 1], self._times[report.towards]
                 with owner.locked():
-                    watched.follower.keep_start(now - last, owner.now() - first + path.lead)
+                    keep(now - last, owner.now() - first + path.lead)
             self._over = report.state is PathState.DONE
             if report.state is PathState.STOPPED:
+                self.stopped = True
                 # Perhaps resumed since: then no state says so any more.
                 return board_stop(self._robot.read()) or StopReason("board", STOP_COMMAND)
             if (why := _WHY.get(report.state)) is not None:
@@ -152,6 +169,7 @@ class PathFeed:
             if not self._complete and report.state is PathState.RUNNING:
                 self._send(min(report.room, self._next))
         except (StoppedError, PreemptedError):
+            self.stopped = True
             return StopReason("board", STOP_COMMAND)
         except CommandRefusedError as error:
             # It ended while the points were on their way; or the rest is beyond the robot's own limits.
@@ -194,11 +212,11 @@ class PathFeed:
         state = path.report().state
         return state.over or state is PathState.NONE
 
-    def _make_points(self, error: Sequence[float], shortest: float) -> Iterator[TimedPoint]:
+    def _make_points(self, error: Sequence[float], longest: float, shortest: float) -> Iterator[TimedPoint]:
         places = self._places
         # An optimal motion runs at its limit, and may be above it by a rounding error.
         most = [self._robot.model.joint(name).max_speed for name in self._trajectory.names]
-        for t, (position, velocity, _) in path_points(self._trajectory, error, longest=_LONGEST, shortest=shortest):
+        for t, (position, velocity, _) in path_points(self._trajectory, error, longest=longest, shortest=shortest):
             self._times.append(t)
             yield TimedPoint(
                 t,
@@ -226,6 +244,7 @@ def begin_feed(
     outlives: bool,
     stop_on_failure: bool = True,
     period: float = 0.05,
+    apart: float | None = None,
     refused: Callable[[str], object] = lambda why: None,
 ) -> PathFeed | None:
     """Have a robot follow a trajectory in its own time.
@@ -237,6 +256,7 @@ def begin_feed(
         outlives: As in `RobotDriver.path`.
         stop_on_failure: Stop the arm if it may have started, although this fails.
         period: As in `PathFeed`.
+        apart: Likewise.
         refused: Called with the reason if it refuses the trajectory.
 
     Returns:
@@ -246,7 +266,7 @@ def begin_feed(
         StoppedError: The arm is stopped.
         HexwireError: It does not answer.
     """
-    feed = PathFeed(robot, trajectory, outlives=outlives, period=period)
+    feed = PathFeed(robot, trajectory, outlives=outlives, period=period, apart=apart)
     robot.epochs.check(asked, "the motion")
     try:
         with robot.epochs.using(asked):
@@ -255,7 +275,7 @@ def begin_feed(
         raise
     except (CommandRefusedError, UsageError) as error:
         # Its limits may be tighter than the model's: targets one by one are clamped and given more time there.
-        _log.info("the targets are sent one by one: %s", error)
+        _log.info("the robot does not follow it in its own time: %s", error)
         refused(str(error))
         return None
     except BaseException:

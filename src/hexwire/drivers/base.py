@@ -1,7 +1,7 @@
 """`RobotDriver`: the interface of every robot, whatever board, bus or program is behind it.
 
 Owns the contract between robots and fronts: the chapter's verbs, and what a robot without an ability answers. Must
-not know any particular robot, how bytes reach it, or who calls.
+not know any particular robot, how bytes reach it, or who calls. Over 500 lines, since it is the whole contract.
 """
 
 from __future__ import annotations
@@ -331,7 +331,7 @@ class RobotDriver(ABC):
             joints: Names; all if None.
             smooth: Its points have velocities, and the joints follow cubics between them; else straight lines.
             brake: Seconds in which the joints come to rest on the path when they must.
-            outlives: Once all points have arrived, the watchdog lets the path finish.
+            outlives: Once all points have arrived, the watchdog lets it finish; `clear_path` ends it.
 
         Raises:
             NotSupportedError: The robot keeps no time of its own, see `times_motion`.
@@ -339,6 +339,25 @@ class RobotDriver(ABC):
             CommandRefusedError: It follows another path.
         """
         raise NotSupportedError(f"{self.model.name} follows no path in its own time")
+
+    def left_path(self) -> tuple[str, ...]:
+        """Joints that follow a path which outlives its program, see `path`; asks the robot."""
+        return ()
+
+    def clear_path(self, joints: Sequence[str] | None = None) -> bool:
+        """Bring joints to rest that follow such a path, so that another motion can begin; `write` does so too.
+
+        Args:
+            joints: Only if one of them is on it; None for any.
+
+        Returns:
+            Whether it was ended.
+
+        Raises:
+            UsageError: Other joints are on it too, and would not get to their goals; it goes on.
+            StoppedError: A stop is latched.
+        """
+        return False
 
     @abstractmethod
     def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:

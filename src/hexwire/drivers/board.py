@@ -63,6 +63,14 @@ class Board(Protocol):
         """Begin a path; see `RobotDriver.path`."""
         ...
 
+    def left_path(self) -> tuple[str, ...]:
+        """Joints on a path that outlives its program; see `RobotDriver.left_path`."""
+        ...
+
+    def clear_path(self, joints: Sequence[str] | None) -> bool:
+        """End such a path; see `RobotDriver.clear_path`."""
+        ...
+
     @property
     def command_rate(self) -> float:
         """Targets per second that the line can carry while the state is also read."""

@@ -410,6 +410,12 @@ class Board1:
     def path(self, joints: Sequence[str] | None, *, smooth: bool, brake: float, outlives: bool) -> TimedPath:
         raise _unsupported("TRAJECTORY_BEGIN")
 
+    def left_path(self) -> tuple[str, ...]:
+        return ()
+
+    def clear_path(self, joints: Sequence[str] | None) -> bool:
+        return False
+
     def report(self, period: float, fields: int = 0) -> None:
         raise _unsupported("REPORT")
 

@@ -13,12 +13,12 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
-from hexwire.errors import HexwireError, NotSupportedError, ServoError, StoppedError, UsageError
+from hexwire.errors import DeviceError, HexwireError, NotSupportedError, ServoError, StoppedError, UsageError
 from hexwire.ipc.session import Session
 from hexwire.model.arm import ArmModel
 from hexwire.model.state import JointState, JointTarget, SentTarget
 from hexwire.session.events import Reply
-from hexwire.wire.board_trajectory import BeginReply
+from hexwire.wire.board_trajectory import BeginReply, PathState, PathStatus
 from hexwire.wire.command_frame import Command, Frame, Status
 from hexwire.wire.commands import (
     ALL_FIELDS,
@@ -61,6 +61,10 @@ _log = logging.getLogger(__name__)
 
 _Row = TypeVar("_Row")
 _MAX_DURATION_MS = 0xFFFF
+_OUTLIVES = 0x80
+"""Bit in the id of a path that outlives its program: a later one may end it. The others are its joints, or 0."""
+_LOOK, _REST = 0.02, 3.0
+"""Seconds between two looks whether such a path is at rest, and the most until it is."""
 # The board may take half a second to check that the joints stand still, and drops repeats meanwhile. A lost STOP
 # must be repeated much sooner.
 _STOP_WINDOW = 0.1
@@ -112,7 +116,7 @@ class Board2:
         self._decoder = StateDecoder(model, self._order)
         self._time = BoardTime(session.now, getattr(session.ipc.link, "baud", 0))
         # Another program at this board begins paths too, and must not take one for its own.
-        self._paths = secrets.randbits(8)
+        self._paths = secrets.randbits(7)
 
     # -- state --------------------------------------------------------------------------------------
 
@@ -145,7 +149,8 @@ class Board2:
             for joint, angle in ((model.joint(name), angle) for name, angle in target.positions)
         )
         duration = min(round(target.duration * 1000), _MAX_DURATION_MS)
-        reply = self._ask(Command.JOINT_MOVE, MoveRequest(duration, rows).serialize())
+        names = [name for name, _ in target.positions]
+        reply = self._ask_cleared(Command.JOINT_MOVE, MoveRequest(duration, rows).serialize(), names)
         self._check_done(reply, Status.SERVO_SILENT)
         sent = MoveReply.parse(reply.body)
         named = [(model.by_servo(row.servo_id), row) for row in sent.rows]
@@ -169,10 +174,11 @@ class Board2:
             version = ".".join(map(str, self.identity.firmware))
             raise NotSupportedError(f"the board's firmware {version} follows no path of its own; flash a newer one")
         mask = self._board_mask(joints)
-        self._paths = (self._paths + 1) & 0xFF
+        self._paths = (self._paths + 1) % _OUTLIVES
         capabilities = self.identity.capabilities
         fine = bool(capabilities & CAPABILITY_FINE_POSITIONS)
-        request = begin_request(self._paths, mask, brake, smooth=smooth, outlives=outlives, fine=fine)
+        number = _OUTLIVES | (mask if mask < _OUTLIVES else 0) if outlives else self._paths
+        request = begin_request(number, mask, brake, smooth=smooth, outlives=outlives, fine=fine)
         reply = self._check_done(self._ask(Command.TRAJECTORY_BEGIN, request.serialize()))
         named = [joint for i, joint in enumerate(self._order) if joint is not None and mask >> i & 1]
         return Board2Path(
@@ -186,10 +192,61 @@ class Board2:
             whole=bool(capabilities & CAPABILITY_FRAGMENTS),
         )
 
+    def left_path(self) -> tuple[str, ...]:
+        """Send TRAJECTORY_STATUS; the id of a path that outlives its program tells its joints."""
+        path = self._running_path()
+        return () if path is None else self._joints_on(path)
+
+    def clear_path(self, joints: Sequence[str] | None) -> bool:
+        """Send TRAJECTORY_ABORT for a path that outlives its program, and wait for its end."""
+        path = self._running_path()
+        if path is None:
+            return False
+        on = self._joints_on(path)
+        wanted = self._model.names if joints is None else [self._model.joint(name).name for name in joints]
+        if set(on).isdisjoint(wanted):
+            return False
+        if others := [name for name in on if name not in wanted]:
+            words = "as a program has told the board; wait until they have stopped, or move all joints together"
+            raise UsageError(f"still moving: {', '.join(others)}, {words}; nothing was sent")
+        if path.state is not PathState.BRAKING:
+            # Its end may have come first: then this is without effect.
+            self._check_done(self._ask(Command.TRAJECTORY_ABORT, bytes((path.id,))))
+        deadline = self._session.now() + _REST
+        while self._running_path() is not None:
+            if self._session.now() > deadline:
+                raise DeviceError("the board does not end its path")
+            self._session.sleep(_LOOK)
+        return True
+
+    def _running_path(self) -> PathStatus | None:
+        """The path that joints follow although its program may have ended, or None."""
+        if not self.times_motion:
+            return None
+        reply = self._check_done(self._ask(Command.TRAJECTORY_STATUS, repeatable=True))
+        path = PathStatus.parse(reply.body)
+        runs = path.state in (PathState.RUNNING, PathState.BRAKING)
+        return path if runs and path.id & _OUTLIVES else None
+
+    def _joints_on(self, path: PathStatus) -> tuple[str, ...]:
+        mask = path.id & _OUTLIVES - 1
+        rows = enumerate(self._order)
+        return tuple(joint.name for i, joint in rows if joint and (mask >> i & 1 or not mask))
+
+    def _ask_cleared(self, cmd: int, body: bytes, joints: Sequence[str] | None) -> Reply:
+        """Send a request that moves or holds joints; a path that outlives its program gives way to it."""
+        reply = self._ask(cmd, body)
+        if reply.status != Status.BUSY or not self.times_motion:
+            return reply
+        # It may be over by now: so once more in any case.
+        self.clear_path(joints)
+        return self._ask(cmd, body)
+
     def torque(self, on: bool, joints: Sequence[str] | None) -> tuple[str, ...]:
         """Send TORQUE with the mask of the joints."""
         body = make_stop_reply(int(on), self._board_mask(joints))
-        reply = self._check_done(self._ask(Command.TORQUE, body), Status.SERVO_SILENT, Status.SERVO_FAULT)
+        asked = self._ask_cleared(Command.TORQUE, body, joints)
+        reply = self._check_done(asked, Status.SERVO_SILENT, Status.SERVO_FAULT)
         confirmed = self._confirmed(reply)
         if reply.status == Status.SERVO_FAULT:
             wanted = self._model.names if joints is None else [self._model.joint(n).name for n in joints]

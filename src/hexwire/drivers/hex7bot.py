@@ -205,6 +205,13 @@ class Hex7BotDriver(SessionDriver):
             self._keep_armed()
             return path
 
+    def left_path(self) -> tuple[str, ...]:
+        return self._attached().left_path()
+
+    def clear_path(self, joints: Sequence[str] | None = None) -> bool:
+        with self._calling("the end of a path"):
+            return self._attached().clear_path(joints)
+
     def stream(self, period: float, timeout: float = 1.0, *, slow: float | None = None) -> Iterator[JointState]:
         """Yield the states that the board reports every `period` seconds.
 

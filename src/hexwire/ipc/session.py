@@ -79,6 +79,7 @@ class Session(SeveralModules, Openable):
         board_restarts: Number of board resets seen in its frame counter while the port was open.
         epochs: The stops, and the calls that they cancel.
         rtts: Round-trip times of the last answers, seconds.
+        sleep: Waits for a number of seconds of the link's clock.
     """
 
     def __init__(
@@ -110,7 +111,7 @@ class Session(SeveralModules, Openable):
         self._sn = 0
         self._introduction = Introduction()
         self.connection = self._make_connection(time.monotonic)
-        self._sleep: Callable[[float], None] = time.sleep
+        self.sleep: Callable[[float], None] = time.sleep
         self._closed = False
         self._stop = (int(Command.STOP), b"\0")
         self._negotiation: tuple[float, Sequence[int], int | None] | None = None
@@ -143,7 +144,7 @@ class Session(SeveralModules, Openable):
         clock = self._clock or getattr(self.ipc.link, "clock", None) or time.monotonic
         self._now = clock
         # A link in simulated time has a clock that can sleep.
-        self._sleep = getattr(clock, "sleep", time.sleep)
+        self.sleep = getattr(clock, "sleep", time.sleep)
         self._sn = self.connection.sn
         self._datagrams = self.ipc.keeps_messages
         self.connection = self._make_connection(clock)
@@ -474,7 +475,7 @@ class Session(SeveralModules, Openable):
                         f"{link.url} was lost and did not come back within {policy.give_up_after:g} s: {error}",
                         url=link.url,
                     ) from lost
-                self._sleep(policy.interval)
+                self.sleep(policy.interval)
             except BaseException:
                 # The device is unknown now: nothing may be sent until the session is opened again.
                 link.close()
