@@ -8,6 +8,7 @@ know what it is used for.
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import select
 import signal
@@ -27,6 +28,7 @@ __all__ = [
     "NO_FOLLOW",
     "NO_WAIT",
     "READABLE",
+    "SLEEP_ERROR",
     "WRITABLE",
     "Poll",
     "device_number",
@@ -58,6 +60,11 @@ END_SIGNALS: tuple[signal.Signals, ...] = tuple(
     getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
 """Signals that end a program, besides Ctrl-C: SIGTERM, and SIGHUP if there is one."""
+
+
+SLEEP_ERROR = 120e-6 if sys.platform == "linux" else math.inf
+"""Seconds by which a short `time.sleep` is usually late at most: 50 us are the system's tolerance, the rest goes by
+until the processor is awake. Infinite where nobody has measured it; on Windows it is a millisecond or more."""
 
 
 # --- users -------------------------------------------------------------------------------------------------------

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 from tests.bus.bus_bench import BusLink, exchange_by, make_bus
 
@@ -88,6 +90,45 @@ def test_what_the_line_carries_first_is_no_time_that_an_answer_took() -> None:
     assert bus.timing.answers > 60
     # Two goals take 5.7 ms on this line.
     assert bus.timing.overhead < 0.001
+
+
+@pytest.mark.parametrize(
+    ("baud", "naps"),
+    [(1_000_000, [360e-6]), (9600, [0.001, 0.001]), (0, [])],
+    ids=["until the last one is about to come", "a millisecond at most", "not on a line of unknown speed"],
+)
+def test_a_read_wakes_up_for_its_first_and_last_answers(
+    monkeypatch: pytest.MonkeyPatch, baud: int, naps: list[float]
+) -> None:
+    slept: list[float] = []
+    monkeypatch.setattr("hexwire.bus.line.sleep", slept.append)
+    monkeypatch.setattr("hexwire.bus.line.SLEEP_ERROR", 120e-6)
+    bus = ServoBus(memory_pair()[0], baud=baud)
+    answers = [make_status(servo_id, 0, b"\0\x08") for servo_id in SEVEN]
+    pieces = [answers[0], *[b"".join(answers[:count]) for count in (6, 7)]]
+    waits: list[float] = []
+
+    def collect(window: float, rest: Callable[[bytes], float]) -> bytes:
+        waits.extend(map(rest, pieces))
+        return pieces[-1]
+
+    bus._line.ask = lambda data: None
+    bus._line.collect = collect  # type: ignore[assignment]  # as `transact` calls it
+    assert bus.sync_read("present_position", SEVEN).raw == (2048,) * 7
+    # After the first one 48 bytes are missing, then 8.
+    assert slept == pytest.approx(naps)
+    plan = bus._plans.newest_sync["present_position"]
+    napped = [*slept, 0.0, 0.0, 0.0][:3]
+    assert waits == pytest.approx([plan.rest(data) - nap for data, nap in zip(pieces, napped, strict=True)])
+    assert waits[-1] == 0.0
+
+
+def test_time_that_is_simulated_is_not_slept_through(monkeypatch: pytest.MonkeyPatch) -> None:
+    slept: list[float] = []
+    monkeypatch.setattr("hexwire.bus.line.sleep", slept.append)
+    bus, _ = make_bus()
+    assert bus.sync_read("present_position", SEVEN).ok
+    assert slept == []
 
 
 def test_a_doubt_ends_by_itself() -> None:

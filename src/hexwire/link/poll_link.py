@@ -256,8 +256,8 @@ class PollLink(Link):
         # costs 0.7 us over a bare blocking read, select 1.2 us, epoll 1.4 us; trying the read before the poll costs
         # an exception (1.5 us) whenever the answer is not there yet, which is nearly always. A read that VMIN makes
         # wait has VTIME as its only time-out, a tenth of a second, and setting them anew reprograms some USB
-        # adapters. To sleep through the time in which nothing can come saves wake-ups, but a process that comes
-        # out of a sleep is late: 80 us on an idle machine, milliseconds on a busy one.
+        # adapters. To sleep until the answer comes would be late: 80 us on an idle machine, milliseconds on a busy
+        # one. `rest` may sleep between its pieces, where the time of the last one is known (`BusLine.transact`).
         turn = self._reading
         if turn.taken or self.max_message is not None:
             return super().collect(window, rest)
