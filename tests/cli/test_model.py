@@ -218,6 +218,15 @@ def test_ros2_package_writes_a_folder(tmp_path: Path) -> None:
     assert (folder / "package.xml").stat().st_mode & 0o777 == 0o644
 
 
+def test_ros2_package_is_for_the_distribution_of_the_shell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The node of the package would speak another one than its neighbours otherwise."""
+    monkeypatch.setenv("ROS_DISTRO", "lyrical")
+    said = run("ros2-package", tmp_path / "arm", "--robot", "so101").stdout
+    assert said.startswith("hexwire_so101 for ROS 2 lyrical:")
+    assert "distribution: lyrical\n" in (tmp_path / "arm" / "config" / "hardware_interface.yaml").read_text()
+    assert "for ROS 2 jazzy:" in run("ros2-package", tmp_path / "other", "--distribution", "jazzy").stdout
+
+
 def test_ros2_package_overwrites_only_by_force_and_nothing_otherwise(tmp_path: Path) -> None:
     assert run("ros2-package", tmp_path).exit_code == 0
     before = package_files(tmp_path)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
+import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -374,15 +375,13 @@ def urdf(links: str, robot: str, output: str | None, force: bool) -> None:
 @click.argument("folder", metavar="DIR")
 @click.option(
     "--distribution",
-    default="jazzy",
-    show_default=True,
     metavar="NAME",
-    help="ROS 2 distribution: humble, jazzy, kilted, lyrical or rolling.",
+    help="ROS 2 distribution: humble, jazzy, kilted, lyrical or rolling.  [default: ROS_DISTRO, else jazzy]",
 )
 @links_option
 @_robot_option
 @force_option
-def ros2_package(folder: str, distribution: str, links: str, robot: str, force: bool) -> None:
+def ros2_package(folder: str, distribution: str | None, links: str, robot: str, force: bool) -> None:
     """Write a ROS 2 package of the arm to the folder DIR, for a workspace's src/.
 
     It has the URDF with the tags of ros2_control, controllers, the MoveIt configuration, and launch
@@ -390,7 +389,9 @@ def ros2_package(folder: str, distribution: str, links: str, robot: str, force: 
     """
     from hexwire.folders import make_folder
     from hexwire.ros2.package import make_package, package_name
+    from hexwire.ros2.package.releases import usual_release
 
+    distribution = distribution or usual_release(os.environ)
     files = make_package(robot, links, distribution)
     target = Path(folder)
     name = package_name(robot)

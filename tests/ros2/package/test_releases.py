@@ -4,12 +4,20 @@ import pytest
 
 from hexwire.errors import UsageError
 from hexwire.ros2.distributions import Distribution
-from hexwire.ros2.package.releases import DEFAULT_RELEASE, RELEASES, release
+from hexwire.ros2.package.releases import DEFAULT_RELEASE, RELEASES, release, usual_release
 
 
 def test_releases_are_the_nodes_distributions() -> None:
     assert list(RELEASES) == [distribution.value for distribution in Distribution]
     assert DEFAULT_RELEASE in RELEASES
+
+
+@pytest.mark.parametrize(
+    ("environment", "name"),
+    [({}, "jazzy"), ({"ROS_DISTRO": "kilted"}, "kilted"), ({"ROS_DISTRO": "noetic"}, "jazzy")],
+)
+def test_the_usual_one_is_that_of_the_shell(environment: dict[str, str], name: str) -> None:
+    assert usual_release(environment) == name
 
 
 def test_name_in_any_case() -> None:

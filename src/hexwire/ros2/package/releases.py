@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from hexwire.errors import UsageError
 
-__all__ = ["DEFAULT_RELEASE", "RELEASES", "Release", "release"]
+__all__ = ["DEFAULT_RELEASE", "RELEASES", "Release", "release", "usual_release"]
 
 DEFAULT_RELEASE = "jazzy"
 
@@ -82,3 +82,9 @@ def release(name: str) -> Release:
     if found is None:
         raise UsageError(f"no ROS 2 distribution {name!r}; choose one of {', '.join(RELEASES)}")
     return found
+
+
+def usual_release(environment: Mapping[str, str]) -> str:
+    """The distribution of a shell in which ROS 2 is set up, from ROS_DISTRO; otherwise `DEFAULT_RELEASE`."""
+    here = environment.get("ROS_DISTRO", "")
+    return here if here in RELEASES else DEFAULT_RELEASE
