@@ -155,6 +155,22 @@ def test_a_stop_is_ended_unless_another_one_came(caplog: pytest.LogCaptureFixtur
         bench.output.torque(True, ["J1"])
 
 
+def test_a_target_that_meets_a_stop_does_not_make_it_another_one() -> None:
+    bench = Bench(borrowed=False)
+    write = bench.robot.write
+
+    def stopped_write(target: JointTarget) -> SentTarget:
+        bench.output.stop(StopReason("asked", "the test"))
+        return write(target)
+
+    bench.robot.write = stopped_write  # type: ignore[method-assign]  # a stop from another thread, right before
+    bench.update()
+    assert not bench.sent
+    assert bench.group.stops == 1
+    bench.output.reset(1)
+    assert bench.group.reason is None
+
+
 def test_joints_run_until_their_last_target_is_over() -> None:
     bench = Bench()
     output, clock = bench.output, bench.arm.clock

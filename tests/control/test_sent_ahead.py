@@ -15,10 +15,11 @@ from tests.motion.arms import HOME, NAMES
 from hexwire.control.goals import Point, TrajectoryGoal
 from hexwire.control.lease import Lease
 from hexwire.control.outcomes import Outcome, Reason
-from hexwire.drivers.timed_path import PathState, TimedPoint
+from hexwire.drivers.timed_path import PathState, TimedPath, TimedPoint
 from hexwire.errors import LeaseError, StoppedError
 from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.state import JointTarget
+from hexwire.model.state import JointState, JointTarget
+from hexwire.motion.safety import StopReason
 from hexwire.wire.command_frame import Command
 from hexwire.wire.commands import LimitRow
 
@@ -251,6 +252,25 @@ def test_a_stop_ends_it_and_a_reset_does_not_continue_it() -> None:
     told = bench.go(by=0.0)
     bench.until(lambda: told.ends)
     assert told.outcome == SUCCEEDED
+
+
+def test_a_stop_that_a_path_tells_of_is_not_another_one() -> None:
+    bench = Timed()
+    told = bench.go()
+    bench.turn(0.7)
+    ahead = bench.owner._output._ahead
+    assert ahead is not None
+
+    def stopped(path: TimedPath, state: JointState) -> StopReason | None:
+        bench.arm.stop("somebody asks")
+        return ahead._see_end(path.report().state)
+
+    ahead._follow = stopped  # type: ignore[method-assign]  # from another thread, meanwhile
+    bench.until(lambda: told.ends)
+    assert told.outcome == STOPPED
+    assert bench.owner.group.stops == 1
+    bench.ask(lambda: bench.arm.reset(1))
+    assert bench.owner.group.reason is None
 
 
 def test_a_stop_from_elsewhere_that_has_been_cleared_already_ends_it() -> None:

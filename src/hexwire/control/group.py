@@ -143,6 +143,13 @@ class ControllerGroup:
             self._stop(reason)
         self.deliver()
 
+    def see_stop(self, reason: StopReason) -> None:
+        """Latch a stop that the robot tells of. If one is latched it is the same one: it does not count again."""
+        with self.lock:
+            if self.reason is None:
+                self._stop(reason)
+        self.deliver()
+
     def reset(self, stops: int) -> bool:
         """Clear the stop of all controllers, unless there was another one.
 

@@ -178,7 +178,7 @@ class Output:
                 found = ahead.turn(state, period)
         except StoppedError:
             ahead.drop()
-            self._group.stop(board_stop(self._robot.read()) or StopReason("board", STOP_COMMAND))
+            self._group.see_stop(board_stop(self._robot.read()) or StopReason("board", STOP_COMMAND))
             return
         except LeaseError as error:
             # The robot is not lost: it goes on along its path until it is told to come to rest.
@@ -190,8 +190,9 @@ class Output:
         if found.joint:
             self.stop(found)
         else:
-            self.tell(logging.WARNING, "stopped: %s", found)
-            self._group.stop(found)
+            if self._group.reason is None:
+                self.tell(logging.WARNING, "stopped: %s", found)
+            self._group.see_stop(found)
 
     def _ended_with_lease(self, error: HexwireError) -> bool:
         """End the motions if the right to move has ended since `before` was asked; else the robot refused."""
@@ -221,7 +222,7 @@ class Output:
                 sent = self._robot.write(target)
         except StoppedError:
             # States that are waiting may be older, for example after a stall in which the watchdog tripped.
-            self._group.stop(board_stop(self._robot.read()) or StopReason("board", STOP_COMMAND))
+            self._group.see_stop(board_stop(self._robot.read()) or StopReason("board", STOP_COMMAND))
         except (CommandRefusedError, UsageError) as error:
             if self._borrowed:
                 raise
