@@ -141,6 +141,14 @@ def test_a_stop_ends_it_and_nothing_goes_on_after_it() -> None:
     assert bench.at() == pytest.approx(place, abs=0.01)
 
 
+def test_a_stop_that_another_program_has_already_cleared_is_told_as_a_stop() -> None:
+    bench = Timed()
+    stop = bench.after(0.5, bench.arm.board.trajectory.stop)
+    result = move(bench, bench.target(seconds=6.0, by=0.1), stop, tolerance=0.01)
+    assert result.stopped is not None
+    assert result.ended == ""
+
+
 def test_a_stop_ends_one_that_nobody_waits_for() -> None:
     bench = Timed()
     move(bench, bench.target(seconds=3.0), wait=False)
