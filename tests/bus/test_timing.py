@@ -22,12 +22,14 @@ def test_the_allowance_shrinks_to_what_the_adapter_needs() -> None:
         timing.measured(0.00016 + 0.0003, 16)
     assert timing.allowance == pytest.approx(0.001)
     assert timing.overhead == pytest.approx(0.0003)
+    assert timing.round_trips == (timing.overhead,)
     assert not timing.holds_back
 
 
 def test_a_latency_timer_is_seen_and_allowed_for() -> None:
     timing = LineTiming(1_000_000)
     assert math.isnan(timing.overhead)
+    assert timing.round_trips == ()
     for i in range(100):
         timing.measured(0.00016 + 0.0155 + 0.0005 * (i % 2), 16)
     assert timing.holds_back

@@ -198,6 +198,7 @@ def test_what_an_arm_on_a_bus_says_of_itself(arm: BusArm) -> None:
     assert arm.host_counters()["requests"] > len(ids)
     assert arm.probe().unprotected == "no watchdog, no limits: servos without a board"
     assert arm.read().stamp <= arm.now()
+    assert arm.round_trips[-1] >= 0.0
 
 
 def test_an_arm_without_a_board_has_no_pump(arm: BusArm) -> None:

@@ -65,6 +65,13 @@ def examine(page: Page, what: str, *, whole: bool = False, dark: bool = True) ->
         except TimeoutError:
             wide = page.evaluate("document.documentElement.scrollWidth")
             wrong.append(f"{what} is {wide} wide at {width}x{height}")
+        # The title may have a row of its own.
+        ends = page.evaluate(
+            "[...document.querySelectorAll('.hx-plot-bar')].map((bar) => bar.lastElementChild.offsetTop"
+            " - bar.querySelector('button').offsetTop)"
+        )
+        if any(ends):
+            wrong.append(f"{what}: the buttons of a plot take two rows at {width}x{height}")
         stop = page.locator("#hw-stop").bounding_box()
         assert stop is not None
         if not (0 <= stop["x"] <= width - stop["width"] and 0 <= stop["y"] <= height - stop["height"]):
@@ -79,6 +86,15 @@ def test_pages_are_accessible_and_never_wider_than_the_screen(operator: Page) ->
         walk(operator, path)
         wrong += examine(operator, path, whole=path == "/")
     assert not wrong, "\n".join(wrong)
+
+
+def test_a_page_without_an_arm_is_readable_in_the_dark_and_leads_on(served: RunningStudio, blank: Page) -> None:
+    blank.goto(served.operate_url.replace("/?", "/arm?"))
+    blank.get_by_text("No arm is open.").wait_for()
+    theme(blank, "dark")
+    assert not faults(blank, "color-contrast")
+    blank.locator("#hw-main").get_by_role("link", name="Servos").click()
+    blank.get_by_role("button", name="Open the servo bus").wait_for()
 
 
 def test_the_work_at_servos_is_accessible_too(studio: RunningStudio, blank: Page, tmp_path: Path) -> None:

@@ -64,6 +64,7 @@ def test_what_cannot_be_opened_says_why(source: Source) -> None:
         source.open("/dev/not-there")
     assert source.mode == "none"
     assert "/dev/not-there" in source.error
+    assert source.refused == "/dev/not-there"
 
 
 def test_one_tab_has_control_at_a_time(source: Source) -> None:

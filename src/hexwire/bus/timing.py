@@ -88,6 +88,11 @@ class LineTiming:
         return self._mean if self.answers else float("nan")
 
     @property
+    def round_trips(self) -> tuple[float, ...]:
+        """The overhead as the one value that is known of round trips; empty before the first answer."""
+        return (self._mean,) if self.answers else ()
+
+    @property
     def holds_back(self) -> bool:
         """Whether every answer is delayed, as by an adapter's latency timer."""
         return self.answers >= _ENOUGH_ANSWERS and self._least >= _LATENCY_TIMER

@@ -212,6 +212,10 @@ class BusArm(RobotDriver):
             unprotected="no watchdog, no limits: servos without a board",
         )
 
+    @property
+    def round_trips(self) -> Sequence[float]:
+        return self.bus.timing.round_trips
+
     def host_counters(self) -> dict[str, int]:
         return self.bus.counters.as_dict()
 
@@ -367,9 +371,8 @@ class BusArm(RobotDriver):
         if on:
             self._refuse_if_stopped("torque on")
         wanted = [self.model.index(name) for name in (self.model.names if joints is None else joints)]
-        ids = [self.model.joints[i].servo_id for i in wanted]
         if not on:
-            unsure = servo_setup.torque_off(self.bus, ids)
+            unsure = servo_setup.torque_off(self.bus, [self.model.joints[i].servo_id for i in wanted])
             for i in wanted:
                 self._torque[i] = self.model.joints[i].servo_id in unsure and None
             return tuple(self.model.joints[i].name for i in wanted if self._torque[i] is False)
@@ -404,12 +407,9 @@ class BusArm(RobotDriver):
         return self._memory.kept_by
 
     def _hold_all(self) -> tuple[str, ...]:
-        held = []
-        for i, joint in enumerate(self.model.joints):
-            # A joint without torque gets no goal: the goal would switch its torque on.
-            if self._torque[i] is False or self._hold(joint):
-                held.append(joint.name)
-        return tuple(held)
+        rows = enumerate(self.model.joints)
+        # A joint without torque gets no goal: the goal would switch its torque on.
+        return tuple(joint.name for i, joint in rows if self._torque[i] is False or self._hold(joint))
 
     def _hold(self, joint: JointModel) -> bool:
         """Make the present position of a joint its goal; False if the servo does not confirm it."""

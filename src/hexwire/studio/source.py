@@ -47,6 +47,7 @@ class Source:
         bus: The open servo bus, or None.
         opening: What is being opened, in words; empty if nothing is.
         error: Why the last opening failed; empty if it did not.
+        refused: What was to be opened then; empty likewise.
         silence: Seconds without a sign of life after which what somebody holds ends.
     """
 
@@ -54,7 +55,7 @@ class Source:
         self._wire = wire or WireFeed()
         self.arm: ArmSource | None = None
         self.bus: BusSource | None = None
-        self.opening, self.error = "", ""
+        self.opening, self.error, self.refused = "", "", ""
         self.silence = SILENCE
         self._on_change = on_change
         self._lock = threading.Lock()
@@ -81,7 +82,7 @@ class Source:
         """
         with self._lock:
             self._close()
-            self.opening, self.error = url, ""
+            self.opening, self.error, self.refused = url, "", ""
             self._on_change()
             try:
                 # Whoever opens it sees at once why it fails, and tries again.
@@ -99,7 +100,7 @@ class Source:
                     raise
                 self.arm = arm
             except HexwireError as error:
-                self.error = str(error)
+                self.error, self.refused = str(error), url
                 raise
             finally:
                 self.opening = ""
@@ -132,7 +133,7 @@ class Source:
                 [joint.series for joint in self.arm.settings.model.joints] if self.arm and link else ["sts_sms"]
             )
             self._close()
-            self.opening, self.error = url, ""
+            self.opening, self.error, self.refused = url, "", ""
             self._on_change()
             try:
                 tap = self._wire.begin(url)
@@ -143,7 +144,7 @@ class Source:
                 bus.open()
                 self.bus = BusSource(bus, self.silence)
             except HexwireError as error:
-                self.error = str(error)
+                self.error, self.refused = str(error), url
                 raise
             finally:
                 self.opening = ""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from playwright.sync_api import expect
+
 from hexwire.studio.plugged import Plugged
 
 if TYPE_CHECKING:
@@ -29,6 +31,10 @@ def test_a_port_is_shown_with_its_obstacle_and_an_arm_is_opened(
         row.get_by_text("end it").wait_for()
         row.get_by_role("button", name="Open /dev/ttyUSB7").click()
         page.get_by_text("Not opened:").wait_for()
+        # A port that leads to no arm may lead to servos that are none yet.
+        page.get_by_role("link", name="Servos", exact=True).click()
+        expect(page.get_by_label("Port or address of the adapter")).to_have_value("/dev/ttyUSB7")
+        page.get_by_role("link", name="Connect", exact=True).click()
         page.get_by_role("button", name="Open sim://so101").click()
         page.wait_for_url("**/arm")
         page.locator("#hw-fact-connection", has_text="so101").wait_for()

@@ -130,4 +130,5 @@ def _nothing(mode: str, error: str) -> str:
             'To move the arm as a whole, open it on <a href="/">Connect</a>.</p>'
         )
     problem = f'<p class="hw-bad">Not opened: {escape(error)}</p>' if error else ""
-    return f'{problem}<p>No arm is open. Choose one on <a href="/">Connect</a>.</p>'
+    words = 'Choose one on <a href="/">Connect</a>, or a servo bus on <a href="/servos">Servos</a>.'
+    return f"{problem}<p>No arm is open. {words}</p>"

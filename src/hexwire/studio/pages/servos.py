@@ -67,7 +67,9 @@ def _closed(studio: Studio) -> None:
 
     html("Nothing is open. Open the adapter of a servo bus here, or an arm on the page Connect.", "p", "sv-hint")
     with ui.element("div").classes("sv-form"):
-        port = ui.input("Port or address of the adapter").props("dense outlined maxlength=200")
+        # What could not be opened as an arm may be a bus of servos that are none yet.
+        port = ui.input("Port or address of the adapter", value=studio.source.refused)
+        port.classes("sv-address").props("dense outlined maxlength=200")
 
         async def start() -> None:
             url = str(port.value or "").strip()

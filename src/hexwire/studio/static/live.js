@@ -286,7 +286,7 @@ function say(text) {
 function put(name, text, level = "") {
   const element = document.getElementById(`hw-fact-${name}`);
   if (!element) return;
-  if (element.textContent !== text) element.textContent = text;
+  if (element.textContent !== text) element.textContent = element.title = text; // it may be cut off
   element.dataset.level = level;
 }
 
