@@ -13,6 +13,8 @@ import pytest
 from tests.ros1.ros_world import Arm, PtyBoard, World, made
 
 POSES = {"home": {"J1": -0.087, "J2": 0.96, "J3": -0.044, "J4": 0.0, "J5": 0.0, "J6": 0.0}}
+WATCHDOG = 4.0
+"""Seconds: a busy machine stalls longer than the usual 1 s."""
 CONSTRAINTS = {"goal_time": 3.0, "stopped_velocity_tolerance": 0.2}
 
 
@@ -45,6 +47,7 @@ def shared_arm(world: World) -> Iterator[Arm]:
             f"_port:={conf}",
             "_log_positions:=true",
             "_publish_rate:=100",
+            f"_watchdog:={WATCHDOG}",
             f"_poses:={json.dumps(POSES)}",
             f"_constraints:={json.dumps(CONSTRAINTS)}",
             "_allow_partial_joints_goal:=true",

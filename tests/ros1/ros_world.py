@@ -32,7 +32,7 @@ T = TypeVar("T")
 PATIENCE = 40.0
 """Seconds after which what should have come by itself is said not to come."""
 ROS_PYTHON = "/usr/bin/python3"
-NODE = (sys.executable, "-m", "hexwire.cli.ros1")
+NODE = (sys.executable, "-m", "tests.patient_node", "ros1")
 HEXWIRE = (sys.executable, "-m", "hexwire.cli")
 CLIENT = Path(__file__).with_name("ros_client.py")
 JOINTS = HEX7BOT.names

@@ -47,7 +47,7 @@ __all__ = [
 ]
 
 T = TypeVar("T")
-NODE = (sys.executable, "-m", "hexwire.cli.ros2")
+NODE = (sys.executable, "-m", "tests.patient_node", "ros2")
 JOINTS = HEX7BOT.names
 CONTROLLER = "joint_trajectory_controller"
 ACTION = "control_msgs/action/FollowJointTrajectory"
