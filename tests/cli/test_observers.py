@@ -7,7 +7,7 @@ import fcntl
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -108,45 +108,53 @@ def test_a_recording_that_cannot_start_prevents_every_command_but_a_stop(
     assert [path.read_text() for path in tmp_path.iterdir()] == ["old"]
 
 
+@pytest.fixture(scope="module")
+def shared_port() -> Iterator[str]:
+    """The port of a board for the tests of this module, each of which resumes it."""
+    with board_process(baud=0) as port:
+        yield port
+
+
+def at(port: str, *words: str) -> Result:
+    return CliRunner().invoke(cli, [*words, "--port", port])
+
+
 @pytest.mark.system
 @pytest.mark.parametrize("watching", [["--trace"], ["--explain"], ["--record", "/dev/full"]])
 @pytest.mark.parametrize("stderr", ["closed pipe", "/dev/full", "closed"])
-def test_a_stop_goes_through_although_nothing_can_be_recorded_or_printed(watching: list[str], stderr: str) -> None:
-    with board_process(baud=0) as port:
-        program = [sys.executable, "-m", "hexwire.cli", *watching, "stop", "--port", port]
-        if stderr == "closed pipe":
-            reading, writing = os.pipe()
-            os.close(reading)
-            done = subprocess.run(program, stdout=subprocess.PIPE, stderr=writing, timeout=60, check=False)
-            os.close(writing)
-        elif stderr == "/dev/full":
-            with Path(stderr).open("wb") as full:
-                done = subprocess.run(program, stdout=subprocess.PIPE, stderr=full, timeout=60, check=False)
-        else:
-            line = ["sh", "-c", 'exec "$@" 2>&-', "sh", *program]
-            done = subprocess.run(line, stdout=subprocess.PIPE, timeout=60, check=False)
-        told = subprocess.run(
-            [sys.executable, "-m", "hexwire.cli", "stop", "--port", port],
-            capture_output=True,
-            timeout=60,
-            check=True,
-        )
-        state = CliRunner().invoke(cli, ["state", "--json", "--port", port])
-    assert (done.returncode, done.stdout) == (0, told.stdout)
-    assert '"stopped": true' in state.stdout
+def test_a_stop_goes_through_although_nothing_can_be_recorded_or_printed(
+    shared_port: str, watching: list[str], stderr: str
+) -> None:
+    port = shared_port
+    assert at(port, "resume").exit_code == 0
+    assert '"stopped": false' in at(port, "state", "--json").stdout
+    program = [sys.executable, "-m", "hexwire.cli", *watching, "stop", "--port", port]
+    if stderr == "closed pipe":
+        reading, writing = os.pipe()
+        os.close(reading)
+        done = subprocess.run(program, stdout=subprocess.PIPE, stderr=writing, timeout=60, check=False)
+        os.close(writing)
+    elif stderr == "/dev/full":
+        with Path(stderr).open("wb") as full:
+            done = subprocess.run(program, stdout=subprocess.PIPE, stderr=full, timeout=60, check=False)
+    else:
+        line = ["sh", "-c", 'exec "$@" 2>&-', "sh", *program]
+        done = subprocess.run(line, stdout=subprocess.PIPE, timeout=60, check=False)
+    assert '"stopped": true' in at(port, "state", "--json").stdout
+    told = at(port, "stop")
+    assert (done.returncode, done.stdout) == (0, told.stdout_bytes)
 
 
 @pytest.mark.system
 @pytest.mark.parametrize("watching", ["--trace", "--explain"])
-def test_a_pager_that_is_not_scrolled_holds_nothing_up(watching: str) -> None:
+def test_a_pager_that_is_not_scrolled_holds_nothing_up(shared_port: str, watching: str) -> None:
     """Nobody reads standard error, whose pipe is full; the command ends all the same."""
-    with board_process(baud=0) as port:
-        reading, writing = os.pipe()
-        os.write(writing, b"-" * fcntl.fcntl(writing, fcntl.F_GETPIPE_SZ))
-        program = [sys.executable, "-m", "hexwire.cli", watching, "state", "--json", "--port", port]
-        done = subprocess.run(program, stdout=subprocess.PIPE, stderr=writing, timeout=60, check=False)
-        os.close(writing)
-        with os.fdopen(reading, "rb") as pipe:
-            assert set(pipe.read()) == {ord("-")}
+    reading, writing = os.pipe()
+    os.write(writing, b"-" * fcntl.fcntl(writing, fcntl.F_GETPIPE_SZ))
+    program = [sys.executable, "-m", "hexwire.cli", watching, "state", "--json", "--port", shared_port]
+    done = subprocess.run(program, stdout=subprocess.PIPE, stderr=writing, timeout=60, check=False)
+    os.close(writing)
+    with os.fdopen(reading, "rb") as pipe:
+        assert set(pipe.read()) == {ord("-")}
     assert done.returncode == 0
     assert b'"joints"' in done.stdout

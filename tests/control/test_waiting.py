@@ -78,7 +78,7 @@ def test_a_thread_that_waits_again_is_hung_up_on_again(calls: int) -> None:
     bell = threading.Semaphore(0)
     thread = threading.Thread(target=lambda: [bell.acquire() for _ in range(calls)], daemon=True)
     thread.start()
-    assert join_or_abort(thread, 0.0, bell.release, 60.0)
+    assert join_or_abort(thread, 0.0, bell.release, 10.0)
     assert not thread.is_alive()
 
 

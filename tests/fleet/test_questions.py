@@ -27,7 +27,7 @@ from hexwire.errors import (
     UsageError,
 )
 from hexwire.fleet import messages as m
-from hexwire.fleet import questions
+from hexwire.fleet import network, questions
 from hexwire.fleet.address import Address
 from hexwire.fleet.names import Keys, Role
 from hexwire.fleet.network import Network
@@ -282,7 +282,9 @@ def test_the_connection_is_lost(tmp_path: Path, runtime: Path) -> None:
 
 
 @pytest.mark.system
-def test_a_router_that_is_stopped_is_not_taken_for_an_arm_that_is_not_there(runtime: Path) -> None:
+def test_a_router_that_is_stopped_is_not_taken_for_an_arm_that_is_not_there(
+    runtime: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     router = subprocess.Popen(
         [sys.executable, "-m", "hexwire.cli", "fleet", "router", "--listen", endpoint], stdout=subprocess.PIPE
@@ -295,6 +297,7 @@ def test_a_router_that_is_stopped_is_not_taken_for_an_arm_that_is_not_there(runt
         with pytest.raises(LinkNotFoundError, match="there is no arm lab/arm1"):
             ask(node, address, Keys("lab/arm1").ask, m.Ask("clock"), 5.0)
         router.send_signal(signal.SIGSTOP)
+        monkeypatch.setattr(network, "_OPEN", 1.0)
         with pytest.raises(ReplyTimeoutError, match="a question to the server or router of zenoh:lab/arm1"):
             ask(node, address, Keys("lab/arm1").ask, m.Ask("clock"), 1.0)
         with pytest.raises(LinkNotFoundError, match="answers, but not as a server or router: is it stopped"):
