@@ -34,7 +34,7 @@ NAMES = {
         """,
     "9.3": """
         APP_CMD_HEADER_tag APP_CMD_HEADER u8Flag u8Proto u8Seq u8Pad u16Len u8Cmd u8CmdExt SerialPort Length
-        0x5AFAFA5A 0x82 0D 0A HW Hex7botRos BF
+        FPGA SoPC 0x5AFAFA5A 0x82 0D 0A HW Hex7botRos BF
         """,
     "9.4": """
         sketch ATmega256 IDE setup loop Arm MyArm begin USB_SER Serial Serial1 setTimeout position_init delay
