@@ -21,6 +21,12 @@ def test_a_changed_servo_is_followed_with_its_edits(view: Any) -> None:
     assert edits.undo(view.bus.bus).servo_id == 20
 
 
+def test_a_line_without_a_rate_offers_none_that_it_could_not_follow() -> None:
+    assert list(identity._rates(0, [1_000_000, 115_200])) == [0]
+    assert list(identity._rates(500_000, [115_200, 500_000])) == [500_000, 115_200]
+    assert identity._rates(115_200, []) == {115_200: "the rate of this series is fixed"}
+
+
 def test_a_bad_id_is_refused_on_the_server(view: Any) -> None:
     for new_id in (-1, 254, 10_000):
         with pytest.raises(UsageError, match="outside"):

@@ -12,9 +12,11 @@ from hexwire.bus.identity import change_identity, find_again
 from hexwire.errors import ServoError, UsageError
 from hexwire.studio.app import FAILED
 
-from .view import View, button, html, question, section
+from .view import View, button, html, question, rate_words, section
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from hexwire.bus.setup import Found, ServoInfo
 
 __all__ = ["build"]
@@ -31,10 +33,9 @@ def build(view: View, servo_id: int) -> None:
         "The id is changed first, then the rate. Each is read back, and goes back if the servo does not answer. "
         "Whatever is cut off meanwhile, the servo has its old or its new address, and is found there again.",
     )
-    rates = {baud: f"{baud} baud" for baud in sorted(bus.bus.series_of(servo_id).baud_codes.values(), reverse=True)}
     with ui.element("div").classes("sv-form"):
         new = ui.number("New id", value=servo_id, min=0, max=253, step=1, format="%d").props("dense outlined")
-        options = rates or {here: "the rate of this series is fixed"}
+        options = _rates(here, bus.bus.series_of(servo_id).baud_codes.values())
         rate = ui.select(options, value=here if here in options else next(iter(options)), label="New rate")
         rate.props("dense outlined options-dense")
         go = button("Change", lambda: change(), level="main")
@@ -84,7 +85,7 @@ def build(view: View, servo_id: int) -> None:
             again.set_visibility(True)
             return
         view.selected = wanted["id"]
-        ui.notify(f"servo {wanted['id']} answers at {bus.bus.timing.baud} baud", type="positive")
+        ui.notify(f"servo {wanted['id']} answers at {rate_words(bus.bus.timing.baud)}", type="positive")
         view.relist()
         view.redraw()
 
@@ -94,9 +95,17 @@ def build(view: View, servo_id: int) -> None:
             html("Switch its supply off and on, then look again.", "p", "sv-hint")
             return
         view.selected = found.servo_id
-        ui.notify(f"servo {found.servo_id} answers at {found.baud} baud", type="positive")
+        ui.notify(f"servo {found.servo_id} answers at {rate_words(found.baud)}", type="positive")
         view.relist()
         view.redraw()
+
+
+def _rates(here: int, known: Iterable[int]) -> dict[int, str]:
+    """The rates to choose from, in words. A line without a rate could not follow a change of it."""
+    if not here:
+        return {here: rate_words(here)}
+    rates = {baud: rate_words(baud) for baud in sorted(known, reverse=True)}
+    return rates or {here: "the rate of this series is fixed"}
 
 
 def _change(view: View, servo_id: int, new_id: int, new_baud: int, told: list[str]) -> ServoInfo:

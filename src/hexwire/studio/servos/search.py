@@ -13,7 +13,7 @@ from hexwire.bus.ids import parse_ids
 from hexwire.drivers.bus_checkup import SERVO_RATES
 from hexwire.studio.layout import mount
 
-from .view import View, button, html, table
+from .view import View, button, html, rate_words, table
 
 if TYPE_CHECKING:
     from hexwire.bus.survey import Surveyed
@@ -29,7 +29,7 @@ def build_search(view: View) -> None:
     html("Search", "h2", "sv-h2")
     with ui.element("div").classes("sv-form"):
         here = bus.bus.timing.baud
-        rates = {0: f"{here} baud (now)", -1: "all rates", **{rate: f"{rate} baud" for rate in SERVO_RATES}}
+        rates = {0: f"{rate_words(here)} (now)", -1: "all rates", **{rate: f"{rate} baud" for rate in SERVO_RATES}}
         rate = ui.select(rates, value=0, label="Rates").props("dense outlined options-dense")
         ids = ui.input("Ids", value="0-253").props("dense outlined maxlength=60")
         search = button("Search", lambda: start(), level="main")
@@ -148,7 +148,7 @@ def _list(view: View) -> str:
     text = ""
     if rows:
         head = ("Id", "Model", "#deg", "#V", "#°C", "State")
-        text = table(head, rows, caption=f"Servos at {here} baud")
+        text = table(head, rows, caption=f"Servos at {rate_words(here)}")
     elif not elsewhere:
         text = '<p class="sv-hint">No servo is known yet. Take control, then search.</p>'
     for baud, ids in sorted(elsewhere.items()):

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from hexwire.studio.bus_source import BusSource
     from hexwire.studio.tabs import Tab
 
-__all__ = ["View", "button", "download", "facts", "html", "question", "section", "table"]
+__all__ = ["View", "button", "download", "facts", "html", "question", "rate_words", "section", "table"]
 
 _T = TypeVar("_T")
 
@@ -85,6 +85,11 @@ def button(words: str, call: Any, *, level: str = "", label: str = "") -> Elemen
         html(words)
     made.on("click", call)
     return made
+
+
+def rate_words(baud: int) -> str:
+    """A rate in words; 0 is that of a line which has none of its own, such as a TCP adapter."""
+    return f"{baud} baud" if baud else "the rate of the line"
 
 
 def section(words: str, hint: str = "") -> None:

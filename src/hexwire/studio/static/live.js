@@ -304,7 +304,7 @@ function header(facts) {
   else if (arm && !facts.connected) put("connection", `lost: ${facts.error}`, "error");
   else put("connection", where, arm ? "ok" : "");
   put("dialect", arm && facts.dialect ? String(facts.dialect) : "–");
-  put("rate", bus ? `${facts.baud} baud` : arm ? `${facts.rate.toFixed(0)} Hz` : "–");
+  put("rate", bus ? (facts.baud ? `${facts.baud} baud` : "–") : arm ? `${facts.rate.toFixed(0)} Hz` : "–");
   put("trip", arm && facts.round_trip_ms !== null ? `${facts.round_trip_ms.toFixed(1)} ms` : "–");
   put("faults", arm ? facts.faults.join("; ") || "none" : "–", arm && facts.faults.length ? "error" : "");
   const mine = arm && facts.holder_tab !== "" && facts.holder_tab === hexwire.tab;
