@@ -275,6 +275,18 @@ def test_the_effort_of_the_start_is_no_object(bench: RunBench) -> None:
     bench.until(run)
 
 
+def test_jaws_that_move_hold_nothing_whatever_velocity_is_reported(bench: RunBench) -> None:
+    bench.until(grip(bench, 1.0))
+    run = grip(bench, 0.0)
+    for i in range(20):
+        run._see(state({"J7": -0.7 + 0.02 * i}, load={"J7": 0.5}, stamp=0.02 * i))
+        assert not run.progress().holds
+    for i in range(20, 27):
+        run._see(state({"J7": -0.3}, load={"J7": 0.5}, stamp=0.02 * i))
+    assert run.progress().holds
+    bench.until(run)
+
+
 def test_an_opening_gripper_does_not_hold_what_it_meets(bench: RunBench) -> None:
     bench.until(grip(bench, 0.0))
     run = grip(bench, 1.0)

@@ -43,6 +43,8 @@ _FAREWELL = 0.1
 _PRESSED = 3
 _PRESSING = 0.1
 """Successive states and seconds in which the jaws press: the start of the motion takes effort too."""
+_STILL = math.radians(0.3)
+"""How far the jaws may move meanwhile: a board's states need not have a velocity that would show it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +123,7 @@ class MotionRun:
         self._waiting = 0
         # Successive states in which the jaws pressed, while they close, and the time of the first.
         self._pressed, self._pressing, self._closing, self._holds = 0, 0.0, False, False
+        self._pressed_at = math.nan
 
     @property
     def over(self) -> bool:
@@ -232,8 +235,9 @@ class MotionRun:
         if not grip.gripper.holds(state, grip.share):
             self._pressed = 0
             return
-        if not self._pressed:
-            self._pressing = state.stamp
+        at = state[grip.gripper.joint.name].position
+        if not self._pressed or abs(at - self._pressed_at) > _STILL:
+            self._pressed, self._pressing, self._pressed_at = 0, state.stamp, at
         self._pressed += 1
         if self._pressed >= _PRESSED and state.stamp - self._pressing >= _PRESSING:
             self._holds = True
