@@ -12,6 +12,7 @@ constexpr uint8_t kNear = 64;             // most counts between a joint and the
 constexpr uint16_t kMostSilentMs = 150;   // a joint that does not answer for so long ends the trajectory
 constexpr uint32_t kMostGapUs = 18000;    // the next targets are sent then, although a polling cycle has not ended
 constexpr int32_t kFreeBeforeUs = 6000;   // the servo line is kept free for so long before a start
+constexpr uint16_t kLateSecondUs = 5000;  // the second packet follows the first within 3 ms unless something comes between
 constexpr uint8_t kTurnUs = 50;           // between two packets: until the first is known to be over, and the second begins
 constexpr int32_t kMostOffUs = 100;       // targets that were computed ahead are sent no earlier or later than this
 
@@ -137,6 +138,8 @@ bool Board::write_path() {
 
 bool Board::send_second() {
   path_.second = false;
+  // A request of the host may have come between the two packets, and changed the limits.
+  if (last_us_ - path_.written_us > kLateSecondUs) aim_path(gen::SERIES_HLS, platform_.micros());
   return send_path_targets(gen::SERIES_HLS);
 }
 

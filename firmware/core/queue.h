@@ -26,6 +26,10 @@ struct Request {
   }
 };
 
+inline Request request_of(const Frame& frame) {
+  return Request{frame.src, frame.proto, frame.seq, frame.cmd, frame.size, frame.body};
+}
+
 class RequestQueue {
  public:
   RequestQueue() : used_(0), count_(0) {}

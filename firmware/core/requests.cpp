@@ -30,6 +30,7 @@ void Board::accept(const Frame& frame) {
   if (queue_.push(frame)) {
     if (queue_.count() > stats_.queue_high_water) stats_.queue_high_water = queue_.count();
   } else if (!chapter) {
+    voided_.add_done(request_of(frame), ms_);
     answer(frame, gen::STATUS_BUSY, 0);
   }
 }

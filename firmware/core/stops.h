@@ -82,7 +82,7 @@ class StopList {
 };
 
 // Requests that a stop has voided: a repeat of one is not executed either. Requests that end a stop, switch torque on or
-// begin maintenance are kept from their execution on, because the next stop voids their repeats as well.
+// begin maintenance are kept from their answer on, also from `busy`, because the next stop voids their repeats as well.
 class VoidedStore {
  public:
   VoidedStore() : next_(0), checked_(0), entries_() {}
@@ -100,7 +100,7 @@ class VoidedStore {
     }
   }
   bool holds(const Frame& frame, uint32_t now_ms) const {
-    const Request request = {frame.src, frame.proto, frame.seq, frame.cmd, frame.size, frame.body};
+    const Request request = request_of(frame);
     uint16_t hashed = 0;
     bool known = false;
     for (uint8_t i = 0; i < kMost; ++i) {

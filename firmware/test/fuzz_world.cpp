@@ -242,6 +242,10 @@ void World::take_from_board() {
 // The state when the packet began counts: a packet that is already on the line is completed.
 void World::written(const ServoModel& before, const ServoModel& after, bool goal) {
   const uint8_t i = index(after);
+  // Of two servos with one id nobody can say what they obey: a legacy one has its bytes in the other order.
+  for (const ServoModel& other : line_.servos) {
+    if (&other != &after && other.id() == after.id()) spoil();
+  }
   judge_settings(i, before, after, goal);
   judge_torque(i, before, after);
   if (goal && clean_) judge_goal(i, before, after);

@@ -187,6 +187,13 @@ SEEDS = {
     + resume()
     + again(2),
     "done-comes-again": bytes((SETTLE, 0)) + stop() + resume() + stop() + STATS * 5 + again(6),
+    "busy-comes-again": bytes((SETTLE, 0))
+    + torque()
+    + watchdog(61, AT_ONCE)
+    + SLOW * 26
+    + resume(AT_ONCE)
+    + do(15, 199, then=LONG)
+    + again(0),
     "voided-torque-comes-again": bytes((SETTLE, 0)) + SLOW + torque(then=AT_ONCE) + stop() + resume() + again(2),
     "torque-in-maintenance": bytes((SETTLE | DIALECT_1, 0))
     + maintenance(1)
@@ -290,6 +297,11 @@ SEEDS = {
             (RESTORE, b""),
             (15, b"\1"),
         )
+    ),
+    # Found by chance: the way is long, and a request comes between the two packets of a pair.
+    "limits-between-two-packets": bytes.fromhex(
+        "f500757fffc83e7fb40a590a0a5959595959595959595959590a5959"
+        "0a59590a590a595959595959595959595959595959595959595959590a"
     ),
     "limits-under-way": bytes((SETTLE, 0))
     + torque()

@@ -179,6 +179,30 @@ def test_requests_executed_before_a_stop_are_not_executed_again(make: Make, comm
     assert before & STOPPED
 
 
+@pytest.mark.parametrize(
+    ("command", "body"), [(Command.RESUME, b""), (Command.TORQUE, b"\1\x7f\0"), (Command.MAINTENANCE, b"\0")]
+)
+def test_requests_refused_as_busy_before_a_stop_are_not_executed_after_it(
+    make: Make, command: int, body: bytes
+) -> None:
+    board = make()
+    torque(board)
+    refused = board.client.frame(command, body)
+    seq = board.client.seq
+    burst(board, *[(Command.TRANSACT, slow())] * 26)
+    board.machine.send(refused)
+    assert statuses(board.client.run(0.2), [seq]) == [Status.BUSY]
+    stop(board)
+    # More than the board keeps answers of.
+    for _ in range(6):
+        board.client.ask(Command.STATS)
+    before = flags(board)
+    board.machine.send(refused)
+    assert statuses(board.client.run(0.3), [seq]) == [Status.STOPPED]
+    assert flags(board) == before
+    assert before & STOPPED
+
+
 def test_five_stops_in_a_row_find_room_when_everything_is_full(make: Make) -> None:
     board = make()
     torque(board)

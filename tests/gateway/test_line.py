@@ -85,6 +85,29 @@ def test_a_stop_voids_what_waits_and_its_repeats(line: BoardLine) -> None:
     assert line.counters.voided == 3
 
 
+def test_a_stop_voids_repeats_of_what_found_no_room(line: BoardLine) -> None:
+    for seq in range(24):
+        line.request(ask(TRANSACT, bytes(8), seq), 0.0)
+    resume = ask(Command.RESUME, seq=30)
+    assert statuses(line.request(resume, 0.0)) == [(30, Status.BUSY)]
+    sent(line, 0.0)
+    line.request(ask(Command.STOP, b"\0", 31), 0.1)
+    assert statuses(line.request(resume, 1.9)) == [(30, Status.STOPPED)]
+    assert [f.cmd for f in sent(line, 1.9)] == [Command.STOP]
+    # Later it is another request.
+    assert line.request(resume, 2.1) == []
+
+
+def test_one_that_found_no_room_may_be_tried_again(line: BoardLine) -> None:
+    for seq in range(24):
+        line.request(ask(TRANSACT, bytes(8), seq), 0.0)
+    resume = ask(Command.RESUME, seq=30)
+    assert statuses(line.request(resume, 0.0)) == [(30, Status.BUSY)]
+    sent(line, 0.0)
+    assert line.request(resume, 0.1) == []
+    assert [f.cmd for f in sent(line, 0.1)] == [Command.RESUME]
+
+
 def test_stops_do_not_void_each_other(line: BoardLine) -> None:
     line.request(ask(Command.STOP, b"\0", 1), 0.0)
     assert line.request(ask(Command.STOP, b"\1", 2), 0.0) == []

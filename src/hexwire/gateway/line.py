@@ -106,6 +106,8 @@ class BoardLine:
         self._queue: deque[_Waiting] = deque()
         self._stops: deque[Frame] = deque()
         self._voided: OrderedDict[tuple[int, int, int, bytes], float] = OrderedDict()
+        # Refused, since the queue was full.
+        self._refused: deque[tuple[tuple[int, int, int, bytes], float]] = deque(maxlen=_MAX_VOIDED)
         self._seq = self._sn = 0
         self._own_stop: tuple[Frame, int, float] | None = None
         self._owed: int | None = None
@@ -149,6 +151,7 @@ class BoardLine:
         if len(frame.body) > _BODY:
             return self._split(frame, now)
         if sum(not waiting.chunk for waiting in self._queue) >= _MAX_QUEUE:
+            self._refused.append((_key(frame), now))
             return [self._refuse(frame, Status.BUSY)]
         self.use.asked(frame)
         self._queue.append(_Waiting(frame, now))
@@ -198,6 +201,9 @@ class BoardLine:
             self.use.ended(frame)
             if frame.cmd != Command.IDENTIFY:
                 self._voided[_key(frame)] = now
+        # Who repeats one of these after the stop had asked for it before.
+        self._voided.update(self._refused)
+        self._refused.clear()
         while len(self._voided) > _MAX_VOIDED:
             self._voided.popitem(last=False)
         return [self._answer(frame, Status.STOPPED) for frame in void]
