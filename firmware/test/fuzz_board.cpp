@@ -40,12 +40,14 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   // Let everything finish: waiting requests, time-outs, an unfinished frame, a half-written setting.
   world.run(600000);
   for (ServoModel& servo : world.line().servos) servo.silent = false;
-  world.put_frame(gen::PROTO_HEXWIRE, gen::CMD_STOP, {limp}, 0x5B);
+  // With numbers of their own: a repeat of an earlier frame would not be executed.
+  world.put_frame(gen::PROTO_HEXWIRE, gen::CMD_STOP, {limp}, world.next_seq());
   world.run(1500000);
   judge_stopped(world, limp);
   world.seen.clear();
-  world.put_frame(gen::PROTO_HEXWIRE, gen::CMD_IDENTIFY, {}, 0x5C);
+  const uint8_t seq = world.next_seq();
+  world.put_frame(gen::PROTO_HEXWIRE, gen::CMD_IDENTIFY, {}, seq);
   world.run(gen::DIALECT2_REPLY_WINDOW_MS * 1000u);
-  if (!answered(world.seen, gen::CMD_IDENTIFY, 0x5C)) broken("IDENTIFY is not answered");
+  if (!answered(world.seen, gen::CMD_IDENTIFY, seq)) broken("IDENTIFY is not answered");
   return 0;
 }
