@@ -9,6 +9,7 @@ import pytest
 from tests.link.far_ends import free_port
 
 from hexwire.errors import UsageError
+from hexwire.fleet import roster as module
 from hexwire.fleet.endpoints import endpoints_of, local_socket
 from hexwire.fleet.names import Keys
 from hexwire.fleet.network import Network
@@ -73,6 +74,20 @@ def test_a_server_that_hangs_is_named_and_delays_no_other(runtime: Path) -> None
             assert roster.silent() == {"lab/hung": HUNG}
             assert list(roster.seen()) == ["lab/arm1"]
     node.close()
+
+
+def test_a_server_that_does_not_name_its_arm_in_time_is_named_as_silent(
+    runtime: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_OWN_TOKEN", 0.2)
+    slow = Network(listen=endpoints_of([local_socket("lab/arm1")])).open(wait=False)
+    with Roster("lab/*") as roster:
+        assert roster.settle(10.0)
+        assert (roster.seen(), roster.silent()) == ({}, {"lab/arm1": HUNG})
+        slow.announce(Keys("lab/arm1").token("1"))
+        eventually(lambda: list(roster.seen()) == ["lab/arm1"])
+        assert roster.silent() == {}
+    slow.close()
 
 
 def test_arms_behind_a_router_and_a_router_that_is_lost(runtime: Path) -> None:

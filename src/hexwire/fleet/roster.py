@@ -31,8 +31,8 @@ _LOOK = 0.2
 """Seconds between two checks for new sockets and closed connections."""
 _AGAIN = 1.0
 """Seconds until a connection that failed is tried again."""
-_TOKENS = 1.0
-"""Time-out for the answers of the servers, seconds."""
+_TOKENS, _OWN_TOKEN = 1.0, 3.0
+"""Time-outs for the answers of the servers, and for one on this machine that certainly has an answer, seconds."""
 _MOMENT = 0.01
 _PATIENCE = 5.0
 """Time-out for the end of a thread, which may be connecting, seconds."""
@@ -196,8 +196,8 @@ class Roster:
                 deadline = time.monotonic() + _TOKENS
                 while not self._knows(route, found) and time.monotonic() < deadline:
                     self._ending.wait(_MOMENT)
-                if not found and route.socket is None:
-                    route.error = self._denied(node)
+                if not found:
+                    route.error = self._denied(node) if route.socket is None else self._unheard(route)
                 route.tried.set()
                 while node.connections and not self._ending.wait(_LOOK):
                     pass
@@ -223,7 +223,7 @@ class Roster:
 
     def _tokens(self, node: Node, route: _Route, keys: list[str]) -> list[str]:
         """The tokens that exist; those of the server itself appear shortly after the connection opens."""
-        deadline = time.monotonic() + _TOKENS
+        deadline = time.monotonic() + (_TOKENS if route.socket is None else _OWN_TOKEN)
         while not (found := [token for key in keys for token in node.visible(key, _TOKENS)]):
             if route.socket is None or time.monotonic() > deadline or self._ending.wait(_MOMENT):
                 break
@@ -239,6 +239,10 @@ class Roster:
         except HexwireError as error:
             return str(error)
         return ""
+
+    def _unheard(self, route: _Route) -> str:
+        """Why a server of this machine has not named its arm; empty if that is not wanted anyway."""
+        return HUNG if matches(self.pattern, route.name) else ""
 
     def _knows(self, route: _Route, keys: list[str]) -> bool:
         with self._lock:
