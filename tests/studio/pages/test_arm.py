@@ -78,7 +78,8 @@ def test_joints_move_only_while_somebody_holds_them(studio: RunningStudio, page:
     studio.until(lambda: shaft(studio, "J1") > start + 0.1, "the motion")
     page.mouse.up()
     stood = rest(studio, "J1")
-    assert start + 0.1 < stood < start + 0.7
+    # A hold is where the joint was when it was asked for: a little less far than it came.
+    assert start + 0.05 < stood < start + 0.7
 
     # End, and a press beside the marker, move nothing.
     slider.press("End")
