@@ -211,6 +211,8 @@ def test_a_motion_that_is_taught_by_hand_is_recorded_and_played(board: PtyBoard,
 
 def test_hand_guiding_ends_with_an_error_when_another_program_takes_the_arm(board: PtyBoard, folder: Path) -> None:
     file, port = folder / "taken.mcap", BOARD
+    # So that the torque goes only when the teaching begins.
+    assert at_board("torque", "on").exit_code == 0
     with hexwire.connect(f"{port}?take=1") as other:
 
         def take() -> None:
@@ -278,6 +280,8 @@ def long(folder: Path) -> str:
 )
 def test_ctrl_c_in_a_command_that_moves_stops_the_arm(board: PtyBoard, long: str, command: str) -> None:
     assert at_board("resume").exit_code == 0
+    # A joint without it, also one that does not move, keeps the board from following a path.
+    assert at_board("torque", "on").exit_code == 0
     assert at_board("move", "J1=0", "--wait", "--duration", "0.3").exit_code == 0
 
     with hexwire.connect(BOARD) as robot:
