@@ -85,12 +85,18 @@ def test_a_stop_voids_what_waits_and_its_repeats(line: BoardLine) -> None:
     assert line.counters.voided == 3
 
 
-def test_a_stop_voids_repeats_of_what_found_no_room(line: BoardLine) -> None:
+def refused(line: BoardLine) -> Frame:
+    """A request that found no room in the queue, which is empty again."""
     for seq in range(24):
         line.request(ask(TRANSACT, bytes(8), seq), 0.0)
     resume = ask(Command.RESUME, seq=30)
     assert statuses(line.request(resume, 0.0)) == [(30, Status.BUSY)]
     sent(line, 0.0)
+    return resume
+
+
+def test_a_stop_voids_repeats_of_what_found_no_room(line: BoardLine) -> None:
+    resume = refused(line)
     line.request(ask(Command.STOP, b"\0", 31), 0.1)
     assert statuses(line.request(resume, 1.9)) == [(30, Status.STOPPED)]
     assert [f.cmd for f in sent(line, 1.9)] == [Command.STOP]
@@ -99,13 +105,16 @@ def test_a_stop_voids_repeats_of_what_found_no_room(line: BoardLine) -> None:
 
 
 def test_one_that_found_no_room_may_be_tried_again(line: BoardLine) -> None:
-    for seq in range(24):
-        line.request(ask(TRANSACT, bytes(8), seq), 0.0)
-    resume = ask(Command.RESUME, seq=30)
-    assert statuses(line.request(resume, 0.0)) == [(30, Status.BUSY)]
-    sent(line, 0.0)
+    resume = refused(line)
     assert line.request(resume, 0.1) == []
     assert [f.cmd for f in sent(line, 0.1)] == [Command.RESUME]
+
+
+def test_what_found_no_room_is_forgotten_with_its_host(line: BoardLine) -> None:
+    resume = refused(line)
+    line.request(ask(Command.IDENTIFY, seq=0), 0.1)
+    line.request(ask(Command.STOP, b"\0", 31), 0.1)
+    assert line.request(resume, 0.2) == [], "a restarted host counts anew"
 
 
 def test_stops_do_not_void_each_other(line: BoardLine) -> None:

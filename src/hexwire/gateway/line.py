@@ -148,6 +148,7 @@ class BoardLine:
             self._receiver.forget()
             self._drop_message()
             self._voided = OrderedDict((k, v) for k, v in self._voided.items() if k[0] != frame.src)
+            self._refused = deque((entry for entry in self._refused if entry[0][0] != frame.src), _MAX_VOIDED)
         if len(frame.body) > _BODY:
             return self._split(frame, now)
         if sum(not waiting.chunk for waiting in self._queue) >= _MAX_QUEUE:
