@@ -158,9 +158,24 @@ def test_a_repeat_of_a_voided_request_is_answered_stopped_and_not_executed(make:
     assert board.client.ask(Command.JOINT_MOVE, move(2300)).status == Status.OK
 
 
-@pytest.mark.parametrize(
+LASTING = pytest.mark.parametrize(
     ("command", "body"), [(Command.RESUME, b""), (Command.TORQUE, b"\1\x7f\0"), (Command.MAINTENANCE, b"\0")]
 )
+
+
+def is_void_after_a_stop(board: BoardUnderTest, frame: bytes, seq: int) -> None:
+    stop(board)
+    # More than the board keeps answers of.
+    for _ in range(6):
+        board.client.ask(Command.STATS)
+    before = flags(board)
+    board.machine.send(frame)
+    assert statuses(board.client.run(0.3), [seq]) == [Status.STOPPED]
+    assert flags(board) == before
+    assert before & STOPPED
+
+
+@LASTING
 def test_requests_executed_before_a_stop_are_not_executed_again(make: Make, command: int, body: bytes) -> None:
     board = make()
     torque(board)
@@ -168,20 +183,10 @@ def test_requests_executed_before_a_stop_are_not_executed_again(make: Make, comm
     seq = board.client.seq
     board.machine.send(done)
     assert statuses(board.client.run(0.3), [seq]) == [Status.OK]
-    stop(board)
-    # More than the board keeps answers of.
-    for _ in range(6):
-        board.client.ask(Command.STATS)
-    before = flags(board)
-    board.machine.send(done)
-    assert statuses(board.client.run(0.3), [seq]) == [Status.STOPPED]
-    assert flags(board) == before
-    assert before & STOPPED
+    is_void_after_a_stop(board, done, seq)
 
 
-@pytest.mark.parametrize(
-    ("command", "body"), [(Command.RESUME, b""), (Command.TORQUE, b"\1\x7f\0"), (Command.MAINTENANCE, b"\0")]
-)
+@LASTING
 def test_requests_refused_as_busy_before_a_stop_are_not_executed_after_it(
     make: Make, command: int, body: bytes
 ) -> None:
@@ -192,15 +197,7 @@ def test_requests_refused_as_busy_before_a_stop_are_not_executed_after_it(
     burst(board, *[(Command.TRANSACT, slow())] * 26)
     board.machine.send(refused)
     assert statuses(board.client.run(0.2), [seq]) == [Status.BUSY]
-    stop(board)
-    # More than the board keeps answers of.
-    for _ in range(6):
-        board.client.ask(Command.STATS)
-    before = flags(board)
-    board.machine.send(refused)
-    assert statuses(board.client.run(0.3), [seq]) == [Status.STOPPED]
-    assert flags(board) == before
-    assert before & STOPPED
+    is_void_after_a_stop(board, refused, seq)
 
 
 def test_five_stops_in_a_row_find_room_when_everything_is_full(make: Make) -> None:

@@ -7,12 +7,12 @@ import logging
 import multiprocessing
 import os
 import signal
-import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from tests.emulator.terminals import serving
 from tests.fleet.conftest import Serve
 
 import hexwire
@@ -37,22 +37,8 @@ def eventually(what: Callable[[], object]) -> None:
 @contextlib.contextmanager
 def plugged_in(board: EmulatedBoard, link: Path) -> Iterator[None]:
     """A board at a port that is there in this block only."""
-    ended = threading.Event()
-    server = PtyServer(board, link=link)
-    server.open()
-
-    def run() -> None:
-        while not ended.is_set():
-            server.run_once(0.05)
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    try:
+    with serving(PtyServer(board, link=link)):
         yield
-    finally:
-        ended.set()
-        thread.join()
-        server.close()
 
 
 def new_board() -> EmulatedBoard:

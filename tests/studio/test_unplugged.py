@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import threading
 import time
 from typing import TYPE_CHECKING
 
+from tests.emulator.terminals import serving
 from tests.studio.conftest import ready
 
 from hexwire.emulator.board import make_hex7bot_board
@@ -24,22 +24,8 @@ if TYPE_CHECKING:
 
 @contextlib.contextmanager
 def _plugged(board: EmulatedBoard, port: Path) -> Iterator[None]:
-    server = PtyServer(board, link=str(port))
-    server.open()
-    ending = threading.Event()
-
-    def serve() -> None:
-        while not ending.is_set():
-            server.run_once(0.05)
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    try:
+    with serving(PtyServer(board, link=str(port))):
         yield
-    finally:
-        ending.set()
-        thread.join()
-        server.close()
 
 
 def test_a_board_that_returns_is_there_again_and_stopped(
