@@ -68,7 +68,7 @@ async def build_page(studio: Studio, session: Session) -> None:
             # Its handler is in live.js, which needs nothing of NiceGUI: it works while all else hangs.
             with ui.element("button").classes("hw-stop").props('id="hw-stop" type="button" title="Stop (Escape)"'):
                 ui.html("STOP", sanitize=False, tag="span")
-    ui.element("div").classes("hw-banner").props('id="hw-banner" role="status" aria-live="polite" hidden')
+    ui.element("div").classes("hw-banner").props('id="hw-banner" role="status" aria-live="polite"')
     with ui.element("main").classes("hw-main").props('id="hw-main" tabindex="-1"'):
         ui.sub_pages({page.path: _builder(studio, page.path) for page in PAGES})
 

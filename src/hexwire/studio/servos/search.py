@@ -35,8 +35,9 @@ def build_search(view: View) -> None:
         search = button("Search", lambda: start(), level="main")
         cancel = button("Cancel", lambda: bus.bench.cancel())
         cancel.set_visibility(False)
-    bar = ui.element("progress").classes("sv-progress").props('max="1" aria-label="Progress of the search"')
-    told = html("", "p", "sv-hint")
+    with ui.element("div").classes("sv-progress-place"):
+        bar = ui.element("progress").classes("sv-progress").props('max="1" aria-label="Progress of the search"')
+    told = html("", "p", "sv-hint sv-status")
     told.props('role="status"')
     bar.set_visibility(False)
     doing = html("", "p", "sv-doing")

@@ -279,8 +279,7 @@ document.addEventListener(
 function say(text) {
   const banner = document.getElementById("hw-banner");
   if (!banner) return;
-  banner.textContent = text;
-  banner.hidden = !text;
+  if (banner.textContent !== text) banner.textContent = text;
 }
 
 function put(name, text, level = "") {
