@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import json
 import signal
-import socket
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
 from tests.fleet.conftest import Serve, runtime, serve  # noqa: F401  # fixtures
 from tests.fleet.eventually import eventually, hexwire_program
+from tests.link.far_ends import free_port
 
 import hexwire
 from hexwire.cli.main import cli
 from hexwire.trace.recording import RecordingWriter, make_positions, topic_of
 
 # ruff: noqa: F811  # fixtures that are imported
+
+LEASE = 5.0
+"""Longer than usual, so that a busy machine is not taken for a program that fell silent."""
 
 
 def run(*words: object) -> Result:
@@ -49,7 +52,7 @@ def taught(tmp_path: Path) -> Path:
 
 def test_what_is_recorded_can_be_shown_exported_and_played(serve: Serve, waypoints: Path, tmp_path: Path) -> None:
     for name in ("lab/arm1", "lab/arm2"):
-        serve(name, robot="sim")
+        serve(name, robot="sim", lease=LEASE)
     file = tmp_path / "a.mcap"
     with hexwire_program("fleet", "record", file, "lab/*") as program:
         assert program.stderr is not None
@@ -80,8 +83,8 @@ def test_what_is_recorded_can_be_shown_exported_and_played(serve: Serve, waypoin
 
 
 def test_motions_are_mapped_to_arms(serve: Serve, taught: Path) -> None:
-    serve("lab/arm1", robot="sim")
-    serve("lab/arm2", robot="sim")
+    serve("lab/arm1", robot="sim", lease=LEASE)
+    serve("lab/arm2", robot="sim", lease=LEASE)
     result = run("fleet", "play", taught, "--on", "lab/*")
     assert (result.exit_code, "no motion for lab/arm2" in result.stderr) == (2, True)
     result = run("fleet", "play", taught, "--on", "lab/arm1", "--map", "lab/other=lab/arm2", "--json")
@@ -131,7 +134,7 @@ def test_nothing_is_left_of_a_recording_of_nobody(runtime: Path, tmp_path: Path)
 
 def test_ctrl_c_stops_all_arms(serve: Serve, taught: Path) -> None:
     for name in ("lab/arm1", "lab/arm2"):
-        serve(name, robot="sim")
+        serve(name, robot="sim", lease=LEASE)
     with hexwire.connect("zenoh:lab/arm1") as robot:
         words = ["fleet", "play", taught, "--map", "lab/arm1=lab/arm1", "--map", "lab/arm1=lab/arm2"]
         before = robot.read().positions["J2"]
@@ -144,13 +147,11 @@ def test_ctrl_c_stops_all_arms(serve: Serve, taught: Path) -> None:
         assert "stop sent to all arms" in said
         eventually(lambda: robot.read().stopped)
     with hexwire.connect("zenoh:lab/arm2") as other:
-        assert other.read().stopped
+        eventually(lambda: other.read().stopped)
 
 
 def test_the_error_says_why_no_arm_is_found_behind_a_router(runtime: Path, taught: Path) -> None:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     for words, said in (
         (("record", taught.with_name("none.mcap"), "--duration", "0.3"), "nothing was recorded: no arm is served"),
         (("play", taught, "--on", "lab/*"), "no arm moved: no arm is served"),

@@ -53,9 +53,11 @@ def connect(url: str) -> Session:
     session.reconnect = ReconnectPolicy(enabled=False)
     session.open()
     session.negotiate(look=False)
-    session.request_all(Command.IDENTIFY, window=0.3, attempts=1)
-    assert session.modules == {8, 12}
-    session.request_all(Command.RESUME)
+    end = time.monotonic() + LONG
+    while session.modules != {8, 12}:
+        assert time.monotonic() < end, session.modules
+        session.request_all(Command.IDENTIFY, window=0.3, attempts=1)
+    assert not session.request_all(Command.RESUME, attempts=20).silent
     return session
 
 
@@ -75,7 +77,7 @@ def test_a_gateway_that_hangs_or_dies_leaves_the_boards_to_their_watchdogs(
     os.kill(process.pid, signal.SIGCONT)
     assert not session.request_all(Command.STATS, attempts=20).silent
     assert boards.stopped() == [True, True]
-    session.request_all(Command.RESUME)
+    assert not session.request_all(Command.RESUME, attempts=20).silent
     assert boards.stopped() == [False, False]
     process.kill()
     boards.wait_until_stopped(0, 1)

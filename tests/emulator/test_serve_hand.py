@@ -132,6 +132,20 @@ def test_no_running_emulator_is_an_error_that_says_so(tmp_path: Path) -> None:
         find_arm(str(tmp_path / "x"))
 
 
+def test_an_arm_that_is_starting_is_not_taken_for_what_a_killed_one_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Looked(socket.socket):
+        """Somebody looks for arms right before it listens."""
+
+        def listen(self, backlog: int = 0, /) -> None:
+            with pytest.raises(LinkNotFoundError):
+                find_arm(None)
+            super().listen(backlog)
+
+    monkeypatch.setattr(socket, "socket", Looked)
+    with serving("pts-7", runs=False):
+        assert find_arm(None).name == "pts-7.hand"
+
+
 def test_what_a_killed_emulator_left_is_removed_and_its_name_can_be_taken(folder: Path) -> None:
     with serving("pts-7", runs=False):
         left = folder / "left"

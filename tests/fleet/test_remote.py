@@ -462,6 +462,33 @@ def test_a_lost_heartbeat_is_followed_by_the_next_one_at_once(monkeypatch: pytes
     assert not searched.is_set()
 
 
+def test_heartbeats_come_in_time_for_a_watchdog_that_is_shorter_than_the_lease(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """They alone tell of calls that only read, as while a board follows a path."""
+    node = Node()
+    monkeypatch.setattr(Address, "network", lambda self: node)
+    facts = m.decode(m.encode(FACTS), m.Facts)
+    facts.timeout = 1000.0
+    robot = RemoteRobot(Address("lab/arm1", role=Role.OPERATOR), facts)
+    robot.attach()
+    robot.watchdog(0.5)
+    robot.take()
+    beats: list[float] = []
+    ask = node.ask
+
+    def heard(key: str, payload: bytes, timeout: float, *, urgent: bool = False) -> bytes:
+        beats.append(timeout)
+        return ask(key, payload, timeout, urgent=urgent)
+
+    node.ask = heard  # type: ignore[method-assign]
+    try:
+        wait_for(lambda: len(beats) >= 4)
+    finally:
+        robot.abort()
+    assert max(beats) <= 0.25
+
+
 def test_a_model_or_an_option_that_does_not_fit_is_refused() -> None:
     facts = m.decode(m.encode(FACTS), m.Facts)
     facts.timeout = math.nan

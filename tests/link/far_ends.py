@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import itertools
 import os
+import random
+import re
 import socket
 import tty
 from pathlib import Path
@@ -49,11 +53,35 @@ class PtyEnd(PollLink):
         return os.write(self._master, data)
 
 
+def _ports() -> range:
+    """The ports of this worker: below those that the system gives to whoever asks for any."""
+    first, behind, workers = 20_000, 32_768, 8
+    with contextlib.suppress(OSError):
+        behind = int(Path("/proc/sys/net/ipv4/ip_local_port_range").read_text(encoding="ascii").split()[0])
+    each = (behind - first) // workers
+    begin = first + each * (int(re.sub(r"\D", "", os.environ.get("PYTEST_XDIST_WORKER", "")) or 0) % workers)
+    return range(begin, begin + each)
+
+
+_next_port = itertools.count(random.randrange(10_000))
+
+
 def free_port(kind: int = socket.SOCK_STREAM) -> int:
-    """A port of the loopback interface that nobody uses at the moment."""
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """A port of the loopback interface that nobody uses at the moment.
+
+    It may take a program seconds to listen there. So nobody else may get it meanwhile: no other worker, and no
+    program that lets the system choose its port.
+    """
+    ports = _ports()
+    for _ in ports:
+        port = ports[next(_next_port) % len(ports)]
+        with socket.socket(socket.AF_INET, kind) as probe:
+            try:
+                probe.bind(("127.0.0.1", port))
+            except OSError:
+                continue
+            return port
+    raise AssertionError("no port is free")
 
 
 class Recorder(Link):

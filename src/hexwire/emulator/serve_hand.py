@@ -87,12 +87,15 @@ class HandServer:
         door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             make_private_folder(_folder(), "set XDG_RUNTIME_DIR to a folder of yours")
-            # A leftover socket: its name belongs to a terminal or program that is now ours.
+            # It gets its name when it listens: until then it would be taken for the leftover of a program that was
+            # killed. One such may have the name; it belongs to a terminal or program that is now ours.
+            early = self._path.with_name(f"{self._path.name}-{os.getpid()}")
             with contextlib.suppress(FileNotFoundError):
-                self._path.unlink()
-            with _short(self._path) as address:
+                early.unlink()
+            with _short(early) as address:
                 door.bind(address)
             door.listen(_MOST)
+            early.replace(self._path)
         except (OSError, UsageError) as error:
             door.close()
             _log.warning("the emulated arm cannot be moved by hand: %s", error)

@@ -45,11 +45,11 @@ _TIMEOUT = 2.0
 _SLOW = 25.0
 """Seconds for an answer that does: a probe of an arm with silent servos takes long."""
 _BEATS = 5.0
-"""Heartbeats per time-out of the lease."""
+"""Heartbeats per time-out of the lease, or of the watchdog if that is shorter."""
 _LOOK = 0.1
 """Most seconds between two checks whether states still arrive."""
 _SHARE = 0.5
-"""Part of the lease's time-out for which a heartbeat waits for its answer; then the next one is sent."""
+"""Part of this time-out for which a heartbeat waits for its answer; then the next one is sent."""
 _EXCHANGES = 4
 """Measurements of the owner's clock at the beginning."""
 _SILENCE = 1.0
@@ -463,18 +463,20 @@ class RemoteRobot(Following, Described):
 
     def _keep(self, node: Node, ending: threading.Event) -> None:
         """Renew the lease and follow the owner's clock, in a thread of its own."""
-        measured, server, due = time.monotonic(), 0, 0.0
-        period = self._timeout / _BEATS
-        step = min(period, _LOOK)
+        measured, server, sent = time.monotonic(), 0, -math.inf
+        step = min(self._timeout / _BEATS, _LOOK)
         silence = Silence(self.url, measured)
         while not ending.wait(step):
+            # By a heartbeat the watchdog learns of calls, too, such as those that only read.
+            limit = min(self._timeout, self._watchdog or math.inf)
+            step = min(limit / _BEATS, _LOOK)
             self._states.refresh()
             lease, now, newest = self._lease, time.monotonic(), self._states.newest
             silence.look(now, self._states.arrived)
-            if now < due:
-                continue
             # Half a step early counts as in time.
-            due = now + period - 0.5 * step
+            if now - sent < limit / _BEATS - 0.5 * step:
+                continue
+            sent = now
             # Another server may have another clock: its computer was restarted.
             sender = newest.server if newest is not None else 0
             if not lease and sender == server and now - measured < self._clock.period(now):
@@ -483,7 +485,7 @@ class RemoteRobot(Following, Described):
             key, message = (self._keys.lease(self._role), beat) if lease else (self._keys.ask, m.Ask("clock"))
             try:
                 # Not `ask`, which would search for the reason of a missing answer while the lease runs out.
-                answer = m.decode(node.ask(key, m.encode(message), _SHARE * self._timeout), m.Answer)
+                answer = m.decode(node.ask(key, m.encode(message), _SHARE * limit), m.Answer)
             except (NoAnswerError, HexwireError):
                 continue
             if not answer.kind:
