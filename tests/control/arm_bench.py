@@ -9,6 +9,7 @@ from typing import Any, Generic, TypeVar
 
 from tests.drivers.arms import Arm as EmulatedArm
 from tests.motion.arms import HOME, NAMES, FakeRobot, FakeTime
+from tests.waits import turn_while_it_waits
 
 from hexwire.control.arm import Arm
 from hexwire.control.arrival import Tolerance
@@ -261,17 +262,19 @@ class Bench:
         return Service(call)
 
     def ask(self, call: Callable[[], _T]) -> _T:
-        """The same, turning until it is answered."""
+        """The same, turning until it is answered. Time passes while it waits, not while it is slow."""
         service = self.begin(call)
         self.settle(service)
         return service.answer()
 
     def settle(self, service: Service[Any]) -> None:
         end = self.clock.time + 600.0
-        while service.thread.is_alive():
+
+        def turn() -> None:
             assert self.clock.time < end
             self._step()
-            service.thread.join(0.0005)
+
+        turn_while_it_waits(service.thread, turn)
 
     def command(self, sent: TrajectoryGoal, name: str = "", **options: Any) -> Told:
         told = Told()

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 from tests.control.arm_bench import Told
 from tests.drivers.arms import Arm
+from tests.waits import turn_while_it_waits
 
 from hexwire.control.arrival import Tolerance
 from hexwire.control.controller import TrajectoryController
@@ -86,9 +87,7 @@ class Bench:
 
         thread = threading.Thread(target=run)
         thread.start()
-        while thread.is_alive():
-            self.owner.turn()
-            thread.join(0.001)
+        turn_while_it_waits(thread, self.owner.turn)
         if failed:
             raise failed[0]
         return answer[0]
@@ -190,10 +189,18 @@ class Threaded:
         self.controller = make_controller(self.driver.model, period=0.5)
         self.owner.start((self.controller,))
 
+    def newest(self) -> JointState:
+        """The next state: those before may be too old if this machine stalls."""
+        before = self.owner.state
+        wait_for(lambda: self.owner.state is not before)
+        state = self.owner.state
+        assert state is not None
+        return state
+
     def go(self, joint: str, by: float, seconds: float) -> Told:
         """As `Bench.go`."""
         told, owner = Told(), self.owner
-        state = owner.newest()
+        state = self.newest()
         order = TrajectoryGoal((joint,), (Point(seconds, (state[joint].position + by,)),))
         with owner.locked():
             plan = self.controller.plan(order, owner.now())
@@ -203,7 +210,7 @@ class Threaded:
 
     def go_slowly(self) -> Told:
         """Have a joint go so slowly that it is on its way for long; it moves when this returns."""
-        start = self.owner.newest()["J1"].position
+        start = self.newest()["J1"].position
         told = self.go("J1", 0.4, 20.0)
-        wait_for(lambda: self.owner.newest()["J1"].position > start + 0.002)
+        wait_for(lambda: self.newest()["J1"].position > start + 0.002)
         return told

@@ -230,8 +230,8 @@ def test_stops_from_several_threads_while_the_owner_waits(served: Served, publis
     assert owner.connected
     assert owner.reconnects == 0
     # Reports go on, or soon again.
-    before = owner.newest()
-    wait_for(lambda: owner.newest() is not before)
+    before = owner.state
+    wait_for(lambda: owner.state is not before)
     owner.reset()
     assert owner.torque(True, names) == names
     owner.shutdown()

@@ -226,11 +226,11 @@ def test_a_stop_ends_the_motion_and_what_was_asked_before_it() -> None:
     bench = Goals()
     early = bench.order(bench.key)
     number = bench.follow(delay=1.0)
-    bench.bench.ask(lambda: bench.shared.stop("Bob stopped it"))
+    bench.ask(lambda: bench.shared.stop("Bob stopped it"))
     report = bench.goals.report(number)
     assert report is not None
     assert "Bob stopped it" in report.text
-    bench.bench.ask(lambda: bench.shared.resume(bench.order(bench.key)))
+    bench.ask(lambda: bench.shared.resume(bench.order(bench.key)))
     with pytest.raises((GoalError, LeaseError)):
         bench.goals.follow(early, order((2.0, HOME)), bench.owner.now() + 1.0)
 

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-import time
 from collections import Counter
-from collections.abc import Iterator
 
 import pytest
 from tests.drivers.arms import Arm
@@ -21,16 +18,20 @@ from hexwire.wire.command_frame import Command, parse_frame
 from hexwire.wire.tables import CAPABILITY_FINE_POSITIONS, CAPABILITY_FRAGMENTS
 
 PATIENCE = 20.0
-
-
-_NUMBERS = itertools.count()
+"""Seconds that no path here takes."""
 
 
 @pytest.fixture
-def robot() -> Iterator[Hex7BotDriver]:
-    with Hex7BotDriver.from_url(f"sim://hex7bot?name=path{next(_NUMBERS)}") as made:
-        made.torque(True)
-        yield made
+def arm() -> Arm:
+    made = Arm(2)
+    made.driver.torque(True)
+    return made
+
+
+@pytest.fixture
+def robot(arm: Arm) -> Hex7BotDriver:
+    """Its time passes only as the test says: a machine that stalls would let a path run dry."""
+    return arm.driver
 
 
 def wave(start: float, way: float, seconds: float, steps: int) -> list[TimedPoint]:
@@ -42,15 +43,15 @@ def wave(start: float, way: float, seconds: float, steps: int) -> list[TimedPoin
     return points
 
 
-def until_over(path: TimedPath) -> PathState:
-    deadline = time.monotonic() + PATIENCE
+def until_over(arm: Arm, path: TimedPath) -> PathState:
+    deadline = arm.clock.time + PATIENCE
     while not (state := path.report().state).over:
-        assert time.monotonic() < deadline, state.name
-        time.sleep(0.02)
+        assert arm.clock.time < deadline, state.name
+        arm.wait(0.02)
     return state
 
 
-def test_a_whole_path_is_followed(robot: Hex7BotDriver) -> None:
+def test_a_whole_path_is_followed(arm: Arm, robot: Hex7BotDriver) -> None:
     here = robot.read().positions["J2"]
     path = robot.path(["J2"])
     assert robot.times_motion
@@ -62,16 +63,17 @@ def test_a_whole_path_is_followed(robot: Hex7BotDriver) -> None:
     assert before - 0.5 < start.time < robot.now() + 0.5
     assert 0.0 <= start.uncertainty < 0.5
     far = 0.0
-    deadline = time.monotonic() + PATIENCE
+    deadline = arm.clock.time + PATIENCE
     while not (report := path.report()).state.over:
         far = max(far, robot.read().positions["J2"] - here)
-        assert time.monotonic() < deadline
+        assert arm.clock.time < deadline
+        arm.wait(0.02)
     assert (report.state, report.sent, report.towards) == (PathState.DONE, 21, 20)
     assert far == pytest.approx(0.3, abs=0.05)
     assert robot.read().positions["J2"] == pytest.approx(here, abs=0.02)
 
 
-def test_a_start_can_be_set_for_later(robot: Hex7BotDriver) -> None:
+def test_a_start_can_be_set_for_later(arm: Arm, robot: Hex7BotDriver) -> None:
     here = robot.read().positions["J1"]
     path = robot.path(["J1"])
     path.send(wave(here, 0.2, 0.5, 10), last=True)
@@ -79,10 +81,10 @@ def test_a_start_can_be_set_for_later(robot: Hex7BotDriver) -> None:
     start = path.start(wanted)
     assert start.time == pytest.approx(wanted, abs=0.05 + start.uncertainty)
     assert path.report().state is PathState.WAITING
-    assert until_over(path) is PathState.DONE
+    assert until_over(arm, path) is PathState.DONE
 
 
-def test_more_points_than_fit_are_taken_in_parts(robot: Hex7BotDriver) -> None:
+def test_more_points_than_fit_are_taken_in_parts(arm: Arm, robot: Hex7BotDriver) -> None:
     here = robot.read().positions["J1"]
     path = robot.path(["J1"], smooth=False)
     points = [
@@ -91,15 +93,16 @@ def test_more_points_than_fit_are_taken_in_parts(robot: Hex7BotDriver) -> None:
     sent = path.send(points, last=True)
     assert sent == path.capacity
     path.start()
-    deadline = time.monotonic() + PATIENCE
+    deadline = arm.clock.time + PATIENCE
     while sent < len(points):
         sent += path.send(points[sent:], last=True)
-        assert time.monotonic() < deadline
-    assert until_over(path) is PathState.DONE
+        assert arm.clock.time < deadline
+        arm.wait(0.02)
+    assert until_over(arm, path) is PathState.DONE
     assert path.report().sent == len(points)
 
 
-def test_points_that_are_ahead_can_be_replaced(robot: Hex7BotDriver) -> None:
+def test_points_that_are_ahead_can_be_replaced(arm: Arm, robot: Hex7BotDriver) -> None:
     here = robot.read().positions["J1"]
     path = robot.path(["J1"], smooth=False)
     path.send([TimedPoint(0.25 * i, (here + 0.05 * i,)) for i in range(9)], last=True)
@@ -110,7 +113,7 @@ def test_points_that_are_ahead_can_be_replaced(robot: Hex7BotDriver) -> None:
     back = here + 0.05 * (towards + 1)
     new = [TimedPoint(0.25 * (towards + 2), (back,)), TimedPoint(0.25 * (towards + 3), (back,))]
     assert path.send(new, last=True, first=towards + 2) == 2
-    assert until_over(path) is PathState.DONE
+    assert until_over(arm, path) is PathState.DONE
     assert robot.read().positions["J1"] == pytest.approx(back, abs=0.02)
 
 
@@ -129,13 +132,13 @@ def test_a_stop_ends_it(robot: Hex7BotDriver) -> None:
     assert path.report().state is PathState.STOPPED
 
 
-def test_an_abort_brings_it_to_rest(robot: Hex7BotDriver) -> None:
+def test_an_abort_brings_it_to_rest(arm: Arm, robot: Hex7BotDriver) -> None:
     here = robot.read().positions["J1"]
     path = robot.path(["J1"], brake=0.1)
     path.send(wave(here, 0.4, 2.0, 40), last=True)
     path.start()
     assert path.abort() is PathState.BRAKING
-    assert until_over(path) is PathState.ABORTED
+    assert until_over(arm, path) is PathState.ABORTED
     assert path.abort() is PathState.ABORTED
 
 

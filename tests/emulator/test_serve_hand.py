@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import socket
 import stat
 import threading
@@ -210,7 +211,18 @@ def test_an_emulator_that_stands_still_or_ends_is_an_error(monkeypatch: pytest.M
         with pytest.raises(DeviceError, match="does not run"):
             move_by_hand(None, ORDER)
         monkeypatch.setattr(serve_hand, "_PATIENCE", PATIENCE)
-        thread = threading.Timer(0.1, server.close)
+        here = find_arm(None)
+        monkeypatch.setattr(serve_hand, "find_arm", lambda port: here)
+        # Done with who called until now.
+        server.step(0.0)
+        server.step(PATIENCE)
+
+        def close_when_asked() -> None:
+            # Earlier there would be nobody to be asked.
+            select.select(server.descriptors(), [], [], PATIENCE)
+            server.close()
+
+        thread = threading.Thread(target=close_when_asked)
         thread.start()
         with pytest.raises(DeviceError, match=r"ended|cannot be reached"):
             move_by_hand(None, ORDER)

@@ -139,11 +139,12 @@ def test_tls(tmp_path: Path) -> None:
     make_authority(tmp_path)
     server, client = (issue_certificate(tmp_path, kind, kind) for kind in ("server", "client"))
     ca = str(tmp_path / "ca.pem")
-    port = free_port()
-    near = TcpLink("127.0.0.1", port, tls=TlsFiles(ca, str(client.cert), str(client.key)))
-    with TcpListenLink(port=port, tls=TlsFiles(ca, str(server.cert), str(server.key))) as far:
+    with TcpListenLink(tls=TlsFiles(ca, str(server.cert), str(server.key))) as far:
+        near = TcpLink("127.0.0.1", far.listener.port, tls=TlsFiles(ca, str(client.cert), str(client.key)))
         opener = Background(near.open)
-        far.read(time.monotonic() + 0.5)
+        # Both ends have to be at it for the handshake.
+        while far._peer is None:
+            far._meet(time.monotonic() + PATIENCE)
         opener.outcome()
         there_and_back(near, far)
         near.close()

@@ -27,6 +27,11 @@ class TestTcpListen(LinkConformance):
     def second_owner(self, near: Link) -> Link:
         return make_link(near.url)
 
+    def wait_readable(self, link: Link) -> None:
+        assert isinstance(link, TcpListenLink)
+        assert link._peer is not None
+        super().wait_readable(link._peer)
+
     # The context manager test opens the far end first, which a caller cannot do.
     def test_it_is_a_context_manager(self, tmp_path: Path) -> None:
         near, far = self.make_pair(tmp_path)

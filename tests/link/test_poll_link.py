@@ -240,6 +240,21 @@ def test_flush_input_ends_even_if_the_peer_never_does(monkeypatch: pytest.Monkey
         assert 1_000_000 < link.flush_input() < 1_100_000
 
 
+def interrupt_inside(link: ScriptedLink) -> threading.Thread:
+    """Send SIGUSR1 to this thread while it waits in a call of the link, however late it gets there."""
+
+    def interrupt() -> None:
+        deadline = soon()
+        while not (link._reading.taken or link._writing.taken) and time.monotonic() < deadline:
+            time.sleep(0.001)
+        time.sleep(0.05)
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGUSR1)
+
+    thread = threading.Thread(target=interrupt)
+    thread.start()
+    return thread
+
+
 @pytest.mark.parametrize("direction", ["read", "write"])
 def test_a_signal_handler_may_close_the_link_it_interrupts(direction: str) -> None:
     """As a ROS shutdown hook does, in the thread that waits."""
@@ -253,8 +268,7 @@ def test_a_signal_handler_may_close_the_link_it_interrupts(direction: str) -> No
         released_by_the_handler.append(link.closed)
 
     before = signal.signal(signal.SIGUSR1, close)
-    timer = threading.Timer(0.05, lambda: signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGUSR1))
-    timer.start()
+    timer = interrupt_inside(link)
     try:
         with pytest.raises(LinkClosedError):
             link.read(soon()) if direction == "read" else link.write(b"x", soon())
@@ -708,8 +722,7 @@ def test_a_signal_handler_may_close_the_link_during_an_exchange() -> None:
         released_by_the_handler.append(link.closed)
 
     before = signal.signal(signal.SIGUSR1, close)
-    timer = threading.Timer(0.05, lambda: signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGUSR1))
-    timer.start()
+    timer = interrupt_inside(link)
     try:
         with pytest.raises(LinkClosedError):
             link.exchange(b"x", PATIENCE)

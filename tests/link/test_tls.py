@@ -93,6 +93,11 @@ class TestTlsListener(_TlsConformance):
         caller, waiting = self.ends_of()
         return waiting, caller
 
+    def wait_readable(self, link: Link) -> None:
+        assert isinstance(link, TcpListenLink)
+        assert link._peer is not None
+        super().wait_readable(link._peer)
+
     def open_pair(self, near: Link, far: Link) -> None:
         self.meet(far, near)
 

@@ -44,14 +44,16 @@ def test_calls_that_wait_for_the_line_are_void_after_a_stop(dialect: int, what: 
             b.stop()
         if what == "torque":
             b.robot.torque(False)
-        taken, called = threading.Event(), threading.Event()
+        taken, called, stopping = threading.Event(), threading.Event(), threading.Event()
+        # However late this thread gets a processor, the line is free only when the stop has been called.
+        b.robot.session.epochs.on_stop(stopping.set)
         turn = b.robot.session._turn
         outcome: list[BaseException | None] = []
 
         def hold() -> None:
             with turn.taken():
                 taken.set()
-                assert called.wait(PATIENCE)
+                assert stopping.wait(PATIENCE)
                 time.sleep(0.05)
 
         def wait() -> None:

@@ -67,10 +67,12 @@ class Background:
         self._call = call
         self.result: object = None
         self.error: BaseException | None = None
+        self._begun = threading.Event()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
 
     def _run(self) -> None:
+        self._begun.set()
         try:
             self.result = self._call()
         except Exception as error:  # noqa: BLE001 (handed to the thread that asks)
@@ -85,6 +87,7 @@ class Background:
 
     def let_it_block(self) -> None:
         """Give the thread the time to get into its wait; if it does not, the test is easier, not wrong."""
+        self._begun.wait(PATIENCE)
         self._thread.join(0.05)
         assert self._thread.is_alive(), "the call did not wait"
 
