@@ -98,6 +98,21 @@ def test_torque_comes_back_even_if_nothing_was_recorded() -> None:
     bench.ask(lambda: bench.arm.go_to("home"))
 
 
+def test_teaching_without_a_motion_keeps_what_was_taught_before() -> None:
+    bench = make_bench()
+    bench.ask(bench.arm.teach_start)
+    guide(bench, "J1", 0.3)
+    bench.ask(bench.arm.teach_stop)
+    taught = bench.arm.teach_mode.taught
+    bench.ask(bench.arm.teach_start)
+    bench.turn(2.0)
+    with pytest.raises(UsageError, match=r"^nothing was recorded: no joint moved;"):
+        bench.ask(bench.arm.teach_stop)
+    assert bench.arm.teach_mode.taught is taught
+    assert all(bench.torques())
+    assert free(bench)
+
+
 def test_a_stop_in_teaching_leaves_the_arm_without_torque() -> None:
     bench = make_bench()
     bench.ask(bench.arm.teach_start)

@@ -490,7 +490,8 @@ def test_an_urgent_request_during_a_reconnection_does_not_hang() -> None:
 
     server = threading.Thread(target=serve)
     server.start()
-    session = over(near, reconnect=ReconnectPolicy(interval=0.05))
+    policy = RetryPolicy(attempts=3, window=3.0, dialect1_window=3.0)
+    session = over(near, policy=policy, reconnect=ReconnectPolicy(interval=0.05))
     try:
         session.open()
         session.negotiate()

@@ -46,6 +46,8 @@ def test_stillness_goes_motion_stays() -> None:
     assert t.times[0] == 0.0
     still = taught([0.1] * 5)
     assert still.without_stillness() == still
+    assert t.moves
+    assert not still.moves
 
 
 def test_speed() -> None:

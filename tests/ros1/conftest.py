@@ -15,6 +15,10 @@ from tests.ros1.ros_world import Arm, PtyBoard, World, made
 POSES = {"home": {"J1": -0.087, "J2": 0.96, "J3": -0.044, "J4": 0.0, "J5": 0.0, "J6": 0.0}}
 WATCHDOG = 4.0
 """Seconds: a busy machine stalls longer than the usual 1 s."""
+COMMAND_TIMEOUT = 1.5
+"""Seconds: nor is a program that a busy machine lets wait for the usual 0.5 s one that has ended."""
+PAUSE = COMMAND_TIMEOUT + 1.0
+"""Seconds after which set-points begin anew, however the machine shifts the last ones and the first."""
 CONSTRAINTS = {"goal_time": 3.0, "stopped_velocity_tolerance": 0.2}
 
 
@@ -48,6 +52,7 @@ def shared_arm(world: World) -> Iterator[Arm]:
             "_log_positions:=true",
             "_publish_rate:=100",
             f"_watchdog:={WATCHDOG}",
+            f"_command_timeout:={COMMAND_TIMEOUT}",
             f"_poses:={json.dumps(POSES)}",
             f"_constraints:={json.dumps(CONSTRAINTS)}",
             "_allow_partial_joints_goal:=true",

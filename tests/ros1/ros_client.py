@@ -10,6 +10,7 @@ import json
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -58,14 +59,14 @@ def trajectory(names: list[str], points: list[dict[str, Any]], delay: float | No
 
 
 class Goal:
-    """A goal of an action client of its own."""
+    """A goal of an action client of its own, made once there is a server: a stamp is a time from then on."""
 
-    def __init__(self, action: str, message: Any) -> None:
+    def __init__(self, action: str, make: Callable[[], Any]) -> None:
         self.client = actionlib.SimpleActionClient(action, control_msgs().FollowJointTrajectoryAction)
         if not self.client.wait_for_server(rospy.Duration.from_sec(PATIENCE)):
             raise RuntimeError(f"no action server at {action}")
         self.feedback: list[Any] = []
-        self.client.send_goal(message, feedback_cb=self.feedback.append)
+        self.client.send_goal(make(), feedback_cb=self.feedback.append)
 
 
 GOALS: dict[str, Goal] = {}
@@ -77,6 +78,7 @@ class Program:
     def __init__(self) -> None:
         self._publishers: dict[str, Any] = {}
         self._seen: dict[str, list[Any]] = {}
+        self._watching: dict[str, Any] = {}
 
     def collect(self, topic: str, kind: str, count: int = 1, patience: float = PATIENCE) -> list[Any]:
         """The next messages of a topic."""
@@ -101,6 +103,7 @@ class Program:
         """Note every message of a topic from now on, for `seen`."""
         messages = self._seen[topic] = []
         subscriber = rospy.Subscriber(topic, message_class(kind), messages.append, queue_size=1000)
+        self._watching[topic] = subscriber
         deadline = time.monotonic() + PATIENCE
         while not subscriber.get_num_connections():
             if time.monotonic() > deadline:
@@ -109,6 +112,13 @@ class Program:
 
     def seen(self, topic: str) -> list[Any]:
         return [plain(message) for message in self._seen[topic]]
+
+    def seen_positions(self, topic: str) -> list[dict[str, float]]:
+        """Of the joint states of a topic."""
+        return [dict(zip(message.name, message.position, strict=True)) for message in self._seen[topic]]
+
+    def unwatch(self, topic: str) -> None:
+        self._watching.pop(topic).unregister()
 
     def forget(self, node: str, service: str) -> None:
         """Have the master forget a node's service."""
@@ -128,16 +138,20 @@ class Program:
     ) -> None:
         """Send a goal that later calls name `key`; path and goal are tolerances by joint."""
         kinds = control_msgs()
-        message = kinds.FollowJointTrajectoryGoal()
-        message.trajectory = trajectory(names, points, delay)
-        message.path_tolerance = [kinds.JointTolerance(name, x, 0.0, 0.0) for name, x in (path or {}).items()]
-        message.goal_tolerance = [kinds.JointTolerance(name, x, 0.0, 0.0) for name, x in (goal or {}).items()]
-        message.goal_time_tolerance = rospy.Duration.from_sec(goal_time)
-        GOALS[key] = Goal(action, message)
+
+        def make() -> Any:
+            message = kinds.FollowJointTrajectoryGoal()
+            message.trajectory = trajectory(names, points, delay)
+            message.path_tolerance = [kinds.JointTolerance(name, x, 0.0, 0.0) for name, x in (path or {}).items()]
+            message.goal_tolerance = [kinds.JointTolerance(name, x, 0.0, 0.0) for name, x in (goal or {}).items()]
+            message.goal_time_tolerance = rospy.Duration.from_sec(goal_time)
+            return message
+
+        GOALS[key] = Goal(action, make)
 
     def send_wrong(self, action: str, times: int) -> dict[str, int]:
         """Send goals without joints, one after the other; how many ended in each state. One that hangs is LOST."""
-        goal = Goal(action, control_msgs().FollowJointTrajectoryGoal())
+        goal = Goal(action, control_msgs().FollowJointTrajectoryGoal)
         states: dict[str, int] = {}
         for i in range(times):
             if i:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.ros1.conftest import PAUSE
 from tests.ros1.ros_world import JOINTS, Arm, near, still, until
 
 
@@ -111,7 +112,7 @@ def test_set_points_that_go_on_through_a_stop_move_nothing_after_the_reset(arm: 
     target = {"J1": _aside(arm, 0.8)}
     start = arm.board.positions
     # A stream of the test before has paused.
-    time.sleep(1.0)
+    time.sleep(PAUSE)
     arm.client.begin_joint_commands(topic="/joint_commands", name=["J1"], position=[target["J1"]])
     try:
         until(lambda: not near(start, arm.board.positions, 0.05), "it moves", arm.node.report)
@@ -125,7 +126,6 @@ def test_set_points_that_go_on_through_a_stop_move_nothing_after_the_reset(arm: 
         assert not near(stood, target, 0.1)
     finally:
         arm.client.end_joint_commands()
-        time.sleep(1.0)
 
 
 WRONG_SET_POINTS: dict[str, tuple[dict[str, Any], str]] = {
@@ -141,7 +141,7 @@ WRONG_SET_POINTS: dict[str, tuple[dict[str, Any], str]] = {
 
 def test_wrong_set_points_are_logged_and_move_nothing(arm: Arm) -> None:
     # Between them and the ones of the test before is a stop.
-    time.sleep(1.0)
+    time.sleep(PAUSE)
     before, said = arm.board.positions, len(arm.node.err)
     for wrong, text in WRONG_SET_POINTS.values():
         arm.client.joint_commands(topic="/joint_commands", **wrong)
@@ -207,6 +207,7 @@ def test_taught_motion_is_latched_saved_and_played(arm: Arm) -> None:
 
 
 def test_teaching_without_a_motion_is_reported_and_the_arm_is_held_again(arm: Arm) -> None:
+    still(lambda: arm.board.positions)
     arm.trigger("teach/start")
     assert "move" in arm.refused("teach/stop")
     assert all(servo.torque_on for servo in arm.board.board.wire.servos)

@@ -6,6 +6,8 @@ import json
 
 from tests.ros1.ros_world import JOINTS, Arm, World, near, until
 
+# A busy machine stalls longer than the usual 1 s.
+PATIENT = "_watchdog:=4.0"
 MOVEIT = {
     "arm_controller": {"joints": ["J1", "J2", "J3", "J4", "J5", "J6"], "constraints": {"goal_time": 3.0}},
     "gripper_controller": {"joints": ["J7"]},
@@ -20,7 +22,8 @@ def test_two_controllers_move_at_once(world: World) -> None:
     port = world.folder / "two"
     world.board(port)
     node = world.node(
-        "__ns:=two", f"_port:={port}", f"_controllers:={json.dumps(MOVEIT)}", "_enable_on_start:=true"
+        "__ns:=two",
+        *(f"_port:={port}", f"_controllers:={json.dumps(MOVEIT)}", "_enable_on_start:=true", PATIENT),
     )
     arm = Arm(world, node, "/two/")
     here = arm.position()
@@ -123,7 +126,8 @@ def test_simulated_time_without_a_clock_holds_nothing_up(world: World) -> None:
     world.client.set_param(name="/use_sim_time", value=True)
     try:
         node = world.node(
-            "__ns:=simulated", f"_port:={port}", "_enable_on_start:=true", "_allow_partial_joints_goal:=true"
+            "__ns:=simulated",
+            *(f"_port:={port}", "_enable_on_start:=true", "_allow_partial_joints_goal:=true", PATIENT),
         )
     finally:
         world.client.delete_param(name="/use_sim_time")

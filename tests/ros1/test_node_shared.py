@@ -61,10 +61,11 @@ def test_two_watch_one_records_one_moves_the_node_publishes_and_a_sixth_stops(sh
         world.start(*watch, "--json"),
         world.start(*HEXWIRE, "--record", str(file), *watch[len(HEXWIRE) :]),
     ]
-    move = world.start(*HEXWIRE, "move", "J1=60", "--duration", "20", "--wait", "--port", PORT)
+    # The node may hold the lease, if it has commanded the arm in another test.
+    move = world.start(*HEXWIRE, "move", "J1=60", "--duration", "20", "--wait", "--take", "--port", PORT)
     here = shared.board.positions["J1"]
     until(lambda: shared.board.positions["J1"] > here + 0.03, "it moves", move.report)
-    # The node has not commanded it, so it only publishes, and hears who holds the lease.
+    # The node does not command it, so it only publishes, and hears who holds the lease.
     until(lambda: shared.position()["J1"] > here + 0.05, "the node says so", shared.node.report)
     success, text = shared.client.switch(service=shared.service("enable"), on=True)
     assert not success

@@ -14,11 +14,16 @@ from tests.ros2.node_world import Arm, PtyBoard, World, made
 
 POSES = {"J1": -0.087, "J2": 0.96, "J3": -0.044, "J4": 0.0, "J5": 0.0, "J6": 0.0}
 _NUMBERS = itertools.count()
+COMMAND_TIMEOUT = 1.5
+PAUSE = COMMAND_TIMEOUT + 1.0
+"""Seconds after which set-points begin anew, however the machine shifts the last ones and the first."""
 SETTINGS = (
     *("-p", "enable_on_start:=true"),
     *("-p", "allow_partial_joints_goal:=true"),
     # A busy machine stalls longer than the usual 1 s.
     *("-p", "watchdog:=4.0"),
+    # Nor is a program that it lets wait for the usual 0.5 s one that has ended.
+    *("-p", f"command_timeout:={COMMAND_TIMEOUT}"),
     *("-p", "constraints.goal_time:=3.0"),
     *("-p", "constraints.stopped_velocity_tolerance:=0.2"),
 )

@@ -37,7 +37,8 @@ def test_clients_of_every_distribution_move_the_controllers_of_the_package(
     try:
         node = world.node(
             *("-r", f"__ns:={at.rstrip('/')}", "--params-file", str(file), "-p", f"port:={board.port}"),
-            *("-p", "enable_on_start:=true"),
+            # A busy machine stalls longer than the usual 1 s.
+            *("-p", "enable_on_start:=true", "-p", "watchdog:=4.0"),
         )
         arm = Arm(world, node, board, world.peer("client", distribution), at)
         here = arm.position()

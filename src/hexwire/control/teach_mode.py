@@ -250,8 +250,8 @@ class TeachMode:
             A description of the recording, for people.
 
         Raises:
-            HexwireError: Not in teach mode, nothing was recorded, a joint has no torque, or the file cannot be
-                written. The recording is kept nevertheless.
+            HexwireError: Not in teach mode; nothing was recorded, and the recording before is kept; a joint has no
+                torque, or the file cannot be written, and the recording is kept nevertheless.
         """
         faults: list[str] = []
         words = ""
@@ -275,7 +275,12 @@ class TeachMode:
 
         def finish() -> None:
             try:
-                taught.append(self._teacher.finish())
+                recording = self._teacher.finish()
+                if not recording.moves:
+                    raise UsageError(
+                        "nothing was recorded: no joint moved; start teaching, move the arm, stop teaching"
+                    )
+                taught.append(recording)
             except UsageError as error:
                 faults.append(str(error))
 

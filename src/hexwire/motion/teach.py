@@ -82,15 +82,16 @@ class Taught:
             raise UsageError(f"nothing is left between {start:g} and {end:g} s of {self.duration:.2f} s")
         return Taught(self.names, tuple(t - self.times[low] for t in self.times[low:high]), self.rows[low:high])
 
+    @property
+    def moves(self) -> bool:
+        """Whether any joint moves by more than servos report at rest."""
+        return any(_moved(row, self.rows[0]) for row in self.rows)
+
     def without_stillness(self) -> Taught:
         """Without the time before the first and after the last motion."""
         rows = self.rows
-
-        def moved(row: Sequence[float], rest: Sequence[float]) -> bool:
-            return any(abs(a - b) > _REST for a, b in zip(row, rest, strict=True))
-
-        first = next((i for i, row in enumerate(rows) if moved(row, rows[0])), 0)
-        last = next((i for i in range(len(rows) - 1, -1, -1) if moved(rows[i], rows[-1])), len(rows) - 1)
+        first = next((i for i, row in enumerate(rows) if _moved(row, rows[0])), 0)
+        last = next((i for i in range(len(rows) - 1, -1, -1) if _moved(rows[i], rows[-1])), len(rows) - 1)
         # A step between two samples, or a creep, differs from both ends only behind where it has left the first.
         low, high = max(0, min(first - 1, last)), min(len(rows), max(first + 1, last + 2))
         return Taught(self.names, tuple(t - self.times[low] for t in self.times[low:high]), rows[low:high])
@@ -158,6 +159,10 @@ class Taught:
                 speed = tuple((b - a) / span for a, b in zip(self.rows[i - 1], self.rows[i + 1], strict=True))
             points.append(Waypoint(t, row, speed))
         return Spline(self.names, points)
+
+
+def _moved(row: Sequence[float], rest: Sequence[float]) -> bool:
+    return any(abs(a - b) > _REST for a, b in zip(row, rest, strict=True))
 
 
 def approach(

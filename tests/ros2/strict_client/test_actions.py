@@ -6,6 +6,7 @@ import time
 from typing import Any
 
 import pytest
+from tests.ros1.ros_world import still as stands
 from tests.ros2.strict_client import action as a
 from tests.ros2.strict_client.action import ActionClient, goal, new_id, point, tolerance
 from tests.ros2.strict_client.wire import STATUS, Participant, until
@@ -82,8 +83,8 @@ def test_velocities_with_zero_at_the_end(arm: Arm) -> None:
 
 
 def test_a_start_in_the_future_is_waited_for(arm: Arm) -> None:
-    now = time.time() + 1.0
     sent = arm.short_goal(0.1, 0.4)
+    now = time.time() + 1.0
     sent["trajectory"]["header"]["stamp"] = {"sec": int(now), "nanosec": int(now % 1 * 1e9)}
     made = arm.send(sent)
     assert made.result().status == a.SUCCEEDED
@@ -376,15 +377,15 @@ def test_a_goal_is_canceled(arm: Arm) -> None:
 
 
 def test_a_canceled_arm_holds(arm: Arm) -> None:
-    made = arm.send(arm.long_goal())
+    start, sent = arm.positions()["J1"], arm.short_goal(0.6, 4.0)
+    target = sent["trajectory"]["points"][0]["positions"][0]
+    made = arm.send(sent)
     assert made.accepted
-    time.sleep(0.5)
+    until(lambda: abs(arm.positions()["J1"] - start) > 0.02, "it moves")
     made.cancel()
-    made.result()
-    time.sleep(0.3)
-    before = arm.positions()
-    time.sleep(0.5)
-    still(arm, before)
+    assert made.result().status == a.CANCELED
+    stands(arm.positions)
+    assert abs(arm.positions()["J1"] - target) > 0.1
 
 
 def test_the_status_of_a_canceled_goal(arm: Arm) -> None:

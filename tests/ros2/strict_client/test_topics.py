@@ -66,7 +66,8 @@ def test_the_rate_is_what_the_line_allows(arm: Arm) -> None:
     """By the stamps of the samples: 115200 baud allow about 75 Hz, and 100 are asked for."""
     stamps = [seconds(received.message.header.stamp) for received in some(arm.joint_states, 60)]
     steps = sorted(b - a for a, b in itertools.pairwise(stamps))
-    assert 0.005 < steps[len(steps) // 2] < 0.04
+    # A busy machine makes gaps, never a shorter period: those that it leaves alone are the short ones.
+    assert 0.005 < steps[len(steps) // 4] < 0.04
 
 
 def test_sequence_numbers_count(arm: Arm) -> None:
@@ -248,8 +249,7 @@ def test_a_wrong_trajectory_moves_nothing_and_is_logged(arm: Arm) -> None:
     publisher.wait_for_subscriber()
     before = arm.positions()
     publisher.publish(joint_names=["nobody"], points=[point([0.3], 0.2)])
-    received = arm.rosout.wait(lambda message: message.level >= 30)
-    assert "nobody" in received.message.msg
+    arm.rosout.wait(lambda message: message.level >= 30 and "nobody" in message.msg)
     assert arm.positions()["J1"] == pytest.approx(before["J1"], abs=0.03)
 
 
