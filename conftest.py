@@ -1,4 +1,7 @@
-"""Fixtures for code blocks in documents: in a fence ``python fixture:emulated_arm`` an arm is plugged in."""
+"""Fixtures for code blocks in documents: in a fence ``python fixture:emulated_arm`` an arm is plugged in.
+
+The names of modules that a block or a test registers are forgotten after it: a later test may use the id.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,16 @@ from tests.emulator.terminals import serving
 
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.serve_pty import PtyServer
+from hexwire.wire import modules
+
+
+@pytest.fixture(autouse=True)
+def _no_module_left() -> Iterator[None]:
+    before = set(modules._named)
+    yield
+    for name in modules._named.keys() - before:
+        module = modules._named.pop(name)
+        module._name_ = str(int(module))
 
 
 @pytest.fixture

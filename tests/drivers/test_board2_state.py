@@ -26,7 +26,9 @@ def sent() -> tuple[bytes, Frame]:
     return reply.body, reply.frame
 
 
-DECODER = StateDecoder(HEX7BOT, HEX7BOT.joints)
+def decoder() -> StateDecoder:
+    """A fresh one: it remembers how the board's clock ran."""
+    return StateDecoder(HEX7BOT, HEX7BOT.joints)
 
 
 def columns(state: JointState, name: str) -> list[float]:
@@ -36,7 +38,7 @@ def columns(state: JointState, name: str) -> list[float]:
 
 
 def test_any_order_of_joints_gives_the_same_values(sent: tuple[bytes, Frame]) -> None:
-    usual = DECODER.decode(*sent, 100.0)
+    usual = decoder().decode(*sent, 100.0)
     turned = ArmModel("turned", HEX7BOT.joints[::-1])
     other = StateDecoder(turned, HEX7BOT.joints).decode(*sent, 100.0)
     assert other.names == HEX7BOT.names[::-1]
@@ -47,7 +49,7 @@ def test_any_order_of_joints_gives_the_same_values(sent: tuple[bytes, Frame]) ->
 
 
 def test_a_legacy_servo_tells_no_more_than_its_position(sent: tuple[bytes, Frame]) -> None:
-    state = DECODER.decode(*sent, 100.0)
+    state = decoder().decode(*sent, 100.0)
     for joint, reading in zip(HEX7BOT.joints, state, strict=True):
         assert math.isnan(reading.voltage) == (joint.series == "seven_bot")
         assert math.isfinite(reading.position)
@@ -69,7 +71,7 @@ def test_ages_are_told_at_the_stamp_not_at_sending(sent: tuple[bytes, Frame], re
     report = JointReport.parse(body)._replace(time_us=5_000_000, age=(22, 12, 32, 42, 52, 62, AGE_NEVER))
     at = 12_600_000 + resent_after_ms * 1_000_000
     frame = sent_frame._replace(time_sec=5, time_nsec=at)
-    state = DECODER.decode(report.serialize(), frame, 100.0)
+    state = decoder().decode(report.serialize(), frame, 100.0)
     assert state.stamp == pytest.approx(100.0 - at * 1e-9)
     assert state.board_time == pytest.approx(5.0)
     assert state.age == pytest.approx((0.01, 0.0, 0.02, 0.03, 0.04, 0.05, math.inf))
@@ -78,5 +80,5 @@ def test_ages_are_told_at_the_stamp_not_at_sending(sent: tuple[bytes, Frame], re
 def test_ages_of_joints_that_were_never_sampled_stay_infinite(sent: tuple[bytes, Frame]) -> None:
     body, sent_frame = sent
     report = JointReport.parse(body)._replace(age=(AGE_NEVER,) * 7)
-    state = DECODER.decode(report.serialize(), sent_frame, 100.0)
+    state = decoder().decode(report.serialize(), sent_frame, 100.0)
     assert state.age == (math.inf,) * 7
