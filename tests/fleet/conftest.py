@@ -32,8 +32,8 @@ def serve(runtime: Path) -> Iterator[Serve]:
     interval = sys.getswitchinterval()
     sys.setswitchinterval(0.001)
     with ExitStack() as stack:
-        # A longer time than usual, so that a busy machine is not taken for a host that died.
-        def start(name: str = "lab/arm1", *, lease: float = 0.5, **settings: object) -> Service:
+        # Longer times than usual, so that a busy machine is not taken for a host or a client that died.
+        def start(name: str = "lab/arm1", *, lease: float = 3.0, **settings: object) -> Service:
             arms = read_arms({name: {"watchdog": 5.0} | (settings or {"robot": "sim"})}, lease=lease)
             return stack.enter_context(Service(arms))
 

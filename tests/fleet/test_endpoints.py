@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 from pathlib import Path
@@ -145,6 +146,22 @@ def test_only_sockets_on_which_a_program_of_this_user_listens_are_found(
         socket_folder().chmod(0o700)
         monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
         assert not is_served(path)
+
+
+def test_a_program_that_takes_no_connection_any_more_is_still_there(runtime: Path) -> None:
+    make_socket_folder()
+    path, waiting = local_socket("hung"), []
+    with contextlib.ExitStack() as stack:
+        server = stack.enter_context(socket.socket(socket.AF_UNIX))
+        server.bind(os.fspath(path))
+        server.listen(0)
+        for _ in range(3):
+            waiting.append(stack.enter_context(socket.socket(socket.AF_UNIX)))
+            waiting[-1].setblocking(False)
+            with contextlib.suppress(BlockingIOError):
+                waiting[-1].connect(os.fspath(path))
+        assert is_served(path)
+        assert local_sockets() == [path]
 
 
 def test_a_long_name_has_a_short_socket(runtime: Path) -> None:

@@ -14,6 +14,7 @@ from hexwire.drivers.values import StopMode
 from hexwire.errors import LinkLostError, StoppedError
 from hexwire.fleet import messages as m
 from hexwire.fleet import overview
+from hexwire.fleet import roster as module
 from hexwire.fleet.endpoints import endpoints_of, local_socket
 from hexwire.fleet.names import Keys, Role
 from hexwire.fleet.network import Network
@@ -93,6 +94,8 @@ def test_a_stop_reaches_all_others_while_one_hangs(runtime: Path) -> None:
         puppet("lab/f", stop=m.Answer("", value=[])),
     ]
     with Roster("lab/*") as roster:
+        # So that a stall does not make one of the others later than the end of the one that hangs.
+        assert roster.settle(10.0)
         rows = list(stop_all(roster, "Bob", timeout=1.0))
     assert rows[-1].name == "lab/b"
     by_name = {row.name: row for row in rows}
@@ -140,6 +143,25 @@ def test_a_stop_does_not_wait_for_the_way_to_others(runtime: Path) -> None:
             assert not roster.settled
             assert [(row.name, row.confirmed, row.error) for row in rows] == [("lab/hung", False, HUNG)]
     node.close()
+
+
+def test_a_server_that_is_not_known_in_time_is_reported_as_not_stopped(
+    runtime: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It takes connections but does not name its arm, as a program that is halted at that moment."""
+    monkeypatch.setattr(overview, "_OPEN", 0.3)
+    monkeypatch.setattr(module, "_SLOW", 0.3)
+    node = puppet("lab/a", stop=m.Answer("", value=["J1"]))
+    slow = Network(listen=endpoints_of([local_socket("lab/slow")])).open(wait=False)
+    with Roster("lab/*") as roster:
+        eventually(roster.seen)
+        rows = {row.name: row for row in stop_all(roster, "Bob")}
+        assert not roster.settled
+        assert (rows["lab/a"].confirmed, rows["lab/slow"].confirmed) == (True, False)
+        assert rows["lab/slow"].error == HUNG
+        assert [(row.name, row.why) for row in look(roster, 1.0) if row.silent][-1:] == [("lab/slow", HUNG)]
+    node.close()
+    slow.close()
 
 
 def test_a_stop_of_nobody_yields_nothing(runtime: Path) -> None:

@@ -98,7 +98,8 @@ CALLS: list[Callable[[RobotDriver], object]] = [
     lambda robot: robot.probe().same_kind(robot.probe()),
     lambda robot: [(row.name, row.servo_id, row.present) for row in robot.probe().joints],
     if_own(lambda robot: robot.watchdog(0.01)),
-    if_own(lambda robot: robot.watchdog(0.5)),
+    # Longer than a busy machine stands still between two of these calls.
+    if_own(lambda robot: robot.watchdog(10.0)),
     if_own(lambda robot: robot.watchdog_armed),
     write(0.1),
     lambda robot: robot.watchdog(0.0) if robot.has_watchdog else None,
@@ -228,9 +229,9 @@ def test_a_state_is_from_after_the_call_and_from_after_every_own_order(robot: Ro
         assert robot.read().stopped
         robot.resume()
         assert not robot.read().stopped
-    asked = robot.now()
-    state = robot.read()
-    assert asked - 0.1 < state.stamp <= robot.now()
+    # Each call waits for one that arrives after it.
+    states = [robot.read() for _ in range(3)]
+    assert states[0].stamp < states[1].stamp < states[2].stamp <= robot.now()
 
 
 def test_velocities_are_there_although_short_reports_leave_them_out(robot: RobotDriver) -> None:
@@ -245,14 +246,23 @@ def test_a_stream_keeps_its_period_and_its_order(robot: RobotDriver) -> None:
     assert stamps[-1] - stamps[0] > 0.3
 
 
+def newest(robot: RobotDriver) -> int:
+    """Number of the newest state that has been taken."""
+    assert isinstance(robot, RemoteRobot)
+    assert robot._states.newest is not None
+    return robot._states.newest.sequence
+
+
 def test_discarded_reports_are_not_read(robot: RobotDriver) -> None:
     states = robot.stream(0.05)
     next(states)
     # Long enough for the next ones to have arrived.
     time.sleep(0.2)
     robot.discard_reports()
-    discarded = robot.now()
-    assert next(states).stamp > discarded - 0.1
+    # Not by its stamp: while the machine stalls, a state is on its way for long.
+    discarded = newest(robot)
+    next(states)
+    assert newest(robot) > discarded
 
 
 def test_a_stream_ends_when_the_server_answers_but_has_no_states(shared: Service, robot: RobotDriver) -> None:
@@ -321,10 +331,10 @@ def test_without_a_motion_of_its_own_a_program_that_lost_its_lease_goes_on_readi
 
 
 def test_a_motion_runs_to_its_end_after_the_program_has_left(shared: Service) -> None:
-    with other() as first:
-        first.torque(True)
-        first.write(JointTarget.of({"J1": 0.4}, 0.8))
     with other() as second:
+        with other() as first:
+            first.torque(True)
+            first.write(JointTarget.of({"J1": 0.4}, 1.5))
         assert second.read().positions["J1"] < 0.35
         eventually(lambda: abs(second.read().positions["J1"] - 0.4) < 0.02)
         eventually(lambda: not second.holder)

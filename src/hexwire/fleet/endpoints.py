@@ -179,6 +179,9 @@ def is_served(path: Path) -> bool:
         probe.settimeout(_CONNECT)
         try:
             probe.connect(os.fspath(path))
+        except BlockingIOError:
+            # Its queue is full: a program that hangs does not take those who look whether it is there.
+            return True
         except OSError:
             return False
     return True

@@ -31,7 +31,7 @@ _WAIT = 0.002
 _LATE = 0.05
 """Time-out for the end of a question that has timed out, seconds."""
 _OPEN = 3.5
-"""Seconds until a route must have been tried: connecting to a program that hangs takes up to 3 s."""
+"""Seconds until a route must have been tried; from then on `Roster.silent` names it."""
 _NO_RIGHT = "no answer: its program is halted or has just ended, or this program may not stop it"
 _DENIED = (
     "this program may not switch its torque off; if its certificate allows it, write the router's access file "

@@ -33,6 +33,9 @@ _AGAIN = 1.0
 """Seconds until a connection that failed is tried again."""
 _TOKENS, _OWN_TOKEN = 1.0, 3.0
 """Time-outs for the answers of the servers, and for one on this machine that certainly has an answer, seconds."""
+_SLOW = 3.5
+"""Seconds after which a route that is still being tried counts as one without an answer: connecting to a program
+that hangs takes up to 3 s."""
 _MOMENT = 0.01
 _PATIENCE = 5.0
 """Time-out for the end of a thread, which may be connecting, seconds."""
@@ -119,8 +122,15 @@ class Roster:
 
     def silent(self) -> dict[str, str]:
         """Routes without an answer and the reason: names of arms of this machine, or the router."""
-        routes = list(self._routes.values())
-        return {route.name: route.error for route in routes if route.error and route.tried.is_set()}
+        found, now = {}, time.monotonic()
+        for route in list(self._routes.values()):
+            if route.tried.is_set():
+                if route.error:
+                    found[route.name] = route.error
+            elif now - route.began >= _SLOW:
+                # Who does not wait any longer must not take its arm for one that does not exist.
+                found[route.name] = route.error or HUNG
+        return found
 
     # -- in threads of their own ------------------------------------------------------------------------
 
@@ -261,5 +271,5 @@ class _Route:
         self.network, self.name, self.socket = network, name, socket
         self.node: Node | None = None
         self.error = ""
-        self.tried = threading.Event()
+        self.tried, self.began = threading.Event(), time.monotonic()
         self.thread = threading.Thread(target=roster._run, args=(self,), name=f"route to {name}", daemon=True)
