@@ -35,11 +35,14 @@ class Lab:
         make_authority(folder)
         self.issue("router", Kind.ROUTER)
 
-    def issue(self, name: str, kind: Kind, *arms: str, known: bool = True, **options: Any) -> None:
-        """Issue a certificate, which the next router knows."""
+    def issue(
+        self, name: str, kind: Kind, *arms: str, known: bool = True, subject: str = "", **options: Any
+    ) -> None:
+        """Issue a certificate, which the next router knows by its subject."""
         rights = Rights(kind, arms)
         purpose = "both" if rights.role is None else "client"
-        files = issue_certificate(self.folder, name, purpose, uris=rights.uris(), subject=f"{name} 1", **options)
+        subject = subject or f"{name} 1"
+        files = issue_certificate(self.folder, name, purpose, uris=rights.uris(), subject=subject, **options)
         if known:
             self._known.append((read_certificate(files.cert).common_name, rights))
 

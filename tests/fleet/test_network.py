@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import socket
 import subprocess
@@ -10,6 +11,7 @@ import time
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.link.far_ends import free_port
@@ -181,10 +183,12 @@ def test_a_missing_peer_is_reported_at_once() -> None:
 
 
 def test_a_connection_ends_when_its_certificate_does(lab: Lab) -> None:
-    now = datetime.now(UTC)
-    lab.issue("brief", Kind.OPERATOR, "lab/*", now=now, days=2.5 / 86400)
-    with lab.routing(), lab.session("anna") as stays, lab.session("brief") as brief:
-        assert brief.connections == 1
+    lab.issue("long", Kind.OPERATOR, "lab/*", subject="of brief")
+    with lab.routing(), lab.session("anna") as stays, contextlib.ExitStack() as stack:
+        # Not earlier: it lasts from here on.
+        options: dict[str, Any] = {"now": datetime.now(UTC), "days": 2.5 / 86400, "subject": "of brief"}
+        lab.issue("brief", Kind.OPERATOR, "lab/*", known=False, **options)
+        brief = stack.enter_context(lab.session("brief"))
         brief.ask_neighbours(5.0)
         eventually(lambda: brief.connections == 0)
         stays.ask_neighbours(5.0)

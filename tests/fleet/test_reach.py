@@ -31,6 +31,12 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Lab:
     return lab
 
 
+@pytest.fixture(autouse=True)
+def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Two seconds may be short for a handshake on a busy machine.
+    monkeypatch.setattr(reach, "_PATIENCE", 20.0)
+
+
 @contextmanager
 def listening(files: TlsFiles) -> Iterator[str]:
     """Somebody who shakes hands and says nothing more."""
@@ -67,7 +73,8 @@ def of(lab: Lab, name: str) -> TlsFiles:
     ],
 )
 def test_what_its_certificate_says(lab: Lab, server: str, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reach, "_PATIENCE", 1.0)
+    if server == "router":
+        monkeypatch.setattr(reach, "_PATIENCE", 1.0)
     with listening(of(lab, server)) as endpoint:
         text = why_unreachable(endpoint, of(lab, "anna"))
     assert text.startswith(f"{endpoint}: {words}")

@@ -139,12 +139,20 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]:
 
 @pytest.fixture(scope="module")
 def arms(lab: Lab) -> Iterator[dict[str, Arm]]:
-    with lab.session("arm1") as one, lab.session("arm2") as two, lab.session("hall") as hall:
-        yield {
+    with (
+        lab.session("arm1") as one,
+        lab.session("arm2") as two,
+        lab.session("hall") as hall,
+        lab.session("cora") as node,
+    ):
+        arms = {
             "lab/arm1": Arm(one, "lab/arm1"),
             "lab/arm2": Arm(two, "lab/arm2"),
             "hall/arm1": Arm(hall, "hall/arm1"),
         }
+        # What they offer has reached the router: each token comes after it.
+        eventually(lambda: all(node.visible(arm.keys.token("1"), 5.0) for arm in arms.values()))
+        yield arms
 
 
 def answers(node: Node, key: str) -> bool:

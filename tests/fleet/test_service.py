@@ -8,7 +8,7 @@ import multiprocessing
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -21,7 +21,7 @@ from hexwire.emulator.serve_pty import PtyServer
 from hexwire.errors import DeviceError, LinkError, LinkNotFoundError, StoppedError, UsageError
 from hexwire.fleet.network import Network, local_socket
 from hexwire.fleet.service import Service
-from hexwire.fleet.service_file import read_arms
+from hexwire.fleet.service_file import ServedArm, read_arms
 from hexwire.model.state import JointTarget
 
 PATIENCE = 15.0
@@ -39,6 +39,11 @@ def plugged_in(board: EmulatedBoard, link: Path) -> Iterator[None]:
     """A board at a port that is there in this block only."""
     with serving(PtyServer(board, link=link)):
         yield
+
+
+def patient(port: Path) -> Sequence[ServedArm]:
+    """An arm whose board and whose server wait longer than usual for a sign of life, since these machines stall."""
+    return read_arms({"a": {"port": str(port), "watchdog": 5.0}}, lease=3.0)
 
 
 def new_board() -> EmulatedBoard:
@@ -219,7 +224,7 @@ def test_an_unplugged_arm_stays_shared_and_returns_stopped(
 def test_the_end_stops_a_motion_and_keeps_torque(serve: Serve, runtime: Path) -> None:
     board, port = new_board(), runtime / "port"
     with plugged_in(board, port):
-        with Service(read_arms({"a": {"port": str(port)}})), hexwire.connect("zenoh:a") as robot:
+        with Service(patient(port)), hexwire.connect("zenoh:a") as robot:
             robot.torque(True)
             # Begun by a program that has left: nobody else would stop it.
             robot.write(JointTarget.of({"J1": 1.0}, 20.0))
@@ -235,7 +240,7 @@ def test_the_end_stops_a_motion_and_keeps_torque(serve: Serve, runtime: Path) ->
 def test_the_end_does_not_stop_an_arm_that_does_not_move(runtime: Path) -> None:
     board, port = new_board(), runtime / "port"
     with plugged_in(board, port):
-        with Service(read_arms({"a": {"port": str(port)}})), hexwire.connect("zenoh:a") as robot:
+        with Service(patient(port)), hexwire.connect("zenoh:a") as robot:
             robot.torque(True)
         with hexwire.connect(str(port)) as robot:
             state = robot.read()

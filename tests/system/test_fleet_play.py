@@ -38,6 +38,7 @@ class Stage:
         self.motion, self.hangs, self.errors = folder / "way.json", folder / "hangs", folder / "errors.log"
         rows = [{"time_from_start": t, "positions": [angle], "velocities": [0.0]} for t, angle in POINTS]
         self.motion.write_text(json.dumps({"joint_names": ["J1"], "points": rows}))
+        self._served = folder / "arms.toml"
         self._stack = ExitStack()
         self._boards: list[BoardLog] = []
         self._told = 0
@@ -45,10 +46,12 @@ class Stage:
     def __enter__(self) -> Stage:
         with ExitStack() as self._stack:
             for number, name in enumerate(NAMES):
+                # Not that a board stops its arm whose server stands still for a second, as on a busy machine.
                 log = self.folder / f"board{number}.log"
                 self._boards.append(BoardLog(log))
                 port = self.program(sys.executable, "-m", "tests.system.watched_board", log).line()
-                self.program(*HEXWIRE, "serve", "--port", port, "--name", name).line()
+                self._served.write_text(f'[arms."{name}"]\nport = "{port}"\nwatchdog = 5.0\n')
+                self.program(*HEXWIRE, "serve", "--config", self._served).line()
             self._stack = self._stack.pop_all()
         return self
 
