@@ -63,15 +63,16 @@ def test_arms_begin_together_and_arrive(robots: dict[str, RemoteRobot]) -> None:
     assert sorted(line.partition(":")[0] for line in told[:2]) == list(NAMES)
     assert told[-1] == "lab/arm2: its server keeps the time: it may begin 50 ms late"
     assert {name: row.kept_by for name, row in report.arms.items()} == {"lab/arm1": "board", "lab/arm2": "host"}
-    assert report.arms["lab/arm1"].late < 0.01
-    assert report.arms["lab/arm2"].late == 0.05
-    assert 0.05 < report.apart < 0.08
+    one, two = (report.arms[name] for name in NAMES)
+    assert one.doubt + one.late <= player.MOST_DOUBT
+    assert two.late == 0.05
+    assert report.apart == pytest.approx(one.doubt + one.late + two.doubt + two.late)
     assert report.duration == 1.0
     assert sorted(report.arms) == list(NAMES)
     # How far apart is tested in simulated time, in tests/control/test_shared_goals.py.
     assert all(row.moved > 0.0 for row in report.arms.values())
     assert report.skew >= 0.0
-    assert 0.0 < report.doubt < 0.02
+    assert 0.0 < report.doubt <= 2 * player.MOST_DOUBT
     assert not any(robot.read().stopped for robot in robots.values())
     # The leases were given back.
     eventually(lambda: not any(robot.holder for robot in robots.values()))
@@ -88,7 +89,7 @@ def test_a_dry_run_checks_and_moves_nothing(robots: dict[str, RemoteRobot]) -> N
         play_together(arms(robots, arm2=way(1.0, 0.1)), dry_run=True)
 
 
-def test_if_one_refuses_none_begins(robots: dict[str, RemoteRobot]) -> None:
+def test_if_one_refuses_none_begins(robots: dict[str, RemoteRobot], monkeypatch: pytest.MonkeyPatch) -> None:
     before = where(robots)
     with pytest.raises(FleetMotionError, match=r"lab/arm2: .*J1 would turn at"):
         play_together(arms(robots, arm2=way(1.0, 0.1)))
@@ -98,9 +99,23 @@ def test_if_one_refuses_none_begins(robots: dict[str, RemoteRobot]) -> None:
     with pytest.raises(FleetMotionError, match="lab/arm2: it is stopped"):
         play_together(arms(robots))
     robots["lab/arm2"].resume()
+    monkeypatch.setattr(player, "_CLOCKS", 0.1)
     with pytest.raises(FleetMotionError, match=r"lab/arm[12]: its clock is known to .* and 0\.0 ms are needed"):
         play_together(arms(robots), most_doubt=0.0)
     assert stand_still(robots, before)
+
+
+def test_a_clock_that_is_known_better_a_moment_later_is_waited_for(
+    robots: dict[str, RemoteRobot], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    poor = [0.2, 0.2]
+
+    def offset(robot: RemoteRobot) -> tuple[float, float]:
+        return 0.0, poor.pop() if poor else 0.001
+
+    monkeypatch.setattr(RemoteRobot, "clock_offset", property(offset))
+    assert play_together(arms(robots), dry_run=True).duration == 1.0
+    assert not poor
 
 
 def test_a_refusal_at_the_last_moment_cancels_the_others(

@@ -31,7 +31,7 @@ from hexwire.fleet import network, questions
 from hexwire.fleet.address import Address
 from hexwire.fleet.names import Keys, Role
 from hexwire.fleet.network import Network
-from hexwire.fleet.node import Node
+from hexwire.fleet.node import NoAnswerError, Node
 from hexwire.fleet.overview import stop_all
 from hexwire.fleet.questions import ask, decoded
 from hexwire.fleet.rights import Kind
@@ -41,6 +41,7 @@ from hexwire.fleet.service_file import read_arms
 from hexwire.link.certs import issue_certificate
 from hexwire.model.state import JointTarget
 
+from .eventually import eventually
 from .lab import Lab
 
 
@@ -243,6 +244,7 @@ def test_an_arm_that_is_there_but_does_not_answer(lab: Lab, runtime: Path) -> No
         for key in keys.answered():
             mute.answer(key, kept.append)
         mute.announce(keys.token("1"))
+        eventually(lambda: node.visible(keys.alive, 5.0))
         address = Address.parse(lab.url("lab/mute", "anna"))
         for key in (keys.ask, keys.order(Role.OPERATOR)):
             with pytest.raises(ReplyTimeoutError, match="zenoh:lab/mute, whose server is there") as raised:
@@ -273,12 +275,39 @@ def test_the_connection_is_lost(tmp_path: Path, runtime: Path) -> None:
     with lab.routing():
         node = lab.network("anna").open()
         node.ask_neighbours(5.0)
+    eventually(lambda: not node.connections)
     try:
         with pytest.raises(LinkLostError, match="connection to the server or router is lost") as raised:
             ask(node, address, Keys("lab/arm1").ask, m.Ask("clock"), 1.0)
         why(raised.value)
     finally:
         node.close()
+
+
+def test_a_connection_that_ends_while_the_reason_is_looked_for_is_lost(lab: Lab) -> None:
+    """What the questions find then says nothing: nobody has heard them."""
+
+    class Ending(Node):
+        def __init__(self) -> None:
+            self.cert = lab.files("anna")["cert"]
+            self._left = [1, 0]
+
+        @property
+        def connections(self) -> int:
+            return self._left.pop(0)
+
+        def ask(self, key: str, payload: bytes, timeout: float, *, urgent: bool = False) -> bytes:
+            raise NoAnswerError(absent=True)
+
+        def ask_neighbours(self, timeout: float) -> None:
+            raise NoAnswerError(absent=True)
+
+        def visible(self, key: str, timeout: float) -> list[str]:
+            return []
+
+    address = Address.parse(lab.url("lab/arm1", "anna"))
+    with pytest.raises(LinkLostError, match="connection to the server or router is lost"):
+        ask(Ending(), address, Keys("lab/arm1").ask, m.Ask("clock"), 1.0)
 
 
 @pytest.mark.system
@@ -366,6 +395,7 @@ def test_a_short_absence_of_the_server_is_not_reported_as_a_missing_right(
     visible = Node.visible
     with lab.session("arm1") as server, lab.session("anna") as client:
         server.announce(keys.token("1"))
+        eventually(lambda: visible(client, keys.alive, 5.0))
 
         def returned(node: Node, key: str, timeout: float) -> list[str]:
             server.answer(order, lambda question: question.reply(b""))

@@ -34,6 +34,9 @@ Shield = Callable[[], AbstractContextManager[object]]
 
 MOST_DOUBT = 0.010
 """Default greatest uncertainty of an arm's clock, seconds."""
+_CLOCKS = 3.0
+"""Seconds for the clocks of all arms to become known so well: on a busy machine the first exchanges are poor, and
+others follow twice a second."""
 _LEAD = 1.4
 """Least seconds from the request to the start: a refusal of one arm must reach the others before."""
 _READY = CONFIRM + 0.3
@@ -223,10 +226,14 @@ class _Player:
         return max(path.duration for _, path in self._paths.values())
 
     def check_clocks(self) -> None:
-        """Refuse arms whose clock is not known well enough."""
-        doubts = {arm.name: arm.robot.clock_offset[1] for arm in self._arms.values()}
-        if bad := self._doubtful(doubts, "its clock"):
-            raise FleetMotionError("no arm moved", {name: str(error) for name, error in bad.items()})
+        """Refuse arms whose clock does not become known well enough."""
+        deadline = time.monotonic() + _CLOCKS
+        while bad := self._doubtful(
+            {arm.name: arm.robot.clock_offset[1] for arm in self._arms.values()}, "its clock"
+        ):
+            if time.monotonic() >= deadline:
+                raise FleetMotionError("no arm moved", {name: str(error) for name, error in bad.items()})
+            time.sleep(_LOOK)
 
     def _doubtful(self, doubts: Mapping[str, float], what: str) -> dict[str, HexwireError]:
         """Errors for arms of which something is not known well enough."""

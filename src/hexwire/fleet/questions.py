@@ -141,11 +141,19 @@ class Questions:
 
 def _reason(node: Node, address: Address, key: str, none: NoAnswerError) -> HexwireError:
     """Why there was no answer. Zenoh drops forbidden messages silently, so other questions must show the reason."""
-    name, url = address.name, address.text
     # The other end of the connection.
-    other = "server or router" if address.router else "server"
+    url, other = address.text, "server or router" if address.router else "server"
+    lost = LinkLostError(f"{url}: the connection to the {other} is lost", url=url)
     if not node.connections:
-        return LinkLostError(f"{url}: the connection to the {other} is lost", url=url)
+        return lost
+    error = _found_out(node, address, key, none, other)
+    # If it has ended meanwhile, nobody has heard the other questions.
+    return error if node.connections else lost
+
+
+def _found_out(node: Node, address: Address, key: str, none: NoAnswerError, other: str) -> HexwireError:
+    """Why there was no answer, by other questions."""
+    name, url = address.name, address.text
     # Check the certificate first: the access control of the router was made from it.
     if node.cert and (missing := _missing(node.cert, name, key)):
         return LinkPermissionError(f"{url}: {missing}", url=url)
