@@ -162,13 +162,25 @@ def test_a_motion_that_is_to_be_confirmed_needs_the_time_for_it() -> None:
     assert not bench.owner.group.busy
 
 
-def test_the_first_movement_is_interpolated_between_two_samples() -> None:
+@pytest.mark.parametrize(
+    ("samples", "moved"),
+    [
+        (((-0.5, 0.5), (0.0, 0.0), (0.1, 0.1), (0.1, 0.1), (0.2, -0.5), (0.3, 2.0)), 0.15),
+        # Not before the start, where no state came for long.
+        (((-0.5, 0.0), (0.3, 3.0)), 0.03),
+        (((0.0, 0.0), (0.1, math.nan), (0.2, 0.6), (0.3, 2.0)), 0.1),
+    ],
+    ids=["half-way between 0.1 and 0.5", "a stall", "a silent joint"],
+)
+def test_the_first_movement_is_interpolated_between_two_samples(
+    samples: tuple[tuple[float, float], ...], moved: float
+) -> None:
     bench = Goals()
     number = bench.follow(delay=1.0)
     report = bench.goals.report(number)
     assert report is not None
     state, place = bench.owner.newest(), bench.robot.model.index("J1")
-    for seconds, degrees in ((-0.5, 0.5), (0.0, 0.0), (0.1, 0.1), (0.1, 0.1), (0.2, -0.5), (0.3, 2.0)):
+    for seconds, degrees in samples:
         position = list(state.position)
         position[place] += math.radians(degrees)
         old = (0.02,) * len(state.names)
@@ -176,7 +188,7 @@ def test_the_first_movement_is_interpolated_between_two_samples() -> None:
         assert report.moved is None or seconds == 0.3
         for observe in bench.owner.observers:
             observe(seen)
-    assert report.moved == pytest.approx(report.start + 0.15), "0.3 deg lie half-way between 0.1 and 0.5"
+    assert report.moved == pytest.approx(report.start + moved)
 
 
 def test_a_start_in_the_past_is_refused_and_nothing_moves() -> None:

@@ -70,7 +70,8 @@ def test_arms_begin_together_and_arrive(robots: dict[str, RemoteRobot]) -> None:
     assert report.duration == 1.0
     assert sorted(report.arms) == list(NAMES)
     # How far apart is tested in simulated time, in tests/control/test_shared_goals.py.
-    assert all(row.moved > 0.0 for row in report.arms.values())
+    # To the last exchange the clock may become known better.
+    assert all(row.moved > -player.MOST_DOUBT for row in report.arms.values())
     assert report.skew >= 0.0
     assert 0.0 < report.doubt <= 2 * player.MOST_DOUBT
     assert not any(robot.read().stopped for robot in robots.values())

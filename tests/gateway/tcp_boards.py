@@ -13,7 +13,7 @@ from hexwire.gateway.service import GatewayService
 from hexwire.link.listener import Listener
 from hexwire.link.open import make_link
 
-LONG = 10.0
+LONG = 20.0
 ARDUINO = 8
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import struct
+import threading
 import time
 from collections.abc import Callable, Iterator
 
@@ -11,7 +12,8 @@ import pytest
 from tests.gateway.tcp_boards import LONG, Running, tcp_boards
 
 from hexwire.drivers.hex7bot import Hex7BotDriver
-from hexwire.errors import LinkError, ReplyTimeoutError, UsageError
+from hexwire.errors import LinkError, LinkNotFoundError, ReplyTimeoutError, UsageError
+from hexwire.gateway import service as module
 from hexwire.gateway.service import GatewayService
 from hexwire.ipc.session import Session
 from hexwire.link.listener import Listener
@@ -32,8 +34,13 @@ def connect(gateway: Running) -> Session:
     session = Session.from_url(gateway.url)
     session.open()
     session.negotiate(look=False)
-    session.request_all(Command.IDENTIFY, window=0.3, attempts=1)
-    assert session.modules == {8, 9}
+
+    def found() -> bool:
+        # A broadcast for who is there takes all of its time, so that it is short.
+        session.request_all(Command.IDENTIFY, window=0.3, attempts=1)
+        return session.modules == {8, 9}
+
+    wait(found)
     return session
 
 
@@ -58,6 +65,8 @@ def test_a_driver_reaches_the_board_that_its_address_names(gateway: Running) -> 
         assert arm.read().torque_on == arm.model.names
         ready = [any(j.torque_on for j in board.state.joints) for board in gateway.boards.boards]
         assert ready == [False, True]
+    # What its end stops is stopped when the gateway has ended.
+    gateway.end()
     assert gateway.boards.stopped() == [False, False], "it has left in order"
 
 
@@ -85,7 +94,7 @@ def test_the_end_of_the_gateway_stops_what_its_host_has_not_ended(gateway: Runni
     session = connect(gateway)
     session.request(Command.WATCHDOG, b"\x60\xea\0")
     gateway.end()
-    assert gateway.boards.stopped() == [True, True]
+    gateway.boards.wait_until_stopped(0, 1)
     session.close()
 
 
@@ -94,7 +103,7 @@ def test_there_is_one_host_at_a_time(gateway: Running) -> None:
     second = Session.from_url(gateway.url)
     second.open()
     with pytest.raises(LinkError):
-        second.negotiate(look=False, boot_window=1.0)
+        second.negotiate(look=False, boot_window=LONG)
     second.close()
     assert session.request(Command.STATS).status == Status.OK
     session.close()
@@ -120,6 +129,35 @@ def test_a_gateway_starts_without_its_boards(gateway: Running) -> None:
     with pytest.raises(ReplyTimeoutError):
         session.negotiate(look=False, boot_window=0.3)
     session.close()
+
+
+def test_a_link_that_opens_while_the_gateway_ends_is_closed_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_OPEN_AGAIN", 0.02)
+    with tcp_boards(1) as boards:
+        link = make_link(boards.urls[0])
+        service = GatewayService(Listener(), {8: link}, local=8)
+        opens, closes = link.open, link.close
+        tried, closed = threading.Event(), threading.Event()
+
+        def missing() -> None:
+            raise LinkNotFoundError("it is not there yet")
+
+        def slow() -> None:
+            tried.set()
+            assert closed.wait(LONG)
+            opens()
+
+        def close() -> None:
+            closes()
+            closed.set()
+
+        monkeypatch.setattr(link, "open", missing)
+        service.open()
+        monkeypatch.setattr(link, "open", slow)
+        wait(lambda: (service.run_once(), tried.is_set())[1])
+        monkeypatch.setattr(link, "close", close)
+        service.close()
+        assert not link.is_open
 
 
 @pytest.mark.parametrize("url", ["mq:///arm", "udp://127.0.0.1:15040"])

@@ -120,6 +120,9 @@ class _Goal:
         for name in self._controller.joints:
             joint = state[name]
             sampled = state.stamp - joint.age
+            if not math.isfinite(joint.position + sampled):
+                # The joint is silent.
+                continue
             if sampled <= report.start or name not in self._from:
                 self._from[name] = joint.position, sampled, 0.0
                 continue
@@ -127,6 +130,8 @@ class _Goal:
             distance = abs(joint.position - origin)
             if distance > _MOVED:
                 share = (_MOVED - least) / (distance - least)
+                # The joint was at rest until the start, although the sample before may be long ago.
+                before = max(before, report.start)
                 report.moved = before + share * (sampled - before)
                 return
             self._from[name] = origin, sampled, distance

@@ -105,6 +105,8 @@ class GatewayService:
             board.link.close()
             if board.opener is not None:
                 board.opener.join(_END)
+                # It may have opened the link after all.
+                board.link.close()
         self._listener.close()
         self._waker.close()
 
