@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -17,13 +18,15 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO, Any
 
-from tests.system.fleet_watch import BoardLog, ClientLog, Span, violations
+from tests.system.fleet_watch import TIMEOUT, BoardLog, ClientLog, Span, violations
 from tests.system.programs import HEXWIRE, PATIENCE, environment
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 NAME = "lab/arm1"
 STOPPED = 3.0
 """Seconds for which a program is stopped or cut off."""
+_AGE, _STALL = re.compile(r"the set-point is (\d+) ms old"), 1000
+"""How old a refused set-point was, and the age up to which that is a stall, milliseconds."""
 BACK = 10.0
 """Most seconds until a program has found a server or router again."""
 
@@ -166,7 +169,8 @@ class Scene:
         self, *words: str, where: Sequence[str] = (), port: str = "", extra: dict[str, str] | None = None
     ) -> Program:
         """Start `hexwire serve`; returns when it says that it shares the arm."""
-        server = self.begin("serve", "--port", port or self.port, "--name", NAME, *words, where=where, extra=extra)
+        words = ("--port", port or self.port, "--name", NAME, "--lease", str(TIMEOUT), *words)
+        server = self.begin("serve", *words, where=where, extra=extra)
         server.line()
         return server
 
@@ -197,6 +201,14 @@ class Scene:
         """What the clients wrote down so far; of one of them, in the order of their start."""
         logs = self._logs if client is None else [self._logs[client]]
         return [row for log in logs for row in log.read()]
+
+    def refused(self, since: float, until: float = math.inf, client: int | None = None) -> list[dict[str, Any]]:
+        """Set-points of a stream that were refused in a time, of one client or of all.
+
+        Without those that were late because the machine stalled, by less than a fault here would delay them.
+        """
+        rows = [row for row in self.rows(client) if row["e"] == "refused" and since < row["t"] < until]
+        return [row for row in rows if not ((age := _AGE.search(row["text"])) and int(age[1]) < _STALL)]
 
     def check(self) -> None:
         """Check the promises on everything since the start."""

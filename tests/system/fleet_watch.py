@@ -17,8 +17,9 @@ from typing import Any
 
 from tests.system.watched_board import ROW
 
-TIMEOUT = 0.5
-"""Seconds of silence after which a lease is lost: what `hexwire serve` has by default."""
+TIMEOUT = 1.0
+"""Seconds of silence after which a lease is lost. Longer than what `hexwire serve` has by default: a machine that
+stalls is silent, too."""
 SETTLING = 0.5
 """Seconds from a confirmed stop to rest. A servo of 4200 counts/s that brakes with 40,000 counts/s^2 needs 0.11 s
 and goes back as long, since a stop holds where it was asked for; the rest is for a machine that stalls."""

@@ -41,7 +41,9 @@ def lab(home: Lab) -> Iterator[Lab]:
 def test_an_operator_that_is_killed_leaves_an_arm_that_holds_and_says_why(lab: Lab) -> None:
     lab.setting_out()
     lab.operator.kill()
-    lab.came(lambda: "lost the lease after 0.5 s of silence" in str(lab.last().get("held")), TIMEOUT + HOLD)
+    lab.came(
+        lambda: f"lost the lease after {TIMEOUT:g} s of silence" in str(lab.last().get("held")), TIMEOUT + HOLD
+    )
     time.sleep(HOLD)
     there = lab.position(0)
     time.sleep(0.5)
@@ -128,8 +130,9 @@ def test_a_reader_that_is_stopped_delays_nobody(lab: Lab) -> None:
     times = [row["t"] for row in rows if row["e"] == "state" and row["client"] == 0 and begin < row["t"] < end]
     # The other reader has asked for 50 a second.
     assert len(times) > 30 * STOPPED
-    assert max(b - a for a, b in itertools.pairwise(times)) < 0.5
-    assert not [row for row in rows if row["e"] == "refused" and begin < row["t"] < end]
+    # Half of the time for which a server would wait that waits for the slow one.
+    assert max(b - a for a, b in itertools.pairwise(times)) < 0.5 * STOPPED
+    assert not lab.refused(begin, end)
     # What waited for the slow one is older than it thinks only if a stamp is wrong: `check` looks. It catches up.
     time.sleep(0.5)
     assert slow.do("rest")["states"] > 0
@@ -175,12 +178,12 @@ def test_programs_whose_clock_runs_elsewhere_read_and_command(lab: Lab) -> None:
     assert other.do("facts")["offset"] == pytest.approx(-100_000, abs=0.1)
     other.do("watch")
     lab.operator.do("release")
+    begin = time.monotonic()
     other.do("stream", 20.0, J1=0.3)
     time.sleep(1.0)
     other.do("rest")
-    assert not [
-        row for row in lab.rows() if row["e"] == "refused" and row["client"] == max(r["client"] for r in lab.rows())
-    ]
+    assert [row for row in lab.rows() if row["e"] == "answered" and not row["refused"] and row["t"] > begin + 0.5]
+    assert not lab.refused(begin)
     other.do("close")
     other.end()
 
@@ -201,9 +204,9 @@ def test_a_wall_clock_that_jumps_moves_nothing_and_loses_no_lease(lab: Lab) -> N
         lab.came(lambda by=by: abs(lab.reader.do("wall") - time.time() - by) < 100, 3.0)
     lab.operator.do("rest")
     rows = lab.rows()
-    assert not [row for row in rows if row["e"] == "refused" and row["t"] > begin]
+    assert not lab.refused(begin)
     times = [row["t"] for row in rows if row["e"] == "state" and row["client"] == 0 and row["t"] > begin]
-    assert max(b - a for a, b in itertools.pairwise(times)) < 0.5
+    assert max(b - a for a, b in itertools.pairwise(times)) < 1.5
     lab.server.end()
 
 

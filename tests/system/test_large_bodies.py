@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -63,7 +64,7 @@ def tcp_pair(tmp_path: Path) -> tuple[Link, Link]:
 
 
 def udp_pair(tmp_path: Path) -> tuple[Link, Link]:
-    a, b = free_port(), free_port()
+    a, b = free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_DGRAM)
     return make_link(f"udp://127.0.0.1:{a}?bind=127.0.0.1:{b}"), make_link(
         f"udp://127.0.0.1:{b}?bind=127.0.0.1:{a}"
     )
