@@ -213,6 +213,16 @@ def shrink_views(page: Page) -> None:
     )
 
 
+def ask_for_long(page: Page) -> None:
+    """Let a question such as "Sure?" wait longer for its second press than in earnest, for a busy machine."""
+    page.evaluate(
+        """() => {
+            const plain = window.setTimeout;
+            window.setTimeout = (call, ms, ...more) => plain(call, [3000, 4000].includes(ms) ? 60000 : ms, ...more);
+        }"""
+    )
+
+
 def ready(page: Page) -> Page:
     """Wait until a page has its socket and its first frame."""
     page.wait_for_function("window.did_handshake && window.hexwire && window.hexwire.frame")

@@ -88,7 +88,8 @@ def test_nothing_moves_when_the_facts_change(studio: RunningStudio, page: Page, 
                 document.getElementById("hw-banner").textContent = banner;
                 return places();
             };
-            const found = [shown("", ""), shown("–", "Stopped"), shown("a long text ".repeat(30), "Stopped")];
+            const long = "a long text ".repeat(30);
+            const found = [shown("", ""), shown("–", "Stopped"), shown(long, "Stopped"), shown(long, long)];
             const stop = () => JSON.stringify(document.getElementById("hw-stop").getBoundingClientRect());
             const before = stop();
             all.forEach((button) => (button.hidden = true));
@@ -100,7 +101,7 @@ def test_nothing_moves_when_the_facts_change(studio: RunningStudio, page: Page, 
 
 
 @pytest.mark.parametrize("width", [1440, 820, 390])
-def test_no_jog_button_moves_when_a_refusal_is_told(studio: RunningStudio, page: Page, width: int) -> None:
+def test_no_button_of_the_arm_moves_when_something_is_told(studio: RunningStudio, page: Page, width: int) -> None:
     page.set_viewport_size({"width": width, "height": 900})
     page.goto(studio.operate_url.replace("/?", "/arm?"))
     ready(page)
@@ -108,12 +109,48 @@ def test_no_jog_button_moves_when_a_refusal_is_told(studio: RunningStudio, page:
     places = page.evaluate(
         """() => ["", "Torque is off: the arm does not move until it is on.", "J2 leaves its limits. ".repeat(6)]
             .map((text) => {
-                document.getElementById("arm-hint").textContent = text;
+                for (const id of ["arm-hint", "arm-plan", "arm-run-text"]) {
+                    document.getElementById(id).textContent = text;
+                }
+                document.getElementById("arm-pose-note").textContent = text && "At home.";
+                document.getElementById("arm-branch-field").hidden = !text;
                 const buttons = [...document.querySelectorAll(".hw-main button")];
                 return JSON.stringify(buttons.map((button) => button.getBoundingClientRect()));
             })"""
     )
     assert len(set(places)) == 1
+
+
+@pytest.mark.parametrize(
+    ("path", "texts"),
+    [
+        ("recordings", ".rc-note"),
+        ("fleet", ".hw-fleet-results, .hw-fleet-error"),
+        ("", ".hw-present"),
+    ],
+)
+def test_what_is_below_stays_when_something_is_told(
+    studio: RunningStudio, page: Page, path: str, texts: str
+) -> None:
+    page.goto(studio.operate_url.replace("/?", f"/{path}?"))
+    page.locator(texts).first.wait_for(state="attached")
+    places = page.evaluate(
+        """(texts) => ["", "a.mcap was deleted"].map((text) => {
+            const all = [...document.querySelectorAll(texts)];
+            all.forEach((one) => {
+                const told = one.classList.contains("hw-present") ? document.createElement("p") : one;
+                told.textContent = text;
+                if (told !== one) one.replaceChildren(...(text ? [told, told.cloneNode(true)] : []));
+                one.hidden = !text && !one.classList.contains("hw-present");
+            });
+            const follows = (one) => all[0].compareDocumentPosition(one) & Node.DOCUMENT_POSITION_FOLLOWING;
+            const below = [...document.querySelectorAll("table, .hw-row, .rc-play")].filter(follows);
+            return JSON.stringify([below.length > 0, ...below.map((one) => one.getBoundingClientRect().y)]);
+        })""",
+        texts,
+    )
+    assert places[0].startswith("[true")
+    assert len(set(places)) == 1, places
 
 
 @pytest.mark.parametrize("width", [1440, 390])
@@ -165,3 +202,30 @@ def test_the_facts_have_room(served: RunningStudio, context: BrowserContext) -> 
             assert page.locator(".hw-fact dd").evaluate_all(cut) <= (1 if width < 1000 else 0)
     finally:
         served.studio.source.close()
+
+
+def test_a_message_is_in_sight_long_enough_to_be_read(studio: RunningStudio, operator: Page) -> None:
+    """The header is drawn again four times a second, which must not take away what has just been told."""
+    banner = operator.locator("#hw-banner")
+    studio.studio.live.tell({"kind": "news", "level": "error", "text": "the stop was not confirmed: no answer"})
+    banner.filter(has_text="not confirmed").wait_for()
+    operator.wait_for_timeout(300)
+    assert "not confirmed" in banner.inner_text()
+    operator.keyboard.press("Escape")
+    # What lasts comes beside it.
+    banner.filter(has_text="not confirmed").filter(has_text="Stopped").wait_for()
+
+
+def test_a_stop_is_sent_again_with_its_number(page: Page) -> None:
+    page.evaluate(
+        """() => {
+            window.fetch = (url) => Promise.resolve({ ok: true, url: (window.asked = url) });
+            // A clock that goes back: no answer counts as one to this stop.
+            let now = 1e6;
+            performance.now = () => (now -= 1);
+            hexwire.stop();
+        }"""
+    )
+    page.wait_for_function("window.asked")
+    tab = page.evaluate("""document.querySelector('meta[name="hexwire-tab"]').content""")
+    assert page.evaluate("window.asked") == f"/stop?tab={tab}&id=1"

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING
+
+import pytest
+from tests.studio.running import Visitor, until
+from websockets.exceptions import ConnectionClosed
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -23,3 +28,52 @@ def test_a_jog_moves_while_held_and_ends_with_its_release(studio: RunningStudio,
     operator.evaluate("hexwire.release()")
     studio.until(lambda: not studio.studio.source.arm.jog.busy, "the end of the hold")
     assert operator.evaluate("window.over") == "released"
+
+
+def test_a_page_that_is_back_before_its_first_socket_is_known_to_be_dead_goes_on(studio: RunningStudio) -> None:
+    """After a change of network a browser is back at once; being told to load itself again costs it all forms."""
+    owner = Visitor(studio, studio.studio.access.operate_token)
+    path = f"/live?tab={owner.page()}"
+    with owner.socket(path) as first, owner.socket(path) as second:
+        assert json.loads(second.recv(timeout=20))["kind"] == "hello"
+        with pytest.raises(ConnectionClosed) as closed:
+            until(lambda: first.recv(timeout=20) is None, "the end of the first socket")
+        # If there is anybody at the first one, it is a copy of the page.
+        assert closed.value.rcvd is not None
+        assert closed.value.rcvd.code == 4404
+        second.send(json.dumps({"do": "stop"}))
+        until(lambda: '"stopping"' in str(second.recv(timeout=20)), "the answer to the stop")
+
+
+def test_a_stop_that_is_sent_again_is_no_second_one(studio: RunningStudio, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A page that hears of its stop late sends it again; that must not undo what was resumed meanwhile."""
+    owner, stops = Visitor(studio, studio.studio.access.operate_token), list[str]()
+    monkeypatch.setattr(studio.studio, "stop", stops.append)
+    tab, other = owner.page(), owner.page()
+    with owner.socket(f"/live?tab={tab}") as line:
+        line.send(json.dumps({"do": "stop", "id": 2}))
+        until(lambda: '"stopping"' in str(line.recv(timeout=20)), "the answer to the stop")
+        assert len(stops) == 1
+        for query in (f"tab={tab}&id=1", f"tab={tab}&id=2"):
+            assert owner.ask(f"/stop?{query}", "POST", b"")[0] == 200
+        assert len(stops) == 1
+        # Whatever else comes is a stop.
+        others = ["", f"tab={tab}", f"tab={tab}&id=3", f"tab={other}&id=1", "tab=x&id=1", f"tab={tab}&id=-1"]
+        others += [f"tab={tab}&id=0", f"tab={tab}&id=1111111111", f"tab={tab}&id=x", "id=1"]
+        for query in others:
+            assert owner.ask(f"/stop?{query}", "POST", b"")[0] == 200
+        assert len(stops) == 1 + len(others)
+
+
+def test_a_page_is_kept_while_its_computer_sleeps_for_a_moment(studio: RunningStudio, page: Page) -> None:
+    """A page that the server has forgotten loads itself again, and what was typed into it is lost."""
+    from nicegui import Client
+
+    client = Client.instances[page.evaluate("window.clientId")]
+    assert client.page.resolve_reconnect_timeout() >= 60.0
+    page.get_by_label("Port or address").fill("/dev/ttyUSB7")
+    page.evaluate("window.socket.io.engine.close()")
+    studio.until(lambda: not client.has_socket_connection, "the end of the socket")
+    studio.until(lambda: client.has_socket_connection, "a new socket")
+    assert page.get_by_label("Port or address").input_value() == "/dev/ttyUSB7"
+    assert page.evaluate("window.clientId") == client.id

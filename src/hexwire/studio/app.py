@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from hexwire.control.attended import Entry
     from hexwire.epochs import Token
 
+    from .plugged import Plugged
     from .source import ArmSource
 
 __all__ = ["FAILED", "Studio"]
@@ -70,6 +71,7 @@ class Studio:
         holds: The kinds of motion that a page may hold.
         live: The tabs' own sockets.
         settings: Further settings of arms that pages open, see `hexwire.control.settings`.
+        plugged: What the page Connect found last at the ports of this machine; None before it has looked.
         demo: Port of the emulated arm that this program has started, and what a person should know of it; empty if
             there is none.
         orders: Runs what tabs order, one after the other.
@@ -78,6 +80,7 @@ class Studio:
     def __init__(self, access: Access, recordings: Path | None = None) -> None:
         self.access = access
         self.settings: dict[str, object] = {}
+        self.plugged: list[Plugged] | None = None
         self.demo = ("", "")
         self.shelf = Shelf(recordings)
         self.tabs = Tabs()

@@ -7,7 +7,7 @@ not know what a page shows.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from html import escape
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from .access import Session
     from .app import Studio
 
-__all__ = ["build_page", "mount"]
+__all__ = ["build_page", "every", "mount"]
 
 _FACTS = (
     ("connection", "Connection"),
@@ -123,6 +123,14 @@ def _builder(studio: Studio, path: str) -> Callable[[], None]:
         load(path)(studio)
 
     return build
+
+
+def every(seconds: float, call: Callable[[], Awaitable[object] | None]) -> None:
+    """Call something now and then, while the page has its socket; it is kept for a while without."""
+    from nicegui import context, ui
+
+    client = context.client
+    ui.timer(seconds, lambda: call() if client.has_socket_connection else None)
 
 
 def mount(module: str, element: Element, **args: object) -> None:

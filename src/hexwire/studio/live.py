@@ -5,7 +5,7 @@ the server and never waits for the arm: what may wait runs in threads. Must not 
 
 Up, JSON: ``{"do": "seen", "frames": 10}``, ``{"do": "hold", "id": 1, "kind": "joint", "args": {}, "stops": 0}``,
 ``{"do": "beat", "id": 1}`` (with ``args`` to change what is held), ``{"do": "release", "id": 1}``,
-``{"do": "stop"}``.
+``{"do": "stop", "id": 1}``.
 Down: frames (`hexwire.studio.frames`), and JSON with a ``kind``: ``hello``, ``facts``, ``held``, ``ended``,
 ``stopping``, ``news``, ``run`` (how far a motion to a goal is).
 """
@@ -92,6 +92,8 @@ class _Socket:
         self._sent = 0
         self.seen = 0
         self.too_slow = False
+        self.replaced = asyncio.Event()
+        self.over = asyncio.Event()
 
     def put_frame(self, frame: bytes) -> None:
         if self._sent - self.seen < _AHEAD:
@@ -194,9 +196,13 @@ class Live:
         session = websocket.scope[SESSION]
         tab = studio.tabs.find(websocket.query_params.get("tab", ""), session.key)
         await websocket.accept()
-        if tab is None or tab.live:
+        if tab is None:
             await websocket.close(4404, "this page is not open any more; load it again")
             return
+        # After a change of its network a browser is back before the server knows that the first socket is dead.
+        while (old := next((each for each in self._sockets if each.tab is tab), None)) is not None:
+            old.replaced.set()
+            await old.over.wait()
         tab.live = True
         socket = _Socket(websocket, tab, studio.access.limits.patience)
         self._sockets.add(socket)
@@ -204,20 +210,25 @@ class Live:
         socket.put({"kind": "facts", **studio.facts()})
         sender = asyncio.create_task(socket.send_all())
         receiver = asyncio.create_task(self._receive(socket))
+        follower = asyncio.create_task(socket.replaced.wait())
+        tasks = (sender, receiver, follower)
         try:
-            await asyncio.wait((sender, receiver), return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
             tab.live = False
             self._sockets.discard(socket)
             studio.gone(tab)
-            for task in (sender, receiver):
+            socket.over.set()
+            for task in tasks:
                 task.cancel()
-            for failed in await asyncio.gather(sender, receiver, return_exceptions=True):
+            for failed in await asyncio.gather(*tasks, return_exceptions=True):
                 expected = WebSocketDisconnect | TimeoutError | asyncio.CancelledError | RuntimeError
                 if isinstance(failed, BaseException) and not isinstance(failed, expected):
                     _log.error("a socket failed", exc_info=failed)
             with contextlib.suppress(RuntimeError, WebSocketDisconnect):
-                await websocket.close(1008 if socket.too_slow else 1000)
+                # A page that hears of its replacement is a copy: it loads itself again and is a page of its own.
+                gone = 4404 if socket.replaced.is_set() else 1000
+                await websocket.close(1008 if socket.too_slow else gone)
 
     async def _receive(self, socket: _Socket) -> None:
         most = self._studio.access.limits.message
@@ -242,6 +253,8 @@ class Live:
     def _obey(self, socket: _Socket, order: dict[str, Any]) -> None:
         what, tab, studio = order.get("do"), socket.tab, self._studio
         if what == "stop":
+            heard = order.get("id")
+            tab.stops = max(tab.stops, heard) if isinstance(heard, int) else tab.stops
             socket.put({"kind": "stopping"})
             studio.stop(tab.name)
             return

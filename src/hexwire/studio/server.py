@@ -45,10 +45,15 @@ from .page_sockets import guard_page_sockets
 from .shelf_api import shelf_routes
 from .wire_api import wire_routes
 
-__all__ = ["STATIC", "Server", "make_app", "url_of"]
+__all__ = ["KEPT", "STATIC", "Server", "make_app", "url_of"]
 
 STATIC = Path(__file__).parent / "static"
 """Folder of the files that pages load."""
+KEPT = 60.0
+"""Seconds for which a page without its socket is kept. A browser that returns later loads it anew, and what was
+typed into it is lost. A computer that sleeps for a moment, or a change of the network, takes part of a minute."""
+_BUILT = 20.0
+"""Seconds in which a page must be built."""
 
 
 @dataclass(slots=True)
@@ -146,6 +151,13 @@ def _present() -> Studio:
     return _studio
 
 
+def _is_heard(request: Request) -> bool:
+    """A stop has come over the socket of its page already, which only did not learn of it in time."""
+    session, number = request.scope.get(SESSION), request.query_params.get("id", "")
+    tab = _present().tabs.find(request.query_params.get("tab", ""), session.key) if session is not None else None
+    return tab is not None and 0 < len(number) < 10 and number.isdecimal() and 0 < int(number) <= tab.stops
+
+
 def _make_pages() -> Any:
     @asynccontextmanager
     async def lifespan(app: Any) -> AsyncIterator[None]:
@@ -162,7 +174,8 @@ def _make_pages() -> Any:
         await _present().live.serve(websocket)
 
     async def stop(request: Request) -> Response:
-        _present().stop("a page")
+        if not _is_heard(request):
+            _present().stop("a page")
         return JSONResponse({"stopping": True})
 
     async def icon(request: Request) -> Response:
@@ -185,8 +198,8 @@ def _make_pages() -> Any:
         await build_page(_present(), session)
 
     guard_page_sockets()
-    ui.page("/")(page)
-    ui.page("/{_:path}")(page)
+    for path in ("/", "/{_:path}"):
+        ui.page(path, reconnect_timeout=KEPT, response_timeout=_BUILT)(page)
     # Its bar runs at every request of a page, says nothing, and has no name for a screen reader.
     nicegui_app.config.quasar_config["loadingBar"]["skipHijack"] = True
     ui.run_with(
@@ -196,6 +209,7 @@ def _make_pages() -> Any:
         show_welcome_message=False,
         language="en-US",
         dark=None,
+        # How often a browser must answer follows from it; how long a page is kept does not, see above.
         reconnect_timeout=5.0,
         gzip_middleware_factory=None,
     )

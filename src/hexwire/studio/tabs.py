@@ -28,6 +28,7 @@ class Tab:
         right: What that session may do.
         grant: Key of the lease that it holds; 0 if it has none.
         live: It has its socket.
+        stops: Number of the last stop that came over it.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Tab:
     right: Right
     grant: int = 0
     live: bool = False
+    stops: int = 0
     _numbers: itertools.count[int] = field(default_factory=lambda: itertools.count(1), repr=False)
 
     def next_number(self) -> int:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from playwright.sync_api import expect
-from tests.studio.conftest import shrink_views
+from tests.studio.conftest import ask_for_long, shrink_views
 from tests.studio.running import PATIENCE
 
 from hexwire.model.aim import Tip
@@ -148,6 +148,7 @@ def test_a_goal_is_previewed_and_reached_a_pose_recalled_a_motion_taught(
     page.get_by_role("button", name="Go to over there").click()
     expect(page.locator("#arm-pose-note")).to_have_text("At over there.")
     assert rest(studio, "J1") == pytest.approx(there, abs=0.02)
+    ask_for_long(page)
     for _ in range(2):
         page.get_by_role("button", name="Remove over there").click()
     expect(page.locator("#arm-poses")).to_have_text("None yet.")
@@ -184,6 +185,28 @@ def test_a_goal_is_previewed_and_reached_a_pose_recalled_a_motion_taught(
     _tips_agree(studio, page)
     studio.studio.source.close()
     expect(page.get_by_text("No arm is open.")).to_be_visible()
+
+
+@pytest.mark.parametrize("end", ["arrived", "out of reach"])
+def test_the_next_goal_stays_when_the_motion_to_the_last_one_ends(
+    studio: RunningStudio, operator: Page, end: str
+) -> None:
+    page, plan = operator, operator.locator("#arm-plan")
+    shrink_views(page)
+    page.get_by_role("link", name="Arm", exact=True).click()
+    expect(page.locator('[data-tip="x"]')).not_to_have_text("–")
+    page.evaluate("() => { hexwire.hold = () => new Promise((resolve) => (window.end = resolve)); }")
+    type_goal(page, x=60, y=200, z=180)
+    expect(plan).to_contain_text("Takes")
+    page.get_by_role("button", name="Go", exact=True).click()
+    type_goal(page, y=900)
+    expect(plan).to_contain_text("Out of reach")
+    type_goal(page, y=190)
+    expect(plan).to_contain_text("Takes")
+    page.evaluate("(why) => { document.activeElement.blur(); window.end(why); }", end)
+    page.wait_for_timeout(600)
+    expect(plan).to_contain_text("Takes")
+    expect(page.locator('#arm-goto input[name="y"]')).to_have_value("190")
 
 
 def _tips_agree(studio: RunningStudio, page: Page) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from tests.studio.conftest import shrink_views
+from tests.studio.conftest import ask_for_long, shrink_views
 from tests.studio.test_shelf import record
 
 if TYPE_CHECKING:
@@ -68,6 +68,7 @@ def test_a_file_is_added_compared_and_deleted(page: Page, folder: Path, tmp_path
     page.get_by_text("the second one was 0.5").wait_for()
     figures = page.locator(".rc-table tbody tr", has_text="J1").locator("td").all_text_contents()
     assert float(figures[0]) < 0.5
+    ask_for_long(page)
     page.get_by_role("button", name="delete first.mcap").click()
     page.get_by_role("button", name="delete first.mcap").click()
     page.get_by_text("first.mcap was deleted").wait_for()
@@ -139,3 +140,17 @@ def test_a_recording_of_other_joints_shows_all_of_them_and_a_refused_motion_says
     page.get_by_role("button", name="Play on the twin").click()
     # Beside the buttons: the top of the page may be out of sight.
     page.locator(".rc-said[data-level=error]", has_text="nothing is left").wait_for()
+
+
+def test_a_recording_that_comes_leaves_the_rows_of_others_alone(page: Page, folder: Path) -> None:
+    """A row that is made again loses the press that has begun on it, and the question there."""
+    record(folder, "first.mcap")
+    _open(page)
+    delete = page.get_by_role("button", name="delete first.mcap")
+    ask_for_long(page)
+    delete.click()
+    width = delete.evaluate("(button) => (button.marked = true) && button.offsetWidth")
+    record(folder, "second.mcap")
+    page.get_by_role("button", name="open second.mcap").wait_for()
+    assert delete.evaluate("(button) => button.marked && button.offsetWidth") == width
+    assert page.locator(".rc-list tbody tr").count() == 2

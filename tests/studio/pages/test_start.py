@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from playwright.sync_api import expect
+from tests.studio.running import Visitor
 
 from hexwire.studio.plugged import Plugged
 
@@ -22,6 +23,7 @@ def test_a_port_is_shown_with_its_obstacle_and_an_arm_is_opened(
     served: RunningStudio, blank: Page, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("hexwire.studio.pages.start.find_plugged", lambda: _ROWS)
+    monkeypatch.setattr(served.studio, "plugged", None)
     page = blank
     try:
         page.goto(served.operate_url)
@@ -54,5 +56,39 @@ def test_a_watcher_opens_nothing(served: RunningStudio, blank: Page) -> None:
         page.get_by_role("row", name="sim://so101").wait_for()
         page.wait_for_function("window.did_handshake")
         assert page.get_by_role("button", name="Open").count() == 0
+    finally:
+        served.studio.access.end_all()
+
+
+def test_what_has_not_changed_is_not_drawn_again(
+    studio: RunningStudio, blank: Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A button that is made again loses the focus, and the press that has begun on it."""
+    looks: list[object] = []
+    monkeypatch.setattr(studio.studio, "plugged", None)
+    monkeypatch.setattr("hexwire.studio.pages.start._LOOK", 0.02)
+    monkeypatch.setattr("hexwire.studio.pages.start.find_plugged", lambda: looks.append(None) or _ROWS)
+    page = blank
+    page.goto(studio.operate_url)
+    page.get_by_role("row", name="/dev/ttyUSB7").wait_for()
+    buttons = [page.get_by_role("button", name=name) for name in ("Close what is open", "Open /dev/ttyUSB7")]
+    for button in buttons:
+        button.evaluate("(button) => (button.marked = true)")
+    seen = len(looks)
+    studio.until(lambda: len(looks) > seen + 5, "further looks")
+    for button in buttons:
+        assert button.evaluate("(button) => button.marked")
+
+
+def test_what_was_plugged_in_a_moment_ago_is_there_at_once(
+    served: RunningStudio, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A table that comes later pushes its neighbours away, under the pointer of whoever has come back."""
+    monkeypatch.setattr("hexwire.studio.pages.start.find_plugged", lambda: _ROWS)
+    monkeypatch.setattr(served.studio, "plugged", _ROWS)
+    try:
+        with Visitor(served, served.studio.access.operate_token) as owner:
+            _, _, body = owner.ask("/", Origin="")
+        assert b"/dev/ttyUSB7" in body
     finally:
         served.studio.access.end_all()

@@ -10,7 +10,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from hexwire.studio.geometry import make_geometry, make_turns
-from hexwire.studio.layout import mount
+from hexwire.studio.layout import every, mount
 
 from .arm_calls import ArmCalls
 from .arm_goto import goto_html
@@ -56,7 +56,7 @@ def build(studio: Studio) -> None:
             mount("arm.js", body, **arguments(now[1]))
 
     follow()
-    ui.timer(_LOOK, follow)
+    every(_LOOK, follow)
 
 
 def page_html(arm: ArmSource, emulated: str = "") -> str:

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from hexwire.studio.layout import every
+
 if TYPE_CHECKING:
     from hexwire.studio.app import Studio
     from hexwire.studio.servos.view import View
@@ -56,7 +58,7 @@ def build(studio: Studio) -> None:
                 _closed(studio)
 
     draw()
-    ui.timer(0.3, draw)
+    every(0.3, draw)
 
 
 def _closed(studio: Studio) -> None:

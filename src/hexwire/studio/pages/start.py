@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from hexwire.drivers.registry import DEFAULT_ROBOT
 from hexwire.studio.access import Right
+from hexwire.studio.layout import every
 from hexwire.studio.plugged import Plugged, emulated, find_plugged, robots
 
 if TYPE_CHECKING:
@@ -26,7 +27,8 @@ def build(studio: Studio) -> None:
     from nicegui import ui
 
     tab = studio.tab()
-    seen: list[Plugged] | None = None
+    # What was there a moment ago is shown at once: a table that comes later would push its neighbours away.
+    seen = studio.plugged
 
     async def connect(url: str, robot: str | None) -> None:
         from hexwire.studio.app import FAILED
@@ -36,7 +38,7 @@ def build(studio: Studio) -> None:
 
     async def close() -> None:
         await studio.run(lambda: studio.close_source(tab))
-        present.refresh()
+        show_present()
 
     def text(words: str, tag: str = "span", classes: str = "") -> None:
         with ui.element(tag).classes(classes):
@@ -113,12 +115,25 @@ def build(studio: Studio) -> None:
         nonlocal seen
         found = await studio.run(find_plugged)
         if isinstance(found, list) and found != seen:
-            seen = found
+            seen = studio.plugged = found
             ports.refresh()
-        present.refresh()
+        show_present()
+
+    def what_is_open() -> tuple[object, ...]:
+        return studio.source.error, studio.source.present
+
+    shown = what_is_open()
+
+    def show_present() -> None:
+        # Only after a change: a button that is made again loses the focus, and a press that has begun on it.
+        nonlocal shown
+        if shown != (now := what_is_open()):
+            shown = now
+            present.refresh()
 
     text("Connect", "h1")
-    present()
+    with ui.element("div").classes("hw-present"):
+        present()
     ports()
     table(list(emulated()), "Without hardware")
     with ui.element("div").classes("hw-row"):
@@ -135,5 +150,5 @@ def build(studio: Studio) -> None:
 
         if tab.right >= Right.OPERATE:
             button("Open", "Open this address", typed)
-    ui.timer(_LOOK, look)
+    every(_LOOK, look)
     ui.timer(0.0, partial(look), once=True)

@@ -18,6 +18,7 @@ export function mountGoto(page) {
   let asking = false;
   let again = false;
   let touched = false;
+  let changes = 0; // an answer to what was asked before the last one is not shown any more
   let followed = 0;
 
   /** The motion that the form asks for; throws what is missing, in words. */
@@ -86,6 +87,7 @@ export function mountGoto(page) {
       return;
     }
     asking = true;
+    const asked = changes;
     const plan = await page.call("preview", { speed: page.speed, ...motion });
     asking = false;
     if (again) {
@@ -93,6 +95,7 @@ export function mountGoto(page) {
       preview();
       return;
     }
+    if (asked !== changes) return;
     page.plan = plan;
     showPlan(told, plan);
     if (plan.branches) solutions(plan.branches);
@@ -139,7 +142,16 @@ export function mountGoto(page) {
       field("branch").value = "";
     }
   };
+  /** Something else is shown from now on: previews of before do not come any more. */
+  const renew = () => {
+    clearTimeout(timer);
+    timer = 0;
+    again = false;
+    changes += 1;
+    return changes;
+  };
   const restart = () => {
+    renew();
     take();
     hide("These are the present values. Change one to see a preview.");
   };
@@ -157,12 +169,12 @@ export function mountGoto(page) {
       return;
     }
     touched = true;
+    changes += 1;
     soon();
   });
   form.addEventListener("submit", (event) => {
     event.preventDefault();
     if (!page.mine) return;
-    clearTimeout(timer);
     let motion;
     try {
       motion = wanted();
@@ -171,7 +183,10 @@ export function mountGoto(page) {
       told.dataset.level = "error";
       return;
     }
+    const begun = renew();
     page.run(motion).then((why) => {
+      // Somebody has entered the next goal meanwhile: its values and its preview stay.
+      if (begun !== changes) return;
       if (why === "arrived") {
         hide("Arrived.");
         touched = false;
@@ -182,7 +197,10 @@ export function mountGoto(page) {
     });
   });
   page.find("#arm-here").addEventListener("click", restart);
-  unghost.addEventListener("click", () => hide("The preview is hidden."));
+  unghost.addEventListener("click", () => {
+    renew();
+    hide("The preview is hidden.");
+  });
   page.on("speed", () => page.plan && soon());
   arrange();
   page.on("draw", () => {

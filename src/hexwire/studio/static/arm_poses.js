@@ -50,6 +50,7 @@ export function mountPoses(page) {
       return;
     }
     const before = element.textContent;
+    element.style.minWidth = `${element.offsetWidth}px`; // its neighbours stay where they are
     element.dataset.sure = "1";
     element.textContent = words;
     setTimeout(() => {

@@ -6,8 +6,9 @@ import { loadSheet, node, put } from "/static/widgets.js";
 const PERIOD = 500;
 const HEAD = ["Arm", "State", "Faults", "Lease", "Torque", "Age, ms", "Robot", "Computer", ""];
 
-export function mount(root, args) {
-  loadSheet("/static/fleet.css");
+export async function mount(root, args) {
+  await loadSheet("/static/fleet.css");
+  if (!root.isConnected) return;
   new FleetPage(root, args.tab, args.operate);
 }
 
@@ -35,8 +36,10 @@ class FleetPage {
       this.body);
     root.replaceChildren(
       node("div", { class: "hw-fleet-bar" }, this.stopAll, this.summary),
-      this.results, this.refusal, this.problem, this.note,
-      node("div", { class: "hw-fleet-scroll" }, this.table));
+      // In a place of its own: the buttons of the arms must not move when something is told.
+      node("div", { class: "hw-fleet-told" }, this.results, this.refusal, this.problem),
+      node("div", { class: "hw-fleet-scroll" }, this.table),
+      this.note);
     const seen = () => (this.root.isConnected ? this.poll() : document.removeEventListener("visibilitychange", seen));
     document.addEventListener("visibilitychange", seen);
     this.poll();
@@ -118,6 +121,8 @@ class FleetPage {
     this.results.replaceChildren(node("li", {}, `Stopping ${told} ...`));
     try {
       const done = await this.ask("stop", name ? { name } : { all: "1" }, { method: "POST" });
+      // What is not confirmed first.
+      done.sort((a, b) => Number(a.confirmed) - Number(b.confirmed));
       this.results.replaceChildren(...done.map((row) => {
         const joints = row.joints.length ? `: ${row.joints.join(" ")}` : "";
         const good = `${row.name}: stopped, holding${joints} (${(1000 * row.seconds).toFixed(0)} ms)`;

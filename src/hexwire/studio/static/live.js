@@ -4,6 +4,7 @@
 const BEAT = 60; // ms between two signs of life while something is held
 const SEEN = 10; // frames after which the server hears that they were seen; it sends only so many ahead
 const SURE = 300; // ms in which a stop is confirmed; after them it is sent again, by HTTP
+const READ = 8000; // ms for which a message stays in sight
 const COLUMNS = ["position", "velocity", "load", "current", "voltage", "temperature", "goal", "age"];
 
 const key = document.querySelector('meta[name="hexwire-tab"]').content;
@@ -13,6 +14,9 @@ let retry = 200;
 let held = null;
 let number = 0;
 let stopConfirmed = 0;
+let stopsAsked = 0;
+let told = { text: "", until: 0, urgent: false };
+let lasted = "";
 let seen = 0;
 
 const hexwire = {
@@ -236,18 +240,20 @@ window.addEventListener("pagehide", () => release("the page was closed"));
 
 function stop() {
   const asked = performance.now();
-  if (send({ do: "stop" })) {
-    setTimeout(() => stopConfirmed < asked && stopByRequest(), SURE);
+  const id = (stopsAsked += 1);
+  if (send({ do: "stop", id })) {
+    setTimeout(() => stopConfirmed < asked && stopByRequest(id), SURE);
   } else {
-    stopByRequest();
+    stopByRequest(id);
   }
   ended("stopped");
 }
 
-function stopByRequest() {
-  fetch("/stop", { method: "POST", keepalive: true }).then(
-    (answer) => answer.ok || say("STOP was refused: switch the arm's power off"),
-    () => say("STOP did not reach the studio: switch the arm's power off"),
+// With the number of the stop: what the server has heard already is not a second one, which would undo a Resume.
+function stopByRequest(id) {
+  fetch(`/stop?${new URLSearchParams({ tab: key, id })}`, { method: "POST", keepalive: true }).then(
+    (answer) => answer.ok || say("STOP was refused: switch the arm's power off", true),
+    () => say("STOP did not reach the studio: switch the arm's power off", true),
   );
 }
 
@@ -276,10 +282,24 @@ document.addEventListener(
 
 // -- the header ----------------------------------------------------------------------------------------
 
-function say(text) {
-  const banner = document.getElementById("hw-banner");
-  if (!banner) return;
-  if (banner.textContent !== text) banner.textContent = text;
+/** Show a message for a while, beside what lasts; an urgent one before it, whatever changes meanwhile. */
+function say(text, urgent = false) {
+  if (told.urgent && !urgent && performance.now() < told.until) return;
+  told = { text, until: performance.now() + READ, urgent };
+  header(hexwire.facts || { mode: "none" });
+}
+
+function banner(lasting, note) {
+  const element = document.getElementById("hw-banner");
+  if (!element) return;
+  if (lasted !== lasting) {
+    lasted = lasting;
+    if (!told.urgent) told.until = 0; // it was about what was before
+  }
+  const news = performance.now() < told.until ? told.text : "";
+  const parts = told.urgent ? [news, lasting] : [lasting, news];
+  const text = parts.filter(Boolean).join(". ") || note;
+  if (element.textContent !== text) element.textContent = text;
 }
 
 function put(name, text, level = "") {
@@ -315,13 +335,15 @@ function header(facts) {
   show("torque-on", link && mine && facts.stopped === "" && facts.torque !== "on");
   show("torque-off", link && mine && facts.torque !== "off");
   document.body.classList.toggle("hw-stopped", arm && facts.stopped !== "");
-  if (!link) say("No connection to the studio. STOP is tried by another way; switch the arm's power off.");
-  else if (arm && !facts.connected) say(`${bus ? "The servo bus cannot be read" : "The arm is not connected"}: ${facts.error}`);
-  else if (arm && facts.stopped) say(`Stopped: ${facts.stopped}`);
-  else say(facts.note || "");
+  let lasting = "";
+  if (!link) lasting = "No connection to the studio. STOP is tried by another way; switch the arm's power off.";
+  else if (arm && !facts.connected) lasting = `${bus ? "The servo bus cannot be read" : "The arm is not connected"}: ${facts.error}`;
+  else if (arm && facts.stopped) lasting = `Stopped: ${facts.stopped}`;
+  banner(lasting, facts.note || "");
 }
 
 hexwire.onFacts(header);
+hexwire.onNews((news) => say(news.text, news.level === "error"));
 hexwire.onLink(() => header(hexwire.facts || { mode: "none" }));
 
 function mark() {

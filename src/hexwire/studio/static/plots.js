@@ -10,8 +10,9 @@ import { loadSheet, make, chips } from "/static/widgets.js";
 
 const STORE = "hexwire-plots";
 
-export function mount(element, args) {
-  loadSheet("/static/plots.css");
+export async function mount(element, args) {
+  await loadSheet("/static/plots.css");
+  if (!element.isConnected) return;
   const chosen = { joints: null, signals: ["position", "goal"], arm: [], ...stored() };
   const state = { plot: null, model: null, origin: null, offset: 0, waiting: null, last: -Infinity, round: 0 };
   const pick = make("div", { className: "pl-pick" });

@@ -8,12 +8,12 @@ import { makeView } from "/static/recordings_view.js";
 
 const LOOK = 1500; // ms between two looks at the list
 
-export function mount(element, args) {
+export async function mount(element, args) {
+  await Promise.all([loadSheet("/static/plots.css"), loadSheet("/static/recordings.css")]);
+  if (!element.isConnected) return;
   const none = `No recordings yet.${args.operates ? " Record the arm, add a file, or use hexwire --record FILE.mcap." : ""}`;
-  loadSheet("/static/plots.css");
-  loadSheet("/static/recordings.css");
-  const state = { list: null, chosen: "", shown: "", looking: 0, refusal: "" };
-  const note = make("p", { className: "pl-note", role: "status" });
+  const state = { list: null, chosen: "", rows: new Map(), looking: 0, refusal: "" };
+  const note = make("p", { className: "pl-note rc-note", role: "status" });
   const record = button("Record the arm", toggleRecord, "rc-record");
   const recording = make("span", { className: "rc-recording" });
   const file = make("input", { type: "file", accept: ".mcap", className: "rc-file", id: "rc-file" });
@@ -121,12 +121,24 @@ export function mount(element, args) {
       : "";
     folder.textContent = list.folder;
     remark.textContent = list.remark;
-    const key = JSON.stringify([list.entries, state.chosen, list.robot]);
-    if (key === state.shown) return;
-    state.shown = key;
+    if (!list.entries.length) {
+      state.rows.clear();
+      if (body.textContent !== none) body.replaceChildren(empty(none));
+      return;
+    }
+    // A row that has not changed stays as it is: a press that has begun on it, and a question there, go on.
+    const before = state.rows;
+    state.rows = new Map(list.entries.map((one) => {
+      const key = JSON.stringify([one, one.name === state.chosen]);
+      const old = before.get(one.name);
+      return [one.name, old?.key === key ? old : { key, made: row(one) }];
+    }));
     const focused = body.contains(document.activeElement) ? document.activeElement.dataset.key : null;
-    body.replaceChildren(...(list.entries.length ? list.entries.map(row) : [empty(none)]));
-    if (focused) body.querySelector(`[data-key="${CSS.escape(focused)}"]`)?.focus();
+    const wanted = [...state.rows.values()].map((one) => one.made);
+    const there = new Set(wanted);
+    for (const old of [...body.children]) if (!there.has(old)) old.remove();
+    wanted.forEach((made, i) => { if (body.children[i] !== made) body.insertBefore(made, body.children[i] || null); });
+    if (focused && document.activeElement?.dataset?.key !== focused) body.querySelector(`[data-key="${CSS.escape(focused)}"]`)?.focus();
   }
 
   function empty(text) {
@@ -168,8 +180,9 @@ export function mount(element, args) {
   /** Delete at the second press, within three seconds. */
   function sure(pressed, one) {
     if (pressed.dataset.sure) { act({ do: "remove", name: one.name }).then((found) => found && say(`${one.name} was deleted`)); return; }
+    pressed.style.minWidth = `${pressed.offsetWidth}px`;
     pressed.dataset.sure = "1";
-    pressed.textContent = "Delete?";
+    pressed.textContent = "Sure?";
     setTimeout(() => { delete pressed.dataset.sure; pressed.textContent = "Delete"; }, 3000);
   }
 }

@@ -17,7 +17,7 @@ export function makeView(page, place) {
     new Option("where they agree best", "best"));
   const aligned = make("span", { className: "rc-aligned" }, make("label", { htmlFor: "rc-align", textContent: "aligned" }), align);
   const bar = make("div", { className: "rc-bar" }, topics, make("label", { htmlFor: "rc-other", textContent: "Compare with" }), other, aligned);
-  const note = make("p", { className: "pl-note", role: "status" });
+  const note = make("p", { className: "pl-note rc-note", role: "status" });
   const pick = make("div", { className: "pl-pick" });
   const figures = make("div", { className: "rc-figures" });
   const plotPlace = make("div", { className: "pl-plot" });
