@@ -151,6 +151,8 @@ def test_search_finds_without_a_network(
         page = context.new_page()
         page.goto(f"{base}/index.html")
         page.locator(".md-search__button").click()
+        # What is typed before the field has the focus goes elsewhere.
+        page.locator("input:focus").wait_for()
         page.keyboard.type("backlash")
         page.get_by_role("option", name="Health").first.click()
         page.wait_for_url(f"{base}/bus.html*")

@@ -65,7 +65,7 @@ def test_a_motion_ends_because_its_page_was_closed_not_for_its_lease(
 ) -> None:
     monkeypatch.setattr(motion_run, "_FAREWELL", 60.0)
     source.silence = 60.0
-    arm = source.open("sim://hex7bot?name=leaves")
+    arm = source.open("sim://hex7bot?name=leaves", watchdog=5.0)
     arm.arm.enable(True)
     tab = Tab("tab 1", "key", "session", Right.OPERATE)
     source.take(tab)

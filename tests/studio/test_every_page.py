@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import TimeoutError  # not a subclass of Python's
+from tests.studio.running import PATIENCE
 
 from hexwire.studio.pages import PAGES
 
@@ -61,7 +62,7 @@ def examine(page: Page, what: str, *, whole: bool = False, dark: bool = True) ->
         page.set_viewport_size({"width": width, "height": height})
         try:
             # Plots follow a frame or two later.
-            page.wait_for_function(f"document.documentElement.scrollWidth <= {width}", timeout=5000)
+            page.wait_for_function(f"document.documentElement.scrollWidth <= {width}", timeout=1000 * PATIENCE)
         except TimeoutError:
             wide = page.evaluate("document.documentElement.scrollWidth")
             wrong.append(f"{what} is {wide} wide at {width}x{height}")

@@ -37,7 +37,7 @@ def test_a_kind_of_a_page_is_begun_for_the_tab_with_control_only() -> None:
 def test_a_change_that_overtakes_its_jog_does_not_meet_the_one_before() -> None:
     source = Source()
     try:
-        arm = source.open("sim://hex7bot?name=overtakes")
+        arm = source.open("sim://hex7bot?name=overtakes", watchdog=5.0)
         tab = Tabs().open("s", Right.OPERATE)
         holds = Holds(source)
         source.take(tab)

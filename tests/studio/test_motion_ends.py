@@ -53,6 +53,13 @@ def _is_held(studio: RunningStudio, why: str) -> None:
     assert studio.goals() == goals, why
 
 
+def _silence(studio: RunningStudio, seconds: float) -> None:
+    """After how many seconds without a beat a motion ends from now on."""
+    source = studio.studio.source.arm
+    assert source is not None
+    source.attended.silence = seconds
+
+
 class _Holder:
     """Somebody without a browser who holds a jog, and beats."""
 
@@ -86,6 +93,7 @@ class _Holder:
 
     def fall_silent(self) -> None:
         self._quiet.set()
+        _silence(self.studio, 0.5)
 
     def abort(self) -> None:
         """The network is gone: no farewell."""
@@ -101,8 +109,7 @@ class _Holder:
 @pytest.fixture
 def moving(served: RunningStudio) -> Iterator[Callable[[], _Holder]]:
     """Makes somebody who holds a jog that moves; all of them on one arm."""
-    # More silence than in earnest, so that a busy machine ends nothing by itself.
-    served.open(silence=1.0)
+    served.open()
     served.torque()
     made: list[_Holder] = []
 
@@ -112,6 +119,8 @@ def moving(served: RunningStudio) -> Iterator[Callable[[], _Holder]]:
         if served.arm.owner.group.reason is not None:
             served.stopped("the stop before")
             served.arm.owner.reset()
+        # More silence than in earnest, so that a busy machine ends nothing by itself.
+        _silence(served, 5.0)
         made.append(_Holder(served))
         made[-1].hold()
         _moves(served)
@@ -136,11 +145,13 @@ def _close(holder: _Holder) -> None:
 
 def _stop(holder: _Holder) -> None:
     holder.line.send(json.dumps({"do": "stop"}))
+    holder.studio.stopped("the stop")
 
 
 def _stop_by_request(holder: _Holder) -> None:
     other = Visitor(holder.studio, holder.studio.studio.access.watch_token)
     assert other.ask("/stop", "POST", b"")[0] == 200
+    holder.studio.stopped("the stop")
 
 
 def _take_away(holder: _Holder) -> None:
@@ -160,6 +171,7 @@ def _hang_loop(holder: _Holder) -> None:
     """The loop of the server hangs, so that it hears of nothing: the owner of the arm ends the motion."""
     going_on = threading.Event()
     holder.studio.studio.soon(lambda: going_on.wait(PATIENCE))
+    _silence(holder.studio, 0.5)
     try:
         _is_held(holder.studio, "the server hangs")
     finally:
@@ -271,9 +283,7 @@ def test_a_motion_ends_in_a_browser(studio: RunningStudio, operator: Page) -> No
         elif way == "disabled":
             operator.evaluate("jog.disabled = true; 1")
         elif way == "freeze":
-            source = studio.studio.source.arm
-            assert source is not None
-            source.attended.silence = 0.25
+            _silence(studio, 0.25)
             operator.evaluate(
                 "setTimeout(() => { const end = Date.now() + 1500; while (Date.now() < end); }, 0); 1"
             )
@@ -283,7 +293,7 @@ def test_a_motion_ends_in_a_browser(studio: RunningStudio, operator: Page) -> No
             operator.close()
         _is_held(studio, way)
         if way == "freeze":
-            source.attended.silence = 5.0
+            _silence(studio, 5.0)
         elif way == "gone":
             operator.evaluate("document.getElementById('hw-main').prepend(jog)")
         elif way == "disabled":

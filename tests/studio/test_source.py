@@ -84,7 +84,7 @@ def test_one_tab_has_control_at_a_time(source: Source) -> None:
 
 def test_a_motion_to_a_goal_ends_with_its_entry(source: Source) -> None:
     source.silence = 20.0
-    arm = source.open("sim://hex7bot?name=runs")
+    arm = source.open("sim://hex7bot?name=runs", watchdog=5.0)
     tab = Tabs().open("s", Right.OPERATE)
     source.take(tab)
     arm.shared.torque(arm.order(tab), True, None)

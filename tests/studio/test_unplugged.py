@@ -28,6 +28,22 @@ def _plugged(board: EmulatedBoard, port: Path) -> Iterator[None]:
         yield
 
 
+def _rest(served: RunningStudio) -> float:
+    """Where J1 comes to rest."""
+    seen = [served.arm.owner.newest()]
+
+    def still() -> bool:
+        now = served.arm.owner.newest()
+        if now.stamp - seen[-1].stamp < 0.1:
+            return False
+        seen.append(now)
+        return abs(now.positions["J1"] - seen[-2].positions["J1"]) < 1e-3
+
+    served.until(still, "rest")
+    place: float = seen[-1].positions["J1"]
+    return place
+
+
 def test_a_board_that_returns_is_there_again_and_stopped(
     served: RunningStudio, blank: Page, tmp_path: Path
 ) -> None:
@@ -50,7 +66,8 @@ def test_a_board_that_returns_is_there_again_and_stopped(
         with _plugged(board, port):
             page.locator("#hw-banner", has_text="Stopped").wait_for()
             assert served.arm.owner.connected
-            place = served.arm.owner.newest().positions["J1"]
+            # What it was commanded before it went away is only now behind it.
+            place = _rest(served)
             page.get_by_role("button", name="Resume").click()
             served.until(lambda: served.arm.owner.group.reason is None, "the end of the stop")
             time.sleep(0.3)

@@ -124,19 +124,28 @@ def test_one_moves_and_the_others_watch_and_stop(
 # -- by keyboard --------------------------------------------------------------------------------------------
 
 
+def _missed_by_tab(page: Page) -> list[str]:
+    """What is not reached, or not seen to be, by Tab from the beginning of a page to its end."""
+    page.evaluate("document.activeElement.blur(); window.getSelection().removeAllRanges()")
+    page.evaluate(_NOTE_FOCUS)
+    count = page.evaluate("document.querySelectorAll('a, button, input, select, textarea, [tabindex]').length")
+    for _ in range(count + 5):
+        page.keyboard.press("Tab")
+    missed: list[str] = page.evaluate(_MISSED)
+    return missed
+
+
 def test_everything_is_reached_and_seen_by_tab(operator: Page) -> None:
     wrong: list[str] = []
     for path in [page.path for page in PAGES]:
         walk(operator, path)
         operator.wait_for_timeout(200)
-        operator.evaluate("document.activeElement.blur(); window.getSelection().removeAllRanges()")
-        operator.evaluate(_NOTE_FOCUS)
-        count = operator.evaluate(
-            "document.querySelectorAll('a, button, input, select, textarea, [tabindex]').length"
-        )
-        for _ in range(count + 5):
-            operator.keyboard.press("Tab")
-        wrong += [f"{path}: {missed}" for missed in operator.evaluate(_MISSED)]
+        missed = _missed_by_tab(operator)
+        if missed:
+            # On a busy machine a part of the page may have come after the start.
+            operator.wait_for_timeout(3000)
+            missed = _missed_by_tab(operator)
+        wrong += [f"{path}: {each}" for each in missed]
     assert not wrong, "\n".join(wrong)
 
 

@@ -31,7 +31,7 @@ class Desk:
 
     def __init__(self, folder: Path) -> None:
         self.studio = Studio(Access(frozenset()))
-        self.arm = self.studio.source.open("sim://hex7bot?name=calls")
+        self.arm = self.studio.source.open("sim://hex7bot?name=calls", watchdog=5.0)
         self.arm.desk.poses = PoseFile(self.arm.settings.model, folder)
         until(lambda: self.arm.arm.owner.state is not None, "a state")
         self.tab = self.studio.tabs.open("s", Right.OPERATE)

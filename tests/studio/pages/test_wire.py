@@ -48,6 +48,8 @@ def test_live_frames_are_saved_filtered_and_paused(wire: Page, tmp_path: Path) -
     )
     wire.get_by_role("button", name="Pause").click()
     wire.get_by_role("button", name="Go on").wait_for()
+    # What has come before is drawn with the next picture.
+    wire.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
     shown = frames.inner_text()
     wire.wait_for_timeout(300)
     assert frames.inner_text() == shown

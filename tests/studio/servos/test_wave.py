@@ -28,6 +28,8 @@ def test_a_wave_lasts_while_its_button_is_held(bench: Bench) -> None:
     until(lambda: bench.bus.job is not None, "a wave by keyboard")
     page.keyboard.press("Escape")
     until(lambda: bench.bus.bench.stopped and bench.bus.job is None and servo.motion.settled, "the stop")
+    # Until then Resume is refused.
+    until(lambda: not bench.bus.bus.epochs._under_way, "the end of the order to stop")
     page.keyboard.up("Enter")
     there = servo.motion.position
     press(page, bench.button("Hold to move servo 1"), page.get_by_text("resume first").first.is_visible)

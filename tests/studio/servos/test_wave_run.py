@@ -110,10 +110,10 @@ class Held:
 
 
 def test_a_wave_without_signs_of_life_ends_and_the_servo_holds(view: Any) -> None:
-    view.bus.bench.silence = 1.0
     held, servo = Held(view), servo_of(view, 1)
     held.until_it_moves()
     held.let_go()
+    view.bus.bench.silence = view.bus.attended.silence = 0.5
     assert held.end()["end"] == "no sign of life"
     there = servo.motion.position
     threading.Event().wait(0.3)
