@@ -70,6 +70,24 @@ def test_one_host_at_a_time_and_a_lost_one_makes_room() -> None:
                 assert time.monotonic() < deadline
 
 
+def test_bytes_before_its_end_do_not_let_a_host_keep_the_next_one_out() -> None:
+    """As after a stall of the emulator, in which one program has ended and another one has begun."""
+    server = TcpServer(make_hex7bot_board(start=time.monotonic()), "127.0.0.1", 0)
+    url = server.open()
+    try:
+        with make_link(url) as first:
+            while server._guest is None:
+                server.run_once()
+            first.write(b"x")
+        with make_link(url) as second:
+            for _ in range(3):
+                server.run_once(0.01)
+            # Else the end of its line would be read.
+            assert second.read(time.monotonic() + 0.1) == b""
+    finally:
+        server.close()
+
+
 def test_opening_resets_the_board_if_asked() -> None:
     board = make_hex7bot_board(start=time.monotonic())
     resets: list[float] = []

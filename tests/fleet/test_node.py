@@ -69,9 +69,11 @@ def test_an_inbox_gives_what_is_published_to_the_thread_that_waits(runtime: Path
         assert inbox.wait() == b"state"
         ended.set()
         thread.join()
-        own.wait()
-        while own.poll() is not None or inbox.poll() is not None:
-            time.sleep(0.2)
+        # Behind all others, however late they arrive.
+        put(b"last")
+        for each in (own, inbox):
+            while each.wait() != b"last":
+                pass
         inbox.wake()
         assert inbox.wait() == b""
         assert own.poll() is None, "nobody else is woken"

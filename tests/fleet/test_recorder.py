@@ -129,6 +129,8 @@ def test_arms_that_come_and_go_are_noted(far: Far, serve: Serve, tmp_path: Path)
         again = Far("lab/far")
         eventually(lambda: (recorder.run(0.1), "lab/far is back" in told)[1])
         again.node.close()
-    assert [body["message"] for _, body in messages(file, EVENTS)] == told
-    assert {body["level"] for _, body in messages(file, EVENTS)} == {2, 3}
+    # Losses, which a busy machine may have, are noted in the file only.
+    events = [body for _, body in messages(file, EVENTS) if "lost on the way" not in body["message"]]
+    assert [body["message"] for body in events] == told
+    assert {body["level"] for body in events} == {2, 3}
     assert messages(file, topic_of("lab/arm1"))

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 from tests.gateway.tcp_boards import LONG, Running, tcp_boards
+from tests.link.far_ends import free_port
 
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.errors import LinkError, LinkNotFoundError, ReplyTimeoutError, UsageError
@@ -107,6 +108,24 @@ def test_there_is_one_host_at_a_time(gateway: Running) -> None:
     second.close()
     assert session.request(Command.STATS).status == Status.OK
     session.close()
+
+
+def test_bytes_before_its_end_do_not_let_a_host_keep_the_next_one_out() -> None:
+    """As after a stall of the gateway, in which one program has ended and another one has begun."""
+    service = GatewayService(Listener(), {8: make_link(f"tcp://127.0.0.1:{free_port()}")}, local=8)
+    service.open()
+    url = service.url.replace("-listen", "")
+    try:
+        with make_link(url) as first:
+            wait(lambda: (service.run_once(), service._host is not None)[1])
+            first.write(b"x")
+        with make_link(url) as second:
+            for _ in range(2):
+                service.run_once()
+            # Else the end of its line would be read.
+            assert second.read(time.monotonic() + 0.1) == b""
+    finally:
+        service.close()
 
 
 def test_a_lost_board_is_silence_and_comes_back(gateway: Running) -> None:

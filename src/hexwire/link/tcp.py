@@ -20,7 +20,7 @@ from hexwire.errors import (
     LinkPermissionError,
     LinkTimeoutError,
 )
-from hexwire.system import WRITABLE
+from hexwire.system import READABLE, WRITABLE, make_poll
 
 from .base import LinkKind
 from .poll_link import PollLink
@@ -232,6 +232,13 @@ class PeerLink(_StreamLink):
         self._accepted: Stream | None = stream
         self._also_watched = dict(watched or {})
         self.open()
+
+    @property
+    def has_input(self) -> bool:
+        """Whether bytes wait, or its end."""
+        poll = make_poll()
+        poll.register(self.fileno(), READABLE)
+        return bool(poll.poll(0))
 
     def _open(self) -> None:
         if self._accepted is None:
