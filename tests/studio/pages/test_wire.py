@@ -99,3 +99,25 @@ def test_a_thousand_frames_a_second_are_few_elements(wire: Page, studio: Running
         "Number(document.querySelector('.hw-wire-status').textContent.match(/of (\\d+)/)[1]) > 4000"
     )
     assert wire.locator(".hw-wire-row").count() < 100
+
+
+def test_a_press_on_a_frame_selects_it_although_the_list_moves_on(wire: Page) -> None:
+    rows = ".hw-wire-row:not([hidden])"
+    wire.wait_for_function(f"document.querySelectorAll('{rows}').length > 20")
+    box = wire.get_by_role("listbox", name="Frames").bounding_box()
+    assert box is not None
+    x, y = box["x"] + 100, box["y"] + 150
+    wire.evaluate(
+        """() => {
+            window.at = (target) => target.closest(".hw-wire-row")?.dataset.number;
+            const note = (event) => (window.aimed = at(event.target));
+            document.addEventListener("pointerdown", note, { capture: true, once: true });
+        }"""
+    )
+    wire.mouse.move(x, y)
+    wire.mouse.down()
+    wire.wait_for_function("([x, y]) => Number(at(document.elementFromPoint(x, y))) > Number(aimed)", arg=[x, y])
+    wire.mouse.up()
+    wire.get_by_role("region", name="The selected frame").get_by_text(
+        f"Frame {wire.evaluate('aimed')}, "
+    ).wait_for()

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from tests.studio.servos.conftest import servo_of
@@ -8,6 +8,9 @@ from tests.studio.servos.conftest import servo_of
 from hexwire.control.arm_setup import StepKind
 from hexwire.errors import HexwireError, StoppedError, UsageError
 from hexwire.studio.servos.whole_arm import assign_one, look_for, plan_of
+
+if TYPE_CHECKING:
+    from tests.studio.servos.conftest import Bench
 
 
 def connect(view: Any, *servos: Any) -> None:
@@ -74,3 +77,13 @@ def test_a_search_can_be_cancelled(view: Any) -> None:
             look_for(view, plan_of("so101", ""), everywhere=False)
     finally:
         view.bus.bus = plain
+
+
+def test_what_was_found_goes_with_the_choice_of_another_arm(bench: Bench) -> None:
+    page = bench.page
+    bench.part("Set up an arm")
+    bench.button("Look what is connected").click()
+    page.get_by_text("shoulder_pan", exact=True).wait_for()
+    page.get_by_label("Arm", exact=True).click()
+    page.get_by_role("option", name="SO-100").click()
+    page.get_by_text("shoulder_pan", exact=True).wait_for(state="detached")

@@ -50,8 +50,14 @@ def build(view: View) -> None:
             told.set_content(escape(job.told or job.what))
 
     watch = ui.timer(0.2, progress, active=False)
-    arm.on_value_change(plan.clear)
-    role.on_value_change(plan.clear)
+
+    def choose() -> None:
+        # What is shown was about another arm.
+        plan.clear()
+        place.clear()
+
+    arm.on_value_change(choose)
+    role.on_value_change(choose)
 
     async def search(all_of_it: bool) -> None:
         for made in (begin, everywhere):
@@ -63,17 +69,18 @@ def build(view: View) -> None:
                 if made_plan is FAILED:
                     return
                 plan[:] = [made_plan]
-            found = await view.act(lambda: look_for(view, plan[0], everywhere=all_of_it))
+            setup = plan[0]
+            found = await view.act(lambda: look_for(view, setup, everywhere=all_of_it))
         finally:
             watch.deactivate()
             told.set_content("")
             for made in (begin, everywhere):
                 made.set_visibility(True)
-        if found is not FAILED:
-            draw()
+        # Another arm may have been chosen meanwhile.
+        if found is not FAILED and plan == [setup]:
+            draw(setup)
 
-    def draw() -> None:
-        setup = plan[0]
+    def draw(setup: ArmSetup) -> None:
         step = setup.step
         place.clear()
         with place:
@@ -90,16 +97,16 @@ def build(view: View) -> None:
                 if words:
                     html(_sentence(words), "p").props(f'data-level="{level}"')
             if step.kind is StepKind.ASSIGN and not step.blocked:
-                button("Give it this id and rate", lambda: give(step), level="danger")
+                button("Give it this id and rate", lambda: give(setup, step), level="danger")
             facts([(joint.name, _state(setup, joint.name)) for joint in setup.order])
             for remark in setup.remarks:
                 html(f"{remark}.", "p").props('data-level="warn"')
 
-    async def give(step: SetupStep) -> None:
+    async def give(setup: ArmSetup, step: SetupStep) -> None:
         text = "\n".join(part for part in (f"{_sentence(step.text)} Both are stored.", step.warning) if part)
         if not await question("Set this servo up", text, "Set it up"):
             return
-        done = await view.act(lambda: assign_one(view, plan[0], step))
+        done = await view.act(lambda: assign_one(view, setup, step))
         if done is not FAILED:
             ui.notify(f"{step.joint.name if step.joint else 'the servo'} is set up", type="positive")
         await search(False)

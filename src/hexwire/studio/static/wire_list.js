@@ -38,9 +38,14 @@ export class FrameList {
     this.inner.setAttribute("role", "presentation");
     element.append(this.inner);
     element.addEventListener("scroll", () => this.scrolled());
+    // The list may have moved on between press and release: what was pressed counts.
+    let pressed = null;
+    const at = (event) => event.target.closest(".hw-wire-row")?.dataset.number;
+    element.addEventListener("pointerdown", (event) => (pressed = at(event)));
     element.addEventListener("click", (event) => {
-      const row = event.target.closest(".hw-wire-row");
-      if (row) this.select(Number(row.dataset.number));
+      const number = pressed || at(event);
+      pressed = null;
+      if (number) this.select(Number(number));
     });
     element.addEventListener("keydown", (event) => this.key(event));
     new ResizeObserver(() => this.draw()).observe(element);
