@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import json
 import os
 import re
@@ -21,6 +22,7 @@ from click.testing import CliRunner, Result
 import hexwire
 from hexwire.cli.exits import DEVICE, INTERRUPTED, USAGE
 from hexwire.cli.main import cli
+from hexwire.control import motions
 from hexwire.control.motions import run_motion
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
 from hexwire.emulator.serve_pty import PtyServer
@@ -76,12 +78,18 @@ class Plug:
         self._server.close()
 
 
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A longer watchdog for motions of this process: a busy machine lets it wait for longer than usual."""
+    monkeypatch.setattr(motions, "MotionOptions", functools.partial(motions.MotionOptions, watchdog=5.0))
+
+
 @pytest.fixture
 def runtime(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="hw") as folder:
         monkeypatch.setenv("XDG_RUNTIME_DIR", folder)
         monkeypatch.setenv("XDG_STATE_HOME", folder)
         monkeypatch.delenv("HEXWIRE_PORT", raising=False)
+        patient(monkeypatch)
         yield Path(folder)
 
 

@@ -18,7 +18,7 @@ from subprocess import Popen
 
 import pytest
 from click.testing import Result
-from tests.cli.test_serve import ARM, PATIENCE, eventually, plain, process, run
+from tests.cli.test_serve import ARM, PATIENCE, eventually, patient, plain, process, run
 from tests.fleet.emulated import KINDS, emulated
 from tests.link.far_ends import free_port
 from tests.ros1.ros_world import PtyBoard, still
@@ -41,6 +41,7 @@ def folder() -> Iterator[Path]:
         patch.setenv("XDG_RUNTIME_DIR", name)
         patch.setenv("XDG_STATE_HOME", name)
         patch.delenv("HEXWIRE_PORT", raising=False)
+        patient(patch)
         yield Path(name)
     sys.setswitchinterval(interval)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, cast
 
@@ -18,16 +19,28 @@ if TYPE_CHECKING:
 
 
 class Settling:
-    """A robot whose joint comes to rest after some reads; its clock runs while somebody waits."""
+    """A robot whose joint comes to rest after some reads; its clock runs while somebody waits.
 
-    def __init__(self, *positions: float, others: dict[str, float] | None = None) -> None:
-        self.left, self.others = list(positions), others or {}
+    Its states are sampled when they are read, or else at these times.
+    """
+
+    def __init__(
+        self, *positions: float, others: dict[str, float] | None = None, sampled: Sequence[float] = ()
+    ) -> None:
+        self.left, self.others, self.sampled = list(positions), others or {}, sampled
         self.reads, self.time = 0, 0.0
 
     def read(self) -> Any:
         self.reads += 1
         angle = self.left.pop(0) if len(self.left) > 1 else self.left[0]
-        return SimpleNamespace(positions=self.others | {"J1": angle})
+        positions = self.others | {"J1": angle}
+        age = self.time - self.sampled[self.reads - 1] if self.sampled else 0.0
+        return SimpleNamespace(
+            positions=positions,
+            position=tuple(positions.values()),
+            age=(age,) * len(positions),
+            stamp=self.time,
+        )
 
     def sleep(self, seconds: float) -> None:
         self.time += seconds
@@ -40,6 +53,13 @@ def test_how_far_off_it_is_counts_when_the_arm_is_at_rest() -> None:
     robot = Settling(0.0, 0.02, 0.03, 0.0301)
     assert robot.rest({"J1": 0.0}) == Rest("J1", 0.0301, None)
     assert robot.reads == 4
+
+
+def test_states_of_the_same_time_do_not_say_that_it_is_at_rest() -> None:
+    """A server that stalled sends several states at once; of a servo that is silent only the old position is known."""
+    robot = Settling(0.0, 0.02, 0.02, 0.0201, 0.03, 0.03, sampled=[0.0, 0.05, 0.05, 0.06, 0.20, 0.25])
+    assert robot.rest({"J1": 0.0}) == Rest("J1", 0.03, None)
+    assert robot.reads == 6
 
 
 def test_a_joint_that_never_rests_is_not_waited_for_long() -> None:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.kinematics import KinematicModel
+    from hexwire.model.state import JointState
 
 __all__ = ["Rest", "come_to_rest"]
 
@@ -56,12 +57,20 @@ def come_to_rest(
     Raises:
         HexwireError: The robot does not answer.
     """
-    here, deadline = robot.read().positions, clock() + _SETTLES
+    state = before = robot.read()
+    deadline = clock() + _SETTLES
     while clock() < deadline:
         sleep(_LOOK)
-        before, here = here, robot.read().positions
-        if all(abs(here[name] - angle) < _STILL for name, angle in before.items() if name in here):
+        state = robot.read()
+        between = _between(before, state)
+        # States that were sampled at nearly the same time say nothing: a server that stalled sends several at once.
+        if between < 0.5 * _LOOK:
+            continue
+        most = _STILL * min(1.0, between / _LOOK)
+        if all(abs(new - old) < most for old, new in zip(before.position, state.position, strict=True)):
             break
+        before = state
+    here = state.positions
     # An unknown position is the worst.
     off, joint = max(
         ((abs(here.get(name, math.nan) - angle), name) for name, angle in goal.items()),
@@ -74,3 +83,10 @@ def come_to_rest(
         ]
         tip = math.dist(*places)
     return Rest(joint, off, tip)
+
+
+def _between(before: JointState, state: JointState) -> float:
+    """Least seconds between two samples of a joint; 0 if one of them has no new sample."""
+    ages = zip(before.age, state.age, strict=True)
+    least = min(((state.stamp - new) - (before.stamp - old) for old, new in ages), default=0.0)
+    return 0.0 if math.isnan(least) else least
