@@ -9,7 +9,6 @@ import signal
 import sys
 import tempfile
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -75,10 +74,12 @@ def ctrl_c_after(what: Callable[[], object]) -> Iterator[None]:
     ended = threading.Event()
 
     def interrupt() -> None:
-        what()
-        # A command that has failed is not there to be interrupted.
-        if not ended.is_set():
-            os.kill(os.getpid(), signal.SIGINT)
+        try:
+            what()
+        finally:
+            # A command that has failed is not there to be interrupted.
+            if not ended.is_set():
+                os.kill(os.getpid(), signal.SIGINT)
 
     thread = threading.Thread(target=interrupt)
     thread.start()
@@ -211,9 +212,8 @@ def test_a_motion_that_is_taught_by_hand_is_recorded_and_played(board: PtyBoard,
 
         def lead() -> None:
             eventually(lambda: not robot.read().torque_on)
-            board.lead("J1", 0.4, 0.6)
-            # So long that the last states are recorded.
-            time.sleep(0.9)
+            # It holds so long that the last states are recorded.
+            board.lead("J1", 0.4, 0.8, hold=0.9)
 
         with ctrl_c_after(lead):
             taught = at_board("teach", file, "--yes")
@@ -337,11 +337,11 @@ def test_each_command_ends_in_one_line_when_its_server_is_killed(folder: Path, l
             stack.enter_context(process(*command.split(), "--port", f"zenoh:{name}"))
             for command, name in zip(commands, names, strict=True)
         ]
-        with hexwire.connect("zenoh:c") as robot:
-            eventually(lambda: robot.read().torque_on)
         for program in programs:
             assert program.stdout is not None
         programs[-1].stdout.readline()  # type: ignore[union-attr]  # it is a pipe
+        with hexwire.connect("zenoh:c") as robot:
+            eventually(lambda: robot.read().torque_on)
         eventually(lambda: (folder / "k.mcap").exists())
         server.kill()
         for command, program in zip(commands, programs, strict=True):

@@ -56,7 +56,7 @@ def test_how_far_off_it_is_counts_when_the_arm_is_at_rest() -> None:
 
 
 def test_states_of_the_same_time_do_not_say_that_it_is_at_rest() -> None:
-    """A server that stalled sends several states at once; of a servo that is silent only the old position is known."""
+    """A server that stalled sends several at once; of a servo that is silent only the old position is known."""
     robot = Settling(0.0, 0.02, 0.02, 0.0201, 0.03, 0.03, sampled=[0.0, 0.05, 0.05, 0.06, 0.20, 0.25])
     assert robot.rest({"J1": 0.0}) == Rest("J1", 0.03, None)
     assert robot.reads == 6

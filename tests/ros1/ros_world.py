@@ -24,6 +24,7 @@ from tests.link.far_ends import free_port
 
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
 from hexwire.emulator.faults import FaultPlan
+from hexwire.emulator.hand import FORCE, Hand
 from hexwire.emulator.serve_pty import PtyServer
 from hexwire.model.hex7bot import HEX7BOT
 
@@ -306,15 +307,15 @@ class PtyBoard:
         """Faults from now on, in place of those before."""
         self.board.faults = self.board.wire.faults = FaultPlan(specs, start=time.monotonic())
 
-    def lead(self, joint: str, angle: float, seconds: float) -> None:
-        """Lead a joint without torque by hand, so many radians in so many seconds."""
+    def lead(self, joint: str, angle: float, seconds: float, hold: float = 0.0) -> None:
+        """Lead a joint without torque by hand, so many radians in so many seconds, and hold it there for some more.
+
+        In the emulator's time: if that stalls, the states must not show a jump.
+        """
         model = HEX7BOT.joint(joint)
         servo = next(servo for servo in self.board.wire.servos if servo.servo_id == model.servo_id)
-        start, steps = servo.motion.position, round(seconds / 0.02)
-        for i in range(1, steps + 1):
-            servo.motion.position = start + model.sign * angle / model.scale * i / steps
-            servo.motion.settled = False
-            time.sleep(0.02)
+        hand = Hand(servo.motion, model.sign * angle / model.scale, seconds, hold, FORCE)
+        until(lambda: hand.has_let_go, "the hand lets go")
 
     @property
     def positions(self) -> dict[str, float]:
