@@ -545,6 +545,20 @@ def test_a_stop_of_dialect_1_outlives_a_replug() -> None:
     assert arm.driver.read().stopped
 
 
+@pytest.mark.parametrize("when", ["begin", "end"])
+def test_a_line_that_is_lost_while_reports_begin_or_end_comes_back(when: str) -> None:
+    arm = Arm(2)
+    states = arm.driver.stream(0.05)
+    if when == "end":
+        next(states)
+    replug(arm)
+    if when == "begin":
+        assert next(states).names == HEX7BOT.names
+    states.close()
+    assert arm.board.state.report_due is None
+    assert arm.driver.read().names == HEX7BOT.names
+
+
 def test_giving_up_is_final() -> None:
     arm = Arm(2, reconnect=ReconnectPolicy(give_up_after=3))
     arm.link.lost = True

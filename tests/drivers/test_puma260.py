@@ -419,7 +419,13 @@ def test_a_line_that_breaks_is_made_again_and_nothing_moves_twice(served: Served
         next(states)
         _break(driver.states)
         assert next(states).names == driver.model.names
+        while driver.states.reconnects == 1:
+            next(states)  # of those that had come before
+        # Also while reports end: that they have ended is all that is asked for.
+        _break(driver.states)
         states.close()
+        assert driver.states.reconnects == 3
+        assert driver.read().names == driver.model.names
 
 
 def _break(session: Session) -> None:

@@ -17,6 +17,9 @@ from hexwire.wire.registers import Series
 
 pytestmark = pytest.mark.system
 
+PATIENCE = 5.0
+"""Seconds for which servos that hear us may be silent: the thread that serves them stalls with the machine."""
+
 
 @contextmanager
 def served(
@@ -41,6 +44,7 @@ def served(
 def test_a_bus_on_a_terminal(series: Series) -> None:
     baud = series.baud
     with served(series, baud) as path, ServoBus(SerialLink(path, baud), series=series) as bus:
+        bus.timing.allowance = PATIENCE
         for _ in range(3):
             readings = bus.sync_read("present_position", (1, 2, 3))
             assert readings.missing == ()
@@ -51,6 +55,7 @@ def test_servos_hear_only_at_their_own_rate() -> None:
     with served(baud=115200) as path, ServoBus(SerialLink(path, 1_000_000), retries=0) as bus:
         assert bus.ping(1).error
         bus.set_baud(115200)
+        bus.timing.allowance = PATIENCE
         assert bus.ping(1).ok
         assert bus.timing.baud == 115200
 

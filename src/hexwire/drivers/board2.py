@@ -294,7 +294,7 @@ class Board2:
     def report(self, period: float, fields: int = ALL_FIELDS) -> None:
         """Send REPORT: a state every `period` seconds; 0 ends the reports."""
         body = round(period * 1000).to_bytes(2, "little") + bytes((fields,))
-        check_reply(self._ask(Command.REPORT, body))
+        check_reply(self._ask(Command.REPORT, body, repeatable=True))
 
     def limits(self) -> tuple[LimitRow, ...]:
         """Read the limits that the board has stored, in its joint order."""

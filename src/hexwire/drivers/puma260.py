@@ -216,7 +216,7 @@ class Puma260Driver(SessionDriver):
                     return
         finally:
             if states.is_open:
-                check_reply(states.request(Command.REPORT, b"\0\0\0"))
+                check_reply(states.request(Command.REPORT, b"\0\0\0", repeatable=True))
 
     def _decode(self, states: EncoderStates, now: float) -> JointState:
         counts = [row.counts for row in states.rows]
