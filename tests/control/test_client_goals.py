@@ -51,11 +51,15 @@ class Client:
 class Goals:
     """Goals of an emulated arm that has torque."""
 
-    def __init__(self, *, answer_after: float = 0.0, in_log: Any = None, **settings: Any) -> None:
+    def __init__(
+        self, *, answer_after: float = 0.0, end_after: float = 0.0, in_log: Any = None, **settings: Any
+    ) -> None:
         self.bench = Bench(**({"check_table": False} | (settings or {"allow_partial_joints_goal": True})))
         self.bench.ask(lambda: self.bench.arm.enable(True))
         words = {} if in_log is None else {"in_log": in_log}
-        self.goals: ClientGoals[Client] = ClientGoals(self.bench.arm, answer_after=answer_after, **words)
+        self.goals: ClientGoals[Client] = ClientGoals(
+            self.bench.arm, answer_after=answer_after, end_after=end_after, **words
+        )
 
     def send(
         self,
@@ -235,14 +239,27 @@ def test_the_log_says_why_in_the_words_of_the_front(caplog: pytest.LogCaptureFix
     assert lines[1:] == ["goal aborted: <STOPPED> stopped: test"]
 
 
-@pytest.mark.parametrize("wanted", [HOME["J1"] + 0.2, math.nan], ids=["accepted", "refused"])
-def test_no_client_is_answered_before_its_time(wanted: float) -> None:
+def test_no_client_is_answered_before_its_time() -> None:
     goals = Goals(answer_after=0.05)
     goals.goals.start()
     sent = time.monotonic()
-    client = goals.send({"J1": wanted})
+    client = goals.send({"J1": HOME["J1"] + 0.2})
     wait_for(lambda: client.said)
     assert client.when[0] - sent >= 0.03
+    goals.goals.close()
+
+
+@pytest.mark.parametrize("wanted", [HOME["J1"] + 0.2, math.nan], ids=["accepted", "refused"])
+def test_no_client_hears_the_end_before_its_time(wanted: float) -> None:
+    goals = Goals(end_after=0.05)
+    goals.goals.start()
+    sent = time.monotonic()
+    client = goals.send({"J1": wanted})
+    if math.isfinite(wanted):
+        wait_for(lambda: client.said)
+        goals.bench.arm.stop("by the test")
+    wait_for(lambda: client.over)
+    assert client.when[-1] - sent >= 0.03
     goals.goals.close()
 
 
@@ -289,7 +306,7 @@ def test_a_machine_that_stood_still_answers_no_sooner(monkeypatch: pytest.Monkey
         looks += 1
         return 3600.0 * looks  # an hour from one look at the clock to the next
 
-    goals = Goals(answer_after=0.02)
+    goals = Goals(end_after=0.02)
     monkeypatch.setattr("hexwire.control.client_goals.time", SimpleNamespace(monotonic=jumping))
     goals.goals.start()
     for key in ("one", "two"):

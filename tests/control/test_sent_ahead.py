@@ -338,6 +338,22 @@ def test_a_joint_that_falls_silent_stops_the_arm() -> None:
     assert at(bench) == pytest.approx(place, abs=0.003)
 
 
+def test_a_joint_that_falls_silent_is_named_also_if_the_newest_state_does_not_show_it() -> None:
+    bench = Timed()
+    told = bench.go(seconds=4.0)
+    bench.turn(0.7)
+    # A state from before: what the board says of the path overtakes those after it.
+    old = bench.owner.newest()
+    ahead = bench.owner._output._ahead
+    assert ahead is not None
+    look = ahead._look
+    ahead._look = lambda path, state: look(path, old)  # type: ignore[method-assign]  # only what it knows differs
+    bench.silence("J5")
+    bench.until(lambda: told.ends)
+    assert told.outcome == STOPPED
+    assert "J5 has not answered for" in told.text
+
+
 def test_torque_that_another_program_takes_away_ends_the_goal() -> None:
     bench = Timed()
     told = bench.go(seconds=4.0)

@@ -192,7 +192,8 @@ def test_blocked_arm_stops_by_itself(arm: Arm) -> None:
     here = arm.position()["J1"]
     arm.board.block("J1")
     try:
-        arm.send("move", {"J1": here - 0.6}, 1.5)
+        # Long enough for a machine that stalls: the judgement begins anew then.
+        arm.send("move", {"J1": here - 0.6}, 4.0)
         result = arm.result("move")
     finally:
         arm.board.block(None)

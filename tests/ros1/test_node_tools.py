@@ -78,9 +78,11 @@ def test_rosbag_plays_a_recorded_motion_back(arm: Arm, tmp_path: Path) -> None:
     record = world.start("rosbag", "record", "-O", str(bag), "/command", "/joint_states")
     points = [
         {"t": 1.0, "positions": list(away.values())},
-        {"t": 1.5, "positions": [0.0, 0.2]},
+        # It stays there for longer than the machine stalls.
+        {"t": 1.8, "positions": list(away.values())},
+        {"t": 2.3, "positions": [0.0, 0.2]},
     ]
-    # All states: it is away for a moment only.
+    # All states: it is away for a short time.
     states, others = "/joint_states", "/played/joint_states"
     world.client.watch(topic=states, kind="sensor_msgs/JointState")
     arm.client.command(topic="/command", names=list(away), points=points, listeners=2)

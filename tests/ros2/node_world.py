@@ -163,7 +163,9 @@ class Peer:
         publisher = self._publishers.get(topic)
         if publisher is None:
             publisher = self._publishers[topic] = self.node.publisher(topic, type_name)
-            until(publisher.subscriber_count, f"somebody subscribes to {topic}")
+            reached = lambda: publisher.subscriber_count() and publisher.has_readers  # noqa: E731
+            # A subscription may be in the graph before Zenoh knows the way to it.
+            until(reached, f"somebody subscribes to {topic}")
         publisher.publish(self.types.message(type_name)(**fields))  # type: ignore[operator]  # a message type
 
     def call(self, service: str, type_name: str, timeout: float = PATIENCE, **fields: Any) -> Any:

@@ -219,7 +219,7 @@ def long_trajectories(arm: Arm, count: int, points: int) -> None:
     message = arm.trajectory(*rows)
     topic, kind = f"/{CONTROLLER}/joint_trajectory", "trajectory_msgs/msg/JointTrajectory"
     publisher = arm.peer.node.publisher(topic, kind)
-    until(publisher.subscriber_count, "somebody subscribes", arm.node.report)
+    until(lambda: publisher.subscriber_count() and publisher.has_readers, "somebody subscribes", arm.node.report)
     payload = publisher.type.serialize(message)
     for _ in range(count):
         publisher.publish_serialized(payload)

@@ -39,7 +39,8 @@ def test_a_goal_is_reached_with_feedback_and_states_on_the_way(arm: Arm) -> None
     target = aside(arm, 0.3)
     goal = Goal(arm, (1.5, target))
     assert goal.accepted
-    assert goal.result() == (SUCCEEDED, 0, "")
+    # The text may say how far off a joint came to rest.
+    assert goal.result()[:2] == (SUCCEEDED, 0)
     assert near(target, arm.board.positions)
     feedback = [m for m in arm.peer.received[f"{AT}/feedback"] if bytes(m.goal_id.uuid) == goal.id]
     assert len(feedback) >= 5

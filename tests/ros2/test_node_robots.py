@@ -162,7 +162,7 @@ def test_topics_that_are_not_wanted_are_not_there(world: World, tmp_path: Path) 
 def shared(world: World) -> Iterator[Arm]:
     """A node, and the arm behind it, whose server is this process."""
     folder = world.folder / "run"
-    folder.mkdir(mode=0o700)
+    folder.mkdir(mode=0o700, exist_ok=True)
     with pytest.MonkeyPatch.context() as patch:
         for name in ("XDG_RUNTIME_DIR", "XDG_STATE_HOME"):
             patch.setenv(name, str(folder))
@@ -186,7 +186,8 @@ def test_a_shared_arm_is_commanded_by_who_holds_it(shared: Arm) -> None:
     shared.trigger("reset")
     shared.enable()
     here = shared.position()
-    assert Goal(shared, (1.5, {"J1": here["J1"] + 0.2})).result()[0] == SUCCEEDED
+    status, _, text = Goal(shared, (1.5, {"J1": here["J1"] + 0.2})).result()
+    assert status == SUCCEEDED, text
     with hexwire.connect("zenoh:lab/arm1?take=1") as other:
         other.stop()
         until(lambda: shared.board.board.state.stopped, "another program stops it", shared.node.report)

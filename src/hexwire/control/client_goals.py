@@ -85,7 +85,7 @@ class ClientGoal(Generic[_C]):
     Attributes:
         accepted: The client knows that it is accepted.
         cancelled: The client has cancelled it.
-        answerable: Earliest time of an answer, by the worker's clock; None until there is an answer.
+        judged: When the first answer was there, by the worker's clock; None until then.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class ClientGoal(Generic[_C]):
     ) -> None:
         self.controller, self.key, self.client, self.asked = controller, key, client, asked
         self.accepted = self.cancelled = False
-        self.answerable: float | None = None
+        self.judged: float | None = None
         self._on_end = on_end
 
     def ended(self, ended: Ended) -> None:
@@ -106,7 +106,8 @@ class ClientGoals(Generic[_C]):
 
     Args:
         arm: The arm that follows them.
-        answer_after: Least seconds until a client is answered.
+        answer_after: Least seconds until a client hears that its goal is accepted.
+        end_after: Least seconds until it hears the end, also as a refusal.
         in_log: How the log words why a goal was refused or aborted.
     """
 
@@ -115,9 +116,10 @@ class ClientGoals(Generic[_C]):
         arm: Arm,
         *,
         answer_after: float,
+        end_after: float,
         in_log: Callable[[Reason, str], str] = lambda reason, text: text,
     ) -> None:
-        self._arm, self._answer_after, self._in_log = arm, answer_after, in_log
+        self._arm, self._answer_after, self._end_after, self._in_log = arm, answer_after, end_after, in_log
         self._goals: dict[tuple[str, str], ClientGoal[_C]] = {}
         # Goals and ends, in order; checking a goal takes longer than its sender may be blocked.
         self._work: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
@@ -189,13 +191,14 @@ class ClientGoals(Generic[_C]):
         except GoalError as error:
             if not goal.cancelled:
                 _log.warning("goal refused: %s", self._in_log(Reason(error.reason), str(error)))
-            self._answer(goal, partial(self._refuse, goal, Reason(error.reason), str(error)))
+            self._answer(goal, partial(self._refuse, goal, Reason(error.reason), str(error)), self._end_after)
         except Exception as error:
             # The client must get an answer.
-            self._answer(goal, partial(self._refuse, goal, Reason.FAILED, f"the program failed: {error!r}"))
+            refuse = partial(self._refuse, goal, Reason.FAILED, f"the program failed: {error!r}")
+            self._answer(goal, refuse, self._end_after)
             raise
         else:
-            self._answer(goal, partial(self._accept, goal))
+            self._answer(goal, partial(self._accept, goal), self._answer_after)
 
     @staticmethod
     def _accept(goal: ClientGoal[_C]) -> None:
@@ -210,7 +213,7 @@ class ClientGoals(Generic[_C]):
 
     def _end(self, goal: ClientGoal[_C], ended: Ended) -> None:
         # Queued, to come after the acceptance, which may still be in progress.
-        self._work.put(partial(self._answer, goal, partial(self._finish, goal, ended)))
+        self._work.put(partial(self._answer, goal, partial(self._finish, goal, ended), self._end_after))
 
     def _finish(self, goal: ClientGoal[_C], ended: Ended) -> None:
         self._forget(goal)
@@ -225,10 +228,10 @@ class ClientGoals(Generic[_C]):
 
     # -- the worker -----------------------------------------------------------------------------------
 
-    def _answer(self, goal: ClientGoal[_C], answer: Callable[[], object]) -> None:
-        if goal.answerable is None:
-            goal.answerable = self._ran + self._answer_after
-        self._answers.append((goal.answerable, answer))
+    def _answer(self, goal: ClientGoal[_C], answer: Callable[[], object], after: float) -> None:
+        if goal.judged is None:
+            goal.judged = self._ran
+        self._answers.append((goal.judged + after, answer))
 
     def _do_work(self) -> None:
         open_ = True

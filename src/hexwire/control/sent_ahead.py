@@ -17,7 +17,7 @@ from hexwire.drivers.timed_path import PathReport, PathState, TimedPath, TimedPo
 from hexwire.errors import CommandRefusedError, DeviceError, LeaseError, PreemptedError, StoppedError, UsageError
 from hexwire.motion.follower import BRAKE, Follower, Mode
 from hexwire.motion.path_points import path_points
-from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop
+from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop, silence
 from hexwire.motion.together import Together
 from hexwire.motion.waypoints import Tail
 
@@ -411,8 +411,7 @@ class SentAhead:
             self.drop()
         elif found is PathState.FAULT:
             return self._see_fault(report, state)
-        elif found is PathState.DRY:
-            # This program was suspended for longer than the points lasted.
+        elif found is PathState.DRY:  # this program was suspended for longer than the points lasted
             self._rest = self._sent[-1].time
             self._settle()
         elif found is PathState.ABORTED and self._leaving:
@@ -434,19 +433,20 @@ class SentAhead:
 
     def _see_fault(self, report: PathReport, state: JointState) -> StopReason | None:
         joints = self.joints
+        if report.towards and all(name in state.torque_on and name not in state.silent for name in joints):
+            # The robot has found out what this state does not show yet.
+            state = self._robot.read()
         limp = [name for name in joints if name not in state.torque_on]
         if limp:
             self.drop()
             self._group.release(f"{', '.join(limp)} lost torque", joints)
             return None
-        if not report.towards:
-            # A joint was not where the path begins; nothing has moved.
+        if not report.towards:  # a joint was not where the path begins; nothing has moved
             self._unfit, self._rest = True, 0.0
             self._settle()
             return None
         self.drop()
-        silent = max(joints, key=lambda name: state[name].age)
-        return StopReason("lost", f"{silent} has not answered for {state[silent].age:.2f} s", silent)
+        return silence(state, joints)
 
     def _keep_time(self, path: TimedPath, report: PathReport, before: float) -> None:
         """Keep what is planned to the time of the robot, whose clock drifts."""

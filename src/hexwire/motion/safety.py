@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
 from hexwire.errors import UsageError
 from hexwire.model.state import JointFlag, JointState
 
-__all__ = ["STOP_COMMAND", "Guard", "SafetyLimits", "StopReason", "board_stop"]
+__all__ = ["STOP_COMMAND", "Guard", "SafetyLimits", "StopReason", "board_stop", "silence"]
 
 
 _SILENT = int(JointFlag.SILENT)
@@ -111,6 +111,15 @@ def board_stop(state: JointState) -> StopReason | None:
             "board", "the board has stopped the arm: its watchdog tripped, because the host fell silent"
         )
     return StopReason("board", STOP_COMMAND)
+
+
+def silence(state: JointState, names: Collection[str]) -> StopReason:
+    """Why the arm was stopped if one of these joints was silent: the one of which the state says so."""
+    silent = [name for name in names if name in state.silent]
+    if not silent:
+        return StopReason("lost", "a joint did not answer for a moment")
+    name = max(silent, key=lambda name: state[name].age)
+    return StopReason("lost", f"{name} has not answered for {state[name].age:.2f} s", name)
 
 
 class Guard:

@@ -23,7 +23,10 @@ __all__ = ["ActionClient", "ActionGoals"]
 
 _CLIENT_READY = 0.02
 """Seconds from a goal to the first answer to it. actionlib's SimpleActionClient for Python publishes a goal before
-it stores which one it waits for, and drops an answer that arrives in between: it would wait forever."""
+it stores which one it waits for, and drops an answer that arrives in between."""
+_CLIENT_READY_FOR_END = 0.1
+"""Seconds from a goal to its end, also as a refusal. If that is dropped, the client waits forever. The time above
+is too short for a client that a busy machine keeps from its processor."""
 
 
 class ActionClient:
@@ -69,7 +72,7 @@ class ActionGoals(ClientGoals[ActionClient]):
     """
 
     def __init__(self, arm: Arm, result: Callable[..., Any], now: Callable[[], Any]) -> None:
-        super().__init__(arm, answer_after=_CLIENT_READY)
+        super().__init__(arm, answer_after=_CLIENT_READY, end_after=_CLIENT_READY_FOR_END)
         self._result, self._now = result, now
 
     def on_goal(self, controller: str, handle: Any) -> None:

@@ -79,7 +79,7 @@ class ActionGoals(ClientGoals[ActionClient]):
     """
 
     def __init__(self, arm: Arm, result: Callable[..., Any], ros_time: Callable[[], int] = time.time_ns) -> None:
-        super().__init__(arm, answer_after=0.0, in_log=in_log)
+        super().__init__(arm, answer_after=0.0, end_after=0.0, in_log=in_log)
         self._result, self._ros_time = result, ros_time
 
     def on_goal(self, controller: str, handle: GoalHandle) -> None:

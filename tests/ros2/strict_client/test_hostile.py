@@ -147,8 +147,8 @@ def test_a_long_message(arm: Arm) -> None:
     publisher.wait_for_subscriber()
     points = [{"positions": [0.0] * 7, "time_from_start": {"sec": i}} for i in range(20_000)]
     publisher.publish(joint_names=arm.names, points=points)
-    received = arm.rosout.wait(lambda message: message.level >= 30)
-    assert "point" in received.message.msg
+    # Trajectories of the test before may still be refused.
+    arm.rosout.wait(lambda message: message.level >= 30 and "point" in message.msg)
     works(arm)
 
 

@@ -74,7 +74,7 @@ def test_a_far_first_command_moves_nothing_and_is_logged(arm: Arm) -> None:
     before = arm.positions()
     to = publisher(arm)
     to.publish(name=arm.names, position=arm.near({"J1": step(arm, 0.6)}))
-    arm.rosout.wait(lambda message: message.level >= 30)
+    arm.rosout.wait(lambda message: message.level >= 30 and "away from the arm" in message.msg)
     assert arm.positions() == pytest.approx(before, abs=0.03)
 
 
