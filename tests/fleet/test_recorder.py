@@ -17,6 +17,7 @@ from hexwire.fleet.names import Keys
 from hexwire.fleet.network import Network
 from hexwire.fleet.node import Node
 from hexwire.fleet.recorder import EVENTS, FleetRecorder
+from hexwire.fleet.roster import Seen
 from hexwire.trace.capture import read_messages
 from hexwire.trace.recording import RecordingWriter, read_joint_states, topic_of
 
@@ -115,6 +116,18 @@ def test_lost_states_and_a_new_server_are_noted(far: Far, tmp_path: Path) -> Non
     texts = [body["message"] for _, body in messages(file, EVENTS)]
     assert texts == ["lab/far recorded", "lab/far: 3 states were lost on the way"]
     assert told == ["lab/far recorded"]
+
+
+def test_an_arm_that_vanishes_while_it_is_found_does_not_end_the_recording(
+    far: Far, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    closed = Network(connect=endpoints_of([local_socket("lab/far")])).open()
+    closed.close()
+    with RecordingWriter(tmp_path / "a.mcap") as writer, FleetRecorder(writer, "lab/*") as recorder:
+        with monkeypatch.context() as patch:
+            patch.setattr(recorder._roster, "seen", lambda: {"lab/far": Seen("lab/far", closed, True)})
+            recorder.run(0.02)
+        eventually(lambda: (far.send(), recorder.run(0.05), recorder.counts["lab/far"][0])[2])
 
 
 def test_arms_that_come_and_go_are_noted(far: Far, serve: Serve, tmp_path: Path) -> None:

@@ -274,8 +274,16 @@ class Node:
         self._session.declare_queryable(key, lambda query: on_question(Question(key, query)), complete=True)
 
     def subscribe(self, key: str, on_sample: Callable[[bytes, str], object]) -> Callable[[], None]:
-        """Receive published samples in a thread of its own; returns a function that ends it."""
-        subscriber, lost = self._session.declare_subscriber(key), self._zenoh.ZError
+        """Receive published samples in a thread of its own; returns a function that ends it.
+
+        Raises:
+            LinkClosedError: The session is closed.
+        """
+        lost = self._zenoh.ZError
+        try:
+            subscriber = self._session.declare_subscriber(key)
+        except lost:
+            raise LinkClosedError("the session is closed") from None
 
         def receive() -> None:
             # `recv` raises when the subscriber is undeclared or the session is closed.

@@ -13,6 +13,7 @@ For the arm lab/arm1 the file has
 
 from __future__ import annotations
 
+import contextlib
 import math
 import queue
 import threading
@@ -20,7 +21,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from hexwire.errors import HexwireError, RemoteProtocolError, UsageError
+from hexwire.errors import HexwireError, LinkClosedError, RemoteProtocolError, UsageError
 from hexwire.trace.recording import RecordingWriter, topic_of
 
 from . import messages as m
@@ -141,8 +142,10 @@ class FleetRecorder:
             elif arm.node is not one.node:
                 arm.node = one.node
             if (name, one.node) not in self._subscribed:
-                self._subscribed.add((name, one.node))
-                self._subscribe(name, one.node)
+                # It may have vanished in this moment, and its session with it.
+                with contextlib.suppress(LinkClosedError):
+                    self._subscribe(name, one.node)
+                    self._subscribed.add((name, one.node))
         for name, arm in self._arms.items():
             if arm.there and name not in seen:
                 arm.there = False
