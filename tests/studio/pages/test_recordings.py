@@ -136,10 +136,29 @@ def test_a_recording_of_other_joints_shows_all_of_them_and_a_refused_motion_says
         page.get_by_role("button", name="Save as PNG").click()
     assert saved.value.suggested_filename == "three.mcap.png"
     assert "three.mcap" in page.evaluate("window.drawn")
+    # While the twin is prepared, it counts as busy; somebody looks at this moment, and gets the answer late.
+    page.evaluate("""() => {
+        const plain = window.fetch, late = new Promise((resolve) => (window.release = resolve));
+        window.held = 0;
+        window.fetch = async (address, options) => {
+            const answer = await plain(address, options);
+            if (address !== "/data/recordings" || options?.method || window.held) return answer;
+            window.held = 1;
+            const found = await answer.json();
+            found.twin.busy = true;
+            await late;
+            return new Response(JSON.stringify(found), { headers: { "Content-Type": "application/json" } });
+        };
+    }""")
+    page.wait_for_function("window.held")
     page.get_by_label("from, s").fill("900")
     page.get_by_role("button", name="Play on the twin").click()
     # Beside the buttons: the top of the page may be out of sight.
-    page.locator(".rc-said[data-level=error]", has_text="nothing is left").wait_for()
+    refusal = page.locator(".rc-said[data-level=error]", has_text="nothing is left")
+    refusal.wait_for()
+    page.evaluate("window.release()")
+    page.wait_for_timeout(500)
+    assert refusal.is_visible()
 
 
 def test_a_recording_that_comes_leaves_the_rows_of_others_alone(page: Page, folder: Path) -> None:

@@ -12,7 +12,7 @@ export async function mount(element, args) {
   await Promise.all([loadSheet("/static/plots.css"), loadSheet("/static/recordings.css")]);
   if (!element.isConnected) return;
   const none = `No recordings yet.${args.operates ? " Record the arm, add a file, or use hexwire --record FILE.mcap." : ""}`;
-  const state = { list: null, chosen: "", rows: new Map(), looking: 0, refusal: "" };
+  const state = { list: null, chosen: "", rows: new Map(), asked: 0, shown: 0, outdated: 0, looking: 0, refusal: "" };
   const note = make("p", { className: "pl-note rc-note", role: "status" });
   const record = button("Record the arm", toggleRecord, "rc-record");
   const recording = make("span", { className: "rc-recording" });
@@ -31,7 +31,7 @@ export async function mount(element, args) {
   const frame = make("div", { className: "rc-scroll" }, table);
   const place = make("div", { className: "rc-view" });
   element.replaceChildren(bar, note, frame, remark, place);
-  const page = { element, args, state, act, say, entry: (name) => state.list?.entries.find((one) => one.name === name), choose };
+  const page = { element, args, state, act, say, outdate, entry: (name) => state.list?.entries.find((one) => one.name === name), choose };
   const view = makeView(page, place);
 
   file.addEventListener("change", upload);
@@ -48,10 +48,18 @@ export async function mount(element, args) {
     note.dataset.level = bad ? "error" : "";
   }
 
+  /** What was asked for until now, and has not come yet, is not true any more. */
+  function outdate() { state.outdated = state.asked; }
+
   async function look() {
     state.looking += 1;
+    const round = ++state.asked;
     try {
-      state.list = await (await ask("/data/recordings")).json();
+      const list = await (await ask("/data/recordings")).json();
+      if (round <= state.outdated) return await look();
+      if (round < state.shown) return;
+      state.shown = round;
+      state.list = list;
     } catch (error) {
       say(error.message, true);
       return;
@@ -71,6 +79,7 @@ export async function mount(element, args) {
       await look();
       return found;
     } catch (error) {
+      outdate();
       state.refusal = error.message;
       say(error.message, true);
       return null;

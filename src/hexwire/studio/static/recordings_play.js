@@ -100,6 +100,9 @@ export function makePlayer(page, place, view, shown, moved) {
   }
 
   function finish(text, bad) {
+    // A list from before still says that the twin moves, which would be followed once more.
+    page.outdate();
+    if (state.on === "twin" && state.list) state.list.twin.busy = false;
     state.on = "";
     moved(null);
     stop.hidden = true;
