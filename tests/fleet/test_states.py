@@ -14,6 +14,7 @@ from tests.fleet.fake_inbox import PATIENCE, FakeInbox
 
 from hexwire.errors import LinkClosedError, LinkLostError, RemoteProtocolError
 from hexwire.fleet import messages as m
+from hexwire.fleet import states as module
 from hexwire.fleet.clock import ClockOffset
 from hexwire.fleet.states import ArrivedStates
 
@@ -226,7 +227,8 @@ def test_what_waited_before_a_refresh_is_no_state_that_arrives_later() -> None:
     assert bench.inbox.receivers == {thread.ident}, "it receives itself"
 
 
-def test_a_refresh_waits_for_what_another_thread_is_taking() -> None:
+def test_a_refresh_waits_for_what_another_thread_is_taking(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_TAKING", PATIENCE)
     bench, inside, go_on = InboxBench(), threading.Event(), threading.Event()
     poll = bench.inbox.poll
 

@@ -231,6 +231,18 @@ class Scene:
         """Where a servo is, in counts, as its log says."""
         return self._board.read()[number].positions[-1]
 
+    def resting(self, number: int) -> float:
+        """As `position`, when the servo has come to rest."""
+        seen = [math.nan]
+
+        def rests() -> bool:
+            seen.append(self.position(number))
+            time.sleep(0.3)
+            return self.position(number) == seen[-1]
+
+        self.came(rests, BACK)
+        return seen[-1]
+
     def came(self, found: Callable[[], object], seconds: float) -> float:
         """Wait until something holds; returns after how many seconds it did."""
         begin = time.monotonic()

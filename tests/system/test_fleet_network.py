@@ -43,7 +43,7 @@ host, ca, cert, key = sys.argv[1:]
 context = ssl.create_default_context(cafile=ca)
 context.load_cert_chain(cert, key)
 with context.wrap_socket(socket.create_connection((host, 7447), 10), server_hostname=host) as line:
-    line.settimeout(1)
+    line.settimeout(3)
     try:
         print("refused" if line.recv(1) == b"" else "spoke")
     except TimeoutError:
@@ -328,7 +328,7 @@ def test_a_router_that_is_stopped_lets_nothing_old_through_when_it_goes_on(site:
 
 def test_certificates_that_are_wrong_move_nothing(site: Site) -> None:
     site.operator.do("release")
-    before = site.position(0)
+    before = site.resting(0)
     # Of another authority, under the name that the right one has.
     away = site.folder / "away"
     hexwire("cert", "issue", str(away), "op", "--role", "operator", "--for", NAME)
