@@ -17,15 +17,20 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+import pytest
 from tests.link.far_ends import free_port
 
+from hexwire.control.lease import Lease
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
 from hexwire.emulator.faults import FaultPlan
 from hexwire.emulator.hand import FORCE, Hand
 from hexwire.emulator.serve_pty import PtyServer
+from hexwire.fleet.service import Service
+from hexwire.fleet.service_file import read_arms
 from hexwire.model.hex7bot import HEX7BOT
 
 T = TypeVar("T")
@@ -267,6 +272,12 @@ class World:
         self.drop_client()
         for program in reversed(self._programs):
             program.kill_all()
+
+
+def serving_patiently(board: PtyBoard, patch: pytest.MonkeyPatch) -> Service:
+    """The server of an arm `lab/arm1`; a program that a busy machine lets wait is not one that is late or gone."""
+    patch.setattr("hexwire.fleet.service.Lease", partial(Lease, max_age=5.0))
+    return Service(read_arms({"lab/arm1": {"port": board.port, "watchdog": 5.0, "lease": 5.0}}))
 
 
 class PtyBoard:

@@ -7,12 +7,10 @@ import sys
 from collections.abc import Iterator
 
 import pytest
-from tests.ros1.ros_world import HEXWIRE, NODE, Arm, PtyBoard, World, near, still, until
+from tests.ros1.ros_world import HEXWIRE, NODE, Arm, PtyBoard, World, near, serving_patiently, still, until
 
 import hexwire
 from hexwire.fleet.remote import RemoteRobot
-from hexwire.fleet.service import Service
-from hexwire.fleet.service_file import read_arms
 
 PORT = "zenoh:lab/arm1"
 
@@ -30,7 +28,7 @@ def shared(world: World) -> Iterator[Arm]:
             world.env[name] = str(folder)
         board = PtyBoard(world.folder / "shared")
         try:
-            with Service(read_arms({"lab/arm1": {"port": board.port, "watchdog": 5.0}})):
+            with serving_patiently(board, patch):
                 node = world.node(f"_port:={PORT}", "_allow_partial_joints_goal:=true", "_publish_rate:=50")
                 yield Arm(world, node, board=board)
                 assert node.end() == 0

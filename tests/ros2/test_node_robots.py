@@ -6,13 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.ros1.ros_world import HEXWIRE
+from tests.ros1.ros_world import HEXWIRE, serving_patiently
 from tests.ros2.node_fixtures import SETTINGS, world
 from tests.ros2.node_world import JOINTS, SUCCEEDED, Arm, Goal, PtyBoard, World, near, until
 
 import hexwire
-from hexwire.fleet.service import Service
-from hexwire.fleet.service_file import read_arms
 from hexwire.ros2.distributions import Distribution
 from hexwire.ros2.qos import LATCHED
 
@@ -169,7 +167,7 @@ def shared(world: World) -> Iterator[Arm]:
             world.env[name] = str(folder)
         board = PtyBoard(world.folder / "shared-arm")
         try:
-            with Service(read_arms({"lab/arm1": {"port": board.port, "watchdog": 5.0}})):
+            with serving_patiently(board, patch):
                 node = world.node(
                     *("-r", "__ns:=/shared", "-p", "port:=zenoh:lab/arm1", "-p", "publish_rate:=50.0"),
                     *("-p", "allow_partial_joints_goal:=true"),
