@@ -46,9 +46,23 @@ def test_the_demo_shows_what_it_says_now() -> None:
     assert drawn == {"svg", "style", "rect", "text"}
 
 
-def test_a_program_is_drawn_as_it_was_seen(picture: ModuleType) -> None:
-    said = "import time;print('first',flush=True);time.sleep(0.7);print('\\x1b[1;31msecond <&>\\x1b[0m',flush=True)"
-    frames = list(picture.watch([sys.executable, "-c", said + ";time.sleep(0.5)"]))
+SAYS = """
+import sys, time
+from pathlib import Path
+
+print("first", flush=True)
+while not Path(sys.argv[1]).exists():
+    time.sleep(0.02)
+print("\\x1b[1;31msecond <&>\\x1b[0m", flush=True)
+"""
+
+
+def test_a_program_is_drawn_as_it_was_seen(picture: ModuleType, tmp_path: Path) -> None:
+    frames, seen = [], tmp_path / "seen"
+    for frame in picture.watch([sys.executable, "-c", SAYS, str(seen)]):
+        frames.append(frame)
+        if frame[1][0]:
+            seen.touch()
     runs = {run[1]: (row, run, since, until) for row, run, since, until in picture.shown(frames)}
     end = frames[-1][0] + picture.REST
     first, second = runs["first"], runs["second <&>"]
