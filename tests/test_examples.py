@@ -87,7 +87,9 @@ def test_leader_follower(tmp_path: Path) -> None:
             assert program.stdout.readline() == "move the leader\n"
             address = "sim://so101?name=leader"
             hand = [sys.executable, "-m", "hexwire", "sim", "hand", "shoulder_pan", "+30", "--port", address]
-            subprocess.run([*hand, "--duration", "0.5", "--hold", "0.5"], env=env, check=True, capture_output=True, timeout=100)
+            subprocess.run(
+                [*hand, "--duration", "0.5", "--hold", "0.5"], env=env, check=True, capture_output=True, timeout=100
+            )
             program.send_signal(signal.SIGINT)
             said, errors = program.communicate(timeout=60)
         finally:

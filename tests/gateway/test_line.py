@@ -177,6 +177,18 @@ def test_a_lost_board_forgets_what_waits_but_not_a_stop(line: BoardLine) -> None
     assert sent(line, 2.0) == [], "the stop has arrived"
 
 
+def test_a_stop_is_no_repeat_of_one_before_it_also_of_a_gateway_that_was_restarted() -> None:
+    numbers = []
+    for now in (1000.0, 1000.1, 1001.0, 1001.99):
+        line = BoardLine(9, local=8)
+        for _ in range(3):
+            line.stop(0, now)
+            (stop,) = sent(line, now)
+            numbers.append(stop.seq)
+            line.receive(answer(Command.STOP, stop.seq, dst=GATEWAY_MODULE), now)
+    assert len(set(numbers)) == len(numbers)
+
+
 def test_only_frames_of_the_board_go_up(line: BoardLine) -> None:
     other = Connection(Role.BOARD, local=5, remote=7, type=8)
     assert line.receive(other.build(2, Command.STATS, b"", 1, 0.0, 0x80), 0.0) == []

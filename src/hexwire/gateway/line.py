@@ -32,6 +32,8 @@ _MAX_AGE = 0.5
 _MAX_VOIDED = 256
 _BITS = 10
 _STOP_AGAIN = 0.1
+_STOP_TICK = tables.REPEAT_WINDOW / 128
+"""Seconds after which a stop of the gateway's own has another number; they repeat after twice the window."""
 _STOP_TRIES = 20
 _BODY = max_body(tables.MAX_SERIAL_FRAME)
 _CHUNK = _BODY - FRAGMENT_HEAD_SIZE
@@ -108,7 +110,7 @@ class BoardLine:
         self._voided: OrderedDict[tuple[int, int, int, bytes], float] = OrderedDict()
         # Refused, since the queue was full.
         self._refused: deque[tuple[tuple[int, int, int, bytes], float]] = deque(maxlen=_MAX_VOIDED)
-        self._seq = self._sn = 0
+        self._sn = self._stop_number = 0
         self._own_stop: tuple[Frame, int, float] | None = None
         self._owed: int | None = None
         self._begin()
@@ -174,12 +176,23 @@ class BoardLine:
         if not self.up:
             self._owed = mode
             return
-        self._seq = (self._seq + 1) & 0xFF
+        # By the time: a stop with the number of one shortly before, also of a gateway that was restarted meanwhile,
+        # is a repeat to the board, which answers it and does not stop.
+        self._stop_number = max(self._stop_number + 1, int(now / _STOP_TICK))
         sec, nsec = split_time(now)
         # The kind of channel is that of a host on a serial line.
         kind = 3
         frame = Frame(
-            sec, nsec, 0, GATEWAY_MODULE, self.local, kind, PROTO_HEXWIRE, self._seq, Command.STOP, bytes((mode,))
+            sec,
+            nsec,
+            0,
+            GATEWAY_MODULE,
+            self.local,
+            kind,
+            PROTO_HEXWIRE,
+            self._stop_number & 0xFF,
+            Command.STOP,
+            bytes((mode,)),
         )
         self._own_stop = (frame, 0, now)
         self.handle_timeout(now)
