@@ -61,10 +61,10 @@ def start(*words: str) -> subprocess.Popen[str]:
     )
 
 
-def read_until(stream: object, text: str) -> str:
-    """Read lines of a pipe until one contains `text`; returns all of them."""
+def read_until(stream: object, text: str | re.Pattern[str]) -> str:
+    """Read lines of a pipe until one contains `text`, or a pattern is found; returns all of them."""
     lines = ""
-    while text not in lines:
+    while not (text in lines if isinstance(text, str) else text.search(lines)):
         line = stream.readline()  # type: ignore[attr-defined]
         assert line, f"ended before {text!r}: {lines!r}"
         lines += line
