@@ -1,10 +1,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from tests.studio.running import until
 
+from hexwire.control.settings_reader import read_settings
 from hexwire.errors import GoalError, UsageError
 from hexwire.motion.teach import Taught
 from hexwire.studio.twin import Twin
@@ -38,6 +40,22 @@ def test_the_emulated_arm_does_the_motion_and_is_gone(twin: Twin) -> None:
     assert history is not None
     last = list(history.rows())[-1][1]
     assert last[0] == pytest.approx(0.2, abs=0.03)
+
+
+def test_a_program_that_stalls_is_not_taken_for_one_that_has_died(
+    twin: Twin, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings: list[Any] = []
+
+    def read(values: Any, faults: Any) -> Any:
+        found = read_settings(values, faults)
+        settings.append(found[0])
+        return found
+
+    monkeypatch.setattr("hexwire.studio.twin.read_settings", read)
+    twin.play("hex7bot", "a slow swing", lambda joints: _swing(joints, seconds=30.0))
+    twin.stop("stopped")
+    assert [each.watchdog for each in settings] == [5.0]
 
 
 def test_it_can_be_stopped_on_the_way(twin: Twin) -> None:

@@ -35,6 +35,8 @@ _log = logging.getLogger(__name__)
 
 TWINS = ("hex7bot", "so101", "so100")
 """Arms that can be emulated in this program."""
+_STALLS = 5.0
+"""Watchdog of the emulated arm, s. Nothing real moves, and this program, which is both ends, may stall."""
 _PATIENCE = 15.0
 """Seconds in which the emulated arm must answer."""
 
@@ -173,7 +175,7 @@ class Twin:
     ) -> None:
         try:
             address = f"sim://{robot}?name=twin{id(self)}"
-            settings, driver = read_settings({**given, "port": address}, Faults())
+            settings, driver = read_settings({"watchdog": _STALLS, **given, "port": address}, Faults())
             history = History(settings.model.names)
             goals: dict[str, float] = {}
 
