@@ -8,7 +8,9 @@ import os
 import random
 import re
 import socket
+import time
 import tty
+from collections.abc import Callable
 from pathlib import Path
 
 from hexwire.errors import LinkLostError
@@ -120,3 +122,21 @@ class Recorder(Link):
 
     def confirm(self) -> None:
         self.calls.append("confirm")
+
+
+def take_over(leave_one_behind: Callable[[], str]) -> list[int]:
+    """Open terminals until one has the number of a terminal that is gone; returns their descriptors, it last.
+
+    Other programs of this machine open terminals too and may get the number first: then leave another one behind.
+    """
+    for _ in range(20):
+        name = leave_one_behind()
+        time.sleep(0.05)  # the system's file times must differ
+        opened: list[int] = []
+        while len(opened) < 60:
+            opened += os.openpty()
+            if os.ttyname(opened[-1]) == name:
+                return opened
+        for fd in opened:
+            os.close(fd)
+    raise AssertionError("other programs keep taking the terminals' numbers")

@@ -3,7 +3,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from far_ends import take_over
 
 from hexwire.link import port_identity
 from hexwire.link.port_identity import PortIdentity, UsbDevice, identify_port, why_not, why_not_again
@@ -222,16 +222,18 @@ def test_processes_that_go_or_cannot_be_read_are_passed_over(
 
 def test_another_terminal_of_that_name_is_younger() -> None:
     """What the checks rest on: a pseudo-terminal that takes a number over does not take its time over."""
-    master, slave = os.openpty()
-    name, made = os.ttyname(slave), os.fstat(slave).st_ctime_ns
-    os.close(master)
-    os.close(slave)
-    time.sleep(0.05)
-    opened = []
+    made = 0
+
+    def leave_one_behind() -> str:
+        nonlocal made
+        master, slave = os.openpty()
+        name, made = os.ttyname(slave), os.fstat(slave).st_ctime_ns
+        os.close(master)
+        os.close(slave)
+        return name
+
+    opened = take_over(leave_one_behind)
     try:
-        while not opened or os.ttyname(opened[-1]) != name:
-            opened += os.openpty()
-            assert len(opened) < 100
         assert os.fstat(opened[-1]).st_ctime_ns > made
     finally:
         for fd in opened:

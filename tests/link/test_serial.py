@@ -8,11 +8,11 @@ import subprocess
 import sys
 import termios
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from far_ends import PtyEnd
+from far_ends import PtyEnd, take_over
 
 from hexwire.errors import (
     LinkBusyError,
@@ -397,24 +397,6 @@ def test_low_latency_is_asked_for_once_and_optional(
 
 
 # --- whether it is the port that was meant ------------------------------------------------------------
-
-
-def take_over(leave_one_behind: Callable[[], str]) -> list[int]:
-    """Open terminals until one has the number of a terminal that is gone; returns their descriptors, it last.
-
-    Other programs of this machine open terminals too and may get the number first: then leave another one behind.
-    """
-    for _ in range(20):
-        name = leave_one_behind()
-        time.sleep(0.05)  # the system's file times must differ
-        opened: list[int] = []
-        while len(opened) < 60:
-            opened += os.openpty()
-            if os.ttyname(opened[-1]) == name:
-                return opened
-        for fd in opened:
-            os.close(fd)
-    raise AssertionError("other programs keep taking the terminals' numbers")
 
 
 @pytest.fixture
