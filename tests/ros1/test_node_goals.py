@@ -155,7 +155,7 @@ def test_torque_taken_away_aborts_a_goal(arm: Arm) -> None:
 def test_leaving_the_path_aborts_a_goal_and_the_arm_holds(arm: Arm) -> None:
     # Less than the rounding to counts of the servo.
     target = _elsewhere(arm, 0.6)
-    arm.send("one", target, 2.0, path={"J1": 0.0002})
+    arm.send("one", target, 4.0, path={"J1": 0.0002})
     result = arm.result("one")
     assert (result["state"], result["code"]) == ("ABORTED", -4)
     assert "J1" in result["text"]

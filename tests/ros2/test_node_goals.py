@@ -113,7 +113,7 @@ def test_a_goal_that_does_not_end_at_rest_is_refused(arm: Arm) -> None:
 
 def test_tolerances_of_a_goal_decide_how_it_ends(arm: Arm) -> None:
     tolerance = arm.peer.types.message("control_msgs/msg/JointTolerance")
-    goal = Goal(arm, (1.0, aside(arm, 0.3)), path_tolerance=[tolerance(name="J1", position=0.0002)])
+    goal = Goal(arm, (4.0, aside(arm, 0.3)), path_tolerance=[tolerance(name="J1", position=0.0002)])
     status, code, text = goal.result()
     assert (status, code) == (ABORTED, -4)
     assert "off its path" in text
