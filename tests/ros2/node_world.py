@@ -168,6 +168,12 @@ class Peer:
             until(reached, f"somebody subscribes to {topic}")
         publisher.publish(self.types.message(type_name)(**fields))  # type: ignore[operator]  # a message type
 
+    def asks(self, leaf: str) -> bool:
+        """Whether it has asked a service of this last name."""
+        # Another thread may add one.
+        clients = list(self._clients.items())
+        return any(name.endswith(f"/{leaf}") and client._sequence for name, client in clients)
+
     def call(self, service: str, type_name: str, timeout: float = PATIENCE, **fields: Any) -> Any:
         """Call a service."""
         client = self._clients.get(service)

@@ -91,7 +91,9 @@ def test_ended_during_a_move_the_arm_is_held(own_arm: Arm, how: str) -> None:
     ended: list[tuple[int, int, str]] = []
     waiting = threading.Thread(target=lambda: ended.append(goal.result()))
     waiting.start()
-    until(lambda: own_arm.node.running, "it runs")
+    until(lambda: own_arm.peer.asks("get_result"), "the result is asked for")
+    # Answered after the request before it has come.
+    own_arm.peer.call(f"{own_arm.at}hardware_interface/get_state", "lifecycle_msgs/srv/GetState")
     assert own_arm.node.end(signal.Signals[how]) == 0
     assert "Traceback" not in own_arm.node.err
     _held(own_arm)
