@@ -29,9 +29,41 @@ def test_a_recently_active_client_is_not_displaced() -> None:
     for key in range(2):
         seats.admit(key, "a", 0.0)
         seats.heard(key, float(key))
-    assert seats.admit(2, "a", 60.0) == (False, None)
+    assert seats.admit(2, "b", 60.0) == (False, None)
     assert seats.turned_away == 1
-    assert seats.admit(2, "a", 60.5) == (True, 0), "silent for more than a minute"
+    assert seats.admit(2, "b", 60.5) == (True, 0), "silent for more than a minute"
+
+
+def test_programs_that_have_ended_do_not_keep_their_host_out() -> None:
+    """Over datagrams nobody leaves: the 33rd command of a host found no place, a stop neither."""
+    seats: Seats[str] = Seats()
+    for channel in range(4):
+        seats.admit(f"channel {channel}", "a", 0.1 * channel)
+        seats.heard(f"channel {channel}", 0.1 * channel)
+    for number in range(200):
+        now = 10.0 + 0.5 * number
+        assert seats.admit(f"command {number}", "a", now)[0]
+        seats.heard(f"command {number}", now)
+        # The program moves the robot, and its other channels are quiet.
+        seats.heard("channel 1", now, commanded=True)
+    kept = [seats._guests.get(f"channel {channel}") for channel in range(4)]
+    assert None not in kept
+    # Those that command and end take each other's places in turn, too.
+    for number in range(200):
+        now = 200.0 + 0.5 * number
+        assert seats.admit(f"move {number}", "a", now)[0]
+        seats.heard(f"move {number}", now, commanded=True)
+
+
+def test_a_host_without_a_place_waits_until_one_of_its_own_is_silent() -> None:
+    seats: Seats[int] = Seats(10, per_host=2)
+    for key in range(2):
+        seats.admit(key, "a", 0.0)
+        seats.heard(key, float(key))
+    assert seats.admit(2, "a", 5.0) == (False, None)
+    assert seats.admit(2, "a", 5.5) == (True, 0)
+    seats.heard(2, 5.5)
+    assert seats.admit(3, "a", 5.9) == (False, None)
 
 
 def test_the_commander_and_the_channels_of_his_host_stay_however_quiet() -> None:
@@ -80,7 +112,8 @@ def test_the_commander_is_never_displaced(steps: list[tuple[int, str, float]]) -
 
 def test_a_server_has_64_places_32_of_them_for_one_host_and_waits_a_minute() -> None:
     seats: Seats[int] = Seats()
-    assert (seats.most, seats.per_host, seats.idle, seats.turned_away, len(seats)) == (64, 32, 60.0, 0, 0)
+    assert (seats.most, seats.per_host, seats.idle, seats.own_idle) == (64, 32, 60.0, 5.0)
+    assert (seats.turned_away, len(seats)) == (0, 0)
 
 
 def test_places_are_full_at_their_number() -> None:
@@ -88,7 +121,7 @@ def test_places_are_full_at_their_number() -> None:
     for key, host in enumerate("aab"):
         assert seats.admit(key, host, float(key)) == (True, None)
         seats.heard(key, float(key))
-    assert seats.admit(3, "a", 10.0) == (False, None)
+    assert seats.admit(3, "a", 5.0) == (False, None)
     assert seats.admit(4, "c", 10.0) == (False, None)
     assert (seats.turned_away, len(seats)) == (2, 3)
     # The one silent longest goes: of its own host where that is full, of all where the server is.

@@ -14,6 +14,9 @@ __all__ = ["Seats"]
 
 K = TypeVar("K", bound=Hashable)
 
+_TOGETHER = 2.0
+"""Most seconds between the first messages of the channels that one program opens."""
+
 
 @dataclass(slots=True)
 class _Guest:
@@ -30,7 +33,10 @@ class Seats(Generic[K]):
 
     1. a client that has never sent a valid request, the oldest first, whatever bytes it has sent;
     2. a client that has sent none for `idle` seconds, the longest silent first, unless it or another client on its
-       host commanded last: quiet channels of a robot belong to the host that moves it.
+       host commanded last: quiet channels of a robot belong to the host that moves it;
+    3. where the new client's host has all its places: one of its clients that has sent none for `own_idle` seconds,
+       the longest silent first, but neither the one that commanded last nor those that came together with it. Over
+       datagrams nobody is seen to leave, so a host would fill its places with programs that have ended.
 
     If there is no such client, the new one is refused.
 
@@ -38,12 +44,14 @@ class Seats(Generic[K]):
         most: Total number of places.
         per_host: Places for one host; a host beyond that loses one of its own.
         idle: Seconds without a valid request after which a client may lose its place.
+        own_idle: The same, for a new client of the same host.
     """
 
-    def __init__(self, most: int = 64, *, per_host: int = 32, idle: float = 60.0) -> None:
+    def __init__(self, most: int = 64, *, per_host: int = 32, idle: float = 60.0, own_idle: float = 5.0) -> None:
         self.most = most
         self.per_host = per_host
         self.idle = idle
+        self.own_idle = own_idle
         self.turned_away = 0
         self._guests: dict[K, _Guest] = {}
 
@@ -59,7 +67,11 @@ class Seats(Generic[K]):
         out = None
         mine = [k for k, guest in self._guests.items() if guest.host == host]
         if len(mine) >= self.per_host or len(self._guests) >= self.most:
-            out = self._weakest(mine if len(mine) >= self.per_host else list(self._guests), now)
+            if len(mine) >= self.per_host:
+                out = self._weakest(mine, now)
+                out = self._oldest_own(mine, now) if out is None else out
+            else:
+                out = self._weakest(list(self._guests), now)
             if out is None:
                 self.turned_away += 1
                 return False, None
@@ -84,14 +96,23 @@ class Seats(Generic[K]):
         if strangers:
             return min(strangers, key=lambda k: self._guests[k].came)
         commander = self._commander()
-        silent = [
-            (guest.heard, i)
-            for i, guest in enumerate(self._guests[k] for k in keys)
-            if guest.heard is not None and now - guest.heard > self.idle and guest.host != commander
-        ]
+        host = commander.host if commander is not None else None
+        return self._longest_silent([k for k in keys if self._guests[k].host != host], now, self.idle)
+
+    def _oldest_own(self, keys: list[K], now: float) -> K | None:
+        commander = self._commander()
+        if commander is not None and commander.host == self._guests[keys[0]].host:
+            keys = [k for k in keys if abs(self._guests[k].came - commander.came) > _TOGETHER]
+        return self._longest_silent(keys, now, self.own_idle)
+
+    def _longest_silent(self, keys: list[K], now: float, idle: float) -> K | None:
+        silent = [(heard, i) for i, k in enumerate(keys) if (heard := self._guests[k].heard) is not None]
+        silent = [(heard, i) for heard, i in silent if now - heard > idle]
         return keys[min(silent)[1]] if silent else None
 
-    def _commander(self) -> str | None:
-        """The host that commanded last, among the connected ones."""
-        rows = [(guest.commanded, guest.host) for guest in self._guests.values() if guest.commanded is not None]
-        return max(rows)[1] if rows else None
+    def _commander(self) -> _Guest | None:
+        """The client that commanded last, among the connected ones."""
+        rows = [
+            (guest.commanded, i) for i, guest in enumerate(self._guests.values()) if guest.commanded is not None
+        ]
+        return list(self._guests.values())[max(rows)[1]] if rows else None
