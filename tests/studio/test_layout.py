@@ -113,6 +113,8 @@ def test_no_button_of_the_arm_moves_when_something_is_told(studio: RunningStudio
                     document.getElementById(id).textContent = text;
                 }
                 document.getElementById("arm-pose-note").textContent = text && "At home.";
+                document.querySelector('[data-value="state"]').textContent = text || "holds";
+                document.querySelector('[data-value="load"]').textContent = text ? "−100" : "0";
                 document.getElementById("arm-branch-field").hidden = !text;
                 const buttons = [...document.querySelectorAll(".hw-main button")];
                 return JSON.stringify(buttons.map((button) => button.getBoundingClientRect()));

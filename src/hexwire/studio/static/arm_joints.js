@@ -51,6 +51,7 @@ function drawRow(page, { cell, slider, share, joint, i, row }) {
     if (shown[name] === text) return;
     shown[name] = text;
     cells[name].textContent = text;
+    if (name === "state") cells.state.title = text; // it may be cut off
   };
   page.on("draw", (frame) => {
     const position = frame.position[i];
