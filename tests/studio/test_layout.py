@@ -218,7 +218,13 @@ def test_a_message_is_in_sight_long_enough_to_be_read(studio: RunningStudio, ope
     banner.filter(has_text="not confirmed").filter(has_text="Stopped").wait_for()
 
 
+_KEEP_THE_NUMBER = """
+    WebSocket.prototype.send = (text) => { if (/^{"do":"stop"/.test(text)) window.number = JSON.parse(text).id; }
+"""
+
+
 def test_a_stop_is_sent_again_with_its_number(page: Page) -> None:
+    page.evaluate(_KEEP_THE_NUMBER)
     page.evaluate(
         """() => {
             window.fetch = (url) => Promise.resolve({ ok: true, url: (window.asked = url) });
@@ -230,4 +236,16 @@ def test_a_stop_is_sent_again_with_its_number(page: Page) -> None:
     )
     page.wait_for_function("window.asked")
     tab = page.evaluate("""document.querySelector('meta[name="hexwire-tab"]').content""")
-    assert page.evaluate("window.asked") == f"/stop?tab={tab}&id=1"
+    assert page.evaluate("window.asked") == f"/stop?tab={tab}&id={page.evaluate('window.number')}"
+
+
+def test_a_copy_of_a_page_has_other_numbers_of_stops(page: Page) -> None:
+    """A stop of the copy, by HTTP, would be taken for one that the page has sent before, and be dropped."""
+    numbers = set()
+    for _ in range(2):
+        page.reload()
+        page.wait_for_function("window.hexwire?.connected")
+        page.evaluate(_KEEP_THE_NUMBER)
+        page.evaluate("hexwire.stop()")
+        numbers.add(page.evaluate("window.number"))
+    assert len(numbers) == 2

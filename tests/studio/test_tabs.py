@@ -39,3 +39,10 @@ def test_pages_that_never_opened_a_socket_are_forgotten_first() -> None:
     assert tabs.find(live.key, "s") is live
     assert tabs.find(idle[0].key, "s") is None
     assert tabs.find(idle[-1].key, "s") is idle[-1]
+
+
+def test_only_the_last_stops_of_a_tab_are_remembered() -> None:
+    tab = Tabs().open("s", Right.WATCH)
+    tab.stops.extend(range(10_000))
+    assert tab.stops[-1] == 9999
+    assert len(tab.stops) < 100

@@ -253,10 +253,11 @@ class Live:
     def _obey(self, socket: _Socket, order: dict[str, Any]) -> None:
         what, tab, studio = order.get("do"), socket.tab, self._studio
         if what == "stop":
-            heard = order.get("id")
-            tab.stops = max(tab.stops, heard) if isinstance(heard, int) else tab.stops
-            socket.put({"kind": "stopping"})
             studio.stop(tab.name)
+            socket.put({"kind": "stopping"})
+            # Now, and not before: until then the same stop by HTTP is none too many.
+            if isinstance(number := order.get("id"), int):
+                tab.stops.append(number)
             return
         if what == "seen":
             frames = order.get("frames")

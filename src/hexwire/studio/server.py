@@ -155,7 +155,7 @@ def _is_heard(request: Request) -> bool:
     """A stop has come over the socket of its page already, which only did not learn of it in time."""
     session, number = request.scope.get(SESSION), request.query_params.get("id", "")
     tab = _present().tabs.find(request.query_params.get("tab", ""), session.key) if session is not None else None
-    return tab is not None and 0 < len(number) < 10 and number.isdecimal() and 0 < int(number) <= tab.stops
+    return tab is not None and 0 < len(number) < 10 and number.isdecimal() and int(number) in tab.stops
 
 
 def _make_pages() -> Any:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import secrets
+from collections import deque
 from dataclasses import dataclass, field
 
 from .access import Right
@@ -15,6 +16,8 @@ __all__ = ["MOST_TABS", "Tab", "Tabs"]
 
 MOST_TABS = 128
 """Pages that are remembered; more than may have sockets, since a page is built before it opens its own."""
+_STOPS = 32
+"""Stops that are remembered of a tab; one is sent again within a second."""
 
 
 @dataclass(eq=False, slots=True)
@@ -28,7 +31,7 @@ class Tab:
         right: What that session may do.
         grant: Key of the lease that it holds; 0 if it has none.
         live: It has its socket.
-        stops: Number of the last stop that came over it.
+        stops: Numbers of the last stops that came over it.
     """
 
     name: str
@@ -37,7 +40,7 @@ class Tab:
     right: Right
     grant: int = 0
     live: bool = False
-    stops: int = 0
+    stops: deque[int] = field(default_factory=lambda: deque(maxlen=_STOPS), repr=False)
     _numbers: itertools.count[int] = field(default_factory=lambda: itertools.count(1), repr=False)
 
     def next_number(self) -> int:
