@@ -13,6 +13,7 @@ from tests.motion.arms import HOME
 from hexwire.control.rest import Rest, come_to_rest
 from hexwire.model.geometry import kinematics_for
 from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.state import JointFlag
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -40,6 +41,7 @@ class Settling:
             position=tuple(positions.values()),
             age=(age,) * len(positions),
             stamp=self.time,
+            flags=(0,) * len(positions),
         )
 
     def sleep(self, seconds: float) -> None:
@@ -60,6 +62,27 @@ def test_states_of_the_same_time_do_not_say_that_it_is_at_rest() -> None:
     robot = Settling(0.0, 0.02, 0.02, 0.0201, 0.03, 0.03, sampled=[0.0, 0.05, 0.05, 0.06, 0.20, 0.25])
     assert robot.rest({"J1": 0.0}) == Rest("J1", 0.03, None)
     assert robot.reads == 6
+
+
+@pytest.mark.parametrize(
+    ("age", "flag", "where"),
+    [
+        pytest.param(math.nan, 0, 0.0, id="a robot that does not know ages"),
+        pytest.param(math.inf, JointFlag.SILENT, math.nan, id="a servo that never answered"),
+        pytest.param(None, JointFlag.SILENT, 0.0, id="a servo that has fallen silent"),
+    ],
+)
+def test_what_will_not_be_known_is_not_waited_for(age: float | None, flag: int, where: float) -> None:
+    class Partly(Settling):
+        def read(self) -> Any:
+            state = super().read()
+            # Since the beginning, if it has fallen silent.
+            ages = (self.time if age is None else age, 0.0)
+            return SimpleNamespace(**vars(state) | {"age": ages, "flags": (int(flag), 0)})
+
+    robot = Partly(0.0, 0.1, 0.1, others={"J2": where})
+    robot.rest({"J1": 0.1})
+    assert robot.reads == 3
 
 
 def test_a_joint_that_never_rests_is_not_waited_for_long() -> None:

@@ -11,6 +11,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from hexwire.model.state import JointFlag
+
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.kinematics import KinematicModel
@@ -20,6 +22,7 @@ __all__ = ["Rest", "come_to_rest"]
 
 _SETTLES, _LOOK, _STILL = 0.6, 0.05, math.radians(0.05)
 """Most seconds until the arm is at rest, seconds between two looks, and radians that it may move between them."""
+_SILENT = int(JointFlag.SILENT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +70,7 @@ def come_to_rest(
         if between < 0.5 * _LOOK:
             continue
         most = _STILL * min(1.0, between / _LOOK)
-        if all(abs(new - old) < most for old, new in zip(before.position, state.position, strict=True)):
+        if all(abs(state.position[i] - before.position[i]) < most for i in _heard(before, state)):
             break
         before = state
     here = state.positions
@@ -85,8 +88,17 @@ def come_to_rest(
     return Rest(joint, off, tip)
 
 
+def _heard(before: JointState, state: JointState) -> list[int]:
+    """Indices of the joints to wait for: one that is silent in both states does not say where it is."""
+    flags = zip(before.flags, state.flags, strict=True)
+    return [i for i, (old, new) in enumerate(flags) if not old & new & _SILENT]
+
+
 def _between(before: JointState, state: JointState) -> float:
     """Least seconds between two samples of a joint; 0 if one of them has no new sample."""
-    ages = zip(before.age, state.age, strict=True)
-    least = min(((state.stamp - new) - (before.stamp - old) for old, new in ages), default=0.0)
-    return 0.0 if math.isnan(least) else least
+    ages = [(before.age[i], state.age[i]) for i in _heard(before, state)]
+    # Not every robot knows its ages. A joint that was never sampled has an infinite one, which gives NaN.
+    least = [(state.stamp - new) - (before.stamp - old) for old, new in ages if not math.isnan(new + old)]
+    if not least:
+        return state.stamp - before.stamp
+    return 0.0 if any(map(math.isnan, least)) else min(least)
