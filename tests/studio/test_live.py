@@ -45,6 +45,19 @@ def test_a_page_that_is_back_before_its_first_socket_is_known_to_be_dead_goes_on
         until(lambda: '"stopping"' in str(second.recv(timeout=20)), "the answer to the stop")
 
 
+def test_a_page_whose_socket_failed_at_once_gets_another_one(
+    studio: RunningStudio, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    owner = Visitor(studio, studio.studio.access.operate_token)
+    path = f"/live?tab={owner.page()}"
+    with monkeypatch.context() as failing:
+        failing.setattr(studio.studio, "model", lambda: 1 / 0)
+        with owner.socket(path) as first, pytest.raises(ConnectionClosed):
+            first.recv(timeout=20)
+    with owner.socket(path) as second:
+        assert json.loads(second.recv(timeout=20))["kind"] == "hello"
+
+
 def test_a_stop_that_is_sent_again_is_no_second_one(studio: RunningStudio, monkeypatch: pytest.MonkeyPatch) -> None:
     """A page that hears of its stop late sends it again; that must not undo what was resumed meanwhile."""
     owner, stops = Visitor(studio, studio.studio.access.operate_token), list[str]()

@@ -203,11 +203,13 @@ class Live:
         while (old := next((each for each in self._sockets if each.tab is tab), None)) is not None:
             old.replaced.set()
             await old.over.wait()
+        # Both before it counts: if one fails, nothing would tell the next socket of this page that it is over.
+        model, facts = studio.model(), studio.facts()
         tab.live = True
         socket = _Socket(websocket, tab, studio.access.limits.patience)
         self._sockets.add(socket)
-        socket.put({"kind": "hello", "tab": tab.name, "right": int(tab.right), **studio.model()})
-        socket.put({"kind": "facts", **studio.facts()})
+        socket.put({"kind": "hello", "tab": tab.name, "right": int(tab.right), **model})
+        socket.put({"kind": "facts", **facts})
         sender = asyncio.create_task(socket.send_all())
         receiver = asyncio.create_task(self._receive(socket))
         follower = asyncio.create_task(socket.replaced.wait())
