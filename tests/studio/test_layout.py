@@ -249,3 +249,17 @@ def test_a_copy_of_a_page_has_other_numbers_of_stops(page: Page) -> None:
         page.evaluate("hexwire.stop()")
         numbers.add(page.evaluate("window.number"))
     assert len(numbers) == 2
+
+
+def test_a_button_that_is_pressed_without_a_connection_does_nothing_later(
+    studio: RunningStudio, page: Page
+) -> None:
+    present = studio.studio.source.present
+    page.evaluate("window.socket.disconnect()")
+    page.get_by_role("button", name="Close").click()
+    page.locator("#hw-banner").filter(has_text="what was pressed is not done").wait_for()
+    page.evaluate("window.socket.connect()")
+    # What had been kept would be done before what comes now.
+    page.get_by_role("button", name="Take control").click()
+    page.get_by_role("button", name="Give back").wait_for()
+    assert studio.studio.source.present is present

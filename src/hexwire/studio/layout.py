@@ -19,8 +19,12 @@ if TYPE_CHECKING:
     from .access import Session
     from .app import Studio
 
-__all__ = ["build_page", "every", "mount"]
+__all__ = ["build_page", "every", "mount", "on_press"]
 
+_WITH_A_CONNECTION = (
+    "() => (window.socket?.connected ? emit()"
+    " : window.hexwire.say('There is no connection to the studio: what was pressed is not done'))"
+)
 _FACTS = (
     ("connection", "Connection"),
     ("dialect", "Dialect"),
@@ -103,10 +107,10 @@ def _build_control(studio: Studio) -> None:
             token = arm.mark()
             await studio.run(lambda: arm.shared.torque(arm.order(tab, token), on, None), control=True)
 
-    def button(words: str, name: str, handler: object) -> None:
+    def button(words: str, name: str, handler: Callable[[], object]) -> None:
         with ui.element("button").classes("hw-button").props(f'id="hw-{name}" type="button" hidden') as made:
             ui.html(words, sanitize=False, tag="span")
-        made.on("click", handler)  # type: ignore[arg-type]  # a coroutine function is allowed
+        on_press(made, handler)
 
     if tab.right >= Right.OPERATE:
         button("Take control", "take", take)
@@ -131,6 +135,18 @@ def every(seconds: float, call: Callable[[], Awaitable[object] | None]) -> None:
 
     client = context.client
     ui.timer(seconds, lambda: call() if client.has_socket_connection else None)
+
+
+def on_press(element: Element, call: Callable[..., object], *, late: bool = False) -> None:
+    """Call something when a button is pressed.
+
+    Args:
+        element: The button.
+        call: What it does; may be a coroutine function.
+        late: Also if it is pressed without a connection. NiceGUI keeps such a press, and `call` is made when the
+            connection is back, a minute later at worst: only for what ends something.
+    """
+    element.on("click", call, js_handler="() => emit()" if late else _WITH_A_CONNECTION)
 
 
 def mount(module: str, element: Element, **args: object) -> None:

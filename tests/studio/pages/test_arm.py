@@ -58,6 +58,22 @@ def type_goal(page: Page, **values: float) -> None:
         page.locator(f'#arm-goto input[name="{field}"]').fill(str(value))
 
 
+def test_what_is_pressed_without_a_connection_is_not_done_later(studio: RunningStudio, operator: Page) -> None:
+    """Torque would go off when nobody holds the arm any more."""
+    shrink_views(operator)
+    operator.get_by_role("link", name="Arm", exact=True).click()
+    operator.get_by_role("checkbox", name="I hold the arm: it will sink").check()
+    operator.evaluate("window.socket.disconnect()")
+    expect(operator.locator("#hw-torque-on")).to_be_hidden()
+    operator.get_by_role("button", name="Start teaching").click()
+    expect(operator.locator("#arm-teach-note")).to_contain_text("no connection")
+    operator.evaluate("window.socket.connect()")
+    # What had been kept would be done before what comes now.
+    operator.get_by_role("button", name="Torque on").click()
+    expect(operator.locator("#hw-fact-torque")).to_have_text("on")
+    assert not studio.studio.source.arm.desk.teaching
+
+
 def test_joints_move_only_while_somebody_holds_them(studio: RunningStudio, page: Page) -> None:
     shrink_views(page)
     page.get_by_role("link", name="Arm", exact=True).click()

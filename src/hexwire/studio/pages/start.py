@@ -5,12 +5,13 @@ Owns what the page shows. Must not know how ports are found or opened.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
 from hexwire.drivers.registry import DEFAULT_ROBOT
 from hexwire.studio.access import Right
-from hexwire.studio.layout import every
+from hexwire.studio.layout import every, on_press
 from hexwire.studio.plugged import Plugged, emulated, find_plugged, robots
 
 if TYPE_CHECKING:
@@ -44,10 +45,10 @@ def build(studio: Studio) -> None:
         with ui.element(tag).classes(classes):
             ui.label(words).classes("hw-plain")
 
-    def button(words: str, name: str, handler: object) -> None:
+    def button(words: str, name: str, handler: Callable[[], object]) -> None:
         with ui.element("button").classes("hw-button").props(f'type="button" aria-label="{name}"') as made:
             ui.label(words).classes("hw-plain")
-        made.on("click", handler)  # type: ignore[arg-type]  # a coroutine function is allowed
+        on_press(made, handler)
 
     def table(rows: list[Plugged], caption: str) -> None:
         with ui.element("table").classes("hw-table"):

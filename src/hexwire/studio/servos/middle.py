@@ -71,7 +71,7 @@ def _calibration(view: View) -> None:
         begin = button("Begin: torque off", lambda: start(), level="main")
         mark = button("Joints without stops are in their middle", lambda: mark_middle())
         finish = button("Finish", lambda: end(), level="main")
-        cancel = button("Cancel", lambda: bus.bench.cancel())
+        cancel = button("Cancel", lambda: bus.bench.cancel(), late=True)
         upload = ui.upload(auto_upload=True, max_file_size=_LARGEST, on_upload=lambda event: load(event))
         # Its own button cannot be named for a screen reader.
         upload.props('accept=".toml,.json"').classes("hidden")

@@ -33,7 +33,7 @@ def build_search(view: View) -> None:
         rate = ui.select(rates, value=0, label="Rates").props("dense outlined options-dense")
         ids = ui.input("Ids", value="0-253").props("dense outlined maxlength=60")
         search = button("Search", lambda: start(), level="main")
-        cancel = button("Cancel", lambda: bus.bench.cancel())
+        cancel = button("Cancel", lambda: bus.bench.cancel(), late=True)
         cancel.set_visibility(False)
     with ui.element("div").classes("sv-progress-place"):
         bar = ui.element("progress").classes("sv-progress").props('max="1" aria-label="Progress of the search"')

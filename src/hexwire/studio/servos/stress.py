@@ -32,7 +32,7 @@ def build(view: View, servo_id: int) -> None:
         )
         count = ui.number("Reads", value=1000, min=1, max=_MOST, step=1, format="%d").props("dense outlined")
         start = button("Start", lambda: run(), level="main")
-        cancel = button("Cancel", lambda: bus.bench.cancel())
+        cancel = button("Cancel", lambda: bus.bench.cancel(), late=True)
     cancel.set_visibility(False)
     bar = ui.element("progress").classes("sv-progress").props('max="1" aria-label="Progress of the stress test"')
     bar.set_visibility(False)

@@ -11,6 +11,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from hexwire.errors import LinkLostError
+from hexwire.studio.layout import on_press
 
 if TYPE_CHECKING:
     from nicegui.element import Element
@@ -67,7 +68,7 @@ def html(text: str, tag: str = "span", classes: str = "") -> Any:
     return ui.html(escape(text), sanitize=False, tag=tag).classes(classes)
 
 
-def button(words: str, call: Any, *, level: str = "", label: str = "") -> Element:
+def button(words: str, call: Any, *, level: str = "", label: str = "", late: bool = False) -> Element:
     """A button.
 
     Args:
@@ -75,6 +76,7 @@ def button(words: str, call: Any, *, level: str = "", label: str = "") -> Elemen
         call: What it does; may be a coroutine function.
         level: "main" or "danger", or empty.
         label: Its name for screen readers, where the text alone says too little.
+        late: As for `on_press`.
     """
     from nicegui import ui
 
@@ -83,7 +85,7 @@ def button(words: str, call: Any, *, level: str = "", label: str = "") -> Elemen
         made.props["aria-label"] = label
     with made:
         html(words)
-    made.on("click", call)
+    on_press(made, call, late=late)
     return made
 
 

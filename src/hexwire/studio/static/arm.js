@@ -12,6 +12,7 @@ import { mountTeach } from "/static/arm_teach.js";
 import { loadSheet } from "/static/widgets.js";
 
 const PATIENCE = 20000; // ms for an answer of the server
+const QUESTIONS = new Set(["preview", "poses", "taught"]); // they change nothing
 const READ = 6000; // ms for which a reason stays in sight
 
 export const degrees = (radians) => (radians * 180) / Math.PI;
@@ -82,6 +83,8 @@ function makePage(root, args) {
     },
     /** Ask the server; the answer has `error` if it refused. */
     call(name, values = {}) {
+      // An order that waits for the connection would be carried out when nobody expects it any more.
+      if (!QUESTIONS.has(name) && !window.socket?.connected) return Promise.resolve({ error: "there is no connection to the studio" });
       const id = (calls += 1);
       return new Promise((resolve) => {
         answers.set(id, resolve);

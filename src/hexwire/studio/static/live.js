@@ -52,6 +52,7 @@ const hexwire = {
   release,
   holdButton,
   stop,
+  say,
 };
 export default hexwire;
 window.hexwire = hexwire;
@@ -329,11 +330,13 @@ function header(facts) {
   const mine = arm && facts.holder_tab !== "" && facts.holder_tab === hexwire.tab;
   put("holder", arm ? (mine ? "this page" : facts.holder || "nobody") : "–", mine ? "ok" : "");
   put("torque", arm ? facts.torque : "–", arm && facts.torque === "on" ? "ok" : "");
-  show("take", link && arm && !mine);
-  show("leave", link && mine);
-  show("resume", link && mine && facts.stopped !== "");
-  show("torque-on", link && mine && facts.stopped === "" && facts.torque !== "on");
-  show("torque-off", link && mine && facts.torque !== "off");
+  // They need the socket of NiceGUI, which would keep a press and carry it out when it is connected again.
+  const now = link && Boolean(window.socket?.connected);
+  show("take", now && arm && !mine);
+  show("leave", now && mine);
+  show("resume", now && mine && facts.stopped !== "");
+  show("torque-on", now && mine && facts.stopped === "" && facts.torque !== "on");
+  show("torque-off", now && mine && facts.torque !== "off");
   document.body.classList.toggle("hw-stopped", arm && facts.stopped !== "");
   let lasting = "";
   if (!link) lasting = "No connection to the studio. STOP is tried by another way; switch the arm's power off.";
