@@ -251,6 +251,13 @@ def test_a_copy_of_a_page_has_other_numbers_of_stops(page: Page) -> None:
     assert len(numbers) == 2
 
 
+def test_what_is_pressed_while_a_page_is_being_loaded_is_done(page: Page) -> None:
+    page.evaluate("() => { window.socket.disconnect(); window.did_handshake = false; }")
+    page.locator("#hw-take").dispatch_event("click")
+    page.evaluate("window.socket.connect()")
+    page.get_by_role("button", name="Give back").wait_for()
+
+
 def test_a_button_that_is_pressed_without_a_connection_does_nothing_later(
     studio: RunningStudio, page: Page
 ) -> None:
