@@ -101,6 +101,8 @@ def test_wrong_command_is_logged_and_moves_nothing(arm: Arm, case: str) -> None:
 
 
 def test_joint_commands_are_pursued(arm: Arm) -> None:
+    # A stream before a stop has paused.
+    time.sleep(PAUSE)
     target = {"J1": _aside(arm), "J6": 0.1}
     fields = {"name": list(target), "position": list(target.values())}
     arm.client.joint_commands(topic="/joint_commands", times=80, kp_position=[1.0, 1.0], **fields)

@@ -160,6 +160,8 @@ def test_query_state_says_where_the_arm_is_meant_to_be(arm: Arm) -> None:
 
 
 def test_set_points_of_a_forward_command_controller_are_followed(arm: Arm) -> None:
+    # A stream before a stop has paused.
+    time.sleep(PAUSE)
     target = {**arm.position(), "J1": aside(arm)}
     values = [target[joint] for joint in JOINTS]
     arm.stream("/forward_position_controller/commands", "std_msgs/msg/Float64MultiArray", 1.5, data=values)

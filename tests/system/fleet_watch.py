@@ -223,7 +223,8 @@ def violations(
                 found.append(f"at {row['t'] - begin:.2f} s client {row['client']} read another board")
         elif row["e"] == "state":
             for number, counts, age in zip(row["ids"], row["counts"], row["age"], strict=True):
-                low, high = servos[number].had(row["stamp"] - age - LATE - row.get("doubt", 0.0), row["t"])
+                # The board may stall after an answer, before it writes down where the servo was.
+                low, high = servos[number].had(row["stamp"] - age - LATE - row.get("doubt", 0.0), row["t"] + LATE)
                 if math.isfinite(counts) and not low - ROUNDING <= counts <= high + ROUNDING:
                     since = row["t"] - row["stamp"] + age
                     found.append(
