@@ -60,10 +60,10 @@ def test_a_host_without_a_place_waits_until_one_of_its_own_is_silent() -> None:
     for key in range(2):
         seats.admit(key, "a", 0.0)
         seats.heard(key, float(key))
-    assert seats.admit(2, "a", 5.0) == (False, None)
-    assert seats.admit(2, "a", 5.5) == (True, 0)
-    seats.heard(2, 5.5)
-    assert seats.admit(3, "a", 5.9) == (False, None)
+    assert seats.admit(2, "a", 1.0) == (False, None)
+    assert seats.admit(2, "a", 1.5) == (True, 0)
+    seats.heard(2, 1.5)
+    assert seats.admit(3, "a", 1.9) == (False, None)
 
 
 def test_the_commander_and_the_channels_of_his_host_stay_however_quiet() -> None:
@@ -112,7 +112,7 @@ def test_the_commander_is_never_displaced(steps: list[tuple[int, str, float]]) -
 
 def test_a_server_has_64_places_32_of_them_for_one_host_and_waits_a_minute() -> None:
     seats: Seats[int] = Seats()
-    assert (seats.most, seats.per_host, seats.idle, seats.own_idle) == (64, 32, 60.0, 5.0)
+    assert (seats.most, seats.per_host, seats.idle, seats.own_idle) == (64, 32, 60.0, 1.0)
     assert (seats.turned_away, len(seats)) == (0, 0)
 
 
@@ -121,7 +121,7 @@ def test_places_are_full_at_their_number() -> None:
     for key, host in enumerate("aab"):
         assert seats.admit(key, host, float(key)) == (True, None)
         seats.heard(key, float(key))
-    assert seats.admit(3, "a", 5.0) == (False, None)
+    assert seats.admit(3, "a", 1.0) == (False, None)
     assert seats.admit(4, "c", 10.0) == (False, None)
     assert (seats.turned_away, len(seats)) == (2, 3)
     # The one silent longest goes: of its own host where that is full, of all where the server is.

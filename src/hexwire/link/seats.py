@@ -47,7 +47,7 @@ class Seats(Generic[K]):
         own_idle: The same, for a new client of the same host.
     """
 
-    def __init__(self, most: int = 64, *, per_host: int = 32, idle: float = 60.0, own_idle: float = 5.0) -> None:
+    def __init__(self, most: int = 64, *, per_host: int = 32, idle: float = 60.0, own_idle: float = 1.0) -> None:
         self.most = most
         self.per_host = per_host
         self.idle = idle
