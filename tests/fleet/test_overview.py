@@ -149,8 +149,8 @@ def test_a_server_that_is_not_known_in_time_is_reported_as_not_stopped(
     runtime: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It takes connections but does not name its arm, as a program that is halted at that moment."""
-    monkeypatch.setattr(overview, "_OPEN", 0.3)
-    monkeypatch.setattr(module, "_SLOW", 0.3)
+    monkeypatch.setattr(overview, "SLOW", 0.3)
+    monkeypatch.setattr(module, "SLOW", 0.3)
     node = puppet("lab/a", stop=m.Answer("", value=["J1"]))
     slow = Network(listen=endpoints_of([local_socket("lab/slow")])).open(wait=False)
     with Roster("lab/*") as roster:

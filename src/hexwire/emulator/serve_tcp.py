@@ -24,8 +24,6 @@ __all__ = ["TcpServer", "serve_tcp"]
 _IDLE = 0.25
 _SLICE = 0.001
 """Seconds between two looks at a paced line in use."""
-_LAST = 64
-"""Most further reads of a host when another one connects."""
 
 
 class TcpServer:
@@ -79,9 +77,8 @@ class TcpServer:
             called = self._listener.fileno() in ready
             if guest is not None and guest.fileno() in ready:
                 self._to_board.put(guest.read(0.0), time.monotonic())
-                # Who has left may have sent bytes before, and must not keep the next one out.
-                for _ in range(_LAST if called else 0):
-                    if guest.has_input:
+                if called:
+                    for _ in guest.leftovers():
                         self._to_board.put(guest.read(0.0), time.monotonic())
             if called:
                 self._let_in()

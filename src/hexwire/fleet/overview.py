@@ -22,7 +22,7 @@ from .failures import restore
 from .names import Keys, Role
 from .node import NoAnswerError, Pending
 from .questions import KEEPS_TORQUE
-from .roster import HUNG, Roster, Seen
+from .roster import HUNG, SLOW, Roster, Seen
 
 __all__ = ["Overview", "Stopped", "look", "stop_all"]
 
@@ -30,8 +30,6 @@ _WAIT = 0.002
 """Seconds between two checks for answers."""
 _LATE = 0.05
 """Time-out for the end of a question that has timed out, seconds."""
-_OPEN = 3.5
-"""Seconds until a route must have been tried; from then on `Roster.silent` names it."""
 _NO_RIGHT = "no answer: its program is halted or has just ended, or this program may not stop it"
 _DENIED = (
     "this program may not switch its torque off; if its certificate allows it, write the router's access file "
@@ -191,7 +189,7 @@ def stop_all(
     roles: dict[str, Role] = {}
     began = time.monotonic()
     while True:
-        settled = roster.settled or time.monotonic() - began > _OPEN
+        settled = roster.settled or time.monotonic() - began > SLOW
         for name, seen in roster.seen().items():
             if name not in stops and (only is None or name in only):
                 try:

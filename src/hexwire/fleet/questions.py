@@ -147,7 +147,7 @@ def _reason(node: Node, address: Address, key: str, none: NoAnswerError) -> Hexw
     if not node.connections:
         return lost
     error = _found_out(node, address, key, none, other)
-    # If it has ended meanwhile, nobody has heard the other questions.
+    # If the connection was lost meanwhile, the other questions did not arrive either.
     return error if node.connections else lost
 
 

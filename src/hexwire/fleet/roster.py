@@ -23,7 +23,7 @@ from .network import Network
 from .node import NoAnswerError, Node
 from .questions import unknown_certificate
 
-__all__ = ["HUNG", "Roster", "Seen"]
+__all__ = ["HUNG", "SLOW", "Roster", "Seen"]
 
 HUNG = "its program does not answer: is it halted, or the network slow or down?"
 
@@ -33,7 +33,7 @@ _AGAIN = 1.0
 """Seconds until a connection that failed is tried again."""
 _TOKENS, _OWN_TOKEN = 1.0, 3.0
 """Time-outs for the answers of the servers, and for one on this machine that certainly has an answer, seconds."""
-_SLOW = 3.5
+SLOW = 3.5
 """Seconds after which a route that is still being tried counts as one without an answer: connecting to a program
 that hangs takes up to 3 s."""
 _MOMENT = 0.01
@@ -127,7 +127,7 @@ class Roster:
             if route.tried.is_set():
                 if route.error:
                     found[route.name] = route.error
-            elif now - route.began >= _SLOW:
+            elif now - route.began >= SLOW:
                 # Who does not wait any longer must not take its arm for one that does not exist.
                 found[route.name] = route.error or HUNG
         return found

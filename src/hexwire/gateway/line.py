@@ -182,17 +182,9 @@ class BoardLine:
         sec, nsec = split_time(now)
         # The kind of channel is that of a host on a serial line.
         kind = 3
+        seq = self._stop_number & 0xFF
         frame = Frame(
-            sec,
-            nsec,
-            0,
-            GATEWAY_MODULE,
-            self.local,
-            kind,
-            PROTO_HEXWIRE,
-            self._stop_number & 0xFF,
-            Command.STOP,
-            bytes((mode,)),
+            sec, nsec, 0, GATEWAY_MODULE, self.local, kind, PROTO_HEXWIRE, seq, Command.STOP, bytes((mode,))
         )
         self._own_stop = (frame, 0, now)
         self.handle_timeout(now)

@@ -35,8 +35,6 @@ _STALL = 0.5
 _WRITE = 0.05
 """Seconds in which a side must take its bytes; one that does not would hold up all others."""
 _END = 1.0
-_LAST = 64
-"""Most further reads of a host when another one connects."""
 
 
 @dataclass(slots=True)
@@ -157,10 +155,11 @@ class GatewayService:
     # -- the host -------------------------------------------------------------------------------------
 
     def _let_in(self) -> None:
-        for _ in range(_LAST):
-            # Who has left may have sent bytes before, and must not keep the next one out.
-            if self._host is not None and self._host.has_input:
-                self._host_round(self._host, stale=False)
+        if (host := self._host) is not None:
+            for _ in host.leftovers():
+                self._host_round(host, stale=False)
+                if self._host is None:
+                    break
         if self._host is not None:
             # A gateway has one host: two would feed each other's watchdogs.
             self._listener.turn_away()

@@ -66,12 +66,11 @@ class Seats(Generic[K]):
         """
         out = None
         mine = [k for k, guest in self._guests.items() if guest.host == host]
-        if len(mine) >= self.per_host or len(self._guests) >= self.most:
-            if len(mine) >= self.per_host:
-                out = self._weakest(mine, now)
-                out = self._oldest_own(mine, now) if out is None else out
-            else:
-                out = self._weakest(list(self._guests), now)
+        host_full = len(mine) >= self.per_host
+        if host_full or len(self._guests) >= self.most:
+            out = self._weakest(mine if host_full else list(self._guests), now)
+            if out is None and host_full:
+                out = self._oldest_own(mine, now)
             if out is None:
                 self.turned_away += 1
                 return False, None
@@ -106,13 +105,10 @@ class Seats(Generic[K]):
         return self._longest_silent(keys, now, self.own_idle)
 
     def _longest_silent(self, keys: list[K], now: float, idle: float) -> K | None:
-        silent = [(heard, i) for i, k in enumerate(keys) if (heard := self._guests[k].heard) is not None]
-        silent = [(heard, i) for heard, i in silent if now - heard > idle]
-        return keys[min(silent)[1]] if silent else None
+        silent = {k: heard for k in keys if (heard := self._guests[k].heard) is not None and now - heard > idle}
+        return min(silent, key=silent.__getitem__, default=None)
 
     def _commander(self) -> _Guest | None:
         """The client that commanded last, among the connected ones."""
-        rows = [
-            (guest.commanded, i) for i, guest in enumerate(self._guests.values()) if guest.commanded is not None
-        ]
-        return list(self._guests.values())[max(rows)[1]] if rows else None
+        commanded = {k: guest.commanded for k, guest in self._guests.items() if guest.commanded is not None}
+        return self._guests[max(reversed(commanded), key=commanded.__getitem__)] if commanded else None

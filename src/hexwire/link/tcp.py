@@ -27,7 +27,7 @@ from .poll_link import PollLink
 from .url import LinkUrl
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from .tls import TlsFiles
 
@@ -35,6 +35,7 @@ __all__ = ["PeerLink", "PlainStream", "Stream", "TcpLink", "TcpsLink", "find_add
 
 CONNECT_TIMEOUT = 5.0
 _READ_SIZE = 65536
+_MOST_LEFTOVERS = 64
 # A peer that vanishes silently (power cut, cable) is detected after about 5 + 3 * 2 seconds.
 _KEEPALIVE = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3), ("TCP_USER_TIMEOUT", 10_000))
 _GONE = "the other end closed the connection; a server that already has a client disconnects others"
@@ -233,12 +234,17 @@ class PeerLink(_StreamLink):
         self._also_watched = dict(watched or {})
         self.open()
 
-    @property
-    def has_input(self) -> bool:
-        """Whether bytes wait, or its end."""
+    def leftovers(self) -> Iterator[None]:
+        """Yield for each read that does not wait: who has left may have sent bytes before.
+
+        Bounded, since who goes on sending has not left. The caller leaves the loop when it closes the link.
+        """
         poll = make_poll()
         poll.register(self.fileno(), READABLE)
-        return bool(poll.poll(0))
+        for _ in range(_MOST_LEFTOVERS):
+            if not poll.poll(0):
+                return
+            yield
 
     def _open(self) -> None:
         if self._accepted is None:

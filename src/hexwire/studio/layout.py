@@ -21,10 +21,9 @@ if TYPE_CHECKING:
 
 __all__ = ["build_page", "every", "mount", "on_press"]
 
-# A page that was just loaded connects in a moment.
 _WITH_A_CONNECTION = (
-    "() => (window.socket?.connected || !window.did_handshake ? emit()"
-    " : window.hexwire.say('There is no connection to the studio: what was pressed is not done'))"
+    "() => (window.hexwire?.late"
+    " ? window.hexwire.say('There is no connection to the studio: what was pressed is not done') : emit())"
 )
 _FACTS = (
     ("connection", "Connection"),

@@ -83,9 +83,7 @@ function makePage(root, args) {
     },
     /** Ask the server; the answer has `error` if it refused. */
     call(name, values = {}) {
-      // An order that waits for the connection would be carried out when nobody expects it any more.
-      const late = window.did_handshake && !window.socket.connected;
-      if (late && !QUESTIONS.has(name)) return Promise.resolve({ error: "there is no connection to the studio" });
+      if (hexwire.late && !QUESTIONS.has(name)) return Promise.resolve({ error: "there is no connection to the studio" });
       const id = (calls += 1);
       return new Promise((resolve) => {
         answers.set(id, resolve);

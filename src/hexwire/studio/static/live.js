@@ -27,6 +27,10 @@ const hexwire = {
   get connected() {
     return socket !== null && socket.readyState === WebSocket.OPEN;
   },
+  /** NiceGUI would keep an order, and carry it out when it is connected again. A page that was just loaded connects in a moment. */
+  get late() {
+    return Boolean(window.did_handshake && !window.socket?.connected);
+  },
   get holding() {
     return held !== null;
   },
