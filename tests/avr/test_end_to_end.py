@@ -15,6 +15,7 @@ from contextlib import contextmanager
 import pytest
 from tests.avr.machines import BUILD, ChipBoard, built
 from tests.avr.pty import PtyBoard, on_pty
+from tests.beside import beside
 
 from hexwire.control import MotionOptions, run_motion
 from hexwire.drivers.hex7bot import Hex7BotDriver
@@ -138,9 +139,8 @@ def servos_on(path: str) -> Iterator[None]:
     """Emulated servos at the end of a terminal; they take no time."""
     line = os.open(path, os.O_RDWR | os.O_NOCTTY)
     wire = ServoWire(make_hex7bot_servos())
-    ended = threading.Event()
 
-    def serve() -> None:
+    def serve(ended: threading.Event) -> None:
         held, now = b"", 0.0
         while not ended.is_set():
             ready, _, _ = select.select([line], [], [], 0.05)
@@ -150,13 +150,10 @@ def servos_on(path: str) -> Iterator[None]:
                 now += 0.001
                 os.write(line, wire.transact(packet, now)[0])
 
-    thread = threading.Thread(target=serve)
-    thread.start()
     try:
-        yield
+        with beside(serve):
+            yield
     finally:
-        ended.set()
-        thread.join(timeout=10)
         os.close(line)
 
 

@@ -17,6 +17,7 @@ from subprocess import Popen
 
 import pytest
 from click.testing import Result
+from tests.beside import beside
 from tests.cli.test_serve import ARM, PATIENCE, eventually, patient, plain, process, run
 from tests.fleet.emulated import KINDS, emulated
 from tests.link.far_ends import free_port
@@ -71,9 +72,8 @@ def at_board(*words: str) -> Result:
 @contextmanager
 def ctrl_c_after(what: Callable[[], object]) -> Iterator[None]:
     """Ctrl-C for the command in this block when something has been done in another thread."""
-    ended = threading.Event()
 
-    def interrupt() -> None:
+    def interrupt(ended: threading.Event) -> None:
         try:
             what()
         finally:
@@ -81,13 +81,8 @@ def ctrl_c_after(what: Callable[[], object]) -> Iterator[None]:
             if not ended.is_set():
                 os.kill(os.getpid(), signal.SIGINT)
 
-    thread = threading.Thread(target=interrupt)
-    thread.start()
-    try:
+    with beside(interrupt):
         yield
-    finally:
-        ended.set()
-        thread.join(PATIENCE)
 
 
 # -- the same as at the port --------------------------------------------------------------------------------

@@ -260,12 +260,20 @@ SENT = m.Answer("", value=[["J1"], [0.1], 1.0, [], []])
 TARGET = JointTarget.of({"J1": 0.1}, 1.0)
 
 
-@pytest.fixture
-def fake(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[RemoteRobot, Node]]:
+def attached(monkeypatch: pytest.MonkeyPatch, timeout: float | None = None) -> tuple[RemoteRobot, Node]:
+    """A robot at a network that the test plays, whose server has this time-out of the lease or the usual one."""
     node = Node()
     monkeypatch.setattr(Address, "network", lambda self: node)
-    robot = RemoteRobot(Address("lab/arm1", role=Role.OPERATOR), FACTS)
+    facts = m.decode(m.encode(FACTS), m.Facts)
+    facts.timeout = facts.timeout if timeout is None else timeout
+    robot = RemoteRobot(Address("lab/arm1", role=Role.OPERATOR), facts)
     robot.attach()
+    return robot, node
+
+
+@pytest.fixture
+def fake(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[RemoteRobot, Node]]:
+    robot, node = attached(monkeypatch)
     node.asked.clear()
     yield robot, node
     robot.abort()
@@ -438,12 +446,7 @@ def test_a_lease_without_a_key_is_none(fake: tuple[RemoteRobot, Node], value: ob
 
 
 def test_a_lost_heartbeat_is_followed_by_the_next_one_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    node = Node()
-    monkeypatch.setattr(Address, "network", lambda self: node)
-    facts = m.decode(m.encode(FACTS), m.Facts)
-    facts.timeout = 1.0
-    robot = RemoteRobot(Address("lab/arm1", role=Role.OPERATOR), facts)
-    robot.attach()
+    robot, node = attached(monkeypatch, 1.0)
     robot.take()
     searched = threading.Event()
     node.visible = lambda key, timeout: searched.set() or []  # type: ignore[method-assign,func-returns-value]
@@ -466,12 +469,7 @@ def test_heartbeats_come_in_time_for_a_watchdog_that_is_shorter_than_the_lease(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """They alone tell of calls that only read, as while a board follows a path."""
-    node = Node()
-    monkeypatch.setattr(Address, "network", lambda self: node)
-    facts = m.decode(m.encode(FACTS), m.Facts)
-    facts.timeout = 1000.0
-    robot = RemoteRobot(Address("lab/arm1", role=Role.OPERATOR), facts)
-    robot.attach()
+    robot, node = attached(monkeypatch, 1000.0)
     robot.watchdog(0.5)
     robot.take()
     beats: list[float] = []

@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from tests.beside import beside
 from tests.link.far_ends import free_port
 
 from hexwire.cli.board_process import board_process
@@ -145,9 +146,8 @@ def pushed_stick(port: int) -> Iterator[None]:
 
     Again and again it does what begins a motion: the button let go, then held with the stick at rest, then J1 on.
     """
-    ended = threading.Event()
 
-    def push() -> None:
+    def push(ended: threading.Event) -> None:
         with JoystickSender.from_url(f"udp://127.0.0.1:{port}") as sender:
             for i in itertools.count():
                 if ended.wait(0.02):
@@ -155,13 +155,8 @@ def pushed_stick(port: int) -> Iterator[None]:
                 at = i % 250
                 sender.send(JoystickState((float(at > 30), *[0.0] * 7), (at > 20) << 4))
 
-    thread = threading.Thread(target=push)
-    thread.start()
-    try:
+    with beside(push):
         yield
-    finally:
-        ended.set()
-        thread.join(PATIENCE)
 
 
 @pytest.mark.system
