@@ -5,7 +5,7 @@ Owns what is printed for each module, and when a module counts as missing. Must 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -51,7 +51,7 @@ def probe_all(options: RobotOptions, as_json: bool) -> None:
     """Show who answers on the channel.
 
     Raises:
-        ReplyTimeoutError: Nobody does.
+        ReplyTimeoutError: Nobody does, or a board that is known does not.
     """
     from hexwire.wire.command_frame import Status
     from hexwire.wire.commands import Identity
@@ -60,7 +60,9 @@ def probe_all(options: RobotOptions, as_json: bool) -> None:
 
     with _open(options) as session:
         found = _find(session)
-    data, lines = [], []
+    data: list[dict[str, Any]] = []
+    lines = []
+    silent = sorted(found.silent | {m for m, reply in found.replies.items() if reply.status != Status.OK})
     for module, reply in found.replies.items():
         if reply.status != Status.OK:
             continue
@@ -71,6 +73,7 @@ def probe_all(options: RobotOptions, as_json: bool) -> None:
         data.append(
             {
                 "module": module,
+                "silent": False,
                 "firmware": firmware,
                 "boot_id": identity.boot_id,
                 "stopped": stopped,
@@ -82,7 +85,9 @@ def probe_all(options: RobotOptions, as_json: bool) -> None:
         lines.append(
             f"{module_name(module)} ({module}): firmware {firmware}, {servos}{', stopped' if stopped else ''}"
         )
-    answer(as_json, data, *lines)
+    data += ({"module": module, "silent": True} for module in silent)
+    answer(as_json, data, *lines, *_without_answer(silent))
+    _check_all(found.replies, silent, attempts=_LOOKS)
 
 
 def stop_all(options: RobotOptions, *, torque_off: bool, as_json: bool) -> None:
@@ -129,30 +134,44 @@ def resume_all(options: RobotOptions, as_json: bool) -> None:
             # Its program is gone, so it would trip again.
             session.request_all(Command.WATCHDOG, b"\0\0\0", Multicast(tripped))
         resumed = session.request_all(Command.RESUME)
-    data = {"resumed": sorted(resumed.replies), "silent": sorted(resumed.silent)}
-    answer(as_json, data, *(f"module {module}: resumed" for module in resumed.replies))
-    _check_all(resumed.replies, sorted(resumed.silent), {m: not r.status for m, r in resumed.replies.items()})
+    silent = sorted(resumed.silent)
+    data = {"resumed": sorted(resumed.replies), "silent": silent}
+    answer(as_json, data, *(f"module {module}: resumed" for module in resumed.replies), *_without_answer(silent))
+    _check_all(resumed.replies, silent, {m: not r.status for m, r in resumed.replies.items()})
+
+
 
 
 def _find(session: Session) -> Answers:
-    """Who is there."""
+    """Who is there, and who should be."""
     from hexwire.errors import ReplyTimeoutError
     from hexwire.wire.command_frame import Command
 
     found = session.request_all(Command.IDENTIFY, window=_LOOK, attempts=_LOOKS)
-    if not found.replies:
+    if not found.replies and not found.silent:
         advice = "--all is for boards with hexwire's present firmware, and for a gateway to them"
         raise ReplyTimeoutError("IDENTIFY to all modules", attempts=_LOOKS, advice=advice)
     return found
 
 
-def _check_all(replies: dict[int, Reply], silent: list[int], done: dict[int, bool]) -> None:
+def _without_answer(silent: list[int]) -> Iterator[str]:
+    return (f"module {module}: no answer" for module in silent)
+
+
+def _check_all(
+    replies: dict[int, Reply],
+    silent: list[int],
+    done: Mapping[int, bool] | None = None,
+    *,
+    attempts: int = _STOP_ATTEMPTS,
+    later: str = "",
+) -> None:
     from hexwire.errors import ReplyTimeoutError, ServoError
 
     if silent:
         raise ReplyTimeoutError(
-            f"modules {', '.join(map(str, silent))}", attempts=_STOP_ATTEMPTS, advice="check these boards"
+            f"modules {', '.join(map(str, silent))}", attempts=attempts, advice=f"check these boards{later}"
         )
-    missing = [module for module in sorted(replies) if not done[module]]
+    missing = [module for module in sorted(replies) if done is not None and not done[module]]
     if missing:
         raise ServoError(f"not confirmed by every joint of modules {', '.join(map(str, missing))}")

@@ -35,6 +35,8 @@ _STOP_AGAIN = 0.1
 _STOP_TICK = tables.REPEAT_WINDOW / 128
 """Seconds after which a stop of the gateway's own has another number; they repeat after twice the window."""
 _STOP_TRIES = 20
+_QUIET = 0.2
+"""Seconds after which a board that is asked who it is, together with others, counts as not to be reached."""
 _BODY = max_body(tables.MAX_SERIAL_FRAME)
 _CHUNK = _BODY - FRAGMENT_HEAD_SIZE
 _FRAGMENTS = tables.CAPABILITIES["fragments"]
@@ -113,6 +115,8 @@ class BoardLine:
         self._sn = self._stop_number = 0
         self._own_stop: tuple[Frame, int, float] | None = None
         self._owed: int | None = None
+        # IDENTIFY to several that the board has not answered, and until when it may.
+        self._sought: tuple[Frame, float] | None = None
         self._begin()
 
     def _begin(self) -> None:
@@ -135,9 +139,12 @@ class BoardLine:
         """
         if effect_of(PROTO_HEXWIRE, frame.cmd, frame.body) is Effect.STOP:
             return self._take_stop(frame, now)
+        sought = frame.cmd == Command.IDENTIFY and frame.dst != self.local
         if not self.up:
             self.counters.lost += 1
-            return []
+            return [self._answer(frame, Status.UNREACHABLE)] if sought else []
+        if sought and (self._sought is None or not _same(self._sought[0], frame)):
+            self._sought = (frame, now + _QUIET)
         if self._is_void(frame, now):
             return [self._answer(frame, Status.STOPPED)]
         if any(_same(waiting.frame, frame) for waiting in self._queue):
@@ -198,6 +205,7 @@ class BoardLine:
         """Void what has not left yet; returns the answers for it."""
         void = [waiting.frame for waiting in self._queue if not waiting.chunk]
         self._queue.clear()
+        self._sought = None
         if self._message is not None:
             void.append(self._message.request)
             self._drop_message()
@@ -262,13 +270,13 @@ class BoardLine:
         self.counters.refused += 1
         return self._answer(frame, status)
 
-    def _answer(self, frame: Frame, status: Status) -> Frame:
+    def _answer(self, frame: Frame, status: Status, body: bytes = b"") -> Frame:
         # Number and time are those of the board's last frame: by them the host follows its clock and its restarts.
         last = self._last
         sec, nsec, sn = (0, 0, 0) if last is None else (last.time_sec, last.time_nsec, last.sn)
         ext = EXT_REPLY | status & EXT_STATUS_MASK
         kind = self.local if last is None else last.type
-        return Frame(sec, nsec, sn, self.module, frame.src, kind, PROTO_HEXWIRE, frame.seq, frame.cmd, b"", ext)
+        return Frame(sec, nsec, sn, self.module, frame.src, kind, PROTO_HEXWIRE, frame.seq, frame.cmd, body, ext)
 
     # -- to the board ---------------------------------------------------------------------------------
 
@@ -296,6 +304,7 @@ class BoardLine:
         times = (
             self._free_at if waits else None,
             None if self._own_stop is None else self._own_stop[2],
+            None if self._sought is None else self._sought[1],
             self.decoder.next_timeout(),
             self._receiver.next_timeout(),
         )
@@ -313,6 +322,9 @@ class BoardLine:
             self._own_stop = (frame, sent + 1, now + _STOP_AGAIN) if sent < _STOP_TRIES else None
             if self._own_stop is not None and frame not in self._stops:
                 self._stops.append(frame)
+        if self._sought is not None and self._sought[1] <= now:
+            found.append(self._answer(self._sought[0], Status.UNREACHABLE))
+            self._sought = None
         return found
 
     def _ask(self, body: bytes, now: float) -> None:
@@ -388,6 +400,8 @@ class BoardLine:
             if message is not None and (message.request.seq, message.request.cmd) == (frame.seq, frame.cmd):
                 self._drop_message()
             self.use.answered(frame)
+            if frame.cmd == Command.IDENTIFY:
+                self._sought = None
         if frame.cmd == Command.IDENTIFY and frame.cmd_ext == EXT_REPLY | Status.OK:
             try:
                 identity = Identity.parse(frame.body)
@@ -408,6 +422,7 @@ class BoardLine:
         self._void(now)
         self._voided.clear()
         self._stops.clear()
+        self._sought = None
         self.use = Use()
 
     def lost(self) -> None:

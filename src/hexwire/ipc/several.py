@@ -29,7 +29,7 @@ class SeveralModules(SessionLine):
     """The part of `Session` that asks several modules at once; see there.
 
     Attributes:
-        modules: The modules that have answered an IDENTIFY to several.
+        modules: The modules that have answered an IDENTIFY to several, or that a gateway has named in their place.
     """
 
     modules: frozenset[int] = frozenset()
@@ -64,8 +64,8 @@ class SeveralModules(SessionLine):
 
         The call returns when everybody has answered who is named by `to`, or for a broadcast everybody in
         `modules`; otherwise when the time is up. A broadcast of IDENTIFY always takes its time, and finds
-        the `modules`. Repeats go only to those who have not answered. Stops, and what acts, are treated as by
-        `request`.
+        the `modules`; a gateway names those that it cannot reach, which count as silent. Repeats go only to those
+        who have not answered. Stops, and what acts, are treated as by `request`.
 
         Args:
             cmd: Command code; PROTOCOL.md says which may go to several modules.
@@ -104,6 +104,7 @@ class SeveralModules(SessionLine):
         if cmd == Command.IDENTIFY:
             self.modules |= {module for module, r in answers.replies.items() if r.status == Status.OK}
             if finding:
+                self.modules |= answers.silent
                 answers = replace(answers, silent=self.modules - answers.replies.keys())
         done = bool(answers.replies) and all(r.status == Status.OK for r in answers.replies.values())
         if effect is Effect.RESUME and token is not None and done and not answers.silent:

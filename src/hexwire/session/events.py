@@ -152,7 +152,8 @@ class Answers:
         ticket: The value that `Connection.request_several` returned.
         cmd: Command code of the request.
         replies: The answer of each module, by its id in rising order.
-        silent: Modules that were named, or known, and have not answered after all attempts.
+        silent: Modules that were named, or known, and have not answered after all attempts; of IDENTIFY also those
+            in whose place a gateway has answered.
     """
 
     ticket: int

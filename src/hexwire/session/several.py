@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 
 from hexwire.errors import LocalProtocolError
 from hexwire.wire.addresses import Broadcast, Multicast
-from hexwire.wire.command_frame import Command, Frame, command_name
+from hexwire.wire.command_frame import Command, Frame, Status, command_name
 from hexwire.wire.tables import EXT_STATUS_MASK, PROTO_CHAPTER, PROTO_HEXWIRE
 
 from .conversation import Conversations
@@ -38,6 +38,7 @@ class _Asked:
     sent_at: float = 0.0
     deadline: float = 0.0
     answers: dict[int, Reply] = field(default_factory=dict)
+    unreachable: set[int] = field(default_factory=set)
     frames: list[bytes] = field(default_factory=list)
 
     @property
@@ -160,6 +161,10 @@ class SeveralRequests:
             return True
         maker.counters.replies += 1
         status = frame.cmd_ext & EXT_STATUS_MASK
+        if status == Status.UNREACHABLE:
+            # Of a gateway, in place of the module, whose own answer may still come.
+            asked.unreachable.add(frame.src)
+            return True
         rtt = now - asked.sent_at
         asked.answers[frame.src] = Reply(asked.ticket, frame.cmd, status, frame.body, frame, rtt, asked.sent)
         if asked.wanted and not asked.silent:
@@ -215,4 +220,5 @@ class SeveralRequests:
 
     def _end(self, asked: _Asked) -> None:
         self._asked.pop(asked.seq, None)
-        self._events.add(Answers(asked.ticket, asked.cmd, dict(sorted(asked.answers.items())), asked.silent))
+        silent = asked.silent | (asked.unreachable - asked.answers.keys())
+        self._events.add(Answers(asked.ticket, asked.cmd, dict(sorted(asked.answers.items())), silent))

@@ -108,6 +108,7 @@ class Status(IntEnum):
     STORAGE = 9
     NOT_SUPPORTED = 10
     FORBIDDEN = 11
+    UNREACHABLE = 12
 
 
 _COMMAND_NAMES = {c.value: c.name for c in Command}

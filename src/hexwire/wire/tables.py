@@ -144,7 +144,7 @@ EXT_STATUS_MASK = 0x3F
 # Status codes of dialect 2, codes of servo series in IDENTIFY, and states of a trajectory.
 STATUS: dict[str, int] = {
     "ok": 0, "bad_length": 1, "bad_range": 2, "unknown_command": 3, "busy": 4, "stopped": 5, "servo_silent": 6,
-    "servo_fault": 7, "torque_off": 8, "storage": 9, "not_supported": 10, "forbidden": 11,
+    "servo_fault": 7, "torque_off": 8, "storage": 9, "not_supported": 10, "forbidden": 11, "unreachable": 12,
 }
 SERIES_CODES: dict[str, int] = {"unknown": 0, "seven_bot": 1, "scs": 2, "sts_sms": 3, "hls": 4}
 TRAJECTORY_STATES: dict[str, int] = {
