@@ -79,6 +79,7 @@ MODULES: dict[str, tuple[str, ...]] = {
         "hexwire.link.url",
         "hexwire.link.memory",
         "hexwire.link.impair",
+        "hexwire.link.listener",
     ),
     "Bytes": (
         "hexwire.wire.command_frame",

@@ -760,7 +760,7 @@ def test_requests_to_a_host_and_replies_to_a_board_are_ignored() -> None:
     assert h.next_timeout() is None
     elsewhere = request_frame(dst=3)
     b.receive(elsewhere, 0.0)
-    assert events(b) == [Stale(parse_frame(elsewhere), "not for this board")]
+    assert events(b) == [Stale(parse_frame(elsewhere), "not for this module")]
 
 
 def test_the_chapters_unknown_command_answers_an_identify_and_nothing_else() -> None:

@@ -13,11 +13,12 @@ from hexwire.session.connection import Connection, Role
 from hexwire.session.policy import RetryPolicy
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command
+from hexwire.wire.commands import Identity
 from hexwire.wire.modules import IpcType
 
 from .handle import IpcHandle
 
-__all__ = ["Introduction", "host_connection", "random_number"]
+__all__ = ["Introduction", "host_connection", "module_identity", "random_number"]
 
 # Seconds between two IDENTIFY requests: before the answer, and after it.
 _ASK_FIRST, _ASK_AGAIN = 0.1, 0.5
@@ -28,10 +29,16 @@ def random_number() -> int:
     return int.from_bytes(os.urandom(4), "little") >> 1
 
 
+def module_identity(connection: Connection, boot_id: int = 0) -> bytes:
+    """The answer of a module without joints to IDENTIFY."""
+    capabilities = tables.CAPABILITY_FRAGMENTS
+    return Identity(tables.PROTO_HEXWIRE, (0, 0, 0), boot_id, capabilities, connection.max_frame, 0, ()).serialize()
+
+
 def host_connection(
     ipc: IpcHandle, src: int | None, dst: int | None, kind: int | None, *, policy: RetryPolicy, epoch: float
 ) -> Connection:
-    """The host's end of a channel.
+    """This end of a channel: that of a host, but over datagrams of who is spoken to first if the link listens.
 
     Args:
         ipc: The channel.
@@ -42,7 +49,8 @@ def host_connection(
         epoch: As `Connection` takes it.
     """
     return Connection(
-        Role.HOST,
+        Role.BOARD if ipc.keeps_messages and ipc.listens else Role.HOST,
+        duplex=True,
         local=int(ipc.module if src is None else src),
         remote=int(ipc.destination if dst is None else dst),
         type=int(ipc.type if kind is None else kind),

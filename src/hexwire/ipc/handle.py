@@ -120,6 +120,12 @@ class IpcHandle(Openable):
         """Whether the link is known and preserves message boundaries."""
         return self._link is not None and self._link.kind is LinkKind.DATAGRAM
 
+    @property
+    def listens(self) -> bool:
+        """Whether the link is known, and is the end that others connect to."""
+        url = "" if self._link is None else self._link.url
+        return url.partition("://")[0].endswith("-listen") or (url.startswith("mq:") and "role=server" in url)
+
     def open(self) -> None:
         """Open the link; see `Link.open` for what it may raise."""
         self.link.open()

@@ -28,7 +28,7 @@ from hexwire.errors import (
     PreemptedError,
 )
 from hexwire.link.openable import Openable
-from hexwire.session.connection import Connection
+from hexwire.session.connection import Connection, Role
 from hexwire.session.effects import Effect, effect_of
 from hexwire.session.events import Answers, Reply, TimedOut
 from hexwire.session.negotiate import Negotiated, NegotiationFailed, Negotiator
@@ -59,7 +59,10 @@ _PREEMPTED = "a stop took the line; {} was sent: it may have been done before th
 
 
 class Session(SeveralModules, Openable):
-    """An active conversation with a board over one channel.
+    """An active conversation with a board, or with another module, over one channel.
+
+    It is a duplex channel: `request` asks, `requests` and `reply` answer, `report` sends unasked and `stream`
+    receives that. A board is asked; between two modules of your own both ends may do all of it.
 
     Args:
         ipc: The channel.
@@ -100,8 +103,6 @@ class Session(SeveralModules, Openable):
         self.negotiated: Negotiated | None = None
         self.generation = 0
         self.reconnects = 0
-        self.board_restarts = 0
-        self._board_sn = self._noted = 0
         self.rtts: deque[float] = deque(maxlen=_KEPT_RTTS)
         self._src = src
         self._dst = dst
@@ -151,6 +152,7 @@ class Session(SeveralModules, Openable):
         self._introduction = Introduction()
         self._reports.clear()
         self._frames.clear()
+        self._requests.clear()
         self._stash.clear()
         self._board_sn = self._noted = 0
 
@@ -164,16 +166,6 @@ class Session(SeveralModules, Openable):
             self._raised.lower()
         self._forget_rate()
         self.ipc.close()
-
-    @property
-    def is_open(self) -> bool:
-        """Whether the channel is open."""
-        return self.ipc.link.is_open
-
-    @property
-    def dialect(self) -> int:
-        """Dialect of the requests."""
-        return self.connection.dialect
 
     def negotiate(
         self,
@@ -198,6 +190,8 @@ class Session(SeveralModules, Openable):
             WrongDeviceError: This is a servo bus.
             ReplyTimeoutError: There is no answer; the text gives possible reasons.
         """
+        if self.connection.role is Role.BOARD:
+            raise LocalProtocolError(f"{self.ipc.link.url} is spoken to first: only the other end can negotiate")
         with self._turn.taken():
             self._negotiation = (boot_window, ping_ids, dialect)
             look = look and self.negotiated is None
@@ -325,6 +319,7 @@ class Session(SeveralModules, Openable):
                 if guard is not None:
                     guard()
                 try:
+                    self._check_spoken()
                     if self._datagrams and cmd != Command.IDENTIFY and not self.connection.in_conversation:
                         asked = self.connection.request(Command.IDENTIFY, b"", self.now(), urgent=urgent)
                         self._await(asked, Command.IDENTIFY, Effect.NONE, urgent, token)
@@ -378,7 +373,9 @@ class Session(SeveralModules, Openable):
             if self._datagrams:
                 self._step(self.now())
                 self._sort_events()
-                self._introduction.ask(self.connection, self.now())
+                self._check_spoken()
+                if not self.ipc.listens:
+                    self._introduction.ask(self.connection, self.now())
                 self._write()
             if token is not None:
                 self.epochs.check_leaving(token, command_name(cmd))
@@ -438,19 +435,15 @@ class Session(SeveralModules, Openable):
                 epochs.check(token, command_name(cmd))
             raise
 
-    def _note_number(self, reply: Reply) -> None:
-        frame = reply.frame
-        if frame is not None and reply.attempts == 1 and reply.ticket > self._noted and not self._datagrams:
-            self._noted = reply.ticket
-            # A restarted frame counter means a restarted board.
-            self.board_restarts += frame.sn < self._board_sn
-            self._board_sn = frame.sn
-
     # -- reconnection -------------------------------------------------------------------------------
 
     def _reopen(self, lost: LinkLostError) -> None:
         policy = self.reconnect
         link = self.ipc.link
+        if self.ipc.listens and self._negotiation is None and not self._closed:
+            # Another module may connect.
+            self._open()
+            return
         if not policy.enabled or self._negotiation is None:
             raise lost
         _log.warning("%s; waiting up to %g s for it to come back", lost, policy.give_up_after)

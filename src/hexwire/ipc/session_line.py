@@ -13,12 +13,13 @@ from collections.abc import Callable, Iterator
 from typing import TypeVar
 
 from hexwire.epochs import Epochs, Token
-from hexwire.errors import LinkClosedError, LinkLostError, ReplyTimeoutError
+from hexwire.errors import LinkClosedError, LinkLostError, LinkTimeoutError, LocalProtocolError, ReplyTimeoutError
 from hexwire.session.connection import Connection
-from hexwire.session.events import Answers, Event, Reply, Report, TimedOut
+from hexwire.session.events import Answers, Event, Reply, Report, Request, TimedOut
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Frame, command_name
+from hexwire.wire.command_frame import Command, Frame, Status, command_name
 
+from .connections import module_identity, random_number
 from .handle import IpcHandle
 from .raised_line import RaisedLine
 from .turn import Turn
@@ -58,7 +59,11 @@ class SessionLine(ABC):
         self._raised: RaisedLine | None = None
         self._stash: dict[int, Event] = {}
         self._reports: deque[tuple[Frame, float]] = deque(maxlen=_KEPT)
+        self._requests: deque[Request] = deque(maxlen=_KEPT)
         self._frames: deque[Frame] = deque(maxlen=_KEPT)
+        self._boot_id = random_number()
+        self.board_restarts = 0
+        self._board_sn = self._noted = 0
 
     @abstractmethod
     def _reopen(self, lost: LinkLostError) -> None:
@@ -68,6 +73,16 @@ class SessionLine(ABC):
         """This session's clock, seconds."""
         return self._now()
 
+    @property
+    def is_open(self) -> bool:
+        """Whether the channel is open."""
+        return self.ipc.link.is_open
+
+    @property
+    def dialect(self) -> int:
+        """Dialect of the requests."""
+        return self.connection.dialect
+
     def share_stops(self, other: SessionLine) -> None:
         """Share the stops of two sessions of one arm: a stop on one cancels what waits on the other."""
         self.epochs = other.epochs
@@ -76,6 +91,54 @@ class SessionLine(ABC):
     def _look_up(self) -> None:
         if self._turn.owner:
             self.ipc.link.wake()
+
+    # -- answering ------------------------------------------------------------------------------------
+
+    def requests(self, timeout: float | None = None) -> Iterator[Request]:
+        """Yield the requests of the module at the other end; ends when none arrives for `timeout` seconds.
+
+        Answer each by `reply`. Repeats are answered from store, and IDENTIFY is answered here, as long as this or
+        another call drives the line.
+
+        Raises:
+        """
+        while (request := self._receive(self._requests, timeout)) is not None:
+            yield request
+
+    def reply(self, request: Request, body: bytes = b"", status: int = Status.OK) -> None:
+        """Answer a request.
+
+        Args:
+            request: One of `requests`.
+            body: Body of the answer; in dialect 1 a servo packet.
+            status: Status code.
+
+        Raises:
+            LinkError: The line accepts no bytes.
+        """
+        with self._turn.taken():
+            if request.frame.proto == tables.PROTO_CHAPTER:
+                self.connection.reply_dialect1(body, self.now(), dst=request.frame.src)
+            else:
+                self.connection.reply(request, status, body, self.now())
+            self._write()
+
+    def report(self, cmd: int, body: bytes = b"") -> None:
+        """Send a frame unasked; `stream` of the other end yields it.
+
+        Raises:
+            LinkError: The line accepts no bytes, or over datagrams nobody has spoken yet.
+            LocalProtocolError: The body does not fit one frame.
+        """
+        with self._turn.taken():
+            self._check_spoken()
+            self.connection.report(cmd, body, self.now())
+            self._write()
+
+    def _check_spoken(self) -> None:
+        """Over datagrams a server knows its peer only when that one has spoken."""
+        if self.ipc.listens and not self.connection.in_conversation:
+            raise LinkTimeoutError(f"{self.ipc.link.url}: nobody has spoken yet, so there is nobody to send to")
 
     # -- unsolicited frames ---------------------------------------------------------------------------
 
@@ -176,6 +239,12 @@ class SessionLine(ABC):
     def _sort(self, event: Event) -> None:
         if isinstance(event, Report):
             self._reports.append((event.frame, self.now()))
+        elif isinstance(event, Request):
+            if event.frame.proto != tables.PROTO_CHAPTER and event.frame.cmd == Command.IDENTIFY:
+                identity = module_identity(self.connection, self._boot_id)
+                self.connection.reply(event, Status.OK, identity, self.now())
+            else:
+                self._requests.append(event)
         elif isinstance(event, Reply | TimedOut | Answers):
             if len(self._stash) >= _ORPHANS:
                 del self._stash[next(iter(self._stash))]
@@ -185,6 +254,14 @@ class SessionLine(ABC):
             if frame is not None:
                 self._frames.append(frame)
             _log.debug("%s: %s", self.ipc.link.url, event)
+
+    def _note_number(self, reply: Reply) -> None:
+        frame = reply.frame
+        if frame is not None and reply.attempts == 1 and reply.ticket > self._noted and not self._datagrams:
+            self._noted = reply.ticket
+            # A restarted frame counter means a restarted board.
+            self.board_restarts += frame.sn < self._board_sn
+            self._board_sn = frame.sn
 
     def _timed_out(self, event: TimedOut) -> ReplyTimeoutError:
         if self.connection.dialect == tables.PROTO_CHAPTER:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from hexwire.errors import LinkError, LinkLostError, LinkTimeoutError, RemoteProtocolError
-from hexwire.ipc.connections import random_number
+from hexwire.ipc.connections import module_identity, random_number
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
 from hexwire.link.base import LinkKind
@@ -24,7 +24,6 @@ from hexwire.session.connection import Connection, Role
 from hexwire.session.events import Request
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command, Frame, Status
-from hexwire.wire.commands import Identity
 from hexwire.wire.modules import ModuleType
 from hexwire.wire.robot_bodies import JoystickState
 
@@ -169,7 +168,7 @@ class JoystickReceiver(Openable):
                 self._frame(event.frame, now)
             elif event.frame.cmd == Command.IDENTIFY:
                 # Only where a conversation begins with it; states themselves are never answered.
-                self._connection.reply(event, Status.OK, self._identity(), now)
+                self._connection.reply(event, Status.OK, module_identity(self._connection), now)
             else:
                 if conversations.count != self._conversation:
                     self._conversation, self._sn = conversations.count, None
@@ -179,12 +178,6 @@ class JoystickReceiver(Openable):
             # An answer that cannot be sent counts as lost: the sender asks again.
             with contextlib.suppress(LinkTimeoutError):
                 self.ipc.link.write(frame, 0.0)
-
-    def _identity(self) -> bytes:
-        capabilities = tables.CAPABILITY_FRAGMENTS
-        return Identity(
-            tables.PROTO_HEXWIRE, (0, 0, 0), 0, capabilities, tables.MAX_SERIAL_FRAME, 0, ()
-        ).serialize()
 
     def _frame(self, frame: Frame, now: float) -> bool:
         """Accept a state; False if the frame is not a state, or an old one."""

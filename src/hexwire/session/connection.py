@@ -69,6 +69,7 @@ class Connection(FrameMaker):
         epoch: Added to `now` for the header's time: wall minus monotonic on a host, minus boot time on a board.
         cautious: Keep 0D 0A out of every frame, while the kind of board is unknown.
         assembles: Fragments are put together here; otherwise each is a request of its own, which is never a repeat.
+        duplex: Take requests as a host, too, and send them as a board, too: for two modules that are alike.
         numbers: On a link of datagrams, the source of random numbers from 0 to 2**31 - 1 that identify a
             conversation; frames that are old or of another conversation are then refused (PROTOCOL.md section 6.6).
 
@@ -90,6 +91,7 @@ class Connection(FrameMaker):
         epoch: float = 0.0,
         cautious: bool = False,
         assembles: bool = True,
+        duplex: bool = False,
         numbers: Numbers | None = None,
     ) -> None:
         super().__init__(
@@ -105,6 +107,8 @@ class Connection(FrameMaker):
         self.policy = policy or RetryPolicy()
         self.dialect = dialect
         self.assembles = assembles
+        self.duplex = duplex
+        self._asks = role is _HOST or duplex
         self.decoder = FrameDecoder(max_frame)
         self._events = EventQueue(self.counters)
         self._ticket = 0
@@ -371,8 +375,8 @@ class Connection(FrameMaker):
     # -- receiving ----------------------------------------------------------------------------------
 
     def _receive_frame(self, frame: Frame, now: float) -> None:
-        if frame.proto != PROTO_CHAPTER and self.role is _BOARD and (frame.cmd_ext or not self._is_meant(frame)):
-            self._stale(frame, "not for this board")
+        if frame.proto != PROTO_CHAPTER and (self.duplex or self.role is _BOARD) and not self._is_ours(frame):
+            self._stale(frame, "not for this module")
         elif self.conversations is not None and (problem := self._judge(frame, now, self.conversations)):
             self.counters.refused += 1
             self._stale(frame, problem)
@@ -382,6 +386,12 @@ class Connection(FrameMaker):
             self._events.add(Request(frame))
         else:
             self._receive_chapter(frame, now)
+
+    def _is_ours(self, frame: Frame) -> bool:
+        """Whether a frame may be for this end: a request that names it, or what comes unasked or as an answer."""
+        if not frame.cmd_ext:
+            return self._is_meant(frame)
+        return self._asks and not (self.role is _BOARD and frame.cmd == _IDENTIFY)
 
     def _is_meant(self, frame: Frame) -> bool:
         if frame.dst == self.local:
@@ -408,7 +418,7 @@ class Connection(FrameMaker):
 
     def _take_frame(self, frame: Frame, now: float) -> None:
         ext = frame.cmd_ext
-        if self.role is _HOST and ext & EXT_REPLY:
+        if self._asks and ext & EXT_REPLY:
             if self.several.take(frame, now):
                 return
             pending = self._pending.get(frame.seq)
@@ -436,11 +446,10 @@ class Connection(FrameMaker):
             and (frame.dst == self.local or self.role is _HOST)
         ):
             self._receive_fragment(frame, now)
-        elif self.role is _HOST:
-            if ext & EXT_UNSOLICITED:
-                self._receive_report(frame)
-            else:
-                self._stale(frame, "a request to a host")
+        elif self._asks and ext & EXT_UNSOLICITED:
+            self._receive_report(frame)
+        elif self._asks and not self.duplex:
+            self._stale(frame, "a request to a host")
         else:
             self._receive_request(frame, now)
 

@@ -1,0 +1,141 @@
+"""Two modules over one channel of each kind: both ask, answer and send unasked; directions are kept."""
+
+from __future__ import annotations
+
+import os
+import threading
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import posix_ipc
+import pytest
+from tests.beside import beside
+from tests.link.far_ends import free_port
+
+from hexwire.errors import ConfigError, LinkTimeoutError, LocalProtocolError
+from hexwire.ipc.session import Session
+from hexwire.wire.command_frame import Command, Status
+from hexwire.wire.commands import Identity
+from hexwire.wire.modules import ModuleType
+
+pytestmark = pytest.mark.system
+
+LONG = 30.0
+ASK, TELL, BACK = 0x50, 0x51, 0x52
+"""Commands of two modules' own."""
+CAMERA, GRIPPER = ModuleType(12), ModuleType(13)
+KINDS = ("QUEUE", "TCP", "UDP", "SERIAL")
+
+
+@contextmanager
+def crossed_terminals(tmp_path: Path) -> Iterator[tuple[str, str]]:
+    """Two serial ports whose bytes cross, as by a null-modem cable."""
+    ends = [os.openpty() for _ in range(2)]
+    for _, slave in ends:
+        tty.setraw(slave)
+
+    def carry(ended: threading.Event) -> None:
+        for master, _ in ends:
+            os.set_blocking(master, False)
+        while not ended.wait(0.001):
+            for (source, _), (target, _) in (ends, ends[::-1]):
+                try:
+                    os.write(target, os.read(source, 4096))
+                except BlockingIOError:
+                    continue
+
+    with beside(carry):
+        yield os.ttyname(ends[0][1]), os.ttyname(ends[1][1])
+    for end in ends:
+        for fd in end:
+            os.close(fd)
+
+
+@contextmanager
+def modules(
+    tmp_path: Path, kind: str, server: str = "TRX", client: str = "TRX"
+) -> Iterator[tuple[Session, Session]]:
+    """Two open sessions by a file with the two ends of a channel: who is spoken to first, and who speaks."""
+    file = tmp_path / "ipc_msg.conf"
+    with crossed_terminals(tmp_path) as ports:
+        near, far, side = f"/hexwire-{os.getpid()}", f"/hexwire-{os.getpid()}", "SERVER"
+        if kind == "SERIAL":
+            near, far, side = f"{ports[0]} 115200", f"{ports[1]} 115200", "CLIENT"
+        elif kind != "QUEUE":
+            near = far = f"127.0.0.1 {free_port()}"
+        file.write_text(
+            f"{int(CAMERA)} {side}_{server} {int(GRIPPER)} {kind} {near}\n"
+            f"{int(GRIPPER)} CLIENT_{client} {int(CAMERA)} {kind} {far}\n"
+        )
+        try:
+            with Session.from_conf(file, CAMERA) as one, Session.from_conf(file, GRIPPER) as other:
+                yield one, other
+        finally:
+            # Queues stay, and a user has room for few.
+            for end in (".rx", ".tx"):
+                with suppress(posix_ipc.ExistentialError):
+                    posix_ipc.unlink_message_queue(f"/hexwire-{os.getpid()}{end}")
+
+
+def answers(session: Session, ended: threading.Event) -> None:
+    """What a module does: double what it is asked, and tell and ask in turn."""
+    while not ended.is_set():
+        for request in session.requests(timeout=0.05):
+            if request.frame.cmd == TELL:
+                session.report(TELL, request.frame.body + b"!")
+            session.reply(request, 2 * request.frame.body)
+            if request.frame.cmd == BACK:
+                back = session.request(ASK, b"and you?", window=LONG)
+                session.report(BACK, back.body)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_server_receives_requests_replies_and_sends_unasked(tmp_path: Path, kind: str) -> None:
+    with modules(tmp_path, kind) as (camera, gripper), beside(lambda ended: answers(camera, ended)):
+        found = gripper.negotiate(look=False, boot_window=LONG)
+        assert found.identity is not None
+        assert found.identity.joints == ()
+        for body in (b"x", b"", bytes(3000)):
+            reply = gripper.request(ASK, body, window=LONG)
+            assert (reply.status, reply.body) == (Status.OK, 2 * body), len(body)
+        gripper.request(TELL, b"seen", window=LONG)
+        told = next(gripper.stream(LONG))
+        assert (told.cmd, told.body, told.src) == (TELL, b"seen!", CAMERA)
+        # And the other way round: the server asks, the client answers.
+        gripper.request(BACK, b"", window=LONG)
+        asked = next(gripper.requests(LONG))
+        assert (asked.frame.cmd, asked.frame.body) == (ASK, b"and you?")
+        gripper.reply(asked, b"I am well")
+        told = next(gripper.stream(LONG))
+        assert (told.cmd, told.body) == (BACK, b"I am well")
+
+
+@pytest.mark.parametrize("kind", ["TCP", "UDP", "QUEUE"])
+def test_a_server_is_there_for_the_next_module(tmp_path: Path, kind: str) -> None:
+    with modules(tmp_path, kind) as (camera, gripper), beside(lambda ended: answers(camera, ended)):
+        for _ in range(3):
+            gripper.negotiate(look=False, boot_window=LONG)
+            assert gripper.request(ASK, b"x", window=LONG).body == b"xx"
+            gripper.close()
+            gripper.open()
+
+
+@pytest.mark.parametrize("kind", ["UDP", "QUEUE"])
+def test_over_datagrams_the_client_speaks_first(tmp_path: Path, kind: str) -> None:
+    with modules(tmp_path, kind) as (camera, _):
+        for send in (camera.request, camera.send, camera.report):
+            with pytest.raises(LinkTimeoutError, match="nobody has spoken yet"):
+                send(TELL)
+        with pytest.raises(LocalProtocolError, match="is spoken to first"):
+            camera.negotiate()
+
+
+def test_the_identity_of_a_module_is_its_own(tmp_path: Path) -> None:
+    seen = set()
+    for _ in range(2):
+        with modules(tmp_path, "TCP") as (camera, gripper), beside(lambda ended, c=camera: answers(c, ended)):  # type: ignore[misc]  # bound
+            reply = gripper.request(Command.IDENTIFY, window=LONG)
+            seen.add(Identity.parse(reply.body).boot_id)
+    assert len(seen) == 2
