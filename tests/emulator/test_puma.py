@@ -189,21 +189,27 @@ def test_a_velocity_ends_at_the_limit(host: Host) -> None:
     assert host.angles()[0] == pytest.approx(PUMA260.joints[0].minimum, abs=2e-3)
 
 
+def keep(host: Host, commands: JointCommands, seconds: float) -> None:
+    """Command the same again and again."""
+    for _ in range(round(seconds / 0.4)):
+        host.ask(Command.JOINT_COMMANDS, commands.serialize())
+        host.run(0.4)
+
+
 def test_gains_replace_the_controllers_own_loop(host: Host) -> None:
     host.signal(4)
     stiff = JointCommands(
         ("J1",), position=(0.2,), kp_position=(2.0,), kd_position=(0.6,), i_effort_min=(0.0,), i_effort_max=(0.0,)
     )
-    host.ask(Command.JOINT_COMMANDS, stiff.serialize())
-    host.run(4.0)
+    keep(host, stiff, 4.0)
     assert host.angles()[0] == pytest.approx(0.2, abs=0.01)
     # The same with a feed-forward effort settles where it balances the spring: effort / kp further.
-    host.ask(
-        Command.JOINT_COMMANDS,
-        JointCommands(("J1",), (0.2,), effort=(0.1,), kp_position=(2.0,), kd_position=(0.6,)).serialize(),
-    )
-    host.run(6.0)
+    keep(host, JointCommands(("J1",), (0.2,), effort=(0.1,), kp_position=(2.0,), kd_position=(0.6,)), 6.0)
     assert host.angles()[0] == pytest.approx(0.25, abs=0.01)
+    # Half a second after the last command the joint is held where it is, and does not spring back.
+    host.run(3.0)
+    assert host.angles()[0] == pytest.approx(0.25, abs=0.01)
+    assert not host.peer.robot.moving
     host.signal(1)
     stopped = host.angles()[0]
     host.run(1.0)

@@ -209,8 +209,7 @@ class Output:
         ends = self._clock() + order.duration + SETTLING
         self._ends.update(dict.fromkeys([name for name, _ in kept], ends))
         self._on_sent(SentTarget(kept, order.duration))
-        rest = tuple([pair for pair in order.positions if pair[0] not in joints])
-        return JointTarget(rest, order.duration) if rest else None
+        return order.part([name for name, _ in order.positions if name not in joints])
 
     def _write(self, target: JointTarget, asked: Token) -> None:
         epochs = self._robot.epochs

@@ -88,6 +88,11 @@ class RobotDriver(ABC):
         return self.has_watchdog
 
     @property
+    def obeys_gains(self) -> bool:
+        """Whether joints follow their targets with gains, see `JointTarget.laws`; others take positions only."""
+        return False
+
+    @property
     def times_motion(self) -> bool:
         """Whether the robot follows a path in its own time, see `path`; known after `attach`."""
         return False
@@ -313,6 +318,7 @@ class RobotDriver(ABC):
 
         Raises:
             LimitError: A target is outside the limits; nothing was sent.
+            NotSupportedError: It has gains, and the robot does not obey any, see `obeys_gains`.
             StoppedError: A stop is latched.
             CommandRefusedError: The robot refuses, for example because a joint has no torque.
         """

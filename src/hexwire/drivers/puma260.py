@@ -24,7 +24,13 @@ from hexwire.units import decimal
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command
 from hexwire.wire.modules import IpcType, ModuleType
-from hexwire.wire.robot_bodies import EncoderStates, JointCommands, RobotStatus, TrajectoryPoints
+from hexwire.wire.robot_bodies import (
+    COMMAND_ARRAYS,
+    EncoderStates,
+    JointCommands,
+    RobotStatus,
+    TrajectoryPoints,
+)
 
 from .base import JointProbe, ProbeReport, Signal, StopMode
 from .replies import check_reply
@@ -246,7 +252,13 @@ class Puma260Driver(SessionDriver):
     # -- motion -------------------------------------------------------------------------------------
 
     def write(self, target: JointTarget) -> SentTarget:
-        """Send joints to a target as a trajectory of one waypoint; the other joints hold."""
+        """Send joints to a target as a trajectory of one waypoint; the other joints hold.
+
+        A target with gains is sent as joint commands instead, and the other joints continue.
+        """
+        if target.laws:
+            with self.session.epochs.calling("a move"):
+                return self._write_with_gains(target)
         with self.session.epochs.calling("a move"):
             # Read again, so that a joint that was moved meanwhile is not sent back.
             present = self.read().positions
@@ -258,6 +270,24 @@ class Puma260Driver(SessionDriver):
             self._send(TrajectoryPoints((duration,), (angles,)))
         named = dict(zip(self.model.names, angles, strict=True))
         return SentTarget(tuple((name, named[name]) for name, _ in checked.positions), duration)
+
+    @property
+    def obeys_gains(self) -> bool:
+        return True
+
+    def _write_with_gains(self, target: JointTarget) -> SentTarget:
+        laws = {self.model.joint(name).name: law for name, law in target.laws}
+        positions = {self.model.joint(name).name: angle for name, angle in target.positions}
+        for name, angle in positions.items():
+            # Before the first of two commands is sent.
+            self.model.joint(name).check(angle)
+        if others := {name: angle for name, angle in positions.items() if name not in laws}:
+            # In a command of their own: an array of gains puts every joint that it names under them.
+            self.command(JointCommands(tuple(others), tuple(others.values())))
+        fields = [field for field in COMMAND_ARRAYS if field != "position"]
+        arrays = {field: tuple(getattr(law, field) for law in laws.values()) for field in fields}
+        self.command(JointCommands(tuple(laws), tuple(positions[name] for name in laws), **arrays))
+        return SentTarget(tuple(positions.items()), target.duration)
 
     def follow(self, trajectory: TrajectoryPoints) -> None:
         """Follow a trajectory of all joints; replaces the present one. Long trajectories are sent in fragments.
@@ -311,7 +341,8 @@ class Puma260Driver(SessionDriver):
                     f"{decimal(math.degrees(joint.max_speed))} deg/s; nothing was sent"
                 )
         named = replace(commands, name=tuple(joint.name for joint in joints))
-        check_reply(self.commands.request(Command.JOINT_COMMANDS, named.serialize()))
+        with self.session.epochs.calling("joint commands"):
+            check_reply(self.commands.request(Command.JOINT_COMMANDS, named.serialize()))
 
     def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
         """Switch power on or off. The controller has one switch, so power on for one joint is power on for all.

@@ -34,7 +34,7 @@ _MODE_POSITION, _MODE_TEACH = 0, 1
 _STOP, _STOP_TORQUE_OFF, _RESUME, _TORQUE_ON, _TORQUE_OFF = 1, 2, 3, 4, 5
 _SCALE = tuple(joint.scale for joint in PUMA260.joints)
 _RUN_ON = 0.5
-"""Seconds for which a velocity without a position is followed, so that joints stop when the host falls silent."""
+"""Seconds for which a velocity without a position, or gains, are obeyed: without a host no joint runs on."""
 _FIRMWARE = (1, 0, 0)
 
 
@@ -121,8 +121,11 @@ class EmulatedPuma:
             self._setpoint = list(self._path.at(now - self._began))
             if now - self._began >= self._path.duration:
                 self._path = None
-        if any(self._running) and now > self._run_until:
+        if now > self._run_until:
             self._running = [0.0] * len(self._running)
+            for i, gains in enumerate(self._gains):
+                if gains is not None:
+                    self._gains[i], self._setpoint[i] = None, self.position[i]
         for i, joint in enumerate(PUMA260.joints):
             if self._running[i]:
                 goal = self._setpoint[i] + self._running[i] * TICK

@@ -6,11 +6,15 @@ Owns frozen values in SI units. Knows nothing of counts, frames or the source of
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from enum import IntFlag
+from typing import TYPE_CHECKING
 
 from hexwire.errors import UsageError
+
+if TYPE_CHECKING:
+    from .control_law import ControlLaw
 
 __all__ = ["LONGEST", "JointFlag", "JointReading", "JointState", "JointTarget", "SentTarget", "finite"]
 
@@ -201,12 +205,17 @@ class JointTarget:
     Attributes:
         positions: Pairs of joint name and position in radians; any subset of the joints.
         duration: Duration of the motion, seconds.
+        laws: Pairs of joint name and control law, for some of these joints of a robot that obeys them. Such a joint
+            gets its position at once, whatever the duration is.
     """
 
     positions: tuple[tuple[str, float], ...]
     duration: float = 1.0
+    laws: tuple[tuple[str, ControlLaw], ...] = ()
 
     def __post_init__(self) -> None:
+        if self.laws and not {name for name, _ in self.laws} <= {name for name, _ in self.positions}:
+            raise UsageError("a target has gains for a joint without a position")
         if _plainly_right(self.positions, self.duration):
             return
         names = [name for name, _ in self.positions]
@@ -236,6 +245,13 @@ class JointTarget:
         if not isinstance(positions, Mapping):
             raise UsageError(f"a target maps joint names to radians; this is {positions!r}")
         return cls(tuple(positions.items()), duration)
+
+    def part(self, names: Collection[str]) -> JointTarget | None:
+        """The target of some of its joints; None if it has none of them."""
+        kept = tuple([pair for pair in self.positions if pair[0] in names])
+        laws = tuple([pair for pair in self.laws if pair[0] in names])
+        return JointTarget(kept, self.duration, laws) if kept else None
+
 
 
 def _plainly_right(positions: object, duration: object) -> bool:
