@@ -8,6 +8,7 @@ import re
 import pytest
 
 from hexwire import errors
+from hexwire.wire.command_frame import Command
 
 CLASSES = [getattr(errors, name) for name in errors.__all__]
 
@@ -92,8 +93,15 @@ def test_a_missing_reply_says_what_was_asked(attempts: int, instead: str, advice
 
 def test_a_refusal_carries_command_and_status() -> None:
     error = errors.StoppedError("MOVE", 6, "the arm is stopped; resume first")
-    assert str(error) == "the board refused MOVE: the arm is stopped; resume first"
+    assert str(error) == "the arm is stopped; resume first"
     assert (error.command, error.status, error.reason) == ("MOVE", 6, "the arm is stopped; resume first")
+
+
+def test_that_an_arm_is_stopped_is_not_said_in_commands_of_the_wire() -> None:
+    for name in Command.__members__:
+        for make in (errors.StoppedError, errors.StoppedError.unsent):
+            assert name not in str(make(name, 6, "the arm is stopped"))
+    assert str(errors.StoppedError.unsent("a move", 6, "stopped")) == "a move was not sent: stopped"
 
 
 def test_a_servo_error_names_the_servo() -> None:

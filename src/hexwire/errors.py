@@ -214,13 +214,20 @@ class CommandRefusedError(DeviceError):
 
 
 class StoppedError(CommandRefusedError):
-    """The arm is stopped; only reads are accepted until resume."""
+    """The arm is stopped; only reads are accepted until resume.
+
+    The text says so, and not which command of the wire met it: `command` does.
+    """
+
+    def __init__(self, command: str, status: int, reason: str) -> None:
+        super().__init__(command, status, reason)
+        self.args = (reason,)
 
     @classmethod
     def unsent(cls, command: str, status: int, reason: str) -> Self:
         """Make the error for a request that was not sent because of a stop, and that no board has refused."""
         error = cls(command, status, reason)
-        error.args = (f"{command} was not sent: {reason}",)
+        error.args = (f"{'the request' if command.isupper() else command} was not sent: {reason}",)
         return error
 
 

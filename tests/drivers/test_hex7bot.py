@@ -239,10 +239,10 @@ def test_limits_and_offsets() -> None:
 def test_watchdog_and_stream_refuse_invalid_values() -> None:
     driver = Arm(2).driver
     for seconds in (0.01, 61.0, -1.0, math.nan):
-        with pytest.raises(UsageError, match="outside"):
+        with pytest.raises(UsageError, match=r"outside|takes a number"):
             driver.watchdog(seconds)
     for seconds in (0.0, 0.001, 70.0, math.nan):
-        with pytest.raises(UsageError, match="outside"):
+        with pytest.raises(UsageError, match=r"outside|takes a number"):
             next(driver.stream(seconds))
 
 

@@ -20,7 +20,8 @@ def test_check_reply_lets_ok_and_what_was_accepted_through() -> None:
 
 @pytest.mark.parametrize("status", [s for s in Status if s])
 def test_check_reply_turns_every_other_status_into_an_error_that_says_what_to_do(status: Status) -> None:
-    with pytest.raises(CommandRefusedError, match="the board refused TORQUE: ") as info:
+    words = "the arm is stopped; `hexwire resume`" if status == Status.STOPPED else "the board refused TORQUE: "
+    with pytest.raises(CommandRefusedError, match=words) as info:
         check_reply(reply(status))
     assert info.value.status == status
     assert isinstance(info.value, StoppedError) == (status == Status.STOPPED)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from hexwire.model.kinematics import KinematicModel
     from hexwire.model.state import JointState, SentTarget
 
-__all__ = ["MotionObserver", "MotionOptions"]
+__all__ = ["MotionObserver", "MotionOptions", "wanted_options"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +80,17 @@ class MotionOptions:
     def goal(self, names: Sequence[str]) -> dict[str, Tolerance]:
         """Tolerances of joints at the goal."""
         return dict.fromkeys(names, Tolerance(self.tolerance, self.standing))
+
+
+def wanted_options(options: object) -> MotionOptions:
+    """The options, if they are some.
+
+    Raises:
+        UsageError: They are something else.
+    """
+    if not isinstance(options, MotionOptions):
+        raise UsageError(f"options are MotionOptions, as in MotionOptions(table=None); this is {options!r}")
+    return options
 
 
 class MotionObserver:

@@ -7,7 +7,7 @@ for following error, load, faults and old states. Must not know terminals, nor w
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -24,7 +24,7 @@ from .arrival import Tolerance
 from .controller import TrajectoryController
 from .goals import Tolerances
 from .loop import RateLoop
-from .motion_options import MotionObserver, MotionOptions
+from .motion_options import MotionObserver, MotionOptions, wanted_options
 from .motion_result import MotionResult
 from .outcomes import Outcome
 from .owner import RobotOwner
@@ -89,10 +89,14 @@ def check_path(
     Raises:
         GoalError: The path is not allowed; the text says why.
     """
-    options = options or MotionOptions()
-    legs = (motion,) if isinstance(motion, Trajectory) else tuple(motion)
-    if not legs:
-        raise UsageError("a motion needs a trajectory")
+    options = wanted_options(options or MotionOptions())
+    given: object = motion
+    legs = (given,) if isinstance(given, Trajectory) else tuple(given) if isinstance(given, Iterable) else ()
+    if not legs or not all(isinstance(leg, Trajectory) for leg in legs):
+        raise UsageError(
+            "a motion is a trajectory, several of them, or a JointTarget, as in JointTarget.of({'J1': 0.1}); "
+            f"this is {given!r}"
+        )
     if any(leg.names != legs[0].names for leg in legs):
         raise UsageError("the legs of a motion must move the same joints")
     where = dict(read_state(robot).positions if start is None else start)
@@ -143,7 +147,7 @@ def run_motion(
     """
     # From here on a stop voids the motion, however long the steps before it take.
     asked = robot.epochs.mark()
-    options, observer = options or MotionOptions(), observer or MotionObserver()
+    options, observer = wanted_options(options or MotionOptions()), observer or MotionObserver()
     if isinstance(motion, JointTarget):
         return _run_target(robot, motion, options, observer, wait, until, safe, asked)
     path = motion if isinstance(motion, CheckedPath) else check_path(robot, motion, options)

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import wraps
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
+from hexwire.arguments import DATA, FLAG, NAME, NAMES, SECONDS, WHOLE, Wanted, check, checked, or_none
 from hexwire.epochs import Epochs
 from hexwire.errors import HexwireError, LinkError, NotSupportedError, ReplyTimeoutError, StoppedError, UsageError
+from hexwire.model.state import JointTarget
 from hexwire.wire.command_frame import Status
 
 from .robot_state import RobotState
@@ -25,13 +28,48 @@ if TYPE_CHECKING:
     from hexwire.link.base import Link
     from hexwire.link.diagnose import Finding
     from hexwire.model.arm import ArmModel
-    from hexwire.model.state import JointState, JointTarget, SentTarget
+    from hexwire.model.state import JointState, SentTarget
 
     from .timed_path import TimedPath
 
 __all__ = ["JointProbe", "ProbeReport", "RobotDriver", "RobotState", "Signal", "StopCause", "StopLatch", "StopMode"]
 
 _COMMAND_RATE = 20.0
+
+
+# An int, too: programs write 0 and 1 as the chapter does. But not a bool, which says nothing.
+_MODE = Wanted("a StopMode", lambda value: WHOLE.fits(value) and value in (*StopMode,))
+_TARGET = Wanted("a JointTarget, as in JointTarget.of({'J1': 0.1})", lambda value: isinstance(value, JointTarget))
+_MANY = or_none(NAMES)
+_ARGUMENTS: dict[str, dict[str, Wanted]] = {
+    "write": {"target": _TARGET},
+    "torque": {"on": FLAG, "joints": _MANY},
+    "path": {"joints": _MANY, "smooth": FLAG, "brake": SECONDS, "outlives": FLAG},
+    "clear_path": {"joints": _MANY},
+    "stop": {"mode": _MODE},
+    "watchdog": {"timeout": SECONDS, "mode": _MODE},
+    "stream": {"period": SECONDS, "timeout": SECONDS, "slow": or_none(SECONDS)},
+    "read_positions": {"within": SECONDS},
+    "ioctl": {"sub_cmd": WHOLE, "data": DATA},
+    "may_move": {"sub_cmd": WHOLE, "data": DATA},
+    "ping": {"servo_id": WHOLE},
+    "read_table": {"joint": NAME, "first": WHOLE, "count": or_none(WHOLE)},
+    "write_table": {"joint": NAME, "first": WHOLE, "data": DATA},
+    "auto_reconnect": {"on": FLAG},
+}
+"""The arguments of methods that robots define."""
+
+
+def _refusing_gains(write: Callable[..., SentTarget]) -> Callable[..., SentTarget]:
+    """Have a robot refuse a target whose gains it would not obey, rather than follow it without."""
+
+    @wraps(write)
+    def refusing(self: RobotDriver, target: JointTarget) -> SentTarget:
+        if target.laws and not self.obeys_gains:
+            raise NotSupportedError(f"{self.model.name} takes positions only, no efforts and no gains")
+        return write(self, target)
+
+    return refusing
 
 
 class RobotDriver(ABC):
@@ -48,6 +86,16 @@ class RobotDriver(ABC):
         port_leads_to: The device on a serial port that leads to the robot: a controller board, or an adapter to a
             servo bus.
     """
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        # Here rather than in each robot: what a program passes by mistake is refused before anything is sent.
+        for name, wanted in (_ARGUMENTS | vars(cls).get("_arguments", {})).items():
+            if (method := vars(cls).get(name)) is not None:
+                setattr(cls, name, checked(_refusing_gains(method) if name == "write" else method, wanted))
+
+    _arguments: ClassVar[dict[str, dict[str, Wanted]]] = {}
+    """The arguments of a robot's own methods, as `_ARGUMENTS`."""
 
     model: ArmModel
     port_leads_to: ClassVar[Literal["board", "adapter"]] = "board"
@@ -222,7 +270,7 @@ class RobotDriver(ABC):
             if not always and (state := self.read()).stopped:
                 why = f" ({StopCause.WATCHDOG.value})" if state.watchdog_tripped else ""
                 text = f"the arm is stopped{why}; `hexwire resume` ends that"
-                raise StoppedError.unsent("WATCHDOG", Status.STOPPED, text)
+                raise StoppedError.unsent("a motion", Status.STOPPED, text)
             self.watchdog(timeout, mode)
         try:
             yield True
@@ -447,6 +495,7 @@ class RobotDriver(ABC):
         Raises:
             UsageError: There is no such signal.
         """
+        check("signal", "number", WHOLE, number)
         try:
             signal = Signal(number)
         except ValueError:

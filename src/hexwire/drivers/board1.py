@@ -408,7 +408,7 @@ class Board1:
         return False
 
     def path(self, joints: Sequence[str] | None, *, smooth: bool, brake: float, outlives: bool) -> TimedPath:
-        raise _unsupported("TRAJECTORY_BEGIN")
+        raise _unsupported("a path in its own time")
 
     def left_path(self) -> tuple[str, ...]:
         return ()

@@ -11,8 +11,9 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
+from hexwire.arguments import DATA, FLAG, SECONDS, WHOLE, or_none, rows_of
 from hexwire.errors import UsageError
 from hexwire.ipc.session import Session
 from hexwire.model.arm import ArmModel
@@ -63,6 +64,13 @@ class Hex7BotDriver(SessionDriver):
         boot_window: Seconds to wait for a board that is booting.
         dialect: Try this dialect only; both if None.
     """
+
+    _arguments: ClassVar = {
+        "maintenance": {"on": FLAG},
+        "store_limits": {"rows": or_none(rows_of(LimitRow))},
+        "store_offsets": {"rows": rows_of(OffsetRow)},
+        "transact": {"packet": DATA, "reply_length": WHOLE, "timeout": SECONDS},
+    }
 
     def __init__(
         self,

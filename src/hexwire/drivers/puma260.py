@@ -11,8 +11,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from enum import IntEnum
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
+from hexwire.arguments import WHOLE, Wanted, one_of
 from hexwire.errors import ConfigError, RemoteProtocolError, UsageError
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
@@ -40,6 +41,7 @@ __all__ = ["Puma260Driver", "Puma260Mode"]
 
 _MINIMUM_DURATION = 0.02
 _BOOT_WINDOW = 2.0
+_MIN_PERIOD, _MAX_PERIOD = 0.005, 10.0
 
 
 class Puma260Mode(IntEnum):
@@ -68,6 +70,12 @@ class Puma260Driver(SessionDriver):
         trajectories: Channel of trajectories; the I/O channel if None.
         boot_window: Seconds to wait for a controller that does not answer yet.
     """
+
+    _arguments: ClassVar = {
+        "command": {"commands": one_of(JointCommands)},
+        "follow": {"trajectory": one_of(TrajectoryPoints)},
+        "set_mode": {"mode": Wanted("a Puma260Mode", lambda value: WHOLE.fits(value) and value in (*Puma260Mode,))},
+    }
 
     def __init__(
         self,
@@ -209,6 +217,8 @@ class Puma260Driver(SessionDriver):
         Ends after `timeout` seconds without a report. Continues after a reconnection. `slow` has no effect: these
         reports have no values that could be left out.
         """
+        if not _MIN_PERIOD <= period <= _MAX_PERIOD:
+            raise UsageError(f"a report every {period:g} s is outside {_MIN_PERIOD:g}..{_MAX_PERIOD:g} s")
         body = round(period * 1000).to_bytes(2, "little") + b"\0"
         states = self.states
         try:

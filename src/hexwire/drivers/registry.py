@@ -182,6 +182,8 @@ def connect(port: str | None = None, robot: str | None = None, **options: Any) -
         from hexwire.link.ports import find_only_board
 
         port = find_only_board()
+    if not isinstance(port, str):
+        raise UsageError(f"a port is text, as in 'serial:///dev/ttyUSB0'; this is {port!r}")
     driver = make_driver(port, robot, **options)
     driver.attach()
     return driver

@@ -54,7 +54,6 @@ _KEPT_RTTS = 8192
 _VOIDED = 3
 """How often a read is repeated after a stop or the watchdog has cancelled it on the board."""
 _OBEYED = frozenset((Status.OK, Status.SERVO_SILENT, Status.SERVO_FAULT))
-_LAST_COMMAND = 0xFF
 _PREEMPTED = "a stop took the line; {} was sent: it may have been done before the stop, but not after"
 
 
@@ -190,6 +189,7 @@ class Session(SeveralModules, Openable):
             WrongDeviceError: This is a servo bus.
             ReplyTimeoutError: There is no answer; the text gives possible reasons.
         """
+        self._check_negotiation(boot_window, ping_ids, dialect)
         if self.connection.role is Role.BOARD:
             raise LocalProtocolError(f"{self.ipc.link.url} is spoken to first: only the other end can negotiate")
         with self._turn.taken():
@@ -261,8 +261,7 @@ class Session(SeveralModules, Openable):
             PreemptedError: A stop took the line; the request was sent and may have been executed before the stop.
             LocalProtocolError: It cannot be sent in this dialect or over this link.
         """
-        if not 0 <= cmd <= _LAST_COMMAND:
-            raise LocalProtocolError(f"there is no command {cmd}; commands are 0 to {_LAST_COMMAND}")
+        self._check_request("request", cmd, body, window, attempts, guard)
         effect = effect_of(self.connection.dialect, cmd, body)
         if effect is Effect.STOP:
             self._stop = (cmd, body)
@@ -352,6 +351,7 @@ class Session(SeveralModules, Openable):
             LinkError: The line accepts no bytes.
             StoppedError: As `request`. A stop sent like this is not confirmed: all is refused until a resume.
         """
+        self._check_request("send", cmd, body)
         effect = effect_of(self.connection.dialect, cmd, body)
         if effect is Effect.STOP:
             with self.epochs.stopping():

@@ -9,9 +9,10 @@ from __future__ import annotations
 import logging
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import TypeVar
 
+from hexwire.arguments import DATA, SECONDS, WHOLE, Wanted, check
 from hexwire.epochs import Epochs, Token
 from hexwire.errors import LinkClosedError, LinkLostError, LinkTimeoutError, LocalProtocolError, ReplyTimeoutError
 from hexwire.session.connection import Connection
@@ -30,9 +31,15 @@ _log = logging.getLogger(__name__)
 
 _T = TypeVar("_T")
 
+_LAST_COMMAND = 0xFF
 _WRITE_TIMEOUT = 2.0
 _KEPT = 256
 _ORPHANS = 32
+_IDS = Wanted("ids of servos", lambda value: isinstance(value, Collection) and all(map(WHOLE.fits, value)))
+_DIALECT = Wanted("1 or 2", lambda value: value is None or (WHOLE.fits(value) and value in (1, 2)))
+_GUARD = Wanted("a function", callable)
+_REQUEST = Wanted("one of requests()", lambda value: isinstance(value, Request))
+_STATUS = Wanted("a Status, 0 to 63", lambda value: WHOLE.fits(value) and 0 <= value <= tables.EXT_STATUS_MASK)
 _NO_ANSWER = "has the board lost power, or is a plug loose?"
 _NO_CONVERSATION = (
     "is the other end running? If it was restarted, or this machine was suspended, open the line again"
@@ -92,6 +99,35 @@ class SessionLine(ABC):
         if self._turn.owner:
             self.ipc.link.wake()
 
+    def _check_negotiation(self, boot_window: float, ping_ids: Sequence[int], dialect: int | None) -> None:
+        check("negotiate", "boot_window", SECONDS, boot_window)
+        check("negotiate", "ping_ids", _IDS, ping_ids)
+        check("negotiate", "dialect", _DIALECT, dialect)
+
+    def _check_request(
+        self,
+        method: str,
+        cmd: int,
+        body: bytes,
+        window: float | None = None,
+        attempts: int | None = None,
+        guard: Callable[[], None] | None = None,
+    ) -> None:
+        """Refuse what cannot be sent, before anything is done."""
+        # The types first, since every request comes here.
+        if type(cmd) is not int and type(cmd) is not Command:
+            check(method, "cmd", WHOLE, cmd)
+        if not 0 <= cmd <= _LAST_COMMAND:
+            raise LocalProtocolError(f"there is no command {cmd}; commands are 0 to {_LAST_COMMAND}")
+        if type(body) is not bytes:
+            check(method, "body", DATA, body)
+        if window is not None:
+            check(method, "window", SECONDS, window)
+        if attempts is not None:
+            check(method, "attempts", WHOLE, attempts)
+        if guard is not None:
+            check(method, "guard", _GUARD, guard)
+
     # -- answering ------------------------------------------------------------------------------------
 
     def requests(self, timeout: float | None = None) -> Iterator[Request]:
@@ -116,6 +152,9 @@ class SessionLine(ABC):
         Raises:
             LinkError: The line accepts no bytes.
         """
+        check("reply", "request", _REQUEST, request)
+        check("reply", "body", DATA, body)
+        check("reply", "status", _STATUS, status)
         with self._turn.taken():
             if request.frame.proto == tables.PROTO_CHAPTER:
                 self.connection.reply_dialect1(body, self.now(), dst=request.frame.src)
@@ -130,6 +169,7 @@ class SessionLine(ABC):
             LinkError: The line accepts no bytes, or over datagrams nobody has spoken yet.
             LocalProtocolError: The body does not fit one frame.
         """
+        self._check_request("report", cmd, body)
         with self._turn.taken():
             self._check_spoken()
             self.connection.report(cmd, body, self.now())
@@ -166,6 +206,8 @@ class SessionLine(ABC):
             return newest
 
     def _receive(self, queue: deque[_T], timeout: float | None) -> _T | None:
+        if timeout is not None:
+            check("receive", "timeout", SECONDS, timeout)
         deadline = None if timeout is None else self.now() + timeout
         looked = False
         while True:

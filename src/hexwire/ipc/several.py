@@ -7,10 +7,11 @@ Must not know how a request is sent: `Session` does.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
 from typing import Any
 
+from hexwire.arguments import WHOLE, Wanted, check
 from hexwire.epochs import Token
 from hexwire.session.effects import Effect, effect_of
 from hexwire.session.events import Answers, Reply
@@ -22,6 +23,9 @@ from .session_line import SessionLine
 
 __all__ = ["SeveralModules"]
 
+_MODULES = Wanted(
+    "modules, as in (8, 9)", lambda value: isinstance(value, Collection) and all(map(WHOLE.fits, value))
+)
 _OBEYED = frozenset((Status.OK, Status.SERVO_SILENT, Status.SERVO_FAULT))
 
 
@@ -84,9 +88,11 @@ class SeveralModules(SessionLine):
             PreemptedError: As `request`.
             LocalProtocolError: It cannot be sent to several modules in this dialect or over this link.
         """
+        self._check_request("request_all", cmd, body, window, attempts)
         if isinstance(to, Unicast):
             to = Multicast((to.module,))
         elif not isinstance(to, Multicast | Broadcast):
+            check("request_all", "to", _MODULES, to)
             to = Multicast(to)
         finding = cmd == Command.IDENTIFY and isinstance(to, Broadcast)
         asked = To(to, () if finding else self.modules)

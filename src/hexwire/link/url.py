@@ -109,6 +109,8 @@ def parse_url(text: str) -> LinkUrl:
     Raises:
         UsageError: The text is not an address; the error names the wrong part.
     """
+    if not isinstance(text, str):
+        raise UsageError(f"an address is text, as in 'serial:///dev/ttyUSB0'; this is {text!r}")
     if not text or text != text.strip() or any(ord(char) < 0x21 for char in text):
         raise UsageError(f"{text!r} is not a link address: it is empty or contains blanks")
     head, separator, query_text = text.partition("?")

@@ -218,14 +218,15 @@ class JointTarget:
             raise UsageError("a target has gains for a joint without a position")
         if _plainly_right(self.positions, self.duration):
             return
-        names = [name for name, _ in self.positions]
-        if not names:
+        given = _pairs(self.positions)
+        names = [name for name, _ in given if isinstance(name, str)]
+        if not given:
             raise UsageError("a target names no joint")
-        if not all(isinstance(name, str) for name in names):
-            raise UsageError(f"a target names joints by text, not {names!r}")
+        if len(names) < len(given):
+            raise UsageError(f"a target names joints by text, not {[name for name, _ in given]!r}")
         if len(set(names)) != len(names):
             raise UsageError(f"a target names a joint twice: {', '.join(names)}")
-        positions = tuple([(name, finite(value, f"target of {name}")) for name, value in self.positions])
+        positions = tuple([(name, finite(value, f"target of {name}")) for name, value in given])
         if not all(abs(value) <= _MOST for _, value in positions):
             name, value = next((name, value) for name, value in positions if not abs(value) <= _MOST)
             raise UsageError(f"target of {name} is {value:g} rad, which no joint reaches; give radians")
@@ -252,6 +253,21 @@ class JointTarget:
         laws = tuple([pair for pair in self.laws if pair[0] in names])
         return JointTarget(kept, self.duration, laws) if kept else None
 
+
+def _pairs(positions: object) -> list[tuple[object, object]]:
+    try:
+        if isinstance(positions, Mapping | str):
+            raise TypeError
+        found = list[tuple[object, object]]()
+        for pair in positions:  # type: ignore[attr-defined]  # what cannot be iterated over is refused below
+            if isinstance(pair, str):
+                raise TypeError
+            name, value = pair
+            found.append((name, value))
+    except (TypeError, ValueError):
+        text = f"a target is pairs of name and radians; JointTarget.of takes a mapping: {positions!r}"
+        raise UsageError(text) from None
+    return found
 
 
 def _plainly_right(positions: object, duration: object) -> bool:

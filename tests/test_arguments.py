@@ -1,0 +1,200 @@
+"""Whatever a program passes to a public method of a robot or a session: it says in one line what it wants."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import time
+from collections.abc import Callable, Iterator
+from types import GeneratorType
+from typing import Any
+
+import pytest
+
+from hexwire.arguments import DATA, FLAG, NAME, NAMES, SECONDS, WHOLE, check, checked, or_none
+from hexwire.drivers.base import RobotDriver
+from hexwire.drivers.hex7bot import Hex7BotDriver
+from hexwire.drivers.puma260 import Puma260Driver
+from hexwire.drivers.registry import load_bus_arm
+from hexwire.emulator.board import make_hex7bot_board
+from hexwire.emulator.bus_device import BusDevice
+from hexwire.emulator.puma import EmulatedPuma
+from hexwire.emulator.serve import BoardLink, FakeClock, ServedDevice
+from hexwire.emulator.so_arms import make_so_arm
+from hexwire.errors import HexwireError, UsageError
+from hexwire.ipc.handle import IpcHandle
+from hexwire.ipc.session import Session
+from hexwire.link.base import Link
+from hexwire.model.state import JointTarget
+from hexwire.wire.command_frame import Command
+from hexwire.wire.modules import ModuleType
+from hexwire.wire.robot_bodies import JointCommands, TrajectoryPoints
+
+ODD = (
+    None, "J1", "off", "", 7, -1, 256, 10**30, 3.5, math.nan, {"J1": 0.1}, ["J1"], ["J9"], [1], [None],
+    (), b"x", True, object(), "a\nb",
+)  # fmt: skip
+GOOD: dict[str, Any] = {
+    "on": True, "cmd": Command.STATS, "sub_cmd": Command.STATS, "servo_id": 1, "number": 3, "period": 0.1,
+    "timeout": 0.5, "first": 0, "data": b"", "body": b"",
+}  # fmt: skip
+_TIMES = ("attempts", "boot_window", "timeout", "window")
+NOT_CALLED = {
+    # The connection itself; classes have their own tests of addresses.
+    "abort", "attach", "close", "detach", "from_conf", "from_url", "open", "share_stops", "sleep",
+}  # fmt: skip
+
+
+def hex7bot(link: Link) -> RobotDriver:
+    return Hex7BotDriver(Session(IpcHandle.from_link(link)))
+
+
+def puma260(link: Link) -> RobotDriver:
+    ends = ModuleType.PUMA260_HOST_IO_TRX, ModuleType.PUMA260_RBT_IO_SVR
+    return Puma260Driver(Session(IpcHandle.from_link(link, *ends)))
+
+
+ROBOTS: dict[str, tuple[Callable[[float], ServedDevice], Callable[[Link], RobotDriver]]] = {
+    "board": (lambda start: make_hex7bot_board(start=start), hex7bot),
+    "chapter's board": (lambda start: make_hex7bot_board(dialect=1, start=start), hex7bot),
+    "servos": (lambda start: BusDevice(make_so_arm("so101", start=start).servos), load_bus_arm("so101")),
+    "puma260": (lambda start: EmulatedPuma(start=start).connect(), puma260),
+}
+
+
+def attached(robot: str) -> RobotDriver:
+    device, make = ROBOTS[robot]
+    clock = FakeClock(time.monotonic())
+    made = make(BoardLink(device(clock.time), clock))
+    made.attach()
+    return made
+
+
+def calls(of: object, own: dict[str, Any]) -> Iterator[tuple[str, str, Callable[[object], Any]]]:
+    """Every argument of every public method, and how to call it with something else."""
+    for name in dir(type(of)):
+        method = None if name.startswith("_") or name in NOT_CALLED else inspect.getattr_static(of, name)
+        if not inspect.isfunction(method):
+            continue
+        bound = getattr(of, name)
+        wanted = [row for row in inspect.signature(bound).parameters.values() if row.kind is not row.VAR_KEYWORD]
+        needed = {row.name: (GOOD | own)[row.name] for row in wanted if row.default is row.empty}
+        for row in wanted:
+
+            def call(value: object, method: Any = bound, given: Any = needed, argument: str = row.name) -> None:
+                made = method(**{**given, argument: value})
+                if isinstance(made, GeneratorType):
+                    next(made, None)
+                elif hasattr(made, "__enter__"):
+                    with made:
+                        pass
+
+            yield name, row.name, call
+
+
+def assert_told(of: object, own: dict[str, Any]) -> int:
+    """Nothing but the project's own errors, of one line; returns how many arguments have been tried."""
+    count = 0
+    for method, argument, call in calls(of, own):
+        count += 1
+        for value in ODD:
+            if value == 10**30 and argument in _TIMES:
+                continue  # it waits for so long
+            try:
+                call(value)
+            except HexwireError as error:
+                if "\n" in str(error):
+                    pytest.fail(f"{method}({argument}={value!r}) is told in several lines: {error}")
+            except Exception as error:  # noqa: BLE001  # which one it is, is what this is about
+                pytest.fail(f"{method}({argument}={value!r}): {error!r}")
+    return count
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_every_verb_of_a_robot(robot: str) -> None:
+    driver = attached(robot)
+    joint = driver.model.names[0]
+    own: dict[str, Any] = {
+        "packet": b"", "reply_length": 0, "rows": (), "mode": 0,
+        "trajectory": TrajectoryPoints((0.0,), ((0.0,) * 6,)), "commands": JointCommands(("J1",), (0.0,)),
+    }  # fmt: skip
+    own |= {"joint": joint, "target": JointTarget.of({joint: driver.read().positions[joint]})}
+    assert assert_told(driver, own) > 25
+    # And it is as it was.
+    driver.resume()
+    assert driver.read().positions
+
+
+def test_every_call_of_a_session() -> None:
+    driver = attached("board")
+    assert isinstance(driver, Hex7BotDriver)
+    request = object()
+    assert assert_told(driver.session, {"request": request}) > 20
+    assert driver.read().positions
+
+
+@pytest.mark.parametrize(
+    ("call", "text"),
+    [
+        (lambda robot: robot.torque("off"), "torque(on) takes True or False; this is 'off'"),
+        (lambda robot: robot.torque(True, "J1"), "torque(joints) takes several names, as in ['J1']; this is 'J1'"),
+        (lambda robot: robot.torque(True, [1]), "torque(joints) takes several names, as in ['J1']; this is [1]"),
+        (lambda robot: robot.stop("hold"), "stop(mode) takes a StopMode; this is 'hold'"),
+        (lambda robot: robot.stop(True), "stop(mode) takes a StopMode; this is True"),
+        (lambda robot: robot.watchdog("1 s"), "watchdog(timeout) takes a number of seconds; this is '1 s'"),
+        (lambda robot: robot.ping("J1"), "ping(servo_id) takes a whole number; this is 'J1'"),
+        (lambda robot: robot.ioctl(2, "x"), "ioctl(data) takes bytes, as in b'\\x01'; this is 'x'"),
+        (
+            lambda robot: next(robot.stream(period="fast")),
+            "stream(period) takes a number of seconds; this is 'fast'",
+        ),
+        (lambda robot: robot.session.request("STATS"), "request(cmd) takes a whole number; this is 'STATS'"),
+        (lambda robot: robot.session.request_all(2, to="all"), "request_all(to) takes modules, as in (8, 9); this"),
+    ],
+)
+def test_what_is_wanted_is_said(call: Callable[[Any], object], text: str) -> None:
+    driver = attached("board")
+    before = driver.session.connection.counters.requests  # type: ignore[attr-defined]
+    with pytest.raises(UsageError) as told:
+        call(driver)
+    assert text in str(told.value)
+    assert driver.session.connection.counters.requests == before  # type: ignore[attr-defined]
+
+
+def test_kinds() -> None:
+    fitting = {
+        FLAG: (True, False, 0, 1), WHOLE: (0, -1, 10**30), SECONDS: (0, 1.5, math.inf), DATA: (b"", bytearray(2)),
+        NAME: ("", "J1"), NAMES: ((), ["J1"], {"J1": 1}, frozenset(("a",))), or_none(WHOLE): (None, 1),
+    }  # fmt: skip
+    for kind, values in fitting.items():
+        assert all(kind.fits(value) for value in values), kind.text
+    other = {
+        FLAG: (2, "on", None), WHOLE: (True, 1.0, "1"), SECONDS: (True, "1", None, math.nan), DATA: ("x", None),
+        NAME: (1, b"x"), NAMES: ("J1", [1], None, 7), or_none(WHOLE): ("",),
+    }  # fmt: skip
+    for kind, values in other.items():
+        assert not any(kind.fits(value) for value in values), kind.text  # type: ignore[attr-defined]
+
+
+def test_the_value_is_shown_in_one_short_line() -> None:
+    for value in ("a\n" * 1000, list(range(1000)), dict.fromkeys(range(500), "x" * 500)):
+        with pytest.raises(UsageError) as told:
+            check("ping", "servo_id", WHOLE, value)
+        assert len(str(told.value)) < 200
+        assert "\n" not in str(told.value)
+
+
+def test_a_checked_method_takes_its_arguments_in_any_way() -> None:
+    class Thing:
+        def call(self, first: int, second: float = 0.0, *, third: object = None) -> tuple[object, ...]:
+            """Say what it got."""
+            return first, second, third
+
+    wrapped = checked(Thing.call, {"first": WHOLE, "second": SECONDS, "third": NAME})
+    assert wrapped(Thing(), 1, 2.0, third="x") == wrapped(Thing(), third="x", second=2.0, first=1) == (1, 2.0, "x")
+    assert (wrapped.__name__, wrapped.__doc__) == ("call", "Say what it got.")
+    for given, named in (((1.5,), {}), ((1, "x"), {}), ((1,), {"third": 3}), ((), {"first": "x"})):
+        with pytest.raises(UsageError, match=r"^call\((first|second|third)\) takes "):
+            wrapped(Thing(), *given, **named)
+    with pytest.raises(TypeError, match="missing 1 required positional argument"):
+        wrapped(Thing())
