@@ -171,7 +171,8 @@ def channels(draw: st.DrawFn) -> list[ChannelConf]:
     made = []
     for number, module in enumerate(draw(st.lists(MODULES, unique=True, max_size=9))):
         interface = draw(st.sampled_from(IpcType))
-        direction = draw(st.sampled_from(Direction))
+        ways = [way for way in Direction if not (way.is_server and interface is IpcType.SERIAL)]
+        direction = draw(st.sampled_from(ways))
         peer = ""
         port: int | None = 1000 + number
         if interface is IpcType.SERIAL:

@@ -19,6 +19,7 @@ from hexwire.errors import ConfigError, LinkNotFoundError, UsageError
 from hexwire.ipc.conf_link import device_url
 from hexwire.ipc.handle import IpcHandle
 from hexwire.link.open import make_link
+from hexwire.link.tcp import TcpLink
 from hexwire.wire.modules import IpcType, ModuleType
 
 RECORDS = """\
@@ -116,3 +117,17 @@ def test_a_board_is_driven_over_the_channel_of_a_file(file: Path) -> None:
             assert isinstance(robot, Hex7BotDriver)
             assert len(robot.read().names) == 7
             assert (robot.session.connection.local, robot.session.connection.remote) == (12, 8)
+
+
+@pytest.mark.parametrize("robot", ["hex7bot", "puma260"])
+def test_a_channel_that_only_receives_is_refused_before_it_is_opened(
+    file: Path, robot: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Opening the port of a board may reset it."""
+    module = "PUMA260_HOST_IO_TRX" if robot == "puma260" else "ARM_7BOT_SERIAL_TRX"
+    file.write_text(f"{module} CLIENT_RX 8 TCP 127.0.0.1 15030\n")
+    opened: list[str] = []
+    monkeypatch.setattr(TcpLink, "open", lambda link: opened.append(link.url))
+    with pytest.raises(ConfigError, match="CLIENT_RX, which only receives, so IDENTIFY is not sent"):
+        connect(str(file), robot)
+    assert (opened, caplog.messages) == ([], [])

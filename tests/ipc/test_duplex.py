@@ -15,6 +15,8 @@ from tests.beside import beside
 from tests.link.far_ends import free_port
 
 from hexwire.errors import ConfigError, LinkTimeoutError, LocalProtocolError
+from hexwire.ipc.channel import Direction
+from hexwire.ipc.conf import parse_conf
 from hexwire.ipc.session import Session
 from hexwire.wire.command_frame import Command, Status
 from hexwire.wire.commands import Identity
@@ -130,6 +132,61 @@ def test_over_datagrams_the_client_speaks_first(tmp_path: Path, kind: str) -> No
                 send(TELL)
         with pytest.raises(LocalProtocolError, match="is spoken to first"):
             camera.negotiate()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_direction_of_a_record_is_kept(tmp_path: Path, kind: str) -> None:
+    with modules(tmp_path, kind, server="RX", client="TX") as (camera, gripper):
+        sends = {
+            "request": lambda: camera.request(ASK),
+            "send": lambda: camera.send(ASK),
+            "report": lambda: camera.report(ASK),
+            "stop": lambda: camera.request(Command.STOP, b"\0"),
+            "several": lambda: camera.request_all(Command.STOP, b"\0"),
+            "negotiate": lambda: camera.negotiate(),
+        }
+        for name, send in sends.items():
+            with pytest.raises(
+                ConfigError, match=r"12 is \w+_RX, which only receives.* write \w+_TRX or \w+_TX"
+            ) as e:
+                send()
+            assert (e.value.line, e.value.file) == (1, str(tmp_path / "ipc_msg.conf")), name
+        receives = {
+            "receive": lambda: gripper.receive(0.0),
+            "stream": lambda: next(gripper.stream(0.0)),
+            "requests": lambda: next(gripper.requests(0.0)),
+        }
+        for name, receive in receives.items():
+            with pytest.raises(ConfigError, match=r"13 is CLIENT_TX, which only sends") as e:
+                receive()
+            assert e.value.line == 2, name
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_only_sends_reaches_what_only_receives(tmp_path: Path, kind: str) -> None:
+    with modules(tmp_path, kind, server="RX", client="TX") as (camera, gripper):
+        heard: list[bytes] = []
+
+        def listen(ended: threading.Event) -> None:
+            while not ended.is_set() and not heard:
+                heard.extend(request.frame.body for request in camera.requests(timeout=0.05))
+
+        with beside(listen):
+            for _ in range(int(LONG / 0.05)):
+                if heard:
+                    break
+                gripper.send(TELL, b"seen")
+                threading.Event().wait(0.05)
+        assert heard[0] == b"seen"
+
+
+@pytest.mark.parametrize("way", [way for way in Direction if way.is_server])
+def test_a_server_on_a_serial_port_is_refused(way: Direction) -> None:
+    line = f"12 {way.value} 13 IPC_SERIAL_PORT /dev/ttyUSB0 115200\n"
+    client = way.value.replace("SERVER", "CLIENT")
+    with pytest.raises(ConfigError, match=f"a serial port has no server: write {client} at both ends") as error:
+        parse_conf(line)
+    assert (error.value.line, error.value.column) == (1, 4)
 
 
 def test_the_identity_of_a_module_is_its_own(tmp_path: Path) -> None:

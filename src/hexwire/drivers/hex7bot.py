@@ -106,6 +106,7 @@ class Hex7BotDriver(SessionDriver):
     def attach(self) -> None:
         """Open the session and negotiate, waiting for a board that boots. Nothing moves."""
         session = self.session
+        self._check_directions()
         session.open()
         try:
             ids = [joint.servo_id for joint in self.model.joints]

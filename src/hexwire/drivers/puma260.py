@@ -146,7 +146,8 @@ class Puma260Driver(SessionDriver):
 
         def channel(module: ModuleType) -> Session | None:
             found = named.get(module)
-            if found is None:
+            if found is None or not found.direction.sends:
+                # One that only receives cannot ask for states: they are asked for on the I/O channel.
                 return None
             if found.interface is IpcType.UDP and link_url(found) == link_url(io):
                 return None
@@ -163,6 +164,7 @@ class Puma260Driver(SessionDriver):
     # -- attaching and detaching --------------------------------------------------------------------
 
     def attach(self) -> None:
+        self._check_directions()
         try:
             for session in self.sessions:
                 session.open()

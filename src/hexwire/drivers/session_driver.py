@@ -57,6 +57,17 @@ class SessionDriver(RobotDriver):
     def epochs(self) -> Epochs:
         return self.session.epochs
 
+    def _check_directions(self) -> None:
+        """Refuse a channel that only receives before its port is opened, which may reset a board.
+
+        Raises:
+            ConfigError: A channel only receives, or its file is wrong.
+        """
+        for session in self.sessions:
+            # The file is read by this, if there is one.
+            assert session.ipc.link is not None
+            session.ipc.check_sends("IDENTIFY")
+
     def now(self) -> float:
         return self.session.now()
 

@@ -188,6 +188,11 @@ class Record:
                 raise self.error("peer", f"bad user {self.text('peer')!r}: trust takes the name of one user")
             return name, None, self.text("peer")
         if interface is IpcType.SERIAL:
+            if direction.is_server:
+                ways = direction.value.partition("_")[2]
+                raise self.error(
+                    "direction", f"a serial port has no server: write CLIENT_{ways} at both ends of the line"
+                )
             device = self.text("address")
             if not device.startswith("/") or device.endswith("/") or not device.isprintable():
                 raise self.error("address", f"bad address {device!r}: a device path such as /dev/ttyUSB0 is needed")

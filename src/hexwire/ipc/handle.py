@@ -7,12 +7,15 @@ not know frames or commands.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
-from hexwire.errors import UsageError
+from hexwire.errors import ConfigError, UsageError
 from hexwire.link.base import Link, LinkKind
 from hexwire.link.openable import Openable
-from hexwire.wire.modules import IpcType, ModuleType
+from hexwire.wire.modules import IpcType, ModuleType, module_name
+
+if TYPE_CHECKING:
+    from .channel import Direction
 
 __all__ = ["IpcHandle"]
 
@@ -41,7 +44,11 @@ class IpcHandle(Openable):
         module: Our module id.
         destination: The module at the other end; INVALID_MODULE until a configuration file has been read.
         type: Kind of channel.
+        direction: What the record of a configuration file permits; None without a file, and before it is read.
     """
+
+    direction: Direction | None = None
+    _line = 0
 
     def __init__(self, module: ModuleType, conf_file: str | Path) -> None:
         self.module = module
@@ -126,6 +133,27 @@ class IpcHandle(Openable):
         url = "" if self._link is None else self._link.url
         return url.partition("://")[0].endswith("-listen") or (url.startswith("mq:") and "role=server" in url)
 
+    def check_sends(self, what: str) -> None:
+        """Refuse to send on a channel that only receives; raises ConfigError."""
+        if self.direction is not None and not self.direction.sends:
+            raise self._wrong_way(f"only receives, so {what} is not sent", "TX")
+
+    def check_receives(self) -> None:
+        """Refuse to receive on a channel that only sends; raises ConfigError."""
+        if self.direction is not None and not self.direction.receives:
+            raise self._wrong_way("only sends, so nothing can be received", "RX")
+
+    def _wrong_way(self, what: str, missing: str) -> ConfigError:
+        assert self.direction is not None
+        side = self.direction.value.partition("_")[0]
+        return ConfigError(
+            f"{module_name(self.module)} is {self.direction.value}, which {what}; "
+            f"write {side}_TRX or {side}_{missing}",
+            file=str(self._conf_file),
+            line=self._line,
+            column=1,
+        )
+
     def open(self) -> None:
         """Open the link; see `Link.open` for what it may raise."""
         self.link.open()
@@ -145,4 +173,5 @@ class IpcHandle(Openable):
             raise UsageError("this handle has neither a link nor a configuration file")
         channel = channel_of(self._conf_file, self.module)
         self.destination, self.type = channel.destination, channel.interface
+        self.direction, self._line = channel.direction, channel.line
         return make_link(link_url(channel))

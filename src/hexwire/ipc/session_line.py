@@ -103,6 +103,7 @@ class SessionLine(ABC):
         check("negotiate", "boot_window", SECONDS, boot_window)
         check("negotiate", "ping_ids", _IDS, ping_ids)
         check("negotiate", "dialect", _DIALECT, dialect)
+        self.ipc.check_sends("IDENTIFY")
 
     def _check_request(
         self,
@@ -127,6 +128,7 @@ class SessionLine(ABC):
             check(method, "attempts", WHOLE, attempts)
         if guard is not None:
             check(method, "guard", _GUARD, guard)
+        self.ipc.check_sends(command_name(cmd))
 
     # -- answering ------------------------------------------------------------------------------------
 
@@ -137,6 +139,7 @@ class SessionLine(ABC):
         another call drives the line.
 
         Raises:
+            ConfigError: The channel only sends.
         """
         while (request := self._receive(self._requests, timeout)) is not None:
             yield request
@@ -151,10 +154,12 @@ class SessionLine(ABC):
 
         Raises:
             LinkError: The line accepts no bytes.
+            ConfigError: The channel only receives.
         """
         check("reply", "request", _REQUEST, request)
         check("reply", "body", DATA, body)
         check("reply", "status", _STATUS, status)
+        self.ipc.check_sends("a reply")
         with self._turn.taken():
             if request.frame.proto == tables.PROTO_CHAPTER:
                 self.connection.reply_dialect1(body, self.now(), dst=request.frame.src)
@@ -168,6 +173,7 @@ class SessionLine(ABC):
         Raises:
             LinkError: The line accepts no bytes, or over datagrams nobody has spoken yet.
             LocalProtocolError: The body does not fit one frame.
+            ConfigError: The channel only receives.
         """
         self._check_request("report", cmd, body)
         with self._turn.taken():
@@ -208,6 +214,7 @@ class SessionLine(ABC):
     def _receive(self, queue: deque[_T], timeout: float | None) -> _T | None:
         if timeout is not None:
             check("receive", "timeout", SECONDS, timeout)
+        self.ipc.check_receives()
         deadline = None if timeout is None else self.now() + timeout
         looked = False
         while True:
