@@ -1,24 +1,27 @@
 """Reads files written by people and programs: within bounds, parsed, and with the place of every fault.
 
-Owns the size limits, the refusal of pipes and devices, text encodings, JSON and TOML, and `Item`, by which readers
-take values out of the parsed file. Whatever a file holds, the outcome is a value or a `ConfigError`, and time and
-memory are proportional to its length. Must not know what the values mean.
+Owns the opening of files, the size limits, the refusal of pipes and devices, text encodings, JSON and TOML, and
+`Item`, by which readers take values out of the parsed file. Whatever a file holds, the outcome is a value or a
+`ConfigError`, and time and memory are proportional to its length. Must not know what the values mean.
 """
 
 from __future__ import annotations
 
 import json
 import math
+import os
 import re
 import reprlib
+import stat
 import tomllib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any
+from typing import IO, Any, BinaryIO
 
 from hexwire.errors import ConfigError
+from hexwire.system import BINARY, CLOSE_ON_EXEC, NO_FOLLOW, NO_WAIT
 
 __all__ = [
     "LARGEST_DATA",
@@ -27,6 +30,7 @@ __all__ = [
     "Faults",
     "Item",
     "decode_text",
+    "open_file",
     "parse_json",
     "parse_message",
     "parse_toml",
@@ -57,6 +61,46 @@ _MOST_FAULTS = 10
 # -- bytes and text -----------------------------------------------------------------------------------------
 
 
+def open_file(path: str | Path, *, links: bool = True) -> BinaryIO:
+    """Open a plain file for reading.
+
+    Args:
+        path: The file.
+        links: Whether it may be a symbolic link.
+
+    Raises:
+        ConfigError: It cannot be opened, or is a folder, a pipe or a device; at once.
+    """
+    flags = os.O_RDONLY | NO_WAIT | CLOSE_ON_EXEC | BINARY | (0 if links else NO_FOLLOW)
+
+    def opener(name: str, _: int) -> int:
+        # Before it is opened: opening a serial port resets the board behind it.
+        _refuse_pipe(Path(name).stat(follow_symlinks=links).st_mode, name)
+        fd = os.open(name, flags)
+        try:
+            # Another one may have taken its place meanwhile.
+            _refuse_pipe(os.fstat(fd).st_mode, name)
+        except BaseException:
+            os.close(fd)
+            raise
+        return fd
+
+    try:
+        return open(path, "rb", opener=opener)  # `Path.open` has no opener; the caller closes
+    except OSError as error:
+        raise ConfigError(f"cannot be read: {error.strerror or error}", file=str(path)) from None
+    except ValueError as error:  # a name with a NUL in it
+        if isinstance(error, ConfigError):
+            raise
+        raise ConfigError(f"cannot be read: {error}", file=repr(str(path))) from None
+
+
+def _refuse_pipe(mode: int, path: str | Path) -> None:
+    """A pipe or a device may never come to an end. A folder and a symbolic link are refused by the opening."""
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode) or stat.S_ISLNK(mode)):
+        raise ConfigError("is a pipe or a device, not a file", file=str(path))
+
+
 def read_bytes(path: str | Path, *, largest: int = LARGEST_TEXT) -> bytes:
     """All bytes of a plain file.
 
@@ -65,21 +109,13 @@ def read_bytes(path: str | Path, *, largest: int = LARGEST_TEXT) -> bytes:
         largest: Most bytes it may have.
 
     Raises:
-        ConfigError: It cannot be read, is a folder, a pipe or a device, or is larger.
+        ConfigError: As `open_file`, or it cannot be read or is larger.
     """
-    try:
-        file = Path(path)
-        if file.exists() and not file.is_file() and not file.is_dir():
-            # A pipe or a device may never come to an end.
-            raise ConfigError("is a pipe or a device, not a file", file=str(path))
-        with file.open("rb") as stream:
+    with open_file(path) as stream:
+        try:
             return read_stream(stream, str(path), largest=largest)
-    except OSError as error:
-        raise ConfigError(f"cannot be read: {error.strerror or error}", file=str(path)) from None
-    except ValueError as error:  # a name with a NUL in it
-        if isinstance(error, ConfigError):
-            raise
-        raise ConfigError(f"cannot be read: {error}", file=repr(str(path))) from None
+        except OSError as error:
+            raise ConfigError(f"cannot be read: {error.strerror or error}", file=str(path)) from None
 
 
 def read_stream(stream: IO[bytes], name: str, *, largest: int) -> bytes:

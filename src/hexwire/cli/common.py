@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import IO, TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -44,7 +44,6 @@ __all__ = [
     "json_option",
     "line_options",
     "make_robot",
-    "name_of",
     "observed_driver",
     "observing_states",
     "on_terminal",
@@ -421,12 +420,6 @@ def refuse_idle_force(force: bool, words: str) -> None:
 
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
-
-
-def name_of(file: IO[bytes]) -> str:
-    """Name for error texts of a file that click has opened."""
-    name = getattr(file, "name", None)
-    return name if isinstance(name, str) and name != "<stdin>" else "standard input"
 
 
 def on_terminal() -> bool:

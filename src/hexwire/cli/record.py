@@ -18,12 +18,13 @@ from typing import TYPE_CHECKING, BinaryIO, TextIO
 import click
 
 from hexwire.errors import UsageError
-from hexwire.inputs import parse_message
+from hexwire.inputs import open_file, parse_message
 from hexwire.link.tap import Passed
 from hexwire.new_file import OutputFile
 
-from .common import arm_option, force_option, json_option, name_of
+from .common import arm_option, force_option, json_option
 from .exits import note
+from .input_file import InputFile, name_of
 from .output import answer, print_json, say, say_document, say_table
 from .record_ros2 import ros2
 from .sim_serve import serve_device, tcp_option
@@ -52,7 +53,7 @@ record.add_command(ros2)
 
 
 @record.command()
-@click.argument("file", type=click.File("rb"))
+@click.argument("file", type=InputFile())
 @json_option
 def info(file: BinaryIO, as_json: bool) -> None:
     """Show the contents of FILE: topics, messages, times, and whether it is complete."""
@@ -79,7 +80,7 @@ def info(file: BinaryIO, as_json: bool) -> None:
 
 
 @record.command()
-@click.argument("file", type=click.File("rb"))
+@click.argument("file", type=InputFile())
 @click.argument("target")
 @arm_option
 @force_option
@@ -116,7 +117,7 @@ def recover(file: str, target: str, force: bool, as_json: bool) -> None:
 
     if os.path.realpath(file) == os.path.realpath(target):
         raise UsageError("give the recovered recording another name; the damaged file is not changed")
-    with Path(file).open("rb") as source, OutputFile(target, force=force) as out:
+    with open_file(file) as source, OutputFile(target, force=force) as out:
         saved = save(source, file, out.file)
     data = {"count": saved.messages, "file": target, "problem": saved.problem or None}
     answer(as_json, data, f"{saved.messages} messages saved to {target}")
@@ -153,7 +154,7 @@ def plot(file: str, picture: str, arm: str | None, force: bool, as_json: bool) -
 
 
 @record.command()
-@click.argument("file", type=click.File("rb"))
+@click.argument("file", type=InputFile())
 @click.option("--link", metavar="PATH", help="Create a symbolic link to the terminal, as a fixed name.")
 @click.option(
     "--baud",

@@ -14,8 +14,9 @@ import click
 from hexwire.errors import UsageError
 from hexwire.model.geometry import ROBOTS, kinematics_for, make_kinematics
 
-from .common import force_option, json_option, name_of
+from .common import force_option, json_option
 from .exits import note
+from .input_file import InputFile, name_of
 from .output import answer
 from .recording import capturing, topic_for
 
@@ -59,7 +60,7 @@ def _urdf_of(robot: RobotDriver) -> str:
 
 
 @click.command()
-@click.argument("file", type=click.File("rb"))
+@click.argument("file", type=InputFile())
 @click.argument("folder")
 @click.option("--robot", metavar="NAME", help=f"Arm whose URDF the bag gets: {', '.join(ROBOTS)}.")
 @force_option

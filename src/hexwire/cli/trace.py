@@ -23,8 +23,9 @@ from hexwire.trace.chapter_log import format_passed, format_positions
 from hexwire.trace.explain import Explained, Explainer
 from hexwire.trace.sources import LARGEST, read_traffic
 
-from .common import name_of, observing_states
+from .common import observing_states
 from .exits import speak, tell_missed
+from .input_file import InputFile, name_of
 from .output import print_json, say
 
 if TYPE_CHECKING:
@@ -146,7 +147,7 @@ def trace() -> None:
 
 
 @trace.command()
-@click.argument("file", type=click.File("rb"))
+@click.argument("file", type=InputFile())
 @click.option("--fields", is_flag=True, help="Print every field with the place of its bytes in the frame.")
 @click.option("--json", "as_json", is_flag=True, help="Print one line per frame, with the fields of every layer.")
 def decode(file: BinaryIO, fields: bool, as_json: bool) -> None:

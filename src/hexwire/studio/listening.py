@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from hexwire.errors import ConfigError, UsageError
-from hexwire.inputs import read_text
+from hexwire.inputs import read_bytes, read_text
 from hexwire.link.tls import TlsFiles
 
 from .access import SHORTEST_PASSWORD, Right
@@ -112,7 +112,7 @@ def _is_any(host: str) -> bool:
 def _names_in(cert: str) -> set[str]:
     from cryptography import x509
 
-    found = x509.load_pem_x509_certificate(Path(cert).read_bytes())
+    found = x509.load_pem_x509_certificate(read_bytes(cert))
     try:
         names = found.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except x509.ExtensionNotFound:

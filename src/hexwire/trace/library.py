@@ -20,9 +20,8 @@ from typing import IO, BinaryIO
 
 from hexwire.errors import ConfigError, HexwireError, UsageError
 from hexwire.folders import make_folder
-from hexwire.inputs import parse_message
+from hexwire.inputs import open_file, parse_message
 from hexwire.new_file import OutputFile
-from hexwire.system import BINARY, CLOSE_ON_EXEC, NO_FOLLOW, NO_WAIT
 
 from .capture import BYTES, recover
 from .mcap_file import Readable, read_records
@@ -242,6 +241,8 @@ class Library:
                 return survey(file, empty)
         except OSError as error:
             return replace(empty, problem=f"cannot be read: {error.strerror}")
+        except ConfigError as error:
+            return replace(empty, problem=str(error).removeprefix(f"{error.file}: "))
 
     def find(self, name: str) -> Recording:
         """One recording.
@@ -261,18 +262,13 @@ class Library:
         """Open a recording for reading.
 
         Raises:
-            UsageError: The name is not that of a recording in the folder.
-            OSError: It cannot be opened.
+            UsageError: The name is not that of a recording in the folder, or that of a link to a file elsewhere or
+                of a pipe that never ends.
         """
         path = self.path(name)
-        try:
-            # Neither a link to a file elsewhere, nor a pipe that never ends.
-            fd = os.open(path, os.O_RDONLY | NO_FOLLOW | NO_WAIT | CLOSE_ON_EXEC | BINARY)
-        except FileNotFoundError:
-            raise UsageError(f"there is no recording {name!r}; it may have been removed") from None
-        with os.fdopen(fd, "rb") as file:
-            if not stat.S_ISREG(os.fstat(fd).st_mode):
-                raise UsageError(f"{name} is not a plain file")
+        if not os.path.lexists(path):
+            raise UsageError(f"there is no recording {name!r}; it may have been removed")
+        with open_file(path, links=False) as file:
             yield file
 
     def path(self, name: str) -> Path:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from hexwire.errors import ConfigError, UsageError
-from hexwire.inputs import Item, parse_message
+from hexwire.inputs import Item, open_file, parse_message
 from hexwire.model.state import JointState
 from hexwire.new_file import OutputFile
 
@@ -347,9 +347,7 @@ def read_joint_states(
         ConfigError: The file cannot be read, or a joint state is wrong; the text says which, and where in it.
     """
     try:
-        if Path(path).exists() and not Path(path).is_file() and not Path(path).is_dir():
-            raise ConfigError("is a pipe or a device, not a file", file=str(path))
-        with Path(path).open("rb") as file:
+        with open_file(path) as file:
             for state in joint_states_in(file, str(path), topic=topic, several=several):
                 if not isinstance(state, str):
                     yield state
