@@ -136,7 +136,7 @@ def test_lazy_names_are_those_the_type_checker_sees() -> None:
     seen = {
         alias.asname or alias.name: node.module
         for block in tree.body
-        if isinstance(block, ast.If)
+        if isinstance(block, ast.If) and ast.unparse(block.test) == "TYPE_CHECKING"
         for node in block.body
         if isinstance(node, ast.ImportFrom)
         for alias in node.names

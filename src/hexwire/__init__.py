@@ -1,7 +1,8 @@
 """hexwire: from a joint command in Python to a moving servo, and back.
 
 Owns the public names, which load on first use: ``import hexwire`` costs next to nothing and imports neither a
-third-party package nor a layer that the program does not touch. Knows where each name lives and nothing else.
+third-party package nor a layer that the program does not touch. Knows where each name lives, and the environment
+variable that switches verbose mode on for the whole program; nothing else.
 
 Attributes:
     __version__: Version of the installed package, as in ``0.1.0``.
@@ -9,6 +10,7 @@ Attributes:
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING
 
 from hexwire.errors import HexwireError
@@ -92,3 +94,9 @@ if not TYPE_CHECKING:  # a type checker would take any name for an object then, 
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
+
+
+if "HEXWIRE_TRACE" in os.environ:
+    from hexwire.trace.live import trace_this_process
+
+    trace_this_process()

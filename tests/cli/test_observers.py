@@ -19,7 +19,7 @@ from hexwire.cli.board_process import board_process
 from hexwire.cli.main import cli
 from hexwire.link import open as ipc_open
 from hexwire.link.base import Link
-from hexwire.trace.explain import Explainer
+from hexwire.trace.line_reader import LineReader
 from hexwire.trace.recording import RecordingWriter
 
 COMMANDS = (
@@ -68,14 +68,14 @@ def test_a_servo_with_reserved_error_bits(
     assert "has gaps" not in watched.stderr
 
 
-@pytest.mark.parametrize("watching", ["--explain", "--record"])
+@pytest.mark.parametrize("watching", ["--trace", "--explain", "--record"])
 def test_an_observer_with_a_bug(
     bus: Callable[..., Result], watching: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def feed(self: Explainer, passed: object) -> None:
+    def feed(self: LineReader, passed: object) -> None:
         raise ZeroDivisionError("a bug")
 
-    monkeypatch.setattr(Explainer, "feed", feed)
+    monkeypatch.setattr(LineReader, "feed", feed)
     option = (watching, str(tmp_path / "a.mcap")) if watching == "--record" else (watching,)
     watched = watched_and_not(bus, COMMANDS[2], option)
     warnings = [line for line in watched.stderr.splitlines() if line.startswith("warning: ")]

@@ -5,11 +5,7 @@ Owns arguments and printing. `hexwire.trace` decodes the bytes.
 
 from __future__ import annotations
 
-import errno
-import math
-import select
-import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -17,10 +13,9 @@ import click
 
 from hexwire.inputs import read_stream
 from hexwire.ipc.own_modules import load_own_modules
-from hexwire.link.base import Link
-from hexwire.link.tap import Direction, Missed, Passed, TapLink, wrap_new_links
-from hexwire.trace.chapter_log import format_passed, format_positions
+from hexwire.link.tap import Direction, wrap_new_links
 from hexwire.trace.explain import Explained, Explainer
+from hexwire.trace.live import Tracer, explained_lines
 from hexwire.trace.sources import LARGEST, read_traffic
 
 from .common import observing_states
@@ -29,18 +24,12 @@ from .input_file import InputFile, name_of
 from .output import print_json, say
 
 if TYPE_CHECKING:
-    from hexwire.drivers.base import RobotDriver
-    from hexwire.model.state import JointState
     from hexwire.trace.parts import Part
     from hexwire.trace.reading import Reading
 
 __all__ = ["trace", "tracing"]
 
 _INDENT = "    "
-_PATIENCE = 100
-"""Milliseconds to wait for a slow reader of the trace."""
-_LONGEST = getattr(select, "PIPE_BUF", 512) // 4
-"""Maximum number of characters in a line, at up to four bytes each."""
 
 
 @contextmanager
@@ -51,94 +40,14 @@ def tracing(*, explain: bool) -> Iterator[None]:
     """
     # Names for the modules in frames.
     load_own_modules()
-    missed = Missed()
-    listener = _Listener()
-
-    def show_state(robot: RobotDriver, state: JointState) -> None:
-        degrees = [math.degrees(angle) for angle in state.position]
-        for line in format_positions(state.names, degrees, name=robot.model.name):
-            listener.tell(line)
-
-    def wrap(link: Link) -> Link:
-        return TapLink(link, missed.guard(_printer(explain, listener)))
-
+    tracer = Tracer(explain=explain, speak=speak)
     try:
-        with wrap_new_links(wrap), observing_states(missed.guard(show_state)):
+        with wrap_new_links(tracer.tap), observing_states(tracer.state):
             yield
     finally:
-        if listener.is_ready():
-            tell_missed("the trace", missed)
-
-
-def _printer(explain: bool, listener: _Listener) -> Callable[[Passed], None]:
-    explainer = Explainer()
-    start: list[float] = []
-
-    def show(passed: Passed) -> None:
-        if not start:
-            start.append(passed.time)
-        name = "SerialPort" if passed.url.startswith("serial") else passed.url.partition(":")[0].capitalize()
-        lines = list(format_passed(passed, name=name, start=start[0]))
-        if explain:
-            # Decode everything, even if it cannot be printed: the decoding of later traffic needs the earlier.
-            for explained in list(explainer.feed(passed)):
-                lines += [_INDENT + line for line in _lines(explained)]
-        for line in lines:
-            listener.tell(line)
-
-    return show
-
-
-class _Listener:
-    """Standard error, which may be closed or not read: writing to it waits only for a moment.
-
-    A pager that is not scrolled leaves its pipe full. Waiting for it would delay the arm's next set-point.
-    """
-
-    def __init__(self) -> None:
-        self._gone: OSError | None = None
-        self._patience = _PATIENCE
-
-    def is_ready(self) -> bool:
-        """Whether a line can be written at once; waits a moment, but only the first time in a row."""
-        try:
-            number = sys.stderr.fileno()
-        except (OSError, ValueError):  # not a file: a test's or another program's own stream
-            return True
-        if sys.platform == "win32" or not hasattr(select, "poll"):
-            # There is no way to ask.
-            return True
-        look = select.poll()
-        look.register(number, select.POLLOUT)
-        ready = bool(look.poll(self._patience))
-        self._patience = _PATIENCE if ready else 0
-        return ready
-
-    def tell(self, line: str) -> None:
-        """Write a line.
-
-        Raises:
-            OSError: It cannot be written, or nothing reads standard error.
-        """
-        if self._gone is not None:
-            raise self._gone
-        if not self.is_ready():
-            raise BlockingIOError(errno.EAGAIN, "nothing reads standard error")
-        try:
-            # A pipe that is ready accepts this many bytes at once.
-            speak(line[:_LONGEST])
-        except OSError as error:
-            self._gone = error
-            raise
-
-
-def _lines(explained: Explained) -> Iterator[str]:
-    if explained.problem:
-        yield f"! {explained.problem}"
-    if not explained.layers:
-        yield explained.text
-    for layer in explained.layers:
-        yield f"{layer.name:8} {layer.text}"
+        tracer.finish()
+        if tracer.is_ready():
+            tell_missed("the trace", tracer.missed)
 
 
 @click.group()
@@ -189,7 +98,7 @@ def _show(explained: Explained, tree: Part | None, as_json: bool) -> None:
     arrow = "->" if explained.direction is Direction.SENT else "<-"
     stamp = f"{explained.time:.6f} " if explained.time else ""
     say(f"{stamp}{arrow} {explained.kind}, {len(explained.data)} bytes: {explained.data.hex(' ').upper()}")
-    for line in _lines(explained) if tree is None else _field_lines(explained, tree):
+    for line in explained_lines(explained) if tree is None else _field_lines(explained, tree):
         say(_INDENT + line)
 
 

@@ -11,9 +11,10 @@ import sys
 from collections.abc import Callable
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
 from hexwire.errors import UsageError
+from hexwire.link.tap import TRACE_VARIABLE, wrap_new_links
 
 from .base import RobotDriver
 
@@ -157,8 +158,12 @@ def is_address(port: str) -> bool:
     return bool(colon) and any(point.name == scheme for point in _points(_ADDRESSES))
 
 
-def connect(port: str | None = None, robot: str | None = None, **options: Any) -> RobotDriver:
-    """Open a robot: find its driver and its port, and attach. Nothing moves.
+def connect(
+    port: str | None = None, robot: str | None = None, *, trace: TextIO | None = None, **options: Any
+) -> RobotDriver:
+    """Open a robot: find its driver and its port, and attach; nothing is sent that moves it.
+
+    A board with the chapter's sketch is an exception: see `Hex7BotDriver.attach`.
 
     Args:
         port: URL or device path, as in ``serial:///dev/ttyUSB0?baud=115200``; the address of a shared arm, as in
@@ -166,6 +171,10 @@ def connect(port: str | None = None, robot: str | None = None, **options: Any) -
             If None, the value of the environment variable HEXWIRE_PORT, else the only likely board that is plugged
             in.
         robot: Name of the robot; a shared or emulated arm names it itself, and another port has a hex7bot if None.
+        trace: Print every frame and packet of its lines here, and every state that is read, as ``--trace`` of the
+            commands does. ``HEXWIRE_TRACE=1`` does so on standard error for every link of the program. A stream
+            that is slow, closed or broken loses lines; the line to the robot waits for it 0.1 s at
+            most, once, and 1 s when it is closed.
         **options: Passed to the driver's `from_url`.
 
     Returns:
@@ -184,6 +193,17 @@ def connect(port: str | None = None, robot: str | None = None, **options: Any) -
         port = find_only_board()
     if not isinstance(port, str):
         raise UsageError(f"a port is text, as in 'serial:///dev/ttyUSB0'; this is {port!r}")
-    driver = make_driver(port, robot, **options)
-    driver.attach()
+    tracer = None
+    if trace is not None or TRACE_VARIABLE in os.environ:
+        from hexwire.trace.live import Tracer, process_tracer
+
+        tracer = process_tracer() if trace is None else Tracer(trace)
+    if tracer is None:
+        driver = make_driver(port, robot, **options)
+        driver.attach()
+        return driver
+    with wrap_new_links(tracer.tap):
+        driver = make_driver(port, robot, prepare=lambda kind: observed(kind, tracer.state), **options)
+        # Some drivers make their links here.
+        driver.attach()
     return driver

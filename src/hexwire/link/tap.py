@@ -16,9 +16,21 @@ from typing import Any, NamedTuple, ParamSpec
 
 from .base import Link
 
-__all__ = ["Direction", "Missed", "Passed", "TapLink", "tapped", "wrap_new_links"]
+__all__ = [
+    "TRACE_VARIABLE",
+    "Direction",
+    "Missed",
+    "Passed",
+    "TapLink",
+    "tapped",
+    "wrap_every_link",
+    "wrap_new_links",
+]
 
 _P = ParamSpec("_P")
+
+TRACE_VARIABLE = "HEXWIRE_TRACE"
+"""Environment variable that has every link of a program traced; `hexwire.trace.live` does it."""
 
 
 class Direction(enum.Enum):
@@ -47,6 +59,7 @@ class Passed(NamedTuple):
 Observer = Callable[[Passed], None]
 
 _wrapper: ContextVar[Callable[[Link], Link] | None] = ContextVar("hexwire_link_wrapper", default=None)
+_everywhere: list[Callable[[Link], Link]] = []
 
 
 class Missed:
@@ -160,7 +173,14 @@ def wrap_new_links(wrapper: Callable[[Link], Link]) -> Iterator[None]:
         _wrapper.reset(token)
 
 
+def wrap_every_link(wrapper: Callable[[Link], Link]) -> None:
+    """From now on, all links that `make_link` creates, in any thread, go through `wrapper` first."""
+    _everywhere.append(wrapper)
+
+
 def tapped(link: Link) -> Link:
     """The link, wrapped if `wrap_new_links` is active. For `make_link`."""
+    for everywhere in _everywhere:
+        link = everywhere(link)
     wrapper = _wrapper.get()
     return link if wrapper is None else wrapper(link)

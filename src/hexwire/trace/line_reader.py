@@ -74,5 +74,10 @@ class LineReader:
         data = self.reader.unfinished(way) + data
         if tables.SYNC_BYTES in data:
             self._framed.add(way)
-        is_bus = way not in self._framed and data.startswith((tables.SERVO_HEADER, tables.LEGACY_HEADER))
-        return "bus" if is_bus else "host"
+        if way in self._framed:
+            return "host"
+        # An answer may come byte by byte: its first one says nothing, but the request did.
+        begins = data.startswith((tables.SERVO_HEADER, tables.LEGACY_HEADER))
+        return (
+            "bus" if begins or any(self._lines[other] == "bus" for other in Direction if other != way) else "host"
+        )
