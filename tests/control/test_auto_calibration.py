@@ -180,6 +180,37 @@ def test_one_late_answer_after_this_computer_stalled_is_no_silence() -> None:
     assert parts.run().fault == ""
 
 
+def test_every_fault_on_a_computer_that_is_too_slow_says_so() -> None:
+    def silent(parts: Plant) -> None:
+        parts.flags = JointFlag.SILENT
+
+    def pushed(parts: Plant) -> None:
+        parts.place += 400.0
+
+    def braked(parts: Plant) -> None:
+        parts.low = parts.high = parts.place
+
+    for happens in (silent, pushed, braked):
+        for late in (0.12, 0.5):
+            parts = plant()
+            for _ in range(50):
+                parts.turn()
+            for _ in range(8):
+                parts.now += late
+                parts.turn()
+            happens(parts)
+            while not parts.auto.over:
+                parts.now += late
+                parts.turn()
+            assert parts.auto.fault.startswith("this computer is too slow: it lost "), (happens, late)
+    # What a servo itself reports is true on any computer.
+    parts = plant()
+    parts.turn()
+    parts.now += 3.0
+    parts.flags = JointFlag.OVERLOAD
+    assert parts.run(parts.now + 1.0).fault == "a reports overload"
+
+
 def test_nothing_is_sent_before_every_position_is_known() -> None:
     parts = plant()
     parts.flags = JointFlag.SILENT

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from tests.emulator.loopback import Loopback
 
 from hexwire.emulator.board import make_hex7bot_board
-from hexwire.emulator.serve import BoardLink, FakeClock, PacedLine
+from hexwire.emulator.serve import Arrivals, BoardLink, FakeClock, PacedLine, deliver
 from hexwire.errors import (
     LinkBusyError,
     LinkClosedError,
@@ -114,3 +114,59 @@ def test_reports_faster_than_the_line_are_left_out_not_queued() -> None:
     while clock() < end:
         link.read(end)
     assert len(link._to_host._queue) <= 2
+
+
+# --- silence ---------------------------------------------------------------------------------------------------
+
+WATCHDOG = 0.5
+
+
+def ask(number: int, cmd: int = Command.IDENTIFY, body: bytes = b"") -> bytes:
+    frame = Frame(proto=2, seq=number, sn=number, cmd=cmd, src=7, dst=8, type=3, time_sec=0, time_nsec=0, body=body)
+    return serialize_frame(frame)
+
+
+@pytest.mark.parametrize("baud", [0, 115200])
+@given(
+    silence=st.floats(0.0, 2.0),
+    stall=st.floats(0.0, 2.0),
+    late=st.floats(0.0, 3.0),
+)
+def test_an_emulated_board_waits_for_its_host_no_longer_than_a_real_one(
+    baud: int, silence: float, stall: float, late: float
+) -> None:
+    """What came may have come at any time of a stall of the server; without one it is known when it came."""
+    board, line, arrivals = make_hex7bot_board(start=0.0), PacedLine(baud), Arrivals()
+    line.put(ask(1, Command.WATCHDOG, round(1000 * WATCHDOG).to_bytes(2, "little") + b"\0"), 0.0)
+    fed = 0.1
+    deliver(line, board, fed)
+    board.step(fed)
+    due = board.state.watchdog_due
+    assert due is not None
+    # The server waits for bytes, then does not run for a while, and then finds them.
+    begun = fed
+    arrivals.done(begun)
+    found = begun + silence + stall
+    earliest = arrivals.since(begun, silence, found)
+    assert earliest == pytest.approx(found - stall if stall > 0.03 else found, abs=0.03)
+    line.put(ask(2), earliest)
+    now = found + (late if baud == 0 else 0.05)
+    deliver(line, board, now)
+    # A real board would have tripped even if they had come at the begin of the stall: so does this one.
+    if earliest > due + 1e-6:
+        assert board.state.watchdog_tripped
+    if earliest < due - 0.01:
+        assert not board.state.watchdog_tripped
+
+
+def test_a_host_that_is_silent_in_simulated_time_trips_the_watchdog_however_the_time_passes() -> None:
+    clock = FakeClock()
+    board = make_hex7bot_board(start=clock())
+    with BoardLink(board, clock) as link:
+        link.write(ask(1, Command.WATCHDOG, round(1000 * WATCHDOG).to_bytes(2, "little") + b"\0"))
+        clock.advance(WATCHDOG - 0.001)
+        link.write(ask(2))
+        assert not board.state.watchdog_tripped
+        clock.advance(WATCHDOG + 0.001)
+        link.write(ask(3))
+        assert board.state.watchdog_tripped

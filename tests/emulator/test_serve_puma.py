@@ -6,16 +6,21 @@ import contextlib
 import os
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 
 import pytest
 from tests.drivers.puma_server import Served, served_puma
 from tests.frames import frame_bytes
 
 from hexwire.drivers.puma260 import Puma260Driver
+from hexwire.emulator import serve_puma
+from hexwire.emulator.puma import EmulatedPuma
 from hexwire.errors import HexwireError
+from hexwire.link.listener import Listener
 from hexwire.link.tap import Direction, Passed, TapLink, wrap_new_links
 from hexwire.wire.command_frame import Command
+from hexwire.wire.robot_bodies import JointCommands
 
 pytestmark = pytest.mark.system
 
@@ -237,3 +242,43 @@ def test_noise_on_udp_ends_nothing(served: Served) -> None:
             driver.read()
         except HexwireError as error:  # pragma: no cover
             pytest.fail(str(error))
+
+
+def test_what_came_while_the_server_stalled_is_read_before_silence_is_judged(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A velocity runs on for half a second. A server that is late and hears another host first does not end it."""
+    stalled = [0.0]
+    clock = SimpleNamespace(monotonic=lambda: time.monotonic() + stalled[0], sleep=time.sleep)
+    monkeypatch.setattr(serve_puma, "time", clock)
+    robot, hosts = EmulatedPuma(start=time.monotonic()), serve_puma._Hosts()
+    robot.signal(4)
+    spin = JointCommands(("J1",), velocity=(0.02,)).serialize()
+    with contextlib.ExitStack() as stack:
+        listener = stack.enter_context(Listener())
+
+        def until(true: Callable[[], bool]) -> None:
+            end = time.monotonic() + 30.0
+            while not true():
+                assert time.monotonic() < end
+                serve_puma._turn(robot, listener, None, hosts)
+
+        ends = []
+        for count in (1, 2):
+            ends.append(stack.enter_context(socket.create_connection(("127.0.0.1", listener.port), timeout=10)))
+            until(lambda count=count: len(hosts.callers) == count)
+        for caller in hosts.callers.values():
+            stack.callback(caller.link.close)
+        watcher, commander = ends
+        for number in range(5):
+            before = robot.position[0]
+            watcher.sendall(request(Command.IDENTIFY, number))
+            commander.sendall(request(Command.JOINT_COMMANDS, number, spin))
+            if number:
+                stalled[0] += 2.0
+            until(lambda number=number: len(robot.executed) > number)
+            if number:
+                assert robot.position[0] - before > 1.9 * 0.02, "it ran on all the time"
+        # Silence ends it as always.
+        stalled[0] += 2.0
+        until(lambda: not robot.moving)

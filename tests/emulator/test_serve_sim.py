@@ -6,19 +6,28 @@ import math
 import threading
 import time
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 
 import pytest
 
 from hexwire.bus.servo_bus import ServoBus
+from hexwire.cli.state import _remarks
+from hexwire.control.diagnostics import Facts, _stop_reason
+from hexwire.drivers.base import RobotDriver
+from hexwire.drivers.checkup import judge_state
 from hexwire.drivers.registry import connect
+from hexwire.emulator import serve_sim, stalls
 from hexwire.emulator.hand import HandOrder, HandResult, Hands
 from hexwire.emulator.serve_hand import move_by_hand
 from hexwire.emulator.serve_sim import SimBusLink, SimLink
 from hexwire.emulator.servo import EmulatedServo
 from hexwire.emulator.servo_motion import Motion
-from hexwire.errors import LinkBusyError, LinkClosedError, LinkNotFoundError, UsageError
+from hexwire.errors import LinkBusyError, LinkClosedError, LinkNotFoundError, StoppedError, UsageError
+from hexwire.link.impair import ImpairedLink
 from hexwire.link.open import make_link
-from hexwire.model.state import JointTarget
+from hexwire.link.tap import TapLink
+from hexwire.model.state import JointState, JointTarget
+from hexwire.motion.safety import board_stop
 from hexwire.wire.registers import Series
 
 PATIENCE = 10.0
@@ -208,3 +217,92 @@ def test_a_servo_bus_has_a_line_rate_and_a_board_has_none() -> None:
         bus.set_baud(1_000_000)
         assert not bus.ping(1).error
     assert not hasattr(make_link("sim://hex7bot?name=norates"), "set_baud")
+
+
+class Later:
+    """The clock of modules of this package, which tests set forward: the computer did not run this program."""
+
+    def __init__(self, patch: pytest.MonkeyPatch, *modules: ModuleType) -> None:
+        self.by = 0.0
+        clock = SimpleNamespace(monotonic=lambda: time.monotonic() + self.by, sleep=time.sleep)
+        for module in modules:
+            patch.setattr(module, "time", clock)
+
+
+def said_of(robot: RobotDriver, state: JointState) -> dict[str, str]:
+    """What all places say of an arm that its watchdog has stopped."""
+    with pytest.raises(StoppedError) as moved:
+        robot.write(JointTarget.of({"J1": state.positions["J1"]}, 1.0))
+    robot.watchdog(0.0)
+    with pytest.raises(StoppedError) as watched, robot.watched():
+        pass
+    facts = Facts("", "", True, "", 0, None, state, 0.0, 0.0, 0.0, "", {}, {}, 0.5)
+    return {
+        "an order": str(moved.value),
+        "a motion": str(watched.value),
+        "a controller": str(board_stop(state)),
+        "doctor": str(judge_state(state, ())),
+        "state": str(_remarks(state)),
+        "diagnostics": _stop_reason(facts),
+    }
+
+
+@pytest.mark.parametrize("after", [0.0, 60.0])
+def test_a_trip_of_an_emulated_arm_on_a_slow_computer_says_so_in_every_place(
+    after: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    later = Later(monkeypatch, serve_sim, stalls)
+    with connect("sim://hex7bot?name=stalled") as robot:
+        robot.torque(True)
+        robot.watchdog(0.5)
+        later.by += 0.8
+        # However late somebody looks.
+        monkeypatch.setattr(robot.session, "now", lambda now=robot.session.now: now() + later.by + after)
+        state = robot.read()
+        assert state.watchdog_tripped
+        assert state.stalled >= 0.7
+        why = f"this computer or program was too slow: nothing ran the emulated arm for {state.stalled:.1f} s"
+        for place, text in said_of(robot, state).items():
+            assert why in text, (place, text)
+            assert "host fell silent" not in text, (place, text)
+        robot.resume()
+        assert robot.read().stalled == 0.0
+
+
+def test_a_program_that_only_slept_is_told_from_a_slow_computer(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Not for the thread that looks for stalls: the program was asleep, that was not.
+    later = Later(monkeypatch, serve_sim)
+    with connect("sim://hex7bot?name=asleep") as robot:
+        robot.torque(True)
+        robot.watchdog(30.0)
+        later.by += 31.0
+        state = robot.read()
+        assert state.watchdog_tripped
+        for place, text in said_of(robot, state).items():
+            assert "the host fell silent" in text, (place, text)
+
+
+def test_every_link_around_an_emulated_arm_knows_the_stalls(monkeypatch: pytest.MonkeyPatch) -> None:
+    later = Later(monkeypatch, serve_sim, stalls)
+    with SimLink("sim://hex7bot", Echo()) as link:
+        later.by += 75.0
+        for outer in (link, TapLink(link, lambda *_: None), ImpairedLink(link)):
+            assert outer.stalled(60.0) == pytest.approx(60.0, abs=1.0)
+        later.by -= 75.0
+
+
+def test_an_emulated_servo_is_never_silent_because_the_computer_stalls(monkeypatch: pytest.MonkeyPatch) -> None:
+    with ServoBus.from_url("sim://so101?name=slow") as bus:
+        bus.retries = 0
+        later = Later(monkeypatch, serve_sim)
+        step = SimBusLink._run
+
+        def stalling(link: SimBusLink) -> None:
+            later.by += 0.3
+            step(link)
+
+        monkeypatch.setattr(SimBusLink, "_run", stalling)
+        for servo_id in range(1, 7):
+            assert bus.ping(servo_id).ok
+            assert not bus.read(servo_id, "present_position").error
+        assert all(raw is not None for raw in bus.sync_read("present_position", range(1, 7)).raw)

@@ -2,19 +2,25 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import ModuleType, SimpleNamespace
 
 import pytest
+from tests.frames import frame_bytes
 
 from hexwire.bus.servo_bus import ServoBus
 from hexwire.drivers.hex7bot import Hex7BotDriver
+from hexwire.emulator import serve_pty
+from hexwire.emulator import serve_tcp as serve_tcp_module
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.bus_device import BusDevice, make_servos
 from hexwire.emulator.serve import ServedDevice
+from hexwire.emulator.serve_pty import PtyServer
 from hexwire.emulator.serve_tcp import TcpServer, serve_tcp
 from hexwire.errors import LinkError, LinkLostError
 from hexwire.link.open import make_link
+from hexwire.wire.command_frame import Command
 from hexwire.wire.registers import Series
 
 
@@ -109,3 +115,45 @@ def test_a_port_that_is_taken_is_an_error() -> None:
         with pytest.raises(LinkError, match="that port is in use"):
             taken.open()
         taken.close()
+
+
+@pytest.mark.parametrize("baud", [0, 115200])
+def test_what_came_while_the_server_stalled_is_read_before_silence_is_judged(
+    baud: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def pty(board: ServedDevice) -> tuple[PtyServer, ModuleType]:
+        return PtyServer(board, baud=baud), serve_pty
+
+    def tcp(board: ServedDevice) -> tuple[TcpServer, ModuleType]:
+        return TcpServer(board, "127.0.0.1", 0, baud=baud), serve_tcp_module
+
+    def until(true: Callable[[], bool], server: PtyServer | TcpServer) -> None:
+        end = time.monotonic() + 30.0
+        while not true():
+            assert time.monotonic() < end
+            server.run_once(0.01)
+
+    def ask(number: int, body: bytes = b"") -> bytes:
+        return frame_bytes(Command.WATCHDOG if body else Command.IDENTIFY, body, seq=number, sn=number)
+
+    for kind in (pty, tcp):
+        board = make_hex7bot_board(start=time.monotonic())
+        server, module = kind(board)
+        stalled = [0.0]
+        clock = SimpleNamespace(monotonic=lambda stalled=stalled: time.monotonic() + stalled[0], sleep=time.sleep)
+        monkeypatch.setattr(module, "time", clock)
+        url = server.open()
+        try:
+            with make_link(url if "://" in url else f"serial://{url}") as host:
+                host.write(ask(1, (10_000).to_bytes(2, "little") + b"\0"))
+                until(lambda board=board: board.state.watchdog_due is not None, server)
+                # The server does not run for longer than the watchdog waits; the host asks meanwhile.
+                host.write(ask(2))
+                stalled[0] += 11.0
+                for _ in range(20):
+                    server.run_once(0.001)
+                assert not board.state.watchdog_tripped, kind.__name__
+                stalled[0] += 11.0
+                until(lambda board=board: board.state.watchdog_tripped, server)
+        finally:
+            server.close()

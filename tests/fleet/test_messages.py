@@ -28,7 +28,7 @@ JOINT = m.Joint("J1", 1, "scs", 2048, -1, 0.0, 0.0015, -1.5, 1.5, 3.0)
 VALID: list[Any] = [
     m.State(
         *(7, 3, 1.5, 1.6, 1.7e9, ("J1", "J2"), (0.1, math.nan), (0.0, 0.0)),
-        *(EMPTY, EMPTY, EMPTY, EMPTY, (64, 128), EMPTY, 0.0, False, False, False, "Ann", "", "a stop", "", 12),
+        *(EMPTY, EMPTY, EMPTY, EMPTY, (64, 128), EMPTY, 0.0, False, False, False, "Ann", "", "a stop", "", 12, 800),
     ),
     m.Take("Ann", True, 1.0, 1),
     m.Beat(2**53, 0.1),

@@ -112,7 +112,7 @@ def _watch(robot: RobotDriver, rate: float, as_json: bool) -> None:
 
 def _remarks(state: JointState) -> list[str]:
     if state.watchdog_tripped:
-        return ["stopped by the board's watchdog, because the host fell silent; 'hexwire resume' ends the stop"]
+        return [f"stopped by the board's watchdog, because {state.trip_reason}; 'hexwire resume' ends the stop"]
     if state.maintenance:
         return ["in maintenance: servo settings may be written, nothing moves"]
     return ["stopped; 'hexwire resume' ends the stop"] if state.stopped else []

@@ -71,6 +71,8 @@ _HOT = 65.0
 _PATIENCE = 3.0
 """Seconds that a motion may take longer than planned."""
 _LONGEST_CYCLE = 0.06
+_LOOK_BACK, _TOO_SLOW = 5.0, 0.3
+"""Seconds before a fault that count, and how many of them this computer must have lost to be its cause."""
 _INSET = 6
 """Counts from a mechanical stop to the end of the calibrated range: a joint at its end does not push."""
 
@@ -202,7 +204,9 @@ class AutoCalibration(SingleMotion):
             lead = force * _FULL_DRIVE * _USUAL_GAIN / gain + _SLACK
             self._pushes[joint.name] = _Push(joint, force, lead)
         self._task: _Seeking | _Going | None = None
-        self._now = -math.inf
+        self._now = self._judged = -math.inf
+        # Time of a state, and by how much it was later than the longest cycle.
+        self._lost: deque[tuple[float, float]] = deque()
 
     @property
     def steps(self) -> int:
@@ -239,6 +243,7 @@ class AutoCalibration(SingleMotion):
         """Take a state; end at anything odd."""
         if self.over:
             return
+        self._note_delay(now)
         fault = "the arm was stopped" if state.stopped else self._odd(state, now)
         if fault:
             self.fail(fault)
@@ -268,18 +273,31 @@ class AutoCalibration(SingleMotion):
         # The others hold; a goal would give its full torque to a servo that was without supply for a moment.
         return JointTarget.of({name: self._pushes[name].aim * COUNT for name in self._task.joints}, lead)
 
+    def _note_delay(self, now: float) -> None:
+        """Note by how much this state is late; what is long ago does not count."""
+        if now - self._judged > _LONGEST_CYCLE and self._judged > -math.inf:
+            self._lost.append((now, now - self._judged - _LONGEST_CYCLE))
+        self._judged = now
+        while self._lost and self._lost[0][0] < now - _LOOK_BACK:
+            self._lost.popleft()
+
     def _odd(self, state: JointState, now: float) -> str:
         """Take the state; returns what is wrong, or nothing."""
         for joint in state:
-            if fault := self._take(joint, now):
+            if fault := _reported(joint):
                 return f"{joint.name} {fault}"
-        task = self._task
-        if task is None:
-            return ""
-        for name, push in self._pushes.items():
-            if name not in task.joints and abs(push.position - push.aim) > _DRIFT + push.lead:
-                return f"{name} moved although it holds: it was pushed, or has lost its torque"
-        return task.judge(now)
+        fault = next((f"{joint.name} {fault}" for joint in state if (fault := self._take(joint, now))), "")
+        if not fault and (task := self._task) is not None:
+            held = (push for name, push in self._pushes.items() if name not in task.joints)
+            moved = [push.joint.name for push in held if abs(push.position - push.aim) > _DRIFT + push.lead]
+            pushed = f"{moved[0]} moved although it holds: it was pushed, or has lost its torque" if moved else ""
+            fault = pushed or task.judge(now)
+        lost = sum(seconds for _, seconds in self._lost)
+        if fault and lost >= _TOO_SLOW:
+            # Then nothing is known about the arm: answers, targets and looks were all late.
+            span = f"{lost:.1f} of the last {_LOOK_BACK:g} s"
+            return f"this computer is too slow: it lost {span}; close other programs, then try again"
+        return fault
 
     def _take(self, joint: JointReading, now: float) -> str:
         push = self._pushes[joint.name]
@@ -290,11 +308,6 @@ class AutoCalibration(SingleMotion):
                 return "fell silent: check cable and power"
             return ""
         push.missed = 0
-        faults = joint.flags.faults & ~JointFlag.SILENT
-        if faults:
-            return f"reports {faults}".lower()
-        if joint.temperature > _HOT:
-            return f"is {joint.temperature:.0f} deg C hot: let it cool"
         counts = joint.position / COUNT
         if abs(counts - push.position) > _JUMP:
             return "jumped: it was pushed, or its servo was without supply for a moment"
@@ -304,6 +317,15 @@ class AutoCalibration(SingleMotion):
         while len(push.recent) > 1 and push.recent[1][0] <= now - _STILL_TIME:
             push.recent.popleft()
         return ""
+
+
+def _reported(joint: JointReading) -> str:
+    """What a servo itself reports, if that is a reason to end."""
+    if joint.flags & JointFlag.SILENT:
+        return ""
+    if faults := joint.flags.faults & ~JointFlag.SILENT:
+        return f"reports {faults}".lower()
+    return f"is {joint.temperature:.0f} deg C hot: let it cool" if joint.temperature > _HOT else ""
 
 
 class _Seeking:

@@ -220,7 +220,7 @@ def _stop_reason(facts: Facts) -> str:
         return " ".join(facts.stopped.split())
     if facts.state is not None:
         if facts.state.watchdog_tripped:
-            return "the board's watchdog: the host fell silent"
+            return f"the board's watchdog: {facts.state.trip_reason}"
         return "a stop is latched on the board" if facts.state.stopped else ""
     return "a stop is latched on the board" if facts.probe is not None and facts.probe.stopped else ""
 

@@ -268,7 +268,7 @@ class RobotDriver(ABC):
         armed = not self.watchdog_armed
         if armed:
             if not always and (state := self.read()).stopped:
-                why = f" ({StopCause.WATCHDOG.value})" if state.watchdog_tripped else ""
+                why = f" (its watchdog stopped it because {state.trip_reason})" if state.watchdog_tripped else ""
                 text = f"the arm is stopped{why}; `hexwire resume` ends that"
                 raise StoppedError.unsent("a motion", Status.STOPPED, text)
             self.watchdog(timeout, mode)

@@ -11,6 +11,7 @@ import math
 import secrets
 import struct
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 from hexwire.errors import DeviceError, HexwireError, NotSupportedError, ServoError, StoppedError, UsageError
@@ -72,7 +73,8 @@ _STOP_ATTEMPTS = 20
 # A long request or answer goes in fragments; the window begins anew with each of them. A legacy servo takes half a
 # second for a chunk that is written.
 _LONG_WINDOW, _LONG_ATTEMPTS = 0.6, 5
-_TRIPPED = "the board's watchdog stopped the arm because the host fell silent; `hexwire resume` ends that"
+_STALLED = 0.5
+"""Share of the watchdog's time-out for which an emulated arm must have stalled, to blame that."""
 _SERIES_NAMES = {series.code: series.value for series in Series}
 
 
@@ -114,6 +116,11 @@ class Board2:
             known = ", ".join(str(row.servo_id) for row in identity.joints)
             raise ServoError(f"the board has no servo for {', '.join(missing)}; it has the ids {known}")
         self._decoder = StateDecoder(model, self._order)
+        # The watchdog's time-out, when it was last known not to have tripped, and for how long a program that
+        # emulates the arm did not run before it has; None if it has not.
+        self._patience = 0.0
+        self._guarded = session.now()
+        self._stalled: float | None = None
         self._time = BoardTime(session.now, getattr(session.ipc.link, "baud", 0))
         # Another program at this board begins paths too, and must not take one for its own.
         self._paths = secrets.randbits(7)
@@ -137,7 +144,15 @@ class Board2:
             now: Host clock at arrival.
         """
         self.clock = frame.time_sec + frame.time_nsec * 1e-9
-        return self._decoder.decode(body, frame, now)
+        state = self._decoder.decode(body, frame, now)
+        if not state.watchdog_tripped:
+            self._stalled, self._guarded = None, now
+            return state
+        if self._stalled is None:
+            # It tripped after the last state that said no, and what made it trip came before that.
+            found = self._session.ipc.link.stalled(now - self._guarded + self._patience)
+            self._stalled = found if found >= _STALLED * self._patience else 0.0
+        return replace(state, stalled=self._stalled) if self._stalled else state
 
     # -- motion -------------------------------------------------------------------------------------
 
@@ -288,6 +303,7 @@ class Board2:
         """Send WATCHDOG; 0 s disarms it."""
         body = round(timeout * 1000).to_bytes(2, "little") + bytes((mode,))
         check_reply(self._ask(Command.WATCHDOG, body))
+        self._patience = timeout or self._patience
 
     # -- settings and tools -------------------------------------------------------------------------
 
@@ -438,15 +454,18 @@ class Board2:
         try:
             return check_reply(reply, *accepted)
         except StoppedError as error:
-            if self._tripped():
-                raise StoppedError(error.command, error.status, _TRIPPED) from None
+            if why := self._trip_reason():
+                text = f"the board's watchdog stopped the arm because {why}; `hexwire resume` ends that"
+                raise StoppedError(error.command, error.status, text) from None
             raise
 
-    def _tripped(self) -> bool:
+    def _trip_reason(self) -> str:
+        """Why the watchdog has tripped; empty if it has not, or the board does not say."""
         try:
-            return self.read(0).watchdog_tripped
+            state = self.read(0)
         except HexwireError:
-            return False
+            return ""
+        return state.trip_reason if state.watchdog_tripped else ""
 
     def _board_mask(self, joints: Sequence[str] | None) -> int:
         wanted = self._model.names if joints is None else [self._model.joint(n).name for n in joints]

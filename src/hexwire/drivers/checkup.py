@@ -108,7 +108,7 @@ def judge_state(state: JointState, joints: Sequence[JointProbe]) -> list[Finding
     known = {joint.name: joint for joint in joints}
     findings: list[Finding] = []
     if state.watchdog_tripped:
-        text = "the board's watchdog stopped the arm because the host fell silent"
+        text = f"the board's watchdog stopped the arm because {state.trip_reason}"
         findings.append(Finding(Level.HINT, "stop", text, "hexwire resume"))
     here = [joint for joint in state if not joint.flags & JointFlag.SILENT]
     for joint in here:

@@ -97,6 +97,7 @@ class EmulatedBoard:
         self.time = start
         self._now = start
         self._out: list[bytes] = []
+        self._reading = False
         self.reset(start)
 
     @property
@@ -107,8 +108,10 @@ class EmulatedBoard:
     # -- bytes and time -----------------------------------------------------------------------------
 
     def receive(self, data: bytes, now: float) -> None:
-        """Take bytes from the host line."""
+        """Take bytes from the host line. They end a silence; only `step` judges it, see `serve.deliver`."""
+        self._reading = True
         self.step(now)
+        self._reading = False
         if self.faults.host_echo:
             self._out.append(data)
         if now < self._deaf_until:
@@ -128,7 +131,7 @@ class EmulatedBoard:
             self.reset(now)
             self.state.under_voltage_reset = cause == "brownout"
         self._now = max(self._now, now)
-        if self.line_rate.step(now):
+        if not self._reading and self.line_rate.step(now):
             self.connection.decoder.reset()
         if not self._busy and self.trajectory.due_at is None:
             self.time = max(self.time, now - _CATCH_UP)
@@ -399,7 +402,7 @@ class EmulatedBoard:
         sketch.hung = True
         return False
 
-    def _timers(self, now: float) -> None:
+    def _judge_silence(self, now: float) -> None:
         timeout = self.connection.next_timeout()
         if timeout is not None and timeout <= now:
             self.connection.handle_timeout(now)
@@ -411,6 +414,11 @@ class EmulatedBoard:
             state.watchdog_tripped = True
             state.watchdog_trips += 1
             self._stop(state.watchdog_mode, None)
+
+    def _timers(self, now: float) -> None:
+        if not self._reading:
+            self._judge_silence(now)
+        state = self.state
         if state.report_due is not None and state.report_due <= now:
             state.report_due += state.report_period
             if state.report_due <= now:

@@ -293,8 +293,7 @@ class PumaPeer:
         self._report_due: float | None = None
 
     def receive(self, data: bytes, now: float, *, end_of_message: bool = False) -> None:
-        """Take bytes from the host."""
-        self.robot.step(now)
+        """Take bytes from the host. They end a silence; only `step` judges it, see `serve.deliver`."""
         self.connection.receive(data, now, end_of_message=end_of_message)
         self._answer_all(now)
 
@@ -358,6 +357,8 @@ class PumaPeer:
             if self.connection.conversations is None:
                 self._report_due = None
             return Status.OK, self._identity().serialize()
+        if cmd in _LOOKS:
+            robot.step(now)
         if cmd == Command.ROBOT_PROBE:
             n = len(PUMA260.joints)
             return Status.OK, RobotStatus(robot.boot_id, robot.mode, robot.flags, n).serialize()
@@ -388,6 +389,8 @@ class PumaPeer:
 
 _COMMANDS = {Command.JOINT_COMMANDS, Command.JOINT_TRAJECTORY, Command.ROBOT_SIGNAL, Command.ROBOT_MODE}
 """Requests that change something."""
+_LOOKS = {Command.JOINT_STATES, Command.ROBOT_PROBE}
+"""Requests whose answer shows where the joints are."""
 _BODY_SIZE: dict[int, int] = {
     Command.IDENTIFY: 0,
     Command.ROBOT_PROBE: 0,

@@ -6,22 +6,25 @@ modules of the package do I/O.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import Protocol
 
 from hexwire.errors import LinkBusyError, LinkClosedError, LinkLostError, UsageError
 from hexwire.link.base import Link, LinkKind
 
-__all__ = ["BoardLink", "FakeClock", "PacedLine", "ServedDevice"]
+__all__ = ["Arrivals", "BoardLink", "FakeClock", "PacedLine", "ServedDevice", "deliver"]
 
 _BITS = 10
+_STALL = 0.02
+"""Seconds by which a server may be late before that is a stall."""
 
 
 class ServedDevice(Protocol):
     """A device that can be put behind a line: a board, or a bus of servos."""
 
     def receive(self, data: bytes, now: float) -> None:
-        """Take bytes from the line."""
+        """Take bytes from the line. They end a silence: that before them is judged by `step`, see `deliver`."""
 
     def step(self, now: float) -> None:
         """Do everything that is due."""
@@ -135,9 +138,7 @@ class BoardLink(Link):
 
     def _run(self) -> None:
         now = self.clock.time
-        data = self._to_board.take(now)
-        if data:
-            self.device.receive(data, now)
+        deliver(self._to_board, self.device, now)
         self.device.step(now)
         # While the line is busy the device keeps its bytes, so that it notices when it sends too much.
         if self._to_host.next_time() is None:
@@ -153,14 +154,40 @@ class BoardLink(Link):
             raise LinkLostError(f"{self.url} was unplugged", url=self.url)
 
 
+class Arrivals:
+    """When bytes arrived that a server finds waiting: after a stall of the server they have not come just now."""
+
+    def __init__(self) -> None:
+        self._left = math.inf
+
+    def since(self, begun: float, wait: float, now: float) -> float:
+        """The earliest time at which bytes that are found now may have come.
+
+        Args:
+            begun: When the server began to wait for them.
+            wait: How long it meant to wait at most, seconds.
+            now: When it found them.
+        """
+        stall = max(0.0, begun - self._left) + max(0.0, now - begun - wait)
+        return now - stall if stall > _STALL else now
+
+    def done(self, now: float) -> None:
+        """The server has dealt with them, and is about to wait again."""
+        self._left = now
+
+
 class PacedLine:
     """One direction of a serial line: bytes put in come out at the line rate, 10 bits each.
 
     Args:
         baud: Bits per second; with 0, bytes take no time.
+
+    Attributes:
+        came: When the first of the bytes that were taken last had arrived.
     """
 
     def __init__(self, baud: int) -> None:
+        self.came = -math.inf
         self._per_byte = _BITS / baud if baud else 0.0
         self._queue: deque[tuple[float, bytes]] = deque()
         self._free_at = 0.0
@@ -175,7 +202,7 @@ class PacedLine:
 
     def take(self, now: float, *, everything: bool = False) -> bytes:
         """The bytes that have arrived by `now`."""
-        arrived = []
+        arrived: list[bytes] = []
         while self._queue:
             start, data = self._queue[0]
             if everything or not self._per_byte:
@@ -184,6 +211,8 @@ class PacedLine:
                 count = min(len(data), int((now - start) / self._per_byte + 1e-6))
             if count <= 0:
                 break
+            if not arrived:
+                self.came = start + self._per_byte
             arrived.append(data[:count])
             if count < len(data):
                 self._queue[0] = (start + count * self._per_byte, data[count:])
@@ -197,3 +226,14 @@ class PacedLine:
             return None
         start, data = self._queue[0]
         return start + len(data) * self._per_byte
+
+
+def deliver(line: PacedLine, device: ServedDevice, now: float) -> None:
+    """Give a device what has arrived on its line.
+
+    It judges silence up to when the first of it came, as if it had run then, and none after that: whoever serves it
+    may be late, and what has arrived ends a silence.
+    """
+    if data := line.take(now):
+        device.step(min(line.came, now))
+        device.receive(data, now)

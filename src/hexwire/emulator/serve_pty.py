@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 from hexwire.link.serial import terminal_rate
 
-from .serve import PacedLine, ServedDevice
+from .serve import Arrivals, PacedLine, ServedDevice, deliver
 from .serve_hand import HandServer, terminal_name
 from .serve_link import TerminalName
 from .uart import heard_at
@@ -77,6 +77,7 @@ class PtyServer:
         self._slave = -1
         self._to_board = PacedLine(baud)
         self._to_host = PacedLine(baud)
+        self._arrivals = Arrivals()
         self._unsent = b""
         self._hung_up = True
 
@@ -151,14 +152,16 @@ class PtyServer:
             for fd in door.descriptors():
                 poll.register(fd, select.POLLIN)
             wait = min(wait, _HAND) if door.is_busy else wait
+        begun = time.monotonic()
         found = poll.poll(wait * 1000)
         events = [row for row in found if row[0] == self._master]
         now = time.monotonic()
+        arrived = self._arrivals.since(begun, wait, now)
         if door is not None and (door.is_busy or len(found) > len(events)):
             door.step(now)
         for _, flags in events:
             if flags & select.POLLIN:
-                self._read(now)
+                self._read(now, arrived)
             if flags & select.POLLHUP and not flags & select.POLLIN:
                 # Nobody has the port open: the condition persists, so do not spin on it.
                 self._hung_up = True
@@ -167,9 +170,7 @@ class PtyServer:
             self._seen_open(now)
         # The device must not answer at a time before the request was sent, although this process stalls.
         now = time.monotonic()
-        data = self._to_board.take(now)
-        if data:
-            self.device.receive(data, now)
+        deliver(self._to_board, self.device, now)
         self.device.step(now)
         self._follow_rate()
         # While the line or the host is behind, the device keeps its bytes.
@@ -178,6 +179,7 @@ class PtyServer:
             if out:
                 self._to_host.put(out, now)
         self._write(now)
+        self._arrivals.done(time.monotonic())
 
     def _follow_rate(self) -> None:
         """Take over the rate of the device. What is on the line then is lost, as on a real one."""
@@ -191,7 +193,7 @@ class PtyServer:
             if self._reset_on_open:
                 self.device.reset(now)
 
-    def _read(self, now: float) -> None:
+    def _read(self, now: float, arrived: float) -> None:
         try:
             data = os.read(self._master, _READ)
         except OSError as error:
@@ -199,7 +201,7 @@ class PtyServer:
                 raise
             return
         self._seen_open(now)
-        self._to_board.put(self._garbled(data, inward=True), now)
+        self._to_board.put(self._garbled(data, inward=True), arrived)
 
     def _write(self, now: float) -> None:
         self._unsent += self._garbled(self._to_host.take(now), inward=False)

@@ -19,6 +19,7 @@ from hexwire.link.udp_server import Peer, UdpServer
 from hexwire.system import READABLE, make_poll
 
 from .puma import EmulatedPuma, PumaPeer
+from .serve import Arrivals
 
 __all__ = ["serve_puma"]
 
@@ -35,12 +36,13 @@ class _Caller:
 
 @dataclass(slots=True)
 class _Hosts:
-    """Connected hosts and their seats: TCP and UDP hosts cannot displace each other."""
+    """Connected hosts, their seats (TCP and UDP hosts cannot displace each other), and when what they sent came."""
 
     callers: dict[int, _Caller] = field(default_factory=dict)
     peers: dict[Peer, PumaPeer] = field(default_factory=dict)
     tcp_seats: Seats[int] = field(default_factory=Seats)
     udp_seats: Seats[Peer] = field(default_factory=Seats)
+    arrivals: Arrivals = field(default_factory=Arrivals)
 
     def next_event_time(self) -> float | None:
         """When the next host has something to do."""
@@ -87,25 +89,37 @@ def _turn(robot: EmulatedPuma, listener: Listener, udp: UdpServer | None, hosts:
     poll = make_poll()
     for fd in (listener.fileno(), *([] if udp is None else [udp.fileno()]), *hosts.callers):
         poll.register(fd, READABLE)
+    begun = time.monotonic()
     ready = {fd for fd, _ in poll.poll(wait * 1000)}
-    robot.step(time.monotonic())
+    # A velocity ends when nobody repeats it: what has arrived is read before that is judged, of all hosts.
+    robot.step(hosts.arrivals.since(begun, wait, time.monotonic()))
     # Connected hosts go before new ones.
-    _serve_callers(hosts, ready)
+    _hear_callers(hosts, ready)
+    if udp is not None and udp.fileno() in ready:
+        _hear_peers(robot, udp, hosts)
+    _answer_callers(hosts)
     if udp is not None:
-        _serve_peers(robot, udp, hosts, udp.fileno() in ready)
+        _answer_peers(udp, hosts)
     if listener.fileno() in ready:
         _let_in(robot, listener, hosts)
+    hosts.arrivals.done(time.monotonic())
 
 
-def _serve_callers(hosts: _Hosts, ready: set[int]) -> None:
+def _hear_callers(hosts: _Hosts, ready: set[int]) -> None:
     for fd, caller in list(hosts.callers.items()):
         now = time.monotonic()
         try:
-            if fd in ready:
-                data = caller.link.read(now)
-                if data:
-                    caller.peer.receive(data, now)
-                    _note(hosts.tcp_seats, fd, caller.peer, now)
+            if fd in ready and (data := caller.link.read(now)):
+                caller.peer.receive(data, now)
+                _note(hosts.tcp_seats, fd, caller.peer, now)
+        except LinkError:
+            _hang_up(hosts, fd)
+
+
+def _answer_callers(hosts: _Hosts) -> None:
+    for fd, caller in list(hosts.callers.items()):
+        now = time.monotonic()
+        try:
             caller.peer.step(now)
             for frame in caller.peer.frames_to_send():
                 caller.link.write(frame, now)
@@ -134,8 +148,8 @@ def _hang_up(hosts: _Hosts, fd: int) -> None:
     hosts.callers.pop(fd).link.close()
 
 
-def _serve_peers(robot: EmulatedPuma, udp: UdpServer, hosts: _Hosts, readable: bool) -> None:
-    for _ in range(_MOST_AT_ONCE if readable else 0):
+def _hear_peers(robot: EmulatedPuma, udp: UdpServer, hosts: _Hosts) -> None:
+    for _ in range(_MOST_AT_ONCE):
         came = udp.receive()
         now = time.monotonic()
         if came is None:
@@ -145,6 +159,9 @@ def _serve_peers(robot: EmulatedPuma, udp: UdpServer, hosts: _Hosts, readable: b
         if peer is not None:
             peer.receive(data, now, end_of_message=True)
             _note(hosts.udp_seats, sender, peer, now)
+
+
+def _answer_peers(udp: UdpServer, hosts: _Hosts) -> None:
     for sender, peer in hosts.peers.items():
         peer.step(time.monotonic())
         for frame in peer.frames_to_send():

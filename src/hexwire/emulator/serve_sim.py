@@ -1,7 +1,7 @@
 """`sim://hex7bot`, `sim://so101`: an emulated arm inside the program that opens it, behind an ordinary link.
 
-Owns the link; whoever reads it drives the emulator, so there is no thread, process or terminal. The entry-point
-group ``hexwire.links`` names it: no other room imports it.
+Owns the link; whoever reads it drives the emulator, so there is no process or terminal, and no thread but the one
+that notices stalls of this program. The entry-point group ``hexwire.links`` names it: no other room imports it.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from .hand import Hands
 from .physics import PhysicsTwin
 from .serve_hand import HandServer, inside_name
 from .so_arms import SO_ARMS, make_so_arm
+from .stalls import STALLS
 
 if TYPE_CHECKING:
     from hexwire.link.url import LinkUrl
@@ -119,9 +120,10 @@ class SimLink(Link):
         with self._changed:
             if self._open:
                 raise LinkBusyError(f"{self.url} is open already", url=self.url)
-            self._open, self._woken = True, False
             if self._door is not None:
                 self._door.open()
+            self._open, self._woken = True, False
+            STALLS.open(self)
             # What was sent to nobody is lost.
             self._run()
             self._unread = b""
@@ -129,6 +131,7 @@ class SimLink(Link):
     def close(self) -> None:
         with self._changed:
             self._open = False
+            STALLS.close(self)
             if self._door is not None:
                 self._door.close()
             self._changed.notify_all()
@@ -170,6 +173,9 @@ class SimLink(Link):
                 look = None if self._door is None else self._next_look
                 due = [t for t in (deadline, self.device.next_event_time(), look) if t is not None]
                 self._changed.wait(max(min(due) - now, _STEP) if due else None)
+
+    def stalled(self, seconds: float) -> float:
+        return STALLS.seconds(time.monotonic() - seconds)
 
     def _run(self) -> None:
         now = time.monotonic()

@@ -12,7 +12,7 @@ from hexwire.errors import LinkError
 from hexwire.link.listener import Listener
 from hexwire.system import READABLE, make_poll
 
-from .serve import PacedLine, ServedDevice
+from .serve import Arrivals, PacedLine, ServedDevice, deliver
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -45,6 +45,7 @@ class TcpServer:
         self._reset_on_open = reset_on_open
         self._to_board, self._to_host = PacedLine(baud), PacedLine(baud)
         self._paced = bool(baud)
+        self._arrivals = Arrivals()
         self._guest: PeerLink | None = None
 
     def open(self) -> str:
@@ -72,19 +73,22 @@ class TcpServer:
         poll.register(self._listener.fileno(), READABLE)
         if guest is not None:
             poll.register(guest.fileno(), READABLE)
+        begun = time.monotonic()
         ready = {fd for fd, _ in poll.poll(wait * 1000.0)}
+        arrived = self._arrivals.since(begun, wait, time.monotonic())
         try:
             called = self._listener.fileno() in ready
             if guest is not None and guest.fileno() in ready:
-                self._to_board.put(guest.read(0.0), time.monotonic())
+                self._to_board.put(guest.read(0.0), arrived)
                 if called:
                     for _ in guest.leftovers():
-                        self._to_board.put(guest.read(0.0), time.monotonic())
+                        self._to_board.put(guest.read(0.0), arrived)
             if called:
                 self._let_in()
             self._step(time.monotonic())
         except LinkError:
             self._hang_up()
+        self._arrivals.done(time.monotonic())
 
     def _let_in(self) -> None:
         if self._guest is not None:
@@ -96,8 +100,7 @@ class TcpServer:
             self.device.reset(time.monotonic())
 
     def _step(self, now: float) -> None:
-        if data := self._to_board.take(now):
-            self.device.receive(data, now)
+        deliver(self._to_board, self.device, now)
         self.device.step(now)
         # While the line is behind, the device keeps its bytes.
         if self._to_host.next_time() is None and (out := self.device.data_to_send()):

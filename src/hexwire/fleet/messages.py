@@ -75,6 +75,7 @@ class State(_Message, tag=1):
         reason: Why the arm is stopped, if it is known.
         error: Why the robot is not connected; empty if it is.
         done: Number of orders that were done before the values were sampled.
+        stalled: As in `JointState`, of an arm that is emulated in the server, but in milliseconds.
     """
 
     server: _Count
@@ -100,6 +101,7 @@ class State(_Message, tag=1):
     reason: _Text = ""
     error: _Text = ""
     done: _Count = 0
+    stalled: _Count = 0
 
 
 # -- the lease --------------------------------------------------------------------------------------------

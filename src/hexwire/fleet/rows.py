@@ -64,6 +64,7 @@ def joint_state(state: m.State, stamp: float) -> JointState:
         board_time=state.board_time,
         stopped=state.stopped,
         watchdog_tripped=state.tripped,
+        stalled=state.stalled / 1000.0,
         maintenance=state.maintenance,
     )
 

@@ -234,6 +234,7 @@ class ArmServer:
             str(reason or ""),
             "" if owner.connected else owner.error,
             self._done_before_sample(state),
+            round(1000.0 * state.stalled) if state else 0,
         )
 
     def _velocity(self, state: JointState) -> tuple[float, ...]:

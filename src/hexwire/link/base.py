@@ -109,6 +109,10 @@ class Link(Openable):
             LinkClosedError: It is not open, or was closed during the wait.
         """
 
+    def stalled(self, seconds: float) -> float:
+        """Seconds of the last so many in which this program did not run, if the device is inside it; else 0."""
+        return 0.0
+
     def post(self, data: bytes) -> None:
         """Write a packet without an answer: `write` with a deadline in `WRITE_TIME` seconds, on the fast path.
 

@@ -245,6 +245,9 @@ class ImpairedLink(Link):
         """The inner link's address."""
         return self.inner.url
 
+    def stalled(self, seconds: float) -> float:
+        return self.inner.stalled(seconds)
+
     @property
     def max_message(self) -> int | None:  # type: ignore[override]  # likewise
         """The inner link's longest message."""

@@ -132,6 +132,9 @@ class TapLink(Link):
     def is_open(self) -> bool:
         return self.link.is_open
 
+    def stalled(self, seconds: float) -> float:
+        return self.link.stalled(seconds)
+
     def open(self) -> None:
         self.link.open()
 

@@ -123,6 +123,7 @@ class JointState:
         board_time: Board clock at the newest sample, seconds since its start; NaN without a board clock.
         stopped: A stop is latched: nothing moves until resume.
         watchdog_tripped: The board stopped the arm because the host fell silent.
+        stalled: Seconds before that for which the program that emulates this arm did not run; 0 otherwise.
         maintenance: The board allows writes to servo settings, and no motion.
     """
 
@@ -139,7 +140,15 @@ class JointState:
     board_time: float = NAN
     stopped: bool = False
     watchdog_tripped: bool = False
+    stalled: float = 0.0
     maintenance: bool = False
+
+    @property
+    def trip_reason(self) -> str:
+        """Why the watchdog has tripped, in words, if it has."""
+        if self.stalled:
+            return f"this computer or program was too slow: nothing ran the emulated arm for {self.stalled:.1f} s"
+        return "the host fell silent"
 
     def __getitem__(self, name: str) -> JointReading:
         """One joint by name.

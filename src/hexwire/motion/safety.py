@@ -108,7 +108,7 @@ def board_stop(state: JointState) -> StopReason | None:
         return None
     if state.watchdog_tripped:
         return StopReason(
-            "board", "the board has stopped the arm: its watchdog tripped, because the host fell silent"
+            "board", f"the board has stopped the arm: its watchdog tripped, because {state.trip_reason}"
         )
     return StopReason("board", STOP_COMMAND)
 
