@@ -14,6 +14,7 @@ from tests.control.owner_bench import Bench, BoardBench, moving
 from hexwire.control.known_state import KnownState
 from hexwire.control.outcomes import Outcome
 from hexwire.drivers.bus_arm import So101Arm
+from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.drivers.puma260 import Puma260Driver
 from hexwire.emulator.puma import EmulatedPuma
 from hexwire.emulator.serve import BoardLink, FakeClock
@@ -26,6 +27,7 @@ from hexwire.errors import (
     PreemptedError,
     StoppedError,
     UsageError,
+    WrongDeviceError,
 )
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
@@ -56,6 +58,16 @@ def test_a_hundred_states_come_a_second_unless_another_rate_is_asked_for() -> No
     assert bench.board.state.report_period == pytest.approx(0.01)
     assert bench.owner.rate == pytest.approx(100.0, rel=0.005)
     assert bench.owner._latest._period == 0.01
+
+
+def test_another_robot_is_no_reason_to_wait() -> None:
+    clock = FakeClock(1000.0)
+    link = BoardLink(EmulatedPuma(start=clock.time).connect(), clock)
+    link.url = "tcp://192.0.2.1:15030"
+    bench = Bench(Hex7BotDriver(Session(IpcHandle.from_link(link))), clock)
+    with pytest.raises(WrongDeviceError, match="use --robot puma260"):
+        bench.owner.connect(60.0)
+    assert clock.time < 1002.0
 
 
 def test_observers_have_a_state_before_anything_is_computed_from_it() -> None:

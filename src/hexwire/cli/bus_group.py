@@ -73,10 +73,12 @@ def open_bus(options: BusOptions) -> Iterator[ServoBus]:
     Raises:
         UsageError: The port or series is invalid.
         LinkError: The port cannot be opened.
-        WrongDeviceError: No servo answered in this context, because the device is a controller board.
+        WrongDeviceError: No servo answered in this context, because the device is a controller board, or
+            another robot.
     """
     from hexwire.bus.servo_bus import ServoBus
     from hexwire.bus.servos import as_series
+    from hexwire.ipc.board_search import explain_no_servo
     from hexwire.wire.registers import Series
 
     series = as_series(options.series) if options.series else Series.STS_SMS
@@ -84,8 +86,9 @@ def open_bus(options: BusOptions) -> Iterator[ServoBus]:
         try:
             yield opened
         except ServoError:
-            if not opened.counters.answers:
-                _look_for_board(opened)
+            wrong = None if opened.counters.answers else explain_no_servo(opened.link)
+            if wrong is not None:
+                raise wrong from None
             raise
         _warn_of_latency(opened)
 
@@ -111,20 +114,6 @@ def refuse_if_stopped(opened: ServoBus, what: str) -> None:
 
     if StopMemory(opened.link.url).stopped:
         raise StoppedError.unsent(what, Status.STOPPED, "the arm is stopped; `hexwire resume` ends that")
-
-
-def _look_for_board(opened: ServoBus) -> None:
-    """After silence, check whether the device is a controller board.
-
-    Raises:
-        WrongDeviceError: It is a controller board.
-    """
-    from hexwire.ipc.board_search import find_board
-    from hexwire.ipc.mistaken import is_board
-
-    board = find_board(opened.link)
-    if board is not None:
-        raise is_board(opened.link.url, board)
 
 
 def _only_adapter() -> str:

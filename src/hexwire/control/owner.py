@@ -27,6 +27,7 @@ from hexwire.errors import (
     ReplyTimeoutError,
     StoppedError,
     UsageError,
+    WrongDeviceError,
 )
 from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop
 
@@ -177,7 +178,7 @@ class RobotOwner:
 
         Raises:
             LinkError: The port cannot be opened.
-            DeviceError: The robot does not answer, or a different robot does.
+            DeviceError: The robot does not answer; at once if a different one does.
             UsageError: Another owner has the robot.
         """
         claim(self.robot, self)
@@ -190,7 +191,7 @@ class RobotOwner:
                 raise LinkLostError("the program ends")
             try:
                 self._attach()
-            except LinkPermissionError:
+            except (LinkPermissionError, WrongDeviceError):
                 raise
             except (LinkError, ReplyTimeoutError) as error:
                 if self._clock() >= deadline or self._ending.is_set():

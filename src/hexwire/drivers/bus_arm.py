@@ -26,8 +26,7 @@ from hexwire.errors import (
     StoppedError,
     UsageError,
 )
-from hexwire.ipc.board_search import find_board
-from hexwire.ipc.mistaken import is_board
+from hexwire.ipc.board_search import explain_no_servo
 from hexwire.link.serial_port import DEFAULT_BAUD
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.calibration import Calibration
@@ -57,7 +56,7 @@ _MIN_DURATION = 0.02
 _MOST_BACKLOG = 0.001
 """Seconds that the line may be behind with goals while old positions serve for new ones."""
 _SILENT = int(JointFlag.SILENT)
-_ADVICE = "check power and cable; `hexwire doctor` looks for the reason"
+_ADVICE = "check power, cable, and --robot if it is another one; `hexwire doctor` looks for the reason"
 
 
 class BusArm(RobotDriver):
@@ -150,7 +149,7 @@ class BusArm(RobotDriver):
 
         Raises:
             LinkError: The port cannot be opened.
-            WrongDeviceError: The port leads to a controller board.
+            WrongDeviceError: The port leads to a controller board, or to another robot.
             ReplyTimeoutError: No servo answers.
         """
         bus = self.bus
@@ -161,9 +160,8 @@ class BusArm(RobotDriver):
         try:
             here = [joint for joint in self.model.joints if not bus.ping(joint.servo_id).error]
             if not here:
-                board = find_board(bus.link)
-                if board is not None:
-                    raise is_board(bus.link.url, board)
+                if (wrong := explain_no_servo(bus.link)) is not None:
+                    raise wrong
                 ids = ", ".join(str(joint.servo_id) for joint in self.model.joints)
                 raise ReplyTimeoutError(f"pings of servos {ids}", attempts=1 + bus.retries, advice=_ADVICE)
             for joint in here:

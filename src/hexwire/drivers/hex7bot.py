@@ -47,6 +47,7 @@ _MAX_WATCHDOG = 60.0
 _MIN_WATCHDOG = 0.05
 _MIN_PERIOD = 0.005
 _MAX_PERIOD = 10.0
+_NO_BOOT = 1.5
 _QUICK_FIELDS = tables.STATE_FIELD_LOAD | tables.STATE_FIELD_AGE
 _FEEDS = 3.0
 """Requests per watchdog time-out while this program only receives reports."""
@@ -61,7 +62,8 @@ class Hex7BotDriver(SessionDriver):
     Args:
         session: A session; opened by `attach`.
         model: The arm.
-        boot_window: Seconds to wait for a board that is booting.
+        boot_window: Seconds to wait for a board that is booting. If None, 5; over datagrams, which reset no board,
+            1.5.
         dialect: Try this dialect only; both if None.
     """
 
@@ -77,7 +79,7 @@ class Hex7BotDriver(SessionDriver):
         session: Session,
         model: ArmModel = HEX7BOT,
         *,
-        boot_window: float = tables.BOOT_WINDOW,
+        boot_window: float | None = None,
         dialect: int | None = None,
     ) -> None:
         super().__init__(session)
@@ -110,7 +112,10 @@ class Hex7BotDriver(SessionDriver):
         session.open()
         try:
             ids = [joint.servo_id for joint in self.model.joints]
-            session.negotiate(boot_window=self._boot_window, ping_ids=ids, dialect=self._only_dialect)
+            window = self._boot_window
+            if window is None:
+                window = _NO_BOOT if session.ipc.keeps_messages else tables.BOOT_WINDOW
+            session.negotiate(boot_window=window, ping_ids=ids, dialect=self._only_dialect)
             self._board = board = self._meet()
         except BaseException:
             session.close()

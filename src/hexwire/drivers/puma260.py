@@ -40,7 +40,7 @@ from .session_driver import SessionDriver
 __all__ = ["Puma260Driver", "Puma260Mode"]
 
 _MINIMUM_DURATION = 0.02
-_BOOT_WINDOW = 2.0
+_BOOT_WINDOW = 1.5
 _MIN_PERIOD, _MAX_PERIOD = 0.005, 10.0
 
 

@@ -1,6 +1,6 @@
-"""Is a controller board behind a link on which no servo answers?
+"""Is a controller board, or another robot, behind a link on which no servo answers?
 
-Owns the search for one at the rate of boards. It leaves the link at the rate it had. Must not know joints, nor who
+Owns the search for it at the rate of boards. It leaves the link at the rate it had. Must not know joints, nor who
 asks.
 """
 
@@ -8,16 +8,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from hexwire.errors import DeviceError
+from hexwire.errors import DeviceError, WrongDeviceError
 
 from .handle import IpcHandle
+from .mistaken import is_board
+from .module_search import find_robot
 from .session import Session
 
 if TYPE_CHECKING:
     from hexwire.link.base import Link
     from hexwire.session.negotiate import Negotiated
 
-__all__ = ["BOARD_PATIENCE", "find_board"]
+__all__ = ["BOARD_PATIENCE", "explain_no_servo", "find_board"]
 
 BOARD_PATIENCE = 1.5
 """Seconds to wait for a board that the opening of its port may have reset."""
@@ -48,3 +50,18 @@ def find_board(link: Link, *, baud: int = 0, patience: float = BOARD_PATIENCE) -
         if set_baud is not None and before:
             set_baud(before)
         link.flush_input()
+
+
+def explain_no_servo(link: Link) -> WrongDeviceError | None:
+    """Search for what is there instead of servos.
+
+    Args:
+        link: An open link.
+
+    Returns:
+        The error that names it; None if nothing is found.
+    """
+    if not hasattr(link, "set_baud"):
+        return find_robot(link, pings=True)
+    board = find_board(link)
+    return None if board is None else is_board(link.url, board)

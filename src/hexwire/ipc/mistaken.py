@@ -22,7 +22,7 @@ from hexwire.wire.servo_packet import BROADCAST_ID, iter_status, make_ping
 if TYPE_CHECKING:
     from hexwire.link.base import Link
 
-__all__ = ["find_servos", "is_board", "is_servo_bus"]
+__all__ = ["find_servos", "is_board", "is_puma", "is_servo_bus"]
 
 _SERVO_RATE = Series.STS_SMS.baud
 _NEAR = 0.1
@@ -111,10 +111,15 @@ def is_servo_bus(url: str, servo_ids: Iterable[int], *, baud: int = 0) -> WrongD
     )
 
 
-def is_board(url: str, board: Negotiated) -> WrongDeviceError:
-    """The error for a board where a servo bus is expected."""
+def is_board(url: str, board: Negotiated, wanted: str = "a servo bus") -> WrongDeviceError:
+    """The error for a board where something else is expected, such as a servo bus."""
     firmware = f", firmware {'.'.join(map(str, board.identity.firmware))}" if board.identity else ""
     return WrongDeviceError(
-        f"{url} is a controller board (dialect {board.dialect}{firmware}), not a servo bus: use --robot hex7bot, "
+        f"{url} is a controller board (dialect {board.dialect}{firmware}), not {wanted}: use --robot hex7bot, "
         "or `hexwire probe`"
     )
+
+
+def is_puma(url: str, wanted: str) -> WrongDeviceError:
+    """The error for the controller of a PUMA 260 where something else is expected."""
+    return WrongDeviceError(f"{url} is a puma260, not {wanted}: use --robot puma260")

@@ -41,6 +41,7 @@ from hexwire.wire.modules import IpcType, ModuleType
 from .connections import Introduction, host_connection
 from .handle import IpcHandle
 from .mistaken import find_servos, is_servo_bus
+from .module_search import find_robot
 from .raised_line import raise_line
 from .several import SeveralModules
 
@@ -182,11 +183,11 @@ class Session(SeveralModules, Openable):
             boot_window: Seconds to keep asking.
             ping_ids: Servos to ping in dialect 1.
             dialect: Ask only in this dialect.
-            look: If the first requests get no answer, test for a servo bus. That takes a tenth of a second, once;
-                it is skipped if a board has answered before.
+            look: If the first requests get no answer, test for a servo bus and for other robots. That takes half
+                a second, once; it is skipped if a board has answered before.
 
         Raises:
-            WrongDeviceError: This is a servo bus.
+            WrongDeviceError: This is a servo bus, or another robot.
             ReplyTimeoutError: There is no answer; the text gives possible reasons.
         """
         self._check_negotiation(boot_window, ping_ids, dialect)
@@ -201,6 +202,9 @@ class Session(SeveralModules, Openable):
             while negotiator.outcome is None:
                 if negotiator.paused:
                     self._look_for_servos()
+                    wrong = find_robot(self.ipc.link, self.connection.remote, pings=dialect == tables.PROTO_HEXWIRE)
+                    if wrong is not None:
+                        raise wrong
                     negotiator.go_on(self.now())
                     continue
                 self._step(None)

@@ -38,7 +38,10 @@ _READ_SIZE = 65536
 _MOST_LEFTOVERS = 64
 # A peer that vanishes silently (power cut, cable) is detected after about 5 + 3 * 2 seconds.
 _KEEPALIVE = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3), ("TCP_USER_TIMEOUT", 10_000))
-_GONE = "the other end closed the connection; a server that already has a client disconnects others"
+_GONE = (
+    "the other end closed the connection; a server that already has a client disconnects others, and so does a "
+    "program that is no robot's"
+)
 
 
 class Stream(Protocol):

@@ -7,10 +7,11 @@ since a board may still be booting (opening its port resets a Mega).
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hexwire.errors import RemoteProtocolError, ReplyTimeoutError
+from hexwire.errors import LinkBusyError, RemoteProtocolError, ReplyTimeoutError, WrongDeviceError
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command, Status
 from hexwire.wire.commands import Identity
@@ -26,6 +27,11 @@ _ASK_WINDOW = 0.25
 _LOOK_AFTER = 2
 """Unanswered requests after which the caller may look for another device on the line."""
 _NOISE = 64
+_NETWORK = ("tcp:", "tcps:", "udp:", "mq:")
+_NOTHING = "check the port, the rate, and the board's power and firmware; `hexwire ports` lists ports"
+_NOBODY = "check the address, and that a robot is there; another one needs its name, as in --robot puma260"
+_GREETING = re.compile(rb"(?:HTTP/\d|SSH-\d|<!doctype |<html|220[ -]|\* OK|\+OK)[ -~]*", re.IGNORECASE)
+"""What other servers begin with."""
 _ASK_ON = 2
 """IDENTIFYs after an answered ping: every board answers the ping, and one that has just booted may have missed
 the IDENTIFYs before."""
@@ -54,6 +60,8 @@ class NegotiationFailed:
         frames: Valid frames among them.
         servo_id: Servo that answered a ping directly, without a board's frame: this is a servo bus.
         echoes: Our own frames among those frames.
+        told: Why the other end refuses, in its words.
+        greeting: The first line of a program that is no robot's.
     """
 
     attempts: int
@@ -61,15 +69,22 @@ class NegotiationFailed:
     frames: int
     servo_id: int | None = None
     echoes: int = 0
+    told: str = ""
+    greeting: str = ""
 
-    def as_error(self, url: str) -> ReplyTimeoutError:
+    def as_error(self, url: str) -> ReplyTimeoutError | LinkBusyError:
         """Make the error that says what arrived instead of an answer, and what to do about it."""
+        if self.told:
+            return LinkBusyError(f"{url} refuses: {self.told}", url=url)
+        if self.greeting:
+            return WrongDeviceError(f"{url} is no robot: it says {self.greeting!r}; check the address")
+        network = url.startswith(_NETWORK)
         if self.bytes_received == 0:
             instead = ""
-            advice = "check the port, the rate, and the board's power and firmware; `hexwire ports` lists ports"
+            advice = _NOBODY if network else _NOTHING
         elif self.frames == 0:
             instead = f"{self.bytes_received} bytes that are not a frame"
-            advice = "the baud rate may be wrong, or this is another device"
+            advice = _NOBODY if network else "the baud rate may be wrong, or this is another device"
         elif self.echoes:
             instead = f"{self.echoes} of our own frames"
             advice = "the line only echoes, and no board is connected: an adapter, or a plug with TX on RX"
@@ -109,6 +124,7 @@ class Negotiator:
         self._look = look
         self._pinged = -1
         self._noise = b""
+        self._heard = b""
         self._echoes = 0
         self.outcome: Negotiated | NegotiationFailed | None = None
         self._connection = connection
@@ -162,7 +178,13 @@ class Negotiator:
         self._next(now)
 
     def _overhear(self, data: bytes) -> None:
-        """Detect a servo that answers the ping inside a frame directly: without a frame there is no board."""
+        """Detect another server, and a servo that answers the ping inside a frame directly: it has no board."""
+        if not self._heard:
+            self._heard = data
+            greeting = _GREETING.match(data)
+            if greeting is not None and self.outcome is None:
+                self._fail(None, greeting=greeting[0].decode())
+                return
         self._noise = (self._noise + data)[-_NOISE:]
         try:
             status = parse_status(self._noise)
@@ -199,11 +221,11 @@ class Negotiator:
             return
         self._fail(None)
 
-    def _fail(self, servo_id: int | None) -> None:
+    def _fail(self, servo_id: int | None, told: str = "", greeting: str = "") -> None:
         counters = self._connection.decoder.counters
         received = counters.bytes_received - self._bytes_before
         frames = counters.frames - self._frames_before
-        self.outcome = NegotiationFailed(self._asked, received, frames, servo_id, self._echoes)
+        self.outcome = NegotiationFailed(self._asked, received, frames, servo_id, self._echoes, told, greeting)
 
     def _ask(self, now: float, *, ping: bool) -> None:
         self._asked += 1
