@@ -13,7 +13,7 @@ from hexwire.session.events import Answers, Event, Reply, TimedOut
 from hexwire.session.several import To
 from hexwire.wire import tables
 from hexwire.wire.addresses import Broadcast, Multicast
-from hexwire.wire.command_frame import Frame, parse_frame
+from hexwire.wire.command_frame import Command, Frame, parse_frame
 
 ARDUINO = 8
 EVERYBODY = Broadcast()
@@ -35,19 +35,22 @@ class Bench:
 
     def __init__(self, modules: Iterable[int] = (8, 9, 10), *, baud: int = 0) -> None:
         self.now = START
+        self.seen: list[Event] = []
         self.boards: dict[int, EmulatedBoard] = {m: make_hex7bot_board(start=START) for m in modules}
         self.gateway = Gateway(BoardLine(m, local=ARDUINO, baud=baud) for m in self.boards)
         self.host = self.connect()
         self.dead: set[int] = set()
         self.to_boards: dict[int, list[Frame]] = {m: [] for m in self.boards}
-        self.seen: list[Event] = []
         self._down = {m: PacedLine(baud) for m in self.boards}
         self._up = {m: PacedLine(baud) for m in self.boards}
         self.drop: Callable[[int, Frame], bool] = lambda module, frame: False
 
     def connect(self) -> Connection:
         """A host that has just connected."""
-        self.gateway.host_came()
+        if hasattr(self, "side") and self.side in self.gateway.hosts:
+            self.gateway.host_gone(self.side, self.now, broken=False)
+        self.side = self.gateway.host_came("the bench")
+        self.seen = []
         self.host = Connection(
             Role.HOST, local=7, remote=ARDUINO, type=1, max_frame=tables.MAX_NETWORK_FRAME, epoch=START
         )
@@ -66,7 +69,7 @@ class Bench:
         if due is not None and due <= now:
             self.host.handle_timeout(now)
         for data in self.host.data_to_send():
-            gateway.receive_host(data, now)
+            gateway.receive_host(self.side, data, now)
         gateway.handle_timeout(now)
         for module, board in self.boards.items():
             while data := gateway.lines[module].next_frame(now):
@@ -82,7 +85,7 @@ class Bench:
                 self._up[module].put(out, now)
             if data := self._up[module].take(now):
                 gateway.receive_board(module, data, now)
-        self.host.receive(gateway.host_data(), now)
+        self.host.receive(gateway.host_data(self.side), now)
         while (event := self.host.next_event()) is not None:
             self.seen.append(event)
 
@@ -99,7 +102,16 @@ class Bench:
     ) -> Answers:
         """Ask several boards and wait for the end."""
         known = tuple(self.boards) if isinstance(to, Broadcast) else ()
-        ticket = self.host.several.request(To(to, known), cmd, body, self.now)
+        return self.end_of(self.host.several.request(To(to, known), cmd, body, self.now), within)
+
+    def who(self, to: Multicast | Broadcast = EVERYBODY) -> tuple[list[int], set[int]]:
+        """Ask which boards there are: those that answer, and those that should."""
+        ticket = self.host.several.request(To(to), Command.IDENTIFY, b"", self.now, window=0.3)
+        answers = self.end_of(ticket)
+        return list(answers.replies), set(answers.silent)
+
+    def end_of(self, ticket: int, within: float = 2.0) -> Answers:
+        """Wait for the end of a request to several."""
         end = self.wait(ticket, within)
         assert isinstance(end, Answers), end
         return end

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
@@ -15,6 +15,14 @@ from hexwire.link.open import make_link
 
 LONG = 20.0
 ARDUINO = 8
+
+
+def wait(condition: Callable[[], bool]) -> None:
+    """Wait for what other threads do."""
+    end = time.monotonic() + LONG
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
 
 
 class TcpBoards:
@@ -56,10 +64,7 @@ class TcpBoards:
         return [board.state.stopped for board in self.boards]
 
     def wait_until_stopped(self, *indexes: int) -> None:
-        end = time.monotonic() + LONG
-        while not all(self.boards[i].state.stopped for i in indexes):
-            assert time.monotonic() < end, self.stopped()
-            time.sleep(0.01)
+        wait(lambda: all(self.boards[i].state.stopped for i in indexes))
 
 
 @contextmanager

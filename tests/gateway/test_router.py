@@ -5,14 +5,15 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.gateway.bench import Bench
+from tests.gateway.bench import EVERYBODY, Bench
 
 from hexwire.gateway.line import GATEWAY_MODULE
 from hexwire.session.events import Reply, TimedOut
+from hexwire.session.several import To
 from hexwire.wire import tables
 from hexwire.wire.addresses import Broadcast, Multicast
 from hexwire.wire.board_trajectory import BeginRequest, PathFlag, PathPoint, PointsRequest, StartRequest
-from hexwire.wire.command_frame import Command, Frame, Status
+from hexwire.wire.command_frame import Command, Frame, Status, parse_frame
 from hexwire.wire.commands import FragmentHead, Identity, JointReport
 from hexwire.wire.servo_table import ServoTable
 
@@ -26,6 +27,8 @@ def bench() -> Bench:
     made = Bench()
     made.run(0.3)
     made.ask_all(Command.IDENTIFY)
+    # Whose boards they are from now on: who only looks for them has none.
+    made.ask_all(Command.STATS)
     return made
 
 
@@ -65,6 +68,39 @@ def test_a_lost_board_is_silence_and_the_others_go_on(bench: Bench) -> None:
     assert not bench.ask_all(Command.STATS).silent
 
 
+def test_the_gateway_answers_who_is_there_in_place_of_a_board_that_it_cannot_reach(bench: Bench) -> None:
+    bench.gateway.lines[9].lost()
+    # Also to one who is not its host.
+    stranger = bench.gateway.host_came("another")
+    bench.gateway.receive_host(
+        stranger, bench.host.build(2, Command.IDENTIFY, b"", 7, bench.now, dst=EVERYBODY.dst), bench.now
+    )
+    told = {frame.src: frame.cmd_ext & 0x3F for frame in map(parse_frame, stranger.out)}
+    assert told == {8: Status.OK, 9: Status.UNREACHABLE, 10: Status.OK}
+    bench.gateway.host_gone(stranger, bench.now, broken=False)
+    assert bench.who() == ([8, 10], {9})
+    bench.dead = {10}
+    assert bench.who() == ([8], {9, 10})
+    assert bench.who(Multicast((8, 10))) == ([8], {10})
+    # Only that, and only to several: one that is asked alone may be back in a moment.
+    assert not bench.end_of(bench.host.several.request(To(EVERYBODY), Command.STATS, b"", bench.now)).silent
+    bench.host.remote = 9
+    assert isinstance(bench.wait(bench.host.request(Command.IDENTIFY, b"", bench.now)), TimedOut)
+    # A board that answers late is there.
+    bench.dead = set()
+    bench.gateway.lines[9].back(bench.now)
+    late: list[bytes] = []
+    line = bench.gateway.lines[10]
+    plain = line.receive
+    line.receive = lambda data, now: (late.append(data), [])[1]  # type: ignore[method-assign]
+    ticket = bench.host.several.request(To(EVERYBODY), Command.IDENTIFY, b"", bench.now, window=1.0, attempts=1)
+    bench.run(0.5)
+    line.receive = plain  # type: ignore[method-assign]
+    bench.gateway.receive_board(10, b"".join(late), bench.now)
+    end = bench.end_of(ticket)
+    assert (list(end.replies), end.silent) == ([8, 9, 10], set())
+
+
 def test_a_stop_that_a_lost_board_missed_reaches_it_first_when_it_is_back(bench: Bench) -> None:
     bench.ask_all(Command.TORQUE, ALL_ON)
     bench.gateway.lines[9].lost()
@@ -73,7 +109,9 @@ def test_a_stop_that_a_lost_board_missed_reaches_it_first_when_it_is_back(bench:
     bench.run(0.5)
     assert bench.stopped() == dict.fromkeys((8, 9, 10), True)
     assert not any(joint.torque_on for joint in bench.boards[9].state.joints)
-    assert [f.cmd for f in bench.to_boards[9] if f.src == GATEWAY_MODULE] == [Command.STOP]
+    assert [f.cmd for f in bench.to_boards[9] if f.src == GATEWAY_MODULE and f.cmd != Command.IDENTIFY] == [
+        Command.STOP
+    ]
 
 
 # -- the host goes ----------------------------------------------------------------------------------------------
@@ -83,13 +121,13 @@ def test_a_host_that_leaves_in_order_stops_nothing(bench: Bench) -> None:
     bench.ask(Command.TORQUE, ALL_ON)
     bench.ask(Command.WATCHDOG, ONE_SECOND)
     bench.ask(Command.WATCHDOG, b"\0\0\0")
-    assert bench.gateway.host_gone(bench.now, broken=False) == []
+    assert bench.gateway.host_gone(bench.side, bench.now, broken=False) == []
     bench.run(0.5)
     assert not any(bench.stopped().values())
 
 
 def test_a_broken_link_stops_every_board(bench: Bench) -> None:
-    assert bench.gateway.host_gone(bench.now, broken=True) == [8, 9, 10]
+    assert bench.gateway.host_gone(bench.side, bench.now, broken=True) == [8, 9, 10]
     bench.run(0.5)
     assert all(bench.stopped().values())
     assert not any(line.stopping for line in bench.gateway.lines.values())
@@ -99,7 +137,7 @@ def test_a_broken_link_stops_every_board(bench: Bench) -> None:
 def test_a_host_that_ends_with_a_watchdog_armed_stops_every_board(bench: Bench, mode: int) -> None:
     bench.ask_all(Command.TORQUE, ALL_ON)
     bench.ask(Command.WATCHDOG, b"\xe8\3" + bytes((mode,)), 9)
-    assert bench.gateway.host_gone(bench.now, broken=False) == [8, 9, 10]
+    assert bench.gateway.host_gone(bench.side, bench.now, broken=False) == [8, 9, 10]
     bench.run(0.6)
     assert all(bench.stopped().values())
     torque = {m: any(j.torque_on for j in board.state.joints) for m, board in bench.boards.items()}
@@ -109,21 +147,23 @@ def test_a_host_that_ends_with_a_watchdog_armed_stops_every_board(bench: Bench, 
 def test_a_host_that_ends_before_the_answer_stops_every_board(bench: Bench) -> None:
     bench.host.request(Command.TORQUE, ALL_ON, bench.now)
     for data in bench.host.data_to_send():
-        bench.gateway.receive_host(data, bench.now)
-    assert bench.gateway.host_gone(bench.now, broken=False) == [8, 9, 10]
+        bench.gateway.receive_host(bench.side, data, bench.now)
+    assert bench.gateway.host_gone(bench.side, bench.now, broken=False) == [8, 9, 10]
 
 
 def test_the_stop_is_repeated_until_the_board_has_it(bench: Bench) -> None:
     bench.dead = {9}
-    bench.gateway.host_gone(bench.now, broken=True)
+    bench.gateway.host_gone(bench.side, bench.now, broken=True)
     bench.run(0.5)
     assert bench.stopped() == {8: True, 9: False, 10: True}
     bench.dead = set()
     bench.run(0.5)
     assert all(bench.stopped().values())
+    bench.connect()
+    bench.ask_all(Command.STATS)
     bench.dead = {9}
     sent = len(bench.to_boards[9])
-    bench.gateway.host_gone(bench.now, broken=True)
+    bench.gateway.host_gone(bench.side, bench.now, broken=True)
     bench.run(4.0)
     assert len(bench.to_boards[9]) - sent == 20, "not for ever"
 
@@ -134,8 +174,8 @@ def test_nothing_of_a_lost_host_is_sent_afterwards() -> None:
     for _ in range(5):
         bench.host.request(Command.RESUME, b"", bench.now)
     for data in bench.host.data_to_send():
-        bench.gateway.receive_host(data, bench.now)
-    bench.gateway.host_gone(bench.now, broken=True)
+        bench.gateway.receive_host(bench.side, data, bench.now)
+    bench.gateway.host_gone(bench.side, bench.now, broken=True)
     bench.host.void()
     bench.run(1.0)
     assert {f.cmd for f in bench.to_boards[8]} == {Command.STOP}
@@ -158,14 +198,14 @@ def follow(bench: Bench, *, outlives: bool) -> None:
 
 def test_a_path_that_may_finish_alone_does_so(bench: Bench) -> None:
     follow(bench, outlives=True)
-    assert bench.gateway.host_gone(bench.now, broken=True) == [9, 10]
+    assert bench.gateway.host_gone(bench.side, bench.now, broken=True) == [9, 10]
     bench.run(2.2)
     assert bench.boards[8].state.joints[0].position == pytest.approx(HERE[0] + 100, abs=6)
 
 
 def test_another_path_is_stopped_with_its_host(bench: Bench) -> None:
     follow(bench, outlives=False)
-    assert bench.gateway.host_gone(bench.now, broken=False) == [8, 9, 10]
+    assert bench.gateway.host_gone(bench.side, bench.now, broken=False) == [8, 9, 10]
     bench.run(2.2)
     assert bench.boards[8].state.joints[0].position < HERE[0] + 50
 
@@ -174,13 +214,14 @@ def test_another_path_is_stopped_with_its_host(bench: Bench) -> None:
 
 
 def test_only_a_stop_is_obeyed_of_what_waited_while_it_was_suspended(bench: Bench) -> None:
+    before = len(bench.to_boards[8])
     bench.host.request(Command.JOINT_MOVE, b"\x64\0\1\xfe\0\x08", bench.now)
     bench.host.request(Command.RESUME, b"", bench.now)
     bench.host.request(Command.STOP, b"\0", bench.now)
     for data in bench.host.data_to_send():
-        bench.gateway.receive_host(data, bench.now, stale=True)
+        bench.gateway.receive_host(bench.side, data, bench.now, stale=True)
     bench.run(0.1)
-    assert [f.cmd for f in bench.to_boards[8] if f.cmd != Command.IDENTIFY] == [Command.STOP]
+    assert [f.cmd for f in bench.to_boards[8][before:]] == [Command.STOP]
     assert bench.gateway.counters.stale == 2
 
 
@@ -207,7 +248,7 @@ def test_no_bytes_from_any_side_break_it(pieces: list[tuple[int, bytes]], seed: 
             to = (8, -1, Multicast((8, 9)).dst, 5, -7)[number % 5]
             data = data[:208]
             frame = bench.host.build(2, cmd, data, number, bench.now, dst=to) if side else data
-            bench.gateway.receive_host(frame, bench.now)
+            bench.gateway.receive_host(bench.side, frame, bench.now)
         elif side == 2:
             bench.gateway.receive_board(8, data, bench.now)
         elif side == 3:

@@ -6,19 +6,22 @@ import socket
 import struct
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
-from tests.gateway.tcp_boards import LONG, Running, tcp_boards
+from click.testing import CliRunner
+from tests.gateway.tcp_boards import LONG, Running, tcp_boards, wait
 from tests.link.far_ends import free_port
 
+from hexwire.cli.main import cli
 from hexwire.drivers.hex7bot import Hex7BotDriver
-from hexwire.errors import LinkError, LinkNotFoundError, ReplyTimeoutError, UsageError
+from hexwire.errors import LinkBusyError, LinkNotFoundError, ReplyTimeoutError, UsageError
 from hexwire.gateway import service as module
 from hexwire.gateway.service import GatewayService
 from hexwire.ipc.session import Session
 from hexwire.link.listener import Listener
 from hexwire.link.open import make_link
+from hexwire.model.state import JointTarget
 from hexwire.wire.addresses import Broadcast
 from hexwire.wire.command_frame import Command, Status
 
@@ -38,10 +41,12 @@ def connect(gateway: Running) -> Session:
 
     def found() -> bool:
         # A broadcast for who is there takes all of its time, so that it is short.
-        session.request_all(Command.IDENTIFY, window=0.3, attempts=1)
-        return session.modules == {8, 9}
+        answers = session.request_all(Command.IDENTIFY, window=0.3, attempts=1)
+        return session.modules == {8, 9} and not answers.silent
 
     wait(found)
+    # From now on they are its own.
+    assert not session.request_all(Command.STATS).silent
     return session
 
 
@@ -51,13 +56,6 @@ def hang_up(session: Session) -> None:
     connected = link._stream.socket  # type: ignore[attr-defined]  # the socket itself
     connected.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
     session.close()
-
-
-def wait(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + LONG
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 def test_a_driver_reaches_the_board_that_its_address_names(gateway: Running) -> None:
@@ -99,15 +97,51 @@ def test_the_end_of_the_gateway_stops_what_its_host_has_not_ended(gateway: Runni
     session.close()
 
 
-def test_there_is_one_host_at_a_time(gateway: Running) -> None:
-    session = connect(gateway)
-    second = Session.from_url(gateway.url)
-    second.open()
-    with pytest.raises(LinkError):
-        second.negotiate(look=False, boot_window=LONG)
-    second.close()
+def test_two_drivers_in_one_program_have_a_board_each(gateway: Running) -> None:
+    with Hex7BotDriver.from_url(f"{gateway.url}?to=8") as one, Hex7BotDriver.from_url(f"{gateway.url}?to=9") as two:
+        one.torque(True)
+        two.torque(True)
+        for arm, angle in ((one, 0.2), (two, -0.2)):
+            arm.watchdog(5.0)
+            arm.write(JointTarget.of({"J4": angle}, duration=0.3))
+        wait(lambda: [round(arm.read()["J4"].position, 1) for arm in (one, two)] == [0.2, -0.2])
+        # The end of one stops nothing of the other.
+        one.watchdog(0.0)
+        one.detach()
+        assert two.read().torque_on == two.model.names
+        assert gateway.boards.stopped() == [False, False]
+        # And a program that dies is the matter of its own board alone.
+        dies = connect_to(gateway, 8)
+        dies.request(Command.WATCHDOG, b"\x60\xea\0")
+        hang_up(dies)
+        gateway.boards.wait_until_stopped(0)
+        assert gateway.boards.stopped() == [True, False]
+        two.watchdog(0.0)
+
+
+def connect_to(gateway: Running, module: int) -> Session:
+    session = Session.from_url(f"{gateway.url}?to={module}")
+    session.open()
+    try:
+        session.negotiate(look=False, boot_window=LONG)
+    except BaseException:
+        session.close()
+        raise
+    return session
+
+
+def test_a_second_host_of_a_board_is_told_why_it_may_not_enter(gateway: Running) -> None:
+    session = connect_to(gateway, 8)
+    host = session.ipc.link._stream.socket.getsockname()  # type: ignore[attr-defined]  # the socket itself
+    with pytest.raises(LinkBusyError, match=f"module 8 has another host, 127.0.0.1:{host[1]}"):
+        connect_to(gateway, 8)
+    # It can stop the board all the same, by the command that the error names.
+    done = CliRunner().invoke(cli, ["stop", "--all", "--port", gateway.url], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    assert gateway.boards.stopped() == [True, True]
     assert session.request(Command.STATS).status == Status.OK
     session.close()
+    connect_to(gateway, 8).close()
 
 
 def test_bytes_before_its_end_do_not_let_a_host_keep_the_next_one_out() -> None:
@@ -117,7 +151,7 @@ def test_bytes_before_its_end_do_not_let_a_host_keep_the_next_one_out() -> None:
     url = service.url.replace("-listen", "")
     try:
         with make_link(url) as first:
-            wait(lambda: (service.run_once(), service._host is not None)[1])
+            wait(lambda: (service.run_once(), bool(service._guests))[1])
             first.write(b"x")
         with make_link(url) as second:
             for _ in range(2):

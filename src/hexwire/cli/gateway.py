@@ -43,9 +43,9 @@ _LISTEN = "tcp://127.0.0.1:15040"
 def gateway(listen: str, boards: tuple[str, ...]) -> None:
     """Forward frames between one host and several boards: one link up, several lines down.
 
-    The host names a board by its module id, as in --port tcp://HOST:PORT?to=9, or several at once. Long requests
-    are sent to a board in fragments. A stop overtakes everything. If the host is lost, all boards are stopped. For
-    boards with hexwire's firmware.
+    A host names a board by its module id, as in --port tcp://HOST:PORT?to=9, or several at once, and has it until
+    it leaves; others may only stop it. Long requests are sent to a board in fragments. A stop overtakes everything.
+    If a host is lost, its boards are stopped. For boards with hexwire's firmware.
     """
     from hexwire.gateway.service import GatewayService
     from hexwire.link.url import is_loopback

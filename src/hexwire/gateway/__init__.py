@@ -1,1 +1,1 @@
-"""A gateway: one link up to a host, several boards below it."""
+"""A gateway: one link up to its hosts, several boards below it."""

@@ -1,11 +1,13 @@
 """One board below a gateway: what waits for it, its messages in fragments, and what a stop voids.
 
 Owns the order in which frames reach the board, and at which pace, so that a stop never waits behind anything. No
-I/O; time comes in as `now`. Must not know the host's link, other boards, nor what moves a joint.
+I/O; time comes in as `now`. Must not know the host's link, other boards, nor what moves a joint. Over 500 lines,
+since it is one machine: what waits, what a stop voids, and who is answered depend on each other.
 """
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict, deque
 from dataclasses import dataclass
 
@@ -37,6 +39,8 @@ _STOP_TICK = tables.REPEAT_WINDOW / 128
 _STOP_TRIES = 20
 _QUIET = 0.2
 """Seconds after which a board that is asked who it is, together with others, counts as not to be reached."""
+_SEEK_AGAIN = 0.05
+"""Seconds before the board is asked again who it is: no burst of those who look for boards fills its line."""
 _BODY = max_body(tables.MAX_SERIAL_FRAME)
 _CHUNK = _BODY - FRAGMENT_HEAD_SIZE
 _FRAGMENTS = tables.CAPABILITIES["fragments"]
@@ -86,7 +90,7 @@ class _Message:
 
 
 class BoardLine:
-    """The way to one board.
+    """The way to one board. It has one host at a time; others may only stop it.
 
     Args:
         module: The board's id in frames of the host.
@@ -97,6 +101,8 @@ class BoardLine:
         up: The board is connected.
         use: What the host does with the board.
         counters: What happened to frames.
+        identity: The board's last answer to IDENTIFY, as hosts get it; empty if there is none.
+        said: Answers to others than the host, each with who asked.
     """
 
     def __init__(self, module: int, *, local: int, baud: int = 0) -> None:
@@ -105,6 +111,9 @@ class BoardLine:
         self.up = True
         self.use = Use()
         self.counters = LineCounters()
+        self.identity = b""
+        self.said: list[tuple[object, Frame]] = []
+        self._askers: dict[tuple[object, int], Frame] = {}
         self._per_byte = _BITS / baud if baud else 0.0
         self._free_at = 0.0
         self._queue: deque[_Waiting] = deque()
@@ -112,11 +121,15 @@ class BoardLine:
         self._voided: OrderedDict[tuple[int, int, int, bytes], float] = OrderedDict()
         # Refused, since the queue was full.
         self._refused: deque[tuple[tuple[int, int, int, bytes], float]] = deque(maxlen=_MAX_VOIDED)
-        self._sn = self._stop_number = 0
+        self._stop_number, self._newest = 0, -1
+        self._restarted = False
         self._own_stop: tuple[Frame, int, float] | None = None
         self._owed: int | None = None
         # IDENTIFY to several that the board has not answered, and until when it may.
         self._sought: tuple[Frame, float] | None = None
+        # The same of those who look for boards while this one has no host.
+        self._seekers: dict[tuple[object, int], tuple[Frame, float]] = {}
+        self._seek_number, self._seek_again = 0, -math.inf
         self._begin()
 
     def _begin(self) -> None:
@@ -186,15 +199,63 @@ class BoardLine:
         # By the time: a stop with the number of one shortly before, also of a gateway that was restarted meanwhile,
         # is a repeat to the board, which answers it and does not stop.
         self._stop_number = max(self._stop_number + 1, int(now / _STOP_TICK))
-        sec, nsec = split_time(now)
-        # The kind of channel is that of a host on a serial line.
-        kind = 3
-        seq = self._stop_number & 0xFF
-        frame = Frame(
-            sec, nsec, 0, GATEWAY_MODULE, self.local, kind, PROTO_HEXWIRE, seq, Command.STOP, bytes((mode,))
-        )
+        frame = self._own_frame(Command.STOP, self._stop_number & 0xFF, bytes((mode,)), now)
         self._own_stop = (frame, 0, now)
         self.handle_timeout(now)
+
+    def stop_for(self, who: object, frame: Frame, now: float) -> list[Frame]:
+        """Stop the board for one who is not its host, or whose last stop still waits; returns frames for the host.
+
+        The stop is the gateway's own, since the numbers of two hosts are the same to the board: it would take one's
+        stop for a repeat of the other's. The answer is passed on in `said`.
+        """
+        mode = frame.body[0] if frame.cmd == Command.STOP and frame.body else 0
+        if not self.up:
+            self.counters.lost += 1
+            self._owed = max(mode, self._owed or 0)
+            return []
+        self._askers[who, frame.seq] = frame
+        void = self._void(now)
+        waits = self._own_stop is not None and self._own_stop[0] in self._stops
+        # One that has not left yet stops for this one, too.
+        if not waits or self._own_stop is None or self._own_stop[0].body[0] < mode:
+            self.stop(mode, now)
+        return void
+
+    def seek_for(self, who: object, frame: Frame, now: float) -> None:
+        """Ask a board without a host who it is, in the gateway's own name; the answer is passed on in `said`.
+
+        Who only looks for boards does not become their host, and keeps nobody out.
+        """
+        if not self.up:
+            self.said.append((who, self._answer(frame, Status.UNREACHABLE)))
+            return
+        self._seekers.setdefault((who, frame.seq), (frame, now + _QUIET))
+        if now >= self._seek_again:
+            self._seek_again = now + _SEEK_AGAIN
+            self._seek_number += 1
+            ask = self._own_frame(Command.IDENTIFY, self._seek_number & 0xFF, b"", now)
+            self._queue.append(_Waiting(ask, now))
+
+    def _own_frame(self, cmd: int, seq: int, body: bytes, now: float) -> Frame:
+        sec, nsec = split_time(now)
+        # The kind of channel is that of a host on a serial line.
+        return Frame(sec, nsec, 0, GATEWAY_MODULE, self.local, 3, PROTO_HEXWIRE, seq, cmd, body)
+
+    def refuse_stranger(self, frame: Frame, host: str, *, several: bool) -> Frame:
+        """Answer one who is not the host: the board is busy, and with whom. Who looks for boards finds it."""
+        if several and frame.cmd == Command.IDENTIFY and not self.up:
+            return self._answer(frame, Status.UNREACHABLE)
+        if several and frame.cmd == Command.IDENTIFY and self.identity:
+            return self._answer(frame, Status.OK, self.identity)
+        text = f"module {self.module} has another host, {host}; `hexwire stop --all` stops it all the same"
+        self.counters.refused += 1
+        return self._answer(frame, Status.BUSY, text.encode())
+
+    @property
+    def stop_waits(self) -> bool:
+        """Whether a stop has not left yet."""
+        return bool(self._stops)
 
     @property
     def stopping(self) -> bool:
@@ -203,8 +264,8 @@ class BoardLine:
 
     def _void(self, now: float) -> list[Frame]:
         """Void what has not left yet; returns the answers for it."""
-        void = [waiting.frame for waiting in self._queue if not waiting.chunk]
-        self._queue.clear()
+        void = [waiting.frame for waiting in self._queue if not (waiting.chunk or _is_own(waiting))]
+        self._queue = deque(filter(_is_own, self._queue))
         self._sought = None
         if self._message is not None:
             void.append(self._message.request)
@@ -305,6 +366,7 @@ class BoardLine:
             self._free_at if waits else None,
             None if self._own_stop is None else self._own_stop[2],
             None if self._sought is None else self._sought[1],
+            min((until for _, until in self._seekers.values()), default=None),
             self.decoder.next_timeout(),
             self._receiver.next_timeout(),
         )
@@ -320,11 +382,17 @@ class BoardLine:
         if self._own_stop is not None and self._own_stop[2] <= now:
             frame, sent, _ = self._own_stop
             self._own_stop = (frame, sent + 1, now + _STOP_AGAIN) if sent < _STOP_TRIES else None
+            if self._own_stop is None:
+                self._askers.clear()
             if self._own_stop is not None and frame not in self._stops:
                 self._stops.append(frame)
         if self._sought is not None and self._sought[1] <= now:
             found.append(self._answer(self._sought[0], Status.UNREACHABLE))
             self._sought = None
+        for key, (frame, until) in list(self._seekers.items()):
+            if until <= now:
+                del self._seekers[key]
+                self.said.append((key[0], self._answer(frame, Status.UNREACHABLE)))
         return found
 
     def _ask(self, body: bytes, now: float) -> None:
@@ -358,9 +426,21 @@ class BoardLine:
         if frame.proto != PROTO_HEXWIRE or frame.src != self.local:
             self.counters.strange += 1
             return None
+        # A board counts its frames from the beginning when it restarts.
+        self._restarted |= frame.sn <= self._newest
+        self._newest = frame.sn
         if frame.dst == GATEWAY_MODULE:
-            if self._own_stop is not None and (frame.cmd, frame.seq) == (Command.STOP, self._own_stop[0].seq):
+            if frame.cmd == Command.IDENTIFY and frame.cmd_ext & EXT_REPLY:
+                known = self._as_host_sees(frame)
+                for (who, _), (asked, _) in self._seekers.items():
+                    self.said.append((who, known._replace(dst=asked.src, seq=asked.seq)))
+                self._seekers.clear()
+            elif self._own_stop is not None and (frame.cmd, frame.seq) == (Command.STOP, self._own_stop[0].seq):
                 self._own_stop = None
+                for (who, _), asked in self._askers.items():
+                    answer = frame._replace(src=self.module, dst=asked.src, seq=asked.seq, cmd=asked.cmd)
+                    self.said.append((who, answer))
+                self._askers.clear()
             return None
         self._last = frame
         if frame.cmd in (Command.FRAGMENT, Command.FRAGMENT_MISSING):
@@ -402,6 +482,9 @@ class BoardLine:
             self.use.answered(frame)
             if frame.cmd == Command.IDENTIFY:
                 self._sought = None
+        return self._as_host_sees(frame)
+
+    def _as_host_sees(self, frame: Frame) -> Frame:
         if frame.cmd == Command.IDENTIFY and frame.cmd_ext == EXT_REPLY | Status.OK:
             try:
                 identity = Identity.parse(frame.body)
@@ -412,8 +495,14 @@ class BoardLine:
                 # Longer frames are split here.
                 identity = identity._replace(max_frame=tables.MAX_NETWORK_FRAME)
             identity = identity._replace(capabilities=identity.capabilities & ~tables.CAPABILITY_HOST_BAUD)
-            frame = frame._replace(body=identity.serialize())
+            self.identity = identity.serialize()
+            frame = frame._replace(body=self.identity)
         return frame._replace(src=self.module)
+
+    def take_restart(self) -> bool:
+        """Whether the board has restarted since the last call, by the numbers of its frames."""
+        restarted, self._restarted = self._restarted, False
+        return restarted
 
     # -- loss -----------------------------------------------------------------------------------------
 
@@ -435,6 +524,7 @@ class BoardLine:
         self._queue.clear()
         self._stops.clear()
         self._own_stop = None
+        self._askers.clear()
         self.use = Use()
         self._begin()
 
@@ -449,6 +539,11 @@ class BoardLine:
 
 def _key(frame: Frame) -> tuple[int, int, int, bytes]:
     return frame.src, frame.seq, frame.cmd, frame.body
+
+
+def _is_own(waiting: _Waiting) -> bool:
+    """Whether a frame is the gateway's own question, which ends with no host and no stop."""
+    return waiting.frame.src == GATEWAY_MODULE
 
 
 def _same(one: Frame, other: Frame) -> bool:

@@ -1,4 +1,4 @@
-"""The gateway's loop: bytes between the host's connection, the machine and the links to the boards.
+"""The gateway's loop: bytes between the connections of hosts, the machine and the links to the boards.
 
 Owns links and their loss. A board's link that is lost is opened again in a thread, since opening may take seconds.
 Must not know frames: `router` does.
@@ -20,6 +20,7 @@ from hexwire.link.tcp import PeerLink
 from hexwire.link.waker import Waker
 from hexwire.system import READABLE, make_poll
 
+from .host import Host
 from .line import BoardLine
 from .router import Gateway
 
@@ -35,6 +36,10 @@ _STALL = 0.5
 _WRITE = 0.05
 """Seconds in which a side must take its bytes; one that does not would hold up all others."""
 _END = 1.0
+_MOST_HOSTS = 64
+"""Connections at once: more than there can be boards, so that one that has none can always make room."""
+
+
 
 
 @dataclass(slots=True)
@@ -45,6 +50,13 @@ class _Board:
     opened: bool = False
     again_at: float = 0.0
     said: str = ""
+
+
+@dataclass(slots=True)
+class _Guest:
+    fd: int
+    link: PeerLink
+    host: Host
 
 
 class GatewayService:
@@ -68,7 +80,7 @@ class GatewayService:
             line = BoardLine(module, local=local, baud=getattr(link, "baud", 0))
             self._boards[module] = _Board(line, link)
         self.machine = Gateway(board.line for board in self._boards.values())
-        self._host: PeerLink | None = None
+        self._guests: dict[int, _Guest] = {}
         self._waker = Waker()
         self._ended = False
         self._round = time.monotonic()
@@ -94,9 +106,9 @@ class GatewayService:
         self._round = time.monotonic()
 
     def close(self) -> None:
-        """Stop the boards unless the host has left in order, and close everything."""
-        if self._host is not None:
-            self._host_gone("the gateway ends", broken=False)
+        """Stop the boards unless their hosts have left in order, and close everything."""
+        for guest in list(self._guests.values()):
+            self._host_gone(guest, "the gateway ends", broken=False)
         end = time.monotonic() + _END
         while any(board.line.stopping for board in self._boards.values()) and time.monotonic() < end:
             self._boards_round(self._wait(end))
@@ -127,13 +139,16 @@ class GatewayService:
         self._round = now
         if stale:
             _log.warning("suspended for more than %.1f s: only stops of what waited are obeyed", _STALL)
-        # The host first: its stops overtake everything.
-        if self._host is not None and (stale or self._host.fileno() in ready):
-            self._host_round(self._host, stale=stale)
+        # The hosts first: their stops overtake everything. In the order in which they came: who has left makes room
+        # for the next.
+        for fd, guest in list(self._guests.items()):
+            if stale or fd in ready:
+                self._host_round(guest, stale=stale)
         self._boards_round(ready)
         if self._listener.fileno() in ready:
-            self._let_in()
-        self._to_host()
+            self._let_in(self._listener)
+        for guest in list(self._guests.values()):
+            self._to_host(guest)
 
     # -- waiting --------------------------------------------------------------------------------------
 
@@ -145,59 +160,55 @@ class GatewayService:
         until = min([until, *again] if due is None else [until, due, *again])
         poll.register(self._listener.fileno(), READABLE)
         poll.register(self._waker.fileno(), READABLE)
-        if self._host is not None:
-            poll.register(self._host.fileno(), READABLE)
+        for fd in self._guests:
+            poll.register(fd, READABLE)
         for board in self._boards.values():
             if board.line.up:
                 poll.register(board.link.fileno(), READABLE)
         return {fd for fd, _ in poll.poll(max(0.0, until - now) * 1000.0)}
 
-    # -- the host -------------------------------------------------------------------------------------
+    # -- the hosts ------------------------------------------------------------------------------------
 
-    def _let_in(self) -> None:
-        if (host := self._host) is not None:
-            for _ in host.leftovers():
-                self._host_round(host, stale=False)
-                if self._host is None:
-                    break
-        if self._host is not None:
-            # A gateway has one host: two would feed each other's watchdogs.
-            self._listener.turn_away()
+    def _let_in(self, listener: Listener) -> None:
+        link = listener.accept(time.monotonic())
+        if link is None:
             return
-        self._host = self._listener.accept(time.monotonic())
-        if self._host is not None:
-            self.machine.host_came()
-            _log.info("%s: %s is the host", self._listener.url, self._host.peer)
+        if len(self._guests) >= _MOST_HOSTS:
+            idle = next(guest for guest in self._guests.values() if not self.machine.held(guest.host))
+            self._host_gone(idle, "there are too many connections, and it has no board", broken=False)
+        fd = link.fileno()
+        self._guests[fd] = _Guest(fd, link, self.machine.host_came(link.peer))
+        _log.info("%s: %s is a host", listener.url, link.peer)
 
-    def _host_round(self, host: PeerLink, *, stale: bool) -> None:
+    def _host_round(self, guest: _Guest, *, stale: bool) -> None:
         try:
-            # All of what waited is as old as its first byte.
-            while data := host.read(time.monotonic()):
-                self.machine.receive_host(data, time.monotonic(), stale=stale)
-                if not stale:
-                    break
+            if stale:
+                # All of what waited is as old as its first byte.
+                while data := guest.link.read(time.monotonic()):
+                    self.machine.receive_host(guest.host, data, time.monotonic(), stale=True)
+                return
+            # To its end: who comes next must find the boards free that this one has left.
+            for _ in guest.link.leftovers():
+                data = guest.link.read(time.monotonic())
+                self.machine.receive_host(guest.host, data, time.monotonic())
         except LinkError as error:
             cause = error.__cause__
             broken = isinstance(cause, OSError) and not isinstance(cause, LinkError)
-            self._host_gone(str(error), broken=broken)
+            self._host_gone(guest, str(error), broken=broken)
 
-    def _to_host(self) -> None:
-        data = self.machine.host_data()
-        if data and self._host is not None:
+    def _to_host(self, guest: _Guest) -> None:
+        data = self.machine.host_data(guest.host)
+        if data:
             try:
-                self._host.write(data, time.monotonic() + _WRITE)
+                guest.link.write(data, time.monotonic() + _WRITE)
             except LinkError as error:
-                self._host_gone(str(error), broken=True)
+                self._host_gone(guest, str(error), broken=True)
 
-    def _host_gone(self, why: str, *, broken: bool) -> None:
-        assert self._host is not None
-        self._host.close()
-        self._host = None
-        stopped = self.machine.host_gone(time.monotonic(), broken=broken)
-        if stopped:
-            _log.warning("the host is gone: %s; stopping modules %s", why, ", ".join(map(str, stopped)))
-        else:
-            _log.info("the host has left")
+    def _host_gone(self, guest: _Guest, why: str, *, broken: bool) -> None:
+        del self._guests[guest.fd]
+        guest.link.close()
+        _say_gone(guest.host.name, why, self.machine.host_gone(guest.host, time.monotonic(), broken=broken))
+
 
     # -- the boards -----------------------------------------------------------------------------------
 
@@ -247,3 +258,10 @@ class GatewayService:
             board.opened = True
         if not self._ended:
             self._waker.set()
+
+
+def _say_gone(name: str, why: str, stopped: list[int]) -> None:
+    if stopped:
+        _log.warning("host %s is gone: %s; stopping modules %s", name, why, ", ".join(map(str, stopped)))
+    else:
+        _log.info("host %s has left", name)

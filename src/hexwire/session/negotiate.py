@@ -166,6 +166,10 @@ class Negotiator:
                 self._next(now)
             else:
                 self._settle(Negotiated(PROTO_HEXWIRE, identity), now)
+        elif event.status == Status.BUSY and event.body:
+            # A gateway whose board has another host: asking again would not help.
+            text = event.body.decode(errors="replace")
+            self._fail(None, "".join(letter if letter.isprintable() else "?" for letter in text))
         else:
             # Refused because of a stop or a busy board: the board speaks dialect 2, so repeat the request.
             self._knows_identify = event.status in (Status.STOPPED, Status.BUSY) or self._knows_identify
