@@ -102,8 +102,10 @@ def test_it_ends_when_asked_and_stops_what_is_watched(
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (("--listen", "udp://127.0.0.1:0", "--board", "tcp://127.0.0.1:1"), "tcp:// or tcps://"),
+        (("--listen", "udp://127.0.0.1:0", "--board", "tcp://127.0.0.1:1"), "tcp://, tcps:// or mq://"),
         (("--listen", "tcps://127.0.0.1:0", "--board", "tcp://127.0.0.1:1"), "ca=FILE"),
+        (("--listen=mq:///a", "--listen=mq:///a", "--board", "tcp://127.0.0.1:1"), "given twice"),
+        (("--listen=tcp://:0", "--listen=tcp://:1", "--board", "tcp://127.0.0.1:1"), "has one port"),
         (("--board", "29=tcp://127.0.0.1:1"), "0 to 28"),
         (("--board", "nobody=tcp://127.0.0.1:1"), "no module"),
         (("--board", "9=tcp://127.0.0.1:1", "--board", "9=tcp://127.0.0.1:2"), "already"),

@@ -13,8 +13,6 @@ import pytest
 from click.testing import CliRunner, Result
 
 from hexwire.cli.main import cli
-from hexwire.cli.sim_puma import parse_address
-from hexwire.errors import UsageError
 from hexwire.link.certs import issue_certificate, make_authority
 
 
@@ -133,10 +131,3 @@ def test_mistakes(words: tuple[str, ...], status: int, text: str) -> None:
     assert result.exit_code == status
     assert text in result.stderr
     assert result.stderr.count("\n") == 1
-
-
-def test_addresses() -> None:
-    assert parse_address(":15030") == ("127.0.0.1", 15030)
-    assert parse_address("[::1]:0") == ("::1", 0)
-    with pytest.raises(UsageError):
-        parse_address("host")

@@ -6,6 +6,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from hexwire.cli.main import cli
+from hexwire.cli.sim_serve import parse_address
+from hexwire.errors import UsageError
 
 DEVICES = (["sim", "board"], ["sim", "bus"])
 
@@ -40,3 +42,10 @@ def test_a_system_without_terminals_says_what_to_do(device: list[str], monkeypat
     result = run(*device)
     assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
     assert "add --tcp 127.0.0.1:0" in result.stderr
+
+
+def test_addresses() -> None:
+    assert parse_address(":15030") == ("127.0.0.1", 15030)
+    assert parse_address("[::1]:0") == ("::1", 0)
+    with pytest.raises(UsageError):
+        parse_address("host")

@@ -9,11 +9,12 @@ from contextlib import contextmanager
 
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
 from hexwire.emulator.serve_tcp import TcpServer
-from hexwire.gateway.service import GatewayService
+from hexwire.gateway.service import GatewayService, HostQueue
+from hexwire.ipc.connections import random_number
 from hexwire.link.listener import Listener
 from hexwire.link.open import make_link
 
-LONG = 20.0
+LONG = 30.0
 ARDUINO = 8
 
 
@@ -90,12 +91,12 @@ def tcp_boards(count: int) -> Iterator[TcpBoards]:
 
 
 class Running:
-    """A gateway in a thread, with two boards."""
+    """A gateway in a thread, with the boards."""
 
-    def __init__(self, boards: TcpBoards) -> None:
+    def __init__(self, boards: TcpBoards, queues: Sequence[HostQueue] = ()) -> None:
         self.boards = boards
         links = {number: make_link(url) for number, url in enumerate(boards.urls, ARDUINO)}
-        self.service = GatewayService(Listener(), links, local=ARDUINO)
+        self.service = GatewayService(Listener(), links, local=ARDUINO, queues=queues, numbers=random_number)
         self.service.open()
         self.url = self.service.url.replace("-listen", "")
         self._ended = threading.Event()

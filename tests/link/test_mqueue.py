@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import builtins
 import errno
+import fcntl
 import itertools
 import os
 import pwd
@@ -255,6 +256,16 @@ class _Fails:
         (OSError(errno.ENOSPC, "x"), LinkError, "256 queues are all in use; remove stale ones, or raise fs.mqueue"),
         (OSError(errno.EMFILE, "x"), LinkError, r"used up \(ulimit -q\)"),
         (
+            OSError("This process already has the maximum number of files open"),
+            LinkError,
+            r"used up \(ulimit -q\)",
+        ),
+        (
+            OSError("Insufficient space for a new queue"),
+            LinkError,
+            "queues are all in use",
+        ),
+        (
             OSError(errno.ENFILE, "Too many open files in system"),
             LinkError,
             "cannot be opened: .*Too many open files",
@@ -299,3 +310,22 @@ def test_without_the_package_the_remedy_is_named(name: str, monkeypatch: pytest.
 def test_without_the_settings_limits_are_told_in_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mqueue_module, "_SETTINGS", tmp_path)
     assert mqueue_module._setting("msg_max") == "a few"
+
+
+def test_who_has_the_other_end_is_known_until_it_lets_go(name: str) -> None:
+    server = QueueLink(name, server=True)
+    with server:
+        assert server.other_end() == ""
+        with QueueLink(name) as client:
+            assert (server.other_end(), client.other_end()) == ("this program", "this program")
+        assert server.other_end() == ""
+
+
+def test_a_look_at_a_queue_keeps_nobody_out(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    with QueueLink(name, server=True) as server:
+        assert server._outbox is not None
+        held = server._outbox.mqd
+        fcntl.flock(held, fcntl.LOCK_SH)
+        monkeypatch.setattr(mqueue_module, "sleep", lambda seconds: fcntl.flock(held, fcntl.LOCK_UN))
+        with QueueLink(name):
+            assert server.other_end() == "this program"

@@ -1,4 +1,4 @@
-"""`gateway`: several boards behind one TCP port.
+"""`gateway`: several boards behind a TCP port or POSIX queues.
 
 Owns the arguments and what is printed. Must not know how frames are forwarded: `hexwire.gateway` does.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import click
 
@@ -15,6 +15,7 @@ from .exits import ends_when_asked, note
 from .output import say_document
 
 if TYPE_CHECKING:
+    from hexwire.gateway.service import HostQueue
     from hexwire.link.base import Link
     from hexwire.link.listener import Listener
 
@@ -27,10 +28,13 @@ _LISTEN = "tcp://127.0.0.1:15040"
 @click.command()
 @click.option(
     "--listen",
+    "doors",
     metavar="URL",
-    default=_LISTEN,
+    multiple=True,
+    default=(_LISTEN,),
     show_default=True,
-    help="Where the host connects: tcp://HOST:PORT, or tcps://HOST:PORT?ca=FILE&cert=FILE&key=FILE.",
+    help="Where hosts connect: tcp://HOST:PORT, tcps://HOST:PORT?ca=FILE&cert=FILE&key=FILE, or mq:///NAME for one "
+    "program of this user. Give it once per queue; there is one port.",
 )
 @click.option(
     "--board",
@@ -40,31 +44,64 @@ _LISTEN = "tcp://127.0.0.1:15040"
     required=True,
     help="Port of a board, and its module id for the host (8, 9, ... if not given). Give it once per board.",
 )
-def gateway(listen: str, boards: tuple[str, ...]) -> None:
-    """Forward frames between one host and several boards: one link up, several lines down.
+def gateway(doors: tuple[str, ...], boards: tuple[str, ...]) -> None:
+    """Forward frames between hosts and several boards: one port or several queues up, several lines down.
 
     A host names a board by its module id, as in --port tcp://HOST:PORT?to=9, or several at once, and has it until
     it leaves; others may only stop it. Long requests are sent to a board in fragments. A stop overtakes everything.
     If a host is lost, its boards are stopped. For boards with hexwire's firmware.
     """
     from hexwire.gateway.service import GatewayService
+    from hexwire.ipc.connections import random_number
     from hexwire.link.url import is_loopback
     from hexwire.wire.modules import ModuleType
 
-    listener = _listener(listen)
+    port = next((door for door in doors if not _is_queue(door)), None)
+    listener = None if port is None else _listener(port)
+    queues = _queues(doors, port)
     links = _links(boards)
-    if listen.lower().startswith("tcp:") and not is_loopback(listener.host):
+    if listener is not None and listener.url.startswith("tcp-") and not is_loopback(listener.host):
         note(f"warning: anyone who reaches TCP on {listener.host} can command these boards; tcps:// prevents that")
-    service = GatewayService(listener, links, local=ModuleType.ARM_7BOT_ARDUINO_TRX)
+    service = GatewayService(
+        listener,
+        links,
+        local=ModuleType.ARM_7BOT_ARDUINO_TRX,
+        queues=queues,
+        numbers=random_number,
+    )
     try:
         service.open()
-        say_document(service.url.replace("-listen://", "://"))
+        for url in service.urls:
+            say_document(url.replace("-listen://", "://"))
         if sys.stdout.isatty():
             note("modules: " + ", ".join(f"{module} at {link.url}" for module, link in links.items()))
         with ends_when_asked() as ended:
             service.run(ended)
     finally:
         service.close()
+
+
+def _is_queue(door: str) -> bool:
+    return door.lower().startswith("mq:")
+
+
+def _queues(doors: tuple[str, ...], port: str | None) -> list[HostQueue]:
+    """The servers' ends of the queues among the addresses, which have one port at most."""
+    from hexwire.errors import UsageError
+    from hexwire.link.open import build_link
+
+    queues: list[HostQueue] = []
+    for door in doors:
+        if not _is_queue(door):
+            if door is not port:
+                raise UsageError(f"--listen {door}: a gateway has one port, and {port} is given already")
+            continue
+        added = "role=server" if "unlink=" in door else "role=server&unlink=1"
+        link = build_link(f"{door}{'&' if '?' in door else '?'}{added}")
+        if any(link.url == queue.url for queue in queues):
+            raise UsageError(f"--listen {door} is given twice")
+        queues.append(cast("HostQueue", link))
+    return queues
 
 
 def _listener(text: str) -> Listener:
@@ -75,7 +112,7 @@ def _listener(text: str) -> Listener:
 
     url = parse_url(text)
     if url.scheme not in ("tcp", "tcps"):
-        raise UsageError(f"{text}: a gateway listens on tcp:// or tcps://")
+        raise UsageError(f"{text}: a gateway listens on tcp://, tcps:// or mq://")
     if url.scheme == "tcps":
         return Listener(*listen_address(url), tls=TlsFiles.from_url(url))
     url.check_keys(())

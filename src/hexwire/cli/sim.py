@@ -20,7 +20,7 @@ from .output import say_document
 from .sim_bus import bus
 from .sim_hand import hand
 from .sim_puma import puma260
-from .sim_serve import serve_device, tcp_option
+from .sim_serve import queue_link, queue_option, serve_device, tcp_option
 from .sim_view import shown, view_option
 
 __all__ = ["sim"]
@@ -65,6 +65,7 @@ sim.add_command(puma260)
 @number_option("--payload", "GRAMS", "With --physics, the payload of the tool.", minimum=0)
 @view_option
 @tcp_option
+@queue_option
 @click.option("--reset-on-open", is_flag=True, help="Reset the board when the port is opened, like a real Mega.")
 @click.option(
     "--until-eof",
@@ -81,14 +82,22 @@ def board(
     payload: float | None,
     view: bool,
     tcp: str | None,
+    queue: str | None,
     reset_on_open: bool,
     until_eof: bool,
 ) -> None:
     """Emulate a Hex7Bot: prints the port to open, and runs until stopped."""
     from hexwire.emulator.board import make_hex7bot_board
     from hexwire.emulator.hand import Hands
+    from hexwire.emulator.serve_tcp import serve_queue
+    from hexwire.ipc.connections import random_number
     from hexwire.model.hex7bot import HEX7BOT
 
+    if queue is not None and (tcp is not None or link is not None or reset_on_open):
+        raise UsageError("--queue offers a queue instead of a port: leave out --tcp, --link and --reset-on-open")
+    if queue is not None and dialect == 1:
+        raise UsageError("--queue: the chapter's board has no conversations; it needs a serial line or --tcp")
+    messages = None if queue is None else queue_link(queue)
     device = make_hex7bot_board(
         dialect=dialect,
         baud=_SERVO_BAUD if baud else 0,
@@ -96,7 +105,8 @@ def board(
         seed=seed,
         start=time.monotonic(),
         # Only a terminal has a rate that a host can change.
-        host_rate=baud if tcp is None else 0,
+        host_rate=baud if tcp is None and queue is None else 0,
+        numbers=None if queue is None else random_number,
     )
     twin = None
     if physics:
@@ -110,8 +120,12 @@ def board(
     if until_eof:
         threading.Thread(target=_wait_for_eof, args=(ended,), daemon=True).start()
     with shown(twin, device.wire.servos, ended.is_set, view=view) as (window, stop):
+        served = device if window is None else window.with_device(device)
+        if messages is not None:
+            serve_queue(served, messages, stop=stop, announce=_announce)
+            return
         serve_device(
-            device if window is None else window.with_device(device),
+            served,
             tcp=tcp,
             link=link,
             baud=baud,

@@ -12,8 +12,9 @@ import click
 
 from .exits import note
 from .output import say_document
+from .sim_serve import parse_address, queue_link
 
-__all__ = ["parse_address", "puma260"]
+__all__ = ["puma260"]
 
 _PORT = 15030
 """The port in the chapter."""
@@ -36,7 +37,18 @@ _PORT = 15030
 @click.option(
     "--peer", metavar="HOST", help="The only host accepted; needed with --udp on an address that others reach."
 )
-def puma260(tcp: str, ca: str | None, cert: str | None, key: str | None, udp: str | None, peer: str | None) -> None:
+@click.option(
+    "--queue", metavar="NAME", help="Offer the POSIX message queue mq:///NAME to one program of this user, too."
+)
+def puma260(
+    tcp: str,
+    ca: str | None,
+    cert: str | None,
+    key: str | None,
+    udp: str | None,
+    peer: str | None,
+    queue: str | None,
+) -> None:
     """Emulate a PUMA 260 controller: prints its URLs, and runs until stopped.
 
     It serves the four channels of the chapter's configuration file on one port, for several dozen hosts at once. On
@@ -70,22 +82,10 @@ def puma260(tcp: str, ca: str | None, cert: str | None, key: str | None, udp: st
         EmulatedPuma(start=time.monotonic()),
         listener=listener,
         udp=link,
+        queue=None if queue is None else queue_link(queue),
         stop=lambda: False,
         announce=_announce,
     )
-
-
-def parse_address(text: str) -> tuple[str, int]:
-    """Parse ``host:port`` or ``:port``; the default host is the loopback address.
-
-    Raises:
-        UsageError: The text is malformed.
-    """
-    from hexwire.link.listener import LOOPBACK
-    from hexwire.link.url import split_host_port
-
-    host, port = split_host_port(f"{LOOPBACK}{text}" if text.startswith(":") else text, text)
-    return host, port
 
 
 def _announce(url: str) -> None:

@@ -13,19 +13,54 @@ import click
 from hexwire.errors import UsageError
 
 from .exits import note
-from .sim_puma import parse_address
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from hexwire.emulator.hand import Hands
     from hexwire.emulator.serve import ServedDevice
+    from hexwire.link.poll_link import PollLink
 
-__all__ = ["no_terminals", "serve_device", "serve_on_tcp", "tcp_option"]
+__all__ = [
+    "no_terminals",
+    "parse_address",
+    "queue_link",
+    "queue_option",
+    "serve_device",
+    "serve_on_tcp",
+    "tcp_option",
+]
 
 tcp_option = click.option(
     "--tcp", metavar="HOST:PORT", help="Offer a TCP port instead of a terminal; port 0 selects a free one."
 )
+
+queue_option = click.option(
+    "--queue", metavar="NAME", help="Offer the POSIX message queue mq:///NAME to a program of this user."
+)
+
+
+def queue_link(name: str) -> PollLink:
+    """The server's end of a queue, not open yet; raises UsageError if this system has none, or for a bad name."""
+    from hexwire.link.open import build_link
+    from hexwire.link.poll_link import PollLink
+
+    link = build_link(f"mq:///{name.removeprefix('/')}?role=server&unlink=1")
+    assert isinstance(link, PollLink)
+    return link
+
+
+def parse_address(text: str) -> tuple[str, int]:
+    """Parse ``host:port`` or ``:port``; the default host is the loopback address.
+
+    Raises:
+        UsageError: The text is malformed.
+    """
+    from hexwire.link.listener import LOOPBACK
+    from hexwire.link.url import split_host_port
+
+    host, port = split_host_port(f"{LOOPBACK}{text}" if text.startswith(":") else text, text)
+    return host, port
 
 
 def serve_device(

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hexwire.session.connection import Connection, Role
+from hexwire.session.conversation import Numbers
 from hexwire.session.events import Request
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command, Frame, Status
@@ -72,6 +73,7 @@ class EmulatedBoard:
         module: Its module id.
         host_rate: Own rate of its host line, bits per second; 0 if that has none.
         start: The time at which it starts.
+        numbers: Its host line carries messages: a source of random numbers, as `Connection` takes it.
     """
 
     def __init__(
@@ -84,8 +86,10 @@ class EmulatedBoard:
         module: int = ModuleType.ARM_7BOT_ARDUINO_TRX,
         host_rate: int = 0,
         start: float = 0.0,
+        numbers: Numbers | None = None,
     ) -> None:
         self.wire = wire
+        self._numbers = numbers
         self.module = module
         self.dialect = dialect
         self.faults = faults or FaultPlan()
@@ -207,6 +211,7 @@ class EmulatedBoard:
             max_frame=self.max_frame,
             epoch=-now,
             assembles=False,
+            numbers=self._numbers,
         )
         state, connection, clock = self.state, self.connection, self._clock
         self.line_rate = LineRate(self._own_rate)
@@ -438,6 +443,7 @@ def make_hex7bot_board(
     seed: int = 0,
     start: float = 0.0,
     host_rate: int = 0,
+    numbers: Numbers | None = None,
 ) -> EmulatedBoard:
     """The board of a Hex7Bot with its seven servos.
 
@@ -449,7 +455,10 @@ def make_hex7bot_board(
         seed: Seed of all random numbers.
         start: The time at which it starts.
         host_rate: Own rate of the host line; 0 if it has none.
+        numbers: As of `EmulatedBoard`.
     """
     plan = FaultPlan.parse(faults, seed=seed, start=start)
     wire = ServoWire(make_hex7bot_servos(seed=seed, start=start), baud=baud, faults=plan)
-    return EmulatedBoard(wire, dialect=dialect, faults=plan, module=module, start=start, host_rate=host_rate)
+    return EmulatedBoard(
+        wire, dialect=dialect, faults=plan, module=module, start=start, host_rate=host_rate, numbers=numbers
+    )

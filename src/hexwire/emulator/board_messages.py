@@ -375,8 +375,8 @@ class BoardMessages:
         self._connection.send_fragment(Command.FRAGMENT_MISSING, body, src, self._clock())
 
     def _as_request(self, src: int, head: FragmentHead) -> Frame:
-        local = self._connection.local
-        return Frame(0, 0, 0, src, local, 0, tables.PROTO_HEXWIRE, head.message_id & 0xFF, head.cmd, b"")
+        local, kind = self._connection.local, self._connection.request_type
+        return Frame(0, 0, 0, src, local, kind, tables.PROTO_HEXWIRE, head.message_id & 0xFF, head.cmd, b"")
 
     def _answer(self, src: int, head: FragmentHead, status: Status) -> None:
         """Answer a message that is not executed."""

@@ -1,20 +1,21 @@
-"""The emulated PUMA 260 behind TCP and UDP, for any number of hosts.
+"""The emulated PUMA 260 behind TCP and UDP, for any number of hosts, and behind a POSIX queue for one.
 
-Owns the loop over listener, links and UDP peers, and disconnects hosts that lose their seat. What the robot does
-belongs to `puma`.
+Owns the loop over listener, links, UDP peers and queue, and disconnects hosts that lose their seat. What the robot
+does belongs to `puma`.
 """
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from hexwire.errors import LinkError
+from hexwire.errors import LinkError, LinkTimeoutError
 from hexwire.ipc.connections import random_number
 from hexwire.link.listener import Listener
+from hexwire.link.poll_link import PollLink
 from hexwire.link.seats import Seats
-from hexwire.link.tcp import PeerLink
 from hexwire.link.udp_server import Peer, UdpServer
 from hexwire.system import READABLE, make_poll
 
@@ -30,7 +31,7 @@ _MOST_AT_ONCE = 64
 
 @dataclass(slots=True)
 class _Caller:
-    link: PeerLink
+    link: PollLink
     peer: PumaPeer
 
 
@@ -40,6 +41,7 @@ class _Hosts:
 
     callers: dict[int, _Caller] = field(default_factory=dict)
     peers: dict[Peer, PumaPeer] = field(default_factory=dict)
+    queue: _Caller | None = None
     tcp_seats: Seats[int] = field(default_factory=Seats)
     udp_seats: Seats[Peer] = field(default_factory=Seats)
     arrivals: Arrivals = field(default_factory=Arrivals)
@@ -47,6 +49,7 @@ class _Hosts:
     def next_event_time(self) -> float | None:
         """When the next host has something to do."""
         ends = [*(caller.peer for caller in self.callers.values()), *self.peers.values()]
+        ends += [] if self.queue is None else [self.queue.peer]
         return min((t for end in ends if (t := end.next_event_time()) is not None), default=None)
 
 
@@ -55,6 +58,7 @@ def serve_puma(
     *,
     listener: Listener,
     udp: UdpServer | None,
+    queue: PollLink | None = None,
     stop: Callable[[], bool],
     announce: Callable[[str], None],
 ) -> None:
@@ -64,6 +68,7 @@ def serve_puma(
         robot: The robot that all hosts share.
         listener: Accepts TCP hosts; opened and closed here.
         udp: Receives from UDP hosts; opened and closed here. None to serve TCP only.
+        queue: The server's end of a queue; opened and closed here. None for none.
         stop: Called at least every quarter of a second; True ends it.
         announce: Called with each address once it is bound.
     """
@@ -74,6 +79,10 @@ def serve_puma(
             if udp is not None:
                 udp.open()
                 announce(udp.url)
+            if queue is not None:
+                queue.open()
+                hosts.queue = _Caller(queue, robot.connect(numbers=random_number))
+                announce(queue.url)
             while not stop():
                 _turn(robot, listener, udp, hosts)
         finally:
@@ -81,13 +90,15 @@ def serve_puma(
                 caller.link.close()
             if udp is not None:
                 udp.close()
+            if queue is not None:
+                queue.close()
 
 
 def _turn(robot: EmulatedPuma, listener: Listener, udp: UdpServer | None, hosts: _Hosts) -> None:
     due = hosts.next_event_time()
     wait = _IDLE if due is None else max(0.0, min(_IDLE, due - time.monotonic()))
     poll = make_poll()
-    for fd in (listener.fileno(), *([] if udp is None else [udp.fileno()]), *hosts.callers):
+    for fd in (listener.fileno(), *([] if udp is None else [udp.fileno()]), *hosts.callers, *_queue_of(hosts)):
         poll.register(fd, READABLE)
     begun = time.monotonic()
     ready = {fd for fd, _ in poll.poll(wait * 1000)}
@@ -97,9 +108,13 @@ def _turn(robot: EmulatedPuma, listener: Listener, udp: UdpServer | None, hosts:
     _hear_callers(hosts, ready)
     if udp is not None and udp.fileno() in ready:
         _hear_peers(robot, udp, hosts)
+    if hosts.queue is not None and hosts.queue.link.fileno() in ready:
+        _hear_queue(hosts.queue)
     _answer_callers(hosts)
     if udp is not None:
         _answer_peers(udp, hosts)
+    if hosts.queue is not None:
+        _answer_queue(hosts.queue)
     if listener.fileno() in ready:
         _let_in(robot, listener, hosts)
     hosts.arrivals.done(time.monotonic())
@@ -125,6 +140,25 @@ def _answer_callers(hosts: _Hosts) -> None:
                 caller.link.write(frame, now)
         except LinkError:
             _hang_up(hosts, fd)
+
+
+def _queue_of(hosts: _Hosts) -> list[int]:
+    return [] if hosts.queue is None else [hosts.queue.link.fileno()]
+
+
+def _hear_queue(host: _Caller) -> None:
+    now = time.monotonic()
+    if data := host.link.read(now):
+        host.peer.receive(data, now, end_of_message=True)
+
+
+def _answer_queue(host: _Caller) -> None:
+    now = time.monotonic()
+    host.peer.step(now)
+    for frame in host.peer.frames_to_send():
+        # What nobody takes is lost.
+        with contextlib.suppress(LinkTimeoutError):
+            host.link.write(frame, now)
 
 
 def _let_in(robot: EmulatedPuma, listener: Listener, hosts: _Hosts) -> None:

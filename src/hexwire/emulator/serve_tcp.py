@@ -1,14 +1,16 @@
-"""An emulated device behind a TCP port, for systems without pseudo-terminals, and for other machines in a test.
+"""An emulated device behind a TCP port, or behind a POSIX queue.
 
-Owns the port: one host at a time, a new one replaces nobody. Must not know what the device is.
+The port is for systems without pseudo-terminals, and for other machines in a test. Owns the port: one host at a
+time, a new one replaces nobody. Must not know what the device is.
 """
 
 from __future__ import annotations
 
+import contextlib
 import time
 from typing import TYPE_CHECKING
 
-from hexwire.errors import LinkError
+from hexwire.errors import LinkError, LinkTimeoutError
 from hexwire.link.listener import Listener
 from hexwire.system import READABLE, make_poll
 
@@ -17,9 +19,10 @@ from .serve import Arrivals, PacedLine, ServedDevice, deliver
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from hexwire.link.base import Link
     from hexwire.link.tcp import PeerLink
 
-__all__ = ["TcpServer", "serve_tcp"]
+__all__ = ["TcpServer", "serve_queue", "serve_tcp"]
 
 _IDLE = 0.25
 _SLICE = 0.001
@@ -143,3 +146,32 @@ def serve_tcp(
             server.run_once()
     finally:
         server.close()
+
+
+def serve_queue(
+    device: ServedDevice, link: Link, *, stop: Callable[[], bool], announce: Callable[[str], None]
+) -> None:
+    """Serve a device on a link that keeps messages until told to stop; what nobody takes is lost.
+
+    Args:
+        device: A board whose connection has conversations.
+        link: The server's end of a queue; opened and closed here.
+        stop: Called at least every quarter of a second; True ends it.
+        announce: Called with the address for hosts once the link is open.
+    """
+    with link:
+        announce(link.url.partition("?")[0])
+        arrivals, line = Arrivals(), PacedLine(0)
+        while not stop():
+            begun = time.monotonic()
+            due = device.next_event_time()
+            deadline = begun + _IDLE if due is None else min(due, begun + _IDLE)
+            data = link.read(deadline)
+            now = time.monotonic()
+            line.put(data, arrivals.since(begun, max(0.0, deadline - begun), now))
+            deliver(line, device, now)
+            device.step(now)
+            if out := device.data_to_send():
+                with contextlib.suppress(LinkTimeoutError):
+                    link.write(out, now)
+            arrivals.done(time.monotonic())

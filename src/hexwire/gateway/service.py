@@ -1,7 +1,7 @@
 """The gateway's loop: bytes between the connections of hosts, the machine and the links to the boards.
 
-Owns links and their loss. A board's link that is lost is opened again in a thread, since opening may take seconds.
-Must not know frames: `router` does.
+Owns links and their loss. Over a queue no end is seen: a host is gone when it has let go of the queue. A board's
+link that is lost is opened again in a thread, since opening may take seconds. Must not know frames: `router` does.
 """
 
 from __future__ import annotations
@@ -9,22 +9,26 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
-from hexwire.errors import HexwireError, LinkError, UsageError
+from hexwire.errors import HexwireError, LinkError, LinkTimeoutError, UsageError
 from hexwire.link.base import Link, LinkKind
 from hexwire.link.listener import Listener
 from hexwire.link.poll_link import PollLink
 from hexwire.link.tcp import PeerLink
 from hexwire.link.waker import Waker
+from hexwire.session.conversation import Numbers
 from hexwire.system import READABLE, make_poll
+from hexwire.wire.tables import MAX_NETWORK_FRAME
 
 from .host import Host
 from .line import BoardLine
+from .queue_host import QueueHost
 from .router import Gateway
 
-__all__ = ["GatewayService"]
+__all__ = ["GatewayService", "HostQueue"]
 
 _log = logging.getLogger(__name__)
 
@@ -40,6 +44,43 @@ _MOST_HOSTS = 64
 """Connections at once: more than there can be boards, so that one that has none can always make room."""
 
 
+_LOOK = 0.05
+"""Seconds between two looks at whether the host of a queue is still there."""
+_MOST_MESSAGES = 256
+"""Messages of a queue that are read in one round: who goes on sending holds up no other."""
+
+
+class HostQueue(Protocol):
+    """The server's end of a queue, of which a host has the other."""
+
+    url: str
+    max_message: int | None
+
+    def open(self) -> None:
+        """Open it."""
+
+    def close(self) -> None:
+        """Close it."""
+
+    def fileno(self) -> int:
+        """Readable when there is a message."""
+
+    def read(self, deadline: float | None) -> bytes:
+        """Read one message; empty if there is none."""
+
+    def write(self, data: bytes, deadline: float | None = None) -> None:
+        """Write one message."""
+
+    def other_end(self) -> str:
+        """Who has the other end; empty if nobody."""
+
+
+@dataclass(slots=True)
+class _Queue:
+    link: HostQueue
+    host: QueueHost
+    owner: str = ""
+    look_at: float = 0.0
 
 
 @dataclass(slots=True)
@@ -60,18 +101,28 @@ class _Guest:
 
 
 class GatewayService:
-    """A gateway between one TCP port and the links of several boards.
+    """A gateway between a TCP port, or queues, and the links of several boards.
 
     Args:
-        listener: Accepts the host; opened and closed here.
+        listener: Accepts the hosts; opened and closed here. None for queues alone.
         boards: The link of each board by the module id that hosts use for it; opened and closed here.
         local: Module id of each board on its own line.
+        queues: The server's ends of queues, each for one host at a time; opened and closed here.
+        numbers: Source of random numbers for conversations, as `Connection` takes it; needed for queues.
 
     Raises:
         UsageError: A link cannot be watched together with others.
     """
 
-    def __init__(self, listener: Listener, boards: Mapping[int, Link], *, local: int) -> None:
+    def __init__(
+        self,
+        listener: Listener | None,
+        boards: Mapping[int, Link],
+        *,
+        local: int,
+        queues: Sequence[HostQueue] = (),
+        numbers: Numbers = lambda: 0,
+    ) -> None:
         self._listener = listener
         self._boards: dict[int, _Board] = {}
         for module, link in boards.items():
@@ -81,23 +132,42 @@ class GatewayService:
             self._boards[module] = _Board(line, link)
         self.machine = Gateway(board.line for board in self._boards.values())
         self._guests: dict[int, _Guest] = {}
+        self._queues = [
+            _Queue(link, self.machine.add(QueueHost(_address(link), self._boards, numbers))) for link in queues
+        ]
         self._waker = Waker()
         self._ended = False
         self._round = time.monotonic()
 
     @property
     def url(self) -> str:
-        """Address of the port, once it is open."""
-        return self._listener.url
+        """The first address, once it is open."""
+        return self.urls[0]
+
+    @property
+    def urls(self) -> list[str]:
+        """Where hosts connect, once that is open."""
+        port = [] if self._listener is None else [self._listener.url]
+        return [*port, *(_address(queue.link) for queue in self._queues)]
 
     def open(self) -> None:
-        """Open the port and every board's link; a board that is not there is looked for again and again.
+        """Open port, queues and every board's link; a board that is not there is looked for again and again.
 
         Raises:
-            LinkError: The port cannot be opened.
+            LinkError: The port or a queue cannot be opened.
+            UsageError: A queue has no room for a frame.
         """
         self._waker.open()
-        self._listener.open()
+        if self._listener is not None:
+            self._listener.open()
+        for queue in self._queues:
+            queue.link.open()
+            room = queue.link.max_message
+            if room is not None and room < MAX_NETWORK_FRAME:
+                raise UsageError(
+                    f"{_address(queue.link)} has messages of {room} bytes; a gateway needs {MAX_NETWORK_FRAME}: "
+                    "leave out size, or choose another name"
+                )
         for board in self._boards.values():
             try:
                 board.link.open()
@@ -109,6 +179,8 @@ class GatewayService:
         """Stop the boards unless their hosts have left in order, and close everything."""
         for guest in list(self._guests.values()):
             self._host_gone(guest, "the gateway ends", broken=False)
+        for queue in self._queues:
+            self._host_left(queue, "the gateway ends")
         end = time.monotonic() + _END
         while any(board.line.stopping for board in self._boards.values()) and time.monotonic() < end:
             self._boards_round(self._wait(end))
@@ -119,7 +191,10 @@ class GatewayService:
                 board.opener.join(_END)
                 # It may have opened the link after all.
                 board.link.close()
-        self._listener.close()
+        if self._listener is not None:
+            self._listener.close()
+        for queue in self._queues:
+            queue.link.close()
         self._waker.close()
 
     def run(self, stop: Callable[[], bool]) -> None:
@@ -144,11 +219,15 @@ class GatewayService:
         for fd, guest in list(self._guests.items()):
             if stale or fd in ready:
                 self._host_round(guest, stale=stale)
+        for queue in self._queues:
+            self._queue_round(queue, ready, stale=stale)
         self._boards_round(ready)
-        if self._listener.fileno() in ready:
+        if self._listener is not None and self._listener.fileno() in ready:
             self._let_in(self._listener)
         for guest in list(self._guests.values()):
             self._to_host(guest)
+        for queue in self._queues:
+            self._to_queue(queue)
 
     # -- waiting --------------------------------------------------------------------------------------
 
@@ -157,8 +236,12 @@ class GatewayService:
         poll, now = make_poll(), time.monotonic()
         due = self.machine.next_timeout()
         again = [board.again_at for board in self._boards.values() if not board.line.up and board.opener is None]
+        again += [queue.look_at for queue in self._queues if queue.host.is_heard]
         until = min([until, *again] if due is None else [until, due, *again])
-        poll.register(self._listener.fileno(), READABLE)
+        if self._listener is not None:
+            poll.register(self._listener.fileno(), READABLE)
+        for queue in self._queues:
+            poll.register(queue.link.fileno(), READABLE)
         poll.register(self._waker.fileno(), READABLE)
         for fd in self._guests:
             poll.register(fd, READABLE)
@@ -209,6 +292,42 @@ class GatewayService:
         guest.link.close()
         _say_gone(guest.host.name, why, self.machine.host_gone(guest.host, time.monotonic(), broken=broken))
 
+    # -- the queues -----------------------------------------------------------------------------------
+
+    def _queue_round(self, queue: _Queue, ready: set[int], *, stale: bool) -> None:
+        now = time.monotonic()
+        owner = queue.owner
+        if (queue.host.is_heard and now >= queue.look_at) or queue.link.fileno() in ready:
+            # Before its messages: all that who has left has sent is among them.
+            owner, queue.look_at = queue.link.other_end(), now + _LOOK
+        if queue.host.is_heard and (not owner or owner != queue.owner):
+            self._read_queue(queue, stale=stale)
+            self._host_left(queue, "it has let go of the queue")
+        queue.owner = owner
+        queue.host.name = f"{_address(queue.link)}, {owner}" if owner else _address(queue.link)
+        if queue.link.fileno() in ready:
+            self._read_queue(queue, stale=stale)
+
+    def _read_queue(self, queue: _Queue, *, stale: bool) -> None:
+        for _ in range(_MOST_MESSAGES):
+            data = queue.link.read(time.monotonic())
+            if not data:
+                break
+            stopped = self.machine.receive_host(queue.host, data, time.monotonic(), stale=stale)
+            if stopped:
+                _say_gone(queue.host.name, "another conversation has begun", stopped)
+
+    def _to_queue(self, queue: _Queue) -> None:
+        for frame in self.machine.host_frames(queue.host):
+            try:
+                queue.link.write(frame, time.monotonic())
+            except LinkTimeoutError:
+                # What nobody takes is lost; the host asks again.
+                break
+
+    def _host_left(self, queue: _Queue, why: str) -> None:
+        if queue.host.is_heard:
+            _say_gone(queue.host.name, why, self.machine.host_left(queue.host, time.monotonic()))
 
     # -- the boards -----------------------------------------------------------------------------------
 
@@ -258,6 +377,11 @@ class GatewayService:
             board.opened = True
         if not self._ended:
             self._waker.set()
+
+
+def _address(queue: HostQueue) -> str:
+    """The address of a queue for hosts."""
+    return queue.url.partition("?")[0]
 
 
 def _say_gone(name: str, why: str, stopped: list[int]) -> None:

@@ -24,6 +24,7 @@ import pwd
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from time import sleep
 from typing import TYPE_CHECKING
 
 from hexwire.errors import (
@@ -48,7 +49,11 @@ __all__ = ["QueueLink"]
 DEFAULT_DEPTH = 10
 DEFAULT_SIZE = 8192
 _NAME = re.compile(r"/?[A-Za-z0-9_.-]{1,200}")
+_INSTANT = 0.002
+"""Seconds after which a queue that seemed to have an owner is looked at again."""
 _SETTINGS = Path("/proc/sys/fs/mqueue")
+_SAID = {"the maximum number of files": errno.EMFILE, "nsufficient space": errno.ENOSPC}
+"""Part of an error's text -> its number."""
 
 
 class QueueLink(PollLink):
@@ -116,7 +121,7 @@ class QueueLink(PollLink):
         self._inbox = self._queue(self.name + (".tx" if self._server else ".rx"), reads=True)
         try:
             # The reader is the owner of a queue; its lock ends with the process, whatever happens to the queue.
-            fcntl.flock(self._inbox.mqd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._lock(self._inbox.mqd)
         except BlockingIOError as error:
             who = lock_owner(os.fstat(self._inbox.mqd)) or "another program"
             role = "server" if self._server else "client"
@@ -131,6 +136,30 @@ class QueueLink(PollLink):
             while self.dropped < self._inbox.max_messages:
                 self._inbox.receive()
                 self.dropped += 1
+
+    @staticmethod
+    def _lock(descriptor: int) -> None:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            # For an instant the other end may have it, see `other_end`.
+            sleep(_INSTANT)
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+    def other_end(self) -> str:
+        """Who has the other end open, such as ``hexwire (pid 4711)``; empty if nobody.
+
+        A program that is killed says no farewell, but its lock ends with it.
+        """
+        if self._outbox is None:
+            raise self._refusal()
+        descriptor = int(self._outbox.mqd)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return lock_owner(os.fstat(descriptor)) or "another program"
+        fcntl.flock(descriptor, fcntl.LOCK_UN)
+        return ""
 
     def _queue(self, name: str, *, reads: bool) -> posix_ipc.MessageQueue:
         ipc = _posix_ipc()
@@ -221,7 +250,9 @@ class QueueLink(PollLink):
         return len(data)
 
     def _explain(self, error: Exception) -> LinkError | UsageError:
-        number = error.errno if isinstance(error, OSError) else 0
+        # posix_ipc gives some of them as text only.
+        number = next((number for text, number in _SAID.items() if text in str(error)), None)
+        number = number or (error.errno if isinstance(error, OSError) else 0)
         if isinstance(error, ValueError):
             depth, size = _setting("msg_max"), _setting("msgsize_max")
             return UsageError(

@@ -250,6 +250,12 @@ class Connection(FrameMaker):
         begun = self.conversations is None or self.conversations.current is not None
         return begun or self.dialect == PROTO_CHAPTER
 
+    @property
+    def request_type(self) -> int:
+        """The field type of a request that came just now: over datagrams, the number of the conversation."""
+        current = None if self.conversations is None else self.conversations.current
+        return 0 if current is None else current.ours
+
     def holds(self, ticket: int) -> bool:
         """Whether a request still waits for its answer."""
         asked = any(pending.ticket == ticket for pending in tuple(self._pending.values()))

@@ -76,15 +76,18 @@ class Conversation:
         ours: Number of our frame that began it; the peer's frames must carry it.
         behind: Our clock minus the stamp of the peer's first frame, seconds.
         now: Seconds, monotonic.
+        module: On a host's side, the module that sent that frame: a gateway has several behind it, each with a
+            clock of its own. None if all frames have one clock.
     """
 
-    def __init__(self, theirs: int, ours: int, behind: float, now: float) -> None:
+    def __init__(self, theirs: int, ours: int, behind: float, now: float, module: int | None = None) -> None:
         self.theirs = theirs
         self.ours = ours
         self._sn = ours
         self._window = Window(theirs)
-        self._least = behind
-        self._at = now
+        self._by_module = module is not None
+        # By clock: the least difference between ours and that one, and when it was found.
+        self._least = {module or 0: (behind, now)}
         self._requests: dict[int, tuple[int, int]] = {}
 
     def next_number(self) -> int:
@@ -97,9 +100,11 @@ class Conversation:
         """Record a frame of this conversation; returns why it is refused, or an empty text."""
         behind = now - frame.time
         # The fastest frame so far gives the clocks' difference; a frame that takes longer was delayed.
-        self._least = min(behind, self._least + _DRIFT * (now - self._at))
-        self._at = now
-        late = behind - self._least
+        clock = frame.src if self._by_module else 0
+        least, at = self._least.get(clock, (behind, now))
+        least = min(behind, least + _DRIFT * (now - at))
+        self._least[clock] = least, now
+        late = behind - least
         stop = is_stop(frame)
         # A reply executes nothing: it is valid however late, as long as its request is outstanding.
         if late > tables.DATAGRAM_LATE and not stop and not frame.is_reply:
@@ -183,7 +188,7 @@ class Conversations:
 
     def begin(self, answer: Frame, now: float) -> None:
         """Enter the conversation that a reply offers."""
-        self.current = Conversation(answer.sn, answer.type & _U32, now - answer.time, now)
+        self.current = Conversation(answer.sn, answer.type & _U32, now - answer.time, now, answer.src)
         self.count += 1
         self._news = True
         for sn in list(self._asked):
