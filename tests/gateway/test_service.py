@@ -188,7 +188,8 @@ def test_a_link_that_opens_while_the_gateway_ends_is_closed_again(monkeypatch: p
     monkeypatch.setattr(module, "_OPEN_AGAIN", 0.02)
     with tcp_boards(1) as boards:
         link = make_link(boards.urls[0])
-        service = GatewayService(Listener(), {8: link}, local=8)
+        before: list[str] = []
+        service = GatewayService(Listener(), {8: link}, local=8, before_open=lambda link: before.append(link.url))
         opens, closes = link.open, link.close
         tried, closed = threading.Event(), threading.Event()
 
@@ -208,6 +209,7 @@ def test_a_link_that_opens_while_the_gateway_ends_is_closed_again(monkeypatch: p
         service.open()
         monkeypatch.setattr(link, "open", slow)
         wait(lambda: (service.run_once(), tried.is_set())[1])
+        assert before == [link.url] * 2, "before each attempt"
         monkeypatch.setattr(link, "close", close)
         service.close()
         assert not link.is_open

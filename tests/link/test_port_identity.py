@@ -182,7 +182,7 @@ def test_a_usb_device_is_known_by_what_the_system_keeps_of_it(
     pty: tuple[int, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(port_identity, "_SYSFS", tmp_path / "char")
-    monkeypatch.setattr(port_identity, "_PTS_MAJORS", range(0))
+    monkeypatch.setattr(port_identity, "PTS_MAJORS", range(0))
     status = os.fstat(pty[1])
     device = tmp_path / "devices" / "usb1" / "1-2"
     tty = device / "1-2:1.0" / "ttyACM0"

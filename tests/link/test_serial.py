@@ -500,7 +500,7 @@ def test_another_usb_device_under_the_same_name_is_not_adopted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(port_identity, "_SYSFS", tmp_path / "char")
-    monkeypatch.setattr(port_identity, "_PTS_MAJORS", range(0))
+    monkeypatch.setattr(port_identity, "PTS_MAJORS", range(0))
     path = tmp_path / "ttyACM0"
 
     def plug_in(serial: str) -> PtyEnd:

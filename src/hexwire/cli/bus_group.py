@@ -78,11 +78,15 @@ def open_bus(options: BusOptions) -> Iterator[ServoBus]:
     """
     from hexwire.bus.servo_bus import ServoBus
     from hexwire.bus.servos import as_series
+    from hexwire.drivers.board_reset import note_servos, warn_of_reset
     from hexwire.ipc.board_search import explain_no_servo
     from hexwire.wire.registers import Series
 
     series = as_series(options.series) if options.series else Series.STS_SMS
-    with ServoBus.from_url(bus_url(options), series=series) as opened:
+    wire = ServoBus.from_url(bus_url(options), series=series)
+    # A controller board may be there by mistake.
+    warn_of_reset(wire.link)
+    with wire as opened:
         try:
             yield opened
         except ServoError:
@@ -90,6 +94,8 @@ def open_bus(options: BusOptions) -> Iterator[ServoBus]:
             if wrong is not None:
                 raise wrong from None
             raise
+        finally:
+            note_servos(opened)
         _warn_of_latency(opened)
 
 

@@ -34,9 +34,11 @@ all_option: Callable[[Callable[..., Any]], Callable[..., Any]] = click.option(
 
 @contextmanager
 def _open(options: RobotOptions) -> Iterator[Session]:
+    from hexwire.drivers.board_reset import warn_of_reset
     from hexwire.ipc.session import Session
 
     session = Session.from_url(resolve_url(options.port, options.baud))
+    warn_of_reset(session.ipc.link)
     with session:
         yield session
 

@@ -51,6 +51,7 @@ def gateway(doors: tuple[str, ...], boards: tuple[str, ...]) -> None:
     it leaves; others may only stop it. Long requests are sent to a board in fragments. A stop overtakes everything.
     If a host is lost, its boards are stopped. For boards with hexwire's firmware.
     """
+    from hexwire.drivers.board_reset import warn_of_reset
     from hexwire.gateway.service import GatewayService
     from hexwire.ipc.connections import random_number
     from hexwire.link.url import is_loopback
@@ -62,10 +63,18 @@ def gateway(doors: tuple[str, ...], boards: tuple[str, ...]) -> None:
     links = _links(boards)
     if listener is not None and listener.url.startswith("tcp-") and not is_loopback(listener.host):
         note(f"warning: anyone who reaches TCP on {listener.host} can command these boards; tcps:// prevents that")
+    warned: set[str] = set()
+
+    def warn_once(link: Link) -> None:
+        # A board that is plugged in later too, and not at each attempt to open its port.
+        if link.url not in warned and warn_of_reset(link):
+            warned.add(link.url)
+
     service = GatewayService(
         listener,
         links,
         local=ModuleType.ARM_7BOT_ARDUINO_TRX,
+        before_open=warn_once,
         queues=queues,
         numbers=random_number,
     )

@@ -35,6 +35,7 @@ def loopback(port: str | None, rates: tuple[int, ...], count: int, as_json: bool
 
     Tries the rates that servos and boards use, slowest first. Exit status 1 if one of them fails.
     """
+    from hexwire.drivers.board_reset import warn_of_reset
     from hexwire.drivers.bus_checkup import SERVO_RATES
     from hexwire.link.loopback import try_loopback
     from hexwire.link.open import make_link
@@ -45,6 +46,7 @@ def loopback(port: str | None, rates: tuple[int, ...], count: int, as_json: bool
         raise UsageError(f"a loopback test needs a serial port, not {url}")
     if "baud=" in url:
         raise UsageError("give the rate with --baud, not in the port")
+    warn_of_reset(make_link(url))
     results = []
     for baud in sorted(set(rates or SERVO_RATES)):
         if on_terminal() and not as_json:

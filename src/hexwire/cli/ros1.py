@@ -28,7 +28,8 @@ Usage: hexwire-ros1 [_PARAMETER:=VALUE | NAME:=OTHER | __name:=NAME | __ns:=NAME
        hexwire-ros1 --help | --version | --package-path | --env | --messages DIR
 
 The ROS 1 node 'hardware_interface': publishes joint states of a robot arm and follows trajectories. Needs a master
-(roscore). Starting or restarting the node does not move the arm.
+(roscore). Starting or restarting the node does not move the arm, unless its board has the chapter's sketch: that
+one moves it when the port is opened.
 
   hexwire-ros1 _port:=/dev/ttyUSB0
   eval "$(hexwire-ros1 --env)"; roslaunch hexwire hardware.launch sim:=true

@@ -30,7 +30,8 @@ Usage: hexwire-ros2 [OPTIONS] [--ros-args [-r RULE | -p NAME:=VALUE | --params-f
 
 The ROS 2 node 'hardware_interface': publishes joint states of a robot arm and follows trajectories. It needs no ROS
 on this machine; other nodes use rmw_zenoh and its router (ros2 run rmw_zenoh_cpp rmw_zenohd, or hexwire fleet
-router). Starting or restarting the node does not move the arm.
+router). Starting or restarting the node does not move the arm, unless its board has the chapter's sketch: that one
+moves it when the port is opened.
 
   hexwire-ros2 --ros-args -p port:=/dev/ttyUSB0
   hexwire-ros2 --ros-args -r __ns:=/left -p port:=sim://hex7bot --params-file left.yaml

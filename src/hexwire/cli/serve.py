@@ -70,9 +70,9 @@ def serve(
     """Share an arm: any number of programs read it, one at a time commands it, and each can stop it.
 
     Others open it as zenoh:NAME. Without --listen and --router only programs of this user on this machine reach it.
-    Nothing moves until a program commands it. Ctrl-C and every other signal that ends it first stop a motion; the
-    joints keep their torque, so the arm does not fall. If the port is lost, the arm is stopped, and it is shared
-    again when the port returns; 'hexwire resume' then ends the stop.
+    Nothing is sent that moves it until a program commands it. Ctrl-C and every other signal that ends it first
+    stop a motion; the joints keep their torque, so the arm does not fall. If the port is lost, the arm is stopped,
+    and it is shared again when the port returns; 'hexwire resume' then ends the stop.
     """
     from hexwire.fleet.service_file import read_arms, read_service_file
 

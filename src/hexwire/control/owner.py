@@ -171,7 +171,7 @@ class RobotOwner:
     # -- start and shutdown -------------------------------------------------------------------------
 
     def connect(self, timeout: float = 0.0) -> None:
-        """Connect to the robot. Nothing moves.
+        """Connect to the robot; as `RobotDriver.attach`, nothing is sent that moves it.
 
         Args:
             timeout: Seconds to keep trying while there is no port or no answer.

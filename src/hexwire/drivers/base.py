@@ -300,7 +300,9 @@ class RobotDriver(ABC):
 
     @abstractmethod
     def attach(self) -> None:
-        """Open the connection and identify the robot. Nothing moves.
+        """Open the connection and identify the robot; nothing is sent that moves it.
+
+        A board with the chapter's sketch is an exception that no host can prevent: see `Hex7BotDriver.attach`.
 
         Raises:
             LinkError: The port cannot be opened.

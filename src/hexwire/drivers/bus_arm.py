@@ -38,6 +38,7 @@ from hexwire.wire.registers import Series
 
 from .arm_file import BusArmFile, load_arm_file, load_profile
 from .base import ProbeReport, RobotDriver, StopMode
+from .board_reset import note_servos, warn_of_reset
 from .bus_goals import SPEED_UNIT, BusGoals
 from .bus_positions import FAULTS, PositionReader
 from .bus_probe import probe_joint
@@ -156,6 +157,7 @@ class BusArm(RobotDriver):
         if not self._borrowed:
             if self._baud is not None and hasattr(bus.link, "set_baud"):
                 bus.set_baud(self._baud)
+            warn_of_reset(bus.link)  # a controller board may be there by mistake
             bus.open()
         try:
             here = [joint for joint in self.model.joints if not bus.ping(joint.servo_id).error]
@@ -164,6 +166,7 @@ class BusArm(RobotDriver):
                     raise wrong
                 ids = ", ".join(str(joint.servo_id) for joint in self.model.joints)
                 raise ReplyTimeoutError(f"pings of servos {ids}", attempts=1 + bus.retries, advice=_ADVICE)
+            note_servos(bus)
             for joint in here:
                 self._goals.learn(joint)
             for i, joint in enumerate(self.model.joints):

@@ -31,8 +31,9 @@ from .board import Board
 from .board1 import Board1
 from .board2 import Board2
 from .board_orders import FLAGS_ONLY, BoardOrders
+from .board_reset import warn_of_reset
 from .session_driver import SessionDriver
-from .stop_memory import StopMemory
+from .stop_memory import CalmBoard, StopMemory
 
 if TYPE_CHECKING:
     from hexwire.link.diagnose import Finding
@@ -93,6 +94,7 @@ class Hex7BotDriver(SessionDriver):
         self._aimed: dict[str, float] = {}
         self._restarts = 0
         self._memory = StopMemory("")
+        self._warned = False
 
     @property
     def dialect(self) -> int:
@@ -106,9 +108,19 @@ class Hex7BotDriver(SessionDriver):
     # -- attaching and detaching --------------------------------------------------------------------
 
     def attach(self) -> None:
-        """Open the session and negotiate, waiting for a board that boots. Nothing moves."""
+        """Open the session and negotiate, waiting for a board that boots.
+
+        Nothing is sent that moves anything. But opening a port resets the board, and one with the chapter's sketch
+        then drives the arm to its middle pose: a warning is logged before, unless hexwire's firmware is known to be
+        there.
+        """
         session = self.session
         self._check_directions()
+        # A gateway has opened its boards' ports before, and warns itself; the chapter's firmware works behind none.
+        opens = not session.ipc.behind_gateway
+        if opens and not self._warned:
+            # Once, and not at each attempt of a program that looks for a lost board.
+            self._warned = warn_of_reset(session.ipc.link)
         session.open()
         try:
             ids = [joint.servo_id for joint in self.model.joints]
@@ -120,6 +132,9 @@ class Hex7BotDriver(SessionDriver):
         except BaseException:
             session.close()
             raise
+        if opens:
+            CalmBoard(session.ipc.link).note(calm=board.dialect != tables.PROTO_CHAPTER)
+        self._warned = False
         self._memory = StopMemory("" if board.keeps_stop else self.url)
         if self._memory.stopped:
             session.epochs.assume_stopped()

@@ -197,7 +197,7 @@ class EmulatedBoard:
         return self.time
 
     def reset(self, now: float) -> None:
-        """Restart, as after power-up or the reset button. No servo moves."""
+        """Restart, as after power-up or the reset button. No servo moves, but by the chapter's sketch."""
         self.resets += 1
         self.time = now
         # Differs after every reset and every start of the emulator: the time differs, or the number of resets.
@@ -240,6 +240,9 @@ class EmulatedBoard:
         self._sketch_reply = b""
         if self.dialect == 2:
             self._tasks.append(_Task(self.bus.discover(), start=True))
+        elif self._sketch is not None and self.resets > 1:
+            # An emulation begins with an arm that has come to rest long ago.
+            self._tasks.append(_Task(self.chapter.setup()))
 
     # -- jobs ---------------------------------------------------------------------------------------
 

@@ -6,6 +6,8 @@ and passes on whatever is in the serial buffer of the bus. Knows nothing of link
 
 from __future__ import annotations
 
+from typing import Literal
+
 from hexwire.session.connection import Connection
 from hexwire.session.dialect1 import SHORT_FRAME_PACKET, UNKNOWN_COMMAND_PACKET
 from hexwire.wire.command_frame import Command, Frame
@@ -17,7 +19,10 @@ from .board_state import BoardState
 from .chapter_packets import TARGET, no_answer, sync_write_rows
 from .sketch import SketchFrame
 
-__all__ = ["ChapterDialect"]
+__all__ = ["MIDDLE", "ChapterDialect"]
+
+MIDDLE = 2048
+"""Counts of every joint in the middle pose."""
 
 # The sketch's waits: see the listing of servo_read and servo_ping.
 _READ_WAIT = 0.010
@@ -27,6 +32,10 @@ _BYTE_WAIT = 0.002
 _POLLS = 4
 _TRIES = 2
 _STACK = 16
+_TORQUE = Series.SEVEN_BOT.register("torque_enable").address
+# The listing of setup() has position_init() and a delay; how fast the library moves there is not known.
+_HOME_TIME = 1000
+_SETUP_WAIT = 1.0
 
 
 class ChapterDialect:
@@ -44,6 +53,15 @@ class ChapterDialect:
         self._buffer = buffer
         self._clock = clock
         self._connection = connection
+
+    def setup(self) -> Job:
+        """`setup`: every joint gets torque and is driven to its middle, and the board is deaf meanwhile."""
+        for joint in self._state.joints:
+            yield Send(make_write(joint.servo_id, _TORQUE, b"\1"))
+            yield self._joint_move(joint.servo_id, MIDDLE, _HOME_TIME)
+        yield Delay(_SETUP_WAIT)
+        # Its library is not public: taken is that it reads the answers to its own writes.
+        self._read_bus()
 
     def job(self, frame: Frame | SketchFrame) -> Job:
         """Act on a frame, or on what the sketch takes for one."""
@@ -118,6 +136,9 @@ class ChapterDialect:
 
     def _sync_write(self, body: bytes) -> Job:
         for servo_id, position, run_time in sync_write_rows(body, len(self._state.joints), verified=False):
-            order = "big" if self._is_legacy(servo_id) else "little"
-            data = position.to_bytes(2, order) + run_time.to_bytes(2, order)  # type: ignore[arg-type]  # one of two literals
-            yield Send(make_write(servo_id, TARGET, data))
+            yield self._joint_move(servo_id, position, run_time)
+
+    def _joint_move(self, servo_id: int, position: int, run_time: int) -> Send:
+        """`joint_move` of the library."""
+        order: Literal["big", "little"] = "big" if self._is_legacy(servo_id) else "little"
+        return Send(make_write(servo_id, TARGET, position.to_bytes(2, order) + run_time.to_bytes(2, order)))

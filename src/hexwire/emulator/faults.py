@@ -20,7 +20,7 @@ id.
 | `reset:T`        | board | the board restarts T seconds after the start |
 | `brownout:T:D`   | board | board and servos have no supply from T to T + D, then restart |
 | `boot:D`         | board | the board is deaf for D seconds after every start |
-| `sketch`         | board | the board cuts frames at the first 0D 0A and keeps stale bytes, as the chapter's does |
+| `sketch`         | board | as the chapter's: frames end at the first 0D 0A, a reset drives the joints home |
 
 P is 1 unless given, 0.2 for `babble`. A message is a servo packet or an answer on the bus, or one write or read on
 the host line. Faults of a line apply in both directions. Every fault has a random generator of its own, seeded by
@@ -198,7 +198,7 @@ class FaultPlan:
 
     @property
     def sketch(self) -> bool:
-        """Whether frames are cut as the chapter's sketch cuts them."""
+        """Whether the board has the chapter's own sketch, hazards and all."""
         return bool(self._of("sketch"))
 
     def reset_due(self, now: float) -> str | None:

@@ -13,6 +13,7 @@ if sys.platform != "linux":
 import errno
 import os
 import select
+import stat
 import termios
 import time
 import tty
@@ -49,7 +50,8 @@ class PtyServer:
         device: The board.
         link: Path of a symbolic link to make to the terminal; none if None.
         baud: Line rate; 0 is unpaced. If paced, a host that opens the port at another rate gets garbage.
-        reset_on_open: Reset the device when the port is opened, as DTR does on an Arduino.
+        reset_on_open: Reset the device when the port is opened, as DTR does on an Arduino. The sticky bit of the
+            terminal says so to those who open it.
         hands: The joints that programs of this user may move by hand; none if None.
         rate: Present rate of a paced line whose device changes it; it starts with `baud`.
     """
@@ -97,6 +99,7 @@ class PtyServer:
             self._door.open()
         if self._reset_on_open:
             # The master shows when a host opens and closes the terminal only if we do not hold it open.
+            os.fchmod(self._slave, stat.S_IMODE(os.fstat(self._slave).st_mode) | stat.S_ISVTX)
             os.close(self._slave)
             self._slave = -1
         if self._link is not None:

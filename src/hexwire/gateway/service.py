@@ -107,6 +107,7 @@ class GatewayService:
         listener: Accepts the hosts; opened and closed here. None for queues alone.
         boards: The link of each board by the module id that hosts use for it; opened and closed here.
         local: Module id of each board on its own line.
+        before_open: Called with a board's link before each attempt to open it.
         queues: The server's ends of queues, each for one host at a time; opened and closed here.
         numbers: Source of random numbers for conversations, as `Connection` takes it; needed for queues.
 
@@ -120,10 +121,12 @@ class GatewayService:
         boards: Mapping[int, Link],
         *,
         local: int,
+        before_open: Callable[[Link], object] = lambda link: None,
         queues: Sequence[HostQueue] = (),
         numbers: Numbers = lambda: 0,
     ) -> None:
         self._listener = listener
+        self._before_open = before_open
         self._boards: dict[int, _Board] = {}
         for module, link in boards.items():
             if not isinstance(link, PollLink) or link.kind is not LinkKind.STREAM:
@@ -170,6 +173,7 @@ class GatewayService:
                 )
         for board in self._boards.values():
             try:
+                self._before_open(board.link)
                 board.link.open()
             except HexwireError as error:
                 self._lose(board, str(error))
@@ -370,6 +374,7 @@ class GatewayService:
 
     def _open(self, board: _Board) -> None:
         try:
+            self._before_open(board.link)
             board.link.open()
         except HexwireError as error:
             _log.debug("module %d: %s", board.line.module, error)

@@ -44,10 +44,12 @@ class IpcHandle(Openable):
         module: Our module id.
         destination: The module at the other end; INVALID_MODULE until a configuration file has been read.
         type: Kind of channel.
+        behind_gateway: The address names one of several modules at a TCP port: a gateway opens the boards' ports.
         direction: What the record of a configuration file permits; None without a file, and before it is read.
     """
 
     direction: Direction | None = None
+    behind_gateway = False
     _line = 0
 
     def __init__(self, module: ModuleType, conf_file: str | Path) -> None:
@@ -93,7 +95,9 @@ class IpcHandle(Openable):
             load_own_modules()
             destination = ModuleType(module_id(parts.query[_TO]))
             url = parts.without(_TO)
-        return cls.from_link(make_link(url), module, destination)
+        handle = cls.from_link(make_link(url), module, destination)
+        handle.behind_gateway = _TO in parts.query and parts.scheme in ("tcp", "tcps")
+        return handle
 
     @classmethod
     def from_link(

@@ -15,12 +15,12 @@ from pathlib import Path
 from hexwire.folders import is_planted
 from hexwire.system import device_number, device_parts, user_id, user_name
 
-__all__ = ["PortIdentity", "UsbDevice", "identify_port", "why_not", "why_not_again"]
+__all__ = ["PTS_MAJORS", "PortIdentity", "UsbDevice", "identify_port", "why_not", "why_not_again"]
 
 _SYSFS = Path("/sys/dev/char")
 _PROC = Path("/proc")
 # Linux, Documentation/admin-guide/devices.txt: Unix98 pseudo-terminals, and the opening process's own terminal.
-_PTS_MAJORS = range(136, 144)
+PTS_MAJORS = range(136, 144)
 _OWN_TERMINAL = (5, 0)
 _MOST_LINKS = 40
 _SECOND = 1_000_000_000
@@ -85,7 +85,7 @@ def identify_port(name: str, status: os.stat_result) -> PortIdentity:
         OSError: The name no longer leads to this device.
     """
     device = device_number(status)
-    terminal = device_parts(device)[0] in _PTS_MAJORS
+    terminal = device_parts(device)[0] in PTS_MAJORS
     # Input and output do not affect the change time; creation, and changes of owner or mode, set it.
     made = status.st_ctime_ns if terminal else 0
     usb = None if terminal else _usb_device(device)

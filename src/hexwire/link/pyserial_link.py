@@ -32,6 +32,7 @@ from .serial_port import (
     check_baud,
     check_intended,
     explain_opening,
+    may_reset,
     missing_port,
     serial_url,
 )
@@ -85,6 +86,11 @@ class PySerialLink(PollLink):
         # Bytes that the link has accepted and the port has not.
         self._ahead = 0
         self._identity: port_identity.PortIdentity | None = None
+
+    @property
+    def may_reset(self) -> bool:
+        """Whether opening it may reset the board."""
+        return may_reset(self.device)
 
     def reset(self) -> None:
         """As `SerialLink.reset`."""

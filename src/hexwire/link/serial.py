@@ -38,6 +38,7 @@ from .serial_port import (
     check_baud,
     check_intended,
     explain_opening,
+    may_reset,
     missing_port,
     serial_url,
 )
@@ -115,6 +116,11 @@ class SerialLink(PollLink):
         self._reset_board = reset_board
         self._port = -1
         self._identity: port_identity.PortIdentity | None = None
+
+    @property
+    def may_reset(self) -> bool:
+        """Whether opening it may reset the board."""
+        return may_reset(self.device)
 
     def reset(self) -> None:
         """Pulse DTR, which resets an Arduino, and discard what arrived before. Takes 50 ms.

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import stat
 import sys
 from pathlib import Path
 
-from hexwire.errors import LinkBusyError, LinkError, LinkNotFoundError, LinkPermissionError, UsageError
-from hexwire.system import group_name, user_name
+from hexwire.errors import (
+    HexwireError,
+    LinkBusyError,
+    LinkError,
+    LinkNotFoundError,
+    LinkPermissionError,
+    UsageError,
+)
+from hexwire.system import device_number, device_parts, group_name, user_name
 
 from . import owner, ports
-from .port_identity import PortIdentity, why_not, why_not_again
+from .port_identity import PTS_MAJORS, PortIdentity, why_not, why_not_again
 
 __all__ = [
     "BAUD_HIGH",
@@ -25,6 +33,7 @@ __all__ = [
     "check_intended",
     "explain_opening",
     "forbidden_port",
+    "may_reset",
     "missing_port",
     "serial_url",
 ]
@@ -52,6 +61,29 @@ def check_baud(baud: int) -> None:
     """Refuse a rate that no port has; raises UsageError."""
     if not BAUD_LOW <= baud <= BAUD_HIGH:
         raise UsageError(f"baud must be from {BAUD_LOW} to {BAUD_HIGH}, not {baud}")
+
+
+def may_reset(device: str) -> bool:
+    """Whether opening a port may reset the board behind it, as DTR does on an Arduino.
+
+    A pseudo-terminal has no DTR. One with the sticky bit belongs to an emulator that behaves as if it had. What is
+    no device, or is not there, cannot be opened; where ports have names that are no paths, nobody can tell.
+    """
+    try:
+        status = Path(device).stat()
+    except FileNotFoundError:
+        return sys.platform == "win32"
+    except OSError:
+        return True
+    if not stat.S_ISCHR(status.st_mode):
+        return False
+    if device_parts(device_number(status))[0] in PTS_MAJORS:
+        return bool(status.st_mode & stat.S_ISVTX)
+    with contextlib.suppress(HexwireError):
+        port = ports.find_port(device)
+        # Only adapters to a servo bus have these chips.
+        return port.likely_board or not port.likely_adapter
+    return True
 
 
 # --- errors ------------------------------------------------------------------------------------------------------

@@ -125,6 +125,9 @@ class TcpLink(_StreamLink):
         tls: Certificates; None for an unencrypted connection.
     """
 
+    may_reset = True
+    """What listens there may open a board's port when somebody connects."""
+
     def __init__(
         self, host: str, port: int, *, timeout: float = CONNECT_TIMEOUT, tls: TlsFiles | None = None
     ) -> None:

@@ -108,7 +108,7 @@ class Connection:
         return self._driver is not None and self._stored
 
     def open(self) -> None:
-        """Attach the arm. Nothing moves, and nothing is written.
+        """Attach the arm; nothing is written. Only a board with the chapter's sketch moves it, after a warning.
 
         Raises:
             ConnectionError: It cannot be reached.
