@@ -7,6 +7,9 @@ from typing import Any
 import pytest
 
 from hexwire.drivers.hex7bot import Hex7BotDriver
+from hexwire.drivers.registry import load_driver
+from hexwire.wire.command_frame import Command
+from hexwire.wire.servo_packet import make_ping, make_read, make_write
 
 
 def test_the_body_of_the_reply_in_hex(bench: Any) -> None:
@@ -68,3 +71,38 @@ def test_what_the_robot_refuses(make_bench: Any) -> None:
     assert (result.exit_code, "error: " in result.stderr) == (1, True)
     result = make_bench(dialect=1).run("ioctl", "STATS")
     assert (result.exit_code, "error: " in result.stderr) == (1, True)
+
+
+def test_the_chapters_board_gets_the_chapters_commands(make_bench: Any) -> None:
+    bench = make_bench(dialect=1)
+    # Nothing is asked before what only reads.
+    assert bench.ok("ioctl", "PING", make_ping(4).hex()).startswith("FF FF 04 02")
+    assert bench.ok("ioctl", "READ", make_read(4, 56, 2).hex()).startswith("FF FF 04 04")
+    asked = bench.run("ioctl", "READ", make_write(4, 0x28, b"\1").hex())
+    assert (asked.exit_code, "may move" in asked.stderr) == (2, True)
+    wrong = bench.run("ioctl", "READ", make_read(4, 56, 4).hex())
+    assert (wrong.exit_code, wrong.stderr.count("\n")) == (2, 1)
+    assert "other than 2 bytes" in wrong.stderr
+
+
+@pytest.mark.parametrize("robot", ["hex7bot", "puma260", "so101"])
+def test_what_only_asks_may_not_move(robot: str) -> None:
+    driver = load_driver(robot).from_url("tcp://127.0.0.1:1" if robot == "puma260" else "/dev/null")
+    ping = b"\6\0" + make_ping(4)
+    asks = {
+        "hex7bot": [(Command.STATS, b""), (Command.LIMITS, b""), (Command.TRANSACT, ping), (Command.STOP, b"\0")],
+        "puma260": [(Command.ROBOT_PROBE, b""), (Command.JOINT_STATES, b""), (Command.ROBOT_SIGNAL, b"\1")],
+        "so101": [(Command.TRANSACT, ping)],
+    }
+    acts = {
+        "hex7bot": [(Command.TORQUE, b"\1\0\0"), (0x7F, b"")],
+        "puma260": [
+            (Command.ROBOT_MODE, b"\0"),
+            (Command.ROBOT_SIGNAL, b"\4"),
+            (Command.ROBOT_SIGNAL, b""),
+            (0x7F, b""),
+        ],
+        "so101": [(Command.TRANSACT, b"\6\0" + make_write(4, 0x28, b"\1")), (Command.TRANSACT, b"")],
+    }
+    assert [driver.may_move(*words) for words in asks[robot]] == [False] * len(asks[robot])
+    assert [driver.may_move(*words) for words in acts[robot]] == [True] * len(acts[robot])

@@ -12,7 +12,14 @@ from hexwire.drivers.base import StopMode
 from hexwire.drivers.board1 import Board1
 from hexwire.drivers.dialect1_moves import make_hls_block, make_legacy_move
 from hexwire.emulator.faults import FaultPlan
-from hexwire.errors import CommandRefusedError, LimitError, NotSupportedError, PreemptedError, StoppedError
+from hexwire.errors import (
+    CommandRefusedError,
+    LimitError,
+    NotSupportedError,
+    PreemptedError,
+    StoppedError,
+    UsageError,
+)
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointTarget
 from hexwire.wire import servo_packet as sp
@@ -308,3 +315,42 @@ def test_what_only_dialect_2_can_do(call: str) -> None:
     assert driver.board_counters() == {}
     with pytest.raises(NotSupportedError, match="ioctl 0x1B"):
         driver.ioctl(Command.STATS)
+
+
+def test_ioctl_sends_the_chapters_own_commands() -> None:
+    arm = Arm(1, 115200)
+    driver = arm.driver
+    status = driver.ioctl(Command.PING, sp.make_ping(4))
+    assert sp.parse_status(status, as_it_is=True).servo_id == 4
+    assert driver.ioctl(Command.READ, sp.make_read(4, 56, 2)) == driver.transact(sp.make_read(4, 56, 2), 8)
+    assert driver.torque(True, ["J2"]) == ("J2",)
+    before = arm.shaft(1)
+    move = sp.make_sync_write(0x2A, {1: round(before - 20).to_bytes(2, "little") + (500).to_bytes(2, "little")})
+    assert driver.ioctl(Command.SYNC_WRITE, move) == b""
+    driver.read()
+    arm.wait(1.0)
+    assert arm.shaft(1) == pytest.approx(before - 20, abs=3)
+    driver.stop()
+    arm.link.written.clear()
+    for cmd, packet in ((Command.SYNC_WRITE, move), (Command.READ, sp.make_write(4, 0x28, b"\1"))):
+        with pytest.raises(StoppedError):
+            driver.ioctl(cmd, packet)
+    assert not arm.link.written
+    assert driver.ioctl(Command.PING, sp.make_ping(4)) == status
+
+
+def test_ioctl_refuses_what_would_overrun_the_chapters_board() -> None:
+    arm = Arm(1, 115200)
+    hls = next(joint.servo_id for joint in HEX7BOT.joints if joint.series == "hls")
+    arm.link.written.clear()
+    for cmd, packet, text in (
+        (Command.PING, b"", "servo packets only"),
+        (Command.PING, sp.make_read(4, 56, 2), "a ping only"),
+        (Command.READ, sp.make_read(4, 56, 4), "other than 2 bytes"),
+        (Command.READ, sp.make_ping(0xFE), "to all servos"),
+        (Command.SYNC_WRITE, sp.make_ping(4), "a sync write only"),
+        (Command.SYNC_WRITE, sp.make_sync_write(0x2A, {hls: bytes(4)}), "current ceiling"),
+    ):
+        with pytest.raises(UsageError, match=text):
+            arm.driver.ioctl(cmd, packet)
+    assert not arm.link.written

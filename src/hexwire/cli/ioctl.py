@@ -30,7 +30,8 @@ _LONGEST = 8192
 def ioctl(sub_cmd: str, data: tuple[str, ...], yes: bool, options: RobotOptions, as_json: bool) -> None:
     """Send a special command to the robot, and print the body of its reply in hex.
 
-    COMMAND is a name or number of PROTOCOL.md, section 6.1, such as STATS or 0x1B; HEX is its body. Nothing is
+    COMMAND is a name or number of PROTOCOL.md, section 6.1, such as STATS or 0x1B; HEX is its body. The chapter's
+    board knows PING, READ and SYNC_WRITE (section 5), each with a servo packet. Nothing is
     checked on the host: no limit, no path, no watchdog. Commands that may move the arm ask first.
     """
     from hexwire.trace.chapter_log import hex_rows

@@ -9,27 +9,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 
 from hexwire.errors import (
     CommandRefusedError,
+    LocalProtocolError,
     NotSupportedError,
     PreemptedError,
+    RemoteProtocolError,
     ReplyTimeoutError,
     StoppedError,
+    UsageError,
 )
 from hexwire.ipc.session import Session
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
+from hexwire.session.effects import packet_only_reads
 from hexwire.session.events import Reply
 from hexwire.wire.command_frame import Command, Frame, Status
 from hexwire.wire.commands import LimitRow, OffsetRow
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import (
-    Instruction,
     find_status,
     make_ping,
     make_write,
+    parse_packet,
+    parse_sync_write,
 )
 from hexwire.wire.tables import DEFAULT_CEILING
 
@@ -372,15 +378,7 @@ class Board1:
             raise NotSupportedError(
                 f"an answer of {reply_length} bytes would overrun a dialect-1 board; read 2 bytes at a time"
             )
-        reads = packet[4:5] in (bytes((Instruction.PING,)), bytes((Instruction.READ,)))
-        # A raw packet may have switched torque.
-        self._torque = self._torque if reads else [None] * len(self._torque)
-        reply = self._session.request(
-            Command.READ,
-            packet,
-            window=self._session.policy.dialect1_window + timeout,
-            guard=None if reads else self._refuse_if_stopped,
-        )
+        reply = self._raw(Command.READ, packet, self._session.policy.dialect1_window + timeout)
         return reply.body if reply_length else b""
 
     def stats(self) -> dict[str, int]:
@@ -388,14 +386,39 @@ class Board1:
         return {}
 
     def command(self, cmd: int, body: bytes) -> bytes:
-        """Execute TRANSACT, the only command that this dialect supports.
+        """Send PING, READ or SYNC_WRITE with a servo packet as its body, or TRANSACT by means of READ.
+
+        The reply is the status packet, the data of a legacy servo little-endian; empty to SYNC_WRITE.
 
         Raises:
+            UsageError: The packet is malformed, would overrun such a board, or is a sync write for an HLS servo.
             NotSupportedError: The command is another one.
         """
         if cmd == Command.TRANSACT and len(body) > 2:
             return self.transact(body[2:], body[0], body[1] / 1000)
-        raise _unsupported(f"ioctl 0x{cmd:02X}")
+        if cmd not in (Command.PING, Command.READ, Command.SYNC_WRITE):
+            raise _unsupported(f"ioctl 0x{cmd:02X}")
+        if cmd == Command.SYNC_WRITE:
+            self._refuse_hls(body)
+        try:
+            return self._raw(cmd, body).body
+        except LocalProtocolError as error:
+            raise UsageError(f"{error}; nothing was sent") from None
+
+    def _refuse_hls(self, packet: bytes) -> None:
+        with suppress(RemoteProtocolError):  # the session refuses a malformed one
+            joints = [self._model.by_servo(servo_id) for servo_id, _ in parse_sync_write(parse_packet(packet))[1]]
+            if hls := [joint.name for joint in joints if joint is not None and joint.series == "hls"]:
+                raise UsageError(
+                    f"the chapter's sync write would set the current ceiling of {', '.join(hls)}; "
+                    "send an HLS servo a write by READ"
+                )
+
+    def _raw(self, cmd: int, packet: bytes, window: float | None = None) -> Reply:
+        reads = packet_only_reads(packet)
+        # A raw packet may switch torque.
+        self._torque = self._torque if reads else [None] * len(self._torque)
+        return self._session.request(cmd, packet, window=window, guard=None if reads else self._refuse_if_stopped)
 
     def facts(self) -> BoardFacts:
         """Return the stop alone: such a board reports nothing about itself."""

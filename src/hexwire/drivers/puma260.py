@@ -21,6 +21,7 @@ from hexwire.link.url import parse_url
 from hexwire.model.puma260 import PUMA260, angles_to_counts, counts_to_angles
 from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
 from hexwire.motion.limits import check_target, needed_duration
+from hexwire.session.effects import Effect, effect_of
 from hexwire.units import decimal
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command
@@ -395,6 +396,9 @@ class Puma260Driver(SessionDriver):
             known = ", ".join(f"0x{c:02X} {c.name}" for c in allowed)
             raise UsageError(f"puma260 has no ioctl 0x{sub_cmd:02X}; it has {known}")
         return check_reply(self.session.request(sub_cmd, data)).body
+
+    def may_move(self, sub_cmd: int, data: bytes = b"") -> bool:
+        return effect_of(tables.PROTO_HEXWIRE, sub_cmd, data) is Effect.ACT
 
     def _signal(self, signal: Signal) -> None:
         check_reply(self.session.request(Command.ROBOT_SIGNAL, bytes((signal,))))
