@@ -156,3 +156,34 @@ def test_usage_says_what_is_typed() -> None:
         assert says in result.stderr
         assert "place" not in result.stderr.lower().replace("a place has", "")
         assert result.stderr.count("\n") == 1
+
+
+def test_an_unknown_option_is_refused_by_every_command_with_a_suggestion() -> None:
+    for name, command in ALL.items():
+        known = [option for option in options_of(command) if option.startswith("--") and len(option) > 5]
+        wrong = f"{known[0]}x" if known else "--nothing-like-it"
+        result = CliRunner().invoke(cli, [*name.split(), wrong])
+        assert (result.exit_code, type(result.exception)) == (2, SystemExit), (name, result.output)
+        said = result.stderr
+        assert f"No such option '{wrong}'" in said, (name, said)
+        assert not known or f"'{known[0]}'" in said, (name, said)
+        assert said.count("\n") == 1, (name, said)
+
+
+@pytest.mark.parametrize("words", ["goto -10 220 -5", "line -10 -20.5 -1e2", "model fk 1 -2 3 -4 5 -6", "grip -5"])
+def test_a_negative_number_is_no_option(words: str) -> None:
+    port = () if words.startswith("model") else ("--port", "udp://127.0.0.1:9", "--timeout", "0.1")
+    for extra in ((), ("--robot", "hex7bot")):
+        result = CliRunner().invoke(cli, [*words.split(), *extra, *port])
+        assert "No such option" not in result.stderr
+    result = CliRunner().invoke(cli, [*words.split(), "--wiat", *port])
+    assert (result.exit_code, "No such option '--wiat'" in result.stderr) == (2, True)
+
+
+def test_what_an_option_takes_is_no_option_of_its_own() -> None:
+    result = CliRunner().invoke(
+        cli, ["model", "ik", "10", "-20", "200", "--rpy", "-1", "-2", "-3", "--links", "-x"]
+    )
+    assert "no link set '-x'" in result.stderr.lower()
+    assert "No such option" in CliRunner().invoke(cli, ["model", "ik", "1", "2", "3", "-x"]).stderr
+    assert "No such option" not in CliRunner().invoke(cli, ["goto", "--", "--wait"]).stderr

@@ -81,7 +81,7 @@ def test_a_joint_with_torque_gives_way_and_goes_back(port: str) -> None:
         (["1", "4", "--duration", "0"], 2, "not above 0"),
         (["1", "4", "--duration", "700"], 2, "seconds is 700"),
         (["1", "4", "--strength", "2000"], 2, "force"),
-        (["1", "4", "--prot", "x"], 2, "unexpected"),
+        (["1", "4", "--prot", "x"], 2, "Did you mean '--port'?"),
         (["1", "4", "--port", "/dev/null"], 2, "is not an emulated arm"),
         (["1", "4", "--port", "zenoh:lab/arm1"], 2, "is a shared arm"),
         (["1", "4", "--port", "/dev/pts/none"], 1, "there is no /dev/pts/none"),

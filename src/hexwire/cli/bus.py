@@ -18,6 +18,7 @@ from . import bus_arm_setup, bus_calibrate, bus_health, bus_live, bus_setup  # n
 from .bus_group import BusOptions, bus, bus_options, known_servo, open_bus, refuse_if_stopped, with_unit
 from .common import confirm, json_option, on_terminal
 from .exits import note
+from .numbers import NumbersCommand
 from .output import answer, print_json, say, say_table
 
 if TYPE_CHECKING:
@@ -189,7 +190,7 @@ def read(ids: str, names: tuple[str, ...], options: BusOptions, as_json: bool) -
             errors[0].check()
 
 
-@bus.command()
+@bus.command(cls=NumbersCommand)
 @click.argument("servo_id", type=click.IntRange(0, 253), metavar="ID")
 @click.argument("name", metavar="REGISTER")
 @click.argument("value")

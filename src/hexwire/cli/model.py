@@ -24,7 +24,7 @@ from hexwire.new_file import OutputFile
 from hexwire.units import decimal
 
 from .common import DEFAULT_ROBOT, force_option, json_option, refuse_idle_force
-from .numbers import FiniteFloat
+from .numbers import FiniteFloat, NumbersCommand
 from .output import line_width, plain, print_json, say, say_document, say_table
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def model() -> None:
     """
 
 
-@model.command(context_settings=NEGATIVE_NUMBERS)
+@model.command(cls=NumbersCommand)
 @click.argument("angles", nargs=-1, required=True, type=DEGREES, metavar=_ANGLES)
 @links_option
 @_robot_option
@@ -156,7 +156,7 @@ def _pose_report(arm: KinematicModel, degrees: Sequence[float]) -> dict[str, Any
     return report
 
 
-@model.command(context_settings=NEGATIVE_NUMBERS)
+@model.command(cls=NumbersCommand)
 @click.argument("place", nargs=-1, metavar="X Y Z | FILE | -")
 @click.option(
     "--rotation",
@@ -319,7 +319,7 @@ def _numbers_of(item: Item, n: int) -> list[float]:
     return [row.number(-_MOST, _MOST) for row in item.rows(n, n)]
 
 
-@model.command(context_settings=NEGATIVE_NUMBERS)
+@model.command(cls=NumbersCommand)
 @click.argument("angles", nargs=-1, required=True, type=DEGREES, metavar=_ANGLES)
 @links_option
 @_robot_option

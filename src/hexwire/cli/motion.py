@@ -34,7 +34,7 @@ from .common import (
 )
 from .exits import note
 from .model import NEGATIVE_NUMBERS, links_option
-from .numbers import FiniteFloat, number_option
+from .numbers import FiniteFloat, NumbersCommand, number_option
 from .output import answer
 from .plot import open_picture
 from .points import Point, ToolAim, points_argument, points_words, pose_options, saved_poses, to_points
@@ -105,7 +105,7 @@ def _picture(plot: str | None, force: bool, save: str | None) -> Iterator[Output
         yield picture
 
 
-@click.command(context_settings=NEGATIVE_NUMBERS)
+@click.command(cls=NumbersCommand)
 @points_argument
 @pose_options
 @number_option("--speed", "PERCENT", "Percentage of the joints' speed limits.", above=0, default=50.0)
@@ -150,7 +150,7 @@ def goto(
         run_legs(robot, [(title, path)], model, start, run, title)
 
 
-@click.command(context_settings=NEGATIVE_NUMBERS)
+@click.command(cls=NumbersCommand)
 @points_argument
 @pose_options
 @number_option("--speed", "MM/S", "Speed of the tip.", above=0, default=50.0)

@@ -11,9 +11,44 @@ from typing import Any, TypeVar
 
 import click
 
-__all__ = ["FiniteFloat", "number_option", "numbers_argument"]
+__all__ = ["FiniteFloat", "NumbersCommand", "is_number", "number_option", "numbers_argument"]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
+
+
+class NumbersCommand(click.Command):
+    """A command some of whose arguments may be negative: -30 is a number there, and any other -word an option."""
+
+    ignore_unknown_options = True
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        options = {
+            name: param
+            for param in self.get_params(ctx)
+            if isinstance(param, click.Option)
+            for name in (*param.opts, *param.secondary_opts)
+        }
+        words = iter(args[: args.index("--")] if "--" in args else args)
+        for word in words:
+            if not word.startswith("-") or word == "-" or is_number(word):
+                continue
+            name, given, _ = word.partition("=")
+            option = options.get(name)
+            if option is None:
+                raise click.NoSuchOption(name, possibilities=options, ctx=ctx)
+            if not given and not option.is_flag:
+                for _ in range(option.nargs):
+                    next(words, None)
+        return super().parse_args(ctx, args)
+
+
+def is_number(word: str) -> bool:
+    """Whether a word is a number, be it infinite or NaN."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 class FiniteFloat(click.ParamType[float]):

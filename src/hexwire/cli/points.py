@@ -16,7 +16,7 @@ import click
 from hexwire.errors import UsageError
 from hexwire.units import decimal
 
-from .numbers import FiniteFloat, number_option
+from .numbers import FiniteFloat, is_number, number_option
 
 if TYPE_CHECKING:
     from hexwire.control.via import Place
@@ -85,7 +85,7 @@ def points_argument(command: _F) -> _F:
         numbers: list[float] = []
         kind = FiniteFloat("coordinate")
         for word in words:
-            if not numbers and not _is_number(word):
+            if not numbers and not is_number(word):
                 points.append(word)
                 continue
             numbers.append(kind.convert(word, param, ctx))
@@ -98,14 +98,6 @@ def points_argument(command: _F) -> _F:
         return points
 
     return click.argument("points", nargs=-1, required=True, metavar=_METAVAR, callback=parse)(command)
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def pose_options(command: Callable[..., Any]) -> Callable[..., Any]:

@@ -10,8 +10,7 @@ import click
 from hexwire.units import decimal
 
 from .common import early_port, json_option, resolve_url
-from .model import NEGATIVE_NUMBERS
-from .numbers import FiniteFloat, number_option
+from .numbers import FiniteFloat, NumbersCommand, number_option
 from .output import answer
 
 __all__ = ["hand"]
@@ -20,7 +19,7 @@ _NEAR = 1.0
 """Degrees within which the joint has gone all the way."""
 
 
-@click.command(context_settings=NEGATIVE_NUMBERS)
+@click.command(cls=NumbersCommand)
 @click.argument("joint", metavar="JOINT|ID")
 @click.argument("degrees", metavar="±DEGREES", type=FiniteFloat("degrees"))
 @number_option("--duration", "SECONDS", "Duration of the motion (60 degrees a second).", above=0)

@@ -14,7 +14,7 @@ from hexwire.errors import DeviceError, ServoError
 
 from .common import RobotOptions, json_option, open_robot, robot_options
 from .move import hold_on_ctrl_c, unwatched_note
-from .numbers import FiniteFloat, number_option
+from .numbers import FiniteFloat, NumbersCommand, number_option
 from .output import answer, plain
 
 __all__ = ["grip", "pump"]
@@ -30,7 +30,7 @@ _PRESSED = 3
 """Consecutive states with pressure but no motion that mean an object is held."""
 
 
-@click.command()
+@click.command(cls=NumbersCommand)
 @click.argument("how", metavar="open|close|PERCENT")
 @number_option("--duration", "SECONDS", "Time from closed to open.", above=0, default=0.8)
 @robot_options
