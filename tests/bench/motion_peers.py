@@ -2,7 +2,7 @@
 
 TOPP-RA finds the best timing of a given path, here a cubic spline through the points, and knows no limit of jerk.
 ruckig limits jerk, and stops at every point: its free version passes none. Both are used if they are installed
-(`uv sync --group planners`, and the extra `motion`).
+(`uv sync --group planners`; ruckig is there where it has wheels).
 """
 
 from __future__ import annotations
@@ -17,8 +17,13 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 from hexwire.motion.joined import Joined
-from hexwire.motion.optimal import Trapezoid, ruckig_or_none
+from hexwire.motion.optimal import Trapezoid
 from hexwire.motion.through import Through
+
+try:
+    import ruckig
+except ImportError:  # no wheel for Linux on ARM
+    ruckig = None
 
 __all__ = ["compare"]
 
@@ -59,7 +64,7 @@ def compare() -> list[str]:
         "hexwire, a stop at each": lambda points: _stops(points, jerk=True),
         "trapezoids, a stop at each": lambda points: _stops(points, jerk=False),
     }
-    if ruckig_or_none() is not None:
+    if ruckig is not None:
         planners["ruckig, a stop at each"] = _ruckig
     reference = _toppra()
     if reference is None:
@@ -133,7 +138,6 @@ def _stops(points: Points, *, jerk: bool) -> tuple[float, Sampled]:
 
 
 def _ruckig(points: Points) -> tuple[float, Sampled]:
-    ruckig = ruckig_or_none()
     legs = []
     for a, b in pairwise(points):
         request = ruckig.InputParameter(_JOINTS)

@@ -4,11 +4,11 @@ import math
 from itertools import pairwise
 
 import pytest
+import ruckig
 from hypothesis import given
 from hypothesis import strategies as st
 
 from hexwire.errors import UsageError
-from hexwire.motion import optimal
 from hexwire.motion.optimal import Trapezoid, time_optimal
 
 WAYS = st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=3)
@@ -35,18 +35,22 @@ def test_trapezoid_arrives_within_its_limits(start: list[float], goal: list[floa
 
 
 @given(WAYS, WAYS)
-def test_ruckig_takes_the_same_time_from_rest(start: list[float], goal: list[float]) -> None:
-    # So slow at the start that ruckig is asked; both are optimal, so they agree.
-    slow, jerk = (1e-9, 0.0, 0.0), (20.0, 40.0, 30.0)
-    own, theirs = (time_optimal(NAMES, start, goal, SPEED, ACCELERATION, velocity=v) for v in (None, slow))
-    assert (type(own).__name__, type(theirs).__name__) == ("Trapezoid", "_Ruckig")
-    assert own.duration == pytest.approx(theirs.duration, abs=1e-4)
-    own, theirs = (
-        time_optimal(NAMES, start, goal, SPEED, ACCELERATION, max_jerk=jerk, velocity=v) for v in (None, slow)
-    )
-    assert (type(own).__name__, type(theirs).__name__) == ("Through", "_Ruckig")
-    assert own.duration == pytest.approx(theirs.duration, abs=1e-3)
-    assert own.goal == theirs.goal == tuple(goal)
+def test_a_motion_from_rest_takes_the_time_that_ruckig_finds(start: list[float], goal: list[float]) -> None:
+    jerk = (20.0, 40.0, 30.0)
+    for limit in (None, jerk):
+        way = time_optimal(NAMES, start, goal, SPEED, ACCELERATION, max_jerk=limit)
+        assert way.duration == pytest.approx(fastest(start, goal, limit), abs=1e-4)
+        assert way.goal == tuple(goal)
+
+
+def fastest(start: list[float], goal: list[float], jerk: tuple[float, ...] | None) -> float:
+    request = ruckig.InputParameter(len(NAMES))
+    request.current_position, request.target_position = start, goal
+    request.max_velocity, request.max_acceleration = list(SPEED), list(ACCELERATION)
+    request.max_jerk = list(jerk or [math.inf] * len(NAMES))
+    found = ruckig.Trajectory(len(NAMES))
+    assert int(ruckig.Ruckig(len(NAMES)).calculate(request, found)) >= 0
+    return float(found.duration)
 
 
 def test_jerk_is_limited() -> None:
@@ -57,20 +61,29 @@ def test_jerk_is_limited() -> None:
     assert jerk <= 20.0 * 1.01
 
 
-def test_ruckig_starts_in_motion() -> None:
-    way = time_optimal(("a",), (0.0,), (1.0,), (1.0,), (2.0,), velocity=(0.5,))
-    assert way.at(0.0).velocity == pytest.approx((0.5,))
-    assert way.goal == (1.0,)
+@given(WAYS, WAYS, st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3))
+def test_a_start_in_motion_keeps_the_limits(start: list[float], goal: list[float], shares: list[float]) -> None:
+    jerk = (20.0, 40.0, 30.0)
+    moving = tuple(share * most for share, most in zip(shares, SPEED, strict=True))
+    way = time_optimal(NAMES, start, goal, SPEED, ACCELERATION, max_jerk=jerk, velocity=moving)
+    assert way.at(0.0).position == pytest.approx(start, abs=1e-9)
+    assert way.at(0.0).velocity == pytest.approx(moving, abs=1e-9)
+    assert way.goal == tuple(goal)
+    assert way.at(way.duration - 1e-9).position == pytest.approx(goal, abs=1e-6)
+    step = max(way.duration / 200, 1e-6)
+    for before, after in pairwise(way.at(i * step) for i in range(201)):
+        for i in range(3):
+            assert abs(after.velocity[i]) <= SPEED[i] * 1.001
+            assert abs(after.acceleration[i]) <= ACCELERATION[i] * 1.001
+            assert abs(after.acceleration[i] - before.acceleration[i]) <= jerk[i] * step * 1.001 + 1e-6
 
 
-def test_without_ruckig_only_a_start_in_motion_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(optimal, "ruckig_or_none", lambda: None)
-    way = time_optimal(NAMES, (0, 0, 0), (1, 1, 1), SPEED, ACCELERATION)
-    assert isinstance(way, Trapezoid)
-    jerk = (20.0, 20.0, 20.0)
-    assert time_optimal(NAMES, (0, 0, 0), (1, 1, 1), SPEED, ACCELERATION, max_jerk=jerk).goal == (1, 1, 1)
-    with pytest.raises(UsageError, match=r"needs ruckig: pip install 'hexwire\[motion\]'"):
+def test_a_start_in_motion_needs_a_limit_of_jerk() -> None:
+    with pytest.raises(UsageError, match="needs max_jerk"):
         time_optimal(("a",), (0.0,), (1.0,), (1.0,), (2.0,), velocity=(0.5,))
+    for bad in (0.0, -1.0, math.nan):
+        with pytest.raises(UsageError, match=r"above 0|not a number"):
+            time_optimal(("a",), (0.0,), (1.0,), (1.0,), (2.0,), max_jerk=(bad,), velocity=(0.5,))
 
 
 def test_known_times() -> None:
@@ -132,18 +145,15 @@ def test_a_trapezoid_at_known_times() -> None:
     assert Trapezoid(("a", "b"), (0, 0), (0.5, 1.0), (1.0, 1.0), (4.0, 4.0)).duration == pytest.approx(1.25)
 
 
-def test_a_start_that_is_at_rest_needs_no_ruckig(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_start_in_motion_at_the_goal_brakes_and_comes_back() -> None:
     still = time_optimal(NAMES, (1, 1, 1), (1, 1, 1), SPEED, ACCELERATION, velocity=(0, 0, 0))
+    assert isinstance(still, Trapezoid)
     assert still.duration == 0.0
     assert still.goal == (1, 1, 1)
-    # A start in motion at the goal must first brake and come back.
-    back = time_optimal(("a",), (1.0,), (1.0,), (1.0,), (2.0,), velocity=(0.5,))
+    back = time_optimal(("a",), (1.0,), (1.0,), (1.0,), (2.0,), max_jerk=(2000.0,), velocity=(0.5,))
     assert back.duration > 0.25
-    assert max(back.at(0.01 * i).position[0] for i in range(100)) == pytest.approx(
-        1.0 + 0.5**2 / (2 * 2.0), abs=1e-3
-    )
-    monkeypatch.setattr(optimal, "ruckig_or_none", lambda: None)
-    assert isinstance(time_optimal(NAMES, (0, 0, 0), (1, 1, 1), SPEED, ACCELERATION, velocity=(0, 0, 0)), Trapezoid)
+    farthest = max(back.at(0.01 * i).position[0] for i in range(100))
+    assert farthest == pytest.approx(1.0 + 0.5**2 / (2 * 2.0), abs=1e-3)
 
 
 @pytest.mark.parametrize("column", range(4))

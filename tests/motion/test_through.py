@@ -41,7 +41,7 @@ def test_limits_points_and_ends_are_kept(points: list[tuple[float, ...]]) -> Non
     assert way.at(0.0).velocity == rest
     assert way.sample(way.duration)[1:] == (rest, rest)
     # Speed and acceleration are greatest between two pieces of constant jerk.
-    for i, pieces in enumerate(way._pieces):
+    for i, pieces in enumerate(way.pieces):
         for _, _, v, a, j in pieces:
             assert abs(v) <= SPEED[i] * (1.0 + 1e-9)
             assert abs(a) <= ACCELERATION[i] * (1.0 + 1e-9)

@@ -1,16 +1,17 @@
 """Time-optimal motion from pose to pose under limits of speed and acceleration, and of jerk if wanted.
 
-Owns the trapezoid, and the use of ruckig for a start in motion. Must not know robots: limits come in as numbers.
+Owns the trapezoid, and which profile suits a motion. Must not know robots: limits come in as numbers.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 from hexwire.errors import UsageError
 
+from .moving import reach
+from .speed_profile import JointLimits
 from .through import Through
 from .waypoints import Sample, Trajectory
 
@@ -93,20 +94,6 @@ def _row(distance: float, acceleration: float, duration: float) -> tuple[float, 
     return sign * speed, sign * acceleration, speed / acceleration
 
 
-class _Ruckig(Trajectory):
-    """A trajectory of the library ruckig."""
-
-    def __init__(self, names: tuple[str, ...], goal: tuple[float, ...], trajectory: Any) -> None:
-        self.names = names
-        self.duration = float(trajectory.duration)
-        self._goal = goal
-        self._trajectory = trajectory
-
-    def at(self, t: float) -> Sample:
-        position, velocity, acceleration = self._trajectory.at_time(t)
-        return Sample(self._goal if t >= self.duration else tuple(position), tuple(velocity), tuple(acceleration))
-
-
 def time_optimal(
     names: Sequence[str],
     start: Sequence[float],
@@ -119,7 +106,7 @@ def time_optimal(
 ) -> Trajectory:
     """The fastest motion to a goal, ending at rest.
 
-    A start in motion needs ruckig.
+    From rest it is the shortest; one that begins in motion may be a few percent longer than that.
 
     Args:
         names: Joint names.
@@ -127,46 +114,34 @@ def time_optimal(
         goal: Radians.
         max_speed: Radians per second, above 0.
         max_acceleration: Radians per second squared, above 0.
-        max_jerk: Radians per second cubed, or None for no limit.
-        velocity: At the start, radians per second; at rest if None.
+        max_jerk: Radians per second cubed, above 0, or None for no limit.
+        velocity: At the start, radians per second; at rest if None. Needs `max_jerk`.
 
     Raises:
-        UsageError: The numbers are invalid, or the start is in motion and ruckig is not installed.
+        UsageError: The numbers are invalid, or a start in motion has no `max_jerk`.
     """
     _check(tuple(names), start, goal, max_speed, max_acceleration)
     if velocity is None or not any(velocity):
         if max_jerk is None:
             return Trapezoid(names, start, goal, max_speed, max_acceleration)
         return Through(names, (start, goal), max_speed, max_acceleration, max_jerk)
-    ruckig = ruckig_or_none()
-    if ruckig is None:
-        raise UsageError("a start in motion needs ruckig: pip install 'hexwire[motion]'")
-    request = ruckig.InputParameter(len(names))
-    request.current_position, request.target_position = list(start), list(goal)
-    request.max_velocity, request.max_acceleration = list(max_speed), list(max_acceleration)
-    request.max_jerk = list(max_jerk) if max_jerk is not None else [math.inf] * len(names)
-    request.current_velocity = list(velocity)
-    trajectory = ruckig.Trajectory(len(names))
-    result = ruckig.Ruckig(len(names)).calculate(request, trajectory)
-    if int(result) < 0:
-        raise UsageError(f"ruckig finds no motion to the goal: {result}")
-    return _Ruckig(tuple(names), tuple(goal), trajectory)
-
-
-def ruckig_or_none() -> Any:
-    """The ruckig module if it is installed, otherwise None."""
-    try:
-        import ruckig
-    except ImportError:
-        return None
-    return ruckig
+    if max_jerk is None:
+        raise UsageError("a start in motion needs max_jerk")
+    _check(tuple(names), start, velocity, max_speed, max_acceleration, max_jerk)
+    limits = [JointLimits(*row) for row in zip(max_speed, max_acceleration, max_jerk, strict=True)]
+    rest = (0.0,) * len(names)
+    begin, end = Sample(tuple(start), tuple(velocity), rest), Sample(tuple(goal), rest, rest)
+    way = reach(names, begin, end, limits, 0.0, longer=True)
+    assert way is not None
+    return way
 
 
 def _check(names: Sequence[str], *columns: Sequence[float]) -> None:
+    """Two columns of the motion, then those of limits."""
     for column in columns:
         if len(column) != len(names):
             raise UsageError(f"{len(column)} values for {len(names)} joints")
         if not all(map(math.isfinite, column)):
             raise UsageError("a value is not a number")
-    if not names or min(*columns[2], *columns[3]) <= 0:
-        raise UsageError("limits of speed and acceleration must be above 0")
+    if not names or min(min(column) for column in columns[2:]) <= 0:
+        raise UsageError("limits of speed, acceleration and jerk must be above 0")

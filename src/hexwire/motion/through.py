@@ -10,15 +10,14 @@ accelerations of joints that turn back, are improved joint by joint until no sma
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from collections.abc import Sequence
 from itertools import pairwise
 
 from hexwire.errors import UsageError
 from hexwire.model.arm import ArmModel
 
+from .moving import Pieces, Row
 from .speed_profile import JointLimits, Passing, profile, time_window
-from .waypoints import Sample, Trajectory
 
 __all__ = ["MOST_POINTS", "Through", "arm_path"]
 
@@ -33,9 +32,6 @@ _OTHERS = 0.02
 
 _NOTHING = 1e-12
 """Radians."""
-
-Row = tuple[float, float, float, float, float]
-"""Time, position, velocity, acceleration and jerk at the begin of a piece."""
 
 
 def arm_path(
@@ -68,7 +64,7 @@ def arm_path(
     )
 
 
-class Through(Trajectory):
+class Through(Pieces):
     """From rest at the first point through all others to rest at the last.
 
     Args:
@@ -93,34 +89,21 @@ class Through(Trajectory):
         max_acceleration: Sequence[float],
         max_jerk: Sequence[float],
     ) -> None:
-        self.names = tuple(names)
-        _check(self.names, points, max_speed, max_acceleration, max_jerk)
+        _check(names, points, max_speed, max_acceleration, max_jerk)
         rows = [tuple(points[0])]
         rows += [tuple(b) for a, b in pairwise(points) if tuple(a) != tuple(b)]
-        self._goal = rows[-1]
         limits = [JointLimits(*row) for row in zip(max_speed, max_acceleration, max_jerk, strict=True)]
         plan = _Speeds(rows, limits)
         plan.improve()
         times = [0.0]
         for seconds in plan.times():
             times.append(times[-1] + seconds)
-        self.times, self.duration = tuple(times), times[-1]
-        self._pieces = [
+        self.times = tuple(times)
+        pieces = [
             _pieces([row[i] for row in rows], [row[i] for row in plan.passing], times, limits[i])
-            for i in range(len(self.names))
+            for i in range(len(names))
         ]
-        self._begins = [[piece[0] for piece in pieces] for pieces in self._pieces]
-
-    def at(self, t: float) -> Sample:
-        if t >= self.duration:
-            rest = (0.0,) * len(self.names)
-            return Sample(self._goal, rest, rest)
-        columns = []
-        for begins, pieces in zip(self._begins, self._pieces, strict=True):
-            since, p, v, a, j = pieces[bisect_right(begins, t) - 1]
-            u = t - since
-            columns.append((p + u * (v + u * (0.5 * a + u * j / 6.0)), v + u * (a + 0.5 * u * j), a + u * j))
-        return Sample(tuple(c[0] for c in columns), tuple(c[1] for c in columns), tuple(c[2] for c in columns))
+        super().__init__(names, pieces, rows[-1], times[-1])
 
 
 class _Speeds:
@@ -225,6 +208,7 @@ def _pieces(
             j = sign * jerk
             rows.append((t, p, v, a, j))
             t, p, v, a = t + u, p + u * (v + u * (0.5 * a + u * j / 6.0)), v + u * (a + 0.5 * u * j), a + u * j
+    rows.append((times[-1], points[-1], 0.0, 0.0, 0.0))
     return rows
 
 
