@@ -28,8 +28,12 @@ from hexwire.errors import (
     StoppedError,
     UsageError,
 )
+from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.pose import Pose
 from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
+from hexwire.motion.checks import InJoints
+from hexwire.motion.line import Line
 from hexwire.motion.waypoints import Spline
 
 
@@ -155,6 +159,25 @@ def test_a_path_is_checked_once() -> None:
         check_path(bench.robot, two)
     with pytest.raises(UsageError, match=r"^a motion is a trajectory, several of them, .*; this is \[\]$"):
         check_path(bench.robot, [])
+
+
+def test_a_line_is_slowed_down_where_its_joints_need_that() -> None:
+    bench, model = Bench(), Hex7BotModel()
+    where = bench.robot.read().positions
+    angles = model.from_joints(where)
+    x, y, z = model.forward(angles).position
+    goal = Pose((x + 0.02, y, z + 0.02), model.forward(angles).rotation)
+    quick = InJoints(Line(model, angles, goal, speed=0.5, acceleration=5.0), model)
+    (leg,) = check_path(bench.robot, quick, bench.options(), start=where).legs
+    assert leg.duration > quick.duration
+    for name, row in zip(
+        leg.names, zip(*(s.acceleration for _, s in leg.samples(0.001)), strict=True), strict=True
+    ):
+        assert max(map(abs, row)) <= HEX7BOT.joint(name).max_acceleration
+    plain = bench.way()
+    assert check_path(bench.robot, plain, bench.options()).legs == (plain,), (
+        "what is given in joints is run as it is"
+    )
 
 
 @pytest.mark.parametrize("dialect", [1, 2])

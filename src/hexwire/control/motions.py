@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Literal
 
 from hexwire.errors import HexwireError, StoppedError, UsageError
 from hexwire.model.state import JointTarget, SentTarget
+from hexwire.motion.checks import InJoints
 from hexwire.motion.joined import Joined
-from hexwire.motion.limits import check_target, smooth_duration
+from hexwire.motion.limits import check_target, slow_enough, smooth_duration
 from hexwire.motion.safety import SafetyLimits, StopReason, board_stop
 from hexwire.motion.waypoints import Blend, Spline, Trajectory, Waypoint
 
@@ -102,6 +103,8 @@ def check_path(
     where = dict(read_state(robot).positions if start is None else start)
     check = PathCheck(robot.model, options.kinematics, options.table)
     reports = []
+    # The joints turn as a line of the tip wants it: it was planned without their limits.
+    legs = tuple([slow_enough(robot.model, leg) if isinstance(leg, InJoints) else leg for leg in legs])
     for leg in legs:
         reports.append(check.trajectory(leg, where))
         where.update(zip(leg.names, leg.goal, strict=True))

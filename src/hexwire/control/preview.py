@@ -16,6 +16,7 @@ from hexwire.model.aim import Tip, aimed_pose
 from hexwire.model.state import finite
 from hexwire.motion.checks import InJoints
 from hexwire.motion.joined import Joined, WithResting, sampled
+from hexwire.motion.limits import slow_enough
 from hexwire.motion.line import Line
 from hexwire.motion.teach import approach
 from hexwire.motion.through import arm_path
@@ -257,7 +258,7 @@ class Planner:
             goal = {} if near is None else model.to_joints(near.angles)
             tip = None if near is None else Tip.of(model, near.angles)
             return Preview(goal, tip=tip, refusal=_plain(error), unready=self._unready(state))
-        return self._checked(InJoints(line, model), here, state)
+        return self._checked(slow_enough(self._model, InJoints(line, model)), here, state)
 
     def _to(
         self, goals: Mapping[str, float], here: Mapping[str, float], state: JointState, speed: float

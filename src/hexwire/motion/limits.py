@@ -16,9 +16,12 @@ from hexwire.model.arm import ArmModel
 from hexwire.model.state import JointTarget
 
 from .trajectory import PEAK_ACCELERATION, PEAK_JERK, PEAK_SPEED
+from .waypoints import Scaled, Trajectory
 
-__all__ = ["check_target", "needed_duration", "resting_inside", "smooth_duration"]
+__all__ = ["check_target", "needed_duration", "resting_inside", "slow_enough", "smooth_duration"]
 
+_STEP, _ROUNDING = 0.001, 1.001
+"""Seconds between samples of a trajectory that may be too fast, and the factor for what happens between them."""
 _AT_STOP = math.radians(1.5)
 """How far a joint that rests on its mechanical stop may be outside its limits, which end before the stop."""
 
@@ -69,6 +72,22 @@ def smooth_duration(model: ArmModel, start: Mapping[str, float], goal: Mapping[s
                 math.cbrt(PEAK_JERK * way / joint.max_jerk),
             )
     return longest
+
+
+def slow_enough(model: ArmModel, trajectory: Trajectory) -> Trajectory:
+    """A trajectory as fast as the limits of acceleration and jerk of its joints allow, and no faster than it is.
+
+    A line has limits of the tip; near a singular pose the joints need more. Too high a speed is left to the check
+    of the path, which refuses it by name.
+    """
+    joints = [model.joint(name) for name in trajectory.names]
+    # Jerk falls with the cube of the speed; but where a cubic meets the next, with the square.
+    worst, before = 1.0, [0.0] * len(joints)
+    for _, sample in trajectory.samples(_STEP):
+        for a, b, joint in zip(sample.acceleration, before, joints, strict=True):
+            worst = max(worst, abs(a) / joint.max_acceleration, abs(a - b) / (_STEP * joint.max_jerk))
+        before = list(sample.acceleration)
+    return trajectory if worst <= 1.0 else Scaled(trajectory, 1.0 / (math.sqrt(worst) * _ROUNDING))
 
 
 def check_target(model: ArmModel, target: JointTarget, start: Mapping[str, float]) -> JointTarget:
