@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 
 import hexwire
-from hexwire.control import MotionOptions, run_motion
+from hexwire.control import run_motion
 from hexwire.model.gripper import jaws_of
 from hexwire.model.pose import Pose
 from hexwire.motion.checks import InJoints
@@ -22,7 +22,6 @@ HERE, THERE = (-0.08, 0.20), (0.08, 0.20)
 ABOVE, AT = 0.14, 0.10
 
 model = hexwire.Hex7BotModel()
-options = MotionOptions(kinematics=model, table=0.0)  # every path stays above the table
 SPEED, ACCELERATION = [1.2] * 6, [6.0] * 6  # rad/s, rad/s^2
 
 
@@ -36,12 +35,12 @@ def over(arm: hexwire.RobotDriver, place: tuple[float, float]) -> None:
     start = angles_of(arm)
     goal = model.best(Pose((*place, ABOVE), DOWN), near=start).angles
     names = [joint.name for joint in model.ranges]
-    run_motion(arm, InJoints(time_optimal(names, start, goal, SPEED, ACCELERATION), model), options).require()
+    run_motion(arm, InJoints(time_optimal(names, start, goal, SPEED, ACCELERATION), model)).require()
 
 
 def straight(arm: hexwire.RobotDriver, place: tuple[float, float], height: float) -> None:
     """A straight line up or down."""
-    run_motion(arm, InJoints(Line(model, angles_of(arm), Pose((*place, height), DOWN)), model), options).require()
+    run_motion(arm, InJoints(Line(model, angles_of(arm), Pose((*place, height), DOWN)), model)).require()
 
 
 def grip(arm: hexwire.RobotDriver, share: float) -> None:
@@ -49,7 +48,7 @@ def grip(arm: hexwire.RobotDriver, share: float) -> None:
     jaws = jaws_of(arm.model)
     assert jaws is not None
     angle = jaws.angle(share)
-    run_motion(arm, hexwire.JointTarget.of({jaws.joint: angle}, duration=0.5), options).require()
+    run_motion(arm, hexwire.JointTarget.of({jaws.joint: angle}, duration=0.5)).require()
 
 
 with hexwire.connect(port) as arm:

@@ -18,6 +18,7 @@ from hexwire.control.arrival import Tolerance
 from hexwire.control.controller import TrajectoryController
 from hexwire.control.goals import Tolerances
 from hexwire.control.owner import RobotOwner
+from hexwire.control.path_check import PathCheck
 from hexwire.control.settings import ControllerSettings
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.values import ProbeReport, StopMode
@@ -102,7 +103,10 @@ def _owner(seconds: float, **options: Any) -> RobotOwner:
     names = HEX7BOT.names
     none = {name: Tolerance() for name in names}
     controller = TrajectoryController(
-        ControllerSettings("", names, True, Tolerances(none, none)), HEX7BOT, SafetyLimits.at_period(1.0 / _RATE)
+        ControllerSettings("", names, True, Tolerances(none, none)),
+        HEX7BOT,
+        SafetyLimits.at_period(1.0 / _RATE),
+        check=PathCheck.limits_only(HEX7BOT),
     )
     owner = RobotOwner(_Table(options.get("clock", time.monotonic)), borrowed=True, command_rate=_RATE, **options)
     owner.group.members = (controller,)

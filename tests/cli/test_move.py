@@ -424,7 +424,7 @@ def test_how_far_off_the_arm_came_to_rest() -> None:
 def test_move_says_where_the_arm_came_to_rest(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     goals: list[dict[str, float]] = []
 
-    def rest(robot: object, goal: dict[str, float], kinematics: object) -> Rest:
+    def rest(robot: object, goal: dict[str, float]) -> Rest:
         goals.append(goal)
         return Rest("J4", math.radians(0.8), 0.004)
 

@@ -16,6 +16,7 @@ from hexwire.control.arrival import Tolerance
 from hexwire.control.controller import TrajectoryController
 from hexwire.control.goals import Point, Tolerances, TrajectoryGoal
 from hexwire.control.outcomes import Ended, Outcome, Reason
+from hexwire.control.path_check import PathCheck
 from hexwire.control.setting import Faults
 from hexwire.control.settings import ControllerSettings
 from hexwire.control.settings_reader import read_settings
@@ -108,6 +109,7 @@ class Loop:
             ),
             HEX7BOT,
             SafetyLimits.at_period(PERIOD),
+            check=PathCheck.limits_only(HEX7BOT),
             monitored=monitored,
         )
         self.track: list[tuple[float, dict[str, float]]] = []

@@ -16,6 +16,7 @@ from hexwire.control.controller import TrajectoryController
 from hexwire.control.goals import Point, Tolerances, TrajectoryGoal
 from hexwire.control.known_state import KnownState
 from hexwire.control.owner import RobotOwner
+from hexwire.control.path_check import PathCheck
 from hexwire.control.settings import ControllerSettings
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.emulator.board import make_hex7bot_board
@@ -36,7 +37,7 @@ def make_controller(model: ArmModel, joints: tuple[str, ...] = (), period: float
     none = {name: Tolerance() for name in joints}
     goal = {name: Tolerance(velocity=0.1) for name in joints}
     settings = ControllerSettings("", joints, True, Tolerances(none, goal, 0.0))
-    return TrajectoryController(settings, model, SafetyLimits.at_period(period))
+    return TrajectoryController(settings, model, SafetyLimits.at_period(period), check=PathCheck.limits_only(model))
 
 
 class Bench:

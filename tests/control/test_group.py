@@ -49,7 +49,9 @@ def make_group() -> ControllerGroup:
     for name, joints in (("arm", NAMES[:4]), ("wrist", NAMES[4:])):
         none = {joint: Tolerance() for joint in joints}
         settings = ControllerSettings(name, joints, True, Tolerances(none, none, 0.0))
-        members.append(TrajectoryController(settings, HEX7BOT, SafetyLimits()))
+        members.append(
+            TrajectoryController(settings, HEX7BOT, SafetyLimits(), check=PathCheck.limits_only(HEX7BOT))
+        )
     return ControllerGroup(tuple(members))
 
 
@@ -162,7 +164,9 @@ def test_joints_of_two_that_fold_the_arm_together_stop_it() -> None:
     for name, joints in (("upper", ("J1", "J2")), ("fore", NAMES[2:])):
         none = {joint: Tolerance() for joint in joints}
         settings = ControllerSettings(name, joints, True, Tolerances(none, none, 0.0))
-        members.append(TrajectoryController(settings, HEX7BOT, SafetyLimits()))
+        members.append(
+            TrajectoryController(settings, HEX7BOT, SafetyLimits(), check=PathCheck.limits_only(HEX7BOT))
+        )
     group = ControllerGroup(tuple(members))
     group.check = PathCheck(HEX7BOT, Hex7BotModel(), None)
     told = [go(group, 0, "J2", math.radians(60)), go(group, 1, "J3", math.radians(40))]

@@ -142,7 +142,7 @@ def test_a_path_that_is_not_allowed_is_refused_and_nothing_is_sent() -> None:
     with pytest.raises(UsageError, match="outside its limits"):
         run_motion(bench.robot, bench.target(by=3.0), bench.options())
     down = JointTarget.of({"J2": math.radians(25), "J3": math.radians(62)}, 3.0)
-    low = bench.options(kinematics=Hex7BotModel().within_arm(), table=0.06)
+    low = bench.options(table=0.06)
     with pytest.raises(UsageError, match="below the table"):
         run_motion(bench.robot, down, low)
     assert bench.targets == []
@@ -495,7 +495,7 @@ def test_switching_torque_on_for_a_path_is_reported() -> None:
 
 def test_a_joint_of_unknown_position_is_said_and_coupling_limits_are_not_checked() -> None:
     bench, watched = Bench(faults=("silent:2",)), Watched()
-    how = bench.options(kinematics=Hex7BotModel().within_arm())
+    how = bench.options()
     assert run_motion(bench.robot, bench.target("J2", 0.1), how, observer=watched).arrived
     assert watched.said[0] == ("unchecked", ("J3",))
 
@@ -566,7 +566,7 @@ def test_a_watchdog_that_cannot_be_disarmed_is_an_error_not_an_arrival() -> None
 @pytest.mark.parametrize("dialect", [1, 2])
 def test_a_target_is_refused_while_a_joint_that_it_does_not_name_moves(dialect: int) -> None:
     bench = Bench(dialect)
-    options = bench.options(kinematics=Hex7BotModel())
+    options = bench.options()
     run_motion(bench.robot, bench.target("J2", 0.3, 6.0), options, wait=False)
     sent = len(bench.targets)
     with pytest.raises(UsageError, match=r"^still moving: J2; wait until .*; nothing was sent$"):

@@ -17,6 +17,7 @@ from hexwire.model.state import JointFlag
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
+    from hexwire.model.kinematics import KinematicModel
 
 
 class Settling:
@@ -30,6 +31,7 @@ class Settling:
     ) -> None:
         self.left, self.others, self.sampled = list(positions), others or {}, sampled
         self.reads, self.time = 0, 0.0
+        self.kinematics: KinematicModel | None = None
 
     def read(self) -> Any:
         self.reads += 1
@@ -97,7 +99,8 @@ def test_the_worst_joint_is_named_and_the_tip_measured() -> None:
     assert model is not None
     where = HOME | {"J2": HOME["J2"] - 0.014, "J7": 0.1}
     robot = Settling(HOME["J1"], others=where)
-    rest = robot.rest({"J1": HOME["J1"], "J2": HOME["J2"]}, kinematics=model)
+    robot.kinematics = model
+    rest = robot.rest({"J1": HOME["J1"], "J2": HOME["J2"]})
     assert (rest.joint, rest.off) == ("J2", pytest.approx(0.014))
     tips = [model.forward(model.from_joints(angles)).position for angles in (where, HOME)]
     assert rest.tip == pytest.approx(math.dist(*tips))
@@ -107,7 +110,8 @@ def test_the_worst_joint_is_named_and_the_tip_measured() -> None:
 def test_an_unknown_position_is_the_worst() -> None:
     model = kinematics_for(HEX7BOT)
     robot = Settling(HOME["J1"] + 0.5, others=HOME | {"J4": math.nan})
-    rest = robot.rest({"J1": HOME["J1"], "J4": 0.0}, kinematics=model)
+    robot.kinematics = model
+    rest = robot.rest({"J1": HOME["J1"], "J4": 0.0})
     assert rest.joint == "J4"
     assert math.isnan(rest.off)
     assert rest.tip is None

@@ -13,7 +13,6 @@ from tests.control.test_timed_motion import Timed
 from hexwire.control.motions import MotionResult, run_motion
 from hexwire.drivers.timed_path import PathState
 from hexwire.errors import StoppedError, UsageError
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.state import JointTarget
 from hexwire.motion.trajectory import PEAK_SPEED, quintic_share
 from hexwire.wire.commands import LimitRow
@@ -247,7 +246,7 @@ def test_a_joint_at_the_slow_start_of_its_path_counts_as_moving() -> None:
     bench.robot.torque(True)
     move(bench, far, wait=False)
     with pytest.raises(UsageError, match=r"^still moving: J2; wait"):
-        move(bench, bench.target("J4", 0.1), kinematics=Hex7BotModel(), wait=False)
+        move(bench, bench.target("J4", 0.1), wait=False)
     assert bench.state is PathState.RUNNING
 
 

@@ -77,6 +77,17 @@ def test_an_arm_below_the_table_may_leave_but_not_come_back() -> None:
     assert [f.time < 0.1 for f in deeper.findings] == [True]
 
 
+def test_a_motion_from_below_the_table_must_end_above_it_unless_it_goes_on() -> None:
+    path = through((90, 60, 155, 90, 90, 90), (90, 90, 110, 90, 90, 90))
+    (found,) = check_trajectory(path, HEX7BOT, A, table=0.9).findings
+    assert found.time == path.duration
+    assert found.text.startswith("the arm would still be ")
+    assert found.text.endswith(" mm below the table at 900 mm")
+    assert check_trajectory(path, HEX7BOT, A, table=0.9, goes_on=True).findings == ()
+    there = through((90, 90, 110, 90, 90, 90), (90, 95, 105, 90, 90, 90))
+    assert check_trajectory(there, HEX7BOT, A, table=0.05).findings == ()
+
+
 def test_an_arm_beyond_the_coupling_limit_may_leave_but_not_come_back() -> None:
     folded, good = (90, 150, 120, 90, 90, 90), (90, 100, 120, 90, 90, 90)
     assert check_trajectory(through(folded, good), HEX7BOT, A).findings == ()

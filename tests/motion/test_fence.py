@@ -59,7 +59,9 @@ def test_an_arm_that_begins_outside_may_leave_but_not_go_deeper_or_come_back() -
     fence = Fence(A, table)
     fence.begin(LOW)
     assert fence.check(LOW) == {}
+    assert fence.below.startswith("the arm would still be 50.0 mm below the table at ")
     assert fence.check(UP) == {}
+    assert fence.below == ""
     assert "table" in fence.check(LOW)
 
 

@@ -85,6 +85,15 @@ def test_lerobot_makes_each_robot_and_knows_its_joints_before_connecting(
             call()
 
 
+def test_an_action_below_the_table_is_not_followed(arm: HexwireSO101) -> None:
+    assert arm.config.table_mm == 0.0
+    go(arm, {"shoulder_lift.pos": 36.0, "elbow_flex.pos": 23.0, "wrist_flex.pos": 5.0}, 5.0)
+    driver = arm._arm.driver
+    geometry = driver.kinematics
+    heights = [place[2] for place in geometry.points(geometry.from_joints(driver.read().positions)).values()]
+    assert min(heights) > -0.005
+
+
 @pytest.mark.parametrize("degrees", [True, False])
 def test_values_and_files_are_those_of_lerobots_own_arm(follower: str, degrees: bool) -> None:
     own = SO101Follower(SO101FollowerConfig(port=follower, id="black", use_degrees=degrees))

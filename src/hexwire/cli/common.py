@@ -52,7 +52,7 @@ __all__ = [
     "print_json",
     "raise_if_silent",
     "refuse_idle_force",
-    "refuse_table",
+    "refuse_idle_table",
     "resolve_url",
     "robot_at_port",
     "robot_options",
@@ -213,15 +213,15 @@ def is_typed(option: str) -> bool:
     return click.get_current_context().get_parameter_source(option) is _TYPED
 
 
-def refuse_table(model: ArmModel) -> None:
+def refuse_idle_table(robot: RobotDriver) -> None:
     """Refuse ``--table`` for an arm without a geometry, because the table would not be checked.
 
     Raises:
         UsageError: ``--table`` was typed.
     """
-    if is_typed("table"):
+    if robot.kinematics is None and is_typed("table"):
         raise UsageError(
-            f"no geometry is known for {model.name}, so the table cannot be checked; leave out --table"
+            f"no geometry is known for {robot.model.name}, so the table cannot be checked; leave out --table"
         )
 
 

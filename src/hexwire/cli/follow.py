@@ -13,13 +13,14 @@ import click
 
 from hexwire.errors import UsageError
 
-from .common import RobotOptions, attached, make_robot, refuse_table, robot_at_port, table_options
+from .common import RobotOptions, attached, make_robot, refuse_idle_table, robot_at_port, table_options
 from .exits import note, shielded
 from .numbers import number_option
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from hexwire.control.path_check import PathCheck
     from hexwire.drivers.base import RobotDriver
     from hexwire.motion.following import Following
 
@@ -55,6 +56,7 @@ def follow(
     first meets it slowly. It holds when the leader falls silent, and at the end.
     """
     from hexwire.control.following import Pair, run_following
+    from hexwire.control.path_check import PathCheck
     from hexwire.drivers.registry import is_address
 
     context = click.get_current_context()
@@ -79,9 +81,11 @@ def follow(
         pairs = []
         for place in range(0, len(made), 2):
             leader, follower = made[place], made[place + 1]
-            rules = _rules(leader, follower, mirror, meet, grip / 100, table)
+            refuse_idle_table(follower)
+            check = PathCheck.of(follower, table)
+            rules = _rules(leader, follower, mirror, meet, grip / 100, check)
             ahead = is_address(leader.url)
-            pairs.append(Pair(leader, follower, rules, _teller(arms[place + 1], len(made) > 2), ahead))
+            pairs.append(Pair(leader, follower, rules, _teller(arms[place + 1], len(made) > 2), ahead, check))
         for driver in made:
             stack.enter_context(attached(driver))
 
@@ -125,19 +129,12 @@ def _tell_apart(followers: Sequence[RobotDriver]) -> None:
 
 
 def _rules(
-    leader: RobotDriver, follower: RobotDriver, mirror: bool, meet: float, force: float, table: float | None
+    leader: RobotDriver, follower: RobotDriver, mirror: bool, meet: float, force: float, check: PathCheck
 ) -> Following:
-    from hexwire.control.path_check import PathCheck
-    from hexwire.model.geometry import kinematics_or_none
     from hexwire.model.gripper import jaws_of
     from hexwire.motion.following import Following, GripForce
 
     model = follower.model
-    kinematics = kinematics_or_none(model.geometry or model.name)
-    if kinematics is None:
-        refuse_table(model)
-    else:
-        kinematics = kinematics.for_arm(model)
     jaws = jaws_of(model)
     return Following(
         leader.model,
@@ -145,7 +142,7 @@ def _rules(
         mirror=frozenset(name for name in _FACING if name in model.names) if mirror else frozenset(),
         share=meet,
         grip=None if jaws is None or force >= 1.0 else GripForce(jaws, force),
-        check=PathCheck(model, kinematics, table).posture,
+        check=check.posture,
     )
 
 

@@ -19,27 +19,26 @@ import click
 
 from hexwire.errors import ConfigError, LimitError, UsageError
 from hexwire.inputs import LARGEST_TEXT, Item, parse_json, read_bytes, read_stream, read_text
-from hexwire.model.geometry import ROBOTS, make_kinematics
+from hexwire.model.geometry import ROBOTS, kinematics_for, make_kinematics
 from hexwire.new_file import OutputFile
 from hexwire.units import decimal
 
-from .common import DEFAULT_ROBOT, force_option, json_option, refuse_idle_force
+from .common import DEFAULT_ROBOT, RobotOptions, force_option, json_option, make_robot, refuse_idle_force
 from .numbers import FiniteFloat, NumbersCommand
 from .output import line_width, plain, print_json, say, say_document, say_table
 
 if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
     from hexwire.model.kinematics import KinematicModel, Solution
     from hexwire.model.pose import Vector
 
-__all__ = ["links_option", "model"]
+__all__ = ["links_option", "make_robot_with", "model"]
 
 DEGREES = FiniteFloat("degrees")
 _OFF = math.radians(1.0)
 """Radians by which the tool of an arm of five joints may miss a rotation that was typed."""
 _MOST = 1e6
 """Millimetres beyond the reach of any arm."""
-# With this, -30 is a number and not an option.
-NEGATIVE_NUMBERS = {"ignore_unknown_options": True}
 _ANGLES = "T0 T1 T2 T3 T4 [T5]"
 
 
@@ -52,6 +51,14 @@ def links_option(command: Callable[..., Any]) -> Callable[..., Any]:
         metavar="A|B|V1|FILE",
         help="Link set of the 7Bot: a published one, or a TOML file with your own.",
     )(command)
+
+
+def make_robot_with(links: str, options: RobotOptions) -> RobotDriver:
+    """As `make_robot`; the geometry of a 7Bot has a link set as in `make_kinematics`."""
+    robot = make_robot(options)
+    if links != "A" and (geometry := kinematics_for(robot.model, links)) is not None:
+        robot.kinematics = geometry
+    return robot
 
 
 def _robot_option(command: Callable[..., Any]) -> Callable[..., Any]:

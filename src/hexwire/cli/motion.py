@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hexwire.errors import UsageError
-from hexwire.model.geometry import kinematics_for, make_kinematics
+from hexwire.model.geometry import make_kinematics
 
 from .common import (
     RobotOptions,
@@ -26,14 +26,13 @@ from .common import (
     force_option,
     host_timed_option,
     json_option,
-    make_robot,
     open_robot,
     refuse_idle_force,
     robot_options,
     table_options,
 )
 from .exits import note
-from .model import NEGATIVE_NUMBERS, links_option
+from .model import links_option, make_robot_with
 from .numbers import FiniteFloat, NumbersCommand, number_option
 from .output import answer
 from .plot import open_picture
@@ -131,9 +130,9 @@ def goto(
     from hexwire.control.via import joint_points
     from hexwire.motion.through import arm_path
 
-    robot = make_robot(options)
+    robot = make_robot_with(links, options)
     poses = saved_poses(robot.model, points)
-    model = _geometry_of(robot, links) if len(poses) < len(points) else kinematics_for(robot.model, links)
+    model = _geometry_of(robot) if len(poses) < len(points) else robot.kinematics
     wanted = to_points(points, poses, model, aim)
     with attached(robot):
         joints = robot.model.names if model is None else model.joint_names
@@ -147,7 +146,7 @@ def goto(
             return [model.forward(model.from_joints(posture)).position for posture in postures]
 
         title = f"goto {points_words(points, model, aim, tips)}"
-        run_legs(robot, [(title, path)], model, start, run, title)
+        run_legs(robot, [(title, path)], start, run, title)
 
 
 @click.command(cls=NumbersCommand)
@@ -184,11 +183,12 @@ def line(
     """
     from hexwire.control.via import tip_poses
     from hexwire.motion.checks import InJoints
+    from hexwire.motion.limits import slow_enough
     from hexwire.motion.line import Line, Lines
 
-    robot = make_robot(options)
+    robot = make_robot_with(links, options)
     poses = saved_poses(robot.model, points)
-    model = _geometry_of(robot, links)
+    model = _geometry_of(robot)
     wanted = to_points(points, poses, model, aim, fixed=True)
     with attached(robot):
         start = _where(robot, model.joint_names, dry_run=run.dry_run)
@@ -200,7 +200,7 @@ def line(
             else Lines(model, angles, goals, rounding=rounding / 1000, speed=tip_speed, acceleration=gain)
         )
         title = f"line to {points_words(points, model, aim, lambda: [goal.position for goal in goals])}"
-        run_legs(robot, [(title, InJoints(path, model))], model, start, run, title)
+        run_legs(robot, [(title, slow_enough(robot.model, InJoints(path, model)))], start, run, title)
 
 
 @click.command()
@@ -277,8 +277,7 @@ def play(
             _save(taught, file, save, force, run.as_json)
             return
         path = taught.trajectory()
-    robot = make_robot(options)
-    model = kinematics_for(robot.model, links)
+    robot = make_robot_with(links, options)
     unknown = [name for name in (path.names if path else names) if name not in robot.model.names]
     if unknown:
         raise UsageError(
@@ -299,7 +298,7 @@ def play(
                 legs.append(("approach", first))
             legs.append((f"play {Path(file).name}", path))
             here = path.goal
-        run_legs(robot, legs, model, start, run, f"play {Path(file).name}")
+        run_legs(robot, legs, start, run, f"play {Path(file).name}")
 
 
 @click.command()
@@ -355,9 +354,8 @@ def teach(
     answer(as_json, {"states": recording.count, "file": file, "holds": not limp}, words)
 
 
-def _geometry_of(robot: RobotDriver, links: str) -> KinematicModel:
-    arm = robot.model
-    return make_kinematics(arm.geometry or arm.name, links, for_motion=True).for_arm(arm)
+def _geometry_of(robot: RobotDriver) -> KinematicModel:
+    return robot.kinematics or make_kinematics(robot.model.name)
 
 
 def _where(robot: RobotDriver, joints: Sequence[str], *, dry_run: bool) -> dict[str, float]:

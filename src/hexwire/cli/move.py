@@ -17,15 +17,14 @@ from .common import (
     attached,
     joint_json,
     json_option,
-    make_robot,
     on_terminal,
     raise_if_silent,
-    refuse_table,
+    refuse_idle_table,
     robot_options,
     table_options,
 )
 from .exits import note, shielded
-from .model import links_option
+from .model import links_option, make_robot_with
 from .numbers import number_option
 from .output import print_json, say
 
@@ -100,18 +99,14 @@ def move(
     from hexwire.control.motions import MotionObserver, MotionOptions, run_motion
     from hexwire.control.rest import come_to_rest
     from hexwire.errors import ServoError
-    from hexwire.model.geometry import kinematics_for
     from hexwire.model.state import JointTarget
 
     angles = parse_targets(targets)
-    robot = make_robot(options)
+    robot = make_robot_with(links, options)
     target = JointTarget.of(check_targets(robot.model, angles), duration)
-    kinematics = kinematics_for(robot.model, links)
-    if kinematics is None:
-        refuse_table(robot.model)
+    refuse_idle_table(robot)
     tell: Callable[[str], object] = (lambda _: None) if as_json else say
     how = MotionOptions(
-        kinematics=kinematics,
         table=table,
         tolerance=math.radians(tolerance),
         grace=_GRACE,
@@ -155,7 +150,7 @@ def move(
             result = run_motion(robot, target, how, wait=wait, observer=Teller())
             rest = None
             if result.arrived and result.sent is not None:
-                rest = come_to_rest(robot, dict(result.sent.positions), kinematics)
+                rest = come_to_rest(robot, dict(result.sent.positions))
             if as_json:
                 print_json(_as_json(robot, result) | rest_json(rest))
     if result.sent is not None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, BinaryIO
 import click
 
 from hexwire.errors import UsageError
-from hexwire.model.geometry import ROBOTS, kinematics_for, make_kinematics
+from hexwire.model.geometry import ROBOTS, make_kinematics
 
 from .common import force_option, json_option
 from .exits import note
@@ -55,8 +55,7 @@ def bag_recording(folder: str, *, force: bool, optional: bool = False) -> Iterat
 def _urdf_of(robot: RobotDriver) -> str:
     from hexwire.model.urdf import make_urdf
 
-    kinematics = kinematics_for(robot.model)
-    return "" if kinematics is None else make_urdf(kinematics)
+    return "" if robot.kinematics is None else make_urdf(robot.kinematics)
 
 
 @click.command()

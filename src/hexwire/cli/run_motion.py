@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from hexwire.errors import ServoError
 from hexwire.link.tap import Missed
 
+from .common import refuse_idle_table
 from .exits import note, tell_missed
 from .move import arrived_words, hold_on_ctrl_c, rest_json, unwatched_note
 from .output import print_json, say
@@ -56,7 +57,6 @@ class RunOptions:
 def run_legs(
     robot: RobotDriver,
     legs: Sequence[tuple[str, Trajectory]],
-    model: KinematicModel | None,
     start: Mapping[str, float],
     options: RunOptions,
     title: str,
@@ -66,7 +66,6 @@ def run_legs(
     Args:
         robot: Attached.
         legs: Pairs of name and trajectory, in driver joints; each begins where the previous one ends.
-        model: Kinematics for joint coupling limits, table and path; None if the arm has none.
         start: Positions of all joints, radians.
         options: As typed.
         title: Title of the picture.
@@ -78,8 +77,9 @@ def run_legs(
     from hexwire.control.motions import MotionOptions, check_path
     from hexwire.control.rest import come_to_rest
 
+    refuse_idle_table(robot)
+    model = robot.kinematics
     how = MotionOptions(
-        kinematics=model,
         table=options.table,
         rate=options.rate or 0.0,
         host_timed=options.host_timed,
@@ -98,7 +98,7 @@ def run_legs(
     try:
         if not options.dry_run:
             _drive(robot, path, how, plot, missed)
-            rest = come_to_rest(robot, dict(zip(path.legs[-1].names, path.legs[-1].goal, strict=True)), model)
+            rest = come_to_rest(robot, dict(zip(path.legs[-1].names, path.legs[-1].goal, strict=True)))
             if not options.as_json:
                 say(arrived_words(rest))
             outcome |= {"arrived": True, **rest_json(rest)}
@@ -154,7 +154,7 @@ def _planned(
 def _drive(robot: RobotDriver, path: CheckedPath, how: MotionOptions, plot: MotionPlot, missed: Missed) -> None:
     from hexwire.control.motions import MotionObserver, run_motion
 
-    names, model = path.legs[0].names, how.kinematics
+    names, model = path.legs[0].names, robot.kinematics
     began: list[float] = []
 
     @missed.guard

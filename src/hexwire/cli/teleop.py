@@ -14,9 +14,9 @@ import click
 
 from hexwire.errors import UsageError
 
-from .common import RobotOptions, json_option, make_robot, open_robot, refuse_table, robot_options, table_options
+from .common import RobotOptions, attached, json_option, refuse_idle_table, robot_options, table_options
 from .exits import note, shielded
-from .model import links_option
+from .model import links_option, make_robot_with
 from .move import unwatched_note
 from .numbers import number_option
 from .output import print_json, say
@@ -127,22 +127,24 @@ def teleop(
     from hexwire.control.guided import OVERLAP
     from hexwire.control.path_check import PathCheck
     from hexwire.control.teleop import TeleopController, run_teleop
-    from hexwire.model.geometry import kinematics_or_none
     from hexwire.motion.teleop import JogMode, StickMap, Teleop
 
     if sum(option is not None for option in (device, url, conf)) > 1:
         raise UsageError("give only one of --device, --from and --conf")
     if speed > 1.0:
         raise UsageError(f"--speed {speed:g} exceeds the joints' speed limits; give at most 1")
-    model = make_robot(options).model
-    kinematics = kinematics_or_none(model.geometry or model.name, links)
-    if kinematics is None:
-        refuse_table(model)
-    else:
-        kinematics = kinematics.for_arm(model)
-    check = PathCheck(model, kinematics, table).posture
-    rules = Teleop(model, kinematics, StickMap(dead_man=dead_man), mode=JogMode(mode), share=speed, check=check)
-    with _stick(device, url, conf) as stick, open_robot(options) as robot:
+    robot = make_robot_with(links, options)
+    refuse_idle_table(robot)
+    model, check = robot.model, PathCheck.of(robot, table)
+    rules = Teleop(
+        model,
+        robot.kinematics,
+        StickMap(dead_man=dead_man),
+        mode=JogMode(mode),
+        share=speed,
+        check=check.posture,
+    )
+    with _stick(device, url, conf) as stick, attached(robot):
         controller = TeleopController(rules, stick, 1.0 / rate, _tell)
 
         def announce() -> None:
@@ -150,7 +152,7 @@ def teleop(
             if not robot.has_own_watchdog:
                 unwatched_note(robot, OVERLAP / rate)
 
-        run_teleop(robot, controller, rate, on_ready=announce, shield=shielded)
+        run_teleop(robot, controller, rate, check=check, on_ready=announce, shield=shielded)
 
 
 def _tell(said: object) -> None:

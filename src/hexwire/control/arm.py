@@ -81,8 +81,10 @@ class Arm:
         self.settings, self._monitored = settings, monitored
         # The mark right after `readiness.deactivate`; None before.
         self.deactivated: int | None = None
+        self._check = PathCheck(settings.model, settings.kinematics, settings.table)
         self.owner = RobotOwner(
             robot,
+            check=self._check,
             publish_rate=settings.publish_rate,
             command_rate=settings.command_rate,
             watchdog=settings.watchdog,
@@ -92,8 +94,6 @@ class Arm:
             clock=clock,
             sleep=sleep,
         )
-        self._check = PathCheck(settings.model, settings.kinematics, settings.table)
-        self.owner.group.check = self._check
         self.controllers: dict[str, TrajectoryController] = {}
         self.teach_mode = TeachMode(self.owner, settings.teach_directory, on_taught)
         # Held by one long request at a time: moving to a pose, starting or ending teach mode, playing back.

@@ -29,6 +29,7 @@ from hexwire.wire.command_frame import Status
 from .auto_calibration import COUNT, FORCE, USUAL_FORCE, AutoCalibration
 from .hand_calibration import HandCalibration, ServoFacts, endless_joints, fitted, full_turn, make_row
 from .owner import RobotOwner
+from .path_check import PathCheck
 
 if TYPE_CHECKING:
     from hexwire.bus.servo_bus import ServoBus
@@ -153,6 +154,8 @@ class CalibrationBench:
                 raise ServoError(f"{missing} did not confirm torque on")
             owner = RobotOwner(
                 self.arm,
+                # Its angles mean nothing yet.
+                check=PathCheck.limits_only(self.model),
                 borrowed=True,
                 command_rate=_RATE,
                 stop_on_failure=False,

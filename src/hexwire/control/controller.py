@@ -64,7 +64,7 @@ class TrajectoryController:
         settings: Name, joints and tolerances.
         arm: Limits and speeds.
         limits: Thresholds that stop the arm automatically.
-        check: The checks of the arm; None for its limits and speeds only.
+        check: The checks of the arm.
         command_timeout: Seconds without a set-point after which the joints hold.
         monitored: Keep `progress` up to date between goals too, which costs a third of an idle cycle.
 
@@ -80,14 +80,14 @@ class TrajectoryController:
         arm: ArmModel,
         limits: SafetyLimits,
         *,
-        check: PathCheck | None = None,
+        check: PathCheck,
         command_timeout: float = 0.5,
         monitored: bool = True,
     ) -> None:
         self.settings = settings
         self._monitored = monitored
         self.follower = Follower(arm, limits, lost_after=command_timeout)
-        self._check = check or PathCheck(arm, None, None)
+        self._check = check
         self.off: tuple[Deviation, ...] = ()
         self._places = tuple(arm.index(name) for name in settings.joints)
         self._active: _Active | None = None

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from hexwire.model.state import JointState
     from hexwire.motion.following import Following
 
+    from .path_check import PathCheck
+
 
 __all__ = ["BriefReader", "FollowController", "FollowCounters", "Pair", "ReadAhead", "run_following"]
 
@@ -200,6 +202,7 @@ class Pair:
         rules: How it follows.
         on_note: As in `FollowController`.
         ahead: The leader is read in a thread, since reading it may block, as on a network.
+        check: Of the follower, as in `RobotOwner`.
     """
 
     leader: RobotDriver
@@ -207,6 +210,7 @@ class Pair:
     rules: Following
     on_note: Callable[[str | StopReason], object] = lambda said: None
     ahead: bool = False
+    check: PathCheck | None = None
 
 
 def run_following(
@@ -245,7 +249,12 @@ def run_following(
         ahead = ReadAhead(read) if pair.ahead else None
         controller = FollowController(pair.rules, ahead or read, pair.leader.now, 1.0 / rate, pair.on_note)
         owner = RobotOwner(
-            pair.follower, borrowed=True, command_rate=rate, sleep=sleep, read=BriefReader(pair.follower)
+            pair.follower,
+            borrowed=True,
+            check=pair.check,
+            command_rate=rate,
+            sleep=sleep,
+            read=BriefReader(pair.follower),
         )
         with ExitStack() as steps:
             if ahead is not None:

@@ -72,10 +72,10 @@ class ControllerGroup:
         stops: Number of stops, including those while one was latched.
     """
 
-    def __init__(self, members: Sequence[Controller] = ()) -> None:
+    def __init__(self, members: Sequence[Controller] = (), check: PathCheck | None = None) -> None:
         self.members = members
         self.lock = threading.RLock()
-        self.check: PathCheck | None = None
+        self.check = check
         self.stops = 0
 
     @property

@@ -17,9 +17,10 @@ from hexwire.motion.safety import SafetyLimits
 
 from .arrival import Tolerance
 from .loop import RateLoop, check_rate
+from .path_check import PathCheck
 
 if TYPE_CHECKING:
-    from hexwire.model.kinematics import KinematicModel
+    from hexwire.drivers.base import RobotDriver
     from hexwire.model.state import JointState, SentTarget
 
 __all__ = ["MotionObserver", "MotionOptions", "wanted_options"]
@@ -30,7 +31,8 @@ class MotionOptions:
     """How a motion is run and checked. Angles are in radians, times in seconds, lengths in metres.
 
     Attributes:
-        kinematics: For the joint coupling limits and the table; neither is checked without it.
+        check_geometry: Check the path against the joint coupling limits and the table with the robot's
+            `kinematics`. Of an arm without a known geometry, neither can be checked.
         table: Height of the table above the base; None for no table.
         tolerance: Position tolerance of each joint at the goal.
         standing: Velocity below which a joint counts as stopped, required at the goal; 0 is not checked.
@@ -49,7 +51,7 @@ class MotionOptions:
         UsageError: A value is not a number, or outside its range.
     """
 
-    kinematics: KinematicModel | None = None
+    check_geometry: bool = True
     table: float | None = 0.0
     tolerance: float = math.radians(1.5)
     standing: float = 0.0
@@ -76,6 +78,10 @@ class MotionOptions:
             raise UsageError(f"table must be finite, not {self.table:g}")
         if self.rate != 0.0:
             check_rate(self.rate)
+
+    def checks(self, robot: RobotDriver) -> PathCheck:
+        """The checks of a robot's path."""
+        return PathCheck.of(robot, self.table) if self.check_geometry else PathCheck.limits_only(robot.model)
 
     def goal(self, names: Sequence[str]) -> dict[str, Tolerance]:
         """Tolerances of joints at the goal."""

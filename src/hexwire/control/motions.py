@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Literal
 
-from hexwire.errors import HexwireError, StoppedError, UsageError
+from hexwire.errors import HexwireError, LimitError, StoppedError, UsageError
 from hexwire.model.state import JointTarget, SentTarget
 from hexwire.motion.checks import InJoints
 from hexwire.motion.joined import Joined
@@ -29,7 +29,6 @@ from .motion_options import MotionObserver, MotionOptions, wanted_options
 from .motion_result import MotionResult
 from .outcomes import Outcome
 from .owner import RobotOwner
-from .path_check import PathCheck
 from .power import give_torque
 from .reader import read_state
 from .settings import ControllerSettings
@@ -83,8 +82,9 @@ def check_path(
 
     Args:
         robot: Attached; its joint positions are read unless `start` gives them.
-        motion: One trajectory, or several, each from where the previous one ends.
-        options: Kinematics and table for the check.
+        motion: One trajectory, or several, each from where the previous one ends. A line of the tip is slowed
+            down where joints need that.
+        options: Table for the check, or that it is switched off.
         start: Positions of all joints, radians.
 
     Raises:
@@ -101,12 +101,12 @@ def check_path(
     if any(leg.names != legs[0].names for leg in legs):
         raise UsageError("the legs of a motion must move the same joints")
     where = dict(read_state(robot).positions if start is None else start)
-    check = PathCheck(robot.model, options.kinematics, options.table)
+    check = options.checks(robot)
     reports = []
     # The joints turn as a line of the tip wants it: it was planned without their limits.
     legs = tuple([slow_enough(robot.model, leg) if isinstance(leg, InJoints) else leg for leg in legs])
     for leg in legs:
-        reports.append(check.trajectory(leg, where))
+        reports.append(check.trajectory(leg, where, goes_on=leg is not legs[-1]))
         where.update(zip(leg.names, leg.goal, strict=True))
     return CheckedPath(legs, tuple(reports))
 
@@ -182,6 +182,7 @@ def _owner(
     owner = RobotOwner(
         robot,
         borrowed=True,
+        check=options.checks(robot),
         asked=asked,
         on_sent=on_sent,
         command_rate=rate,
@@ -210,12 +211,28 @@ def _turn_until(
 
 
 def _end_at(
-    owner: RobotOwner, end: JointTarget | Literal[True], joints: Collection[str], asked: Token
+    owner: RobotOwner,
+    end: JointTarget | Literal[True],
+    joints: Collection[str],
+    options: MotionOptions,
+    asked: Token,
 ) -> StopReason | None:
-    """Send what replaces an ended motion; returns the reason if the arm is stopped."""
+    """Send what replaces an ended motion; returns the reason if the arm is stopped.
+
+    Raises:
+        LimitError: The path to a target is not allowed; the joints are held instead.
+    """
     robot = owner.robot
+    state = owner.state or read_state(robot)
     # Otherwise the robot completes what was sent: all of a target, or more than a second with dialect 1.
-    target = end if isinstance(end, JointTarget) else holding(robot.model, owner.state or read_state(robot), joints)
+    target: JointTarget | None = holding(robot.model, state, joints)
+    refusal: LimitError | None = None
+    if isinstance(end, JointTarget):
+        try:
+            options.checks(robot).target(state.positions, dict(end.positions))
+            target = end
+        except LimitError as error:
+            refusal = error
     try:
         with _asked_then(robot, asked):
             if target is not None:
@@ -223,6 +240,8 @@ def _end_at(
                 robot.write(target)
     except StoppedError as error:
         return board_stop(read_state(robot)) or StopReason("board", str(error))
+    if refusal is not None:
+        raise refusal
     return None
 
 
@@ -235,9 +254,9 @@ def _check_target(
         LimitError: The path is not allowed; nothing was sent.
         UsageError: Other joints are still moving, so that the path cannot be checked.
     """
-    check = PathCheck(robot.model, options.kinematics, options.table)
+    check = options.checks(robot)
     check.limits(goal)
-    known = options.kinematics.joint_names if options.kinematics is not None else ()
+    known = check.joint_names
     if set(goal).isdisjoint(known):
         return read_state(robot)
     looks = RateLoop(1.0 / _LOOK, clock=options.clock or robot.now, sleep=options.sleep)
@@ -292,7 +311,9 @@ def _run_path(
     last = Tolerances(none.path, options.goal(names), options.grace)
     # It needs no kinematics: the paths are checked, and each leg begins at rest, so there is no blend to check.
     limits = options.limits or SafetyLimits.at_period(1.0 / rate)
-    controller = TrajectoryController(ControllerSettings("", names, True, none), robot.model, limits)
+    # The paths are checked, but not the way from the arm to the first one.
+    kept = ControllerSettings("", names, True, none), robot.model, limits
+    controller = TrajectoryController(*kept, check=options.checks(robot))
     arrived, reason = False, None
     end: JointTarget | Literal[True] | None = None
     legs: Sequence[Trajectory] = path.legs
@@ -339,7 +360,7 @@ def _run_path(
         if feed is not None:
             _end_feed(feed, owner, safe, abort=bool(end) or not arrived)
         if end:
-            reason = _end_at(owner, end, names, asked)
+            reason = _end_at(owner, end, names, options, asked)
         controller.hold("it is over")
         seconds = sum(leg.duration for leg in path.legs) + options.grace
         return MotionResult(
@@ -464,7 +485,7 @@ def _run_target(
         end = _turn_until(owner, over, until)
         if feed is not None:
             _end_feed(feed, owner, safe, abort=not controller.arrived)
-        reason = _end_at(owner, end, goal, asked) if end else None
+        reason = _end_at(owner, end, goal, options, asked) if end else None
         controller.release("it is over")
         sent_duration = controller.sent.duration if controller.sent is not None else target.duration
         return MotionResult(

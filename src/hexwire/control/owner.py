@@ -36,6 +36,7 @@ from .group import ControllerGroup
 from .newest import LatestState
 from .output import Output
 from .ownership import claim, release
+from .path_check import PathCheck
 from .reader import StateReader, check_joints
 from .waiting import join_or_abort
 
@@ -84,6 +85,8 @@ class RobotOwner:
         borrowed: The robot is attached, and stays attached at the end. A state is read before every target, and a
             failure stops the arm and is raised by `turn`. Otherwise `connect` attaches the robot, the robot reports
             its states if it can, and the owner reconnects after a failure.
+        check: Checks what the controllers send together; if None, with the robot's geometry and a table at the
+            height of its base. `PathCheck.limits_only` switches that off.
         publish_rate: States per second; fewer on a slow line.
         command_rate: Targets per second; 0 for the rate that the robot's line allows.
         watchdog: Seconds of silence after which the board stops the arm; 0 for never. Longer for a borrowed robot
@@ -116,6 +119,7 @@ class RobotOwner:
         robot: RobotDriver,
         *,
         borrowed: bool = False,
+        check: PathCheck | None = None,
         publish_rate: float = 100.0,
         command_rate: float = 0.0,
         watchdog: float = 1.0,
@@ -131,7 +135,7 @@ class RobotOwner:
     ) -> None:
         self.robot = robot
         self._read = read
-        self.group = ControllerGroup()
+        self.group = ControllerGroup(check=check or PathCheck.of(robot))
         self.connected, self.error, self.waits_for = False, "not connected yet", ""
         self.reconnects = 0
         self.probe: ProbeReport | None = None

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from hexwire.errors import GoalError, LimitError
 from hexwire.model.state import JointFlag
@@ -20,6 +20,7 @@ from hexwire.motion.waypoints import Sample, Spline, Tail, Trajectory
 from .outcomes import Reason
 
 if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
     from hexwire.model.arm import ArmModel
     from hexwire.model.kinematics import KinematicModel
     from hexwire.model.state import JointState
@@ -67,6 +68,21 @@ class PathCheck:
         self._bridge_arm = replace(
             arm, joints=tuple(replace(joint, max_speed=_BRIDGE_GRACE * joint.max_speed) for joint in arm.joints)
         )
+
+    @classmethod
+    def of(cls, robot: RobotDriver, table: float | None = 0.0) -> Self:
+        """The checks of a robot with its own geometry, as far as it is known."""
+        return cls(robot.model, robot.kinematics, table)
+
+    @classmethod
+    def limits_only(cls, arm: ArmModel) -> Self:
+        """Checks of single joints only: neither joint coupling limits nor table."""
+        return cls(arm, None, None)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The joints on which joint coupling limits and table depend; empty if they are not checked."""
+        return self._kinematics.joint_names if self._kinematics is not None else ()
 
     def stop_latch(self, reason: StopReason | None) -> None:
         """Check that no stop is latched.
@@ -148,6 +164,7 @@ class PathCheck:
         meanwhile: Sequence[Trajectory] = (),
         *,
         wanted: Callable[[], bool] = lambda: True,
+        goes_on: bool = False,
     ) -> MotionReport:
         """Check limits, speeds, joint coupling limits and the table along a trajectory.
 
@@ -156,6 +173,7 @@ class PathCheck:
             others: Positions of the arm's joints, radians.
             meanwhile: Trajectories of other joints, from its beginning on.
             wanted: Asked again and again, since the check may take long: whether the result is still wanted.
+            goes_on: As in `check_trajectory`.
 
         Returns:
             The result of the check.
@@ -174,6 +192,7 @@ class PathCheck:
                 others=others,
                 meanwhile=meanwhile,
                 table=self._table,
+                goes_on=goes_on,
             ).require()
         except LimitError as error:
             raise GoalError(str(error), reason=Reason.PATH_NOT_ALLOWED) from None
@@ -207,6 +226,7 @@ class PathCheck:
             meanwhile=[Tail(path, 0.0, bridge.duration) for path in meanwhile],
             table=self._table,
             step=step,
+            goes_on=True,
         ).findings
         if findings:
             why = "too late" if late else "the path is no longer allowed"

@@ -15,7 +15,6 @@ from hexwire.model.state import JointFlag
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
-    from hexwire.model.kinematics import KinematicModel
     from hexwire.model.state import JointState
 
 __all__ = ["Rest", "come_to_rest"]
@@ -43,7 +42,6 @@ class Rest:
 def come_to_rest(
     robot: RobotDriver,
     goal: Mapping[str, float],
-    kinematics: KinematicModel | None = None,
     *,
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], object] = time.sleep,
@@ -53,7 +51,6 @@ def come_to_rest(
     Args:
         robot: Attached.
         goal: Radians by joint, at least one.
-        kinematics: For the tip; None if the arm has none.
         clock: Monotonic seconds.
         sleep: Waits for a number of seconds.
 
@@ -79,7 +76,7 @@ def come_to_rest(
         ((abs(here.get(name, math.nan) - angle), name) for name, angle in goal.items()),
         key=lambda row: math.inf if math.isnan(row[0]) else row[0],
     )
-    tip = None
+    tip, kinematics = None, robot.kinematics
     if kinematics is not None and all(math.isfinite(here.get(name, math.nan)) for name in kinematics.joint_names):
         places = [
             kinematics.forward(kinematics.from_joints(angles)).position for angles in (here, {**here, **goal})

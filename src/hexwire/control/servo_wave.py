@@ -18,6 +18,7 @@ from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.state import JointFlag, JointTarget
 
 from .owner import RobotOwner
+from .path_check import PathCheck
 from .wave import WaveController
 
 if TYPE_CHECKING:
@@ -172,7 +173,16 @@ def run_wave(
         start, angle, seconds, period=1 / WAVE_RATE, most_silent=_MOST_SILENT, on_sample=sample
     )
     # After a failure the servo is brought back or held where it is, as the caller wants.
-    owner = RobotOwner(arm, borrowed=True, command_rate=WAVE_RATE, stop_on_failure=False, clock=clock, sleep=sleep)
+    owner = RobotOwner(
+        arm,
+        # One servo, on a bench or in an arm whose other joints it does not know.
+        check=PathCheck.limits_only(arm.model),
+        borrowed=True,
+        command_rate=WAVE_RATE,
+        stop_on_failure=False,
+        clock=clock,
+        sleep=sleep,
+    )
     asked = True
     with owner:
         owner.group.members = (controller,)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from hexwire.drivers.registry import DEFAULT_ROBOT, PORT_VARIABLE, is_address, load_driver, make_driver, robot_at
 from hexwire.errors import HexwireError, LimitError, LinkError, UsageError
 from hexwire.link.ports import find_only_board
-from hexwire.model.geometry import ROBOTS, kinematics_or_none
+from hexwire.model.geometry import ROBOTS, kinematics_for
 from hexwire.motion.safety import SafetyLimits
 
 from .arrival import Tolerance
@@ -64,8 +64,9 @@ def read_settings(
     for name in given:
         if name not in _ROWS:
             faults.unknown(name, _ROWS)
-    driver, model = _make_driver(values, faults)
-    values["kinematics"] = kinematics = None if model is None else _make_kinematics(values, model, faults)
+    driver, like = _make_driver(values, faults)
+    model = None if like is None else like.model
+    values["kinematics"] = kinematics = None if like is None else _make_kinematics(values, like, faults)
     values["poses"] = _make_poses(values["poses"], model, kinematics, faults)
     values["safety"] = _make_thresholds(values["safety"], faults)
     values["controllers"] = _make_controllers(values, model, faults)
@@ -75,6 +76,8 @@ def read_settings(
         values["port"] = url = find_port()
         driver = load_driver(values["robot"]).from_url(url)
     values["model"] = driver.model
+    if kinematics is not None:
+        driver.kinematics = kinematics
     checks_table = values["check_table"] and kinematics is not None
     values["table"] = values["table_height"] if checks_table else None
     return Settings(**{field.name: values[field.name] for field in fields(Settings)}), driver
@@ -104,8 +107,8 @@ def reread(settings: Settings, given: Mapping[str, object], faults: Faults) -> S
 # -- the robot ------------------------------------------------------------------------------------------
 
 
-def _make_driver(values: dict[str, Any], faults: Faults) -> tuple[RobotDriver | None, ArmModel | None]:
-    """The driver if robot and port are known, and the arm's model if the robot is known."""
+def _make_driver(values: dict[str, Any], faults: Faults) -> tuple[RobotDriver | None, RobotDriver | None]:
+    """The driver if robot and port are known; and one that tells of the arm if the robot is known."""
     url = values["port"] or os.environ.get(PORT_VARIABLE, "")
     if is_address(url):
         try:
@@ -117,7 +120,7 @@ def _make_driver(values: dict[str, Any], faults: Faults) -> tuple[RobotDriver | 
             faults.add("port", error)
             return None, None
         values["port"], values["robot"] = url, shared.model.name
-        return shared, shared.model
+        return shared, shared
     if values["robot"] == DEFAULT_ROBOT:
         values["robot"] = robot_at(url)
     try:
@@ -129,26 +132,25 @@ def _make_driver(values: dict[str, Any], faults: Faults) -> tuple[RobotDriver | 
         try:
             driver = robot.from_url(url)
             values["port"] = url
-            return driver, driver.model
+            return driver, driver
         except (HexwireError, ImportError) as error:
             faults.add("port", error if values["port"] else f"{error} (from {PORT_VARIABLE})")
     try:
         # The model does not depend on the port, and the other settings must be checked without one too.
-        return None, robot.from_url("/dev/null").model
+        return None, robot.from_url("/dev/null")
     except (HexwireError, ImportError) as error:
         if not url:
             faults.add("port", f"{values['robot']} needs a port ({error})")
         return None, None
 
 
-def _make_kinematics(values: dict[str, Any], model: ArmModel, faults: Faults) -> KinematicModel | None:
+def _make_kinematics(values: dict[str, Any], like: RobotDriver, faults: Faults) -> KinematicModel | None:
     robot, links = values["robot"], values["links"]
     if links != _ROWS["links"].default and robot != "hex7bot":
         faults.add("links", f"only the hex7bot has link sets; omit it for {robot}")
         return None
     try:
-        kinematics = kinematics_or_none(model.geometry or robot, links, for_motion=True)
-        return None if kinematics is None else kinematics.for_arm(model)
+        return like.kinematics if links == _ROWS["links"].default else kinematics_for(like.model, links)
     except HexwireError as error:
         faults.add("links", error)
     except OSError as error:
@@ -312,6 +314,7 @@ def _check_together(values: Mapping[str, Any], model: ArmModel | None, faults: F
         values["table_height"]
         and values["check_table"]
         and model is not None
+        and values["kinematics"] is None
         and (model.geometry or robot) not in ROBOTS
     ):
         switch = f"{faults.mark}check_table"

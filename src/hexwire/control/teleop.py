@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from hexwire.model.state import JointState
     from hexwire.motion.teleop import Teleop
 
+    from .path_check import PathCheck
+
 
 __all__ = ["Stick", "TeleopController", "hold_at_end", "run_teleop"]
 
@@ -80,6 +82,7 @@ def run_teleop(
     controller: TeleopController,
     rate: float,
     *,
+    check: PathCheck | None = None,
     on_ready: Callable[[], object] = lambda: None,
     shield: Callable[[], AbstractContextManager[object]] = nullcontext,
     sleep: Callable[[float], object] | None = None,
@@ -90,6 +93,7 @@ def run_teleop(
         robot: Attached.
         controller: For all joints of the robot.
         rate: Cycles per second.
+        check: As in `RobotOwner`.
         on_ready: Called once, when torque is on and before anything can move.
         shield: Put around the hold at the end; keeps signals from interrupting it.
         sleep: As in `RobotOwner`.
@@ -97,7 +101,7 @@ def run_teleop(
     Raises:
         HexwireError: The robot failed or refused.
     """
-    owner = RobotOwner(robot, borrowed=True, command_rate=rate, sleep=sleep)
+    owner = RobotOwner(robot, borrowed=True, check=check, command_rate=rate, sleep=sleep)
     robot.torque(True)
     on_ready()
     with owner:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from hexwire.link.base import Link
     from hexwire.link.diagnose import Finding
     from hexwire.model.arm import ArmModel
+    from hexwire.model.kinematics import KinematicModel
     from hexwire.model.state import JointState, SentTarget
 
     from .timed_path import TimedPath
@@ -100,6 +101,8 @@ class RobotDriver(ABC):
     model: ArmModel
     port_leads_to: ClassVar[Literal["board", "adapter"]] = "board"
 
+    _kinematics: KinematicModel | None = None
+
     def __init__(self) -> None:
         self._epochs = Epochs()
 
@@ -114,6 +117,23 @@ class RobotDriver(ABC):
     @abstractmethod
     def is_attached(self) -> bool:
         """Whether the connection is open; `attach` opens it, `detach` and `abort` close it."""
+
+    @property
+    def kinematics(self) -> KinematicModel | None:
+        """The arm's geometry, with which its motions are planned and checked; None for an arm without a known one.
+
+        By default that of `model`. Set another one for other links, as in
+        ``arm.kinematics = kinematics_for(arm.model, "B")``.
+        """
+        if self._kinematics is None:
+            from hexwire.model.geometry import kinematics_for
+
+            self._kinematics = kinematics_for(self.model)
+        return self._kinematics
+
+    @kinematics.setter
+    def kinematics(self, kinematics: KinematicModel) -> None:
+        self._kinematics = kinematics
 
     @property
     def epochs(self) -> Epochs:

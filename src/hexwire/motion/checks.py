@@ -105,11 +105,13 @@ def check_trajectory(
     meanwhile: Sequence[Trajectory] = (),
     table: float | None = 0.0,
     step: float = _STEP,
+    goes_on: bool = False,
 ) -> MotionReport:
     """Check a trajectory of driver joints from start to end.
 
     An arm that starts beyond the joint coupling limit or below the table, because it has sunk without torque, may
-    move out of the forbidden region, but neither further in nor back in.
+    move out of the forbidden region, but neither further in nor back in. A trajectory that begins below the table
+    must end above it.
 
     Args:
         trajectory: The trajectory; its joints are any subset of the arm's.
@@ -121,6 +123,7 @@ def check_trajectory(
             their end until these have ended too.
         table: Height above the base below which no point of the arm may come, metres; None for no table.
         step: Seconds between two samples.
+        goes_on: It is a part of a motion, which may end where the arm does not stay.
     """
     joints = [arm.joint(name) for name in trajectory.names]
     found: dict[str, Finding] = {}
@@ -165,6 +168,8 @@ def check_trajectory(
                 note(kind, t, text)
             lowest = min(lowest, fence.lowest)
         last = (t, sample.position)
+    if fence is not None and not goes_on and trajectory.duration and (still := fence.below):
+        note("table", trajectory.duration, still)
     findings = tuple(sorted(found.values(), key=lambda f: f.time))
     return MotionReport(trajectory.duration, dict(zip(trajectory.names, peak, strict=True)), lowest, findings)
 

@@ -90,6 +90,14 @@ class Fence:
                 self._floor = min(self._table, max(self._floor, self.lowest))
         return found
 
+    @property
+    def below(self) -> str:
+        """That the last posture that passed is below the table, in words; empty if it is not."""
+        if self._table is None or not self.lowest < self._table - self._slack_height:
+            return ""
+        depth, level = 1e3 * (self._table - self.lowest), 1e3 * self._table
+        return f"the arm would still be {depth:.1f} mm below the table at {level:.0f} mm"
+
     def check_end(self, here: Mapping[str, float], there: Mapping[str, float]) -> dict[str, str]:
         """Like `begin` and `check`, for a posture where the arm stays: not further in, or it would creep in."""
         self.begin(here)

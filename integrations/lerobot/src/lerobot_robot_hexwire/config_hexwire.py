@@ -35,6 +35,7 @@ class HexwireRobotConfig(RobotConfig):
         cameras: By name.
         use_degrees: Joints in degrees; otherwise -100 to 100 over their range. A gripper is always 0 to 100.
         meet_speed: Share of the speed limits at which the arm goes to the first action.
+        table_mm: Height of the table above the arm's base, millimetres; null for no table.
     """
 
     port: str
@@ -43,6 +44,7 @@ class HexwireRobotConfig(RobotConfig):
     cameras: dict[str, CameraConfig] = field(default_factory=dict)
     use_degrees: bool = True
     meet_speed: float = 0.2
+    table_mm: float | None = 0.0
 
 
 @dataclass(kw_only=True)

@@ -23,7 +23,6 @@ from lerobot.robots.utils import ensure_safe_goal_position
 from hexwire.control.guided import Notes
 from hexwire.control.path_check import PathCheck
 from hexwire.errors import HexwireError
-from hexwire.model.geometry import kinematics_or_none
 from hexwire.model.state import JointTarget
 from hexwire.motion.following import Following
 
@@ -117,9 +116,8 @@ class HexwireRobot(HexwireDevice, Robot):
         with faults():
             self._write_settings()
         self._torque(True)
-        kinematics = kinematics_or_none(driver.model.geometry or driver.model.name)
-        kinematics = None if kinematics is None else kinematics.for_arm(driver.model)
-        check = PathCheck(driver.model, kinematics, None).posture
+        height = self.config.table_mm
+        check = PathCheck.of(driver, None if height is None else height / 1000).posture
         self._rules = Following(driver.model, driver.model, share=self.config.meet_speed, check=check)
         self._here_at = self._sent_at = -math.inf
 
