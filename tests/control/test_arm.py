@@ -277,18 +277,17 @@ def test_repeated_set_points_do_not_creep_into_a_violation() -> None:
     assert bench.where("J2") < gate + math.radians(0.3)
 
 
-def test_a_goal_that_would_swing_through_the_coupling_limit_as_it_takes_over_is_refused() -> None:
+def test_a_goal_that_takes_over_beside_the_coupling_limit_does_not_swing_through_it() -> None:
     bench = make_bench(allow_partial_joints_goal=True, host_timed=True)
     raised = bench.command(order((2.0, {"J3": FOLD["J3"]})))
     bench.until(lambda: raised.ends)
     # The gate is at 40 degrees then.
     near = HOME["J2"] + math.radians(39)
-    first = bench.command(TrajectoryGoal(("J2",), (Point(0.5, (near,)),)))
+    bench.command(TrajectoryGoal(("J2",), (Point(0.5, (near,)),)))
     bench.until(lambda: bench.controller.follower.desired(NAMES, bench.clock.time).position[1] > near - 0.09)
-    with pytest.raises(GoalError, match=r"s after it replaces the running motion, elbow folded .*; wait "):
-        bench.command(TrajectoryGoal(("J2",), (Point(1.0, (HOME["J2"],)),)))
-    bench.until(lambda: first.ends)
-    assert first.outcome == SUCCEEDED
+    back = bench.command(TrajectoryGoal(("J2",), (Point(1.0, (HOME["J2"],)),)))
+    bench.until(lambda: back.ends)
+    assert back.outcome == SUCCEEDED, "the running check would have stopped it"
 
 
 # -- stop, reset, torque -----------------------------------------------------------------------------------

@@ -129,9 +129,10 @@ def test_off_the_path() -> None:
     loop.run(0.15)
     assert told.outcome == ABORTED_PATH
     assert "J1 is 0.1" in told.text
+    loop.run(0.4)
     targets = len(loop.robot.targets)
     loop.run(0.3)
-    assert len(loop.robot.targets) == targets, "it holds"
+    assert len(loop.robot.targets) == targets, "it has braked, and holds"
 
 
 def test_velocities_that_are_not_known_are_not_judged() -> None:
@@ -277,7 +278,7 @@ def test_cancel_holds_and_only_for_the_goal_that_is_followed() -> None:
     loop.deliver()
     assert second.outcome == CANCELLED
     assert second.text == "cancelled"
-    loop.run(0.1)
+    loop.run(0.6)
     stood = loop.where("J1")
     loop.run(0.5)
     assert loop.where("J1") == stood != J1

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -71,18 +72,21 @@ def test_a_bridge_is_checked_with_what_others_do_meanwhile_and_not_later() -> No
         CHECK.bridge(mine, HOME, [now], late=False)
 
 
-def test_a_takeover_that_swings_through_a_coupling_limit_is_refused() -> None:
+def test_motion_that_no_check_has_seen_is_checked_as_all_that_has_begun() -> None:
     here = {**HOME, "J3": FOLD["J3"]}
-    good = [(0.1 * i, {"J2": HOME["J2"] + math.radians(5 * i)}) for i in range(4)]
-    bad = [*good, (0.4, {"J2": FOLD["J2"]}), (0.5, {"J2": HOME["J2"]})]
-    CHECK.takeover(good, here)
-    CHECK.takeover([], here)
-    with pytest.raises(GoalError, match=r"^0\.40 s after it replaces .*, elbow .*; wait for its end") as caught:
-        CHECK.takeover(bad, here)
-    assert caught.value.reason == Reason.PATH_NOT_ALLOWED
-    BLIND.takeover(bad, here)
+
+    def to(angle: float) -> Spline:
+        return Spline(("J2",), [Waypoint(0.0, (HOME["J2"],)), Waypoint(0.5, (angle,))])
+
+    good, bad = to(HOME["J2"] + math.radians(15)), to(FOLD["J2"])
+    assert CHECK.unchecked(good, here) == ""
+    assert re.match(r"^0\.\d\d s after it begins, elbow", CHECK.unchecked(bad, here))
+    assert BLIND.unchecked(bad, here) == ""
     # Nobody knows where the other joints are: what moves has begun when they were known.
-    CHECK.takeover(bad, {**here, "J1": math.nan})
+    assert CHECK.unchecked(bad, {**here, "J1": math.nan}) == ""
+    # Another controller has unfolded the elbow by then.
+    opens = Spline(("J3",), [Waypoint(0.0, (FOLD["J3"],)), Waypoint(0.2, (HOME["J3"],))])
+    assert CHECK.unchecked(bad, here, [opens]) == ""
 
 
 def test_joints_answer_and_have_torque() -> None:

@@ -12,8 +12,9 @@ from tests.control.test_motions import Bench, Watched
 from tests.motion.arms import rest_to_rest
 
 from hexwire.control.motions import MotionOptions, MotionResult, run_motion
+from hexwire.control.path_check import PathCheck
 from hexwire.drivers.timed_path import PathState
-from hexwire.errors import StoppedError
+from hexwire.errors import StoppedError, UsageError
 from hexwire.model.state import JointState, JointTarget
 from hexwire.motion.path_points import path_points
 from hexwire.motion.through import arm_path
@@ -325,6 +326,38 @@ def test_a_motion_that_begins_beside_the_arm_is_blended_in() -> None:
     fastest = max((b - a) / (t - s) for (s, a), (t, b) in itertools.pairwise(seen))
     # All at once, it would be above 70 deg/s.
     assert fastest < math.radians(50.0)
+
+
+@pytest.mark.parametrize("host_timed", [False, True])
+def test_a_motion_that_begins_far_from_the_arm_is_refused(host_timed: bool) -> None:
+    bench = Timed()
+    here = bench.at()
+    way = rest_to_rest(("J4",), (here - 0.5,), (here - 0.8,), 2.0)
+    with pytest.raises(
+        UsageError, match=r"^the trajectory starts 28\.6\d* deg from the position of J4; move there first"
+    ):
+        run_motion(bench.robot, way, Bench.options(bench, host_timed=host_timed))
+    assert bench.at() == pytest.approx(here, abs=0.01)
+    assert bench.state is PathState.NONE
+
+
+@pytest.mark.parametrize("host_timed", [False, True])
+def test_the_way_to_a_motion_that_begins_beside_the_arm_is_checked_too(
+    host_timed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Timed()
+    here, checked = bench.at(), list[Trajectory]()
+
+    def wrong(check: PathCheck, path: Trajectory, *given: object) -> str:
+        checked.append(path)
+        return "0.10 s after it begins, the tip would be below the table"
+
+    way = rest_to_rest(("J4",), (here + 0.09,), (here + 0.3,), 2.0)
+    monkeypatch.setattr(PathCheck, "unchecked", wrong)
+    with pytest.raises(UsageError, match="below the table"):
+        run_motion(bench.robot, way, Bench.options(bench, host_timed=host_timed))
+    assert [path.start[0] for path in checked] == pytest.approx([here] * len(checked), abs=0.01)
+    assert bench.at() == pytest.approx(here, abs=0.01)
 
 
 def test_a_stop_that_another_program_has_already_cleared_ends_it() -> None:

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from hexwire.drivers.arm_file import load_profile
+from hexwire.model.arm import ArmModel
 from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.puma260 import PUMA260
 from hexwire.model.state import JointFlag, JointState, JointTarget
 from hexwire.motion.waypoints import Spline, Waypoint
 
 NAMES = HEX7BOT.names
+ARMS = (HEX7BOT, PUMA260, *(load_profile(name).model for name in ("so100", "so101")))
+EXCESS, PERIOD = 1.001, 1e-3
+"""The most of any limit that counts as kept, and seconds between two samples that show it."""
 HOME = {joint.name: joint.offset for joint in HEX7BOT.joints}
 
 
@@ -48,6 +54,16 @@ def state(
         stopped=stopped,
         watchdog_tripped=watchdog_tripped,
     )
+
+
+def at_rest(arm: ArmModel, positions: Sequence[float]) -> JointState:
+    """A state of any arm that holds, in the order of its joints."""
+    count = len(arm.names)
+    zero = (0.0,) * count
+    return JointState(
+        names=arm.names, position=tuple(positions), velocity=zero, load=zero, current=zero, voltage=zero,
+        temperature=zero, flags=(JointFlag.TORQUE_ON,) * count, age=zero, stamp=0.0,
+    )  # fmt: skip
 
 
 class FakeTime:

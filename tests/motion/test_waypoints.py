@@ -9,7 +9,7 @@ from tests.motion.arms import rest_to_rest
 
 from hexwire.errors import UsageError
 from hexwire.motion.trajectory import Quintic
-from hexwire.motion.waypoints import Blend, Braked, Sample, Scaled, Spline, Tail, Trajectory, Waypoint
+from hexwire.motion.waypoints import Sample, Scaled, Spline, Tail, Trajectory, Waypoint
 
 VALUES = st.floats(-3.0, 3.0)
 
@@ -144,30 +144,6 @@ def test_a_scaled_trajectory_follows_the_same_path_faster() -> None:
         Scaled(way, 0.0)
 
 
-@given(st.floats(0.0, 2.5), st.floats(0.1, 1.0))
-def test_blend_has_no_jump(switch: float, seconds: float) -> None:
-    old = rest_to_rest(("a",), (0.0,), (1.0,), 2.0)
-    new = rest_to_rest(("a",), (0.5,), (-1.0,), 3.0)
-    blend = Blend(old, switch, new, seconds)
-    before, after = old.sample(switch), blend.at(0.0)
-    for was, now in zip(before, after, strict=True):
-        assert now == pytest.approx(was, abs=1e-9)
-    for was, now in zip(blend.at(seconds - 1e-9), blend.at(seconds), strict=True):
-        assert now == pytest.approx(was, abs=1e-4)
-    assert blend.goal == (-1.0,)
-    assert blend.duration == 3.0
-
-
-def test_blend_wants_the_same_joints() -> None:
-    with pytest.raises(UsageError, match="cannot blend from a to b"):
-        Blend(Spline(("a",), [Waypoint(0, (0.0,))]), 0, Spline(("b",), [Waypoint(0, (0.0,))]), 0.1)
-
-
-def test_blend_into_a_pose_goes_there_at_once() -> None:
-    still = Spline(("a",), [Waypoint(0, (0.0,))])
-    assert Blend(still, 0, still, 0.5).sample(0.0).position == (0.0,)
-
-
 def test_what_is_left_of_a_trajectory() -> None:
     whole = Spline(("a",), [Waypoint(0, (0.0,)), Waypoint(2, (1.0,))])
     rest = Tail(whole, 0.5)
@@ -258,39 +234,3 @@ def test_a_tail_may_be_cut() -> None:
     assert Tail(whole, 0.5, 1.0).duration == 1.0
     assert Tail(whole, 0.5, 9.0).duration == 1.5
     assert Tail(whole, 0.5, 1.0).goal == (0.75,)
-
-
-def test_a_blend_ends_with_its_time_and_then_is_the_new_trajectory() -> None:
-    old = rest_to_rest(("a",), (0.0,), (1.0,), 2.0)
-    new = rest_to_rest(("a",), (0.5,), (-1.0,), 3.0)
-    blend = Blend(old, 1.0, new, 0.5)
-    for t in (0.5, 0.75, 2.0, 3.0):
-        assert blend.at(t) == new.at(t)
-    here, there = old.sample(1.0), new.sample(0.5)
-    curve = Spline(("a",), [Waypoint(0.0, *here), Waypoint(0.5, *there)])
-    for t in (0.0, 0.25, 0.49):
-        assert blend.at(t) == curve.at(t)
-    # Longer than the new one: it lasts as long as that.
-    whole = Blend(old, 1.0, new, 9.0)
-    assert whole.at(2.9) == Spline(("a",), [Waypoint(0.0, *here), Waypoint(3.0, *new.sample(3.0))]).at(2.9)
-
-
-def test_a_braked_trajectory_comes_to_rest_on_itself() -> None:
-    whole = rest_to_rest(("a",), (0.0,), (2.0,), 2.0)
-    braked = Braked(whole, 0.9, 0.2)
-    assert braked.duration == pytest.approx(1.1)
-    assert braked.sample(0.5) == whole.sample(0.5)
-    # Half of the time of braking is travelled.
-    assert braked.goal == pytest.approx(whole.sample(1.0).position)
-    assert braked.at(1.1).velocity[0] == pytest.approx(0.0, abs=1e-9)
-    for t in (0.92, 1.0, 1.08):
-        derivatives_agree(braked, t)
-
-
-def test_a_trajectory_that_ends_while_it_brakes_ends_there() -> None:
-    whole = Spline(("a",), [Waypoint(0.0, (0.0,)), Waypoint(1.0, (1.0,))])
-    braked = Braked(whole, 0.95, 0.2)
-    assert 1.0 < braked.duration < 1.15
-    assert braked.goal == (1.0,)
-    assert braked.sample(0.5 * (0.95 + braked.duration)).position[0] < 1.0
-    assert Braked(whole, 2.0, 0.2).sample(2.1).position == (1.0,)

@@ -86,9 +86,11 @@ class TrajectoryController:
     ) -> None:
         self.settings = settings
         self._monitored = monitored
-        self.follower = Follower(arm, limits, lost_after=command_timeout)
         self._check = check
+        self.follower = Follower(arm, limits, lost_after=command_timeout, allowed=self._wrong)
         self.off: tuple[Deviation, ...] = ()
+        # What other controllers do while a goal begins.
+        self._meanwhile: Sequence[Trajectory] = ()
         self._places = tuple(arm.index(name) for name in settings.joints)
         self._active: _Active | None = None
         # A plan that begins later: the running motion continues until then.
@@ -255,8 +257,17 @@ class TrajectoryController:
             self._pending = plan
             self._active = _active(listener, tolerances, plan.due, math.inf)
             return
-        trajectory = self._due(plan, state, now, self.follower.next_start(now), meanwhile)
-        self.follow(trajectory, state, now, listener=listener, tolerances=tolerances)
+        trajectory = self._due(
+            plan, state, now, self.follower.next_start(now), meanwhile, streamed=listener is None
+        )
+        self._meanwhile = meanwhile
+        try:
+            self.follow(
+                trajectory, state, now, listener=listener, tolerances=tolerances, at_once=plan.goal.gives_way
+            )
+        finally:
+            self._meanwhile = ()
+
 
     def follow(
         self,
@@ -266,13 +277,15 @@ class TrajectoryController:
         *,
         listener: GoalListener | None = None,
         tolerances: Tolerances | None = None,
+        at_once: bool = False,
     ) -> None:
-        """Follow a trajectory that begins at the present position; otherwise as `accept`."""
+        """Follow a trajectory that begins at the present position; otherwise as `accept` and `Follower.follow`."""
         self._refuse_unready(trajectory.names, state)
         self.follower.observe(state)
-        begins = self.follower.next_start(now)
+        begins, ways = self.follower.next_start(now), None
         try:
-            self._take_over(trajectory, state, now)
+            # Without somebody who waits for its end it is one of a stream.
+            self.follower.follow(trajectory, now, begins, passes=listener is None, at_once=at_once, ways=ways)
         except GoalError:
             raise
         except HexwireError as error:
@@ -387,7 +400,9 @@ class TrajectoryController:
         begins = max(soonest, pending.due)
         try:
             self._refuse_unready(self.joints, state)
-            self._take_over(self._due(pending, state, now, begins), state, now, begins)
+            streamed = active.listener is None
+            path = self._due(pending, state, now, begins, streamed=streamed)
+            self.follower.follow(path, now, begins, passes=streamed)
         except HexwireError as error:
             self.follower.hold()
             reason = Reason(error.reason) if isinstance(error, GoalError) else Reason.PATH_NOT_ALLOWED
@@ -395,12 +410,15 @@ class TrajectoryController:
         else:
             active.begins, active.arrival.ends = begins, now + self.follower.remaining(now)
 
-    def _take_over(self, trajectory: Trajectory, state: JointState, now: float, begins: float = -math.inf) -> None:
-        self._check.takeover(self.follower.takeover(trajectory, now, begins), state.positions)
-        self.follower.follow(trajectory, now, begins)
-
     def _due(
-        self, plan: Plan, state: JointState, now: float, begins: float, meanwhile: Sequence[Trajectory] = ()
+        self,
+        plan: Plan,
+        state: JointState,
+        now: float,
+        begins: float,
+        meanwhile: Sequence[Trajectory] = (),
+        *,
+        streamed: bool,
     ) -> Trajectory:
         """The trajectory of a plan from the position at its beginning on; its points keep their times.
 
@@ -408,12 +426,25 @@ class TrajectoryController:
             GoalError: It is so late that the path to the next point would be too fast.
         """
         start = self.start(begins - now, state, now)
+        return self._path(plan, start, begins, state.positions, meanwhile, streamed=streamed)
+
+    def _path(
+        self,
+        plan: Plan,
+        start: Sample,
+        begins: float,
+        others: Mapping[str, float],
+        meanwhile: Sequence[Trajectory],
+        *,
+        streamed: bool,
+    ) -> Trajectory:
         if plan.is_over(begins):
             # Allowed if the joints are at its end already.
             with suppress(GoalError):
                 return plan.end(start)
         trajectory = plan.trajectory(start, begins)
-        self._check.bridge(trajectory, state.positions, meanwhile, late=plan.late(begins) > 0.0)
+        if not streamed:
+            self._check.bridge(trajectory, others, meanwhile, late=plan.late(begins) > 0.0)
         return trajectory
 
     def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
@@ -467,6 +498,9 @@ class TrajectoryController:
         return Sample(*(tuple(row[k][i] for i, row in enumerate(rows)) for k in range(3)))
 
     # -- helpers --------------------------------------------------------------------------------------
+
+    def _wrong(self, trajectory: Trajectory, others: Mapping[str, float]) -> str:
+        return self._check.unchecked(trajectory, others, self._meanwhile)
 
     def _refuse_if_stopped(self) -> None:
         self._check.stop_latch(self.reason)

@@ -73,6 +73,8 @@ class TrajectoryGoal:
         free: Names of further joints with several degrees of freedom each, for which the client wants a motion too.
             No supported arm has one, so such a goal is refused.
         early: Seconds before its start at which a robot that keeps the time gets it, if it waits for its start.
+        gives_way: The joints press on something: they stand already, whatever was planned, and are relieved in the
+            time of the points.
     """
 
     names: tuple[str, ...]
@@ -80,6 +82,7 @@ class TrajectoryGoal:
     delay: float = 0.0
     free: tuple[str, ...] = ()
     early: float = 0.0
+    gives_way: bool = False
 
 
 class Component(IntEnum):

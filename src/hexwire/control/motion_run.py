@@ -45,6 +45,8 @@ _PRESSING = 0.1
 """Successive states and seconds in which the jaws press: the start of the motion takes effort too."""
 _STILL = math.radians(0.3)
 """How far the jaws may move meanwhile: a board's states need not have a velocity that would show it."""
+_UNHURRIED = 3.0
+"""The time of a relief over the shortest at the greatest speed: it begins while the joint is planned to close."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,10 +269,17 @@ class MotionRun:
                 if grip.gripper.joint.name not in controller.joints:
                     continue
                 with arm.owner.locked():
-                    here = controller.start(0.0, state, arm.owner.now()).position
-                goal = dict(zip(controller.joints, here, strict=True)) | dict(target.positions)
-                point = Point(target.duration, tuple(goal.values()), (0.0,) * len(goal))
-                self._shared.follow(self._orders(), name, TrajectoryGoal(controller.joints, (point,)), None)
+                    now = arm.owner.now()
+                    here = dict(zip(controller.joints, controller.start(0.0, state, now).position, strict=True))
+                    # The time of the point counts from now, and the robot may have what comes before that.
+                    wait = max(0.0, controller.follower.next_start(now) - now)
+                goal = here | dict(target.positions)
+                back = abs(goal[grip.gripper.joint.name] - here[grip.gripper.joint.name])
+                seconds = wait + max(target.duration, _UNHURRIED * back / grip.gripper.joint.max_speed)
+                rest = (0.0,) * len(goal)
+                point = Point(seconds, tuple(goal.values()), rest, rest)
+                relief = TrajectoryGoal(controller.joints, (point,), gives_way=True)
+                self._shared.follow(self._orders(), name, relief, None)
         except HexwireError as error:
             _log.warning("the gripper does not hold what it met with little force: %s", error)
             self._cancel()

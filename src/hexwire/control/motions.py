@@ -19,7 +19,7 @@ from hexwire.motion.checks import InJoints
 from hexwire.motion.joined import Joined
 from hexwire.motion.limits import check_target, slow_enough, smooth_duration
 from hexwire.motion.safety import SafetyLimits, StopReason, board_stop
-from hexwire.motion.waypoints import Blend, Spline, Trajectory, Waypoint
+from hexwire.motion.waypoints import Trajectory
 
 from .arrival import Tolerance
 from .controller import TrajectoryController
@@ -51,9 +51,7 @@ Until = Callable[["JointState"], bool | JointTarget | None]
 _LOOK = 0.1
 """Seconds between two states that show whether a joint is moving."""
 _APART = math.radians(0.4)
-"""A trajectory that begins further from the arm than this, more than a few counts, is blended in."""
-_BLEND = 0.3
-"""Seconds that this takes."""
+"""A trajectory that begins further from the arm than this, more than a few counts, is joined from there."""
 _FLICKER = math.radians(0.2)
 """Two counts: a smaller difference is noise, not motion."""
 
@@ -286,14 +284,13 @@ def _check_target(
     return state
 
 
-def _from_here(trajectory: Trajectory, state: JointState) -> Trajectory:
+def _from_here(controller: TrajectoryController, trajectory: Trajectory, state: JointState) -> Trajectory:
     """The trajectory, from the arm's position if that is not its start: a board would jump there."""
-    names = trajectory.names
-    here = tuple(state.positions[name] for name in names)
-    gaps = [abs(a - b) for a, b in zip(here, trajectory.start, strict=True)]
+    gaps = [abs(state.positions[name] - at) for name, at in zip(trajectory.names, trajectory.start, strict=True)]
     if not _APART < max(gaps) < math.inf:
         return trajectory
-    return Blend(Spline(names, [Waypoint(0.0, here)]), 0.0, trajectory, min(_BLEND, trajectory.duration))
+    controller.follower.observe(state)
+    return controller.follower.join(trajectory)
 
 
 def _run_path(
@@ -309,7 +306,6 @@ def _run_path(
     rate = options.rate or robot.command_rate
     none = Tolerances(dict.fromkeys(names, Tolerance()), dict.fromkeys(names, Tolerance()))
     last = Tolerances(none.path, options.goal(names), options.grace)
-    # It needs no kinematics: the paths are checked, and each leg begins at rest, so there is no blend to check.
     limits = options.limits or SafetyLimits.at_period(1.0 / rate)
     # The paths are checked, but not the way from the arm to the first one.
     kept = ControllerSettings("", names, True, none), robot.model, limits
@@ -328,7 +324,7 @@ def _run_path(
         feed = None
         if robot.times_motion and not options.host_timed and owner.group.reason is None:
             whole = legs[0] if len(legs) == 1 else Joined(legs)
-            whole = _from_here(whole, owner.newest())
+            whole = _from_here(controller, whole, owner.newest())
             feed = begin_feed(
                 robot,
                 whole,

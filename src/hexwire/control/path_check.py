@@ -7,7 +7,7 @@ motion; and while it runs, the combined targets of all controllers. Must not kno
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Self
 
@@ -233,23 +233,32 @@ class PathCheck:
             reason = Reason.TOO_LATE if late else Reason.PATH_NOT_ALLOWED
             raise GoalError(f"{why}: before the next point, {'; '.join(map(str, findings))}", reason=reason)
 
-    def takeover(self, samples: Iterable[tuple[float, Mapping[str, float]]], others: Mapping[str, float]) -> None:
-        """Check the blend from the running motion to a new one, which is on neither of the checked paths.
+    def unchecked(
+        self, trajectory: Trajectory, others: Mapping[str, float], meanwhile: Sequence[Trajectory] = ()
+    ) -> str:
+        """Check motion from a running path to another or to rest, which is on no path that was checked before.
+
+        Its limits are kept by its planning. As of all motion that has begun, the tolerance of `running` counts.
 
         Args:
-            samples: From `Follower.takeover`.
+            trajectory: The motion.
             others: Positions of the arm's joints, radians.
+            meanwhile: Trajectories of other joints, from its beginning on.
 
-        Raises:
-            GoalError: The blend is not allowed.
+        Returns:
+            What is wrong with it; empty if nothing is.
         """
-        if self._kinematics is None:
-            return
+        if self._kinematics is None or not self._fenced:
+            return ""
         fence = Fence(self._kinematics, self._table, moving=True)
-        for t, positions in samples:
-            if found := fence.follow({**others, **positions}, positions):
-                text = f"{t:.2f} s after it replaces the running motion, {found}; wait for its end first"
-                raise GoalError(text, reason=Reason.PATH_NOT_ALLOWED)
+        for t, sample in trajectory.samples(_BRIDGE_STEP):
+            positions = dict(zip(trajectory.names, sample.position, strict=True))
+            where = dict(others)
+            for other in meanwhile:
+                where.update(zip(other.names, other.sample(t).position, strict=True))
+            if found := fence.follow({**where, **positions}, positions):
+                return f"{t:.2f} s after it begins, {found}"
+        return ""
 
     def running(self, here: Mapping[str, float], target: Mapping[str, float]) -> str:
         """Check the next combined target, since each controller checks only its own path; returns the violations.

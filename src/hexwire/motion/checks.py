@@ -138,13 +138,15 @@ def check_trajectory(
 
     for t, sample in _samples(trajectory, max((other.duration for other in meanwhile), default=0.0), step):
         since = t - last[0] if last else 0.0
+        # A trajectory may be passed at its end, with the speed that it has there.
+        velocity = trajectory.at(t).velocity if t == trajectory.duration else sample.velocity
         for i, (joint, angle) in enumerate(zip(joints, sample.position, strict=True)):
             try:
                 joint.check(angle)
             except LimitError as error:
                 advice = "" if last else f"; bring it back first: hexwire move {joint.name}=..."
                 note(joint.name, t, str(error).partition(";")[0] + advice)
-            speed = abs(sample.velocity[i])
+            speed = abs(velocity[i])
             if last:
                 # Two samples may be a rounding error apart; a distance covered in no time is still a jump.
                 speed = max(speed, abs(angle - last[1][i]) / max(since, 1e-6))

@@ -1,38 +1,65 @@
 """The target of the arm in each cycle: from a trajectory, from streamed set-points, or hold.
 
-Owns the choice: the latest set-point wins, a new trajectory blends in, lost set-points mean hold, a stop is
-latched. Time comes in as an argument. Must not know robots, clocks or threads.
+Owns the choice: the latest set-point wins, a new trajectory takes over from the running one within all limits, a
+hold brakes within them, lost set-points mean hold, a stop is latched. Time comes in as an argument. Must not know
+robots, clocks or threads. Over 500 lines because every way to a target changes the same few times of one state.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections import deque
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from typing import TYPE_CHECKING
 
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.arm import ArmModel
 from hexwire.model.state import JointState, JointTarget
 from hexwire.units import decimal
 
+from .limits import resting_inside
+from .moving import Pieces, brake, joint_limits
 from .safety import Guard, SafetyLimits, StopReason
+from .slowed import slow_down
+from .takeover import Takeover, take_over
+from .together import Together
 from .trajectory import PEAK_SPEED
-from .waypoints import Blend, Braked, Sample, Spline, Tail, Trajectory, Waypoint
+from .waypoints import Sample, Tail, Trajectory
 
-__all__ = ["BRAKE", "Follower", "FollowerCounters", "Mode"]
+if TYPE_CHECKING:
+    from hexwire.model.control_law import ControlLaw, Laws
 
-BRAKE = 0.15
-"""Seconds in which a robot that has the trajectory itself comes to rest on it."""
+__all__ = ["BRAKE", "Follower", "FollowerCounters", "Mode", "Ways"]
+
+_ROUNDING = 1e-9
+BRAKE = 0.5
+"""Seconds in which a robot that has the trajectory itself comes to rest on it, where this program cannot plan that.
+
+From 2 rad/s, even motion is braked within 6 rad/s^2 and 60 rad/s^3 so; PROTOCOL.md 6.7 has the law.
+"""
 
 _STALL = 1.0
 """Delay behind the last command, in leads, from which the loop counts as stalled."""
-_BLEND_STEP = 0.01
-"""Seconds between two samples of a blend."""
+_ASIDE = 0.3
+"""Seconds in which a trajectory that starts elsewhere must be within reach."""
+_LATER, _PLACES = 0.1, 10
+"""Seconds between two places of the path from which to brake, where braking at once would leave what is allowed;
+and their number, since each costs a check of the brake."""
+_PAST = 1.0
+"""Seconds for which a plan that was replaced is still known: states come with a delay."""
 _GAP, _LONGEST_GAP = 0.02, 2.0
 """Seconds between two positions that are recorded for a stall, and the part of a stall for which they are."""
+_RECENT, _STANDS, _STILL = 0.1, 0.06, 1e-3
+"""Seconds of commands towards set-points that give their speed, seconds without a change after which there is none,
+and radians per second that count as none."""
 _INSTANT = 0.05
-"""Minimum blend time in seconds for the start check: a trajectory without duration may start slightly off."""
+"""The same for a trajectory without duration, which may start slightly off."""
+
+
+Ways = tuple[tuple[Trajectory, float], ...]
+"""How a trajectory begins: what is followed first and after that, each with the seconds after which it starts."""
 
 
 class Mode(Enum):
@@ -53,7 +80,7 @@ class FollowerCounters:
         set_points: Set-points received.
         replaced: Set-points replaced by a newer one before they were sent.
         lost: Times that set-points stopped coming and the arm held.
-        blends: Trajectories that replaced a motion.
+        blends: Trajectories that took over from a motion.
         stops: Stops.
         slips: Stalls of the loop after which a trajectory continued where it was instead of catching up.
     """
@@ -73,9 +100,10 @@ class Follower:
     Args:
         arm: Limits and speeds.
         limits: Thresholds for an automatic stop.
-        blend: Seconds in which a new trajectory takes over from a motion.
         lost_after: Seconds without a set-point after which the arm holds.
-        jump: Share of a joint's speed limit that the start of a trajectory may require while blending in.
+        jump: Share of a joint's speed limit that the start of a trajectory may require while joints join it.
+        allowed: What is wrong with motion that no check has seen, given the positions of all joints; empty if
+            nothing is. Its joint limits are checked here.
 
     Attributes:
         mode: Present mode.
@@ -95,13 +123,13 @@ class Follower:
         arm: ArmModel,
         limits: SafetyLimits | None = None,
         *,
-        blend: float = 0.3,
         lost_after: float = 0.25,
         jump: float = 1.0,
+        allowed: Callable[[Trajectory, Mapping[str, float]], str] = lambda trajectory, positions: "",
     ) -> None:
-        for value in (blend, lost_after, jump):
+        for value in (lost_after, jump):
             if not 0 < value < math.inf:
-                raise UsageError(f"blend, lost_after and jump must be above 0 and finite, not {value:g}")
+                raise UsageError(f"lost_after and jump must be above 0 and finite, not {value:g}")
         self.arm = arm
         self.guard = Guard(limits or SafetyLimits())
         self.mode = Mode.HOLD
@@ -110,17 +138,19 @@ class Follower:
         self.waits = True
         self.settled, self.sent_ahead = 0.0, False
         self.changes, self.changed_from = 0, math.inf
-        self._blend, self._lost_after, self._jump = blend, lost_after, jump
-        # After a hold it is the rest of it, on which the robot brakes.
-        self._trajectory: Trajectory | None = None
-        self._started = 0.0
-        # The trajectory before it, and when that one started.
-        self._earlier: tuple[Trajectory, float] | None = None
-        # Both, also when they are over.
-        self._planned: tuple[tuple[Trajectory, float], ...] = ()
+        self._lost_after, self._jump, self._allowed = lost_after, jump, allowed
+        # What was planned, each with its start, in the order of these; each counts until the next one starts.
+        self._chain: tuple[tuple[Trajectory, float], ...] = ()
+        # It is not over; its last part is a brake.
+        self._running = self._braking = False
         self._set_point: dict[str, float] = {}
         self._set_point_time = -math.inf
         self._fresh = False
+        self._laws: dict[str, ControlLaw] = {}
+        # Joints that the robot follows with gains; they are given back to its own loop.
+        self._with_gains: set[str] = set()
+        # The last commands towards set-points, with the times when they were due.
+        self._told: deque[tuple[float, dict[str, float]]] = deque()
         # The last commanded positions, and when they are due.
         self._command: dict[str, float] = {}
         self._command_due = -math.inf
@@ -131,94 +161,161 @@ class Follower:
 
     # -- requests ---------------------------------------------------------------------------------
 
-    def follow(self, trajectory: Trajectory, now: float, begins: float = -math.inf) -> None:
-        """Follow a trajectory from now on; a running motion blends into it.
+    def follow(
+        self,
+        trajectory: Trajectory,
+        now: float,
+        begins: float = -math.inf,
+        *,
+        passes: bool = False,
+        at_once: bool = False,
+        ways: Ways | None = None,
+    ) -> None:
+        """Follow a trajectory from now on. A running motion goes over into it within all limits.
+
+        Where the way into it is not allowed, the running motion is braked first.
 
         Args:
             trajectory: The trajectory.
             now: Seconds.
             begins: Not earlier than this.
+            passes: As in `take_over`.
+            at_once: It begins with the state that is planned for then, for joints that stand because they press on
+                something: what moves is the plan alone, and its limits do not count.
+            ways: From `ways` for that time, if the joints then move as was assumed.
 
         Raises:
             UsageError: No state is known yet, or a joint does not exist.
-            LimitError: Stopped, or the trajectory starts too far from the present position.
+            LimitError: Stopped, the trajectory starts too far from the present position, or there is no allowed way
+                into it.
         """
+        self._refuse_if_stopped()
         begins = max(begins, self.next_start(now))
-        running = self._running(trajectory.names, begins)
-        blend = self._blended(trajectory, begins)
-        self.counters.blends += running is not None and self.mode is Mode.TRAJECTORY
-        self._earlier = running
-        self._trajectory, self._started = blend, begins
+        if ways is None:
+            here = self.here(trajectory.names, begins)
+            ways = self.ways(trajectory, here, passes=passes, at_once=at_once)
+        plans = [(path, begins + later) for path, later in ways]
+        moving = self._counts(trajectory.names, now)
+        self.counters.blends += moving and self.mode is Mode.TRAJECTORY
+        self._chain = (*(self._before(begins) if moving else ()), *plans)
+        self._running, self._braking = True, False
         self.mode = Mode.TRAJECTORY
-        self._set_point = {}
+        self._set_point, self._laws = {}, {}
         self._changed(begins)
 
-    def takeover(
-        self, trajectory: Trajectory, now: float, begins: float = -math.inf
-    ) -> Iterator[tuple[float, dict[str, float]]]:
-        """The joint positions while a trajectory takes over from a running motion; changes nothing.
+    def join(self, trajectory: Trajectory) -> Trajectory:
+        """A trajectory as `follow` would follow it now if nothing moves; raises as `follow`."""
+        self._refuse_if_stopped()
+        ((plan, _),) = self.ways(trajectory, self.here(trajectory.names, self._now))
+        return plan
+
+    def ways(
+        self,
+        trajectory: Trajectory,
+        here: Sample,
+        *,
+        passes: bool = False,
+        at_once: bool = False,
+        allowed: Callable[[Trajectory, Mapping[str, float]], str] | None = None,
+    ) -> Ways:
+        """A trajectory as it takes over from what moves then, with what must come before it, and when each starts.
+
+        This takes long. It changes nothing and reads only the newest state: it may run beside a cycle.
 
         Args:
-            trajectory: As for `follow`.
-            now: Likewise.
-            begins: Likewise.
-
-        Yields:
-            Seconds from its start, and radians by joint; nothing if the joints are at rest.
+            trajectory: The trajectory.
+            here: How the joints move when it begins, from `here`.
+            passes: As in `follow`.
+            at_once: Likewise.
+            allowed: As of the follower; its own if None.
 
         Raises:
-            UsageError, LimitError: As `follow`.
+            LimitError: As `follow`.
         """
-        begins = max(begins, self.next_start(now))
-        blend = self._blended(trajectory, begins)
-        if self._running(trajectory.names, begins) is None:
-            return
-        seconds = min(self._blend, trajectory.duration)
-        steps = max(1, math.ceil(seconds / _BLEND_STEP))
-        for i in range(steps + 1):
-            t = seconds * i / steps
-            yield t, self._within_limits(dict(zip(blend.names, blend.sample(t).position, strict=True)))
 
-    def _running(self, names: tuple[str, ...], when: float) -> tuple[Trajectory, float] | None:
-        """What moves exactly these joints at a time, and when it started."""
-        running = self._trajectory
-        if running is None or running.names != names:
-            return None
-        if when < self._started and self._earlier is not None:
-            return self._earlier
-        return running, self._started
+        def fault(plan: Trajectory) -> str:
+            return self._wrong(plan, allowed)
 
-    def _changed(self, when: float) -> None:
-        self.changes += 1
-        self.changed_from = min(when, self.changed_from)
-        now = () if self._trajectory is None else ((self._trajectory, self._started),)
-        self._planned = now if self._earlier is None else (self._earlier, *now)
+        limits = joint_limits(self.arm, trajectory.names)
+        self._refuse_far(trajectory, here)
+        if at_once or not self.waits:
+            return ((trajectory, 0.0),)  # also where a robot that keeps the time has it already
+        plan = take_over(here, trajectory, limits, passes=passes)
+        if plan is trajectory or not (wrong := fault(plan)):
+            return ((plan, 0.0),)
+        if passes and not fault(stopping := take_over(here, trajectory, limits)):
+            # There is no room to brake beyond its end.
+            return ((stopping, 0.0),)
+        braked = brake(trajectory.names, here, limits)
+        rest = braked.sample(braked.duration)
+        plan = take_over(rest, trajectory, limits, passes=False)
+        if not braked.duration or fault(braked) or (plan is not trajectory and fault(plan)):
+            raise LimitError(f"{wrong}; wait for the end of the running motion, or move elsewhere first")
+        return ((braked, 0.0), (plan, braked.duration))
 
-    def _blended(self, trajectory: Trajectory, begins: float) -> Blend:
-        self._refuse_if_stopped()
-        names = trajectory.names
-        for name in names:
-            self.arm.joint(name)
-        here = self._present(names)
-        old: Trajectory = Spline(names, [Waypoint(0.0, here)])
-        switch = 0.0
-        running = self._running(names, begins)
-        if running is not None:
-            # The last command may be ahead of now; going back behind it would be a jump.
-            old, switch = running[0], begins - running[1]
-        seconds = min(self._blend, trajectory.duration)
-        here = old.sample(switch).position
-        for name, a, b in zip(names, here, trajectory.start, strict=True):
-            # The blend closes the gap as a quintic, whose peak speed is above its mean.
-            if not PEAK_SPEED * abs(b - a) <= self._jump * self.arm.joint(name).max_speed * max(seconds, _INSTANT):
+    def here(self, names: tuple[str, ...], when: float) -> Sample:
+        """How joints move at a time; at rest on their stops they begin at their limits. Raises as `desired`."""
+        here = self.desired(names, when)
+        inside = resting_inside(self.arm, dict(zip(names, here.position, strict=True)))
+        return here._replace(position=tuple([inside[name] for name in names]))
+
+    def _refuse_far(self, trajectory: Trajectory, here: Sample) -> None:
+        seconds = max(min(_ASIDE, trajectory.duration), _INSTANT)
+        for name, a, b in zip(trajectory.names, here.position, trajectory.start, strict=True):
+            if not PEAK_SPEED * abs(b - a) <= self._jump * self.arm.joint(name).max_speed * seconds:
                 gap = math.degrees(abs(b - a))
                 raise LimitError(
                     f"the trajectory starts {decimal(gap, 3)} deg from the position of {name}; move there first"
                 )
-        return Blend(old, switch, trajectory, seconds)
 
-    def set_point(self, positions: Mapping[str, float], now: float) -> None:
+    def _wrong(
+        self, plan: Trajectory, allowed: Callable[[Trajectory, Mapping[str, float]], str] | None = None
+    ) -> str:
+        """What is wrong with the parts of a plan that are on no checked path; empty if nothing is."""
+        if isinstance(plan, Takeover):
+            parts = [part for part in (plan.head, plan.tail) if part]
+            return next(filter(None, (self._wrong(part, allowed) for part in parts)), "")
+        if not isinstance(plan, Pieces):
+            return ""
+        for name, (low, high) in zip(plan.names, plan.ranges(), strict=True):
+            joint = self.arm.joint(name)
+            if low < joint.minimum - _ROUNDING or high > joint.maximum + _ROUNDING:
+                far = math.degrees(low if low < joint.minimum else high)
+                return f"{joint.name} would swing to {decimal(far, 3)} deg, beyond its limit"
+        return (allowed or self._allowed)(plan, {} if self._state is None else self._state.positions)
+
+    def _counts(self, names: tuple[str, ...], when: float) -> bool:
+        """Whether a plan for exactly these joints is not over at a time, or still has a command to give."""
+        chain = self._chain
+        return bool(chain) and chain[-1][0].names == names and (self._running or when < self._ends)
+
+    @property
+    def _ends(self) -> float:
+        """When the plan ends."""
+        last, started = self._chain[-1]
+        return started + last.duration
+
+    def _planned_at(self, when: float) -> tuple[Trajectory, float]:
+        """What is planned for a time, and when that starts."""
+        return next((row for row in reversed(self._chain) if row[1] <= when), self._chain[0])
+
+    def _before(self, when: float) -> tuple[tuple[Trajectory, float], ...]:
+        """What of the plan still counts if it is replaced from a time on."""
+        rows = [row for row in self._chain if row[1] < when]
+        old = sum(later[1] < self._now - _PAST for later in rows[1:])
+        return tuple(rows[old:])
+
+    def _changed(self, when: float) -> None:
+        self.changes += 1
+        self.changed_from = min(when, self.changed_from)
+
+    def set_point(self, positions: Mapping[str, float], now: float, laws: Laws = None) -> None:
         """Move to a set-point; it replaces a waiting set-point and any trajectory.
+
+        Args:
+            positions: Radians by joint.
+            now: Seconds.
+            laws: With what gains the robot shall follow them, for some of these joints.
 
         Raises:
             LimitError: Outside limits, or stopped; the previous set-point stays in force.
@@ -235,29 +332,74 @@ class Follower:
         self._present(tuple(checked))
         self.counters.set_points += 1
         self.counters.replaced += self._fresh
-        self.hold()
+        if self.mode is not Mode.STREAM:
+            self.hold()
+            self._told.clear()
         self._set_point, self._set_point_time, self._fresh = checked, now, True
+        self._laws = {name: law for name, law in (laws or {}).items() if name in checked}
         self.mode = Mode.STREAM
 
     def hold(self) -> None:
-        """Hold the last commanded position. A robot that has the trajectory itself brakes on it from there on."""
+        """Brake within all limits: from the last command on, or as soon as a robot with the plan can know it."""
         if self.mode is Mode.STOPPED:
             return
-        self._set_point, self._fresh = {}, False
         if self.mode is Mode.TRAJECTORY:
             self._leave()
+        elif self.mode is Mode.STREAM:
+            self._leave_stream()
+        self._set_point, self._laws, self._fresh = {}, {}, False
         self.mode = Mode.HOLD
 
     def _leave(self) -> None:
-        """End the trajectory: as soon as the robot can learn it, if it was sent ahead."""
-        running = self._trajectory
-        due = self._now + self.settled if self.sent_ahead else self._command_due
-        self._trajectory, earlier, self._earlier = None, self._earlier, None
-        if running is not None and self.sent_ahead:
-            whole, began = earlier if due < self._started and earlier is not None else (running, self._started)
-            if self._now >= began:
-                self._trajectory, self._started = Braked(whole, due - began, BRAKE), began
+        """End the trajectory: brake, or come to rest on it."""
+        due = self._now + self.settled if self.sent_ahead else max(self._command_due, self._now)
+        names = self._chain[-1][0].names
+        first, starts = self._chain[0]
+        kept = self._before(due)
+        if self.sent_ahead and self._now < starts:
+            # A robot that has it ends it at once: nothing has moved.
+            kept = ()
+            self._command.update(zip(names, first.start, strict=True))
+        self._chain = kept
+        if kept:
+            found = self._way_out(names, due)
+            self._chain = kept if found is None else (*kept, found)
+        self._running = self._braking = bool(self._chain)
         self._changed(due)
+
+    def _way_out(self, names: tuple[str, ...], due: float) -> tuple[Trajectory, float] | None:
+        """How joints leave what is planned, and when; None if that is over as soon.
+
+        A brake is the shortest way. Where it leads beyond what is allowed, they come to rest on their path, which
+        was checked: at once if the limits allow that, else soon, and in any case within a bounded time.
+        """
+        limits, last = joint_limits(self.arm, names), None
+        for i in range(_PLACES):
+            begins = due + i * _LATER
+            if begins >= self._ends:
+                return None
+            stop = brake(names, self.here(names, begins), limits)
+            if not self._wrong(stop):
+                return stop, begins
+            slowed, keeps = slow_down(_rest_of(self._chain, begins), limits)
+            if begins + slowed.duration >= self._ends:
+                return None
+            last = last or (slowed, begins)
+            if keeps:
+                return slowed, begins
+        return last
+
+    def _leave_stream(self) -> None:
+        """Brake from the speed of the set-points, unless that leads where nothing may go."""
+        names = tuple(self._set_point)
+        here = self.desired(names, self._command_due)
+        if not any(here.velocity):
+            return
+        path = brake(names, here, joint_limits(self.arm, names))
+        if not self._wrong(path):
+            self._chain = ((path, self._command_due),)
+            self._running = self._braking = True
+            self._changed(self._command_due)
 
     def stop(self, reason: StopReason | str) -> None:
         """Latch a stop; the first reason stays."""
@@ -282,7 +424,9 @@ class Follower:
 
     def _drop(self) -> None:
         """Forget everything planned."""
-        self._trajectory, self._earlier, self._set_point, self._fresh = None, None, {}, False
+        self._chain, self._running, self._braking = (), False, False
+        self._set_point, self._laws, self._fresh = {}, {}, False
+        self._with_gains.clear()
         self._busy_until = -math.inf
         self._changed(-math.inf)
         if self.mode is not Mode.STOPPED:
@@ -295,26 +439,29 @@ class Follower:
 
     @property
     def done(self) -> bool:
-        """Whether no trajectory is running and no set-point is followed."""
-        return self.mode in {Mode.HOLD, Mode.STOPPED}
+        """Whether no trajectory is running, no set-point is followed, and no joint has gains."""
+        return self.mode in {Mode.HOLD, Mode.STOPPED} and not self._with_gains
+
+    @property
+    def braking(self) -> bool:
+        """The joints brake, and nothing else is to follow."""
+        return self._running and self.mode is Mode.HOLD
 
     def remaining(self, now: float) -> float:
         """Seconds until the trajectory ends; 0 if there is none."""
-        if self._trajectory is None or self.mode is not Mode.TRAJECTORY:
+        if not self._running or self.mode is not Mode.TRAJECTORY:
             return 0.0
-        return max(0.0, self._started + self._trajectory.duration - now)
+        return max(0.0, self._ends - now)
 
     def keep_start(self, earliest: float, latest: float) -> None:
         """Move the start of the running trajectory between two times: a robot that keeps the time is there."""
         if self.mode is Mode.TRAJECTORY:
-            self._started = max(earliest, min(latest, self._started))
+            started = self._chain[-1][1]
+            self.shift(max(earliest, min(latest, started)) - started)
 
     def shift(self, seconds: float) -> None:
         """Move everything planned in time: the robot's clock drifts, or it started later."""
-        self._started += seconds
-        if self._earlier is not None:
-            self._earlier = self._earlier[0], self._earlier[1] + seconds
-        self._planned = tuple([(path, began + seconds) for path, began in self._planned])
+        self._chain = tuple([(path, began + seconds) for path, began in self._chain])
 
     def take_change(self) -> float:
         """From when on the plan was replaced since the last call."""
@@ -323,8 +470,8 @@ class Follower:
 
     @property
     def planned(self) -> tuple[tuple[Trajectory, float], ...]:
-        """What was planned last, and when it starts; each counts until the next one starts. Empty after a drop."""
-        return self._planned
+        """What is planned, and when it starts; each counts until the next one starts. Empty after a drop."""
+        return self._chain
 
     def rejoin(self, rest: Mapping[str, float], left: float, now: float, *, wanted: bool = True) -> None:
         """Go on after a robot has come to rest, although it should not have.
@@ -338,25 +485,23 @@ class Follower:
         Raises:
             LimitError: It is too far from there to the trajectory.
         """
-        trajectory, began, mode = self._trajectory, self._started, self.mode
-        if trajectory is None and mode is Mode.HOLD and wanted and self._planned:
-            last, start = self._planned[-1]
-            if left < start + last.duration and not isinstance(last, Braked):
-                trajectory, began, mode = last, start, Mode.TRAJECTORY
-        self._trajectory = self._earlier = None
+        chain, goes_on = self._chain, self._running and self.mode is Mode.TRAJECTORY
+        if wanted and chain and self.mode is Mode.HOLD and not self._running and not self._braking:
+            goes_on = left < self._ends
+        self._chain, self._running, self._braking = (), False, False
         self._command.update({name: rest[name] for name in rest if name in self._command})
         self._command_due = now
         self._busy_until = -math.inf
         self._changed(now)
-        if trajectory is None or mode is not Mode.TRAJECTORY:
+        if not goes_on:
             return
         self.mode = Mode.HOLD
         self.counters.slips += 1
-        self.follow(Tail(trajectory, max(0.0, left - began)), now)
+        self.follow(_rest_of(chain, max(left, chain[0][1])), now)
 
     def ahead(self, when: float) -> Trajectory | None:
         """The rest of the running trajectory at a time, or None."""
-        return None if self._trajectory is None else Tail(self._trajectory, when - self._started)
+        return _rest_of(self._chain, when) if self._running else None
 
     def observe(self, state: JointState, now: float = -math.inf) -> None:
         """Store a state between cycles, so that a motion that starts now starts at the arm's position.
@@ -369,10 +514,8 @@ class Follower:
         self._now = max(now, self._now)
 
     def next_start(self, now: float) -> float:
-        """When a trajectory given now would start: not before the last command is due, and not while braking."""
-        braking = self._trajectory if self.mode is not Mode.TRAJECTORY else None
-        rest = -math.inf if braking is None else self._started + braking.duration
-        return max(now + self.settled, self._command_due, rest)
+        """When a trajectory given now would start: not before the last command is due."""
+        return max(now + self.settled, self._command_due)
 
     @property
     def due(self) -> float:
@@ -385,10 +528,28 @@ class Follower:
         Raises:
             UsageError: Their position is still unknown.
         """
-        if (running := self._running(names, now)) is not None:
-            return running[0].sample(now - running[1])
+        if self._counts(names, now):
+            path, began = self._planned_at(now)
+            return path.sample(now - began)
         rest = (0.0,) * len(names)
-        return Sample(self._present(names), rest, rest)
+        # After the last command, joints that follow set-points rest where it was for.
+        streams = self.mode is Mode.STREAM and now <= self._command_due
+        speeds = tuple([self._speed(name) for name in names]) if streams else rest
+        return Sample(self._present(names), speeds, rest)
+
+    def _speed(self, name: str) -> float:
+        """The speed at which a joint has been told to follow set-points, radians per second; 0 with weak gains."""
+        if name in self._laws:
+            return 0.0
+        rows = [(due, where[name]) for due, where in self._told if name in where]
+        if len(rows) < 2 or self._command_due - rows[-1][0] > _RECENT:
+            return 0.0
+        (since, first), (until, last) = rows[0], rows[-1]
+        if all(where == last for due, where in rows if due >= until - _STANDS):
+            return 0.0
+        most = self.arm.joint(name).max_speed
+        speed = (last - first) / max(until - since, _INSTANT)
+        return max(-most, min(most, speed)) if abs(speed) > _STILL else 0.0
 
     # -- the cycle ----------------------------------------------------------------------------------
 
@@ -412,57 +573,60 @@ class Follower:
         if (found := self.guard.judge(state, now)) is not None:
             self.stop(found)
             return found
-        if self._trajectory is not None:
-            return self._advance(self._trajectory, now, max(lead, self.settled))
-        if self.mode is Mode.STREAM:
+        if self.mode is Mode.STREAM and not self._running:
             self._fresh = False
             if now - self._set_point_time > self._lost_after:
                 self.counters.lost += 1
                 self.hold()
+            elif now < self._busy_until:
                 return None
-            if now < self._busy_until:
-                return None
-            return self._send(self._towards(self._set_point, now, lead), now, lead)
-        return None
-
-    def _advance(self, trajectory: Trajectory, now: float, lead: float) -> JointTarget:
-        if self.waits and not self.sent_ahead:
+            else:
+                return self._follow_set_point(now, lead)
+        if self._running and self.waits and not self.sent_ahead:
             self._slip(now, lead)
-        t = now + lead - self._started
-        running = self._running(trajectory.names, now + lead)
-        whole, began = running if running is not None else (trajectory, self._started)
-        if t >= trajectory.duration:
-            self._trajectory = self._earlier = None
+        # A loss may have begun a brake.
+        if self._running:
+            return self._advance(now, max(lead, self.settled))
+        return self._send({}, now, lead) if self._with_gains else None
+
+    def _follow_set_point(self, now: float, lead: float) -> JointTarget:
+        target = self._towards(self._set_point, now, lead)
+        self._told.append((now + lead, dict(target)))
+        while self._told[0][0] < now + lead - _RECENT:
+            self._told.popleft()
+        return self._send(target, now, lead)
+
+    def _advance(self, now: float, lead: float) -> JointTarget:
+        path, began = self._planned_at(now + lead)
+        positions = dict(zip(path.names, path.sample(now + lead - began).position, strict=True))
+        last, started = self._chain[-1]
+        # The same difference as for the sample, so that the last one is exactly the goal.
+        if now + lead - started >= last.duration:
+            self._running = False
             if self.mode is Mode.TRAJECTORY:
                 self.mode = Mode.HOLD
             if self.sent_ahead:
-                self._busy_until = self._started + trajectory.duration
-        positions = dict(zip(trajectory.names, whole.sample(now + lead - began).position, strict=True))
-        if t < self._blend:
-            positions = self._within_limits(positions)
+                self._busy_until = self._ends
         return self._send(positions, now, lead)
-
-    def _within_limits(self, positions: Mapping[str, float]) -> dict[str, float]:
-        """Clamp to the limits: a blend may overshoot both trajectories, or begin at a joint that rests outside."""
-        joints = {name: self.arm.joint(name) for name in positions}
-        return {n: min(max(angle, joints[n].minimum), joints[n].maximum) for n, angle in positions.items()}
 
     def _fill_in(self, now: float) -> None:
         """Record where a robot that keeps the time itself was sent during a stall of this loop."""
-        trajectory = self._trajectory
-        if trajectory is None or not math.isfinite(self._command_due):
+        if not self._running or not math.isfinite(self._command_due):
             return
         due = max(self._command_due, now - _LONGEST_GAP)
         while (due := due + _GAP) < now:
-            position = trajectory.sample(due - self._started).position
-            self.guard.commanded(dict(zip(trajectory.names, position, strict=True)), due)
+            path, began = self._planned_at(due)
+            self.guard.commanded(dict(zip(path.names, path.sample(due - began).position, strict=True)), due)
 
     def _slip(self, now: float, lead: float) -> None:
-        """After a stall, continue from the last command: catching up would be a jump."""
-        stall = now - max(self._command_due, self._started)
+        """After a stall, continue from the last command: catching up would be a jump. A brake is over."""
+        stall = now - max(self._command_due, self._chain[0][1])
         if stall > _STALL * lead:
-            self.shift(stall)
             self.counters.slips += 1
+            if self.braking:
+                self._chain, self._running, self._braking = (), False, False
+            else:
+                self.shift(stall)
 
     def _towards(self, goal: Mapping[str, float], now: float, lead: float) -> dict[str, float]:
         """The position as close to a goal as the speed limits allow since the last command."""
@@ -475,10 +639,23 @@ class Follower:
         return steps
 
     def _send(self, positions: dict[str, float], now: float, lead: float) -> JointTarget:
+        if self._with_gains:
+            positions |= self._where_they_are(self._with_gains - positions.keys())
+        self._with_gains = set(self._laws)
         self._command.update(positions)
         self._command_due = now + lead
         self.guard.commanded(positions, now + lead)
-        return JointTarget.of(positions, lead)
+        return JointTarget(tuple(positions.items()), lead, tuple(self._laws.items()))
+
+    def _where_they_are(self, names: Collection[str]) -> dict[str, float]:
+        """Where joints are held whose gains end: with weak ones they are not where they were told to be."""
+        known: Mapping[str, float] = {} if self._state is None else self._state.positions
+        found = {name: known.get(name, math.nan) for name in sorted(names)}
+        inside = {name: at if math.isfinite(at) else self._command[name] for name, at in found.items()}
+        return {
+            name: max(self.arm.joint(name).minimum, min(self.arm.joint(name).maximum, at))
+            for name, at in inside.items()
+        }
 
     def _present(self, names: tuple[str, ...]) -> tuple[float, ...]:
         """Last commanded positions of joints, or their present positions if there was no command."""
@@ -497,3 +674,9 @@ class Follower:
     def _refuse_if_stopped(self) -> None:
         if self.mode is Mode.STOPPED:
             raise LimitError(f"the arm is stopped ({self.reason}); reset first")
+
+
+def _rest_of(chain: tuple[tuple[Trajectory, float], ...], when: float) -> Trajectory:
+    """What is left of a plan at a time."""
+    names = chain[0][0].names
+    return Tail(Together(names, {names: [(path, began - when) for path, began in chain]}), 0.0)

@@ -1,4 +1,4 @@
-"""Trajectories of joints over time: the interface, splines through waypoints, scaling, blending.
+"""Trajectories of joints over time: the interface, splines through waypoints, scaling.
 
 Owns what a trajectory is. Time is seconds from its start and comes in as an argument: a sample depends on that
 time alone, so sampling does not drift. Must not know clocks, robots or files.
@@ -16,7 +16,7 @@ from hexwire.errors import UsageError
 from hexwire.model.state import LONGEST
 from hexwire.units import decimal
 
-__all__ = ["Blend", "Braked", "Sample", "Scaled", "Spline", "Tail", "Trajectory", "Waypoint"]
+__all__ = ["Sample", "Scaled", "Spline", "Tail", "Trajectory", "Waypoint"]
 
 Values = tuple[float, ...]
 
@@ -257,57 +257,3 @@ class Tail(Trajectory):
 
     def at(self, t: float) -> Sample:
         return self._whole.sample(self._begin + t)
-
-
-class Braked(Trajectory):
-    """A trajectory whose own time runs ever more slowly from some time on: the joints come to rest on it.
-
-    Args:
-        whole: The trajectory.
-        begin: Seconds from its start at which braking begins, 0 or more.
-        seconds: Seconds until rest, above 0; half as much of the trajectory is still travelled.
-    """
-
-    def __init__(self, whole: Trajectory, begin: float, seconds: float) -> None:
-        self.names, self._whole, self._begin, self._seconds = whole.names, whole, begin, seconds
-        left = whole.duration - begin
-        # It may end before it would be at rest.
-        longest = seconds - math.sqrt(seconds * (seconds - 2.0 * left)) if 2.0 * left < seconds else seconds
-        self.duration = begin + max(0.0, longest)
-
-    def at(self, t: float) -> Sample:
-        passed = t - self._begin
-        if passed <= 0.0:
-            return self._whole.sample(t)
-        passed = min(passed, self._seconds)
-        rate = 1.0 - passed / self._seconds
-        position, velocity, acceleration = self._whole.sample(self._begin + passed * (1.0 + rate) / 2.0)
-        pairs = zip(velocity, acceleration, strict=True)
-        slower = tuple([a * rate * rate - v / self._seconds for v, a in pairs])
-        return Sample(position, tuple([v * rate for v in velocity]), slower)
-
-
-class Blend(Trajectory):
-    """From one trajectory into another without a jump in position, velocity or acceleration.
-
-    Args:
-        old: The present trajectory; may be over.
-        switch: Time of `old` at which the new one begins.
-        new: The next trajectory, of the same joints.
-        seconds: Duration of the change; at most that of the new trajectory.
-    """
-
-    def __init__(self, old: Trajectory, switch: float, new: Trajectory, seconds: float) -> None:
-        if old.names != new.names:
-            raise UsageError(f"cannot blend from {', '.join(old.names)} to {', '.join(new.names)}")
-        seconds = min(seconds, new.duration)
-        here = old.sample(switch)
-        there = new.sample(seconds)
-        self.names, self.duration = new.names, new.duration
-        self._new, self._seconds = new, seconds
-        self._change = Spline(new.names, [Waypoint(0.0, *here), Waypoint(seconds, *there)]) if seconds > 0 else None
-
-    def at(self, t: float) -> Sample:
-        if self._change is not None and t < self._seconds:
-            return self._change.at(t)
-        return self._new.at(t)

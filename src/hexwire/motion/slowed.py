@@ -1,0 +1,86 @@
+"""A trajectory on which the joints come to rest without leaving it: its time slows down.
+
+Owns how the time slows down, and how long that takes within the limits. Must not know robots, clocks, nor where an
+arm may go: it goes where the trajectory goes, which was checked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from .moving import braking_time
+from .speed_profile import JointLimits
+from .waypoints import Sample, Trajectory
+
+__all__ = ["Slowed", "slow_down"]
+
+_FACTORS = (1.25, 1.6, 2.0, 2.5, 3.2, 5.0)
+"""How much longer than a brake that may leave the trajectory it may take."""
+_LEAST = 0.1
+"""Seconds that it takes at least: joints may rest while the trajectory is about to move them."""
+_SAMPLES = 40
+"""Of it, when it is compared with the limits."""
+_SLACK = 1.001
+"""Share of a limit that counts as kept."""
+
+
+class Slowed(Trajectory):
+    """A trajectory whose time slows down until it stands still.
+
+    Args:
+        path: The trajectory.
+        seconds: In which it comes to rest; half of them pass on the trajectory.
+    """
+
+    def __init__(self, path: Trajectory, seconds: float) -> None:
+        self.names, self.duration, self._path = path.names, seconds, path
+
+    def at(self, t: float) -> Sample:
+        u = min(1.0, max(0.0, t / self.duration))
+        # The rate falls from 1 to 0 and is flat at both ends, so the acceleration does not jump.
+        rate, slope = 1.0 - u * u * (3.0 - 2.0 * u), -6.0 * u * (1.0 - u) / self.duration
+        place = self.duration * u * (1.0 - u * u * (1.0 - 0.5 * u))
+        position, velocity, acceleration = self._path.sample(place)
+        return Sample(
+            position,
+            tuple([rate * v for v in velocity]),
+            tuple([rate * rate * a + slope * v for v, a in zip(velocity, acceleration, strict=True)]),
+        )
+
+
+def slow_down(path: Trajectory, limits: Sequence[JointLimits]) -> tuple[Slowed, bool]:
+    """Bring joints to rest on a trajectory.
+
+    Args:
+        path: What they follow, from now on.
+        limits: Of the joints.
+
+    Returns:
+        How they do, in the shortest of some times that keeps the limits as well as the trajectory does; and False
+        if none of them does: then the longest.
+    """
+    least = max(_LEAST, braking_time(path.sample(0.0), limits))
+    # Where the trajectory itself goes beyond a limit, somebody asked for that.
+    own = _shares(path, min(path.duration, 0.5 * _FACTORS[-1] * least), limits)
+    most = [max(_SLACK, share) for share in own]
+    for factor in _FACTORS:
+        found = Slowed(path, factor * least)
+        shares = _shares(found, found.duration, limits)
+        if all(share <= allowed for share, allowed in zip(shares, most, strict=True)):
+            return found, True
+    return Slowed(path, _FACTORS[-1] * least), False
+
+
+def _shares(path: Trajectory, seconds: float, limits: Sequence[JointLimits]) -> tuple[float, float, float]:
+    """The greatest shares of the limits of velocity, acceleration and jerk until a time."""
+    step = seconds / _SAMPLES
+    fastest = hardest = roughest = 0.0
+    before = None
+    for i in range(_SAMPLES + 1 if step > 0.0 else 0):
+        _, velocity, acceleration = path.sample(i * step)
+        for v, a, b, limit in zip(velocity, acceleration, before or acceleration, limits, strict=True):
+            fastest = max(fastest, abs(v) / limit.speed)
+            hardest = max(hardest, abs(a) / limit.acceleration)
+            roughest = max(roughest, abs(a - b) / (limit.jerk * step))
+        before = acceleration
+    return fastest, hardest, roughest
