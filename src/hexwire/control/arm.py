@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 from hexwire.errors import GoalError, HexwireError, UsageError
@@ -23,6 +24,7 @@ from .outcomes import Reason
 from .owner import RobotOwner
 from .path_check import PathCheck
 from .power import switch_torque
+from .prepared import begin
 from .state_log import logging_states
 from .teach_mode import TeachMode
 from .waiting import TryLock, Waiter
@@ -195,21 +197,15 @@ class Arm:
                 others = self._meanwhile([name], begins)
             # Not under the lock, since the check of a long trajectory takes long.
             controller.check_path(plan.trajectory(start, received), state, others, wanted=wanted)
-            with owner.locked():
+
+            def refuse() -> None:
                 self.teach_mode.hand.refuse()
                 self._refuse_void(asked)
                 if not wanted():
                     raise GoalError("cancelled before it began", reason=Reason.CANCELLED)
-                accepting()
-                now = owner.now()
-                controller.accept(
-                    plan,
-                    owner.newest(),
-                    now,
-                    listener=listener,
-                    tolerances=tolerances,
-                    meanwhile=self._meanwhile([name], controller.follower.next_start(now)),
-                )
+
+            others_at, end = partial(self._meanwhile, [name]), (listener, tolerances)
+            begin(owner, controller, plan, end, meanwhile=others_at, refuse=refuse, accepting=accepting)
         except GoalError:
             raise
         except HexwireError as error:

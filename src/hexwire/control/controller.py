@@ -1,7 +1,8 @@
 """A trajectory controller: moves joints along trajectories and set-points, and decides how goals end.
 
 Owns the life of a goal: accepted, replaced, cancelled, within its tolerances or not, ended. Time comes in as an
-argument, and goals as plain values. Must not know messages, robots, threads or clocks.
+argument, and goals as plain values. Must not know messages, robots, threads or clocks. Over 500 lines because every
+way to begin a goal is a way to end the one before.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from hexwire.errors import GoalError, HexwireError
 from hexwire.model.state import JointState, JointTarget
-from hexwire.motion.follower import Follower, Mode
+from hexwire.motion.follower import Follower, Mode, Ways
 from hexwire.motion.safety import StopReason
 from hexwire.motion.waypoints import Sample
 
@@ -53,6 +54,40 @@ class _Active:
     arrival: Arrival
 
 
+@dataclass(frozen=True, slots=True)
+class Outline:
+    """What a goal begins with, if it begins at a time.
+
+    Attributes:
+        plan: Of the goal.
+        begins: Seconds, host clock.
+        start: How its joints move then.
+        here: The same, as the follower begins there.
+        changes: `Follower.changes`.
+        others: Positions of the arm's joints, radians.
+        meanwhile: Trajectories of other controllers, from then on.
+        streamed: Nobody waits for its end.
+    """
+
+    plan: Plan
+    begins: float
+    start: Sample
+    here: Sample
+    changes: int
+    others: Mapping[str, float]
+    meanwhile: Sequence[Trajectory]
+    streamed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Ready:
+    """A goal that may begin as soon as it is known that it still begins as in its outline."""
+
+    outline: Outline
+    trajectory: Trajectory
+    ways: Ways
+
+
 def _active(listener: GoalListener | None, tolerances: Tolerances, begins: float, ends: float) -> _Active:
     return _Active(listener, tolerances, begins, Arrival(tolerances.goal, ends, tolerances.goal_time))
 
@@ -71,6 +106,7 @@ class TrajectoryController:
     Attributes:
         settings: As given.
         follower: Computes the set-points.
+        planning: Seconds that the last `prepare` took.
         off: Joints that were not at the goal at the last check of the arrival, worst first.
     """
 
@@ -89,6 +125,7 @@ class TrajectoryController:
         self._check = check
         self.follower = Follower(arm, limits, lost_after=command_timeout, allowed=self._wrong)
         self.off: tuple[Deviation, ...] = ()
+        self.planning = 0.0
         # What other controllers do while a goal begins.
         self._meanwhile: Sequence[Trajectory] = ()
         self._places = tuple(arm.index(name) for name in settings.joints)
@@ -236,6 +273,7 @@ class TrajectoryController:
         listener: GoalListener | None = None,
         tolerances: Tolerances | None = None,
         meanwhile: Sequence[Trajectory] = (),
+        ready: Ready | None = None,
     ) -> None:
         """Follow a planned and checked goal; the active goal is preempted.
 
@@ -246,12 +284,16 @@ class TrajectoryController:
             listener: Notified of its end.
             tolerances: Instead of the controller's own.
             meanwhile: Trajectories of other controllers, from now on.
+            ready: The goal, if `is_current`; otherwise its way out of the running motion is planned here.
 
         Raises:
             GoalError: Stopped, without torque, or too late; nothing was changed.
         """
         self._refuse_unready(self.joints, state)
         tolerances = tolerances or self.settings.tolerances
+        if ready is not None:
+            self.follow(ready.trajectory, state, now, listener=listener, tolerances=tolerances, ready=ready)
+            return
         if plan.goal.delay > 0.0 and plan.due > self.follower.next_start(now):
             self._preempt("replaced by a new goal")
             self._pending = plan
@@ -268,6 +310,56 @@ class TrajectoryController:
         finally:
             self._meanwhile = ()
 
+    def outline(
+        self,
+        plan: Plan,
+        state: JointState,
+        now: float,
+        begins: float,
+        meanwhile: Sequence[Trajectory],
+        *,
+        streamed: bool,
+    ) -> Outline:
+        """What a goal begins with at a time; arguments as of `accept`, raises as `start`."""
+        start, follower = self.start(begins - now, state, now), self.follower
+        here = follower.here(self.joints, begins)
+        return Outline(plan, begins, start, here, follower.changes, state.positions, meanwhile, streamed)
+
+    def prepare(self, outline: Outline) -> Ready:
+        """Plan and check how a goal begins. This takes long, and changes nothing: it needs no lock.
+
+        Raises:
+            GoalError: The goal is refused.
+        """
+
+        def allowed(trajectory: Trajectory, others: Mapping[str, float]) -> str:
+            return self._check.unchecked(trajectory, others, outline.meanwhile)
+
+        at_once = outline.plan.goal.gives_way
+        path = self._path(
+            outline.plan,
+            outline.start,
+            outline.begins,
+            outline.others,
+            outline.meanwhile,
+            streamed=outline.streamed,
+        )
+        try:
+            ways = self.follower.ways(path, outline.here, passes=outline.streamed, at_once=at_once, allowed=allowed)
+        except GoalError:
+            raise
+        except HexwireError as error:
+            raise GoalError(str(error), reason=Reason.PATH_NOT_ALLOWED) from None
+        return Ready(outline, path, ways)
+
+    def is_current(self, ready: Ready, now: float) -> bool:
+        """Whether a goal still begins as it was prepared: nothing else was begun, and its joints move the same."""
+        outline, follower = ready.outline, self.follower
+        begins = max(outline.begins, follower.next_start(now))
+        dated = bool(outline.plan.goal.delay) or outline.streamed
+        if follower.changes != outline.changes or (dated and begins > outline.begins):
+            return False
+        return follower.here(self.joints, begins) == outline.here
 
     def follow(
         self,
@@ -278,11 +370,14 @@ class TrajectoryController:
         listener: GoalListener | None = None,
         tolerances: Tolerances | None = None,
         at_once: bool = False,
+        ready: Ready | None = None,
     ) -> None:
         """Follow a trajectory that begins at the present position; otherwise as `accept` and `Follower.follow`."""
         self._refuse_unready(trajectory.names, state)
         self.follower.observe(state)
         begins, ways = self.follower.next_start(now), None
+        if ready is not None:
+            begins, ways = max(begins, ready.outline.begins), ready.ways
         try:
             # Without somebody who waits for its end it is one of a stream.
             self.follower.follow(trajectory, now, begins, passes=listener is None, at_once=at_once, ways=ways)

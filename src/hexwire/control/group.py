@@ -1,13 +1,15 @@
 """The controllers of one arm, protected for use by several threads.
 
-Owns their lock, and notifying listeners outside of it. Must not know robots, clocks or threads.
+Owns their lock, how a stop reaches them that waits for nobody, and notifying listeners outside of the lock. Must
+not know robots, clocks or threads.
 """
 
 from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
+from types import TracebackType
 from typing import TYPE_CHECKING, Protocol
 
 from hexwire.model.state import JointTarget
@@ -19,9 +21,12 @@ if TYPE_CHECKING:
     from .outcomes import Ended, GoalListener
     from .path_check import PathCheck
 
-__all__ = ["Controller", "ControllerGroup"]
+__all__ = ["Controller", "ControllerGroup", "ControllerLock"]
 
 _log = logging.getLogger(__name__)
+
+_PATIENCE = 0.5
+"""Seconds for which a stop that was sent waits for the lock; later, whoever has it stops the controllers."""
 
 
 class Controller(Protocol):
@@ -62,6 +67,50 @@ class Controller(Protocol):
         """Goals that have ended since the last call."""
 
 
+class ControllerLock:
+    """A re-entrant lock: who takes it finds no controller that a stop has not reached, and leaves none.
+
+    Args:
+        reach: Brings the controllers to a stop that was announced, if there is one. Called with the lock held.
+    """
+
+    def __init__(self, reach: Callable[[], object]) -> None:
+        self._lock, self._depth, self._reach = threading.RLock(), 0, reach
+
+    def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
+        """As `threading.RLock.acquire`."""
+        if not self._lock.acquire(blocking, timeout):
+            return False
+        self._depth += 1
+        try:
+            self._reach()
+        except BaseException:
+            self._leave()
+            raise
+        return True
+
+    def release(self) -> None:
+        """As `threading.RLock.release`."""
+        try:
+            # What was done after the stop was announced must not outlast it.
+            if self._depth == 1:
+                self._reach()
+        finally:
+            self._leave()
+
+    def _leave(self) -> None:
+        self._depth -= 1
+        self._lock.release()
+
+    def __enter__(self) -> bool:
+        return self.acquire()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.release()
+
+
 class ControllerGroup:
     """Applies operations to all controllers, or to some.
 
@@ -74,9 +123,13 @@ class ControllerGroup:
 
     def __init__(self, members: Sequence[Controller] = (), check: PathCheck | None = None) -> None:
         self.members = members
-        self.lock = threading.RLock()
+        self.lock = ControllerLock(self._reach)
         self.check = check
         self.stops = 0
+        # Held for moments only, so a stop never waits for it; re-entrant, since a signal handler may stop the arm.
+        self._announcing = threading.RLock()
+        # The reason of a stop that was announced and has not reached the controllers yet.
+        self._announced: StopReason | None = None
 
     @property
     def busy(self) -> bool:
@@ -90,13 +143,16 @@ class ControllerGroup:
 
     @property
     def reason(self) -> StopReason | None:
-        """Why the arm is stopped, or None."""
-        return next((c.reason for c in self.members if c.reason), None)
+        """Why the arm is stopped, or is about to be, or None."""
+        # In this order: one that reaches the controllers meanwhile is found there.
+        return self._announced or next((c.reason for c in self.members if c.reason), None)
 
     @property
     def blamed(self) -> frozenset[str]:
         """Joints that caused the stops."""
-        return frozenset(c.reason.joint for c in self.members if c.reason)
+        announced = self._announced
+        reasons = [announced, *(c.reason for c in self.members)]
+        return frozenset(reason.joint for reason in reasons if reason)
 
     def cycle(
         self, state: JointState, speeds: Sequence[float], now: float, lead: float, *, due: bool
@@ -137,11 +193,28 @@ class ControllerGroup:
         found = self.check.running(state.positions, dict(target)) if self.check is not None else ""
         return StopReason("fence", found) if found else None
 
+    def announce(self, reason: StopReason) -> None:
+        """Announce a stop: it voids what was asked for before. Waits for nobody; `settle` must follow."""
+        with self._announcing:
+            self.stops += 1
+            if self._announced is None:
+                self._announced = reason
+
+    def settle(self) -> None:
+        """Latch an announced stop of all controllers; if their lock is not free, whoever has it does that."""
+        if self.lock.acquire(timeout=_PATIENCE):
+            try:
+                ended = self._take_ended()
+            finally:
+                self.lock.release()
+            _tell(ended)
+        else:
+            _log.error("the controllers are busy: they are stopped when that is over; the robot was told to stop")
+
     def stop(self, reason: StopReason) -> None:
-        """Latch a stop of all controllers."""
-        with self.lock:
-            self._stop(reason)
-        self.deliver()
+        """Latch a stop of all controllers. A robot that must stop, too, is told between `announce` and `settle`."""
+        self.announce(reason)
+        self.settle()
 
     def see_stop(self, reason: StopReason) -> None:
         """Latch a stop that the robot tells of. If one is latched it is the same one: it does not count again."""
@@ -182,25 +255,38 @@ class ControllerGroup:
 
     def void(self) -> None:
         """Count a stop that has been carried out already, so that it voids what was asked for since."""
-        with self.lock:
+        with self._announcing:
             self.stops += 1
 
     def deliver(self) -> None:
         """Notify the listeners of ended goals; without the lock, since a listener may take other locks."""
         with self.lock:
-            ended = [row for controller in self.members for row in controller.take_ended()]
-        for listener, end in ended:
-            try:
-                listener.ended(end)
-            except Exception:  # noqa: BLE001  # a stop of the robot comes after this, and must come
-                _log.exception("a listener of a goal failed")
+            ended = self._take_ended()
+        _tell(ended)
+
+    def _take_ended(self) -> list[tuple[GoalListener, Ended]]:
+        return [row for controller in self.members for row in controller.take_ended()]
 
     def _forget(self) -> None:
         if self.check is not None:
             self.check.forget()
 
     def _stop(self, reason: StopReason) -> None:
-        self.stops += 1
-        self._forget()
-        for controller in self.members:
-            controller.stop(reason)
+        self.announce(reason)
+        self._reach()
+
+    def _reach(self) -> None:
+        while (reason := self._announced) is not None:
+            self._forget()
+            for controller in self.members:
+                controller.stop(reason)
+            # Another one that came meanwhile has found all of them stopped.
+            self._announced = None
+
+
+def _tell(ended: Iterable[tuple[GoalListener, Ended]]) -> None:
+    for listener, end in ended:
+        try:
+            listener.ended(end)
+        except Exception:  # noqa: BLE001  # the others must be told as well
+            _log.exception("a listener of a goal failed")

@@ -335,9 +335,12 @@ class Output:
 
     def stop(self, reason: StopReason) -> None:
         """Stop the controllers and the robot."""
-        self.tell(logging.ERROR, "stopped: %s", reason)
-        self._group.stop(reason)
-        confirmed = self._robot.stop()
+        self._group.announce(reason)
+        try:
+            self.tell(logging.ERROR, "stopped: %s", reason)
+            confirmed = self._robot.stop()
+        finally:
+            self._group.settle()
         if missing := [name for name in self._robot.model.names if name not in confirmed]:
             self.tell(logging.ERROR, "%s did not confirm the stop", ", ".join(missing))
 

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from hexwire.epochs import Token
     from hexwire.model.state import JointState, JointTarget, SentTarget
 
-    from .group import Controller
+    from .group import Controller, ControllerLock
     from .known_state import KnownState
     from .loop import RateLoop
 
@@ -238,7 +238,8 @@ class RobotOwner:
             # Targets that a borrowed robot got past its controllers belong to its caller; and its motion may have
             # arrived before the time of its last target is over.
             moving = self.group.moving or (not self._borrowed and bool(self.running()))
-            self.group.stop(StopReason("asked", "the program ends"))
+            steps.callback(self.group.settle)
+            self.group.announce(StopReason("asked", "the program ends"))
             with suppress(HexwireError):
                 if self.connected and moving and self._stop_on_failure:
                     self.robot.stop()
@@ -324,7 +325,7 @@ class RobotOwner:
 
     # -- requests from any thread ---------------------------------------------------------------------
 
-    def locked(self) -> threading.RLock:
+    def locked(self) -> ControllerLock:
         """The lock that guards the controllers. Do not block while holding it."""
         return self.group.lock
 
@@ -460,7 +461,7 @@ class RobotOwner:
         return self._output.send(target, asked, holds=holds)
 
     def stop(self, why: str, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
-        """Latched stop, ahead of everything else.
+        """Latched stop, ahead of everything else: it does not wait for the lock of the controllers.
 
         Args:
             why: The reason, for display.
@@ -472,11 +473,15 @@ class RobotOwner:
         Raises:
             HexwireError: The robot could not be reached; the controllers are stopped nevertheless.
         """
-        self.group.stop(StopReason("asked", why))
-        if not self.connected:
-            self._owes_stop = not self._borrowed
-            raise LinkLostError(f"the stop cannot be sent to the robot: {self.error}")
-        return self.robot.stop(mode)
+        # First: from here on nothing is accepted that was asked for before, and no target is decided.
+        self.group.announce(StopReason("asked", why))
+        try:
+            if not self.connected:
+                self._owes_stop = not self._borrowed
+                raise LinkLostError(f"the stop cannot be sent to the robot: {self.error}")
+            return self.robot.stop(mode)
+        finally:
+            self.group.settle()
 
     def reset(self, asked: int | None = None) -> None:
         """Clear a latched stop. Nothing moves.
@@ -562,10 +567,11 @@ class RobotOwner:
             # A programming error: stop the arm, and let the program see the error.
             _log.exception("the robot's thread failed")
             self.crash = error
-            self.group.stop(StopReason("lost", f"the program failed: {error}"))
+            self.group.announce(StopReason("lost", f"the program failed: {error}"))
             self._calls.fail(DeviceError(f"the program failed: {error}"))
             with suppress(HexwireError):
                 self.robot.stop()
+            self.group.settle()
 
     def _attach(self) -> None:
         self.robot.attach()
@@ -641,7 +647,7 @@ class RobotOwner:
         self._output.tell(logging.INFO if self._ending.is_set() else logging.ERROR, "%s", error)
         self.connected, self.error = False, str(error)
         moving = self.group.moving or bool(self.running())
-        self.group.stop(StopReason("lost", f"the robot was lost: {error}"))
+        self.group.announce(StopReason("lost", f"the robot was lost: {error}"))
         self._fail_calls()
         # An arm whose lease was lost holds, or moves for another program, which must not be stopped by this one.
         if self._stop_on_failure and not isinstance(error, LeaseError):
@@ -649,6 +655,7 @@ class RobotOwner:
                 self.robot.stop()
             except HexwireError:
                 self._owes_stop = moving and not self._borrowed
+        self.group.settle()
         self._close_reader()
         if not self._borrowed:
             with suppress(HexwireError):

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 __all__ = ["HandGuiding", "Recorder", "TeachMode", "record_by_hand"]
 
 _MAY_HAVE_TORQUE = JointFlag.TORQUE_ON | JointFlag.TORQUE_UNKNOWN
+_PATIENCE = 0.5
+"""Seconds for which a stop waits until nobody begins or ends teach mode at this moment."""
 _TREMOR = 0.1
 """Seconds on either side over which taught positions are smoothed."""
 
@@ -133,8 +135,14 @@ class HandGuiding:
 
     def abandon(self) -> bool:
         """End hand guiding because of a stop: torque stays off. Returns whether it was active."""
-        with self._owner.locked():
+        # A stop waits for nobody for ever.
+        lock = self._owner.locked()
+        held = lock.acquire(timeout=_PATIENCE)
+        try:
             was, self.active = self.active, False
+        finally:
+            if held:
+                lock.release()
         return was
 
 
