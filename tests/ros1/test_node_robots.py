@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 
+from tests.drivers.puma_server import served_puma
 from tests.ros1.ros_world import JOINTS, Arm, World, near, until
+
+from hexwire.wire.robot_bodies import JointCommands
 
 # A busy machine stalls longer than the usual 1 s.
 PATIENT = "_watchdog:=4.0"
@@ -61,6 +64,28 @@ def test_puma_over_tcp(world: World) -> None:
     assert near(target, arm.position())
     arm.diagnosed("link", 0, "ok")
     assert node.end() == 0
+
+
+def test_gains_go_to_a_controller_that_obeys_them(world: World) -> None:
+    with served_puma() as served:
+        node = world.node("__ns:=gains", "_robot:=puma260", f"_port:={served.tcp}", "_enable_on_start:=true")
+        arm = Arm(world, node, "/gains/")
+        here = arm.position()
+        served.robot.executed.clear()
+        what = {"name": ["J1", "J5"], "position": [here["J1"] + 0.1, here["J5"] + 0.1]}
+        gains = {"kp_position": [8.0, 8.0], "kd_position": [1.5, 1.5]}
+        arm.client.joint_commands(topic="/gains/joint_commands", times=101, **what, **gains)
+        sent = [each for each in served.robot.executed if isinstance(each, JointCommands)]
+        assert sent
+        assert {(each.name, each.kp_position, each.kd_position) for each in sent} == {
+            (("J1", "J5"), (8.0, 8.0), (1.5, 1.5))
+        }
+        assert "ignored" not in node.err
+        # They end with the messages.
+        until(lambda: not any(served.robot._gains), "the controller's own loop holds", node.report)
+        arm.client.joint_commands(topic="/gains/joint_commands", velocity=[0.1, 0.1], **what)
+        until(lambda: "gain; ignored: velocity" in node.err, "it is logged", node.report)
+        assert node.end() == 0
 
 
 def test_bus_arm(world: World) -> None:

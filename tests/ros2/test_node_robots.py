@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from tests.drivers.puma_server import served_puma
 from tests.ros1.ros_world import HEXWIRE, serving_patiently
 from tests.ros2.node_fixtures import SETTINGS, world
 from tests.ros2.node_world import JOINTS, SUCCEEDED, Arm, Goal, PtyBoard, World, near, until
@@ -13,6 +16,7 @@ from tests.ros2.node_world import JOINTS, SUCCEEDED, Arm, Goal, PtyBoard, World,
 import hexwire
 from hexwire.ros2.distributions import Distribution
 from hexwire.ros2.qos import LATCHED
+from hexwire.wire.robot_bodies import JointCommands
 
 __all__ = ["world"]
 
@@ -91,6 +95,38 @@ def test_every_robot_with_a_geometry_moves_and_has_a_description(world: World, r
     assert all(f'<joint name="{name}"' in message.data for name in here)
     arm.peer.close()
     assert node.end() == 0
+
+
+def test_gains_go_to_a_controller_that_obeys_them(world: World) -> None:
+    with served_puma() as served:
+        on = ("-p", "enable_on_start:=true")
+        node = world.node("-r", "__ns:=/gains", "-p", "robot:=puma260", "-p", f"port:={served.tcp}", *on)
+        arm = Arm(world, node, at="/gains/")
+        here = arm.position()
+        served.robot.executed.clear()
+        what = {"name": ["J1", "J5"], "position": [here["J1"] + 0.1, here["J5"] + 0.1]}
+        gains = {"kp_position": [8.0, 8.0], "kd_position": [1.5, 1.5]}
+
+        def publish(**fields: Any) -> None:
+            arm.peer.publish("/gains/joint_commands", "osrf_msgs/msg/JointCommands", **what, **fields)
+
+        for _ in range(101):
+            publish(**gains)
+            time.sleep(0.02)
+        sent = [each for each in served.robot.executed if isinstance(each, JointCommands)]
+        assert sent
+        assert {(each.name, each.kp_position, each.kd_position) for each in sent} == {
+            (("J1", "J5"), (8.0, 8.0), (1.5, 1.5))
+        }
+        assert "ignored" not in node.err
+        # They end with the messages.
+        until(lambda: not any(served.robot._gains), "the controller's own loop holds", node.report)
+        publish(velocity=[0.1, 0.1])
+        until(lambda: "gain; ignored: velocity" in node.err, "it is logged", node.report)
+        publish(kp_position=[1.0])
+        until(lambda: "kp_position has 1 values for 2 names" in node.err, "it is logged", node.report)
+        arm.peer.close()
+        assert node.end() == 0
 
 
 def test_a_robot_without_a_geometry_has_no_description(world: World) -> None:

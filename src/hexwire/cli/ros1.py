@@ -51,7 +51,7 @@ Publishes:
   /diagnostics              diagnostic_msgs/DiagnosticArray
 Subscribes and serves:
   command                   trajectory_msgs/JointTrajectory; a trajectory without points means hold
-  joint_commands            osrf_msgs/JointCommands, only the positions
+  joint_commands            osrf_msgs/JointCommands; gains where the robot obeys them (puma260)
   follow_joint_trajectory   action control_msgs/FollowJointTrajectory
 Services:
   ~stop, ~reset, ~go_to/POSE, ~teach/start, ~teach/stop, ~teach/play    std_srvs/Trigger

@@ -62,6 +62,7 @@ Subscribes and serves:
   CONTROLLER/follow_joint_trajectory    action control_msgs/FollowJointTrajectory
   forward_position_controller/commands  std_msgs/Float64MultiArray: positions of all joints
   robot_joint_commands                  sensor_msgs/JointState of a controller manager elsewhere; NaN: no command
+  joint_commands                        osrf_msgs/JointCommands; gains where the robot obeys them (puma260)
 Services:
   ~/stop, ~/reset, ~/go_to/POSE, ~/teach/start, ~/teach/stop, ~/teach/play    std_srvs/Trigger
   ~/enable                                                                    std_srvs/SetBool

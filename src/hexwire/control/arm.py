@@ -31,6 +31,7 @@ from .waiting import TryLock, Waiter
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
+    from hexwire.model.control_law import Laws
     from hexwire.model.state import JointState, SentTarget
     from hexwire.motion.teach import Taught
     from hexwire.motion.waypoints import Sample, Trajectory
@@ -234,7 +235,7 @@ class Arm:
         self.owner.group.deliver()
 
     def set_points(
-        self, positions: Mapping[str, float], *, near: float = math.inf, asked: int | None = None
+        self, positions: Mapping[str, float], *, near: float = math.inf, asked: int | None = None, laws: Laws = None
     ) -> None:
         """Follow set-points: all of them, or none.
 
@@ -242,6 +243,7 @@ class Arm:
             positions: Radians by joint.
             near: A joint that follows no set-points must be this close to its first one, radians.
             asked: As in `command`.
+            laws: Control laws by joint, for some of these joints.
 
         Raises:
             UsageError: There is none, a joint is unknown or too far from its first set-point, or a position is not
@@ -258,7 +260,7 @@ class Arm:
                 raise UsageError(f"no joint {joint!r}; there are {', '.join(self._all_joints())}")
             shares.setdefault(which, {})[joint] = angle
         if not shares:
-            raise UsageError("it has no positions, and these servos accept nothing else")
+            raise UsageError("it has no positions")
         with owner.locked():
             self.teach_mode.hand.refuse()
             self._refuse_void(asked)
@@ -267,7 +269,7 @@ class Arm:
                 self.controllers[key].check_set_points(share, state, near)
             self._check.posture(state.positions, positions)
             for key, share in shares.items():
-                self.controllers[key].follow_set_points(share, now)
+                self.controllers[key].follow_set_points(share, now, laws)
         owner.group.deliver()
 
     # -- power and stop -------------------------------------------------------------------------------

@@ -27,6 +27,7 @@ from .plan import Plan
 
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
+    from hexwire.model.control_law import Laws
     from hexwire.motion.safety import SafetyLimits
     from hexwire.motion.waypoints import Trajectory
 
@@ -432,9 +433,9 @@ class TrajectoryController:
             text = f"the first set-point is away from the arm: {', '.join(far)}; it must be within {near:g} rad"
             raise GoalError(text, reason=Reason.PATH_NOT_ALLOWED)
 
-    def follow_set_points(self, positions: Mapping[str, float], now: float) -> None:
-        """Follow set-points after `check_set_points`; otherwise as `set_points`."""
-        self.follower.set_point(positions, now)
+    def follow_set_points(self, positions: Mapping[str, float], now: float, laws: Laws = None) -> None:
+        """Follow set-points after `check_set_points`; otherwise as `set_points`, with laws as in `set_point`."""
+        self.follower.set_point(positions, now, laws)
         self._preempt("replaced by set-points")
 
     def hold(self, why: str) -> None:

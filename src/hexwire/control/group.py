@@ -187,7 +187,10 @@ class ControllerGroup:
             return reason
         if len(targets) == 1:
             return targets[0]
-        return JointTarget(positions, max(target.duration for target in targets)) if positions else None
+        if not positions:
+            return None
+        laws = tuple(pair for target in targets for pair in target.laws)
+        return JointTarget(positions, max(target.duration for target in targets), laws)
 
     def _outside(self, state: JointState, target: Iterable[tuple[str, float]]) -> StopReason | None:
         found = self.check.running(state.positions, dict(target)) if self.check is not None else ""

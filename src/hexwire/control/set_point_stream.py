@@ -14,6 +14,8 @@ from hexwire.errors import GoalError, HexwireError, UsageError
 from .outcomes import Reason
 
 if TYPE_CHECKING:
+    from hexwire.model.control_law import Laws
+
     from .arm import Arm
 
 __all__ = ["PAUSE", "SetPointStream"]
@@ -38,12 +40,18 @@ class SetPointStream:
         self._asked: int | None = None
         self._heard, self._sent = -math.inf, -math.inf
 
-    def follow(self, positions: Mapping[str, float], sent: float | None = None) -> None:
+    def follow(
+        self,
+        positions: Mapping[str, float],
+        sent: float | None = None,
+        laws: Laws = None,
+    ) -> None:
         """Follow set-points; as `Arm.set_points`.
 
         Args:
             positions: Radians by joint.
             sent: When they were sent, seconds of the sender's clock: what a network held back is no pause.
+            laws: As in `Arm.set_points`.
 
         Raises:
             GoalError: As `Arm.set_points`, or they have come since before the arm could move.
@@ -58,7 +66,7 @@ class SetPointStream:
             if self._asked != arm.mark():
                 text = "they have come since before the arm was stopped or had torque"
                 raise GoalError(f"{text}; pause them for {self._pause:g} s", reason=Reason.STOPPED)
-            arm.set_points(positions, asked=self._asked)
+            arm.set_points(positions, asked=self._asked, laws=laws)
         except HexwireError as error:
             if not isinstance(error, UsageError) or arm.teach_mode.hand.active or _cannot_move(error):
                 self._asked = None

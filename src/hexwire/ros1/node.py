@@ -37,9 +37,9 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from hexwire.control.arm import Arm
 from hexwire.control.client_goals import ClientGoal
 from hexwire.control.diagnostics import ChangeWatch, Level, Row, diagnose
+from hexwire.control.joint_commands import JointCommandStream
 from hexwire.control.log_limiter import LogLimiter
 from hexwire.control.rate import Periodic
-from hexwire.control.set_point_stream import SetPointStream
 from hexwire.control.shutdown import Shutdown
 from hexwire.control.stamps import StampClock
 from hexwire.control.teaching import to_points, tolerance_of
@@ -48,7 +48,7 @@ from hexwire.errors import DeviceError, HexwireError, UsageError
 from .actions import ActionGoals
 from .messages import control_msgs, control_srvs, osrf_msgs
 from .parameters import load_parameters
-from .values import set_points_of, trajectory_of
+from .values import trajectory_of
 
 if TYPE_CHECKING:
     from hexwire.control.known_state import KnownState
@@ -122,7 +122,7 @@ class HardwareInterface:
         self._parameters, robot = load_parameters(self._given)
         self._settings = settings = self._parameters.settings
         self._arm = Arm(robot, settings, on_state=self._publish_state, on_taught=self._publish_taught)
-        self._set_points = SetPointStream(self._arm)
+        self._joint_commands = JointCommandStream(self._arm)
         self._states: dict[str, rospy.Publisher] = {}
         self._servers: list[actionlib.ActionServer] = []
         self._shutdown, self._ended = Shutdown(_LONGEST_SHUTDOWN), threading.Event()
@@ -281,14 +281,12 @@ class HardwareInterface:
 
     def _on_joint_commands(self, message: Any) -> None:
         try:
-            positions, ignored = set_points_of(message)
-            self._set_points.follow(positions)
+            without_effect = self._joint_commands.follow(message)
         except HexwireError as error:
             self._warn(f"joint_commands refused: {error}")
         else:
-            if ignored:
-                text = f"joint_commands: the servos take positions only; ignored: {', '.join(ignored)}"
-                self._warn(text, 60.0)
+            if without_effect:
+                self._warn(f"joint_commands: {without_effect}", 60.0)
 
     def _warn(self, text: str, period: float = 1.0) -> None:
         if self._log_limiter.due(text, time.monotonic(), period):

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from hexwire.control.arm import Arm
 from hexwire.control.client_goals import ClientGoal
 from hexwire.control.diagnostics import ChangeWatch, diagnose
+from hexwire.control.joint_commands import JointCommandStream
 from hexwire.control.log_limiter import LogLimiter
 from hexwire.control.rate import Periodic
 from hexwire.control.set_point_stream import SetPointStream
@@ -62,6 +63,8 @@ NAME = "hardware_interface"
 """Name of the node, if it is not remapped."""
 COMMANDS = "forward_position_controller/commands"
 """Topic of set-points, named as the usual forward command controller for positions."""
+WITH_GAINS, JOINT_COMMANDS = "joint_commands", "osrf_msgs/msg/JointCommands"
+"""Topic and type of set-points with gains, as in ROS 1."""
 
 STRING = "std_msgs/msg/String"
 TRIGGER, SWITCH, QUERY = "std_srvs/srv/Trigger", "std_srvs/srv/SetBool", "control_msgs/srv/QueryTrajectoryState"
@@ -100,6 +103,7 @@ class HardwareInterface:
         self._arm = Arm(robot, settings.arm, on_state=self._publish_state, on_taught=self._publish_taught)
         self._goals = ActionGoals(self._arm, types.action(FOLLOW_JOINT_TRAJECTORY).result)
         self._commands = SetPointStream(self._arm)
+        self._with_gains = JointCommandStream(self._arm)
         self._trajectories = Worker("trajectories", _TRAJECTORIES)
         self._passed: Inbox[None] = self._node.callbacks.inbox(_MOST_PASSED, lambda _: self._arm.void())
         self._calls = threading.BoundedSemaphore(_MOST_CALLS)
@@ -260,6 +264,8 @@ class HardwareInterface:
         topic = self._settings.own["joint_commands_topic"]
         if topic:
             node.subscribe(topic, JOINT_STATE, _NEWEST, partial(self._on_joint_commands, topic))
+        if topic != WITH_GAINS:
+            node.subscribe(WITH_GAINS, JOINT_COMMANDS, _NEWEST, self._on_with_gains)
 
     def _offer_services(self) -> None:
         arm, node = self._arm, self._node
@@ -359,6 +365,15 @@ class HardwareInterface:
             self._commands.follow(of_array(message, joints), sent / 1e9)
         except HexwireError as error:
             self._warn(f"{COMMANDS} refused: {error}")
+
+    def _on_with_gains(self, message: Any, sent: int) -> None:
+        try:
+            without_effect = self._with_gains.follow(message, sent / 1e9)
+        except HexwireError as error:
+            self._warn(f"{WITH_GAINS} refused: {error}")
+        else:
+            if without_effect:
+                self._warn(f"{WITH_GAINS}: {without_effect}", 60.0)
 
     def _on_joint_commands(self, topic: str, message: Any, sent: int) -> None:
         try:
