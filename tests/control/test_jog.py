@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -71,12 +72,21 @@ def test_a_joint_moves_at_its_share_of_the_speed_limit_while_held() -> None:
 
 
 @pytest.mark.parametrize("age", [0.25, math.inf])
-def test_without_signs_of_life_the_joint_holds_and_stays(age: float) -> None:
+def test_without_signs_of_life_the_joint_brakes_and_stays(age: float) -> None:
     hold = _Hold(JogRequest(directions={_FIRST: 1.0}))
+    places = []
     for _ in range(5):
         hold.turn()
-    place, hold.age = hold.where(_FIRST), age
-    assert dict(hold.turn().positions) == {_FIRST: pytest.approx(place)}
+        places.append(hold.where(_FIRST))
+    hold.age = age
+    while (target := hold.turn()) is not None:
+        assert [name for name, _ in target.positions] == [_FIRST]
+        places.append(hold.where(_FIRST))
+    speeds = [(b - a) / 0.02 for a, b in pairwise(places)]
+    limit = HEX7BOT.joint(_FIRST).max_acceleration
+    assert speeds[3] == pytest.approx(0.3 * HEX7BOT.joint(_FIRST).max_speed)
+    assert all(0.0 <= a - b <= 1.001 * 0.02 * limit for a, b in pairwise(speeds[3:]))
+    assert speeds[-1] < 0.02
     hold.age = 0.0
     assert hold.turn() is None
     assert not hold.jog.busy
@@ -159,3 +169,28 @@ def test_a_malformed_request_is_refused(kind: str, args: dict[str, object]) -> N
 def test_a_drag_beyond_a_limit_is_refused() -> None:
     with pytest.raises(LimitError):
         read_request("drag", {"goals": {"J1": 9.0}}, HEX7BOT)
+
+
+def test_a_brake_ends_the_hold_as_its_release_does() -> None:
+    hold = _Hold(JogRequest(directions={_FIRST: 1.0}))
+    for _ in range(5):
+        hold.turn()
+    before = hold.where(_FIRST)
+    assert hold.jog.brake("the lease was lost")
+    assert not hold.jog.moving
+    places = [hold.where(_FIRST) for _ in range(30) if hold.turn() is not None]
+    assert places[0] > before
+    assert all(a <= b for a, b in pairwise(places))
+    assert places[-1] > places[0]
+    assert not hold.jog.busy
+    assert not hold.jog.brake("again")
+
+
+def test_after_a_stall_no_joint_moves_to_where_it_would_have_braked() -> None:
+    hold = _Hold(JogRequest(directions={_FIRST: 1.0}))
+    for _ in range(5):
+        hold.turn()
+    hold.now += 2.0
+    hold.age = 2.0
+    assert hold.turn() is None
+    assert not hold.jog.busy

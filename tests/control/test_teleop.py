@@ -109,16 +109,18 @@ def test_a_joint_follows_the_stick(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("how", ["released", "lost"])
-def test_letting_go_and_losing_the_channel_hold_at_once(rig: Rig, how: str) -> None:
+def test_letting_go_and_losing_the_channel_brakes_and_holds(rig: Rig, how: str) -> None:
     end = 1.5
     script = push(0, until=end) if how == "released" else push(0, lost=end)
     rig.run(script, end)
     there = rig.at("J1")
-    rig.run(lambda t: script(t + end), 0.1)
+    rig.run(lambda t: script(t + end), 0.6)
     rig.clock.advance(1.0)
-    speed = 0.3 * rig.robot.model.joints[0].max_speed
-    # No more than it moves in the cycle that it takes to hear of it, and what it needs to stand.
-    assert abs(rig.at("J1") - there) < 3 * speed * PERIOD
+    joint = rig.robot.model.joints[0]
+    speed = 0.3 * joint.max_speed
+    # No more than it moves in the cycle that it takes to hear of it, and what it needs to brake and to stand.
+    brakes = 0.5 * speed * (speed / joint.max_acceleration + joint.max_acceleration / joint.max_jerk)
+    assert brakes < abs(rig.at("J1") - there) < 3 * speed * PERIOD + brakes
     rig.run(lambda t: script(t + end + 1), 1.0)
     held = rig.at("J1")
     rig.clock.advance(1.0)
@@ -205,7 +207,8 @@ def test_a_run_ends_with_a_hold_or_with_a_stop_if_that_fails(lost: bool, monkeyp
     def stick() -> tuple[tuple[float, ...], int, float]:
         if rig.clock() > began + 1.0:
             raise _EndedError
-        return (1.0,) + (0.0,) * 7, HELD if rig.clock() > began + 0.2 else 0, 0.0
+        pushed = 1.0 if rig.clock() > began + 0.4 else 0.0
+        return (pushed,) + (0.0,) * 7, HELD if rig.clock() > began + 0.2 else 0, 0.0
 
     @contextmanager
     def shield() -> Iterator[None]:
@@ -234,7 +237,7 @@ def test_a_run_ends_with_a_hold_or_with_a_stop_if_that_fails(lost: bool, monkeyp
     monkeypatch.undo()
     assert done == ["ready", "shielded"]
     assert holds.count(False) > 5, "the arm moved"
-    assert holds.count(True) == (0 if lost else 1)
+    assert holds.count(True) == 0 if lost else holds.count(True) > 3, "it brakes, and holds"
     assert rig.robot.read().stopped == lost
 
 

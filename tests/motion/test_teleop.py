@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
@@ -72,22 +73,93 @@ def test_nothing_moves_without_the_button() -> None:
     assert hand.positions == PUMA_POSE
 
 
-def test_release_holds_at_once_and_once() -> None:
-    hand = puma()
+def let_go(hand: Hand, **given: float) -> list[float]:
+    """The speeds of J1 from before the release on until nothing is sent any more."""
+    places = [hand.positions["J1"]]
+    while (jog := hand.cycle(a0=1.0, **given)).action is Action.MOVE:
+        places.append(jog.positions["J1"])
+    assert jog.action is Action.IDLE, "the last target is that of rest"
+    return [(b - a) / hand.period for a, b in pairwise(places)]
+
+
+@pytest.mark.parametrize("mode", JogMode)
+def test_released_the_joints_brake_within_their_limits_and_rest(mode: JogMode) -> None:
+    hand, joint = puma(mode, share=1.0, linear=0.3), PUMA260.joint("J1")
     hand.begin()
-    hand.cycle(a0=1.0)
-    assert hand.cycle(buttons=0, a0=1.0).action is Action.HOLD
+    before = 0.0
+    for _ in range(15):
+        place = hand.positions["J1"]
+        hand.cycle(a0=1.0)
+        before = (hand.positions["J1"] - place) / hand.period
+    speeds = [before, *let_go(hand, buttons=0)]
+    assert abs(before) > 0.09
+    assert len(speeds) * hand.period > abs(before) / joint.max_acceleration
+    for a, b in pairwise(speeds):
+        assert abs(b) <= abs(a)
+        assert abs(b - a) <= 1.001 * joint.max_acceleration * hand.period
+    assert abs(speeds[-1]) < 0.02
     assert hand.cycle(buttons=0, a0=1.0).action is Action.IDLE
 
 
+def test_pressed_again_the_joints_come_to_rest_first() -> None:
+    hand = puma(share=1.0)
+    hand.begin()
+    for _ in range(5):
+        hand.cycle(a0=1.0)
+    hand.cycle(buttons=0)
+    places = []
+    for _ in range(30):
+        jog = hand.cycle()
+        assert jog.action is Action.MOVE
+        places.append(jog.positions["J1"])
+    assert all(a <= b + 1e-12 for a, b in pairwise(places)), "it does not go back to where the arm was measured"
+
+
+def test_a_joint_that_does_not_follow_is_held_at_once() -> None:
+    hand = puma(share=1.0)
+    hand.begin()
+    hand.follows = False
+    while not hand.cycle(a0=1.0).note:
+        pass
+    assert hand.cycle(buttons=0).action is Action.HOLD
+    assert hand.cycle(buttons=0).action is Action.IDLE
+
+
+@pytest.mark.parametrize("where", ["limit", "table"])
+def test_a_brake_that_leads_where_the_arm_must_not_go_is_a_hold_at_once(where: str) -> None:
+    hand, joint = puma(share=1.0), PUMA260.joint("J1")
+    edge = PUMA_POSE["J1"] + 0.3 if where == "table" else joint.maximum
+
+    def check(before: Mapping[str, float], goal: Mapping[str, float]) -> None:
+        if where == "table" and goal["J1"] > edge:
+            raise LimitError("the table")
+
+    hand.rules = Teleop(PUMA260, Puma260Model(), share=1.0, check=check)
+    hand.begin()
+    hand.positions["J1"] = edge - 0.2
+    hand.begin()
+    while hand.positions["J1"] < edge - 0.03:
+        assert hand.cycle(a0=1.0).action is Action.MOVE
+    assert hand.cycle(buttons=0).action is Action.HOLD
+
+
+def test_after_a_stop_nothing_brakes() -> None:
+    hand = puma()
+    hand.begin()
+    hand.cycle(a0=1.0)
+    hand.rules.drop()
+    assert hand.cycle(buttons=0).action is Action.IDLE
+
+
 @pytest.mark.parametrize("age", [0.25, 10.0, math.inf, math.nan])
-def test_a_lost_channel_holds_and_wants_the_button_released(age: float) -> None:
+def test_a_lost_channel_brakes_and_wants_the_button_released(age: float) -> None:
     hand = puma()
     hand.begin()
     hand.cycle(a0=1.0)
     lost = hand.cycle(age=age, a0=1.0)
-    assert lost.action is Action.HOLD
+    assert lost.action is Action.MOVE
     assert lost.note
+    let_go(hand, age=age)
     assert hand.cycle(age=age).action is Action.IDLE
     # It comes back with the button still down: that must not move anything.
     for _ in range(5):
@@ -268,12 +340,13 @@ STEP = st.tuples(
 @given(st.sampled_from(list(JogMode)), st.lists(STEP, max_size=30))
 def test_any_stick_keeps_the_rules(mode: JogMode, steps: list[tuple[list[float], int, float, float]]) -> None:
     rules = Teleop(PUMA260, Puma260Model(), mode=mode, share=1.0)
-    positions, now = dict(PUMA_POSE), 0.0
+    positions, now, moved = dict(PUMA_POSE), 0.0, False
     for axes, buttons, age, dt in steps:
         now += dt
         jog = rules.update(axes, buttons, age, positions, now)
         if not buttons & DEAD_MAN or age >= 0.25:
-            assert jog.action is not Action.MOVE
+            assert moved or jog.action is not Action.MOVE, "only to brake"
+        moved = jog.action is Action.MOVE
         if jog.action is Action.MOVE:
             for joint in PUMA260.joints:
                 assert joint.minimum <= jog.positions[joint.name] <= joint.maximum

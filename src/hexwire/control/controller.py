@@ -459,6 +459,17 @@ class TrajectoryController:
         """Clear a stop. Nothing moves."""
         self.follower.reset()
 
+    def brake(self, why: str) -> bool:
+        """End the motion within all limits; the active goal is aborted. Whether the joints still move."""
+        # What a robot has been sent ahead is ended there.
+        if not self.follower.sent_ahead:
+            self.follower.hold()
+        if self.follower.sent_ahead or not self.follower.braking:
+            self.release(why)
+            return False
+        self._end(Outcome.ABORTED, Reason.NOT_READY, why)
+        return True
+
     def release(self, why: str) -> None:
         """Forget the set-points, since the joints are no longer held; the active goal is aborted."""
         self.follower.forget()

@@ -60,6 +60,9 @@ class Controller(Protocol):
     def reset(self) -> None:
         """Clear a stop. Nothing moves."""
 
+    def brake(self, why: str) -> bool:
+        """Bring the joints to rest within their limits, if it can; returns whether they still move."""
+
     def release(self, why: str) -> None:
         """Forget the set-points, since the joints are no longer held."""
 
@@ -255,6 +258,22 @@ class ControllerGroup:
                     controller.release(why)
             self._forget()
         self.deliver()
+
+    def brake(self, why: str) -> frozenset[str]:
+        """End all motions within the limits of the joints, where a controller can; goals are aborted.
+
+        Args:
+            why: Reason for the listeners of the goals.
+
+        Returns:
+            Joints that brake; their controllers send targets until they rest.
+        """
+        with self.lock:
+            braking = [controller.joints for controller in self.members if controller.brake(why)]
+            if not braking:
+                self._forget()
+        self.deliver()
+        return frozenset(name for joints in braking for name in joints)
 
     def void(self) -> None:
         """Count a stop that has been carried out already, so that it voids what was asked for since."""

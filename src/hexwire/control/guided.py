@@ -97,6 +97,11 @@ class GuidedController:
     def reset(self) -> None:
         """Do nothing: nothing moves."""
 
+    def brake(self, why: str) -> bool:
+        """Same as `release`: its program brakes the joints before it ends."""
+        self.release(why)
+        return False
+
     def release(self, why: str) -> None:
         """Same as `stop`."""
         self._stopped, self.moving = True, False

@@ -18,17 +18,25 @@ from .target import holding
 if TYPE_CHECKING:
     from hexwire.model.state import JointReading
 
+    from .controller import TrajectoryController
     from .owner import RobotOwner
 
-__all__ = ["hold_moving", "stop_or_log"]
+__all__ = ["SOON", "brake_at_end", "hold_moving", "stop_or_log"]
 
 _log = logging.getLogger(__name__)
+
+SOON = 0.15
+"""Seconds that a joint may still move before it brakes; where a target lasts longer, joints are told to hold where
+they are at once."""
 
 _TORQUE = JointFlag.TORQUE_ON | JointFlag.TORQUE_UNKNOWN
 
 
 def hold_moving(owner: RobotOwner, why: str) -> None:
-    """End all motions; joints that move hold where they are. The caller has `RobotOwner.deciding`.
+    """End all motions: joints that controllers move brake, others hold where they are.
+
+    The caller has `RobotOwner.deciding`. What the robot does on its own, such as a far target, has no plan from
+    which a brake could begin; and where targets last long, a brake would come too late.
 
     Joints that hold already keep their target: under load a servo rests a little off it, and a new one at each of
     many holds would let the arm sink.
@@ -38,7 +46,11 @@ def hold_moving(owner: RobotOwner, why: str) -> None:
         why: In words.
     """
     moved = owner.running()
-    owner.group.release(why)
+    if owner.lead <= SOON:
+        braking = owner.group.brake(why)
+    else:
+        braking = frozenset()
+        owner.group.release(why)
     if not moved:
         return
     robot = owner.robot
@@ -46,11 +58,12 @@ def hold_moving(owner: RobotOwner, why: str) -> None:
     try:
         # The call that this thread executes may be what just lost its right; this is not part of it.
         with robot.epochs.using(asked):
-            braked = owner.brake()
+            braking = braking.union(owner.brake())
             state = robot.read()
         if state.stopped:
             return
-        moving = [j for j in state if j.name in moved and j.name not in braked and j.flags & _TORQUE]
+        moving = [j for j in state if j.name in moved and j.flags & _TORQUE]
+        moving = [j for j in moving if j.name not in braking]
         if unknown := [joint.name for joint in moving if not _is_known(joint)]:
             raise DeviceError(f"nobody knows where {', '.join(unknown)} is")
         target = holding(robot.model, state, [joint.name for joint in moving])
@@ -62,6 +75,25 @@ def hold_moving(owner: RobotOwner, why: str) -> None:
     except HexwireError as error:
         _log.error("the arm cannot hold: %s; it is stopped", error)
         stop_or_log(owner, why)
+
+
+def brake_at_end(owner: RobotOwner, controller: TrajectoryController) -> bool:
+    """Brake joints before their program ends, and wait until they rest.
+
+    Args:
+        owner: Of the arm; this thread makes its turns.
+        controller: Moves them, target by target.
+
+    Returns:
+        False if that is not possible: they must be told where to hold.
+    """
+    if owner.lead > SOON:
+        return False
+    with owner.locked():
+        braked, follower = controller.brake("it was ended"), controller.follower
+    while braked and (follower.braking or owner.now() < follower.due):
+        owner.turn()
+    return braked
 
 
 def stop_or_log(owner: RobotOwner, why: str, mode: StopMode = StopMode.HOLD) -> None:

@@ -123,14 +123,17 @@ class JogController:
         self._age: Callable[[], float] = lambda: math.inf
         self._aim: dict[str, float] = {}
         self._moved: set[str] = set()
-        self._last = math.nan
+        self._last, self._ends = math.nan, False
 
     @property
     def busy(self) -> bool:
         """A hold lasts."""
         return self._rules is not None
 
-    moving = busy
+    @property
+    def moving(self) -> bool:
+        """A hold lasts, and its end has not been asked for."""
+        return self.busy and not self._ends
 
     @property
     def reason(self) -> StopReason | None:
@@ -166,7 +169,7 @@ class JogController:
             stale=self.silence,
             check=self._check.posture,
         )
-        self._rules, self._request, self._age = rules, request, age
+        self._rules, self._request, self._age, self._ends = rules, request, age, False
         self._aim, self._moved, self._last, self.note = {}, set(self._names(request)), math.nan, ""
 
     def update(self, request: JogRequest) -> None:
@@ -185,24 +188,30 @@ class JogController:
         """Do nothing: the operator watches the arm."""
 
     def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | None:
-        """The target of this cycle; when the hold has ended, once a target where the joints are."""
+        """The target of this cycle; when the hold has ended, the joints brake."""
         rules = self._rules
         if rules is None:
             return None
-        positions, age = state.positions, self._age()
+        positions, age = state.positions, math.inf if self._ends else self._age()
         if math.isnan(self._last):
             # The rules want to see a released button, and an axis at rest, before either counts.
             rest = (0.0,) * max(6, len(self.joints))
             rules.update(rest, _NOT_HELD, 0.0, positions, now)
             rules.update(rest, _HELD, 0.0, positions, now)
             self._aim, self._last = dict(positions), now
+        if age >= self.silence and now - self._last > lead:
+            # After a stall the joints rest where the last target has led.
+            self._rules = None
+            return None
         axes = self._axes(now - self._last)
         self._last = now
         jog = rules.update(axes, _HELD if age < self.silence else _NOT_HELD, age, positions, now)
         self.note = jog.note
         if jog.action is not Action.MOVE or state.stopped:
-            moved, self._rules = self._moved, None
-            return None if state.stopped else holding(self._arm, state, moved)
+            self._rules = None
+            return (
+                holding(self._arm, state, self._moved) if jog.action is Action.HOLD and not state.stopped else None
+            )
         self._aim = dict(jog.positions)
         aim = {name: angle for name, angle in jog.positions.items() if name in self._moved}
         # A joint outside its limits stays where it is.
@@ -215,6 +224,11 @@ class JogController:
 
     def reset(self) -> None:
         """Do nothing: nothing moves."""
+
+    def brake(self, why: str) -> bool:
+        """End the hold as if the button were released; whether there is one."""
+        self._ends = True
+        return self.busy
 
     def release(self, why: str) -> None:
         """End the hold, without a target."""

@@ -18,7 +18,7 @@ from hexwire.errors import GoalError, HexwireError
 
 from .attended import SILENCE
 from .goals import Point, TrajectoryGoal
-from .holding import hold_moving
+from .holding import SOON, hold_moving
 from .outcomes import Outcome, Reason
 from .preview import goal_of
 
@@ -35,9 +35,6 @@ __all__ = ["Grip", "MotionRun", "Progress", "begin_motion"]
 
 _log = logging.getLogger(__name__)
 
-_SOON = 0.15
-"""Seconds that a joint may still move after its controller holds; where a target lasts longer, the joints are also
-told to hold where they are."""
 _FAREWELL = 0.1
 """Seconds that whoever ends it has, before it ends by itself."""
 _PRESSED = 3
@@ -154,7 +151,7 @@ class MotionRun:
             self._finish(Outcome.PREEMPTED, why)
         self._cancel()
         owner = self._arm.owner
-        if owner.lead > _SOON and owner.connected:
+        if owner.lead > SOON and owner.connected:
             # A target that was sent lasts too long to wait for its end.
             with owner.deciding():
                 if owner.group.reason is None and not owner.group.moving:

@@ -24,6 +24,7 @@ from hexwire.motion.waypoints import Trajectory
 from .arrival import Tolerance
 from .controller import TrajectoryController
 from .goals import Tolerances
+from .holding import brake_at_end
 from .loop import RateLoop
 from .motion_options import MotionObserver, MotionOptions, wanted_options
 from .motion_result import MotionResult
@@ -129,10 +130,9 @@ def run_motion(
         robot: Attached.
         motion: Trajectories of the robot's joints, or a target.
         options: How it is run and checked.
-        wait: False returns as soon as a single target is sent; the motion is then not monitored, and outlives this
-            program.
-        until: Called with every state once the motion has started; True ends the motion and holds the
-            joints at their positions; a target ends it and is sent instead. With it, a target is no path.
+        wait: False returns as soon as a single target is sent; it is then not monitored, and outlives this program.
+        until: Called with every state once the motion has started; True ends it: the joints brake, or hold where a
+            target moves them; a target ends it and is sent instead. With it, a target is no path.
         observer: Is called at the events of the motion.
         safe: Entered before anything moves, and left while the watchdog is still armed, whatever ends the motion.
             It makes the arm safe instead of the stop on an exception; not used without `wait`.
@@ -355,7 +355,7 @@ def _run_path(
                 break
         if feed is not None:
             _end_feed(feed, owner, safe, abort=bool(end) or not arrived)
-        if end:
+        if end and not (end is True and feed is None and brake_at_end(owner, controller)):
             reason = _end_at(owner, end, names, options, asked)
         controller.hold("it is over")
         seconds = sum(leg.duration for leg in path.legs) + options.grace

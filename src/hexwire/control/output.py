@@ -168,7 +168,7 @@ class Output:
                 self._send_ahead(self._ahead, state, period, asked)
             order = order if order is None else self._without(order, {*kept, *self._ahead.joints})
         if order is not None:
-            self._write(order, asked)
+            self._write(order, asked, now + lead)
 
     def _send_ahead(self, ahead: SentAhead, state: JointState, period: float, asked: Token) -> None:
         epochs = self._robot.epochs
@@ -194,6 +194,13 @@ class Output:
                 self.tell(logging.WARNING, "stopped: %s", found)
             self._group.see_stop(found)
 
+    def _refusal(self, ends: float) -> Callable[[], HexwireError | None] | None:
+        """Why a target that should end at a time must not leave. That of a brake may, until the joints rest."""
+        refusal = self.refusal
+        if refusal is None or self._group.moving:
+            return refusal
+        return lambda: refusal() if self._clock() > ends else None
+
     def _ended_with_lease(self, error: HexwireError) -> bool:
         """End the motions if the right to move has ended since `before` was asked; else the robot refused."""
         if not isinstance(error, LeaseError) or self.refusal is None or self.refusal() is None:
@@ -211,13 +218,13 @@ class Output:
         self._on_sent(SentTarget(kept, order.duration))
         return order.part([name for name, _ in order.positions if name not in joints])
 
-    def _write(self, target: JointTarget, asked: Token) -> None:
+    def _write(self, target: JointTarget, asked: Token, ends: float) -> None:
         epochs = self._robot.epochs
         try:
             epochs.check(asked, "a target")
             with epochs.using(asked):
                 self._arm_watchdog()
-            with epochs.using(asked if self.refusal is None else replace(asked, refusal=self.refusal)):
+            with epochs.using(asked if self.refusal is None else replace(asked, refusal=self._refusal(ends))):
                 sent = self._robot.write(target)
         except StoppedError:
             # States that are waiting may be older, for example after a stall in which the watchdog tripped.

@@ -110,6 +110,11 @@ class JointSteps:
     def reset(self) -> None:
         """Do nothing: an ended motion does not continue."""
 
+    def brake(self, why: str) -> bool:
+        """Same as `release`: what a target asks of the joints is the sender's choice."""
+        self.release(why)
+        return False
+
     def release(self, why: str) -> None:
         """End the motion."""
         self._line, self._until = None, -math.inf

@@ -97,6 +97,11 @@ class SingleMotion:
     def reset(self) -> None:
         """Do nothing: an ended motion does not continue."""
 
+    def brake(self, why: str) -> bool:
+        """Same as `release`: the robot has the whole target, or is told where to hold."""
+        self.release(why)
+        return False
+
     def release(self, why: str) -> None:
         """End the motion."""
         self.over = True

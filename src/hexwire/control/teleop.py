@@ -1,14 +1,14 @@
 """Teleoperation: turns the axes of a joystick into one target per cycle.
 
-Owns the controller, and that the arm holds when the button is released and at the end. Must not know devices or
-threads, nor the rules that make a motion safe.
+Owns the controller, and that the arm brakes and holds when the button is released and at the end. Must not know
+devices or threads, nor the rules that make a motion safe.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 from typing import TYPE_CHECKING, NoReturn
 
 from hexwire.errors import HexwireError, LeaseError
@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 
 
 __all__ = ["Stick", "TeleopController", "hold_at_end", "run_teleop"]
+
+_BRAKES = 2.0
+"""Most seconds for which the joints brake at the end."""
 
 Stick = Callable[[], tuple[Sequence[float], int, float]]
 """Returns the newest axes (-1..1), buttons (bit i is button i) and their age in seconds, infinite at first."""
@@ -55,14 +58,20 @@ class TeleopController(GuidedController):
     ) -> None:
         super().__init__(rules.arm, period, on_note)
         self._rules, self._stick = rules, stick
+        self._ends = False
+
+    def let_go(self) -> None:
+        """From now on the joystick counts as released: the joints brake, and `moving` ends."""
+        self._ends = True
 
     def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | None:
         """The target for the joystick's present position."""
         period = self._period(now)
-        axes, buttons, age = self._stick()
+        axes, buttons, age = ((), 0, 0.0) if self._ends else self._stick()
         stopped, self._stopped = self._stopped or state.stopped, False
         if stopped:
             # The joystick does not clear a stop, nor continue at once when it is cleared.
+            self._rules.drop()
             age = math.inf
         jog = self._rules.update(axes, buttons, age, state.positions, now)
         found = board_stop(state)
@@ -111,8 +120,18 @@ def run_teleop(
                 owner.turn()
         finally:
             with shield():
+                brake_at_end(owner, controller)
                 controller.release("it is over")
                 hold_at_end(robot)
+
+
+def brake_at_end(owner: RobotOwner, controller: TeleopController) -> None:
+    """Let the joints brake before they are held, for as long as that takes at most, unless the robot fails."""
+    controller.let_go()
+    until = owner.now() + _BRAKES
+    with suppress(HexwireError):
+        while controller.moving and owner.now() < until:
+            owner.turn()
 
 
 def hold_at_end(robot: RobotDriver) -> None:

@@ -16,10 +16,15 @@ from hexwire.model.arm import ArmModel
 from hexwire.model.kinematics import KinematicModel
 from hexwire.model.pose import Pose, multiply, rotation_x, rotation_y, rotation_z
 
+from .moving import Pieces, brake, joint_limits
+from .waypoints import Sample
+
 __all__ = ["Action", "Jog", "JogMode", "StickMap", "Teleop", "within_limits"]
 
 _LONGEST_STEP = 0.1
 """Longest time in seconds that one cycle integrates: a program that stalled must not catch up."""
+_LOOK = 0.02
+"""Seconds between two places of a brake that are checked before it begins."""
 _MOST_LEAD = math.radians(10.0)
 """How far a set-point may run ahead of a blocked joint, which must not jump when it is released."""
 _TRIES = (1.0, 0.5, 0.25)
@@ -43,7 +48,7 @@ class Action(Enum):
     MOVE = "move"
     """Send the set-point."""
     HOLD = "hold"
-    """Hold the present position, at once."""
+    """Hold the present position, at once: where joints do not follow, or may not go on while they brake."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +97,8 @@ class Teleop:
 
     The dead-man button counts only after it was released once: a stuck button, or one held while the channel comes
     back, moves nothing. An axis counts only after it was at rest while the button was held, so that a stick that is
-    already deflected, or a trigger that rests at one end, moves nothing either.
+    already deflected, or a trigger that rests at one end, moves nothing either. When the button is released, or the
+    channel lost, the joints brake within their limits.
 
     Args:
         arm: Joints and limits.
@@ -139,6 +145,12 @@ class Teleop:
         self._before = 0
         self._last = 0.0
         self._goal: dict[str, float] = {}
+        # Of the last step, radians per second; no joint was held fast in it.
+        self._speeds: dict[str, float] = {}
+        self._follows = True
+        # How the joints come to rest after the button was released, and since when.
+        self._brake: Pieces | None = None
+        self._released = 0.0
 
     def update(
         self, axes: Sequence[float], buttons: int, age: float, positions: Mapping[str, float], now: float
@@ -154,36 +166,76 @@ class Teleop:
         """
         if not age < self._stale:
             self._free = False
-            return self._hold("no joystick" if math.isinf(age) else "the joystick's channel is silent")
+            return self._let_go("no joystick" if math.isinf(age) else "the joystick's channel is silent", now)
         held = bool(buttons >> self.stick.dead_man & 1)
         pressed, self._before = buttons & ~self._before, buttons
         if not held:
             self._free = True
             self._change_mode(pressed)
-            return self._hold("")
+            return self._let_go("", now)
         if not self._free:
-            return self._hold("release the dead-man button first")
+            return self._let_go("release the dead-man button first", now)
+        if self._brake is not None:
+            return self._let_go("", now)
         if not all(math.isfinite(positions.get(name, math.nan)) for name in self.arm.names):
             return self._hold("the joint positions are unknown")
         if not self._active:
             self._active = True
             self._alive.clear()
             self._goal = {name: positions[name] for name in self.arm.names}
-            self._last = now
+            self._last, self._speeds = now, {}
         step = min(max(now - self._last, 0.0), _LONGEST_STEP)
         self._last = now
         wanted = self._wanted(axes)
         before = dict(self._goal)
         note = self._joints(wanted, step) if self.mode is JogMode.JOINT else self._tool(wanted, step)
         self._gripper(buttons, step)
-        if self._keep_near(positions, before):
+        self._follows = not self._keep_near(positions, before)
+        if not self._follows:
             note = note or "the arm does not follow"
         if self._goal != before:
             try:
                 self._check(before, within_limits(self.arm, self._goal))
             except LimitError as error:
                 self._goal, note = before, str(error)
+        if step > 0.0:
+            self._speeds = {name: (goal - before[name]) / step for name, goal in self._goal.items()}
         return Jog(Action.MOVE, dict(self._goal), note)
+
+    def drop(self) -> None:
+        """Forget the motion, without a brake: the arm was stopped."""
+        self._active, self._brake = False, None
+
+    def _let_go(self, note: str, now: float) -> Jog:
+        """The button is released, or nobody knows: the joints brake."""
+        if self._active and any(self._speeds.values()):
+            self._brake, self._released = self._allowed_brake(), self._last
+        if (path := self._brake) is None:
+            return self._hold(note)
+        self._active = False
+        since = now - self._released
+        self._goal = dict(zip(path.names, path.sample(since).position, strict=True))
+        if since >= path.duration:
+            self._brake = None
+        return Jog(Action.MOVE, dict(self._goal), note)
+
+    def _allowed_brake(self) -> Pieces | None:
+        """How the joints brake within their limits; None where they must not, or do not follow."""
+        names, rest = self.arm.names, (0.0,) * len(self.arm.names)
+        begin = Sample(tuple(self._goal.values()), tuple(self._speeds.values()), rest)
+        path = brake(names, begin, joint_limits(self.arm, names))
+        for joint, (low, high), at in zip(self.arm.joints, path.ranges(), begin.position, strict=True):
+            if low < min(joint.minimum, at) or high > max(joint.maximum, at):
+                return None
+        before = self._goal
+        try:
+            for _, sample in path.samples(_LOOK):
+                goal = dict(zip(names, sample.position, strict=True))
+                self._check(before, within_limits(self.arm, goal))
+                before = goal
+        except LimitError:
+            return None
+        return path if self._follows else None
 
     def _hold(self, note: str) -> Jog:
         action = Action.HOLD if self._active else Action.IDLE

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import math
+import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from hexwire.control.arm import Arm
 from hexwire.control.attended import SILENCE, Attended, Entry, silence_for
 from hexwire.control.history import History
-from hexwire.control.holding import hold_moving
+from hexwire.control.holding import SOON, hold_moving
 from hexwire.control.jog import JogController, read_request
 from hexwire.control.lease import Lease
 from hexwire.control.motion_desk import MotionDesk
@@ -40,6 +41,8 @@ __all__ = ["ArmSource"]
 
 _log = logging.getLogger(__name__)
 
+_BRAKES, _LOOK = 1.0, 0.005
+"""Seconds for which a jog may brake, and between two looks at it."""
 
 class ArmSource:
     """An arm that is open: its owner, its lease, and the motion that somebody holds.
@@ -229,6 +232,12 @@ class ArmSource:
 
     def _end_jog(self, why: str) -> None:
         owner = self.arm.owner
+        # The jog has seen its end itself, and brakes; on a slow line a target lasts too long to wait for that.
+        until = time.monotonic() + (_BRAKES if owner.lead <= SOON else 0.0)
+        while self.jog.busy and owner.connected and time.monotonic() < until:
+            time.sleep(_LOOK)
+        if not self.jog.busy:
+            return
         with owner.deciding():
             if owner.group.reason is None and owner.connected:
                 hold_moving(owner, why)
