@@ -8,7 +8,6 @@ namespace hexwire {
 
 namespace {
 
-constexpr uint8_t kBrakeShift = 5;  // braking is computed in 32 us, so that 32 bits suffice
 constexpr uint32_t kLeadUs = kTrajectoryLeadMs * 1000UL;
 
 // value * share / 65536, for a share of 0..65536
@@ -108,15 +107,17 @@ uint32_t Trajectory::rest() const { return behind_ > 0xFFFFFF ? 0xFFFFFF * kTick
 // What is left of the path, microseconds.
 uint32_t Trajectory::left() const { return rest() + (segment_us_ - in_segment_us_); }
 
-// How far the path's clock moves meanwhile.
+// How far the path's clock moves meanwhile. Braking lets its rate fall as 1 - 3 u^2 + 2 u^3.
 uint32_t Trajectory::path_time(uint32_t passed_us) {
-  if (state_ != gen::TRAJECTORY_BRAKING) return passed_us;
-  // The rate falls evenly, so its mean is that of the middle of the time that passed.
-  const uint32_t passed = (passed_us < brake_left_us_ ? passed_us : brake_left_us_) >> kBrakeShift;
-  const uint32_t left = brake_left_us_ >> kBrakeShift;
-  const uint32_t whole = (brake_us_ >> kBrakeShift) + 1;
+  if (state_ != gen::TRAJECTORY_BRAKING || brake_us_ == 0) return passed_us;
   brake_left_us_ = passed_us < brake_left_us_ ? brake_left_us_ - passed_us : 0;
-  return (passed * (2 * left - passed) / (2 * whole)) << kBrakeShift;
+  const uint32_t u = share_of(brake_us_ - brake_left_us_, brake_us_);
+  const int32_t cube = part(part(static_cast<int32_t>(u), u), u);
+  const uint32_t share = u - static_cast<uint32_t>(cube - part(cube, u) / 2);
+  const uint32_t before = braked_us_;
+  braked_us_ = static_cast<uint32_t>(part(static_cast<int32_t>(brake_us_), share));
+  // Rounding must not lead back.
+  return braked_us_ > before ? braked_us_ - before : 0;
 }
 
 void Trajectory::advance(uint32_t now_us) {
@@ -139,7 +140,7 @@ void Trajectory::move_on(uint32_t path_us) {
     return;
   }
   if (state_ == gen::TRAJECTORY_BRAKING) {
-    at_end_ = brake_left_us_ == 0;
+    at_end_ = brake_us_ && brake_left_us_ == 0;
   } else if (!complete_ && left() <= brake_us_ / 2) {
     run_dry();
   }
@@ -149,12 +150,9 @@ void Trajectory::move_on(uint32_t path_us) {
 void Trajectory::run_dry() {
   const uint32_t late = brake_us_ / 2 - left();
   if (late >= kLeadUs) return brake(gen::TRAJECTORY_DRY);  // the host has taken points away
-  const uint32_t ticks = late >> kBrakeShift;
-  const uint32_t too_far = (ticks * ticks / (2 * (brake_us_ >> kBrakeShift))) << kBrakeShift;
+  begin_braking(gen::TRAJECTORY_DRY);
+  const uint32_t too_far = late - path_time(late);
   in_segment_us_ -= too_far < in_segment_us_ ? too_far : in_segment_us_;
-  state_ = gen::TRAJECTORY_BRAKING;
-  end_ = gen::TRAJECTORY_DRY;
-  brake_left_us_ = brake_us_ - late;
 }
 
 int16_t Trajectory::position(uint8_t joint) const {
@@ -171,11 +169,16 @@ void Trajectory::brake(uint8_t end_state) {
     return;
   }
   if (!moving()) return end(end_state);
+  // Where no more is left than braking takes, all of it: at the path's own speed, if it leads to its end.
+  if (left() <= brake_us_ / 2) brake_us_ = complete_ ? 0 : 2 * left();
+  begin_braking(end_state);
+}
+
+void Trajectory::begin_braking(uint8_t end_state) {
   state_ = gen::TRAJECTORY_BRAKING;
   end_ = end_state;
-  // Where less is left than braking takes, all of it.
-  if (left() < brake_us_ / 2) brake_us_ = 2 * left();
   brake_left_us_ = brake_us_;
+  braked_us_ = 0;
 }
 
 void Trajectory::end(uint8_t state) {

@@ -42,8 +42,9 @@ struct TrajectoryFields {
   bool staged_last_;
   uint8_t staged_;  // whole points behind the newest that do not count yet
   uint8_t begun_;   // bytes of the one after them
-  uint32_t brake_us_;
+  uint32_t brake_us_;  // 0 while braking: it follows the path to its end
   uint32_t brake_left_us_;
+  uint32_t braked_us_;  // how far the path's clock has moved since braking began
   uint32_t start_us_;
   uint32_t clock_us_;    // up to when the path's clock was moved on
   uint32_t segment_us_;  // the segment between the two oldest points
@@ -129,6 +130,7 @@ class Trajectory : private TrajectoryFields {
   uint32_t path_time(uint32_t passed_us);
   uint32_t left() const;
   void run_dry();
+  void begin_braking(uint8_t end);
 
   const Settings& settings_;
 };

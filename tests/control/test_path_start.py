@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import pytest
 
@@ -26,7 +26,14 @@ class Path(TimedPath):
         self.asked.append(at)
         return PathStart((10.0 if at is None else at) + self.late, 0.001)
 
-    def send(self, points: Sequence[TimedPoint], *, last: bool = False, first: int | None = None) -> int:
+    def send(
+        self,
+        points: Sequence[TimedPoint],
+        *,
+        last: bool = False,
+        first: int | None = None,
+        rest: Callable[[TimedPoint], Sequence[TimedPoint]] | None = None,
+    ) -> int:
         raise AssertionError
 
     def report(self) -> PathReport:

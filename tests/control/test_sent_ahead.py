@@ -303,7 +303,7 @@ def test_without_a_watchdog_a_suspended_program_goes_on_where_the_arm_came_to_re
     told = bench.go(by=0.8, seconds=8.0)
     bench.turn(1.0)
     bench.stall(5.0)
-    assert bench.state is PathState.DRY
+    assert bench.state is PathState.DONE, "the brake that every part of a path ends with"
     rested = at(bench)
     assert 0.05 < rested < 0.7
     bench.until(lambda: told.ends)
@@ -318,7 +318,7 @@ def test_a_goal_whose_time_is_over_when_the_program_goes_on_is_not_taken_for_rea
     told = bench.go(by=0.5, seconds=4.0)
     bench.turn(1.0)
     bench.stall(3.5)
-    assert bench.state is PathState.DRY
+    assert bench.state is PathState.DONE, "the brake that every part of a path ends with"
     assert at(bench) < 0.45
     bench.until(lambda: told.ends)
     assert told.outcome == SUCCEEDED
@@ -642,7 +642,7 @@ def test_settled_it_is_at_rest_when_the_call_returns() -> None:
     bench.turn(1.0)
     bench.owner.settle("a jog was begun")
     assert told.outcome == NOT_READY
-    assert bench.state is PathState.ABORTED
+    assert bench.state is PathState.DONE
     place = at(bench)
     bench.turn(1.0)
     assert at(bench) == pytest.approx(place, abs=0.003)
@@ -664,7 +664,7 @@ def test_a_lost_lease_brakes_at_once() -> None:
     assert bench.board.trajectory.state is PathState.RUNNING
     bench.turn(0.8)
     assert bench.shared.held
-    assert bench.board.trajectory.state is PathState.ABORTED
+    assert bench.board.trajectory.state is PathState.DONE
     assert bench.owner.group.reason is None
     assert bench.travel("J1") < 0.003
     assert bench.sent == []
@@ -710,7 +710,7 @@ def test_a_lease_that_ends_between_two_requests_brakes_and_loses_no_connection(w
     bench.turn(1.0)
     assert bench.shared.held == "Ann lost the lease after 0.5 s of silence"
     assert (bench.owner.reconnects, bench.owner.group.reason, bench.owner.state.stopped) == (0, None, False)
-    assert bench.board.trajectory.state in (PathState.NONE, PathState.LOADING, PathState.ABORTED)
+    assert bench.board.trajectory.state in (PathState.NONE, PathState.LOADING, PathState.DONE, PathState.ABORTED)
     assert abs(bench.where("J1") - here) < 0.03
     assert bench.travel("J1") < 0.003
     assert not bench.owner.group.busy

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from typing import Any
 
 import pytest
 from tests.drivers.arms import Arm
@@ -12,6 +13,7 @@ from hexwire.drivers.board2 import Board2
 from hexwire.drivers.board2_path import BoardTime
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.drivers.timed_path import PathState, TimedPath, TimedPoint
+from hexwire.emulator.board_path import BoardPath
 from hexwire.errors import CommandRefusedError, LimitError, NotSupportedError, StoppedError, UsageError
 from hexwire.session.events import Reply
 from hexwire.wire.command_frame import Command, parse_frame
@@ -287,3 +289,146 @@ def test_paths_of_two_programs_are_not_taken_for_each_other() -> None:
             numbers.add(robot.ioctl(Command.TRAJECTORY_STATUS)[0])
     # All the same by chance: once in 10^16.
     assert len(numbers) > 1
+
+
+# -- coming to rest if nothing else is sent ---------------------------------------------------------------------
+
+
+def ramp(here: float, begin: int, end: int) -> list[TimedPoint]:
+    """Even motion at 0.2 rad/s, a point every 50 ms."""
+    return [TimedPoint(0.05 * i, (here + 0.01 * i,), (0.2,)) for i in range(begin, end)]
+
+
+def rest_after(point: TimedPoint) -> list[TimedPoint]:
+    """Two points to rest."""
+    (here,) = point.positions
+    return [
+        TimedPoint(point.time + 0.1 * i, (here + far,), (v,)) for i, far, v in ((1, 0.015, 0.1), (2, 0.02, 0.0))
+    ]
+
+
+def test_without_further_points_the_joints_come_to_rest_on_those_that_were_sent_for_it(
+    arm: Arm, robot: Hex7BotDriver
+) -> None:
+    here = robot.read().positions["J1"]
+    path = robot.path(["J1"])
+    assert path.send([TimedPoint(0.0, (here,), (0.0,)), *ramp(here, 1, 11)], rest=rest_after) == 11
+    report = path.report()
+    assert (report.sent, report.room, report.rest) == (11, path.capacity - 11, None)
+    path.start()
+    arm.wait(0.3)
+    assert path.report().state is PathState.RUNNING
+    arm.wait(0.3)
+    report = path.report()
+    assert (report.state, report.sent) == (PathState.BRAKING, 11)
+    with pytest.raises((CommandRefusedError, UsageError)):
+        path.send(ramp(here, 11, 14), rest=rest_after)
+    assert until_over(arm, path) is PathState.DRY
+    assert path.report().rest == pytest.approx((here + 0.12,))
+    assert robot.read().positions["J1"] == pytest.approx(here + 0.12, abs=0.005)
+
+
+@pytest.mark.parametrize("joints", [1, 7])
+def test_points_that_come_in_time_replace_the_rest(joints: int, arm: Arm, robot: Hex7BotDriver) -> None:
+    names = robot.model.names[:joints]
+    here = robot.read().positions
+
+    def points(begin: int, end: int) -> list[TimedPoint]:
+        still = [here[name] for name in names[1:]]
+        return [
+            TimedPoint(p.time, (*p.positions, *still), (*(p.velocities or ()), *[0.0] * len(still)))
+            for p in ([TimedPoint(0.0, (here["J1"],), (0.0,))] if begin == 0 else ramp(here["J1"], begin, end))
+        ]
+
+    def rest(point: TimedPoint) -> list[TimedPoint]:
+        tail = rest_after(TimedPoint(point.time, point.positions[:1], (0.2,)))
+        still = point.positions[1:]
+        return [
+            TimedPoint(p.time, (*p.positions, *still), (*(p.velocities or ()), *[0.0] * len(still))) for p in tail
+        ]
+
+    path = robot.path(names)
+    path.send([*points(0, 1), *points(1, 9)], rest=rest)
+    path.start()
+    for n in range(9, 60, 3):
+        assert path.report().state is PathState.RUNNING
+        assert path.send(points(n, n + 3), rest=rest) == 3
+        # After each call the board has a path to rest.
+        assert arm.board.trajectory.path is not None
+        assert arm.board.trajectory.path.whole
+        arm.wait(0.12)
+    assert path.send(points(60, 61), rest=rest) == 1
+    assert until_over(arm, path) is PathState.DRY
+    assert robot.read().positions["J1"] == pytest.approx(here["J1"] + 0.62, abs=0.01)
+
+
+def test_the_last_points_need_no_rest_and_a_path_without_one_is_as_before(arm: Arm, robot: Hex7BotDriver) -> None:
+    here = robot.read().positions["J1"]
+    path = robot.path(["J1"])
+    points = wave(here, 0.1, 1.0, 20)
+    path.send(points[:15], rest=lambda point: ())
+    assert arm.board.trajectory.path is not None
+    assert not arm.board.trajectory.path.whole
+    path.send(points[15:], last=True, rest=rest_after)
+    path.start()
+    assert until_over(arm, path) is PathState.DONE
+    assert path.report().rest is None
+    assert path.report().sent == 21
+
+
+@pytest.mark.parametrize(("ahead", "requests"), [(0.3, [True, False, True]), (1.2, [False, True])])
+def test_only_a_board_with_few_points_needs_a_rest_in_every_request(
+    ahead: float, requests: list[bool], arm: Arm, robot: Hex7BotDriver
+) -> None:
+    """Seven joints have 6 points in a request, of which a rest takes up to 3."""
+    here = robot.read().positions
+    names = robot.model.names
+
+    def points(begin: int, end: int) -> list[TimedPoint]:
+        return [TimedPoint(0.05 * n, tuple(here[name] for name in names), (0.0,) * 7) for n in range(begin, end)]
+
+    def rest(point: TimedPoint) -> list[TimedPoint]:
+        return [TimedPoint(point.time + 0.03 * i, point.positions, (0.0,) * 7) for i in (1, 2, 3)]
+
+    path = robot.path()
+    count = round(ahead / 0.05)
+    path.send(points(0, count), rest=rest)
+    path.start()
+    path.report()
+    before = len(arm.link.written)
+    # Three with a rest, until there are enough for 0.6 s; then six without; the last three with one.
+    path.send(points(count, count + (12 if ahead < 0.6 else 9)), rest=rest)
+    frames = [parse_frame(raw) for raw in arm.link.written[before:]]
+    asked = [bool(frame.body[1]) for frame in frames if frame.cmd == Command.TRAJECTORY_POINTS]
+    assert asked == requests
+
+
+def test_a_board_whose_points_are_replaced_is_not_left_with_few(arm: Arm, robot: Hex7BotDriver) -> None:
+    """What is behind the first request is gone before the second one comes."""
+    here = robot.read().positions
+    names = robot.model.names
+
+    def points(begin: int, end: int) -> list[TimedPoint]:
+        return [TimedPoint(0.02 * n, tuple(here[name] for name in names), (0.0,) * 7) for n in range(begin, end)]
+
+    def rest(point: TimedPoint) -> list[TimedPoint]:
+        return [TimedPoint(point.time + 0.1 * i, point.positions, (0.0,) * 7) for i in (1, 2, 3)]
+
+    path = robot.path(brake=0.5)
+    path.send(points(0, 58), rest=rest)
+    path.start()
+    arm.wait(0.1)
+    path.report()
+    seen: list[bool] = []
+    put = BoardPath.put
+
+    def watched(board: BoardPath, *args: Any, **named: Any) -> None:
+        put(board, *args, **named)
+        seen.append(board.whole)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(BoardPath, "put", watched)
+        path.send(points(12, 30), first=12, rest=rest)
+    assert len(seen) > 2
+    assert all(seen)
+    assert path.report().state is PathState.RUNNING

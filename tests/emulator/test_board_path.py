@@ -1,14 +1,19 @@
 from __future__ import annotations
 
 import itertools
+import random
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.emulator.board_path import MEMORY, BoardPath
+from hexwire.emulator.board_path import MEMORY, BoardPath, _Braking
 from hexwire.emulator.gate import RefusedError
-from hexwire.wire.board_trajectory import PathPoint, point_size
+from hexwire.motion.follower import BRAKE
+from hexwire.motion.moving import reach
+from hexwire.motion.speed_profile import JointLimits
+from hexwire.motion.waypoints import Sample
+from hexwire.wire.board_trajectory import POINT_TIME, PathPoint, point_size
 from hexwire.wire.command_frame import Status
 from hexwire.wire.commands import LimitRow
 
@@ -121,19 +126,19 @@ def test_braking_takes_its_time_and_half_of_it_in_path() -> None:
     made = path((0, 2000), (10000, 3000), brake=0.4)
     made.start(0.0)
     made.brake(0.3)
-    assert [made.positions(at)[0] for at in (0.3, 0.5, 0.7, 0.8)] == [2300, 2450, 2500, 2500]
+    # Worked out by hand: u - u^3 + u^4 / 2 of 0.4 s, for u = 1/4, 1/2, 3/4 and 1.
+    assert [made.positions(at)[0] for at in (0.3, 0.4, 0.5, 0.6, 0.7, 0.8)] == [2300, 2395, 2462, 2495, 2500, 2500]
     assert made.rest_at == pytest.approx(0.7)
     made.brake(0.75)
     assert made.rest_at == pytest.approx(0.7), "it brakes once"
 
 
-def test_braking_ends_where_the_path_does() -> None:
+def test_a_path_that_ends_sooner_than_braking_is_followed_to_its_end() -> None:
     made = path((0, 2000), (10000, 3000), brake=0.4)
     made.start(0.0)
     made.brake(0.9)
-    assert made.positions(1.5) == (3000,)
-    # 0.1 s of path are left, and t - t*t / 0.8 = 0.1 for t = 0.1172.
-    assert made.rest_at == pytest.approx(1.0172, abs=1e-4)
+    assert [made.positions(at)[0] for at in (0.95, 1.0, 1.5)] == [2950, 3000, 3000]
+    assert made.rest_at == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("step", [0.001, 0.011, 0.05])
@@ -158,6 +163,47 @@ def test_a_path_cut_short_brakes_in_what_is_left() -> None:
     assert made.dry
     assert made.positions(1.0) == (2210,)
     assert made.rest_at == pytest.approx(0.15 + 2 * 0.06)
+
+
+def test_the_boards_own_brake_exceeds_the_limits_by_no_more_than_the_pages_say() -> None:
+    """The law over the 0.5 s of hexwire's host, on motions that are at their limits themselves."""
+    draw, limits, seconds = random.Random(3), JointLimits(2.0, 6.0, 60.0), BRAKE
+    worst = [0.0, 0.0, 0.0]
+    braking = _Braking(0.0, 0.0, seconds / POINT_TIME)
+
+    def way(t: float) -> float:
+        return braking.way(t) * POINT_TIME
+
+    # What begins and ends braking is smooth, and so is all of it between.
+    assert way(seconds) == pytest.approx(seconds / 2)
+    h = 1e-3
+    rates = [(way(n * h + h) - way(n * h)) / h for n in range(round(seconds / h))]
+    changes = [(b - a) / h for a, b in itertools.pairwise(rates)]
+    assert rates[0] == pytest.approx(1.0, abs=1e-4)
+    assert max(changes) < 0.0
+    assert abs(changes[0]) < 0.05
+    assert abs(changes[-1]) < 0.05
+    rest = (0.0,)
+    for _ in range(60):
+        begin, end = draw.uniform(-2.0, 2.0), draw.uniform(-2.0, 2.0)
+        plan = reach(("a",), Sample((begin,), rest, rest), Sample((end,), rest, rest), [limits], 0.01, longer=True)
+        assert plan is not None
+        start = draw.uniform(0.0, plan.duration)
+        if plan.duration - start <= seconds / 2:
+            continue  # it is followed to its end
+        for n in range(1, 100):
+            u = n / 100
+            rate = 1 - 3 * u**2 + 2 * u**3
+            slower, change = (6 * u**2 - 6 * u) / seconds, (12 * u - 6) / seconds**2
+            s = start + way(u * seconds)
+            _, (v,), (a,) = plan.sample(s)
+            jerk = (plan.sample(min(s + 1e-5, plan.duration)).acceleration[0] - a) / 1e-5
+            worst[0] = max(worst[0], abs(v * rate) / limits.speed)
+            worst[1] = max(worst[1], abs(a * rate**2 + v * slower) / limits.acceleration)
+            worst[2] = max(worst[2], abs(jerk * rate**3 + 3 * a * rate * slower + v * change) / limits.jerk)
+    assert worst[0] <= 1.001
+    assert 1.2 < worst[1] <= 1.35
+    assert 1.5 < worst[2] <= 1.8
 
 
 @st.composite

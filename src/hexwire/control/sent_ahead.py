@@ -3,6 +3,8 @@
 Owns when a path of the robot begins, what of it is sent, replaced and given up, and what its ends mean for the
 controllers. The followers decide where the joints are to be at each time, as for any robot; here the robot is told
 earlier. One thread at a time makes all calls. Must not know connections, goals, nor how a robot follows a path.
+
+Over 500 lines because every end of a path concerns what was sent of it: one life, and one state.
 """
 
 from __future__ import annotations
@@ -13,15 +15,15 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Collection, Iterator
 from typing import TYPE_CHECKING
 
-from hexwire.drivers.timed_path import PathReport, PathState, TimedPath, TimedPoint
+from hexwire.drivers.timed_path import REST_POINTS, PathReport, PathState, TimedPath, TimedPoint
 from hexwire.errors import CommandRefusedError, DeviceError, LeaseError, PreemptedError, StoppedError, UsageError
 from hexwire.motion.follower import BRAKE, Follower, Mode
-from hexwire.motion.path_points import path_points
+from hexwire.motion.path_rest import nearest_time
 from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop, silence
 from hexwire.motion.together import Together
-from hexwire.motion.waypoints import Tail
 
 from .controller import TrajectoryController
+from .path_brake import PathBrake, plan_points
 from .path_pace import PathPace
 from .path_start import StartOrder, first_start
 
@@ -93,8 +95,9 @@ class SentAhead:
         self._replaced: int | None = None
         self._complete = False
         self._looked = self._turned = -math.inf
-        # It comes to rest although the plan goes on; at which time of the path.
+        # It comes to rest although the plan goes on; at which time of the path, and where, if that is not on it.
         self._leaving, self._rest = False, 0.0
+        self._stands: dict[str, float] | None = None
         # The robot refuses what comes next, and at rest the targets are sent one by one.
         self._unfit = self._refuses = False
 
@@ -267,7 +270,8 @@ class SentAhead:
         self._plan = self._on_robot = plan
         self._sent, self._oldest, self._replaced = [], 0, None
         self._make_points(path, 0.0)
-        self._send(path, min(max(_FIRST, self._pace.most(path.capacity)), path.capacity))
+        self._stands = None
+        self._send(path, min(max(_FIRST, self._pace.most(path.capacity)), path.capacity - REST_POINTS))
         self._path, self._leaving, self._unfit, self._origin = path, False, False, begins
         self._looked = self._clock()
         self._shift(self.start.give(path, begins))
@@ -276,24 +280,8 @@ class SentAhead:
 
     def _make_points(self, path: TimedPath, begin: float) -> None:
         """Points of the plan from a time of the path on come next."""
-        plan, model = self._plan, self._robot.model
-        least, most = self._pace.apart(path.capacity)
-        rows = [(plan.names.index(name), model.joint(name)) for name in path.joints]
-        # Half a count, since the robot rounds to counts anyway.
-        error = [model.joint(name).scale / 2.0 for name in plan.names]
-
-        def points() -> Iterator[TimedPoint]:
-            rest = Tail(plan, begin)
-            for t, sample in path_points(rest, error, longest=most, shortest=least):
-                position, velocity = sample.position, sample.velocity
-                # A blend may overshoot the limits, and an optimal motion runs at them.
-                yield TimedPoint(
-                    begin + t,
-                    tuple([min(max(position[i], joint.minimum), joint.maximum) for i, joint in rows]),
-                    tuple([max(-joint.max_speed, min(joint.max_speed, velocity[i])) for i, joint in rows]),
-                )
-
-        self._points, self._waiting, self._complete = points(), [], False
+        points = plan_points(self._robot.model, path.joints, self._plan, begin, *self._pace.apart(path.capacity))
+        self._points, self._waiting, self._complete = points, [], False
 
     def _send(self, path: TimedPath, most: int) -> None:
         waiting = self._waiting
@@ -304,7 +292,13 @@ class SentAhead:
             return
         # One is always kept back, so that the last is known to be the last.
         last = len(waiting) <= most
-        taken = path.send(some, last=last, first=self._replaced)
+        plan, brake = self._plan, PathBrake(self._robot.model, path.joints)
+        taken = path.send(
+            some,
+            last=last,
+            first=self._replaced,
+            rest=None if last else lambda point: brake.after(plan, point.time),
+        )
         if taken:
             if self._replaced is not None:
                 del self._sent[self._replaced - self._oldest :]
@@ -318,7 +312,7 @@ class SentAhead:
         self._forget_past(path)
         if not self._take_changes(path):
             return
-        room = path.capacity - len(self._sent) - 1
+        room = path.capacity - REST_POINTS - len(self._sent) - 1
         if self._replaced is not None:
             room += self._oldest + len(self._sent) - self._replaced
         if not self._complete and room > 0:
@@ -408,11 +402,14 @@ class SentAhead:
         elif found is PathState.BRAKING:
             self._leaving = True
         elif found is PathState.DONE:
-            self.drop()
+            if self._leaving:
+                self._settle()
+            else:
+                self.drop()
         elif found is PathState.FAULT:
             return self._see_fault(report, state)
         elif found is PathState.DRY:  # this program was suspended for longer than the points lasted
-            self._rest = self._sent[-1].time
+            self._note_rest(path, self._sent[-1].time, report.rest)
             self._settle()
         elif found is PathState.ABORTED and self._leaving:
             self._settle()
@@ -473,19 +470,44 @@ class SentAhead:
     # -- coming to rest -----------------------------------------------------------------------------
 
     def _give_up(self, path: TimedPath) -> None:
-        """Have the robot come to rest on its path."""
+        """Have the robot come to rest: within all limits, or at least on its path."""
         before, epochs = self._clock(), self._robot.epochs
         # Also if whoever moves the joints has just lost the right to: this only brings them to rest.
         with epochs.using(epochs.mark()):
+            if before - self._origin + path.lead > 0.0 and self._brake(path):
+                self._leaving = True
+                return
             path.abort()
         begins = (before + self._clock()) / 2.0 - self._origin + path.lead
         # Half of the braking time of the path is travelled; nothing, if it has not begun.
         self._rest = begins + BRAKE / 2.0 if begins > 0.0 else 0.0
         self._leaving = True
 
+    def _brake(self, path: TimedPath) -> bool:
+        """Send the planned brake in place of what is left of the path; whether that was possible."""
+        brake, times = PathBrake(self._robot.model, path.joints), [point.time for point in self._sent]
+        settled = self._clock() - self._origin + path.lead + self._pace.transit
+        found = brake.end(path, self._on_robot, times, self._oldest, settled)
+        if found is None:
+            return False
+        count, points = found
+        del self._sent[count:]
+        self._note_rest(path, self._sent[-1].time, points[-1].positions)
+        return True
+
+    def _note_rest(self, path: TimedPath, left: float, place: tuple[float, ...] | None) -> None:
+        """The joints leave the path at a time of it, and come to rest at a place beside it, or there."""
+        self._rest, self._stands = left, None
+        if place is not None:
+            self._stands = dict(zip(path.joints, place, strict=True))
+            place = tuple([self._stands[name] for name in self._on_robot.names])
+            self._rest = nearest_time(self._on_robot, left, BRAKE, place)
+
     def _settle(self) -> None:
         """The robot is at rest: those that want to move go on from there."""
         rest = dict(zip(self._on_robot.names, self._on_robot.sample(self._rest).position, strict=True))
+        if self._stands is not None:
+            rest = self._stands
         members, left = self._members, self._origin + self._rest
         self._refuses = self._unfit
         self.drop()

@@ -12,10 +12,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from hexwire.drivers.timed_path import PathState, TimedPath, TimedPoint
+from hexwire.drivers.timed_path import REST_POINTS, PathState, TimedPath, TimedPoint
 from hexwire.errors import CommandRefusedError, DeviceError, HexwireError, PreemptedError, StoppedError, UsageError
+from hexwire.motion.follower import BRAKE
 from hexwire.motion.path_points import path_points
 from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop
+
+from .path_brake import PathBrake
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -39,6 +42,8 @@ _LOOK = 0.1
 """Seconds between two questions where the path is, when all points are sent."""
 _REST = 3.0
 """Most seconds that a path needs to come to rest."""
+_TRANSIT = 0.04
+"""Seconds until points that are sent now count: an exchange, and what the clocks may be apart."""
 _WHY = {
     PathState.DRY: "the board came to rest on its path, because this program was too slow to send the next points",
     PathState.ABORTED: "another program has ended the path on the board",
@@ -72,7 +77,7 @@ class PathFeed:
         robot: RobotDriver,
         trajectory: Trajectory,
         *,
-        brake: float = 0.2,
+        brake: float = BRAKE,
         outlives: bool = False,
         period: float = 0.05,
         apart: float | None = None,
@@ -82,6 +87,7 @@ class PathFeed:
         self._next, self._apart = _NEXT, apart
         self._path: TimedPath | None = None
         self._places: list[int] = []
+        self._brakes: PathBrake | None = None
         self._points: Iterator[TimedPoint] = iter(())
         self._waiting: list[TimedPoint] = []
         # Of all points, by index.
@@ -103,13 +109,16 @@ class PathFeed:
         robot, trajectory = self._robot, self._trajectory
         self._path = path = robot.path(trajectory.names, brake=self._brake, outlives=self._outlives)
         self._places = [trajectory.names.index(name) for name in path.joints]
+        if robot.refills_paths:
+            self._brakes = PathBrake(robot.model, path.joints)
         # Half a count, since the robot rounds to counts anyway.
         error = [robot.model.joint(name).scale / 2.0 for name in trajectory.names]
         if self._apart is None:
             shortest = min(_LONGEST, max(_SHORTEST, _AHEAD * self._period / path.capacity))
             self._next = max(_NEXT, math.ceil(_AHEAD * self._period / shortest))
             self._points = self._make_points(error, _LONGEST, shortest)
-            self._send(min(max(_FIRST, self._next), path.capacity) if robot.refills_paths else path.capacity)
+            most = min(max(_FIRST, self._next), path.capacity - REST_POINTS)
+            self._send(most if robot.refills_paths else path.capacity)
         else:
             self._points = self._make_points(error, self._apart, self._apart)
             self._send(path.capacity)
@@ -167,7 +176,7 @@ class PathFeed:
             if (why := _WHY.get(report.state)) is not None:
                 return StopReason("board", report.why or why)
             if not self._complete and report.state is PathState.RUNNING:
-                self._send(min(report.room, self._next))
+                self._send(min(report.room - REST_POINTS, self._next))
         except (StoppedError, PreemptedError):
             self.stopped = True
             return StopReason("board", STOP_COMMAND)
@@ -194,7 +203,7 @@ class PathFeed:
             return
         if self._is_at_rest(path):
             return
-        if abort:
+        if abort and not self._come_to_rest(path):
             try:
                 path.abort()
             except CommandRefusedError:
@@ -205,6 +214,18 @@ class PathFeed:
             if self._robot.now() > deadline:
                 raise DeviceError("the board does not end its path")
             wait()
+
+    def _come_to_rest(self, path: TimedPath) -> bool:
+        """Send the planned brake in place of what is left of the path; whether that was possible."""
+        settled = self._robot.now() - self.start.time + path.lead + _TRANSIT
+        if self._brakes is None or settled < path.lead:
+            return False
+        times = self._times[: path.report().sent]
+        try:
+            return self._brakes.end(path, self._trajectory, times, 0, settled) is not None
+        except StoppedError:
+            # Of a stop meanwhile the caller knows, and says why the motion has ended.
+            return False
 
     @staticmethod
     def _is_at_rest(path: TimedPath) -> bool:
@@ -232,7 +253,11 @@ class PathFeed:
         some = waiting[:most]
         # One is always kept back, so that the last is known to be the last.
         last = len(waiting) <= most
-        del waiting[: self._path.send(some, last=last)]
+        plan, brakes = self._trajectory, self._brakes
+        # A path that outlives its program is whole when its last point is there, not before.
+        needed = not (last or brakes is None or self._outlives)
+        rest = (lambda point: brakes.after(plan, point.time)) if needed and brakes is not None else None
+        del waiting[: self._path.send(some, last=last, rest=rest)]
         self._complete = last and not waiting
 
 

@@ -29,7 +29,7 @@ from hexwire.wire.tables import FRAME_OVERHEAD
 
 from .clock_relation import ClockRelation, WrappingClock
 from .replies import check_reply
-from .timed_path import PathReport, PathStart, PathState, TimedPath, TimedPoint
+from .timed_path import REST_POINTS, PathReport, PathStart, PathState, TimedPath, TimedPoint
 
 if TYPE_CHECKING:
     from hexwire.model.arm import JointModel
@@ -44,7 +44,10 @@ MOST_BODY = 208
 _FINE = 8
 _MOST_TICKS = 0xFFFF
 _BITS_PER_BYTE = 10
+_PLENTY = 0.6
+"""Seconds of a path with which a board can be without points to rest for a request or two: braking needs 0.25."""
 _COUNTS_16 = 32767
+_ON_ITS_WAY = (PathState.RUNNING, PathState.BRAKING, PathState.DONE)
 
 
 class BoardTime:
@@ -53,10 +56,13 @@ class BoardTime:
     Args:
         now: Host's clock.
         baud: Of the line; 0 if bytes take no time that is known.
+
+    Attributes:
+        now: As given.
     """
 
     def __init__(self, now: Callable[[], float], baud: int) -> None:
-        self._now, self._baud = now, baud
+        self.now, self._baud = now, baud
         self._wrapping = WrappingClock()
         self.relation = ClockRelation()
 
@@ -73,7 +79,7 @@ class BoardTime:
             time_us: The clock in its body.
         """
         board = self._wrapping.read(time_us)
-        received = self._now()
+        received = self.now()
         sent = received - reply.rtt
         if reply.attempts > 1:
             # The answer may be to an earlier attempt, and its clock of before this one.
@@ -123,8 +129,18 @@ class Board2Path(TimedPath):
         # Points that the board has, as ticks and angles, from the one of this index on: others cannot be replaced.
         self._oldest = 0
         self._kept: list[tuple[int, tuple[float, ...]]] = []
+        # Points behind them, with which it comes to rest if nothing else comes.
+        self._rest: tuple[TimedPoint, ...] = ()
+        self._started, self._noted = False, 0.0
 
-    def send(self, points: Sequence[TimedPoint], *, last: bool = False, first: int | None = None) -> int:
+    def send(
+        self,
+        points: Sequence[TimedPoint],
+        *,
+        last: bool = False,
+        first: int | None = None,
+        rest: Callable[[TimedPoint], Sequence[TimedPoint]] | None = None,
+    ) -> int:
         sent = self._oldest + len(self._kept)
         begin = sent if first is None else first
         if begin != 0 and not self._oldest < begin <= sent:
@@ -136,28 +152,50 @@ class Board2Path(TimedPath):
         done = 0
         while done < len(rows):
             # Only what comes after all other points may be a message in fragments, and only if all of it fits.
-            fits = self._room if self._whole and begin + done == sent else 0
-            some = rows[done : done + min(each, max(frame, fits))]
+            fits = self._room if self._whole and begin + done == sent and not self._rest else 0
+            most = max(frame, fits)
+            # What comes behind these, if they replace some, is gone as soon as they are there.
+            until = kept[min(done + min(each, most), len(rows)) - 1][0]
+            stops = rest is not None and (self._soon_dry(until) or len(rows) - done <= max(1, most - REST_POINTS))
+            if stops:
+                most = max(1, most - REST_POINTS)
+            elif rest is not None:
+                # The rest comes with the last of them.
+                most = min(most, len(rows) - done - 1)
+            some = rows[done : done + min(each, most)]
+            place = done + len(some)
+            end = last and place == len(rows)
+            stop: tuple[TimedPoint, ...] = ()
+            if rest is not None and stops and not end:
+                stop = tuple(rest(points[place - 1]))
             request = PointsRequest(
                 self._number,
-                int(last and done + len(some) == len(rows)),
+                int(end or bool(stop)),
                 (begin + done) & 0xFFFF,
-                len(some),
-                serialize_points(some),
+                len(some) + len(stop),
+                serialize_points([*some, *self._rows_of(stop, kept[place - 1])[0]]),
             ).serialize()
             reply = self._ask(Command.TRAJECTORY_POINTS, request)
             if reply.status == Status.BUSY:
                 if len(some) == 1:
                     break
                 # Perhaps fewer of them fit.
-                each = max(1, min(len(some) // 2, self.report().room))
+                each = max(1, min(len(some) // 2, self.report().room - len(stop)))
                 continue
             check_reply(reply)
-            self._kept[begin + done - self._oldest :] = kept[done : done + len(some)]
-            done += len(some)
+            self._kept[begin + done - self._oldest :] = kept[done:place]
+            self._rest = stop
+            done = place
             sent = self._oldest + len(self._kept)
             self._note(reply, len(request))
         return done
+
+    def _soon_dry(self, until: int) -> bool:
+        """Whether a path up to some ticks must have points to rest, even if it is continued by the next request."""
+        if not self._started:
+            return False
+        left = (until - self._kept[0][0]) * POINT_TIME if self._kept else 0.0
+        return left - (self._clock.now() - self._noted) < _PLENTY
 
     def start(self, at: float | None = None) -> PathStart:
         if not self._clock.relation:
@@ -166,6 +204,7 @@ class Board2Path(TimedPath):
         time_us = 0 if at is None else round(relation.board_time(at) * 1e6) & 0xFFFFFFFF
         body = StartRequest(self._number, int(at is None), time_us).serialize()
         reply = StartReply.parse(check_reply(self._ask(Command.TRAJECTORY_START, body)).body)
+        self._started = True
         # The unwrapped time is near that of the last exchange.
         board = self._clock.unwrap(reply.time_us)
         return PathStart(*relation.host_time(board))
@@ -176,18 +215,24 @@ class Board2Path(TimedPath):
 
     def _note(self, reply: Reply, request: int) -> PathReport:
         status = PathStatus.parse(reply.body)
-        self._room = status.free
+        self._room, self._noted = status.free, self._clock.now()
         self._clock.note(reply, request, status.time_us)
         sent = self._oldest + len(self._kept)
         if status.id != self._number or status.state is PathState.NONE:
             # Another program began another one, or the board was reset.
             return PathReport(PathState.NONE, sent, 0, 0, status.late)
         # The board counts modulo 65536.
-        towards = sent - ((sent - status.towards) & 0xFFFF)
+        total = sent + len(self._rest)
+        towards = max(0, total - ((total - status.towards) & 0xFFFF))
         if 0 < towards - 1 - self._oldest <= len(self._kept):
             del self._kept[: towards - 1 - self._oldest]
             self._oldest = towards - 1
-        return PathReport(status.state, sent, max(0, towards), status.free, status.late)
+        state, stop, room = status.state, None, status.free + len(self._rest)
+        if self._rest and state in _ON_ITS_WAY and towards >= sent:
+            # Nothing has come in time.
+            state = PathState.DRY if state is PathState.DONE else PathState.BRAKING
+            stop = self._rest[-1].positions
+        return PathReport(state, sent, towards, room, status.late, rest=stop)
 
     def abort(self) -> PathState:
         reply = check_reply(self._ask(Command.TRAJECTORY_ABORT, bytes((self._number,))))

@@ -6,12 +6,15 @@ Owns its values and its interface. Must not know boards, frames or counts.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from hexwire.wire.board_trajectory import PathState
 
-__all__ = ["PathReport", "PathStart", "PathState", "TimedPath", "TimedPoint"]
+__all__ = ["REST_POINTS", "PathReport", "PathStart", "PathState", "TimedPath", "TimedPoint"]
+
+REST_POINTS = 3
+"""Most points that bring the joints to rest if nothing else is sent."""
 
 
 class TimedPoint(NamedTuple):
@@ -50,6 +53,8 @@ class PathReport(NamedTuple):
         room: Points that it can take now.
         late: Times that the robot's own targets came late, counted modulo 65536.
         why: Why it ended, in words, if the robot says more than the state.
+        rest: Where the joints come to rest, radians, if that is not on the path: on points that were sent for the
+            case that no further ones come. The state is `BRAKING` then, and `DRY` when they are there.
     """
 
     state: PathState
@@ -58,6 +63,7 @@ class PathReport(NamedTuple):
     room: int
     late: int
     why: str = ""
+    rest: tuple[float, ...] | None = None
 
 
 class TimedPath(ABC):
@@ -77,13 +83,23 @@ class TimedPath(ABC):
     lead: float
 
     @abstractmethod
-    def send(self, points: Sequence[TimedPoint], *, last: bool = False, first: int | None = None) -> int:
+    def send(
+        self,
+        points: Sequence[TimedPoint],
+        *,
+        last: bool = False,
+        first: int | None = None,
+        rest: Callable[[TimedPoint], Sequence[TimedPoint]] | None = None,
+    ) -> int:
         """Send the next points, as many as the robot has room for.
 
         Args:
             points: In order; times increase.
             last: The last of them ends the path. Counts only if all are taken.
             first: Index of the first of them: points from there on are replaced. The next one if None.
+            rest: If `last` is not set: at most `REST_POINTS` points that bring the joints to rest after one of
+                these; empty if there are none. They count as no points of the path: what is sent next replaces
+                them, and if nothing is, the path ends with them.
 
         Returns:
             How many were taken; send the others later.

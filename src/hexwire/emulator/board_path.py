@@ -39,16 +39,19 @@ class _Knot:
 
 @dataclass(frozen=True, slots=True)
 class _Braking:
-    """Braking: when it begins, where on the path, and how many ticks it takes."""
+    """Braking: when it begins, where on the path, and how many ticks it takes; infinite if it follows the path."""
 
     moment: float
     ticks: float
     length: float
 
     def way(self, moment: float) -> float:
-        """Ticks of the path since it began: the rate falls evenly from 1 to 0."""
-        passed = min(max((moment - self.moment) / POINT_TIME, 0.0), self.length)
-        return passed - passed * passed / (2 * self.length) if self.length else 0.0
+        """Ticks of the path since it began: the rate is 1 - 3 u^2 + 2 u^3, so it begins and ends without a jump."""
+        passed = max((moment - self.moment) / POINT_TIME, 0.0)
+        if not self.length or math.isinf(self.length):
+            return passed if self.length else 0.0
+        u = min(passed / self.length, 1.0)
+        return self.length * (u - u**3 + u**4 / 2)
 
 
 class BoardPath:
@@ -191,7 +194,12 @@ class BoardPath:
         """Brake from a moment on, unless it brakes already."""
         self.advance(moment)
         if self._braking is None:
-            self._braking = _Braking(moment, self._ticks, self._brake_ticks)
+            left = self._end - self._ticks
+            length = self._brake_ticks
+            if 2 * left <= length:
+                # Nothing brakes better than the path itself, if it leads to its end.
+                length = math.inf if self.whole else 2 * left
+            self._braking = _Braking(moment, self._ticks, length)
 
     def advance(self, moment: float) -> None:
         """Let its time run up to a moment: points that it is past are forgotten, and it may run dry."""
@@ -227,11 +235,8 @@ class BoardPath:
         braking = self._braking
         if braking is None:
             return self._start + self._end * POINT_TIME if self.whole and self._start is not None else None
-        length = braking.length
-        # The path may be over before the time of braking is.
-        left = self._end - braking.ticks
-        short = length - math.sqrt(length * (length - 2 * left)) if 2 * left < length else length
-        return braking.moment + short * POINT_TIME
+        length = self._end - braking.ticks if math.isinf(braking.length) else braking.length
+        return braking.moment + length * POINT_TIME
 
     # -- places -------------------------------------------------------------------------------------
 

@@ -61,7 +61,14 @@ class GoalPath(TimedPath):
         self._number: int | None = None
         self._began = self._ends = 0.0
 
-    def send(self, points: Sequence[TimedPoint], *, last: bool = False, first: int | None = None) -> int:
+    def send(
+        self,
+        points: Sequence[TimedPoint],
+        *,
+        last: bool = False,
+        first: int | None = None,
+        rest: Callable[[TimedPoint], Sequence[TimedPoint]] | None = None,
+    ) -> int:
         if self._number is not None:
             raise UsageError("the server of a shared arm takes no points after the start")
         begin = len(self._points) if first is None else first

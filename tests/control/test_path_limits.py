@@ -1,0 +1,155 @@
+"""How a path on an emulated board ends, on its servo line: cancelled, held, and without its host."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable
+from itertools import pairwise
+
+import pytest
+from tests.conformance_board.trajectory_pairs import _targets
+from tests.control.arm_bench import order
+from tests.control.test_sent_ahead import Timed
+from tests.motion.arms import HOME
+
+from hexwire.control.path_brake import PathBrake
+from hexwire.drivers.timed_path import PathState, TimedPoint
+from hexwire.emulator.board_trajectory import LEAD_MS
+from hexwire.model.hex7bot import HEX7BOT
+from hexwire.motion.waypoints import Trajectory
+
+MOST = 1.001
+STEP = 0.001
+ROUNDING = 1.1
+"""Counts: half of one by which cubics between points may be off, half for rounding, and what the wire rounds."""
+JOINTS = {"J1": 1.0, "J5": -0.8, "J6": 0.4}
+
+
+class Line:
+    """What a bench sends to its servos, and the brakes that were made for it."""
+
+    def __init__(self, bench: Timed, patch: pytest.MonkeyPatch) -> None:
+        self.bench = bench
+        self.targets: list[tuple[float, int, int]] = []
+        self.brakes: list[tuple[Trajectory, float, list[TimedPoint], tuple[str, ...]]] = []
+        transact = bench.board.wire.transact
+
+        def noted(packet: bytes, now: float) -> tuple[bytes, float]:
+            self.targets += [(now, joint, counts) for joint, counts in _targets(packet)]
+            return transact(packet, now)
+
+        patch.setattr(bench.board.wire, "transact", noted)
+        after = PathBrake.after
+
+        def made(brake: PathBrake, plan: Trajectory, time: float) -> list[TimedPoint]:
+            points = after(brake, plan, time)
+            self.brakes.append((plan, time, points, brake._joints))
+            return points
+
+        patch.setattr(PathBrake, "after", made)
+
+    def ideal(self) -> tuple[Callable[[float], list[tuple[float, float, float]]], tuple[str, ...], float]:
+        """What was meant: position, velocity and acceleration of the joints at a time; their names; the end."""
+        ahead = self.bench.owner._output._ahead
+        path = self.bench.board.trajectory.path
+        assert ahead is not None
+        assert path is not None
+        last = path._knots[-1]
+        end = last.at * 1e-4
+        for plan, begin, points, names in reversed(self.brakes):
+            if points and abs(points[-1].time - end) < 1e-5:
+                row = zip(names, points[-1].positions, last.positions, strict=True)
+                if all(abs(HEX7BOT.joint(name).angle_to_counts(p, 8) - counts) <= 1 for name, p, counts in row):
+                    return rested(plan, begin, points, names), names, end
+        whole = ahead._on_robot
+        return (lambda t: list(zip(*whole.sample(t), strict=True))), whole.names, whole.duration
+
+
+def rested(
+    plan: Trajectory, begin: float, points: list[TimedPoint], names: tuple[str, ...]
+) -> Callable[[float], list[tuple[float, float, float]]]:
+    """A plan up to a time, and then the cubics of a brake."""
+    order_of = [plan.names.index(name) for name in names]
+    here = plan.sample(begin)
+    first = TimedPoint(begin, tuple(here.position[i] for i in order_of), tuple(here.velocity[i] for i in order_of))
+
+    def at(t: float) -> list[tuple[float, float, float]]:
+        if t <= begin:
+            sample = plan.sample(t)
+            return [(sample.position[i], sample.velocity[i], sample.acceleration[i]) for i in order_of]
+        for a, b in pairwise((first, *points)):
+            if t <= b.time or b is points[-1]:
+                h, u = b.time - a.time, min(t, b.time) - a.time
+                rows = []
+                for p, q, v, w in zip(
+                    a.positions, b.positions, a.velocities or (), b.velocities or (), strict=True
+                ):
+                    c2 = (3.0 * (q - p) - h * (2.0 * v + w)) / h**2
+                    c3 = (h * (v + w) - 2.0 * (q - p)) / h**3
+                    rows.append(
+                        (
+                            p + u * (v + u * (c2 + u * c3)),
+                            v + u * (2.0 * c2 + 3.0 * u * c3),
+                            2.0 * c2 + 6.0 * u * c3,
+                        )
+                    )
+                return rows
+        raise AssertionError
+
+    return at
+
+
+@pytest.mark.parametrize("how", ["cancelled", "held", "silent"])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_path_ends_within_all_limits_however_it_ends(
+    how: str, seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At 1 kHz what the host means keeps the limits, and on the servo line is what the host means."""
+    draw = random.Random(10 * seed + len(how))
+    bench = Timed(watchdog=0.0)
+    line = Line(bench, monkeypatch)
+    far = draw.uniform(0.5, 1.2)
+    limit = HEX7BOT.joint("J1")
+    # A quintic at one of its limits.
+    seconds = max(
+        1.875 * far / limit.max_speed,
+        math.sqrt(5.7735 * far / limit.max_acceleration),
+        (60.0 * far / limit.max_jerk) ** (1.0 / 3.0),
+    )
+    there = {name: HOME[name] + share * far for name, share in JOINTS.items()}
+    told = bench.command(order((0.6, HOME), (0.6 + 1.02 * seconds, there), still=True))
+    # Where it is fast.
+    bench.turn(0.6 + draw.uniform(0.35, 0.6) * seconds)
+    assert bench.state is PathState.RUNNING
+    since = bench.clock.time
+    if how == "cancelled":
+        bench.arm.cancel("", told)
+        bench.turn(1.5)
+    elif how == "held":
+        bench.ask(lambda: bench.owner.settle("a jog was begun"))
+    else:
+        bench.stall(5.0)
+    at, names, end = line.ideal()
+    limits = [HEX7BOT.joint(name) for name in names]
+    start = bench.board.trajectory.start_at - LEAD_MS / 1000.0
+    fastest = 0.0
+    for n in range(round(max(0.0, since - start - 0.2) / STEP), math.ceil(end / STEP)):
+        before, now = at((n - 1) * STEP), at(n * STEP)
+        for (_, _, b), (p, v, a), joint in zip(before, now, limits, strict=True):
+            assert abs(v) <= MOST * joint.max_speed
+            assert abs(a) <= MOST * joint.max_acceleration
+            assert abs(a - b) <= MOST * joint.max_jerk * STEP + 1e-6
+            assert joint.minimum <= p <= joint.maximum
+            fastest = max(fastest, abs(v))
+    assert fastest > 0.4
+    assert all(abs(v) < 1e-6 for _, v, _ in at(end))
+    told_counts = 0
+    for time, servo, counts in line.targets:
+        name = HEX7BOT.by_servo(servo).name
+        if start < time <= start + end and name in names:
+            place = at(time - start)[names.index(name)][0]
+            ideal = (place - HEX7BOT.joint(name).counts_to_angle(counts)) / HEX7BOT.joint(name).scale
+            assert abs(ideal) <= ROUNDING, (name, time - start, ideal)
+            told_counts += 1
+    assert told_counts > 100
