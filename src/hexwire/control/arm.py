@@ -191,13 +191,14 @@ class Arm:
             if not goal.points and listener is None:
                 self.hold(name, "replaced by an empty trajectory")
                 return
-            plan = controller.plan(goal, received)
+            plan = controller.plan(goal, received, streamed=listener is None)
             with owner.locked():
                 start = controller.start(goal.delay, state, received)
                 begins = max(received + goal.delay, controller.follower.next_start(received))
                 others = self._meanwhile([name], begins)
             # Not under the lock, since the check of a long trajectory takes long.
-            controller.check_path(plan.trajectory(start, received), state, others, wanted=wanted)
+            streamed = start if listener is None else None
+            controller.check_path(plan.trajectory(start, received), state, others, wanted=wanted, streamed=streamed)
 
             def refuse() -> None:
                 self.teach_mode.hand.refuse()

@@ -16,7 +16,9 @@ from typing import TYPE_CHECKING
 from hexwire.errors import GoalError, HexwireError
 from hexwire.model.state import JointState, JointTarget
 from hexwire.motion.follower import Follower, Mode, Ways
+from hexwire.motion.moving import joint_limits
 from hexwire.motion.safety import StopReason
+from hexwire.motion.takeover import take_over
 from hexwire.motion.waypoints import Sample
 
 from .arrival import Arrival, Deviation, Verdict, off_goal
@@ -228,20 +230,24 @@ class TrajectoryController:
         except HexwireError as error:
             raise GoalError(str(error), reason=Reason.NOT_READY) from None
 
-    def plan(self, goal: TrajectoryGoal, received: float) -> Plan:
+    def plan(self, goal: TrajectoryGoal, received: float, *, streamed: bool = False) -> Plan:
         """Plan a goal; reads nothing that changes, so it needs no lock.
 
         Args:
             goal: The goal.
             received: Time to which `goal.delay` refers, seconds.
+            streamed: Nobody waits for its end, since the next is to follow: it may end in motion.
 
         Raises:
             GoalError: It is malformed or not for these joints.
         """
         check_goal(
-            goal, self.joints, allow_partial=self.settings.allow_partial, end_at_rest=self.settings.end_at_rest
+            goal,
+            self.joints,
+            allow_partial=self.settings.allow_partial,
+            end_at_rest=self.settings.end_at_rest and not streamed,
         )
-        return Plan(goal, self.joints, received)
+        return Plan(goal, self.joints, received, streamed=streamed)
 
     def check_path(
         self,
@@ -250,20 +256,27 @@ class TrajectoryController:
         meanwhile: Sequence[Trajectory] = (),
         *,
         wanted: Callable[[], bool] = lambda: True,
+        streamed: Sample | None = None,
     ) -> None:
         """Check a trajectory's limits, speeds, joint coupling limits and table, and that its joints can move.
+
+        One of a stream is checked as it will be followed: the way to its first point takes as long as it needs,
+        since points without velocities are followed with a delay.
 
         Args:
             trajectory: The trajectory.
             state: The newest state.
             meanwhile: Trajectories of other controllers, from its beginning on.
             wanted: As in `PathCheck.trajectory`.
+            streamed: The state in which it begins, if it is one of a stream.
 
         Raises:
             GoalError: The path is not allowed; CANCELLED if it is no longer wanted.
         """
         self._refuse_unready(trajectory.names, state)
-        self._check.trajectory(trajectory, state.positions, meanwhile, wanted=wanted)
+        if streamed is not None:
+            trajectory = take_over(streamed, trajectory, joint_limits(self.follower.arm, trajectory.names))
+        self._check.trajectory(trajectory, state.positions, meanwhile, wanted=wanted, goes_on=streamed is not None)
 
     def accept(
         self,

@@ -16,7 +16,7 @@ from hexwire.motion.waypoints import Sample, Spline, Waypoint
 from .outcomes import Reason
 
 if TYPE_CHECKING:
-    from .goals import TrajectoryGoal
+    from .goals import Point, TrajectoryGoal
 
 __all__ = ["Plan"]
 
@@ -24,6 +24,12 @@ _TICK = 1e-9
 """Seconds; times are whole nanoseconds. Times closer to now count as now."""
 _HAIR = 1e-6
 """Seconds; a last point closer to now counts as reached."""
+_EARLIEST = 0.3
+"""Seconds after its receipt at which a single point without velocity is due that is one of a stream. So near the
+next one, joints arrive no sooner anyway; and counted from the receipt, not from when they begin, the speed is even.
+"""
+_SOON = 0.01
+"""Seconds to the last point of a stream that is due earlier than that."""
 _THERE = 1e-3
 """Radians; greatest distance of the arm from a first point with time 0."""
 _NEARLY = math.radians(2.0)
@@ -37,6 +43,7 @@ class Plan:
         goal: Has passed `check_goal`.
         joints: Joints of the controller, in the order of the trajectory.
         received: Time to which `goal.delay` refers, seconds.
+        streamed: It is one of a stream: its times count from when it was received, whenever it can begin.
 
     Attributes:
         goal: As given.
@@ -46,24 +53,31 @@ class Plan:
         GoalError: MALFORMED if it has no points.
     """
 
-    def __init__(self, goal: TrajectoryGoal, joints: tuple[str, ...], received: float) -> None:
+    def __init__(
+        self, goal: TrajectoryGoal, joints: tuple[str, ...], received: float, *, streamed: bool = False
+    ) -> None:
         if not goal.points:
             raise GoalError("the trajectory has no points", reason=Reason.MALFORMED)
         self.goal, self.due = goal, received + goal.delay
-        self._joints = joints
+        self._joints, self._streamed = joints, streamed and not goal.delay
         places = {name: i for i, name in enumerate(goal.names)}
         # Index of each joint in the goal, None if the goal omits it.
         self._picks = [places.get(name) for name in joints]
         self._partial = None in self._picks
         self._points = tuple(
             Waypoint(
-                point.time,
+                self._arrival(point),
                 self._row(point.positions),
                 self._row(point.velocities) if point.velocities else None,
                 self._row(point.accelerations) if point.accelerations else None,
             )
             for point in goal.points
         )
+
+    def _arrival(self, point: Point) -> float:
+        if not self._streamed or point.velocities or len(self.goal.points) > 1 or point.time <= _TICK:
+            return point.time
+        return max(point.time, _EARLIEST)
 
     def late(self, now: float) -> float:
         """Delay of the start at a time, seconds; 0 for a goal without a delay."""
@@ -103,7 +117,9 @@ class Plan:
         for name, value in zip(self._joints, start.position, strict=True):
             if not math.isfinite(value):
                 raise GoalError(f"the position of {name} is unknown; wait for its state", reason=Reason.NOT_READY)
-        since = now - self.due if self.goal.delay else 0.0
+        since = now - self.due if self.goal.delay or self._streamed else 0.0
+        if self._streamed and self._points[-1].time - since < _SOON and self._points[-1].time > _TICK:
+            return self._gone_on(start, since)
         left = tuple(point for point in self._points if point.time - since > _TICK)
         if not left:
             if self.goal.delay:
@@ -121,6 +137,15 @@ class Plan:
         velocity = None if first.velocity is None else self._moving(start.velocity)
         acceleration = None if first.acceleration is None else self._moving(start.acceleration)
         return Spline(self._joints, (Waypoint(0.0, start.position, velocity, acceleration), *left), checked=True)
+
+    def _gone_on(self, start: Sample, since: float) -> Spline:
+        """To where the last point of a stream, which is past, has gone on to with its velocity."""
+        last = self._filled(self._points[-1], start)
+        on = (last.velocity or (0.0,) * len(self._joints), since + _SOON - last.time)
+        place = tuple([p + v * on[1] for p, v in zip(last.position, on[0], strict=True)])
+        velocity = None if last.velocity is None else self._moving(start.velocity)
+        there = Waypoint(_SOON, place, last.velocity)
+        return Spline(self._joints, (Waypoint(0.0, start.position, velocity), there), checked=True)
 
     def _here(self, start: Sample) -> Spline:
         """A goal that takes no time: planners send it when the arm, as it was measured, is at the goal already."""
