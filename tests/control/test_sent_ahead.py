@@ -15,6 +15,7 @@ from tests.motion.arms import HOME, NAMES
 from hexwire.control.goals import Point, TrajectoryGoal
 from hexwire.control.lease import Lease
 from hexwire.control.outcomes import Outcome, Reason
+from hexwire.drivers.board2_path import Board2Path
 from hexwire.drivers.timed_path import PathState, TimedPath, TimedPoint
 from hexwire.errors import LeaseError, StoppedError
 from hexwire.model.hex7bot import HEX7BOT
@@ -434,7 +435,7 @@ def test_controllers_that_begin_together_share_a_path_and_another_one_gets_targe
     assert {name for _, target in bench.targets for name, _ in target.positions} == {"J7"}
 
 
-def test_where_the_board_refuses_a_path_targets_are_sent() -> None:
+def test_where_the_board_refuses_a_path_targets_are_sent(caplog: pytest.LogCaptureFixture) -> None:
     bench = Timed()
     limits = list(bench.owner.robot.limits())  # type: ignore[attr-defined]
     slow = LimitRow(limits[0].minimum, limits[0].maximum, 60)
@@ -443,9 +444,10 @@ def test_where_the_board_refuses_a_path_targets_are_sent() -> None:
     bench.until(lambda: told.ends)
     assert told.outcome == SUCCEEDED
     assert bench.targets
+    assert [row.levelname for row in caplog.records] == ["WARNING"]
 
 
-def test_where_the_board_refuses_a_later_part_targets_are_sent_from_there() -> None:
+def test_where_the_board_refuses_a_later_part_targets_are_sent_from_there(caplog: pytest.LogCaptureFixture) -> None:
     bench = Timed()
     limits = list(bench.owner.robot.limits())  # type: ignore[attr-defined]
     slow = LimitRow(limits[0].minimum, limits[0].maximum, 150)
@@ -457,6 +459,8 @@ def test_where_the_board_refuses_a_later_part_targets_are_sent_from_there() -> N
     bench.until(lambda: told.ends)
     assert told.outcome == SUCCEEDED
     assert bench.targets
+    assert "one by one from here" in caplog.text
+    assert [row.levelname for row in caplog.records] == ["WARNING"]
 
 
 def test_a_reset_of_the_board_stops_the_arm() -> None:
@@ -802,3 +806,26 @@ def test_a_target_does_not_revive_what_a_stop_from_elsewhere_has_ended() -> None
     bench.turn(1.5)
     assert at(bench) == pytest.approx(place, abs=0.02)
     assert not bench.targets
+
+
+def test_a_start_that_comes_too_late_is_ordered_again_and_the_board_keeps_the_time(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start = Board2Path.start
+    for stalls in ([0.3], [0.3, 0.2, 0.3]):
+        bench, left = Timed(), list(stalls)
+
+        def late(path: Board2Path, at: float | None = None, bench: Timed = bench, left: list[float] = left) -> Any:
+            bench.stall(left.pop(0) if left else 0.0)
+            return start(path, at)
+
+        monkeypatch.setattr(Board2Path, "start", late)
+        caplog.clear()
+        told = bench.go()
+        bench.until(lambda told=told: told.ends)
+        assert told.outcome == SUCCEEDED
+        assert not bench.targets, "the host did not time it"
+        warned = [row.getMessage() for row in caplog.records if row.levelname == "WARNING"]
+        assert len(warned) == len(stalls)
+        assert all(text.startswith("an order to start came too late") for text in warned)
+        assert smooth(bench)

@@ -221,15 +221,27 @@ def test_where_the_board_refuses_a_path_targets_are_sent(caplog: pytest.LogCaptu
     slow = LimitRow(limits[3].minimum, limits[3].maximum, 60)
     told: list[str] = []
     bench.robot.store_limits([slow if i == 3 else row for i, row in enumerate(limits)])
-    with caplog.at_level(logging.INFO, "hexwire.control.timed_motion"):
-        watched = Watched()
-        watched.refused = told.append  # type: ignore[method-assign, assignment]
-        way = bench.way(by=math.radians(40.0), seconds=1.0)
-        result = run_motion(bench.robot, way, bench.options(grace=8.0), observer=watched)
-    assert "does not follow it" in caplog.text
-    assert told == ["the board refused TRAJECTORY_POINTS: bad range"]
+    watched = Watched()
+    watched.refused = told.append  # type: ignore[method-assign, assignment]
+    way = bench.way(by=math.radians(40.0), seconds=1.0)
+    result = run_motion(bench.robot, way, bench.options(grace=8.0), observer=watched)
+    assert told == ["bad range"]
+    assert not caplog.records
     assert not result.timed
     assert bench.targets
+
+
+def test_who_listens_to_nothing_has_it_in_the_log_that_the_board_refuses_a_path(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    bench = Timed()
+    limits = list(bench.robot.limits())
+    slow = LimitRow(limits[3].minimum, limits[3].maximum, 60)
+    bench.robot.store_limits([slow if i == 3 else row for i, row in enumerate(limits)])
+    with caplog.at_level(logging.WARNING, "hexwire"):
+        run_motion(bench.robot, bench.way(by=math.radians(40.0), seconds=1.0), bench.options(grace=8.0))
+    (row,) = caplog.records
+    assert row.getMessage().endswith("the board does not follow this path itself: bad range")
 
 
 def straight(bench: Timed, rows: list[tuple[float, float]]) -> Spline:

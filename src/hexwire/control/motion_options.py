@@ -5,6 +5,7 @@ Owns these values. Must not know how a motion is run.
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from hexwire.model.state import JointState, SentTarget
 
 __all__ = ["MotionObserver", "MotionOptions", "wanted_options"]
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +103,10 @@ def wanted_options(options: object) -> MotionOptions:
 
 
 class MotionObserver:
-    """Is called at the events of a motion, in the caller's thread. Override the methods you need."""
+    """Is called at the events of a motion, in the caller's thread. Override the methods you need.
+
+    They do nothing here, but for `refused`, which logs a warning.
+    """
 
     def unchecked(self, joints: Sequence[str]) -> None:
         """The position of these joints is unknown, so joint coupling limits and table are not checked."""
@@ -116,6 +122,7 @@ class MotionObserver:
 
     def refused(self, why: str) -> None:
         """The board does not follow the trajectory in its own time; targets are sent one by one instead."""
+        _log.warning("targets are sent one by one, since the board does not follow this path itself: %s", why)
 
     def started(self, timing: RateLoop) -> None:
         """The motion starts; `timing` has the timing of its cycles."""

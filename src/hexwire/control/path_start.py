@@ -23,6 +23,10 @@ SOON = 0.005
 """Seconds: a start that is nearer than this is ordered as one at once."""
 _AIM = 0.05
 """Seconds before a start until which its time may still be corrected."""
+_LATER = (0.1, 0.2, 0.4)
+"""Seconds from now to a start that is tried after one whose time has passed."""
+_UNSURE = 0.02
+"""Seconds before a start in which it may have passed on the robot's clock, which is known to some milliseconds."""
 
 
 class StartOrder:
@@ -40,10 +44,28 @@ class StartOrder:
         self.given: PathStart | None = None
 
     def give(self, path: TimedPath, begins: float) -> float:
-        """Order a start, as `TimedPath.start`; returns by how many seconds the robot is later than meant."""
+        """Order a start, as `TimedPath.start`; returns by how many seconds the robot is later than meant.
+
+        If its time has passed when the robot gets the order, a later one is tried, a few times.
+        """
         self._wanted = begins
-        self.given = path.start(begins if begins - self._clock() > SOON else None)
-        return self.given.time - begins
+        for later in _LATER:
+            at_once = self._wanted - self._clock() <= SOON
+            try:
+                return self._order(path, at_once=at_once) - begins
+            except StoppedError:
+                raise
+            except CommandRefusedError as error:
+                now = self._clock()
+                if at_once or self._wanted - now > _UNSURE:
+                    raise
+                _log.warning("an order to start came too late (%s); the robot starts in %g s", error, later)
+                self._wanted = now + later
+        return self._order(path, at_once=False) - begins
+
+    def _order(self, path: TimedPath, *, at_once: bool) -> float:
+        self.given = path.start(None if at_once else self._wanted)
+        return self.given.time
 
     def correct(self, path: TimedPath) -> float:
         """Order the start again: the longer the clocks have been compared, the better its time is known.

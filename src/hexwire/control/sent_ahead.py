@@ -248,7 +248,7 @@ class SentAhead:
                 self.drop()
             raise
         except (CommandRefusedError, UsageError) as error:
-            _log.info("the targets are sent one by one: %s", error)
+            _log.warning("the targets are sent one by one: %s", error)
             # Nothing was sent of it while another path was at its end.
             self._shift(max(0.0, self._clock() - begins))
             self.drop()
@@ -461,7 +461,7 @@ class SentAhead:
         if report.state in (PathState.RUNNING, PathState.WAITING):
             if self._replaced is None or self._replaced > report.towards:
                 # The robot's own limits are tighter: targets one by one are clamped, and given more time.
-                _log.info("the targets are sent one by one from here: %s", error)
+                _log.warning("the targets are sent one by one from here: %s", error)
                 self._unfit = True
             self._give_up(path)
             return None

@@ -270,7 +270,7 @@ def begin_feed(
     stop_on_failure: bool = True,
     period: float = 0.05,
     apart: float | None = None,
-    refused: Callable[[str], object] = lambda why: None,
+    refused: Callable[[str], object] | None = None,
 ) -> PathFeed | None:
     """Have a robot follow a trajectory in its own time.
 
@@ -282,7 +282,7 @@ def begin_feed(
         stop_on_failure: Stop the arm if it may have started, although this fails.
         period: As in `PathFeed`.
         apart: Likewise.
-        refused: Called with the reason if it refuses the trajectory.
+        refused: Called with the reason if it refuses the trajectory; if None, that is logged.
 
     Returns:
         What feeds the robot from now on; None if it refuses the trajectory, and nothing moves.
@@ -300,8 +300,11 @@ def begin_feed(
         raise
     except (CommandRefusedError, UsageError) as error:
         # Its limits may be tighter than the model's: targets one by one are clamped and given more time there.
-        _log.info("the robot does not follow it in its own time: %s", error)
-        refused(str(error))
+        why = error.reason if isinstance(error, CommandRefusedError) else str(error)
+        if refused is None:
+            _log.warning("targets are sent one by one, since the board does not follow this path itself: %s", why)
+        else:
+            refused(why)
         return None
     except BaseException:
         # Without an answer it may have started, and no controller knows of it yet.
