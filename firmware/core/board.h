@@ -143,7 +143,7 @@ class Board : private BoardFields {
     bool last_sent;  // the first packet of the last pair has been sent
     uint8_t cycle;
     uint16_t late;
-    uint16_t takes_us;   // to compute the first packet
+    uint16_t takes_us[2];  // to compute a packet, of legacy servos and of others
     uint16_t pause_us;   // that a servo takes before it answers
     uint32_t begun_us;   // when the poller's last transaction began
     uint32_t aimed_us;   // when a packet that is prepared is expected to begin
@@ -327,6 +327,7 @@ class Board : private BoardFields {
   void begin_pair();
   Mask lost_joints();
   bool send_second();
+  bool aim_and_send(uint8_t series);
   void aim_path(uint8_t series, uint32_t time_us);
   bool follows_path(uint8_t joint) const;
   bool send_path_targets(uint8_t series);

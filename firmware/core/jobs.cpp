@@ -100,9 +100,14 @@ void Board::back_to(Step step) {
 void Board::run_bus() {
   bus_.poll(last_us_);
   // If the next byte ends the answer, what follows should begin at once: all that can be is known before.
-  const bool ready = bus_.ends_soon() && may_go_on();
-  if (bus_.ends_soon()) bus_.await_end();
-  if (bus_.finished()) take_result(ready || may_go_on());
+  const bool soon = bus_.ends_soon();
+  const bool ready = soon && may_go_on();
+  if (soon) bus_.await_end();
+  if (bus_.finished()) {
+    // Otherwise a request of the host may have held up this look at the line.
+    if (soon) note_pause();
+    take_result(ready || may_go_on());
+  }
   watch_path();
   if (!job_.active) start_next();
   // Start the next transaction before computing anything: the line should not lie idle meanwhile.
@@ -124,7 +129,6 @@ void Board::use_idle_line() {
 // Gives the result of a transaction to whoever started it, and starts what is prepared.
 void Board::take_result(bool may_go_on) {
   const Owner owner = owner_;
-  if (owner == Owner::kPoller && path_due()) note_pause();
   const bool go_on = may_go_on && launch_prepared();
   owner_ = go_on ? next_owner_ : Owner::kNobody;
   if (owner == Owner::kPoller) {

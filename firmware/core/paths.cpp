@@ -12,7 +12,6 @@ constexpr uint8_t kNear = 64;             // most counts between a joint and the
 constexpr uint16_t kMostSilentMs = 150;   // a joint that does not answer for so long ends the trajectory
 constexpr uint32_t kMostGapUs = 18000;    // the next targets are sent then, although a polling cycle has not ended
 constexpr int32_t kFreeBeforeUs = 6000;   // the servo line is kept free for so long before a start
-constexpr uint16_t kLateSecondUs = 5000;  // the second packet follows the first within 3 ms unless something comes between
 constexpr uint8_t kTurnUs = 50;           // between two packets: until the first is known to be over, and the second begins
 constexpr int32_t kMostOffUs = 100;       // targets that were computed ahead are sent no earlier or later than this
 
@@ -90,15 +89,15 @@ bool Board::prepare_path() {
 
 // The time that a servo takes before it answers.
 void Board::note_pause() {
+  if (owner_ != Owner::kPoller || !path_due()) return;
   const uint32_t took = platform_.micros() - path_.begun_us - bus_.line_us() - bus_.answer_us();
   if (bus_.answers() && took < kMostGapUs) path_.pause_us = static_cast<uint16_t>(took / bus_.answers());
 }
 
 // Whether the prepared targets are still those of this moment.
 bool Board::path_goes_on() const {
-  if (!trajectory_.moving() || path_.second) return trajectory_.moving();
   const int32_t early = static_cast<int32_t>(path_.aimed_us - platform_.micros());
-  return early < kMostOffUs && early > -kMostOffUs;
+  return trajectory_.moving() && early < kMostOffUs && early > -kMostOffUs;
 }
 
 // The prepared targets are on the line. Those of the second series are computed meanwhile.
@@ -107,10 +106,10 @@ void Board::path_went_on() {
     path_.second = false;
     return;
   }
-  const uint32_t over = platform_.micros() + bus_.line_us() + kTurnUs;
+  path_.aimed_us = platform_.micros() + bus_.line_us() + kTurnUs;
   begin_pair();
   path_.last_sent = path_.ends;
-  aim_path(gen::SERIES_HLS, over);
+  aim_path(gen::SERIES_HLS, path_.aimed_us);
   path_.second = trajectory_.moving();
 }
 
@@ -120,27 +119,33 @@ bool Board::write_path() {
   if (path_.second) return send_second();
   begin_pair();
   if (!trajectory_.moving()) return false;
-  // To load a segment may take longer than all the rest, so that is done before time is taken.
-  trajectory_.advance(platform_.micros() + path_.takes_us);
-  // As far ahead as computing took the last time.
-  const uint32_t begun = platform_.micros();
-  aim_path(gen::SERIES_SEVEN_BOT, begun + path_.takes_us);
+  const bool sent = aim_and_send(gen::SERIES_SEVEN_BOT);
   // If the second packet alone has the last position, there is another pair.
   path_.last_sent = trajectory_.at_end();
-  const bool sent = send_path_targets(gen::SERIES_SEVEN_BOT);
-  const uint32_t now = platform_.micros();
-  if (sent) path_.takes_us = static_cast<uint16_t>(now - begun);
   // The second packet is computed while the first is on the line.
-  aim_path(gen::SERIES_HLS, sent ? now + bus_.line_us() + kTurnUs : now);
+  path_.aimed_us = platform_.micros();
+  if (sent) path_.aimed_us += bus_.line_us() + kTurnUs;
+  aim_path(gen::SERIES_HLS, path_.aimed_us);
   path_.second = true;
   return sent || send_second();
 }
 
+// A request of the host may have come between the two packets: then the second gets the positions of its own time.
 bool Board::send_second() {
   path_.second = false;
-  // A request of the host may have come between the two packets, and changed the limits.
-  if (last_us_ - path_.written_us > kLateSecondUs) aim_path(gen::SERIES_HLS, platform_.micros());
-  return send_path_targets(gen::SERIES_HLS);
+  return path_goes_on() ? send_path_targets(gen::SERIES_HLS) : aim_and_send(gen::SERIES_HLS);
+}
+
+// Computes the targets of one series and sends them at once: as far ahead as that took the last time.
+bool Board::aim_and_send(uint8_t series) {
+  uint16_t& takes = path_.takes_us[series == gen::SERIES_HLS];
+  // To load a segment may take longer than all the rest, so that is done before time is taken.
+  trajectory_.advance(platform_.micros() + takes);
+  const uint32_t begun = platform_.micros();
+  aim_path(series, begun + takes);
+  const bool sent = send_path_targets(series);
+  if (sent) takes = static_cast<uint16_t>(platform_.micros() - begun);
+  return sent;
 }
 
 // The first packet of a pair is sent.

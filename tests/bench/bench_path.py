@@ -35,6 +35,7 @@ from hexwire.wire.board_trajectory import (
     BeginRequest,
     PathFlag,
     PathPoint,
+    PathStatus,
     PointsRequest,
     StartReply,
     StartRequest,
@@ -239,6 +240,7 @@ class _Chip:
         self.ask(Command.TORQUE, b"\1\x7f\0")
         self.here = [round(servo.present_position) for servo in self.board.wire.servos]
         self._sent = 0
+        self._last: list[PathPoint] = []
 
     def ask(self, command: int, body: bytes = b"") -> Frame:
         reply = self.client.ask(command, body)
@@ -253,11 +255,20 @@ class _Chip:
 
     def add(self, points: list[PathPoint]) -> None:
         """Send the first of the points, and take them off the list."""
-        some = points[:6]
+        self._last = points[:6]
         del points[:6]
-        request = PointsRequest.of(1, self._sent, some, last=not points)
+        request = PointsRequest.of(1, self._sent, self._last, last=not points)
         self.ask(Command.TRAJECTORY_POINTS, request.serialize())
-        self._sent += len(some)
+        self._sent += len(self._last)
+
+    def repeat(self) -> None:
+        """Send the newest points again, in place of themselves."""
+        request = PointsRequest.of(1, self._sent - len(self._last), self._last, last=False)
+        self.ask(Command.TRAJECTORY_POINTS, request.serialize())
+
+    def free(self) -> int:
+        """Points that fit now."""
+        return PathStatus.parse(self.ask(Command.TRAJECTORY_STATUS).body).free
 
     def start(self) -> float:
         """Start; the time."""
@@ -288,13 +299,22 @@ def path_rate() -> tuple[float, float]:
         board.close()
 
 
-def time_error() -> figures.Spread:
-    """Time error of targets that the board sends, without rounding; the same on every machine."""
+def time_error(*, fed: bool = False) -> tuple[figures.Spread, figures.Spread]:
+    """Time errors of targets that the board sends, without rounding: of the legacy servos and of the others.
+
+    The same on every machine.
+
+    Args:
+        fed: Points come all the time, as many as a request takes, and states are reported as fast as possible.
+    """
     chip = _Chip()
     try:
+        if fed:
+            chip.ask(Command.REPORT, bytes((5, 0, 0)))
         chip.begin()
         joints = HEX7BOT.joints
-        path = motions.swing([j.counts_to_angle(count) for j, count in zip(joints, chip.here, strict=True)], 3)
+        legs = 16 if fed else 3
+        path = motions.swing([j.counts_to_angle(count) for j, count in zip(joints, chip.here, strict=True)], legs)
         sent = figures.SentPath(path)
         points = sent.points()
         while points and len(points) > sent.count - 54:
@@ -302,11 +322,22 @@ def time_error() -> figures.Spread:
         offset = clock_offset(chip.board)
         start = chip.start() + offset - _LEAD
         while points:
-            chip.client.run(0.3)
-            chip.add(points)
+            # At all phases of the board's cycle.
+            chip.client.run(0.0371 if fed else 0.3)
+            if fed and chip.free() < 12:
+                chip.repeat()
+            else:
+                chip.add(points)
         chip.client.run(start + path.duration + 0.1 - chip.board.now)
         packets = [(begin, packet) for begin, packet in chip.board.line.sent if is_target(packet)]
-        return figures.spread(figures.unexplained(path, sent, figures.read_sets(packets, start), start))
+        legacy, others = (
+            figures.read_sets([each for each in packets if (each[1][5] == 0x2A) == old], start)
+            for old in (True, False)
+        )
+        return (
+            figures.spread(figures.unexplained(path, sent, legacy, start)),
+            figures.spread(figures.unexplained(path, sent, others, start)),
+        )
     finally:
         chip.board.close()
 
@@ -325,8 +356,9 @@ def run() -> Iterator[str]:
     states, writes = path_rate()
     yield f"while a trajectory of seven joints runs: states {states:.1f} Hz, targets {writes:.1f} Hz"
     yield f"{_capacity()} points of seven joints with velocities; {make('size').strip().splitlines()[-2]}"
-    exact = time_error()
-    yield (f"in simulated time, without rounding: time error {_ms(exact)} of {exact.count}")
+    for fed, title in ((False, "no other request"), (True, "points and states all the time")):
+        for exact, servos in zip(time_error(fed=fed), ("legacy servos", "others"), strict=True):
+            yield f"in simulated time, without rounding, {title}, {servos}: {_ms(exact)} of {exact.count}"
     yield from _swings()
     yield from _lines()
     yield _skew()
