@@ -13,7 +13,7 @@ from tests.motion.arms import HOME
 
 from hexwire.control.motion_desk import MotionDesk
 from hexwire.control.pose_file import PoseFile
-from hexwire.errors import ConfigError, GoalError, LeaseError, UsageError
+from hexwire.errors import ConfigError, GoalError, HexwireError, LeaseError, UsageError
 from hexwire.model.hex7bot import HEX7BOT
 
 J1 = HOME["J1"]
@@ -126,6 +126,24 @@ def test_what_was_taught_is_played_whole_and_in_part(bench: DeskBench) -> None:
     assert bench.where("J1") == pytest.approx(J1 + 0.3, abs=0.05)
     assert bench.do(what="play") == "succeeded"
     assert bench.where("J1") == pytest.approx(J1 + 0.6, abs=0.03)
+
+
+def test_an_arm_with_a_silent_joint_goes_nowhere_and_says_why(bench: DeskBench) -> None:
+    bench.bench.silence("J3")
+    bench.turn(1.0)
+    for args in ({"what": "joints", "goals": {"J1": J1}}, {"what": "place", "position": [0.0, 0.22, 0.2]}):
+        plan = bench.desk.preview(args)
+        assert "J3" in plan.refusal + plan.unready, args
+        with pytest.raises(HexwireError, match="J3"):
+            bench.desk.begin(bench.orders, args)
+
+
+def test_a_page_ends_teaching_holding_although_torque_was_off(bench: DeskBench) -> None:
+    bench.ask(lambda: bench.bench.arm.enable(False))
+    bench.ask(lambda: bench.desk.teach(bench.orders(), True))
+    guide(bench.bench, "J1", 0.6)
+    bench.ask(lambda: bench.desk.teach(bench.orders(), False))
+    assert bench.bench.torques() == [True] * 7
 
 
 def test_only_the_holder_of_the_lease_teaches_and_moves(bench: DeskBench) -> None:

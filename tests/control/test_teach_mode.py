@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.control.arm_bench import SPLIT, SUCCEEDED, free, guide, make_bench, order
+from tests.control.arm_bench import SPLIT, SUCCEEDED, Bench, free, guide, make_bench, order
 from tests.drivers.arms import Arm as EmulatedArm
 from tests.motion.arms import HOME, NAMES
 
-from hexwire.control.arm import taught_part
 from hexwire.control.teach_mode import record_by_hand
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.errors import HexwireError, ReplyTimeoutError, ServoError, UsageError
@@ -66,13 +65,47 @@ def test_nothing_moves_while_somebody_holds_the_arm() -> None:
     assert free(bench)
 
 
-def test_an_arm_without_torque_is_taught_and_left_so() -> None:
-    bench = make_bench(on=False)
+def switch(bench: Bench, names: tuple[str, ...]) -> None:
+    """Switch the torque of these joints on."""
+    if names:
+        bench.ask(lambda: bench.owner.torque(True, names))
+
+
+def test_teach_mode_ends_holding_whatever_had_torque_before() -> None:
+    """In every front: ROS 1, ROS 2 and the studio's desk call the arm, `hexwire teach` calls `record_by_hand`."""
+
+    def services(bench: Bench) -> None:
+        bench.ask(bench.arm.teach_start)
+        assert not any(bench.torques())
+        guide(bench, "J1", 0.4)
+        bench.ask(bench.arm.teach_stop)
+        assert bench.arm.teach_mode.taught is not None
+
+    def a_program_that_ends(bench: Bench) -> None:
+        bench.ask(bench.arm.teach_start)
+        bench.ask(lambda: bench.arm.teach_mode.shutdown(hold=True))
+
+    for front in (services, a_program_that_ends):
+        for before in ((), ("J2", "J5"), NAMES):
+            bench = make_bench(on=False)
+            switch(bench, before)
+            front(bench)
+            assert bench.torques() == [True] * 7, (front.__name__, before)
+            assert not bench.arm.teach_mode.hand.active
+    for before in ((), ("J2", "J5"), NAMES):
+        arm = EmulatedArm(2)
+        if before:
+            arm.driver.torque(True, before)
+        record(arm, lambda state: None, duration=0.2)
+        assert arm.torques() == [True] * 7, before
+
+
+def test_a_program_that_switches_torque_off_at_its_end_leaves_it_off_in_teach_mode_too() -> None:
+    bench = make_bench(torque_off_at_exit=True)
     bench.ask(bench.arm.teach_start)
-    guide(bench, "J1", 0.4)
-    bench.ask(bench.arm.teach_stop)
+    bench.ask(lambda: bench.arm.teach_mode.shutdown(hold=not bench.arm.settings.torque_off_at_exit))
     assert not any(bench.torques())
-    assert bench.arm.teach_mode.taught is not None
+    assert not bench.arm.teach_mode.hand.active
 
 
 def test_a_moving_arm_is_not_taught() -> None:
@@ -201,7 +234,7 @@ def test_a_part_of_what_was_taught() -> None:
     guide(bench, "J7", 0.3)
     bench.ask(bench.arm.teach_stop)
     assert bench.arm.teach_mode.taught is not None
-    part = taught_part(bench.arm.teach_mode.taught, ("J7", "J1"))
+    part = bench.arm.teach_mode.taught.part(("J7", "J1")).trajectory()
     assert part.names == ("J7", "J1")
     assert part.goal == pytest.approx((0.3, J1), abs=0.02)
     bench.ask(bench.arm.teach_play)

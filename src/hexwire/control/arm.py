@@ -10,7 +10,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -134,7 +134,8 @@ class Arm:
                 _log.error("not enabled: %s", error)
 
     def shutdown(self) -> None:
-        """Stop all motion, and detach from the robot."""
+        """Stop all motion, and detach from the robot. Teach mode ends, and the arm holds."""
+        self.teach_mode.shutdown(hold=not self.settings.torque_off_at_exit)
         self.owner.shutdown(torque_off=self.settings.torque_off_at_exit)
 
     def mark(self) -> int:
@@ -344,7 +345,7 @@ class Arm:
         goals = self.settings.poses.get(pose)
         if goals is None:
             raise UsageError(f"no pose {pose!r}; there are {', '.join(self.settings.poses) or 'none'}")
-        with self._exclusive():
+        with TryLock(self._busy):
             off = self._move_to(goals, f"replaced by a motion to {pose}", asked)
         return ", ".join((f"at {pose}", *off))
 
@@ -358,19 +359,19 @@ class Arm:
             HexwireError: As `TeachMode.start`, or the arm is busy.
         """
         names = self._all_joints()
-        with self._exclusive():
+        with TryLock(self._busy):
             if asked is not None:
                 self._refuse_void(asked)
             self.teach_mode.start(names)
         return f"teaching {', '.join(names)}; they have no torque"
 
     def teach_stop(self) -> str:
-        """End teach mode; joints that had torque before hold their present position.
+        """End teach mode; its joints hold their present position, also those that had no torque before.
 
         Raises:
             HexwireError: As `TeachMode.stop`, or the arm is busy.
         """
-        with self._exclusive():
+        with TryLock(self._busy):
             return self.teach_mode.stop()
 
     def teach_play(self, asked: int | None = None) -> str:
@@ -386,10 +387,10 @@ class Arm:
         taught = self.teach_mode.taught
         if taught is None:
             raise UsageError("nothing was taught since the start")
-        with self._exclusive():
+        with TryLock(self._busy):
             first = dict(zip(taught.names, taught.rows[0], strict=True))
             self._move_to(first, "replaced by the taught motion", asked)
-            off = self._run({key: taught_part(taught, c.joints) for key, c in self.controllers.items()}, asked)
+            off = self._run({key: taught.part(c.joints).trajectory() for key, c in self.controllers.items()}, asked)
         return ", ".join((f"played {taught.duration:.1f} s", *off))
 
     # -- diagnostics ----------------------------------------------------------------------------------
@@ -434,9 +435,6 @@ class Arm:
         """Refuse what was asked for before a stop; under the lock of the controllers, or to refuse it early."""
         if asked != self.owner.group.stops:
             raise GoalError("the arm was stopped since it was asked for; ask again", reason=Reason.STOPPED)
-
-    def _exclusive(self) -> TryLock:
-        return TryLock(self._busy)
 
     def _all_joints(self) -> tuple[str, ...]:
         return tuple(name for controller in self.controllers.values() for name in controller.joints)
@@ -490,10 +488,3 @@ class Arm:
                 for key in paths:
                     self.controllers[key].cancel(waiter)
             owner.group.deliver()
-
-
-def taught_part(taught: Taught, joints: Sequence[str]) -> Trajectory:
-    """The part of a taught motion for the joints of one controller."""
-    places = [taught.names.index(name) for name in joints]
-    rows = tuple(tuple(row[i] for i in places) for row in taught.rows)
-    return type(taught)(tuple(joints), taught.times, rows).trajectory()

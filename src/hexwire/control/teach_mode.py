@@ -6,6 +6,7 @@ the arm: that belongs to its owner, which asks here first.
 
 from __future__ import annotations
 
+import logging
 import math
 import threading
 import time
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from hexwire.motion.teach import Taught
 
 __all__ = ["HandGuiding", "Recorder", "TeachMode", "record_by_hand"]
+
+_log = logging.getLogger(__name__)
 
 _MAY_HAVE_TORQUE = JointFlag.TORQUE_ON | JointFlag.TORQUE_UNKNOWN
 _PATIENCE = 0.5
@@ -64,7 +67,7 @@ class HandGuiding:
         self.active = False
         self.power = threading.Lock()
         self._owner, self._recorder = owner, recorder
-        self._had_torque: tuple[str, ...] = ()
+        self._names: tuple[str, ...] = ()
         owner.observers.append(recorder.take)
 
     def refuse(self) -> None:
@@ -94,10 +97,11 @@ class HandGuiding:
                     raise UsageError("the arm is moving; wait, or cancel the goal first")
                 # From here on, motions are refused.
                 self.active = True
+            self._names = tuple(names)
             # A joint whose torque is unknown may have torque.
-            self._had_torque = tuple(name for name in names if state[name].flags & _MAY_HAVE_TORQUE)
+            had_torque = tuple(name for name in names if state[name].flags & _MAY_HAVE_TORQUE)
             try:
-                if self._had_torque:
+                if had_torque:
                     switch_torque(owner, False, names)
                 with owner.locked():
                     if not self.active:
@@ -105,18 +109,18 @@ class HandGuiding:
                     self._recorder.start(names, owner.now())
             except BaseException:
                 self.abandon()
-                if self._had_torque:
+                if had_torque:
                     # Refused if a stop is the cause.
                     with suppress(HexwireError):
-                        owner.torque(True, self._had_torque)
+                        owner.torque(True, had_torque)
                 raise
 
-    def stop(self, end: Callable[[], object], hold: Sequence[str] | None = None) -> None:
-        """End hand guiding: joints hold their present position, whatever was recorded.
+    def stop(self, end: Callable[[], object], *, hold: bool = True) -> None:
+        """End hand guiding: its joints hold their present position, whatever was recorded or had torque before.
 
         Args:
             end: Ends the recording.
-            hold: Joints that hold; if None, those that had torque before.
+            hold: False leaves the torque off.
 
         Raises:
             HexwireError: The arm is not in teach mode, or a joint got no torque.
@@ -125,11 +129,10 @@ class HandGuiding:
             if not self.active:
                 raise UsageError("the arm is not in teach mode; start teach mode first")
             end()
-            hold = self._had_torque if hold is None else hold
             try:
                 if hold:
                     # In any case: no person should have to keep holding the arm.
-                    switch_torque(self._owner, True, hold)
+                    switch_torque(self._owner, True, self._names)
             finally:
                 self.active = False
 
@@ -207,7 +210,7 @@ def record_by_hand(
         finally:
             # A robot that failed may answer again.
             owner.connect()
-            guiding.stop(passing.stop, () if torque_off_at_end else names)
+            guiding.stop(passing.stop, hold=not torque_off_at_end)
 
 
 def _turn_for(owner: RobotOwner, duration: float) -> None:
@@ -252,7 +255,7 @@ class TeachMode:
         self.hand.start(names)
 
     def stop(self) -> str:
-        """End teach mode; joints that had torque before hold their present position.
+        """End teach mode; its joints hold their present position, also those that had no torque before.
 
         Returns:
             A description of the recording, for people.
@@ -277,6 +280,18 @@ class TeachMode:
         if self.hand.abandon():
             with suppress(UsageError):
                 self._teacher.finish()
+
+    def shutdown(self, *, hold: bool) -> None:
+        """End teach mode because the program ends; what was recorded is dropped. Harmless outside teach mode.
+
+        Args:
+            hold: The joints hold their present position.
+        """
+        try:
+            if self.hand.active:
+                self.hand.stop(lambda: None, hold=hold)
+        except HexwireError as error:
+            _log.error("the arm has no torque after teach mode: %s", error)
 
     def _end(self, faults: list[str]) -> Taught | None:
         taught: list[Taught] = []

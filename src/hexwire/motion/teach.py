@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from hexwire.errors import UsageError
 from hexwire.model.arm import ArmModel
@@ -70,6 +70,11 @@ class Taught:
     def duration(self) -> float:
         """Seconds from the first to the last sample."""
         return self.times[-1]
+
+    def part(self, joints: Sequence[str]) -> Taught:
+        """Only some of the joints, in this order."""
+        places = [self.names.index(name) for name in joints]
+        return replace(self, names=tuple(joints), rows=tuple(tuple(row[i] for i in places) for row in self.rows))
 
     def trimmed(self, start: float = 0.0, end: float = math.inf) -> Taught:
         """Only the samples between two times, seconds.
