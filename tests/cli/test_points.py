@@ -9,13 +9,18 @@ from typing import Any
 
 import click
 import pytest
+import yaml
 from click.testing import CliRunner, Result
 from tests.cli.test_motion import tip, tool
+from tests.drivers.puma_server import served_puma
 from tests.motion.arms import HOME
 
+import hexwire
+from hexwire.cli.main import cli
 from hexwire.cli.points import Point, ToolAim, points_argument, pose_options, to_points
-from hexwire.control.pose_file import PoseFile
+from hexwire.control.pose_file import PoseFile, home_pose
 from hexwire.control.via import Place
+from hexwire.drivers.registry import make_driver
 from hexwire.errors import UsageError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.puma260 import Puma260Model
@@ -128,7 +133,7 @@ def test_line_to_a_pose(bench: Any, poses: PoseFile) -> None:
 @pytest.mark.parametrize(
     ("words", "error"),
     [
-        (("goto", "nod", "nad"), "'nad' is neither a number nor a saved pose of hex7bot; saved are: nod"),
+        (("goto", "nod", "nad"), "'nad' is neither a number nor a pose of hex7bot; known are: home, nod"),
         (("goto", "0", "220", "200", "0", "900", "0"), "point 2: out of reach"),
         (("goto", *("0", "220", "200", "0", "221", "200") * 60), "121 points are too many for one motion"),
         (("line", "10", "0", "0", "0", "0", "-300", "--relative"), "of the line: "),
@@ -166,3 +171,49 @@ def test_play_passes_waypoints_as_fast_as_it_may(bench: Any, tmp_path: Path) -> 
     file.write_text(json.dumps(data), encoding="utf-8")
     result = bench.run("play", str(file), "--fastest")
     assert (result.exit_code, "1 values for 2 joints" in result.stderr) == (2, True)
+
+
+# -- home: the chapter's position_init, but only when it is asked for ------------------------------------
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("command", ["goto", "move"])
+def test_every_arm_has_a_home_and_goes_there_when_asked(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All robots, both dialects, a servo bus, a controller: the middle of every joint but the gripper."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    with served_puma() as puma:
+        ports = {url: [] for url in ("sim://hex7bot", "sim://hex7bot?dialect=1", "sim://so100", "sim://so101")}
+        for url, robot in {**ports, puma.tcp: ["--robot", "puma260"]}.items():
+            words = [command, "home", *(["--wait"] if command == "move" else []), "--port", url, *robot]
+            result = CliRunner().invoke(cli, words)
+            assert (result.exit_code, "arrived" in result.stdout) == (0, True), (url, result.output)
+
+
+def test_home_is_the_same_pose_in_every_front() -> None:
+    """The commands', and those of the parameter files of ROS and of an arm's package."""
+    folder = Path(hexwire.__file__).parent / "ros1" / "share" / "hexwire" / "config"
+    for robot in ("hex7bot", "puma260", "so100", "so101"):
+        url = "tcp://127.0.0.1:1" if robot == "puma260" else "/dev/ttyTEST"
+        model = make_driver(url, robot).model
+        home = home_pose(model)
+        assert set(model.names) - set(home) <= {"J7", "gripper"}, robot
+        for joint, angle in home.items():
+            model.joint(joint).check(angle)
+        given = yaml.safe_load((folder / f"{robot}.yaml").read_text())["poses"]["home"]
+        assert home == pytest.approx(given, abs=1e-3), robot
+
+
+def test_home_is_checked_as_any_motion(bench: Any, poses: PoseFile) -> None:
+    bench.ok("stop")
+    for words in (("goto", "home"), ("move", "home"), ("move", "home", "J7=300"), ("move", "home", "J1=1")):
+        result = bench.run(*words)
+        assert result.exit_code == (2 if len(words) > 2 else 1), words
+        assert result.stderr.startswith("error: "), words
+        assert len(words) > 2 or "stopped" in result.stderr, words
+
+
+def test_a_saved_home_is_the_users(bench: Any, poses: PoseFile) -> None:
+    poses.save("home", {"J1": HOME["J1"] + 0.2})
+    assert "J1 6.4" in bench.ok("move", "home")

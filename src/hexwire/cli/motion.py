@@ -36,7 +36,7 @@ from .model import links_option, make_robot_with
 from .numbers import FiniteFloat, NumbersCommand, number_option
 from .output import answer
 from .plot import open_picture
-from .points import Point, ToolAim, points_argument, points_words, pose_options, saved_poses, to_points
+from .points import Point, ToolAim, known_poses, points_argument, points_words, pose_options, to_points
 from .run_motion import RunOptions, run_legs
 
 if TYPE_CHECKING:
@@ -121,8 +121,9 @@ def goto(
 ) -> None:
     """Move the tool tip to X Y Z on the fastest path: millimetres, but metres for the PUMA 260.
 
-    Several points are passed without a stop: places, and poses that were saved by name (`hexwire studio`), for
-    example `hexwire goto 0 220 200 60 180 120 home`. With --relative, each place counts from the point before it.
+    Several points are passed without a stop: places, and poses: home, which is the middle of every joint but the
+    gripper, or one saved by name (`hexwire studio`). For example: `hexwire goto 0 220 200 60 180 120 home`. With
+    --relative, each place counts from the point before it.
 
     Without --down, --rpy or --pitch, the tool keeps its direction relative to the arm. Five joints reach a
     position, a pitch and a roll; the heading of an SO-100 or SO-101 follows from the position.
@@ -131,7 +132,7 @@ def goto(
     from hexwire.motion.through import arm_path
 
     robot = make_robot_with(links, options)
-    poses = saved_poses(robot.model, points)
+    poses = known_poses(robot.model, [point for point in points if isinstance(point, str)])
     model = _geometry_of(robot) if len(poses) < len(points) else robot.kinematics
     wanted = to_points(points, poses, model, aim)
     with attached(robot):
@@ -187,7 +188,7 @@ def line(
     from hexwire.motion.line import Line, Lines
 
     robot = make_robot_with(links, options)
-    poses = saved_poses(robot.model, points)
+    poses = known_poses(robot.model, [point for point in points if isinstance(point, str)])
     model = _geometry_of(robot)
     wanted = to_points(points, poses, model, aim, fixed=True)
     with attached(robot):

@@ -27,6 +27,7 @@ from .exits import note, shielded
 from .model import links_option, make_robot_with
 from .numbers import number_option
 from .output import print_json, say
+from .points import known_poses
 
 if TYPE_CHECKING:
     from hexwire.control.motions import MotionResult
@@ -53,7 +54,7 @@ _GRACE = 2.0
 
 
 @click.command()
-@click.argument("targets", metavar="JOINT=DEGREES...", nargs=-1, required=True)
+@click.argument("targets", metavar="{JOINT=DEGREES | POSE}...", nargs=-1, required=True)
 @number_option(
     "--duration",
     "SECONDS",
@@ -83,7 +84,7 @@ def move(
     options: RobotOptions,
     as_json: bool,
 ) -> None:
-    """Move joints to angles in degrees, for example J1=10 J3=-5.5.
+    """Move joints to angles in degrees, for example J1=10 J3=-5.5, or to a pose: home, or one saved by name.
 
     Torque is first switched on for joints without it, which moves nothing. If the arm's geometry is known, a path
     that violates the joint coupling limits or the table is refused.
@@ -101,8 +102,10 @@ def move(
     from hexwire.errors import ServoError
     from hexwire.model.state import JointTarget
 
-    angles = parse_targets(targets)
+    angles = parse_targets([word for word in targets if "=" in word])
     robot = make_robot_with(links, options)
+    poses = known_poses(robot.model, [word for word in targets if "=" not in word], "JOINT=DEGREES")
+    angles += [(name, math.degrees(angle)) for pose in poses.values() for name, angle in pose.items()]
     target = JointTarget.of(check_targets(robot.model, angles), duration)
     refuse_idle_table(robot)
     tell: Callable[[str], object] = (lambda _: None) if as_json else say

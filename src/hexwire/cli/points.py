@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from hexwire.model.kinematics import KinematicModel
     from hexwire.model.pose import Vector
 
-__all__ = ["Point", "ToolAim", "points_argument", "points_words", "pose_options", "saved_poses", "to_points"]
+__all__ = ["Point", "ToolAim", "known_poses", "points_argument", "points_words", "pose_options", "to_points"]
 
 Point = tuple[float, float, float] | str
 """A place as typed, or the name of a pose."""
@@ -134,23 +134,28 @@ def pose_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return packed
 
 
-def saved_poses(arm: ArmModel, points: Sequence[Point]) -> dict[str, Mapping[str, float]]:
-    """The poses among the points: radians by joint.
+def known_poses(arm: ArmModel, names: Sequence[str], instead: str = "a number") -> dict[str, Mapping[str, float]]:
+    """The poses of these names: radians by joint.
+
+    Args:
+        arm: Whose poses.
+        names: Words that were typed.
+        instead: What else such a word may be, for the error.
 
     Raises:
         UsageError: There is no such pose.
         ConfigError: The file of poses is damaged.
     """
-    names = [point for point in points if isinstance(point, str)]
     if not names:
         return {}
     from hexwire.control.pose_file import PoseFile
 
-    known = PoseFile(arm).load()
+    known = PoseFile(arm).known()
     for name in names:
         if name not in known:
-            there = ", ".join(known) or "none"
-            raise UsageError(f"{name!r} is neither a number nor a saved pose of {arm.name}; saved are: {there}")
+            raise UsageError(
+                f"{name!r} is neither {instead} nor a pose of {arm.name}; known are: {', '.join(known)}"
+            )
     return {name: known[name] for name in names}
 
 

@@ -19,6 +19,7 @@ from hexwire.units import decimal
 from .attended import SILENCE
 from .motion_request import read_motion
 from .motion_run import Grip, MotionRun, begin_motion
+from .pose_file import HOME, PoseFile, home_pose
 from .preview import Planner
 
 if TYPE_CHECKING:
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 
     from .motion_request import MotionRequest
     from .motion_run import Progress
-    from .pose_file import PoseFile
     from .preview import Preview
     from .shared import Order, SharedArm
 
@@ -144,13 +144,13 @@ class MotionDesk:
     # -- poses and teaching -----------------------------------------------------------------------------
 
     def pose_rows(self) -> list[PoseRow]:
-        """All poses: those of the settings, then those of the user's file, which win over the same name.
+        """All poses: home, those of the settings, then those of the user's file; a later one wins over its name.
 
         Raises:
             ConfigError: The file is damaged.
         """
         saved = self.poses.load()
-        given = self._arm.settings.poses
+        given = {HOME: home_pose(self._arm.settings.model)} | dict(self._arm.settings.poses)
         rows = [PoseRow(name, angles, False) for name, angles in given.items() if name not in saved]
         return rows + [PoseRow(name, angles, True) for name, angles in saved.items()]
 

@@ -1,4 +1,4 @@
-"""Poses that a user has saved by name: a file of this user for each kind of arm.
+"""Poses by name: home, which every arm has, and those of this user's file for each kind of arm.
 
 Owns the format of that file, its place, and what a name may be. The file is TOML with angles in degrees, so that a
 person can read and change it. Must not know robots, nor how an arm gets to a pose.
@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 from hexwire.errors import UsageError
 from hexwire.folders import make_folder, open_folder
 from hexwire.inputs import parse_toml, read_text
+from hexwire.model.gripper import jaws_of
 from hexwire.new_file import OutputFile
 from hexwire.system import lock_file
 from hexwire.units import decimal
@@ -25,7 +26,10 @@ from hexwire.units import decimal
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
 
-__all__ = ["MOST_POSES", "PoseFile", "check_pose_name", "pose_folder"]
+__all__ = ["HOME", "MOST_POSES", "PoseFile", "check_pose_name", "home_pose", "pose_folder"]
+
+HOME = "home"
+"""Name of the pose that every arm has, unless its user has saved another one of this name."""
 
 MOST_POSES = 200
 """Most poses of one kind of arm."""
@@ -64,6 +68,22 @@ def check_pose_name(name: str) -> str:
     return name
 
 
+def home_pose(model: ArmModel) -> dict[str, float]:
+    """The middle pose, to which the chapter's board drives its arm: every servo in the middle of its turn.
+
+    The gripper is left as it is: it may hold something.
+
+    Returns:
+        Radians by joint.
+    """
+    jaws = jaws_of(model)
+    return {
+        joint.name: min(max(joint.offset, joint.minimum), joint.maximum)
+        for joint in model.joints
+        if jaws is None or joint.name != jaws.joint
+    }
+
+
 class PoseFile:
     """The poses of one kind of arm. Any thread and any program of this user may use them at the same time.
 
@@ -88,6 +108,14 @@ class PoseFile:
             ConfigError: The file is damaged; the text names the place.
         """
         return self._parse(read_text(self.path)) if self.path.exists() else {}
+
+    def known(self) -> dict[str, dict[str, float]]:
+        """Home and the saved poses, which may have one of that name, by name: radians by joint.
+
+        Raises:
+            ConfigError: The file is damaged; the text names the place.
+        """
+        return {HOME: home_pose(self._model)} | self.load()
 
     def save(self, name: str, angles: Mapping[str, float], *, force: bool = False) -> str:
         """Save a pose.

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from tests.studio.running import until
 
-from hexwire.control.pose_file import PoseFile
+from hexwire.control.pose_file import PoseFile, home_pose
 from hexwire.motion.teach import Taught
 from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio
@@ -75,14 +75,16 @@ def test_what_is_malformed_is_an_answer_too(desk: Desk) -> None:
 
 
 def test_poses_are_saved_renamed_and_removed(desk: Desk) -> None:
-    assert desk.ask("poses") == {"poses": []}
-    (row,) = desk.ask("save", name="a")["poses"]
+    (home,) = desk.ask("poses")["poses"]
+    assert (home["name"], home["saved"]) == ("home", False)
+    assert home["angles"] == home_pose(desk.arm.settings.model)
+    (_, row) = desk.ask("save", name="a")["poses"]
     assert (row["name"], row["saved"], set(row["angles"])) == ("a", True, set(desk.arm.settings.model.names))
     assert "already" in desk.ask("save", name="a")["error"]
-    (row,) = desk.ask("save", name="a", force=True, gripper=False)["poses"]
+    (_, row) = desk.ask("save", name="a", force=True, gripper=False)["poses"]
     assert "J7" not in row["angles"]
-    assert [row["name"] for row in desk.ask("rename", name="a", new="b")["poses"]] == ["b"]
-    assert desk.ask("remove", name="b") == {"poses": []}
+    assert [row["name"] for row in desk.ask("rename", name="a", new="b")["poses"]] == ["home", "b"]
+    assert desk.ask("remove", name="b") == {"poses": [home]}
 
 
 def test_without_control_nothing_is_changed(desk: Desk) -> None:
@@ -95,7 +97,7 @@ def test_without_control_nothing_is_changed(desk: Desk) -> None:
     }
     for call, args in calls.items():
         assert "does not have control" in desk.ask(call, **args)["error"]
-    assert desk.ask("poses") == {"poses": []}
+    assert [row["name"] for row in desk.ask("poses")["poses"]] == ["home"]
     assert not desk.arm.desk.teaching
 
 

@@ -81,11 +81,10 @@ export function mountPoses(page) {
           button("Remove", `Remove ${name}`, twice(() => change("remove", { name }, `${name} is removed.`), "Sure?")),
         );
       } else {
-        row.append(make("span", { className: "arm-note", textContent: "from the settings" }));
+        row.append(make("span", { className: "arm-note", textContent: name === "home" ? "the middle of every joint" : "from the settings" }));
       }
       return row;
     });
-    if (!rows.length) rows.push(make("li", { className: "arm-note", textContent: "None yet." }));
     list.replaceChildren(...rows);
   };
   const refresh = async () => {
