@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 from click.testing import CliRunner, Result
-from tests.gateway.tcp_boards import Running, tcp_boards
+from tests.gateway.tcp_boards import Running, tcp_boards, wait
 
 from hexwire.cli.main import cli
 from hexwire.link.listener import Listener
@@ -38,9 +38,13 @@ def test_probe_shows_every_board(gateway: Running) -> None:
 
 @pytest.mark.system
 def test_stop_and_resume_all(gateway: Running) -> None:
+    assert run("torque", "on", "J2", "--port", f"{gateway.url}?to=8").exit_code == 0
     result = run("stop", "--all", "--port", gateway.url)
     assert result.exit_code == 0, result.output
-    assert result.stdout.splitlines() == [f"module {m}: stopped, holding: J1 J2 J3 J4 J5 J6 J7" for m in (8, 9)]
+    assert result.stdout.splitlines() == [
+        "module 8: stopped, holding: J2; limp: J1 J3 J4 J5 J6 J7",
+        "module 9: stopped, limp: J1 J2 J3 J4 J5 J6 J7",
+    ]
     assert gateway.boards.stopped() == [True, True]
     assert "stopped" in run("probe", "--all", "--port", gateway.url).stdout
     result = run("resume", "--all", "--json", "--port", gateway.url)
@@ -66,10 +70,46 @@ def test_a_joint_that_does_not_confirm_is_an_error(gateway: Running) -> None:
         result = run("stop", "--all", "--torque-off", "--port", gateway.url)
         assert result.exit_code == 1
         assert "modules 9" in result.stderr
-        assert "module 9: stopped, torque off: J1 J2 J3 J5 J6 J7" in result.stdout
+        assert "module 9: stopped, limp: J1 J2 J3 J5 J6 J7; unknown: J4" in result.stdout
     finally:
         servo.receive = plain  # type: ignore[method-assign]
         run("resume", "--all", "--port", gateway.url)
+
+
+@pytest.mark.system
+def test_boards_that_cannot_be_reached_are_named_by_each_command() -> None:
+    """Lost by the gateway before the command begins, connected but silent, and all of them."""
+    with tcp_boards(3) as boards:
+        running = Running(boards)
+        try:
+            boards.unplug(1)
+            lines = running.service.machine.lines
+            wait(lambda: not lines[9].up)
+            plain = boards.boards[2].receive
+            boards.boards[2].receive = lambda data, now: None  # type: ignore[method-assign]  # it hangs
+            for command in ("stop", "probe", "resume"):
+                result = run(command, "--all", "--json", "--port", running.url)
+                assert result.exit_code == 1, result.output
+                assert "no answer to modules 9, 10 after" in result.stderr
+                data = json.loads(result.stdout)
+                if command == "probe":
+                    assert [(row["module"], row["silent"]) for row in data] == [(8, False), (9, True), (10, True)]
+                else:
+                    assert data["silent"] == [9, 10]
+                assert ("stopped when it is back" in result.stderr) == (command == "stop")
+            boards.boards[2].receive = plain  # type: ignore[method-assign]
+            boards.plug_in(1)
+            boards.wait_until_stopped(1)
+            for index in range(3):
+                boards.unplug(index)
+            wait(lambda: not any(line.up for line in lines.values()))
+            for command in ("stop", "probe", "resume"):
+                result = run(command, "--all", "--port", running.url)
+                assert result.exit_code == 1
+                assert result.stdout.splitlines() == [f"module {m}: no answer" for m in (8, 9, 10)]
+                assert "no answer to modules 8, 9, 10 after" in result.stderr
+        finally:
+            running.end()
 
 
 @pytest.mark.system

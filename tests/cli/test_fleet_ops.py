@@ -60,21 +60,27 @@ def test_arms_are_listed_with_their_condition(serve: Serve) -> None:
 def test_a_stop_stops_what_it_names_and_nothing_else(serve: Serve) -> None:
     for name in ("lab/arm1", "lab/arm2", "hall"):
         serve(name, robot="sim")
+    with hexwire.connect("zenoh:lab/arm1") as robot:
+        robot.torque(True, ["J2"])
     result = run("stop", "lab/*")
     assert result.exit_code == 0, result.stderr
     assert sorted(line.partition(" (")[0] for line in result.stdout.splitlines()) == [
-        f"lab/arm{i}: stopped, holding: J1 J2 J3 J4 J5 J6 J7" for i in (1, 2)
+        "lab/arm1: stopped, holding: J2; limp: J1 J3 J4 J5 J6 J7",
+        "lab/arm2: stopped, limp: J1 J2 J3 J4 J5 J6 J7",
     ]
     stopped = {row["name"]: row["stopped"] for row in json.loads(run("list", "--json").stdout)}
     assert stopped == {"lab/arm1": True, "lab/arm2": True, "hall": False}
     rows = json.loads(run("stop", "--all", "--torque-off", "--json").stdout)
     assert [row["confirmed"] for row in rows] == [True] * 3
+    assert all((row["holding"], row["unknown"], len(row["limp"])) == ([], [], 7) for row in rows)
 
 
 def test_a_stop_that_holds_instead_of_switching_torque_off_says_so(
     serve: Serve, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     serve("lab/arm1", robot="sim")
+    with hexwire.connect("zenoh:lab/arm1") as robot:
+        robot.torque(True)
     monkeypatch.setattr(overview, "role_of", lambda cert: Role.OBSERVER)
     result = run("stop", "lab/*", "--torque-off")
     assert result.exit_code == 1

@@ -102,7 +102,7 @@ def test_a_recording_that_cannot_start_prevents_every_command_but_a_stop(
     assert bench.urls == []
     stopped = bench.run("stop", "--record", str(tmp_path / where))
     assert stopped.exit_code == 0
-    assert stopped.stdout.startswith("stopped, holding")
+    assert stopped.stdout.startswith("stopped, limp: J1 ")
     assert stopped.stderr.count("has gaps") == stopped.stderr.count("\n") == 1
     assert bench.json("state")["stopped"]
     assert [path.read_text() for path in tmp_path.iterdir()] == ["old"]

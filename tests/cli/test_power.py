@@ -83,7 +83,7 @@ def test_a_second_stop_after_a_resume_stops_again(bench: Any) -> None:
 
 def test_a_stop_may_take_the_torque_away(bench: Any) -> None:
     bench.ok("torque", "on")
-    assert bench.ok("stop", "--torque-off") == "stopped, torque off: J1 J2 J3 J4 J5 J6 J7\n"
+    assert bench.ok("stop", "--torque-off") == "stopped, limp: J1 J2 J3 J4 J5 J6 J7\n"
     assert bench.torque() == []
     assert bench.ok("resume") == "resumed; torque on: none\n"
 

@@ -297,10 +297,10 @@ def test_stop_latches_and_reset_moves_nothing() -> None:
     bench = make_bench()
     told = bench.command(order((3.0, {"J1": J1 + 1.0})))
     bench.turn(1.0)
-    assert bench.arm.stop("test") == "stopped; all joints confirmed it"
+    assert bench.arm.stop("test") == f"stopped, holding: {' '.join(NAMES)}; all joints confirmed it"
     assert told.outcome == STOPPED
     assert told.text == "stopped: test"
-    assert bench.arm.stop("again") == "stopped; all joints confirmed it"
+    assert bench.arm.stop("again") == f"stopped, holding: {' '.join(NAMES)}; all joints confirmed it"
     bench.turn(0.3)
     stood = bench.where("J1")
     for refused in (lambda: bench.command(order((1.0, {}))), lambda: bench.arm.go_to("home")):

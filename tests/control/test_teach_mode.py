@@ -150,7 +150,7 @@ def test_a_stop_in_teaching_leaves_the_arm_without_torque() -> None:
     bench = make_bench()
     bench.ask(bench.arm.teach_start)
     guide(bench, "J1", 0.3)
-    assert bench.arm.stop("test") == "stopped; all joints confirmed it"
+    assert bench.arm.stop("test") == f"stopped, limp: {' '.join(NAMES)}; all joints confirmed it"
     bench.turn(0.5)
     assert not any(bench.torques()), "somebody has a hand in it"
     with pytest.raises(UsageError, match="the arm is not in teach mode"):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -15,6 +16,7 @@ from .common import RobotOptions, resolve_url
 from .output import answer
 
 if TYPE_CHECKING:
+    from hexwire.control.power import Torques
     from hexwire.ipc.session import Session
     from hexwire.session.events import Answers, Reply
 
@@ -108,13 +110,21 @@ def stop_all(options: RobotOptions, *, torque_off: bool, as_json: bool) -> None:
         session.request_all(Command.STOP, body, window=_AT_ONCE, attempts=1)
         _find(session)
         stopped = session.request_all(Command.STOP, body, window=_STOP_WINDOW, attempts=_STOP_ATTEMPTS)
+        states = session.request_all(Command.JOINT_STATE, b"\0", window=_LOOK, attempts=_LOOKS).replies
     replies = stopped.replies
     masks = {module: parse_stop_reply(reply.body)[1] if reply.body else 0 for module, reply in replies.items()}
     silent = sorted(stopped.silent)
-    words = "stopped, torque off" if torque_off else "stopped, holding"
-    data = {"did": words, "confirmed": {str(m): _names(masks[m]).split() for m in sorted(masks)}, "silent": silent}
-    answer(as_json, data, *(f"module {module}: {words}: {_names(masks[module])}" for module in sorted(masks)))
-    _check_all(replies, silent, {module: mask == 0x7F for module, mask in masks.items()})
+    does = {module: _torques(masks[module], states.get(module), torque_off) for module in sorted(masks)}
+    data = {
+        "did": "stopped",
+        "confirmed": {str(m): _names(masks[m]).split() for m in does},
+        "does": {str(m): asdict(torques) for m, torques in does.items()},
+        "silent": silent,
+    }
+    lines = (f"module {module}: stopped, {torques}" for module, torques in does.items())
+    answer(as_json, data, *lines, *_without_answer(silent))
+    later = "; one that the gateway has lost is stopped when it is back"
+    _check_all(replies, silent, {module: mask == 0x7F for module, mask in masks.items()}, later=later)
 
 
 def resume_all(options: RobotOptions, as_json: bool) -> None:
@@ -142,6 +152,20 @@ def resume_all(options: RobotOptions, as_json: bool) -> None:
     _check_all(resumed.replies, silent, {m: not r.status for m, r in resumed.replies.items()})
 
 
+def _torques(mask: int, state: Reply | None, torque_off: bool) -> Torques:
+    """What the joints of a board do after a stop, by its state."""
+    from hexwire.control.power import Torques
+    from hexwire.drivers.values import StopMode
+    from hexwire.model.hex7bot import HEX7BOT
+    from hexwire.model.state import JointFlag
+    from hexwire.wire.command_frame import Status
+    from hexwire.wire.commands import JointReport
+
+    status = JointReport.parse(state.body).status if state is not None and state.status == Status.OK else ()
+    flags = {name: status[i] if i < len(status) else JointFlag.SILENT for i, name in enumerate(HEX7BOT.names)}
+    confirmed = [name for i, name in enumerate(HEX7BOT.names) if mask >> i & 1]
+    mode = StopMode.TORQUE_OFF if torque_off else StopMode.HOLD
+    return Torques.by_flags(flags).after_stop(confirmed, mode)
 
 
 def _find(session: Session) -> Answers:

@@ -9,6 +9,7 @@ import functools
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -125,16 +126,13 @@ def stop(pattern: str | None, every: bool, torque_off: bool, router: Network | N
             rows.append(row)
             if not row.confirmed:
                 failed.append(row.name)
-            elif row.kept:
+            elif row.with_torque:
                 kept.append(row.name)
             if not as_json:
-                words = "stopped, torque off" if torque_off and not row.kept else "stopped, holding"
-                done = f"{words}: {' '.join(row.joints)} ({1000 * row.seconds:.0f} ms)"
-                done += f"; with torque: {row.kept}" if row.kept else ""
-                say(f"{row.name}: {done if row.confirmed else f'NOT CONFIRMED: {row.error}'}", flush=True)
+                say(str(row), flush=True)
     if as_json:
         keys = ("name", "confirmed", "joints", "error", "seconds", "kept")
-        print_json([{key: getattr(row, key) for key in keys} for row in rows])
+        print_json([{key: getattr(row, key) for key in keys} | asdict(row.torques) for row in rows])
     if not rows:
         raise LinkNotFoundError(f"nothing was stopped: {nobody(pattern or '**', router)}; see 'hexwire fleet list'")
     if failed:

@@ -6,6 +6,8 @@ Owns the messages about the outcome. Must not know how it is achieved.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import click
@@ -16,6 +18,7 @@ from .exits import note
 from .output import answer, say
 
 if TYPE_CHECKING:
+    from hexwire.control.power import Torques
     from hexwire.model.arm import ArmModel
 
 __all__ = ["resume", "stop", "torque"]
@@ -60,15 +63,23 @@ def stop(torque_off: bool, everybody: bool, options: RobotOptions, as_json: bool
     if everybody:
         stop_all(options, torque_off=torque_off, as_json=as_json)
         return
+    from hexwire.control.power import Torques
     from hexwire.drivers.base import StopMode
+    from hexwire.errors import HexwireError
 
     with open_robot(options) as robot:
-        confirmed = robot.stop(StopMode.TORQUE_OFF if torque_off else StopMode.HOLD)
-        words = "stopped, torque off" if torque_off else "stopped, holding"
+        mode = StopMode.TORQUE_OFF if torque_off else StopMode.HOLD
+        confirmed = robot.stop(mode)
+        state = None
+        # The arm is stopped; what it does can only be read.
+        with suppress(HexwireError):
+            state = robot.read()
+        now = state.stamp if state is not None else 0.0
+        torques = Torques.of(robot.model.names, state, now).after_stop(confirmed, mode)
         kept = robot.stop_kept_by
         if kept != "board":
             note(_KEPT.get(kept, _KEPT_NOT))
-        _report(robot.model, robot.model.names, confirmed, words, as_json)
+        _report(robot.model, robot.model.names, confirmed, "stopped", as_json, torques)
 
 
 @click.command()
@@ -102,8 +113,15 @@ def resume(everybody: bool, options: RobotOptions, as_json: bool) -> None:
         answer(as_json, data, words + (f"; unknown: {' '.join(unknown)}" if unknown else ""))
 
 
-def _report(model: ArmModel, wanted: Sequence[str], confirmed: Sequence[str], words: str, as_json: bool) -> None:
-    """Print which joints confirmed.
+def _report(
+    model: ArmModel,
+    wanted: Sequence[str],
+    confirmed: Sequence[str],
+    words: str,
+    as_json: bool,
+    torques: Torques | None = None,
+) -> None:
+    """Print which joints confirmed, or after a stop what they do.
 
     Raises:
         ServoError: Some did not.
@@ -112,7 +130,10 @@ def _report(model: ArmModel, wanted: Sequence[str], confirmed: Sequence[str], wo
 
     missing = [model.joint(name) for name in wanted if name not in confirmed]
     data = {"did": words, "confirmed": list(confirmed), "missing": [joint.name for joint in missing]}
-    answer(as_json, data, f"{words}: {' '.join(confirmed) or 'none'}")
+    if torques is None:
+        answer(as_json, data, f"{words}: {' '.join(confirmed) or 'none'}")
+    else:
+        answer(as_json, data | asdict(torques), f"{words}, {torques}")
     if missing:
         names = ", ".join(f"{joint.name} (servo {joint.servo_id})" for joint in missing)
         raise ServoError(f"not confirmed by {names}", servo_id=missing[0].servo_id)

@@ -15,6 +15,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
+from hexwire.drivers.values import StopMode
 from hexwire.errors import GoalError, HexwireError, UsageError
 from hexwire.motion.teach import approach
 
@@ -23,7 +24,7 @@ from .diagnostics import Facts
 from .outcomes import Reason
 from .owner import RobotOwner
 from .path_check import PathCheck
-from .power import switch_torque
+from .power import Torques, switch_torque
 from .prepared import begin
 from .state_log import logging_states
 from .teach_mode import TeachMode
@@ -292,7 +293,12 @@ class Arm:
         missing = [name for name in self.settings.model.names if name not in confirmed]
         if missing:
             raise UsageError(f"stopped, but {', '.join(missing)} did not confirm it")
-        return "stopped; all joints confirmed it"
+        return f"stopped, {self.torques().after_stop(confirmed, StopMode.HOLD)}; all joints confirmed it"
+
+    def torques(self) -> Torques:
+        """Which joints hold and which are limp, by the newest state."""
+        owner = self.owner
+        return Torques.of(self.settings.model.names, owner.state if owner.connected else None, owner.now())
 
     def refuse_stopped(self) -> None:
         """Raise a GoalError if the arm is stopped."""

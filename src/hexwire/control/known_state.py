@@ -1,7 +1,8 @@
 """The part of a robot's state that is fit to publish: fresh positions, with velocities for all of them.
 
-Owns the choice of joints, the estimate of velocities that a driver does not give, and the rule that time stamps
-increase. Pure: time comes with the states. Must not know who gets it, nor drivers or clocks.
+Owns the choice of joints, the estimate of velocities that a driver does not give, the rule that time stamps
+increase, and for how long what was read counts as known. Pure: time comes with the states. Must not know who gets
+it, nor drivers or clocks.
 """
 
 from __future__ import annotations
@@ -12,7 +13,11 @@ from dataclasses import dataclass
 
 from hexwire.model.state import JointFlag, JointState
 
-__all__ = ["KnownState", "SampleClock", "StateFilter"]
+__all__ = ["KNOWN_FOR", "KnownState", "SampleClock", "StateFilter", "known_joints"]
+
+KNOWN_FOR = 0.7
+"""Seconds after which no person is shown a sample as the present: within a second all that is old is grey, and the
+slowest robot, a board of the chapter with three states a second, may lose one."""
 
 _WINDOW = 0.1
 """Seconds over which a velocity is estimated: short for a control loop, long enough to average noise."""
@@ -26,6 +31,20 @@ _AGREE = 0.5
 """Seconds; if steps of the host's and the board's clock differ by more, the board's clock was reset."""
 
 _SILENT = int(JointFlag.SILENT)
+
+
+def known_joints(state: JointState | None, now: float) -> tuple[str, ...]:
+    """The joints of which somebody who looks now may be told what they do; the others are unknown.
+
+    Args:
+        state: The newest state; None if there is none, or if the robot is not connected.
+        now: The clock of the state's `stamp`.
+    """
+    if state is None:
+        return ()
+    latest = KNOWN_FOR - max(0.0, now - state.stamp)
+    columns = zip(state.names, state.flags, state.age, strict=True)
+    return tuple(name for name, flags, age in columns if age <= latest and not flags & _SILENT)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,15 +1,19 @@
-"""Switches torque on and off, requires that every joint confirms it, and ends a stop.
+"""Switches torque on and off, requires that every joint confirms it, ends a stop, and says which joints hold.
 
-Owns the error if a joint does not confirm. Must not know motions.
+Owns the error if a joint does not confirm, and what is said of an arm's torque. Must not know motions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from hexwire.drivers.values import StopCause
+from hexwire.drivers.values import StopCause, StopMode
 from hexwire.errors import ServoError
+from hexwire.model.state import JointFlag
+
+from .known_state import known_joints
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -17,7 +21,105 @@ if TYPE_CHECKING:
 
     from .owner import RobotOwner
 
-__all__ = ["end_stop", "give_torque", "switch_torque"]
+__all__ = ["Stopped", "Torques", "end_stop", "give_torque", "switch_torque"]
+
+
+@dataclass(frozen=True, slots=True)
+class Torques:
+    """What the joints of an arm that does not move do, by name: each is in one of three lists.
+
+    Attributes:
+        holding: They have torque.
+        limp: They have none: under weight they sink.
+        unknown: Nobody knows; such a joint may have torque, and may move.
+    """
+
+    holding: tuple[str, ...] = ()
+    limp: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, names: Sequence[str], state: JointState | None, now: float) -> Torques:
+        """By the newest state.
+
+        Args:
+            names: The joints.
+            state: The newest state; None if there is none, or if the robot is not connected.
+            now: The clock of the state's `stamp`.
+        """
+        known = set(known_joints(state, now))
+        flags = dict(zip(state.names, state.flags, strict=True)) if state is not None else {}
+        return cls.by_flags({name: flags[name] if name in known else JointFlag.TORQUE_UNKNOWN for name in names})
+
+    @classmethod
+    def by_flags(cls, flags: Mapping[str, int]) -> Torques:
+        """By the `JointFlag` bits of each joint."""
+        rows: dict[str, list[str]] = {"holding": [], "limp": [], "unknown": []}
+        for name, bits in flags.items():
+            unknown = bits & (JointFlag.TORQUE_UNKNOWN | JointFlag.SILENT)
+            rows["unknown" if unknown else "holding" if bits & JointFlag.TORQUE_ON else "limp"].append(name)
+        return cls(*(tuple(row) for row in rows.values()))
+
+    def after_stop(self, confirmed: Collection[str], mode: StopMode) -> Torques:
+        """After a stop: it takes torque or leaves it, and gives none. What has not confirmed it may do anything.
+
+        Args:
+            confirmed: Joints that have confirmed the stop.
+            mode: How they were stopped.
+        """
+        names = self.holding + self.limp + self.unknown
+        if mode is StopMode.TORQUE_OFF:
+            limp = tuple(name for name in names if name in confirmed)
+            return Torques((), limp, tuple(name for name in names if name not in confirmed))
+        holding, limp = (tuple(n for n in row if n in confirmed) for row in (self.holding, self.limp))
+        return Torques(holding, limp, tuple(n for n in names if n not in holding and n not in limp))
+
+    @property
+    def short(self) -> str:
+        """``on``, ``off``, the names of the joints that have torque, or empty if that is unknown of any."""
+        if self.unknown:
+            return ""
+        return "off" if not self.holding else "on" if not self.limp else " ".join(self.holding)
+
+    def __str__(self) -> str:
+        """In words, as in ``holding: J1 J2; limp: J3; unknown: J4``."""
+        rows = (("holding", self.holding), ("limp", self.limp), ("unknown", self.unknown))
+        return "; ".join(f"{words}: {' '.join(names)}" for words, names in rows if names) or "unknown"
+
+
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """What became of the stop of one arm.
+
+    Attributes:
+        name: Its name, or the route by which it was not found.
+        confirmed: Its server says that all that can confirm has confirmed.
+        joints: Joints that confirmed.
+        error: Why it is not confirmed; empty if it is.
+        seconds: How long the answer took.
+        kept: Why the arm holds although torque off was asked for; otherwise empty.
+        torques: Which of its joints hold, are limp, and are unknown.
+    """
+
+    name: str
+    confirmed: bool
+    joints: tuple[str, ...] = ()
+    error: str = ""
+    seconds: float = 0.0
+    kept: str = ""
+    torques: Torques = field(default_factory=Torques)
+
+    @property
+    def with_torque(self) -> bool:
+        """Whether it may have torque although torque off was asked for."""
+        return bool(self.kept and (self.torques.holding or self.torques.unknown))
+
+    def __str__(self) -> str:
+        """What became of it, and what the arm does, in a line."""
+        if not self.confirmed:
+            return f"{self.name}: NOT CONFIRMED: {self.error}; {self.torques}"
+        kept = f"; with torque: {self.kept}" if self.with_torque else ""
+        return f"{self.name}: stopped, {self.torques} ({1000 * self.seconds:.0f} ms){kept}"
 
 
 def give_torque(robot: RobotDriver, names: Sequence[str], state: JointState) -> tuple[str, ...]:

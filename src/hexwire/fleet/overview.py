@@ -12,6 +12,7 @@ from typing import Any
 
 import msgspec
 
+from hexwire.control.power import Stopped, Torques
 from hexwire.drivers.values import StopMode
 from hexwire.errors import HexwireError
 from hexwire.model.state import JointFlag
@@ -23,6 +24,7 @@ from .names import Keys, Role
 from .node import NoAnswerError, Pending
 from .questions import KEEPS_TORQUE
 from .roster import HUNG, SLOW, Roster, Seen
+from .rows import joint_state
 
 __all__ = ["Overview", "Stopped", "look", "stop_all"]
 
@@ -69,27 +71,6 @@ class Overview:
     faults: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Stopped:
-    """What became of the stop of one arm.
-
-    Attributes:
-        name: Its name, or the route by which it was not found.
-        confirmed: Its server says that all that can confirm has confirmed.
-        joints: Joints that confirmed.
-        error: Why it is not confirmed; empty if it is.
-        seconds: How long the answer took.
-        kept: Why the arm holds although torque off was asked for; otherwise empty.
-    """
-
-    name: str
-    confirmed: bool
-    joints: tuple[str, ...] = ()
-    error: str = ""
-    seconds: float = 0.0
-    kept: str = ""
-
-
 def look(roster: Roster, timeout: float) -> list[Overview]:
     """Ask every arm for its condition.
 
@@ -131,7 +112,7 @@ def _overview(seen: Seen, answers: list[m.Answer], why: str) -> Overview:
         robot,
         host,
         row.holder,
-        _torque(row),
+        _torque(row, now),
         row.stopped,
         row.error or row.held or row.reason,
         max(0.0, now - row.stamp) if row.names else None,
@@ -148,6 +129,15 @@ def _faults(state: m.State) -> str:
     return "; ".join(f"{name}: {faults}" for name, faults in found if faults)
 
 
+def _as_torques(details: dict[str, Any]) -> Torques | None:
+    """As its server says; a server of before this says nothing."""
+    try:
+        found = msgspec.convert(details, Torques)
+    except (msgspec.MsgspecError, ValueError):
+        return None
+    return found if any((found.holding, found.limp, found.unknown)) else None
+
+
 def _as(answer: m.Answer, kind: Any) -> Any:
     try:
         return msgspec.convert(answer.value, kind)
@@ -155,14 +145,13 @@ def _as(answer: m.Answer, kind: Any) -> Any:
         return None
 
 
-def _torque(state: m.State) -> str:
-    if len(state.flags) != len(state.names) or not state.names or state.error:
+def _torque(state: m.State, now: float) -> str:
+    if not state.names or state.error:
         return ""
-    rows = list(zip(state.names, state.flags, strict=True))
-    if any(flags & JointFlag.TORQUE_UNKNOWN for _, flags in rows):
+    try:
+        return Torques.of(state.names, joint_state(state, state.stamp), now).short
+    except HexwireError:
         return ""
-    on = [name for name, flags in rows if flags & JointFlag.TORQUE_ON]
-    return "off" if not on else "on" if len(on) == len(rows) else " ".join(on)
 
 
 def stop_all(
@@ -249,7 +238,8 @@ class _Stop:
         missing = answer.details.get("missing")
         silent = ", ".join(map(str, missing)) if isinstance(missing, list) else ""
         why = f"not confirmed by {silent}" if silent else "" if joints else "no joint confirmed it"
-        return Stopped(name, not why, joints, why, seconds, self._kept)
+        torques = _as_torques(answer.details) or Torques(unknown=joints)
+        return Stopped(name, not why, joints, why, seconds, self._kept, torques)
 
     def _hold(self) -> Stopped | None:
         """Torque off was denied: stop it nevertheless."""

@@ -15,6 +15,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -305,7 +306,8 @@ class ArmServer:
         confirmed = self._shared.stop(f"{clients[:_LONGEST_NAME]} stopped it", mode)
         self._count()
         missing = [name for name in self._robot.model.names if name not in confirmed]
-        return _Detailed(confirmed, {"missing": missing})
+        torques = self._shared.arm.torques().after_stop(confirmed, mode)
+        return _Detailed(confirmed, {"missing": missing} | asdict(torques))
 
     def _on_question(self, query: Question) -> None:
         ask = self._parse(query, m.Ask)
