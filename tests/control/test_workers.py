@@ -7,7 +7,8 @@ import threading
 
 import pytest
 
-from hexwire.control.workers import Gathering, Worker
+from hexwire.control.workers import Gathering, Together, Worker
+from hexwire.errors import UsageError
 
 
 def test_jobs_are_done_in_order_and_too_many_are_refused() -> None:
@@ -74,3 +75,38 @@ def test_what_fails_does_not_keep_the_next_from_being_passed_on(caplog: pytest.L
         stops.close(30)
     assert got == [1, 2]
     assert "a mistake" in caplog.text
+
+
+def test_one_call_answers_all_who_ask_before_it_begins() -> None:
+    begun, go = threading.Event(), threading.Event()
+    calls: list[list[int]] = []
+
+    def call(said: list[int]) -> int:
+        calls.append(said)
+        begun.set()
+        go.wait(30)
+        return len(calls)
+
+    stops = Together("test", call)
+    first = stops.ask(0)
+    assert begun.wait(30)
+    others = {stops.ask(number % 3) for number in range(2356)}
+    # Nobody who has gone cancels it for the others.
+    assert not any(future.cancel() for future in others)
+    go.set()
+    assert first.result(30) == 1
+    # What began before they asked is no answer to them.
+    assert [future.result(30) for future in others] == [2]
+    stops.close(30)
+    assert calls == [[0], [0, 1, 2]]
+    with pytest.raises(UsageError, match="the program ends"):
+        stops.ask(0).result(30)
+
+
+def test_a_call_that_fails_fails_for_all_who_asked() -> None:
+    stops: Together[int, float] = Together("test", lambda said: 1 / said[0])
+    for _ in range(2):
+        with pytest.raises(ZeroDivisionError):
+            stops.ask(0).result(30)
+    assert stops.ask(2).result(30) == 0.5
+    stops.close(30)

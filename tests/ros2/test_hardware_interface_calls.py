@@ -20,7 +20,8 @@ class SlowArm:
     """Its calls wait until they are let go."""
 
     def __init__(self) -> None:
-        self.go = threading.Event()
+        self.go, self.stopping, self.line = threading.Event(), threading.Event(), threading.Event()
+        self.line.set()
         self.stops = 0
         self.asked: list[int] = []
 
@@ -43,6 +44,8 @@ class SlowArm:
 
     def stop(self, why: str) -> str:
         self.stops += 1
+        self.stopping.set()
+        self.line.wait(30.0)
         return "stopped"
 
 
@@ -60,6 +63,7 @@ def node(arm: SlowArm) -> Iterator[HardwareInterface]:
     node._arm = arm  # type: ignore[assignment]  # it has what services need
     yield node
     node._trajectories.close(5.0)
+    node._stops.close(5.0)
 
 
 def answered(answer: Any) -> Any:
@@ -94,6 +98,22 @@ def test_a_stop_is_carried_out_however_many_services_are_at_work(node: HardwareI
     arm.go.set()
     assert all(answered(answer).success for answer in waiting)
     assert answered(node._on_trigger(arm.reset, None)).success
+
+
+def test_a_burst_of_stops_is_two_stops(node: HardwareInterface, arm: SlowArm) -> None:
+    arm.line.clear()
+    answers = [node._on_stop(None)]
+    assert arm.stopping.wait(30.0)
+    before = threading.active_count()
+    answers += [node._on_stop(None) for _ in range(2356)]
+    assert threading.active_count() < before + 16
+    arm.line.set()
+    found = [answered(answer) for answer in answers]
+    assert arm.stops == 2
+    assert found[0].success
+    assert {each.message for each in found if not each.success} == {
+        "so many stop the arm that this is not answered; it is being stopped"
+    }
 
 
 def test_a_service_that_fails_says_why(

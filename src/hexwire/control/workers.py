@@ -10,17 +10,22 @@ import logging
 import queue
 import threading
 from collections.abc import Callable
+from concurrent.futures import Future
 from typing import Generic, TypeVar
 
-__all__ = ["Gathering", "Worker"]
+from hexwire.errors import UsageError
+
+__all__ = ["Gathering", "Together", "Worker"]
 
 _log = logging.getLogger(__name__)
 
 _T = TypeVar("_T")
+_R = TypeVar("_R")
 
 _MOST = 64
 """Jobs that may wait; more are refused."""
 _MOST_GATHERED = 1000
+"""Items that may wait; they are handled together, so that more would only take memory."""
 
 
 class Worker:
@@ -75,9 +80,12 @@ class Gathering(Generic[_T]):
         self._thread.start()
 
     def put(self, item: _T) -> bool:
-        """Add an item; False if too many wait. The action still takes place, but this item gets no answer."""
+        """Add an item; False if too many wait, or after `close`.
+
+        If too many wait, the action still takes place, but this item gets no answer.
+        """
         with self._changed:
-            if len(self._waiting) >= _MOST_GATHERED:
+            if self._closed or len(self._waiting) >= _MOST_GATHERED:
                 return False
             self._waiting.append(item)
             self._changed.notify()
@@ -102,3 +110,60 @@ class Gathering(Generic[_T]):
                 self._act(items)
             except Exception:  # noqa: BLE001  # the next stop must still be sent
                 _log.exception("an answer failed")
+
+
+class Together(Generic[_T, _R]):
+    """Makes a call in a thread of its own, once for all who have asked for it before it begins.
+
+    Args:
+        name: Of the thread.
+        call: What is asked for, such as a stop; gets what those said who asked, such as their names, each once.
+    """
+
+    def __init__(self, name: str, call: Callable[[list[_T]], _R]) -> None:
+        self._call = call
+        self._lock = threading.Lock()
+        self._next: _Asked[_T, _R] | None = None
+        self._gathering: Gathering[_Asked[_T, _R]] = Gathering(name, self._answer)
+
+    def ask(self, said: _T) -> Future[_R]:
+        """Ask for the call; does not wait. The result, which all share, is that of a call which begins after this.
+
+        After `close` it is a `UsageError`.
+        """
+        with self._lock:
+            asked = self._next
+            if asked is None:
+                asked = _Asked[_T, _R]()
+                # Nobody who loses interest cancels it for the others.
+                asked.future.set_running_or_notify_cancel()
+                if not self._gathering.put(asked):
+                    asked.future.set_exception(UsageError("this is not done: the program ends"))
+                    return asked.future
+                self._next = asked
+            if len(asked.said) < _MOST_GATHERED:
+                asked.said[said] = None
+            return asked.future
+
+    def close(self, timeout: float) -> None:
+        """End after answering those who wait."""
+        self._gathering.close(timeout)
+
+    def _answer(self, waiting: list[_Asked[_T, _R]]) -> None:
+        with self._lock:
+            self._next = None
+        (asked,) = waiting
+        try:
+            value = self._call(list(asked.said))
+        except BaseException as error:  # noqa: BLE001  # it is that of all who wait
+            asked.future.set_exception(error)
+        else:
+            asked.future.set_result(value)
+
+
+class _Asked(Generic[_T, _R]):
+    """A call that has not begun: what was said by those who ask for it, and its result."""
+
+    def __init__(self) -> None:
+        self.said: dict[_T, None] = {}
+        self.future: Future[_R] = Future()

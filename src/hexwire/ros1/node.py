@@ -43,6 +43,7 @@ from hexwire.control.rate import Periodic
 from hexwire.control.shutdown import Shutdown
 from hexwire.control.stamps import StampClock
 from hexwire.control.teaching import to_points, tolerance_of
+from hexwire.control.workers import Together
 from hexwire.errors import DeviceError, HexwireError, UsageError
 
 from .actions import ActionGoals
@@ -62,9 +63,8 @@ __all__ = ["run"]
 _log = logging.getLogger(__name__)
 
 _NAME = "hardware_interface"
-_MASTER_WAIT = 5.0
+_MASTER_WAIT, _MASTER_PERIOD = 5.0, 1.0
 _TICK = 0.1
-_MASTER_PERIOD = 1.0
 _MASTER_TROUBLE = (OSError, HTTPException, XmlRpcError, rosgraph.MasterException, rospy.ROSException)
 """Errors of calls to a master that is not running, or to another program at its address."""
 _SHUTDOWN_WAIT = 15.0
@@ -122,6 +122,7 @@ class HardwareInterface:
         self._parameters, robot = load_parameters(self._given)
         self._settings = settings = self._parameters.settings
         self._arm = Arm(robot, settings, on_state=self._publish_state, on_taught=self._publish_taught)
+        self._stops: Together[str, str] = Together("stops", lambda said: self._arm.stop(said[0]))
         self._joint_commands = JointCommandStream(self._arm)
         self._states: dict[str, rospy.Publisher] = {}
         self._servers: list[actionlib.ActionServer] = []
@@ -164,6 +165,7 @@ class HardwareInterface:
             had_goals = self._goals.open
             self._arm.shutdown()
             self._goals.close()
+            self._stops.close(_RESULTS_WAIT)
             if had_goals:
                 time.sleep(_RESULTS_WAIT)
             for server in self._servers:
@@ -238,7 +240,7 @@ class HardwareInterface:
     def _offer_services(self) -> None:
         arm = self._arm
         triggers: dict[str, Callable[[], str]] = {
-            "~stop": lambda: arm.stop("requested by service"),
+            "~stop": lambda: self._stops.ask("requested by service").result(),
             "~reset": arm.reset,
             "~teach/start": arm.teach_start,
             "~teach/stop": arm.teach_stop,

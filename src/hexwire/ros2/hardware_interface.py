@@ -23,7 +23,7 @@ from hexwire.control.rate import Periodic
 from hexwire.control.set_point_stream import SetPointStream
 from hexwire.control.shutdown import Shutdown
 from hexwire.control.stamps import StampClock
-from hexwire.control.workers import Worker
+from hexwire.control.workers import Together, Worker
 from hexwire.errors import DeviceError, HexwireError
 from hexwire.model.geometry import make_shapes
 from hexwire.model.urdf import make_urdf
@@ -107,6 +107,8 @@ class HardwareInterface:
         self._trajectories = Worker("trajectories", _TRAJECTORIES)
         self._passed: Inbox[None] = self._node.callbacks.inbox(_MOST_PASSED, lambda _: self._arm.void())
         self._calls = threading.BoundedSemaphore(_MOST_CALLS)
+        self._stops: Together[str, str] = Together("stops", lambda said: self._arm.stop(said[0]))
+        self._stop_calls = threading.BoundedSemaphore(_MOST_CALLS)
         self._states: dict[str, Publisher] = {}
         self._shutdown = Shutdown(_LONGEST_SHUTDOWN)
         self._log_limiter = LogLimiter()
@@ -174,6 +176,7 @@ class HardwareInterface:
             self._arm.shutdown()
             self._goals.close()
             self._trajectories.close(_CLOSE_WAIT)
+            self._stops.close(_CLOSE_WAIT)
             if self._lifecycle is not None:
                 self._lifecycle.mirror(State.FINALIZED)
             if had_goals:
@@ -281,11 +284,14 @@ class HardwareInterface:
         node.service("~/enable", SWITCH, self._on_enable)
         node.service("~/stop", TRIGGER, self._on_stop, urgent=True)
 
-    def _on_stop(self, request: Any) -> Deferred:
+    def _on_stop(self, request: Any) -> Any:
         response = self._types.service(TRIGGER).response
         # What arrived before it may still wait to be read.
         self._passed.put(None)
-        return self._answer_later(response, lambda: self._arm.stop("requested by service"))
+        # One stop answers all who ask before it begins; whether this one is answered or not.
+        stopped = self._stops.ask("requested by service")
+        busy = "so many stop the arm that this is not answered; it is being stopped"
+        return self._in_turn(response, stopped.result, self._stop_calls, busy)
 
     def _on_trigger(self, call: Callable[[int], str], request: Any) -> Any:
         response = self._types.service(TRIGGER).response
@@ -295,16 +301,23 @@ class HardwareInterface:
         response = self._types.service(SWITCH).response
         return self._in_turn(response, partial(self._arm.enable, request.data, self._arm.mark()))
 
-    def _in_turn(self, response: Callable[..., Any], call: Callable[[], str]) -> Any:
-        """Answer later, unless too many services are at work; a stop is always carried out."""
-        if not self._calls.acquire(blocking=False):
-            return response(success=False, message="the node is busy with other services; try again")
+    def _in_turn(
+        self,
+        response: Callable[..., Any],
+        call: Callable[[], str],
+        calls: threading.BoundedSemaphore | None = None,
+        busy: str = "the node is busy with other services; try again",
+    ) -> Any:
+        """Answer later, unless too many services are at work."""
+        calls = calls or self._calls
+        if not calls.acquire(blocking=False):
+            return response(success=False, message=busy)
 
         def work() -> str:
             try:
                 return call()
             finally:
-                self._calls.release()
+                calls.release()
 
         return self._answer_later(response, work)
 
