@@ -91,6 +91,15 @@ def test_each_fault_is_one_line_with_its_place(tmp_path: Path, text: str, says: 
         assert words in str(caught.value)
 
 
+def test_a_file_with_more_arms_than_a_program_can_own_is_refused_before_any_is_looked_at(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hexwire.fleet.service_file.read_settings", lambda *_, **__: pytest.fail("an arm was read"))
+    file = written(tmp_path, "".join(f"[arms.a{i}]\nrobot = 'sim'\n" for i in range(2000)))
+    with pytest.raises(UsageError, match="arms names 2000 arms; one program shares at most 128: use several files"):
+        read_service_file(file)
+
+
 def test_a_single_arm_is_named_after_its_model_and_finds_its_port() -> None:
     def nothing() -> str:
         raise LinkNotFoundError("no board is plugged in")

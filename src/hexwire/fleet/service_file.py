@@ -47,6 +47,9 @@ _SIMULATED = {"robot": "hex7bot", "port": "sim://hex7bot"}
 _LEASE = Setting("lease", TIMEOUT, "silence after which a lease is lost", "s", low=0.1, high=60.0)
 _NETWORK_KEYS = ("listen", "router", "ca", "cert", "key", "access")
 _MOST_ENDPOINTS = 8
+_MOST_ARMS = 128
+"""Arms of one program. An owner takes 2.3 % of a core at 100 Hz, and 0.3 % at 20 Hz (docs/fleet.md): 43 at the one
+rate take all of the time of a program, and 128 at the other leave it half. More belong into several programs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +179,12 @@ def read_service_file(
         if not _LEASE.allows(lease):
             raise top["lease"].fault(f"{lease:g} must be {_LEASE.bounds} s")
     rows: dict[str, dict[str, object]] = {}
-    for name, item in top["arms"].table().items():
+    given = top["arms"].table()
+    if len(given) > _MOST_ARMS:
+        raise top["arms"].fault(
+            f"names {len(given)} arms; one program shares at most {_MOST_ARMS}: use several files"
+        )
+    for name, item in given.items():
         try:
             check_name(name)
         except UsageError as error:
