@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import random
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,10 @@ from tests.frames import frame_bytes
 from hexwire.errors import UsageError
 from hexwire.link.memory import memory_pair
 from hexwire.link.tap import Direction, Passed
+from hexwire.session.decoder import FrameDecoder
 from hexwire.studio.wire_feed import LARGEST_FILE, WireFeed
 from hexwire.trace.sources import read_traffic
-from hexwire.wire.command_frame import Command
+from hexwire.wire.command_frame import Command, Frame
 from hexwire.wire.servo_packet import make_ping, make_status
 
 CAPTURES = Path(__file__).parents[2] / "vectors" / "captures"
@@ -75,27 +77,41 @@ def test_a_frame_comes_with_its_bytes_and_its_tree(line: Line) -> None:
         line.feed.frame("a", 2)
 
 
-def test_an_incomplete_frame_is_given_up_after_a_pause(line: Line) -> None:
-    line.link.write(frame()[:30], None)
-    line.now = line.link.clock()
-    assert line.all_rows() == []
-    line.now += 1.0
-    ((*_, bad, _, _),) = line.all_rows()
-    assert bad == 1
-
-
-def test_a_frame_that_goes_on_while_the_traffic_is_read_is_whole(line: Line) -> None:
-    data, rest = frame(), [frame()[30:]]
-    line.feed._ring.feed(Passed(Direction.SENT, data[:30], 100.0, ""))
-
-    def busy() -> float:
-        # Since the traffic was taken, the rest has come, and more time has passed than may be between two bytes.
-        if rest:
-            line.feed._ring.feed(Passed(Direction.SENT, rest.pop(), 100.01, ""))
-        return 100.5
-
-    line.feed._clock = busy
-    assert [row[7] for row in line.all_rows()] == [0]
+def test_what_the_decoder_in_use_takes_is_good_and_what_it_rejects_is_bad() -> None:
+    """The page and a decoder behind the same tap, for cut, delayed and damaged frames in simulated time."""
+    rng = random.Random(26)
+    for trial in range(60):
+        line, decoder = Line(), FrameDecoder()
+        now = 50.0
+        line.link.link.clock = line.link.clock = lambda: now  # noqa: B023  # its value at the call
+        pieces = list[bytes]()
+        for _ in range(rng.randrange(1, 8)):
+            data = frame(rng.randrange(256))
+            if trial % 2 and rng.random() < 0.3:
+                data = rng.choice([data[: rng.randrange(1, 44)], data[:40] + b"\0\0" + data[42:]])
+            at = rng.randrange(len(data) + 1)
+            pieces += [data[:at], data[at:]]
+        whole, rejected, unread = 0, 0, False
+        for piece in (*pieces, *[b""] * 4):
+            if piece:
+                line.far.write(piece, None)
+                unread = True
+            now += rng.choice([0.0, 0.01, 0.06, 2.0])
+            # A reader that was busy gets the bytes late, and all that came meanwhile together.
+            if rng.random() < 0.4 and piece:
+                continue
+            for _ in range(2):
+                now += 0.0 if unread else rng.choice([0.0, 0.06])
+                read, unread = line.link.read(0.0), False
+                decoder.receive(read, now)
+                while event := decoder.next_event() or (None if read else decoder.handle_timeout(now)):
+                    whole += isinstance(event, Frame)
+                    rejected += not isinstance(event, Frame)
+        rows = line.all_rows()
+        assert sum(not row[7] for row in rows) == whole, trial
+        assert bool(rejected) >= any(row[7] for row in rows), trial
+        line.link.close()
+        line.far.close()
 
 
 def test_many_frames_come_in_pages(line: Line) -> None:

@@ -81,20 +81,43 @@ def test_bad_bytes_say_why() -> None:
     ]
 
 
-def test_a_pause_ends_an_incomplete_frame() -> None:
+def test_only_a_reader_that_waited_in_vain_ends_an_incomplete_frame() -> None:
     good = frame(Command.STATS)
-    traffic = fed((SENT, good[:20], 1.0))
-    traffic.quiet(1.04)
-    assert len(traffic) == 0
-    traffic.quiet(1.06)
-    (entry,) = traffic
+    reading = (RECEIVED, good[:20], 1.0)
+    (entry,) = fed((RECEIVED, good, 0.9), reading, (RECEIVED, b"", 1.06)).since(1)
     assert entry.problem.startswith("cut short, 20 of")
     assert entry.reading.time == 1.0
-    # The same when the next bytes come late, and for the other direction not.
-    traffic = fed((SENT, good[:20], 1.0), (RECEIVED, good, 1.2), (SENT, good, 1.3))
-    assert [(entry.sent, entry.bad) for entry in traffic] == [(False, False), (True, True), (True, False)]
-    traffic = fed((SENT, good[:20], 1.0), (SENT, good[20:], 1.02))
-    assert [entry.bad for entry in traffic] == [False]
+    # A frame is whole, however far apart its parts came, and whatever came the other way meanwhile.
+    for pause in (0.0, 0.06, 5.0):
+        traffic = fed(reading, (SENT, good, 1.0 + pause), (RECEIVED, good[20:], 1.0 + pause))
+        assert [(entry.sent, entry.bad) for entry in traffic] == [(True, False), (False, False)], pause
+    # What is cut short is found nevertheless, by what follows it.
+    traffic = fed((RECEIVED, good, 0.9), reading, (RECEIVED, good + good, 1.3))
+    assert [entry.bad for entry in traffic] == [False, True, False, False]
+
+
+@pytest.mark.parametrize("way", list(Direction))
+def test_traffic_that_begins_in_the_middle_of_a_frame_is_not_damaged(way: Direction) -> None:
+    begins = frame(Command.STATS, bytes(60), src=8, seq=4, ext=0x80)
+    packet = make_status(4, 0, b"abcdefgh")
+    for kind, whole in (("frame", begins), ("packet", packet)):
+        for cut in range(1, len(whole)):
+            traffic = fed((way, whole[cut:], 1.0), (way, whole + whole, 1.1))
+            found = [(entry.bad, entry.reading.data) for entry in traffic]
+            assert found == [(False, whole)] * 2, (kind, cut)
+            # The same after transfers were left out.
+            traffic.skip()
+            traffic.feed(Passed(way, whole[cut:], 9.0, ""))
+            traffic.feed(Passed(way, whole, 9.1, ""))
+            assert not any(entry.bad for entry in traffic), (kind, cut)
+    # Noise is no rest of a frame: it is shown as soon as that is clear.
+    noise = b"\x00\xf0" * 20
+    assert [entry.bad for entry in fed((way, noise, 1.0), (way, begins, 1.1))] == [True, False]
+    assert [entry.bad for entry in fed((way, noise, 1.0), (way, b"", 1.1))] == [True]
+    assert sum(len(entry.reading.data) for entry in fed(*[(way, noise, 1.0)] * 200)) == 200 * len(noise)
+    ended = fed((way, noise, 1.0))
+    ended.finish()
+    assert [entry.bad for entry in ended] == [True]
 
 
 def test_after_a_gap_nothing_is_joined_or_paired() -> None:

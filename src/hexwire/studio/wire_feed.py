@@ -13,14 +13,16 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from hexwire.errors import UsageError
-from hexwire.link.base import Link
-from hexwire.link.tap import Passed, TapLink
+from hexwire.link.base import Link, LinkKind
+from hexwire.link.tap import Direction, Passed, TapLink
 from hexwire.trace.dissect import Dissector
 from hexwire.trace.filtering import parse_filter
 from hexwire.trace.ring import TrafficRing
 from hexwire.trace.saving import saved_traffic
 from hexwire.trace.sources import read_traffic
 from hexwire.trace.traffic import Entry, Traffic
+from hexwire.wire.tables import INTERBYTE_TIMEOUT as _WAITED
+
 
 __all__ = ["LARGEST_FILE", "SERIES", "WireFeed"]
 
@@ -51,7 +53,24 @@ _views = itertools.count(1)
 
 
 class _Tap(TapLink):
-    """A tap of a studio's own."""
+    """A tap of a studio's own. It also passes on, as a transfer without bytes, what ends a frame for its decoder.
+
+    That is the end of a message, and a read that has waited in vain for as long as `FrameDecoder` waits. The times
+    of bytes do not say it: those that wait for their reader come together, however long the pause between them was.
+    """
+
+    _heard: float | None = None
+
+    def read(self, deadline: float | None) -> bytes:
+        data = super().read(deadline)
+        now = self.clock()
+        if data:
+            self._heard = now
+        ends = self.kind is LinkKind.DATAGRAM if data else self._heard is not None and now - self._heard >= _WAITED
+        if ends:
+            self._heard = None
+            self._observer(Passed(Direction.RECEIVED, b"", now, self.url))
+        return data
 
 
 class _View:
@@ -257,7 +276,8 @@ class WireFeed:
             file, ring = self._files.get(tab), self._ring
         if file is not None:
             return saved_traffic(file.transfers, form)
-        return saved_traffic((passed for _, passed in ring.since(0)), form, offset=time.time() - self._clock())
+        kept = (passed for _, passed in ring.since(0) if passed.data)
+        return saved_traffic(kept, form, offset=time.time() - self._clock())
 
     def _view(self, tab: str) -> _View:
         return self._files.get(tab, self._live)
@@ -267,8 +287,6 @@ class WireFeed:
         view = self._view(tab)
         if view.kind == "file":
             return view
-        # Before the traffic is taken: what comes while it is being read is not missing.
-        now = self._clock()
         # After a time in which nobody looked, only the end is read: the rest would keep the arm waiting.
         fresh = self._ring.since(max(view.read, self._ring.newest - _BACKLOG))
         if fresh and fresh[0][0] > view.read + 1:
@@ -277,8 +295,6 @@ class WireFeed:
         for number, passed in fresh[:_STEP]:
             view.traffic.feed(passed)
             view.read = number
-        if len(fresh) < _STEP:
-            view.traffic.quiet(now)
         return view
 
     def _note(self, view: _View) -> str:

@@ -24,6 +24,7 @@ __all__ = [
     "CEILING",
     "COOKED",
     "HEAD_SIZE",
+    "TAIL",
     "Inner",
     "Item",
     "Reader",

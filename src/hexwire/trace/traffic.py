@@ -1,7 +1,7 @@
 """The frames and packets of a line, in a list that is bounded: paired, timed, ready for filtering.
 
-Owns numbering them, the times between request and answer, which servos each concerns, and when an incomplete one is
-given up. `reading` finds and pairs them. Must not know links, nor who looks at the list.
+Owns numbering them, the times between request and answer, which servos each concerns, and which bytes are only the
+rest of a frame that began before. `reading` finds and pairs them. Must not know links, nor who looks at the list.
 """
 
 from __future__ import annotations
@@ -13,16 +13,18 @@ from itertools import islice
 from typing import Any
 
 from hexwire.link.tap import Direction, Passed
-from hexwire.wire.tables import INSTRUCTIONS, INTERBYTE_TIMEOUT
+from hexwire.wire.tables import INSTRUCTIONS
 
 from .dissect import doubt
 from .line_reader import LineReader
-from .reading import HEAD_SIZE, Reader, Reading, packet_problem, u16
+from .reading import HEAD_SIZE, TAIL, Reader, Reading, packet_problem, u16
 
 __all__ = ["Entry", "Traffic"]
 
 _MOST = 10_000
 _SIZE = 8 * 1024 * 1024
+_LONGEST_REST = 4096
+"""Bytes before the first frame that may be the rest of one."""
 _SHOWN = 240
 """Longest text in a row."""
 _SYNC = (INSTRUCTIONS["SYNC_READ"], INSTRUCTIONS["SYNC_WRITE"])
@@ -104,6 +106,8 @@ class Traffic:
         self._bytes = 0
         self._number = 0
         self._heard: dict[Direction, float] = {}
+        # Until the first valid frame of a direction: the bytes before it.
+        self._before: dict[Direction, list[Reading]] = {way: [] for way in Direction}
         self.lost = 0
 
     def __len__(self) -> int:
@@ -118,31 +122,56 @@ class Traffic:
         return self._number
 
     def feed(self, passed: Passed) -> None:
-        """Take a transfer. A pause in a direction ends what was incomplete there, if the transfers have times."""
-        way, time = passed.direction, passed.time
-        if time:
-            self.quiet(time, way)
-            self._heard[way] = time
-        for reading in self._lines.feed(passed):
-            self._add(reading)
+        """Take a transfer. One without bytes ends what is incomplete: the reader of the line waited in vain.
 
-    def quiet(self, now: float, *ways: Direction) -> None:
-        """Give up what is incomplete and has not gone on for 50 ms, by the clock of the transfers."""
-        for way in ways or Direction:
-            heard = self._heard.get(way, 0.0)
-            if heard and now - heard > INTERBYTE_TIMEOUT and self._lines.waits(way):
-                for reading in self._lines.silence(way, heard):
-                    self._add(reading)
+        How far apart bytes come ends nothing: a decoder that was kept waiting gets them together.
+        """
+        way = passed.direction
+        if not passed.data:
+            for reading in self._lines.silence(way, self._heard.get(way, passed.time)):
+                self._take(reading)
+            if not _ends_frame(self._before.get(way, [])):
+                self._begin(way, rest=False)
+            return
+        self._heard[way] = passed.time
+        for reading in self._lines.feed(passed):
+            self._take(reading)
 
     def skip(self) -> None:
         """Transfers are missing here: the next ones complete no frame and answer no request from before."""
         self._lines = LineReader(self.series, bus=self._bus)
         self._places.clear()
         self._heard.clear()
+        self._before = {way: [] for way in Direction}
 
     def finish(self) -> None:
         """Give up what is incomplete, at the end of a file."""
         for reading in self._lines.finish():
+            self._take(reading)
+        for way in Direction:
+            self._begin(way, rest=False)
+
+    def _take(self, reading: Reading) -> None:
+        """Add a reading, but for the rest of a frame that began before the traffic: nothing is wrong with it."""
+        before = self._before.get(reading.way)
+        if before is not None:
+            good = reading.kind in ("frame", "packet")
+            if not good:
+                before.append(reading)
+            longer = sum(len(each.data) for each in before) >= _LONGEST_REST
+            if not good and not longer:
+                return
+            # A frame ends with its tail; nothing marks the end of a packet.
+            ends = reading.kind == "packet" or _ends_frame(before)
+            self._begin(reading.way, rest=ends and not longer)
+            if not good:
+                return
+        self._add(reading)
+
+    def _begin(self, way: Direction, *, rest: bool) -> None:
+        """The direction has begun; what came before is the rest of a frame, or is shown as what it is."""
+        before = self._before.pop(way, [])
+        for reading in () if rest else before:
             self._add(reading)
 
     def get(self, number: int) -> Entry | None:
@@ -176,6 +205,12 @@ class Traffic:
                 del self._places[place]
             self._bytes -= len(gone.reading.data)
             self.lost += 1
+
+
+def _ends_frame(before: list[Reading]) -> bool:
+    """Whether the bytes are what the end of a frame may be."""
+    data = b"".join(each.data for each in before)
+    return data.endswith(TAIL) or TAIL.endswith(data)
 
 
 def _name(reading: Reading) -> str:

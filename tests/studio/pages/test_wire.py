@@ -121,3 +121,46 @@ def test_a_press_on_a_frame_selects_it_although_the_list_moves_on(wire: Page) ->
     wire.get_by_role("region", name="The selected frame").get_by_text(
         f"Frame {wire.evaluate('aimed')}, "
     ).wait_for()
+
+
+def test_follow_keeps_its_state_until_somebody_ticks_it_or_scrolls_back(wire: Page) -> None:
+    follow = wire.get_by_label("Follow")
+    frames = wire.get_by_role("listbox", name="Frames")
+
+    def next_pictures() -> None:
+        wire.evaluate(
+            "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(done))))"
+        )
+
+    def grown() -> None:
+        number = wire.evaluate("document.querySelector('.hw-wire-inner').style.height")
+        wire.wait_for_function(f"document.querySelector('.hw-wire-inner').style.height !== '{number}'")
+        next_pictures()
+
+    for ticked in (False, True):
+        follow.set_checked(ticked)
+        grown()
+        wire.get_by_label("Filter", exact=True).fill("joint_state" if ticked else "received")
+        grown()
+        wire.get_by_role("button", name="Clear").click()
+        grown()
+        # Playwright's own click would scroll back to a row that is out of sight.
+        frames.locator(".hw-wire-row:not([hidden])").last.evaluate(
+            "(row) => row.dispatchEvent(new PointerEvent('pointerdown', { bubbles: true })) && row.click()"
+        )
+        grown()
+        wire.set_viewport_size({"width": 1024, "height": 700 + 50 * ticked})
+        grown()
+        open_file(wire, "cut-frame.pcapng")
+        wire.get_by_role("button", name="Back to the line").click()
+        grown()
+        wire.get_by_role("link", name="Arm", exact=True).click()
+        wire.get_by_role("heading", name="Arm", level=1).wait_for()
+        wire.get_by_role("link", name="Wire", exact=True).click()
+        wire.get_by_role("option", name="JOINT_STATE").first.wait_for()
+        grown()
+        assert follow.is_checked() is ticked
+    wire.wait_for_function("(({ scrollTop }) => scrollTop > 200)(document.querySelector('.hw-wire-list'))")
+    frames.hover()
+    wire.mouse.wheel(0, -150)
+    wire.wait_for_function("!document.querySelector('.hw-wire-label input').checked")

@@ -6,6 +6,7 @@ import { Detail } from "/static/wire_detail.js";
 import { FrameList, NUMBER } from "/static/wire_list.js";
 
 const PERIOD = 100; // ms between two questions for rows
+const FOLLOW = "hexwire-wire-follow";
 const SLOW = 1000; // ms after an error
 const SERIES = [
   ["board", "Hex7Bot, by id"],
@@ -45,8 +46,13 @@ class WirePage {
     this.build();
     this.list = new FrameList(this.listBox, {
       onSelect: (number) => this.select(number),
-      onFollow: (follow) => (this.followBox.checked = follow),
+      onFollow: (follow) => {
+        this.followBox.checked = follow;
+        sessionStorage.setItem(FOLLOW, follow ? "1" : "0");
+      },
     });
+    // As it was left: the page is made anew each time that somebody comes to it.
+    this.list.setFollow(sessionStorage.getItem(FOLLOW) !== "0");
     this.detail = new Detail(this.detailBox, { onSelect: (number) => this.list.select(number) });
     this.poll();
   }
@@ -159,10 +165,11 @@ class WirePage {
       if (!first) return;
     }
     this.since = page.next;
+    this.list.live = page.view === "live";
+    this.followBox.disabled = !this.list.live;
     this.offset = this.list.offset = page.offset;
     this.list.push(page.rows);
     if (page.view === "file" && !this.list.selected && this.list.rows.length) {
-      this.list.follow = this.followBox.checked = false;
       this.list.select(this.list.rows[0][NUMBER]);
     }
     this.show(page);
@@ -253,7 +260,6 @@ class WirePage {
   }
 
   backToLine() {
-    this.list.follow = this.followBox.checked = true;
     this.setPaused(false);
     return this.act(() => this.ask("live", {}, { method: "POST" }));
   }

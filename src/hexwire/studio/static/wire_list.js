@@ -30,7 +30,9 @@ export class FrameList {
     this.selected = 0;
     this.partners = new Set();
     this.answers = new Map(); // request -> [answer, ms]
-    this.follow = true;
+    this.follow = true; // what the person wants: only the box ticks it, and scrolling back unticks it
+    this.live = true; // a file does not go on
+    this.placed = 0; // where the list was put last, not by the person
     this.pool = [];
     this.asked = false;
     this.inner = document.createElement("div");
@@ -57,7 +59,7 @@ export class FrameList {
     this.answers.clear();
     this.selected = 0;
     this.partners.clear();
-    this.element.scrollTop = 0;
+    this.element.scrollTop = this.placed = 0;
     this.draw();
   }
 
@@ -70,7 +72,7 @@ export class FrameList {
     if (this.rows.length > MOST + 1000) {
       const gone = this.rows.splice(0, this.rows.length - MOST);
       for (const row of gone) this.answers.delete(row[NUMBER]);
-      if (!this.follow) this.element.scrollTop -= gone.length * ROW;
+      if (!this.follow) this.element.scrollTop = this.placed = this.element.scrollTop - gone.length * ROW;
     }
     this.draw();
   }
@@ -105,7 +107,6 @@ export class FrameList {
       if (top < this.element.scrollTop) this.element.scrollTop = top;
       const under = top + ROW - this.element.clientHeight;
       if (under > this.element.scrollTop) this.element.scrollTop = under;
-      this.setFollow(place === this.rows.length - 1 && this.follow);
     }
     this.draw();
     if (!quiet) this.onSelect(number);
@@ -118,13 +119,16 @@ export class FrameList {
     event.preventDefault();
     const known = this.selected && this.find(this.selected);
     const from = known ? this.place(this.selected) : this.rows.length - 1;
-    const to = known ? from + steps[event.key] : from;
-    this.select(this.rows[Math.min(this.rows.length - 1, Math.max(0, to))][NUMBER]);
+    const to = Math.min(this.rows.length - 1, Math.max(0, known ? from + steps[event.key] : from));
+    if (to < this.rows.length - 1) this.setFollow(false);
+    this.select(this.rows[to][NUMBER]);
   }
 
   scrolled() {
-    const end = this.element.scrollHeight - this.element.clientHeight;
-    this.setFollow(this.element.scrollTop >= end - ROW / 2);
+    const { scrollTop, scrollHeight, clientHeight } = this.element;
+    // The browser moves it too, where the list becomes shorter than it was: then it is at the end.
+    const back = Math.min(this.placed, scrollHeight - clientHeight) - ROW / 2;
+    if (scrollTop < back) this.setFollow(false);
     this.draw();
   }
 
@@ -148,7 +152,8 @@ export class FrameList {
     const { element, inner, rows } = this;
     const height = `${rows.length * ROW}px`;
     if (inner.style.height !== height) inner.style.height = height;
-    if (this.follow) element.scrollTop = rows.length * ROW;
+    if (this.follow && this.live) element.scrollTop = rows.length * ROW;
+    this.placed = element.scrollTop;
     const first = Math.max(0, Math.floor(element.scrollTop / ROW) - SPARE);
     const seen = Math.min(element.clientHeight, window.innerHeight); // however tall the list is without its style
     const last = Math.min(rows.length, Math.ceil((element.scrollTop + seen) / ROW) + SPARE);
