@@ -52,6 +52,7 @@ def test_the_arm_is_opened_when_the_server_has_started_and_not_after_its_end(
 ) -> None:
     # NiceGUI's start walks over every object in the program, which breaks what another thread is building.
     at_start: list[str] = []
+    frozen: list[bool] = []
     opened = threading.Event()
     alive: list[bool] = []
 
@@ -72,11 +73,14 @@ def test_the_arm_is_opened_when_the_server_has_started_and_not_after_its_end(
             pass
 
     def slow_open(*_: object, **__: object) -> None:
+        # The collector does not look through the program any more, which would hold up the owner of the arm.
+        assert frozen
         time.sleep(0.2)
         opened.set()
 
     monkeypatch.setattr("hexwire.control.shutdown.Shutdown.listen", lambda _: None)
     monkeypatch.setattr("sys.setswitchinterval", lambda _: None)
+    monkeypatch.setattr("gc.freeze", lambda: frozen.append(True))
     monkeypatch.setattr("hexwire.studio.server.Server", FakeServer)
     monkeypatch.setattr("hexwire.studio.source.Source.open", slow_open)
     monkeypatch.setattr("hexwire.studio.app.Studio.close", lambda _: alive.append(opened.is_set()))

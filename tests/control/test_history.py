@@ -146,5 +146,5 @@ def test_values_are_floats_of_32_bits() -> None:
     history = History(("J1",))
     history.append(_state(1.0, 0.1, ("J1",)), {})
     rows = history.rows()
-    assert len(rows.values) == 4 * rows.width
-    assert struct.unpack_from("<f", rows.values)[0] == pytest.approx(0.1, rel=1e-6)
+    assert len(rows.blocks[0]) == 4 * rows.width
+    assert struct.unpack_from("<f", rows.blocks[0])[0] == pytest.approx(0.1, rel=1e-6)

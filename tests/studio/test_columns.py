@@ -3,9 +3,10 @@ from __future__ import annotations
 import json
 import math
 from array import array
+from dataclasses import replace
 from typing import Any
 
-from hexwire.control.history import History
+from hexwire.control.history import BLOCK, History
 from hexwire.studio.columns import history_columns, serialize_columns, series_columns
 from hexwire.trace.recording import make_positions
 from hexwire.trace.series import Series
@@ -29,7 +30,8 @@ def parsed(data: bytes) -> tuple[dict[str, Any], array[float], dict[str, array[f
 
 
 def test_columns_come_back() -> None:
-    data = serialize_columns({"x": "é"}, array("d", [1.0, 2.0, 3.0]), [("J1", array("f", [0.5, math.nan, -1.0]))])
+    parts = serialize_columns({"x": "é"}, array("d", [1.0, 2.0, 3.0]), [("J1", array("f", [0.5, math.nan, -1.0]))])
+    data = b"".join(parts)
     head, times, columns = parsed(data)
     assert head["x"] == "é"
     assert list(times) == [1.0, 2.0, 3.0]
@@ -41,7 +43,7 @@ def test_a_history_has_a_column_for_each_signal() -> None:
     history = History(("J1", "J2"))
     for i in range(4):
         history.append(make_positions(("J1", "J2"), (i, -i)).__class__(**_at(i)), {"J2": 9.0}, rate=50.0)
-    head, times, columns = parsed(history_columns(history, 1.5, 100.0))
+    head, times, columns = parsed(b"".join(history_columns(history, 1.5, 100.0)))
     assert head["offset"] == 100.0
     assert list(times) == [2.0, 3.0]
     assert list(columns["J1.position"]) == [2.0, 3.0]
@@ -57,7 +59,20 @@ def _at(i: int) -> dict[str, Any]:
 
 def test_a_recording_has_its_quantities_and_its_damage() -> None:
     series = Series(("J1",), 1000.0, array("d", [0.0, 0.5]), {("J1", "load"): array("f", [0.1, 0.2])}, "truncated")
-    head, times, columns = parsed(series_columns(series))
+    head, times, columns = parsed(b"".join(series_columns(series)))
     assert (head["begin"], head["problem"], head["names"]) == (1000.0, "truncated", ["J1"])
     assert list(times) == [0.0, 0.5]
     assert list(columns) == ["J1.load"]
+
+
+def test_no_step_of_a_download_copies_more_than_a_part() -> None:
+    history, state = History(("J1", "J2"), seconds=1000.0), make_positions(("J1", "J2"), (0.0, 0.0))
+    for i in range(40_000):
+        history.append(replace(state, stamp=0.01 * i), {})
+    rows = history.rows()
+    assert len(rows.blocks) >= 40_000 / BLOCK
+    assert all(len(block) <= BLOCK * 4 * rows.width for block in rows.between(1.0, 350.0).blocks)
+    assert all(len(part) <= 8 * 32_768 for part in history_columns(history, -math.inf, 0.0))
+    cut = rows.between(100.0, 120.0)
+    assert repr(list(cut)) == repr([row for row in rows if 100.0 <= row[0] <= 120.0])
+    assert len(cut.blocks) > 2

@@ -146,3 +146,22 @@ def test_a_file_that_is_too_large_is_refused_however_long_it_claims_to_be(client
     answer = client.http.post("/data/recording", params={"name": "a.mcap"}, content=parts())
     assert answer.status_code == 413
     assert client.studio.shelf.library.entries() == []
+
+
+def test_whatever_is_made_for_a_page_is_made_in_turn(
+    client: Client, arm: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    turns: list[object] = []
+    compute = client.studio.compute
+
+    async def counted(right: Any, call: Any) -> Any:
+        turns.append(right)
+        return await compute(right, call)
+
+    monkeypatch.setattr(client.studio, "compute", counted)
+    for route in make_routes(lambda: client.studio):
+        if "GET" not in (route.methods or ()) or route.path == "/data/twin":
+            continue
+        turns.clear()
+        client.http.get(route.path, params={"name": "a.mcap", "a": "a.mcap", "b": "a.mcap"})
+        assert turns == [client.right], route.path

@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from tests.studio.running import PATIENCE, Visitor, until
 
+from hexwire.studio.access import Right
+
 if TYPE_CHECKING:
     from playwright.sync_api import Page
     from tests.studio.running import RunningStudio
@@ -232,7 +234,7 @@ def test_what_a_watcher_asks_for_leaves_the_motion_of_others_alone(moving: Calla
 
 
 def test_a_resume_from_before_a_stop_does_not_end_it(studio: RunningStudio, operator: Page) -> None:
-    owner, workers, free = studio.arm.owner, studio.studio._workers, threading.Event()
+    owner, workers, free = studio.arm.owner, studio.studio._workers[Right.OPERATE], threading.Event()
     operator.keyboard.press("Escape")
     operator.get_by_role("button", name="Resume").wait_for()
     stops = owner.group.stops

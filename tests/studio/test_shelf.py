@@ -40,11 +40,11 @@ def test_a_recording_is_read_once(shelf: Shelf, tmp_path: Path) -> None:
 
 def test_two_recordings_are_aligned_by_start_or_by_their_best_lag(shelf: Shelf, tmp_path: Path) -> None:
     a, b = (record(tmp_path, "a.mcap"), None), (record(tmp_path, "b.mcap", 0.5), None)
-    head, times, columns = parsed(shelf.compared(a, b, "start"))
+    head, times, columns = parsed(b"".join(shelf.compared(a, b, "start")))
     assert head["lag"] == 0
     worst = max(abs(joint["largest"]) for joint in head["joints"])
     assert worst > 0.1
-    head, times, columns = parsed(shelf.compared(a, b, "best"))
+    head, times, columns = parsed(b"".join(shelf.compared(a, b, "best")))
     assert head["lag"] == pytest.approx(0.5, abs=0.01)
     assert max(joint["rms"] for joint in head["joints"]) < 0.01
     assert set(columns) == {f"{j}.{c}" for j in ("J1", "J2") for c in ("first", "second", "difference")}

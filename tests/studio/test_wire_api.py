@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import SupportsIndex
 
 import pytest
@@ -24,6 +24,9 @@ class Desk:
 
     def __init__(self) -> None:
         self.studio = Studio(Access(frozenset()))
+        session = self.studio.access.admit(Right.OPERATE, 0.0)
+        self.operators = self.studio.tabs.open(session.key, Right.OPERATE).key
+        self.operate = Asker(wire_routes(lambda: self.studio), session)
         self.session = self.studio.access.admit(Right.WATCH, 0.0)
         self.tab = self.studio.tabs.open(self.session.key, Right.WATCH).key
         self.ask = Asker(wire_routes(lambda: self.studio), self.session)
@@ -95,13 +98,17 @@ def test_a_file_that_never_ends_is_refused_on_the_way(desk: Desk) -> None:
 class _Meanwhile(list[bytes]):
     """A body while which others come, each one before the end of the former."""
 
-    def __init__(self, desk: Desk, others: int, answers: list[dict[str, str]]) -> None:
+    def __init__(
+        self, desk: Desk, others: int, answers: list[dict[str, str]], last: Callable[[], object] = lambda: None
+    ) -> None:
         super().__init__([PING])
-        self._desk, self._others, self._answers = desk, others, answers
+        self._desk, self._others, self._answers, self._last = desk, others, answers, last
 
     def pop(self, at: SupportsIndex = -1) -> bytes:
-        if self._others:
-            body = _Meanwhile(self._desk, self._others - 1, self._answers)
+        if not self._others:
+            self._last()
+        else:
+            body = _Meanwhile(self._desk, self._others - 1, self._answers, self._last)
 
             def ask() -> None:
                 self._answers.append(self._desk.ask("/wire/open", "POST", body, tab=self._desk.tab, name="a.txt"))
@@ -110,6 +117,29 @@ class _Meanwhile(list[bytes]):
             thread.start()
             thread.join()
         return super().pop(at)
+
+
+def test_whoever_only_watches_hinders_no_file_of_an_operators(desk: Desk) -> None:
+    mine: list[dict[str, str]] = []
+
+    def operate() -> None:
+        def ask() -> None:
+            mine.append(desk.operate("/wire/open", "POST", [PING], tab=desk.operators, name="mine.txt"))
+
+        thread = threading.Thread(target=ask)
+        thread.start()
+        thread.join()
+
+    answers: list[dict[str, str]] = []
+    # As many as may be are under way when it comes.
+    desk.ask("/wire/open", "POST", _Meanwhile(desk, 3, answers, operate), tab=desk.tab, name="a.txt")
+    assert (len(answers), mine) == (3, [{"opened": "mine.txt"}])
+    for _ in range(6):
+        tab = desk.studio.tabs.open(desk.session.key, Right.WATCH).key
+        assert desk.ask("/wire/open", "POST", [PING], tab=tab, name="a.txt") == {"opened": "a.txt"}
+    assert desk.operate("/wire/rows", tab=desk.operators)["name"] == "mine.txt"
+    # Of their own, the oldest are closed.
+    assert desk.ask("/wire/rows", tab=desk.tab)["view"] == "live"
 
 
 def test_only_so_many_files_are_taken_at_a_time(desk: Desk) -> None:

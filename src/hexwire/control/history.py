@@ -19,13 +19,13 @@ from typing import TYPE_CHECKING
 from hexwire.model.state import JointFlag, JointState
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
-__all__ = ["ARM_SIGNALS", "JOINT_SIGNALS", "History", "Rows", "Signal"]
+__all__ = ["ARM_SIGNALS", "BLOCK", "JOINT_SIGNALS", "History", "Rows", "Signal"]
 
 _FAULTS = sum(int(flag.faults) for flag in JointFlag)
-_COPY = 512
-"""Rows that are copied at once: other threads wait meanwhile."""
+BLOCK = 512
+"""Rows that are copied at once."""
 _SPARE = 256
 """Rows that may be overwritten while a reader copies."""
 
@@ -69,12 +69,13 @@ class Rows:
 
     Attributes:
         times: Seconds of the host's clock, rising.
-        values: Little-endian floats of 32 bits, `width` for each time; NaN where unknown.
+        blocks: Little-endian floats of 32 bits, `width` for each time; NaN where unknown. Each has at most `BLOCK`
+            rows, so that nobody copies more at once: other threads wait meanwhile.
         width: Values in a row.
     """
 
     times: array[float]
-    values: bytes
+    blocks: tuple[bytes, ...]
     width: int
 
     def __len__(self) -> int:
@@ -83,15 +84,26 @@ class Rows:
     def __iter__(self) -> Iterator[tuple[float, tuple[float, ...]]]:
         """Pairs of time and values."""
         row = struct.Struct(f"<{self.width}f")
-        return zip(self.times, row.iter_unpack(self.values), strict=True)
+        values = (found for block in self.blocks for found in row.iter_unpack(block))
+        return zip(self.times, values, strict=True)
 
     def between(self, begin: float, end: float) -> Rows:
         """Only the rows of these times, both included."""
         from bisect import bisect_left, bisect_right
 
         low, high = bisect_left(self.times, begin), bisect_right(self.times, end)
-        size = 4 * self.width
-        return Rows(self.times[low:high], self.values[low * size : high * size], self.width)
+        return Rows(self.times[low:high], _cut(self.blocks, low, high, 4 * self.width), self.width)
+
+
+def _cut(blocks: Iterable[bytes], low: int, high: int, size: int) -> tuple[bytes, ...]:
+    """The rows from `low` to before `high`, of `size` bytes each."""
+    found, at = [], 0
+    for block in blocks:
+        count = len(block) // size
+        if part := block[max(0, low - at) * size : max(0, high - at) * size]:
+            found.append(part)
+        at += count
+    return tuple(found)
 
 
 class History:
@@ -195,13 +207,13 @@ class History:
                 low = middle + 1
             else:
                 high = middle
-        times, values, size = array("d"), bytearray(), self._row.size
+        times, blocks, size = array("d"), list[bytes](), self._row.size
         at = begin = low
         while at < end:
             place = at % self._room
-            n = min(end - at, self._room - place, _COPY)
+            n = min(end - at, self._room - place, BLOCK)
             times += self._times[place : place + n]
-            values += memoryview(self._values)[place * size : (place + n) * size]
+            blocks.append(bytes(memoryview(self._values)[place * size : (place + n) * size]))
             at += n
         lost = max(0, self._count - self._room - begin)
-        return Rows(times[lost:], bytes(memoryview(values)[lost * size :]), self.width)
+        return Rows(times[lost:], _cut(blocks, lost, len(times), size), self.width)

@@ -11,6 +11,7 @@ import contextlib
 import logging
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
@@ -41,6 +42,8 @@ __all__ = ["FAILED", "Studio"]
 _log = logging.getLogger(__name__)
 
 _T = TypeVar("_T")
+_MOST_CALLS = 8
+"""Calls of the pages of one session that wait or run at a time."""
 
 
 class _Failed:
@@ -92,7 +95,11 @@ class Studio:
         self.live = Live(self)
         self.orders = ThreadPoolExecutor(1, "studio orders")
         self._stops = ThreadPoolExecutor(2, "studio stops")
-        self._workers = ThreadPoolExecutor(8, "studio")
+        # Those who may operate never wait for those who only watch.
+        self._workers = {right: ThreadPoolExecutor(8, "studio") for right in Right}
+        # One thread each: of all that pages ask for, at most two things compete with the arm for the interpreter.
+        self._pages = {right: ThreadPoolExecutor(1, "studio pages") for right in Right}
+        self._calls: Counter[str] = Counter()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._ending = threading.Event()
         self._watch: threading.Thread | None = None
@@ -112,12 +119,22 @@ class Studio:
         assert isinstance(tab, Tab)
         return tab
 
-    async def run(self, call: Callable[[], _T], *, control: bool = False) -> _T | _Failed:
+    async def compute(self, right: Right, call: Callable[[], _T]) -> _T:
+        """Make a call that computes or reads files for a page, in turn with the others of this right.
+
+        Args:
+            right: Of the session that asks.
+            call: What to do. It must not wait for the arm; no step of it may hold the interpreter for long.
+        """
+        return await asyncio.get_running_loop().run_in_executor(self._pages[right], call)
+
+    async def run(self, call: Callable[[], _T], *, control: bool = False, computes: bool = False) -> _T | _Failed:
         """Make a call that may wait in a worker thread; show its error, if it fails, in one line.
 
         Args:
             call: What to do.
             control: Only for a tab that has control.
+            computes: It computes more than it waits, as `compute`.
 
         Returns:
             Its result; `FAILED` if it failed.
@@ -125,15 +142,26 @@ class Studio:
         from nicegui import ui
 
         tab = self.tab()
+        key = tab.session
+        if self._calls[key] >= _MOST_CALLS:
+            ui.notify("This browser asks for too much at a time; try again.", type="negative")
+            return FAILED
+        self._calls[key] += 1
         try:
             if control:
                 self.need_control(tab)
-            return await asyncio.get_running_loop().run_in_executor(self._workers, call)
+            if computes:
+                return await self.compute(tab.right, call)
+            return await asyncio.get_running_loop().run_in_executor(self._workers[tab.right], call)
         except HexwireError as error:
             ui.notify(str(error), type="negative", multi_line=True)
         except Exception as error:  # noqa: BLE001  # logged and shown as what it is
             _log.exception("a call of a page failed")
             ui.notify(f"The studio failed at this: {type(error).__name__}: {error}", type="negative")
+        finally:
+            self._calls[key] -= 1
+            if not self._calls[key]:
+                del self._calls[key]
         return FAILED
 
     def need_control(self, tab: Tab) -> None:
@@ -271,7 +299,7 @@ class Studio:
     def _changed(self) -> None:
         present = self.source.present
         # A recording ends with its arm.
-        self._workers.submit(self.shelf.recorder.follow, self.source.arm)
+        self._workers[Right.OPERATE].submit(self.shelf.recorder.follow, self.source.arm)
         if present is not None:
             present.attended.on_end = self.ended
         bus = self.source.bus
@@ -307,5 +335,5 @@ class Studio:
         self.shelf.close()
         self.source.close()
         self.fleet.close()
-        for pool in (self.orders, self._stops, self._workers):
+        for pool in (self.orders, *self._workers.values(), *self._pages.values()):
             pool.shutdown()

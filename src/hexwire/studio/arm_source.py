@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import logging
 import math
+import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from hexwire.control.arm import Arm
 from hexwire.control.attended import SILENCE, Attended, Entry, silence_for
@@ -43,6 +44,10 @@ _log = logging.getLogger(__name__)
 
 _BRAKES, _LOOK = 1.0, 0.005
 """Seconds for which a jog may brake, and between two looks at it."""
+_FRESH = 2.0
+"""Seconds for which an answer of the robot is passed on, so that questions of pages cannot keep its line busy."""
+_T = TypeVar("_T")
+
 
 class ArmSource:
     """An arm that is open: its owner, its lease, and the motion that somebody holds.
@@ -79,6 +84,8 @@ class ArmSource:
         self.jog = JogController(settings.model, settings.kinematics, self.shared.path_check, silence=silence)
         self.desk = MotionDesk(self.shared, PoseFile(settings.model))
         self._stops = 0
+        self._asking = threading.Lock()
+        self._answers: dict[str, tuple[float, Any, HexwireError | None]] = {}
         # Ends what was held, so that no thread that hears of an end waits for the line.
         self._ender = ThreadPoolExecutor(1, "end of a hold")
         driver.epochs.on_stop(self._on_stop)
@@ -305,6 +312,27 @@ class ArmSource:
             else "partly on",
             "note": self.jog.note if self.attended.entry is not None else "",
         }
+
+    def ask(self, what: str, call: Callable[[], _T]) -> _T:
+        """Ask the robot for a page; one answer is for all pages that ask within two seconds. Blocks.
+
+        Args:
+            what: Of what is asked; equal for equal questions.
+            call: Asks; its error is that of all, too.
+        """
+        clock = self.arm.owner.now
+        with self._asking:
+            when, found, error = self._answers.get(what, (-math.inf, None, None))
+            if clock() - when > _FRESH:
+                found = error = None
+                try:
+                    found = call()
+                except HexwireError as failed:
+                    error = failed
+                self._answers[what] = clock(), found, error
+        if error is not None:
+            raise error
+        return cast(_T, found)
 
     def model(self) -> dict[str, object]:
         """The joints, for JSON: radians, radians per second."""

@@ -6,37 +6,41 @@ needs the right to operate. What may wait runs in threads. Must not know how a p
 
 from __future__ import annotations
 
+import asyncio
 import math
 import os
 import tempfile
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import quote
 
 from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 
 from hexwire.errors import HexwireError, UsageError
 from hexwire.trace.series import write_csv, write_mcap
 
 from .access import WATCHING_ONLY, Right
-from .columns import history_columns, serialize_columns, series_columns
+from .columns import history_columns, serialize_columns, series_columns, transposed
 from .guard import SESSION
 from .wire_api import refusal
 
 if TYPE_CHECKING:
+    from hexwire.control.history import History
+
     from .app import Studio
 
 __all__ = ["make_routes"]
 
 _BYTES = "application/octet-stream"
 _PLAIN = {"Cache-Control": "no-store"}
+_T = TypeVar("_T")
 _Handler = Callable[[Request], Awaitable[Response]]
 
 
@@ -93,8 +97,8 @@ class _Files:
         """The last ten minutes, or what is newer than ``after``."""
         arm = self._present().source.need_arm()
         offset = time.time() - arm.arm.owner.now()
-        data = await run_in_threadpool(history_columns, arm.history, _number(request, "after", -math.inf), offset)
-        return Response(data, media_type=_BYTES, headers=_PLAIN)
+        after = _number(request, "after", -math.inf)
+        return await self._columns(request, lambda: history_columns(arm.history, after, offset))
 
     async def csv(self, request: Request) -> Response:
         """A part of them as CSV, in SI units."""
@@ -111,7 +115,7 @@ class _Files:
             with path.open("wb") as out:
                 write_csv(out, [columns[i] for i in places], chosen, offset)
 
-        return await _written(write, self._name("csv"), "text/csv")
+        return await self._written(request, write, self._name("csv"), "text/csv")
 
     async def mcap(self, request: Request) -> Response:
         """A part of them as a recording."""
@@ -126,7 +130,7 @@ class _Files:
             offset = time.time() - arm.arm.owner.now()
             write_mcap(path, columns, rows, offset, robot=arm.settings.model.name)
 
-        return await _written(write, self._name("mcap"), _BYTES)
+        return await self._written(request, write, self._name("mcap"), _BYTES)
 
     def _name(self, ending: str) -> str:
         robot = self._present().source.need_arm().settings.model.name
@@ -137,14 +141,14 @@ class _Files:
     async def columns(self, request: Request) -> Response:
         """A recording's columns."""
         shelf = self._present().shelf
-        series = await run_in_threadpool(shelf.series, _text(request, "name"), _topic(request, "topic"))
-        return Response(series_columns(series), media_type=_BYTES, headers=_PLAIN)
+        name, topic = _text(request, "name"), _topic(request, "topic")
+        return await self._columns(request, lambda: series_columns(shelf.series(name, topic)))
 
     async def download(self, request: Request) -> Response:
         """A recording as it is."""
         name = _text(request, "name")
         library = self._present().shelf.library
-        await run_in_threadpool(library.find, name)
+        await self._compute(request, lambda: library.find(name))
         return FileResponse(library.path(name), media_type=_BYTES, filename=name, headers=_PLAIN)
 
     async def compare(self, request: Request) -> Response:
@@ -153,18 +157,16 @@ class _Files:
         a = _text(request, "a"), _topic(request, "topic_a")
         b = _text(request, "b"), _topic(request, "topic_b")
         align, lag = request.query_params.get("align", "start"), _number(request, "lag", 0.0)
-        data = await run_in_threadpool(shelf.compared, a, b, align, lag)
-        return Response(data, media_type=_BYTES, headers=_PLAIN)
+        return await self._columns(request, lambda: shelf.compared(a, b, align, lag))
 
     async def twin(self, request: Request) -> Response:
         """What the twin did, later than ``after``."""
         twin = self._present().shelf.twin
         if twin.history is None:
             raise UsageError("the twin has not moved yet")
-        head: dict[str, Any] = {"state": asdict(twin.state), "names": list(twin.history.names)}
-        rows = twin.history.rows(_number(request, "after", -math.inf))
-        data = await run_in_threadpool(_positions, head, twin.history, rows)
-        return Response(data, media_type=_BYTES, headers=_PLAIN)
+        history, after = twin.history, _number(request, "after", -math.inf)
+        head: dict[str, Any] = {"state": asdict(twin.state), "names": list(history.names)}
+        return await self._columns(request, lambda: _positions(head, history, after))
 
     async def upload(self, request: Request) -> Response:
         """Take a file that somebody brings."""
@@ -184,33 +186,62 @@ class _Files:
                         raise _RefusedError(413, f"it is larger than {library.largest >> 20} MiB")
                     await run_in_threadpool(file.write, part)
                 file.seek(0)
-                found = await run_in_threadpool(library.add, name, file)
+                found = await self._compute(request, lambda: library.add(name, file))
         finally:
             self._uploading = False
         return JSONResponse({"name": found.name, "problem": found.problem}, headers=_PLAIN)
 
+    # -- how it is made ---------------------------------------------------------------------------------
 
-def _positions(head: dict[str, Any], history: Any, rows: Any) -> bytes:
-    from .columns import transposed
+    async def _compute(self, request: Request, call: Callable[[], _T]) -> _T:
+        """What a call makes; it is not begun for a browser that has gone."""
+        work = asyncio.ensure_future(self._present().compute(request.scope[SESSION].right, call))
+        gone = asyncio.ensure_future(_gone(request))
+        try:
+            await asyncio.wait((work, gone), return_when=asyncio.FIRST_COMPLETED)
+            if not work.done():
+                work.cancel()
+                raise _RefusedError(499, "the browser has gone")
+            return work.result()
+        finally:
+            gone.cancel()
 
+    async def _columns(self, request: Request, make: Callable[[], list[bytes]]) -> Response:
+        """Columns, sent part by part: a slow reader makes the rest wait, and nothing is copied as a whole."""
+        parts = await self._compute(request, make)
+
+        async def each() -> AsyncIterator[bytes]:
+            for part in parts:
+                yield part
+
+        headers = {**_PLAIN, "Content-Length": str(sum(map(len, parts)))}
+        return StreamingResponse(each(), media_type=_BYTES, headers=headers)
+
+    async def _written(self, request: Request, write: Callable[[Path], None], name: str, kind: str) -> Response:
+        """A file made for one answer."""
+        fd, text = tempfile.mkstemp(prefix="hexwire-", suffix=Path(name).suffix)
+        os.close(fd)
+        path = Path(text)
+        try:
+            await self._compute(request, lambda: write(path))
+        except BaseException:
+            path.unlink(missing_ok=True)
+            raise
+        headers = {**_PLAIN, "Content-Disposition": f"attachment; filename*=UTF-8''{quote(name)}"}
+        task = BackgroundTask(path.unlink, missing_ok=True)
+        return FileResponse(path, media_type=kind, headers=headers, background=task)
+
+
+async def _gone(request: Request) -> None:
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
+
+
+def _positions(head: dict[str, Any], history: History, after: float) -> list[bytes]:
+    rows = history.rows(after)
     names = [f"{joint}.{signal.name}" if joint else signal.name for joint, signal in history.columns]
     pairs = list(zip(names, transposed(rows), strict=True))
     return serialize_columns(head, rows.times, [pair for pair in pairs if pair[0].endswith((".position", ".goal"))])
-
-
-async def _written(write: Callable[[Path], None], name: str, kind: str) -> Response:
-    """A file made for one answer."""
-    fd, text = tempfile.mkstemp(prefix="hexwire-", suffix=Path(name).suffix)
-    os.close(fd)
-    path = Path(text)
-    try:
-        await run_in_threadpool(write, path)
-    except BaseException:
-        path.unlink(missing_ok=True)
-        raise
-    headers = {**_PLAIN, "Content-Disposition": f"attachment; filename*=UTF-8''{quote(name)}"}
-    task = BackgroundTask(path.unlink, missing_ok=True)
-    return FileResponse(path, media_type=kind, headers=headers, background=task)
 
 
 def _text(request: Request, key: str) -> str:

@@ -84,8 +84,10 @@ class Shelf:
             raise UsageError(f"{name} moves {', '.join(unknown)}; this arm has {', '.join(joints)}")
         return Taught.of(series.names, series.positions())
 
-    def compared(self, a: tuple[str, str | None], b: tuple[str, str | None], align: str, lag: float = 0.0) -> bytes:
-        """Two recordings on one time axis: for each joint both angles and the difference, in radians.
+    def compared(
+        self, a: tuple[str, str | None], b: tuple[str, str | None], align: str, lag: float = 0.0
+    ) -> list[bytes]:
+        """Two recordings on one time axis, as columns: for each joint both angles and the difference, in radians.
 
         Args:
             a: Name and channel of the first.

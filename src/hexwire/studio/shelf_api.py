@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 __all__ = ["shelf_routes"]
 
 _PLAIN = {"Cache-Control": "no-store"}
+_COMPUTES = frozenset({"preview", "recover"})
 _MOST = 4096
 """Bytes of a request."""
 
@@ -48,8 +49,20 @@ def shelf_routes(present: Callable[[], Studio]) -> list[Route]:
         present: The studio that is served now.
     """
 
+    async def _answered(request: Request, call: Callable[[], dict[str, Any]], *, computes: bool) -> Response:
+        try:
+            if computes:
+                found = await present().compute(request.scope[SESSION].right, call)
+            else:
+                found = await run_in_threadpool(call)
+        except HexwireError as error:
+            return refusal(error)
+        except OSError as error:
+            return refusal(UsageError(f"the folder of recordings failed: {error.strerror or error}"))
+        return JSONResponse(found, headers=_PLAIN)
+
     async def listed(request: Request) -> Response:
-        return await _answered(lambda: _listed(present()))
+        return await _answered(request, lambda: _listed(present()), computes=True)
 
     async def done(request: Request) -> Response:
         if request.scope[SESSION].right < Right.OPERATE:
@@ -59,26 +72,21 @@ def shelf_routes(present: Callable[[], Studio]) -> list[Route]:
             body += part
             if len(body) > _MOST:
                 return JSONResponse({"refused": "this is too large"}, 413, _PLAIN)
-        return await _answered(lambda: _done(present(), bytes(body)))
+        try:
+            call, computes = _done(present(), bytes(body))
+        except HexwireError as error:
+            return refusal(error)
+        return await _answered(request, call, computes=computes)
 
     async def geometry(request: Request) -> Response:
         robot = request.query_params.get("robot", "")
-        return await _answered(lambda: {"geometry": _geometry(present(), robot)})
+        return await _answered(request, lambda: {"geometry": _geometry(present(), robot)}, computes=True)
 
     return [
         Route("/data/recordings", listed),
         Route("/data/recordings", done, methods=["POST"]),
         Route("/data/geometry", geometry),
     ]
-
-
-async def _answered(call: Callable[[], dict[str, Any]]) -> Response:
-    try:
-        return JSONResponse(await run_in_threadpool(call), headers=_PLAIN)
-    except HexwireError as error:
-        return refusal(error)
-    except OSError as error:
-        return refusal(UsageError(f"the folder of recordings failed: {error.strerror or error}"))
 
 
 def _listed(studio: Studio) -> dict[str, Any]:
@@ -128,7 +136,8 @@ def _geometry(studio: Studio, robot: str) -> dict[str, Any] | None:
     return make_geometry(_model_of(robot))
 
 
-def _done(studio: Studio, body: bytes) -> dict[str, Any]:
+def _done(studio: Studio, body: bytes) -> tuple[Callable[[], dict[str, Any]], bool]:
+    """What carries an order out, and whether that computes more than it waits."""
     try:
         order = json.loads(body)
     except (ValueError, RecursionError):
@@ -148,7 +157,7 @@ def _done(studio: Studio, body: bytes) -> dict[str, Any]:
     call = calls.get(what) if isinstance(what, str) else None
     if call is None:
         raise UsageError("there is no such order")
-    return call(studio, order)
+    return functools.partial(call, studio, order), what in _COMPUTES
 
 
 def _record(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:

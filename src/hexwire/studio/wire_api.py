@@ -6,10 +6,10 @@ Must not know how traffic is read.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Any
 
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
@@ -21,6 +21,7 @@ from .guard import SESSION
 from .wire_feed import LARGEST_FILE
 
 if TYPE_CHECKING:
+    from .access import Right
     from .app import Studio
     from .tabs import Tab
 
@@ -29,7 +30,7 @@ __all__ = ["wire_routes"]
 _LARGEST_NUMBER = 2**53
 _NAME = 80
 _MOST_TAKEN = 4
-"""Files that are taken at a time: each is in memory meanwhile."""
+"""Files that are taken at a time, each in memory, of those who may operate and again of those who only watch."""
 _NO_TAB = "this page is no longer known to the studio: load it again"
 _HEADERS = {"cache-control": "no-store"}
 
@@ -41,29 +42,30 @@ def wire_routes(present: Callable[[], Studio]) -> list[Route]:
         present: The studio.
     """
 
-    def asked(call: Callable[[Studio, str, Request], Any]) -> Callable[[Request], Response]:
-        """An endpoint, which runs in a thread; an error is an answer, too."""
+    def asked(call: Callable[[Studio, str, Request], Any]) -> Callable[[Request], Awaitable[Response]]:
+        """An endpoint, which computes in turn with others; an error is an answer, too."""
 
-        def endpoint(request: Request) -> Response:
+        async def endpoint(request: Request) -> Response:
             try:
                 studio = present()
-                found = call(studio, tab_of(studio, request).key, request)
+                tab = tab_of(studio, request)
+                found = await studio.compute(tab.right, lambda: call(studio, tab.key, request))
             except HexwireError as error:
                 return refusal(error)
             return found if isinstance(found, Response) else JSONResponse(found, headers=_HEADERS)
 
         return endpoint
 
-    taking = 0
+    taking: Counter[Right] = Counter()
 
     async def open_file(request: Request) -> Response:
-        nonlocal taking
-        if taking >= _MOST_TAKEN:
+        right = request.scope[SESSION].right
+        if taking[right] >= _MOST_TAKEN:
             return JSONResponse({"refused": "other files are being opened; try again soon"}, headers=_HEADERS)
-        taking += 1
+        taking[right] += 1
         try:
             studio = present()
-            tab = tab_of(studio, request).key
+            tab = tab_of(studio, request)
             data = bytearray()
             async for part in request.stream():
                 data += part
@@ -71,11 +73,13 @@ def wire_routes(present: Callable[[], Studio]) -> list[Route]:
                     raise UsageError(f"the file is larger than {LARGEST_FILE >> 20} MiB")
             name = request.query_params.get("name", "")[:_NAME] or "the file"
             series = request.query_params.get("series", "board")
-            await run_in_threadpool(studio.wire.open_file, tab, bytes(data), name, series)
+            await studio.compute(
+                right, lambda: studio.wire.open_file(tab.key, bytes(data), name, series, right=right)
+            )
         except HexwireError as error:
             return refusal(error)
         finally:
-            taking -= 1
+            taking[right] -= 1
         return JSONResponse({"opened": name}, headers=_HEADERS)
 
     return [

@@ -23,6 +23,7 @@ from hexwire.trace.sources import read_traffic
 from hexwire.trace.traffic import Entry, Traffic
 from hexwire.wire.tables import INTERBYTE_TIMEOUT as _WAITED
 
+from .access import Right
 
 __all__ = ["LARGEST_FILE", "SERIES", "WireFeed"]
 
@@ -87,6 +88,9 @@ class _View:
 
 class _FileView(_View):
     """A file, read up to the bounds."""
+
+    right = Right.OPERATE
+    """Of the session whose tab it is."""
 
     def __init__(self, name: str, items: Iterable[Passed | str], series: str) -> None:
         super().__init__("file", name, series)
@@ -160,7 +164,9 @@ class WireFeed:
 
     # -- what a tab looks at ----------------------------------------------------------------------------------
 
-    def open_file(self, tab: str, data: bytes, name: str, series: str = "board") -> None:
+    def open_file(
+        self, tab: str, data: bytes, name: str, series: str = "board", *, right: Right = Right.OPERATE
+    ) -> None:
         """Show a file to a tab: a recording, a capture of Wireshark, a log, a hex dump, a raw capture.
 
         Raises:
@@ -175,8 +181,11 @@ class WireFeed:
             raise UsageError("; ".join([f"{name} has no traffic", *view.remarks[:3]]))
         with self._lock:
             self._files.pop(tab, None)
-            while len(self._files) >= _MOST_FILES:
-                del self._files[next(iter(self._files))]
+            # Those who only watch close no file of an operator's.
+            others = [key for key, each in self._files.items() if each.right is right]
+            if len(others) >= _MOST_FILES:
+                del self._files[others[0]]
+            view.right = right
             self._files[tab] = view
 
     def close_file(self, tab: str) -> None:
@@ -197,7 +206,7 @@ class WireFeed:
                 self._live = _View("live", self._url, known)
         if file is not None:
             view = _FileView(file.name, [*file.transfers, *file.remarks], known)
-            view.cut = view.cut or file.cut
+            view.cut, view.right = view.cut or file.cut, file.right
             with self._lock:
                 if tab in self._files:
                     self._files[tab] = view

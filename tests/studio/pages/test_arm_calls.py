@@ -127,9 +127,10 @@ def test_a_page_that_asks_for_too_many_previews_keeps_nobody_waiting(
     free = asyncio.Event()
     asked = 0
 
-    async def run(call: object) -> dict[str, object]:
+    async def run(call: object, *, computes: bool) -> dict[str, object]:
         nonlocal asked
         asked += 1
+        assert computes
         await free.wait()
         return {}
 

@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from hexwire.errors import HexwireError, UsageError
@@ -61,7 +62,8 @@ class ArmCalls:
             return
         self._planning += name == "preview"
         try:
-            answer = await self._studio.run(lambda: self.answer(name, values, self._tab))
+            call = partial(self.answer, name, values, self._tab)
+            answer = await self._studio.run(call, computes=name == "preview")
         finally:
             self._planning -= name == "preview"
         self._tell("answer", detail["id"], answer if isinstance(answer, dict) else {"error": "the studio failed"})

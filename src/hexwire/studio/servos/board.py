@@ -83,9 +83,9 @@ def build(studio: Studio, arm: ArmSource) -> None:
     place = ui.element("div")
 
     async def ask() -> None:
-        report: Any = await studio.run(arm.shared.probe)
+        report: Any = await studio.run(lambda: arm.ask("probe", arm.shared.probe))
         if report is not FAILED:
-            counters = await studio.run(arm.shared.board_counters)
+            counters = await studio.run(lambda: arm.ask("counters", arm.shared.board_counters))
             place.clear()
             with place:
                 _show(report, arm.driver.host_counters(), counters if isinstance(counters, dict) else {})
@@ -99,7 +99,7 @@ def build(studio: Studio, arm: ArmSource) -> None:
                 rows.append((escape(joint.name), str(joint.servo_id), words))
             return rows
 
-        found: Any = await studio.run(call)
+        found: Any = await studio.run(lambda: arm.ask("pings", call))
         if found is not FAILED:
             place.clear()
             with place:
