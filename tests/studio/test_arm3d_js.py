@@ -110,14 +110,46 @@ def test_the_tip_is_that_of_the_kinematics(blank: Page, arm: ArmModel) -> None:
     assert math.dist(again["position"], found[0]["position"]) < 1e-9
 
 
+def test_a_silent_joint_freezes_nothing_and_what_it_moves_is_marked(blank: Page) -> None:
+    show(blank)
+    turned = """(values) => {
+        view.setJoints(Float32Array.from(values.map((value) => value ?? NaN)));
+        const grey = view.geometry.links.map((link, i) => view._arm.bodies[i]?.material === view._lostMaterial);
+        view._arm.root.updateMatrixWorld();
+        const place = view._arm.frames.map((frame) => frame.matrixWorld.elements[12]);
+        return { grey, place, said: view._legend.hidden ? "" : view._legend.textContent };
+    }"""
+    joints = [0.0, 1.2, 0.3, 0.0, 0.2, 0.0, 0.0]
+    links = geometry.make_geometry(HEX7BOT)["links"]  # type: ignore[index]  # it has a geometry
+    whole = blank.evaluate(turned, joints)
+    assert (any(whole["grey"]), whole["said"]) == (False, "")
+    for silent, name in enumerate(HEX7BOT.names):
+        values: list[float | None] = [0.5, *joints[1:]]
+        values[silent] = None
+        seen = blank.evaluate(turned, values)
+        assert seen["said"] == f"Grey: what {name} moves may be elsewhere"
+        for i, link in enumerate(links):
+            at, moved = i, False
+            while at >= 0 and not moved:
+                moved, at = links[at].get("joint", -1) == silent and "axis" in links[at], links[at]["parent"]
+            assert not link["shapes"] or seen["grey"][i] is moved, (name, link["name"])
+        # What is known is drawn where it is: J1 has turned the arm, but where J1 itself is silent.
+        assert (seen["place"] != whole["place"]) is (silent != 0), name
+        whole = blank.evaluate(turned, joints)
+        assert (any(whole["grey"]), whole["said"]) == (False, "")
+    blank.evaluate("view.setJoints(new Float32Array(7), [])")
+    assert blank.evaluate("view._legend.textContent") == "Grey: the arm may be elsewhere"
+    assert blank.evaluate("view._tipAxes.visible") is False
+
+
 def test_it_draws_only_what_has_changed(blank: Page) -> None:
     show(blank)
     blank.evaluate("(joints) => view.setJoints(joints)", BENT)
     before = settle(blank)
     assert before >= 1
-    # The same values, and values that are no numbers, draw nothing.
+    # The same values draw nothing.
     blank.evaluate("(joints) => { for (let i = 0; i < 50; i++) view.setJoints(joints); }", BENT)
-    blank.evaluate("view.setJoints({ J1: NaN }); view.setGhost(null);")
+    blank.evaluate("view.setGhost(null);")
     assert settle(blank) == before
     blank.evaluate("for (let i = 0; i < 50; i++) view.setJoints({ J1: 0.001 * i });")
     # One, or two without a graphics chip, and one with smooth edges.

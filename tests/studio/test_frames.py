@@ -25,7 +25,7 @@ def test_every_value_stands_at_its_place() -> None:
         age=(0.5, math.inf),
         stamp=7.25,
     )
-    data = serialize_frame(state, {"b": -1.5}, FrameBit.CONNECTED | FrameBit.STOPPED, 3)
+    data = serialize_frame(state, {"b": -1.5}, FrameBit.KNOWN | FrameBit.STOPPED, 3)
     assert struct.unpack_from("<BBHId", data) == (VERSION, 2, 9, 3, 7.25)
     values = struct.unpack_from("<16f2I", data, 16)
     assert values[:12] == tuple(value for row in rows for value in row)

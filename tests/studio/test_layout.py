@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import pytest
 from tests.studio.conftest import ready
 
+from hexwire.model.state import JointFlag
+
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page
     from tests.studio.running import RunningStudio
@@ -21,6 +23,15 @@ def test_stop_is_always_there(studio: RunningStudio, page: Page, how: str) -> No
         page.keyboard.press("Escape")
     studio.until(lambda: studio.arm.owner.group.reason is not None, "the stop")
     page.locator("#hw-banner", has_text="Stopped").wait_for()
+
+
+def test_pages_read_the_bits_of_a_joint_as_the_server_means_them(page: Page) -> None:
+    bits = [int(flag) for flag in JointFlag]
+    said = page.evaluate("(bits) => import('/static/live.js').then((live) => bits.map(live.faultsOf))", bits)
+    assert said == [[str(flag)] if flag.faults else [] for flag in JointFlag]
+    named = page.evaluate("import('/static/live.js').then((live) => live.FLAG)")
+    assert sorted(named.values()) == bits
+    assert (named["torque"], named["unknown"]) == (JointFlag.TORQUE_ON, JointFlag.TORQUE_UNKNOWN)
 
 
 def test_the_theme_is_chosen_and_kept(page: Page) -> None:
@@ -249,6 +260,28 @@ def test_a_copy_of_a_page_has_other_numbers_of_stops(page: Page) -> None:
         page.evaluate("hexwire.stop()")
         numbers.add(page.evaluate("window.number"))
     assert len(numbers) == 2
+
+
+def test_what_ended_as_it_was_asked_for_is_no_alarm(studio: RunningStudio, operator: Page) -> None:
+    operator.evaluate(
+        """() => {
+            const button = document.body.appendChild(document.createElement("button"));
+            hexwire.holdButton(button, "joint", {});
+            window.press = () => button.dispatchEvent(new KeyboardEvent("keydown", { key: " " }));
+            window.up = () => !button.classList.contains("hw-held");
+        }"""
+    )
+    studio.studio.holds.begin = lambda *_: None  # type: ignore[method-assign]  # it moves nothing
+    try:
+        for why, told in (("complete", False), ("arrived", False), ("the servo is hot", True)):
+            operator.evaluate("press()")
+            attended = studio.studio.source.arm.attended  # type: ignore[union-attr]  # one is open
+            studio.until(lambda attended=attended: attended.entry is not None, "the hold")
+            attended.end_all(why)
+            operator.wait_for_function("up()")
+            assert (why in operator.locator("#hw-banner").inner_text()) is told, why
+    finally:
+        del studio.studio.holds.begin
 
 
 def test_what_is_pressed_while_a_page_is_being_loaded_is_done(page: Page) -> None:

@@ -101,6 +101,20 @@ def test_it_follows_until_it_is_paused(plot: Page) -> None:
     assert _range(plot) == pytest.approx((42.0, 62.0))
 
 
+def test_the_value_now_is_not_one_of_a_second_ago(plot: Page) -> None:
+    now = "[0, 2].map((series) => plot.columns.newest(series))"
+    plot.evaluate("plot.append(60, [NaN, -60, 7.4])")
+    plot.evaluate("plot.append(60.9, [NaN, -60.9, NaN])")
+    # Signals that come less often than others are known in between.
+    assert plot.evaluate(now) == pytest.approx([59.98, 7.4])
+    plot.evaluate("plot.append(61.1, [NaN, -61.1, 7.3])")
+    assert plot.evaluate(f"{now}.map((value) => (Number.isNaN(value) ? null : value))") == [
+        None,
+        pytest.approx(7.3),
+    ]
+    plot.wait_for_function("document.querySelector('.hx-plot-legend tbody td:nth-child(3)').textContent === '–'")
+
+
 def test_zoom_by_wheel_drag_and_keys(plot: Page) -> None:
     box = _box(plot)
     middle = box["y"] + box["height"] / 2

@@ -11,6 +11,7 @@ from tests.studio.conftest import ready
 
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.serve_pty import PtyServer
+from hexwire.studio.pages import PAGES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -20,6 +21,30 @@ if TYPE_CHECKING:
     from tests.studio.running import RunningStudio
 
     from hexwire.emulator.board import EmulatedBoard
+
+
+_COLOURED = """[...document.querySelectorAll(
+  ".hw-fact dd:not(#hw-fact-connection), [data-value], [data-tip], [data-frame], [data-live], " +
+  ".hw-fleet-table td[data-label], .hx-plot-legend td:nth-child(3)"
+)].filter((cell) => {
+  for (let at = cell; at; at = at.parentElement) if (getComputedStyle(at).filter === "grayscale(1)") return false;
+  return true;
+}).map((cell) => cell.outerHTML)"""
+"""The fields that are not grey."""
+_PRESSABLE = """[...document.querySelectorAll(".arm-need, .arm-jog, #arm-here, #hw-resume, #hw-torque-on")].filter(
+  (each) => each.checkVisibility({ visibilityProperty: true }) && !each.disabled
+).map((each) => each.outerHTML)"""
+"""What moves the arm, or says where it is."""
+_SHOWN = {
+    "/": "",
+    "/arm": '[data-value="position"]',
+    "/servos": "[data-frame]",
+    "/plots": ".hx-plot-legend td",
+    "/wire": "",
+    "/recordings": "",
+    "/fleet": ".hw-fleet-table td[data-label]",
+}
+"""What each page shows of the arm."""
 
 
 @contextlib.contextmanager
@@ -44,6 +69,10 @@ def _rest(served: RunningStudio) -> float:
     return place
 
 
+def test_each_page_is_there() -> None:
+    assert list(_SHOWN) == [page.path for page in PAGES]
+
+
 def test_a_board_that_returns_is_there_again_and_stopped(
     served: RunningStudio, blank: Page, tmp_path: Path
 ) -> None:
@@ -63,6 +92,19 @@ def test_a_board_that_returns_is_there_again_and_stopped(
             served.until(lambda: abs(served.arm.owner.state.positions["J1"] - before) > 0.02, "a motion")
         page.locator("#hw-banner", has_text="The arm is not connected").wait_for()
         page.locator("#hw-fact-connection", has_text="lost").wait_for()
+        page.locator("#hw-banner", has_text="What is grey is from ").wait_for()
+        # All that a page shows of the arm is grey, and nothing can be pressed that needs to know how it is.
+        assert page.evaluate(_COLOURED) == []
+        for path, shown in _SHOWN.items():
+            page.locator(f'.hw-nav-link[data-path="{path}"]').click()
+            if shown:
+                page.locator(shown).first.wait_for()
+            page.wait_for_function(f"!({_COLOURED}).length")
+            assert page.evaluate(_PRESSABLE) == [], path
+            assert page.locator("#hw-stop").is_enabled()
+            if path == "/arm":
+                page.wait_for_function("document.querySelectorAll('.arm-silent').length === 7")
+                page.get_by_text("Grey: the arm may be elsewhere").wait_for()
         with _plugged(board, port):
             page.locator("#hw-banner", has_text="Stopped").wait_for()
             assert served.arm.owner.connected
@@ -75,4 +117,5 @@ def test_a_board_that_returns_is_there_again_and_stopped(
             served.studio.source.close()
     finally:
         served.studio.source.close()
+        served.studio.fleet.rest()
         served.studio.access.end_all()

@@ -37,6 +37,15 @@ _MISSED = """() => {
 """What a person does not reach by Tab, or cannot see to have reached."""
 
 
+_SILENT = (
+    ("Arm", 'tr[data-joint="J5"] [data-value="state"]', "silent"),
+    ("Servos", '[data-frame="flags"][data-joint="4"]', "silent"),
+    ("Plots", '.hx-plot-legend tr:has(th:has-text("J5 position")) td:nth-child(3)', "–"),
+    ("Fleet", ".hw-fleet-table td[data-label=Faults]", "J5: silent"),
+)
+"""Where each page says how J5 is, and what of it if it is silent."""
+
+
 def fact(page: Page, name: str, text: str) -> Locator:
     """One of the facts of the header, once it says this."""
     found = page.locator(f"#hw-fact-{name}", has_text=text)
@@ -70,6 +79,18 @@ def test_a_silent_servo_and_a_pulled_cable(board: PtyBoard, operator: Page) -> N
     fact(page, "torque", "on")
     board.faults("silent:4")
     fact(page, "faults", "J5")
+    # Every page says the same of it, and nothing that is from before.
+    for title, cell, words in _SILENT:
+        page.get_by_role("link", name=title, exact=True).click()
+        page.locator(cell).filter(has_text=words).first.wait_for()
+        for good in ("ok", "holds"):
+            assert page.locator(cell).filter(has_text=good).count() == 0
+        if title == "Arm":
+            for name in ("Go", "Take present values"):
+                assert button(page, name).is_disabled()
+            page.locator("#arm-plan").filter(has_text="J5 does not answer").wait_for()
+            page.get_by_role("radio", name="Joint angles").check()
+            page.locator("#arm-plan").filter(has_text="J5 does not answer").wait_for()
     board.faults()
     fact(page, "faults", "none")
     board.unplug()

@@ -11,8 +11,10 @@ import threading
 import time
 from collections.abc import Callable
 
-__all__ = ["SILENCE", "Attended", "Entry", "silence_for"]
+__all__ = ["FINE", "SILENCE", "Attended", "Entry", "silence_for"]
 
+FINE = frozenset({"released", "arrived", "complete"})
+"""Why a motion ends that has ended as it was asked for: no news for anybody who looks for faults."""
 SILENCE = 0.25
 """Seconds without a sign of life after which an attended motion ends."""
 _SLOW, _SHORT_SILENCE = 0.3, 0.15

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from hexwire.errors import HexwireError, LeaseError
+from hexwire.control.attended import FINE
 
 from .access import WATCHING_ONLY, Access, Right
 from .bus_source import live_row
@@ -257,7 +258,8 @@ class Studio:
 
     def ended(self, entry: Entry) -> None:
         """A motion has ended: tell its tab."""
-        self.live.tell({"kind": "ended", "id": entry.number, "why": entry.ended}, entry.who)
+        fine = entry.ended in FINE
+        self.live.tell({"kind": "ended", "id": entry.number, "why": entry.ended, "fine": fine}, entry.who)
 
     def facts(self) -> dict[str, object]:
         """What is always in sight, for JSON."""

@@ -10,8 +10,9 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from hexwire.control.arm import Arm
@@ -19,9 +20,11 @@ from hexwire.control.attended import SILENCE, Attended, Entry, silence_for
 from hexwire.control.history import History
 from hexwire.control.holding import SOON, hold_moving
 from hexwire.control.jog import JogController, read_request
+from hexwire.control.known_state import known_joints
 from hexwire.control.lease import Lease
 from hexwire.control.motion_desk import MotionDesk
 from hexwire.control.pose_file import PoseFile
+from hexwire.control.power import Stopped, Torques
 from hexwire.control.shared import Order, SharedArm
 from hexwire.errors import HexwireError, StoppedError
 from hexwire.model.state import JointFlag
@@ -38,7 +41,7 @@ if TYPE_CHECKING:
 
     from .tabs import Tab
 
-__all__ = ["ArmSource"]
+__all__ = ["ArmSource", "torque_words", "unready"]
 
 _log = logging.getLogger(__name__)
 
@@ -56,6 +59,7 @@ class ArmSource:
         settings: Its settings, checked.
         driver: Not attached.
         silence: Seconds without a sign of life after which what somebody holds ends.
+        wall: Seconds since 1970.
 
     Attributes:
         settings: As given.
@@ -70,8 +74,10 @@ class ArmSource:
         listeners: Called with each state and the goals, in the owner's thread; they must not wait.
     """
 
-    def __init__(self, settings: Any, driver: RobotDriver, silence: float = SILENCE) -> None:
-        self.driver, self.settings = driver, settings
+    def __init__(
+        self, settings: Any, driver: RobotDriver, silence: float = SILENCE, wall: Callable[[], float] = time.time
+    ) -> None:
+        self.driver, self.settings, self._wall = driver, settings, wall
         self.goals: dict[str, float] = {}
         self.history = History(settings.model.names)
         self.listeners: tuple[Callable[[JointState, Mapping[str, float]], object], ...] = ()
@@ -260,6 +266,7 @@ class ArmSource:
     def frame(self, state: JointState) -> bytes:
         """The bytes of a frame of state."""
         owner = self.arm.owner
+        known = self._known(state)
         bits = FrameBit(0)
         if state.stopped or owner.group.reason is not None:
             bits |= FrameBit.STOPPED
@@ -267,49 +274,63 @@ class ArmSource:
             bits |= FrameBit.WATCHDOG_TRIPPED
         if state.maintenance:
             bits |= FrameBit.MAINTENANCE
-        if owner.connected:
-            bits |= FrameBit.CONNECTED
+        if known:
+            bits |= FrameBit.KNOWN
         if self.attended.entry is not None:
             bits |= FrameBit.HELD
         for joint in state:
             if not joint.flags & JointFlag.TORQUE_ON:
                 # When it gets torque again, it holds where it is then.
                 self.goals.pop(joint.name, None)
+        if len(known) < len(state):
+            silent = (0 if name in known else int(JointFlag.SILENT) for name in state.names)
+            flags = tuple(bits | more for bits, more in zip(state.flags, silent, strict=True))
+            state = replace(state, flags=flags)
         return serialize_frame(state, self.goals, bits, self.stops)
+
+    def _known(self, state: JointState | None) -> tuple[str, ...]:
+        """The joints of which a page may say what they do now."""
+        owner = self.arm.owner
+        # What was true before the link was lost may be wrong now.
+        return known_joints(state if owner.connected else None, owner.now())
 
     def facts(self) -> dict[str, object]:
         """What is always in sight, for JSON."""
         owner, driver = self.arm.owner, self.driver
-        probe = owner.probe
-        # What was true before the link was lost may be wrong now.
-        state = owner.state if owner.connected else None
-        trips = driver.round_trips if owner.connected else ()
+        state, names = owner.state, self.settings.model.names
+        known = self._known(state)
+        missing = [name for name in names if name not in known]
+        probe = owner.probe if known else None
+        trips = driver.round_trips if known else ()
         holder = self.shared.holder
         reason = owner.group.reason
-        joints = state or ()
-        faults = [f"{joint.name}: {found}" for joint in joints if (found := JointFlag(joint.flags).faults)]
-        on = len(state.torque_on) if state is not None else 0
+        flags = {joint.name: joint.flags for joint in state or ()}
+        found = {name: flags[name].faults if name in known else JointFlag.SILENT for name in names}
+        torques = self.torques()
+        latched = state is not None and bool(known) and state.stopped
+        last = None
+        if state is not None and not known:
+            # Whole seconds, so that it does not change: the two clocks are not read at once.
+            last = round(self._wall() - (owner.now() - state.stamp))
         return {
             "robot": self.settings.model.name,
             "url": driver.url,
             "connected": owner.connected,
             "error": "" if owner.connected else owner.error,
             "dialect": probe.dialect if probe is not None else 0,
-            "rate": round(owner.rate, 1) if owner.connected and math.isfinite(owner.rate) else 0.0,
+            "known": bool(known),
+            "last": last,
+            "missing": missing,
+            "unready": unready(owner.connected, owner.error, known, missing),
+            "rate": round(owner.rate, 1) if known and math.isfinite(owner.rate) else None,
             "round_trip_ms": round(1000.0 * trips[-1], 2) if trips else None,
-            "faults": faults,
+            "faults": [f"{name}: {fault}" for name, fault in found.items() if fault] if known else None,
             # That of an arm which another program serves, if nobody here has control.
             "holder": holder.client if holder is not None else driver.holder,
             "lost": self.shared.held,
-            "stopped": str(reason) if reason is not None else "latched" if state and state.stopped else "",
+            "stopped": str(reason) if reason is not None else "latched" if latched else "",
             "stops": self.stops,
-            "torque": "unknown"
-            if state is None
-            else "on"
-            if on == len(state)
-            else "off"
-            if not on
-            else "partly on",
+            "torque": torque_words(torques),
             "note": self.jog.note if self.attended.entry is not None else "",
         }
 
@@ -334,6 +355,10 @@ class ArmSource:
             raise error
         return cast(_T, found)
 
+    def torques(self) -> Torques:
+        """Which joints hold and which are limp, as far as it is known."""
+        return self.arm.torques()
+
     def model(self) -> dict[str, object]:
         """The joints, for JSON: radians, radians per second."""
         return {
@@ -350,3 +375,30 @@ class ArmSource:
             ],
             "space": self.settings.kinematics is not None,
         }
+
+
+def unready(connected: bool, error: str, known: Sequence[str], missing: Sequence[str]) -> str:
+    """Why the arm as a whole cannot be moved now, whoever has control; empty if it can.
+
+    Args:
+        connected: It is connected.
+        error: Why it is not.
+        known: Joints that are known.
+        missing: The others.
+    """
+    if not connected:
+        return f"the arm is not connected: {error}"
+    if not known:
+        return "the arm is silent: nobody knows where it is"
+    if missing:
+        verb = "does" if len(missing) == 1 else "do"
+        return f"{', '.join(missing)} {verb} not answer: nobody knows where the arm is"
+    return ""
+
+
+def torque_words(torques: Torques) -> str:
+    """What the header says of torque: on, off, partly on, unknown, or of which joints it is unknown."""
+    if torques.unknown:
+        known = torques.holding or torques.limp
+        return f"unknown: {' '.join(torques.unknown)}" if known else "unknown"
+    return "partly on" if torques.holding and torques.limp else torques.short

@@ -19,8 +19,13 @@ from hexwire.bus.live_values import LiveValues, read_live
 from hexwire.bus.register_edits import RegisterEdits
 from hexwire.bus.setup import Found, identify, scan, shares_id
 from hexwire.bus.survey import Surveyed, survey
+from hexwire.control.known_state import KNOWN_FOR
+from hexwire.control.power import Stopped, Torques
 from hexwire.control.servo_bench import Job, ServoBench
 from hexwire.errors import HexwireError, LeaseError, ServoError, StoppedError
+from hexwire.model.state import JointFlag
+
+from .arm_source import torque_words
 
 if TYPE_CHECKING:
     from hexwire.bus.backup import ServoBackup
@@ -47,6 +52,8 @@ class BusSource:
     Args:
         bus: Open; this object closes it.
         silence: Seconds without a sign of life after which what somebody holds ends.
+        clock: Seconds.
+        wall: Seconds since 1970.
 
     Attributes:
         bus: As given.
@@ -54,6 +61,7 @@ class BusSource:
         servos: What the last search found, in the order of rates and ids.
         live: The newest values by servo id, of the servos at the bus's rate.
         torque: Whether each servo has torque, by id, as last read.
+        heard: When the newest values came, seconds of the clock; minus infinity before the first.
         history: The last ten minutes of them.
         edits: Edits of registers that can be undone.
         backups: Backups taken or loaded here, newest last.
@@ -62,12 +70,20 @@ class BusSource:
         on_change: Called when servos, job or stop have changed, in any thread.
     """
 
-    def __init__(self, bus: ServoBus, silence: float) -> None:
+    def __init__(
+        self,
+        bus: ServoBus,
+        silence: float,
+        clock: Callable[[], float] = time.monotonic,
+        wall: Callable[[], float] = time.time,
+    ) -> None:
         self.bus = bus
+        self._clock, self._wall = clock, wall
         self.bench = ServoBench(bus, silence=silence)
         self.servos: list[Surveyed] = []
         self.live: dict[int, LiveValues] = {}
         self.torque: dict[int, bool] = {}
+        self.heard = -math.inf
         self.history = HealthHistory()
         self.edits = RegisterEdits()
         self.backups: list[ServoBackup] = []
@@ -131,6 +147,16 @@ class BusSource:
         if unsure:
             names = ", ".join(map(str, unsure))
             raise ServoError(f"servo {names} did not confirm it: switch the power off if it may move")
+    def torques(self) -> Torques:
+        """Which servos hold and which are limp, by id, as far as it was just read."""
+        known = {i: self.torque[i] for i in self.torque if self.is_known(i)}
+        bits = {True: JointFlag.TORQUE_ON, False: JointFlag(0), None: JointFlag.TORQUE_UNKNOWN}
+        return Torques.by_flags({str(i): bits[known.get(i)] for i in self.bench.servo_ids})
+
+    def is_known(self, servo_id: int) -> bool:
+        """Whether what is shown of a servo is from now."""
+        row = self.live.get(servo_id)
+        return not self.error and row is not None and not row.error and self._clock() - self.heard <= KNOWN_FOR
 
     def resume(self, arrived: Token | None = None) -> None:
         """End a stop; nothing moves.
@@ -273,7 +299,7 @@ class BusSource:
                 _log.exception("reading servos failed")
                 continue
             self.error = ""
-            self.live = {row.servo_id: row for row in values}
+            self.live, self.heard = {row.servo_id: row for row in values}, self._clock()
             self.history.add(time.monotonic(), values)
             self.on_live(values)
 
@@ -294,7 +320,13 @@ class BusSource:
         """What is always in sight, for JSON."""
         bench, job = self.bench, self.bench.job
         holder = bench.holder
-        states = {self.torque.get(i) for i in bench.servo_ids}
+        # Without servos there is nothing to be read.
+        fresh = not bench.servo_ids or self._clock() - self.heard <= KNOWN_FOR
+        known = not self.error and fresh
+        last = None
+        if not known and self.heard > -math.inf:
+            last = round(self._wall() - (self._clock() - self.heard))
+        torques = self.torques()
         faults = [f"servo {i}: {', '.join(row.faults)}" for i, row in sorted(self.live.items()) if row.faults]
         silent = [str(i) for i, row in sorted(self.live.items()) if row.error]
         if silent:
@@ -304,22 +336,20 @@ class BusSource:
             "robot": "servo bus",
             "url": self.bus.link.url,
             "connected": not self.error,
+            "known": known,
+            "last": last,
+            "missing": [],
+            "unready": "",
             "error": self.error,
             "dialect": 0,
-            "rate": 1 / _PERIOD if bench.servo_ids else 0.0,
+            "rate": 1 / _PERIOD if bench.servo_ids and known else None,
             "baud": self.bus.timing.baud,
-            "round_trip_ms": round(1000.0 * overhead, 2) if math.isfinite(overhead) else None,
-            "faults": faults,
+            "round_trip_ms": round(1000.0 * overhead, 2) if known and math.isfinite(overhead) else None,
+            "faults": faults if known else None,
             "holder": holder.client if holder is not None else "",
             "stopped": bench.why_stopped or "latched" if bench.stopped else "",
             "stops": self.stops,
-            "torque": "–"
-            if not states
-            else "on"
-            if states == {True}
-            else "off"
-            if states == {False}
-            else "partly on",
+            "torque": torque_words(torques) if bench.servo_ids else "–",
             "job": "" if job is None else f"{job.what}: {job.told}" if job.told else job.what,
             "note": "",
         }

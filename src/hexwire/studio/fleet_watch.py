@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from hexwire.control.known_state import KNOWN_FOR
 from hexwire.errors import HexwireError, LinkNotFoundError, UsageError
 
 if TYPE_CHECKING:
@@ -56,6 +57,7 @@ class FleetWatch:
         self._asked = 0.0
         self._roster: Roster | None = None
         self._rows: list[Overview] | None = None
+        self._looked = 0.0
         self._gone: dict[str, float] = {}
         self._error = ""
         self._router = ""
@@ -64,24 +66,28 @@ class FleetWatch:
         """The arms as they were half a second ago at most, for JSON; the first looks find nothing yet.
 
         Returns:
-            ``arms``, a table each; ``gone``, names of those that vanished; ``looking``, whether arms are still
-            being searched for; ``router``; ``note``, what to do; ``error``.
+            ``arms``, a table each, with ``known``: it says how the arm is now; ``gone``, names of those that
+            vanished; ``looking``, whether arms are still being searched for; ``router``; ``note``, what to do;
+            ``error``.
         """
         with self._lock:
-            self._asked = self._clock()
-            if self._thread is None and not self._ending.is_set():
-                self._thread = threading.Thread(target=self._watch, name="fleet watch", daemon=True)
-                self._thread.start()
-            rows = self._rows
+            self._begin()
+            rows, since = self._rows, self._clock() - self._looked
             note = _NOBODY if rows == [] and not self._router else "" if self._router else _HERE
             return {
-                "arms": [{**asdict(row), "url": self.address(row.name)} for row in rows or ()],
+                "arms": [self._row(row, since) for row in rows or ()],
                 "gone": sorted(self._gone),
                 "looking": rows is None and not self._error,
                 "router": self._router,
                 "note": "" if self._error else note,
                 "error": self._error,
             }
+
+    def _row(self, row: Overview, since: float) -> dict[str, Any]:
+        """A row for JSON, so many seconds after it was looked at."""
+        age = None if row.age is None else row.age + since
+        known = not row.silent and age is not None and age <= KNOWN_FOR
+        return {**asdict(row), "age": age, "known": known, "url": self.address(row.name), "own": False}
 
     def stop(self, name: str | None, who: str) -> list[dict[str, Any]]:
         """Stop an arm, or all; it needs no lease.
@@ -139,6 +145,13 @@ class FleetWatch:
         if thread is not None:
             thread.join()
 
+    def _begin(self) -> None:
+        """Watch for a while from now on; the caller has the lock."""
+        self._asked = self._clock()
+        if self._thread is None and not self._ending.is_set():
+            self._thread = threading.Thread(target=self._watch, name="fleet watch", daemon=True)
+            self._thread.start()
+
     def _open(self) -> Roster:
         from hexwire.fleet.address import router_network
         from hexwire.fleet.node import load_zenoh
@@ -152,12 +165,13 @@ class FleetWatch:
     def _watch(self) -> None:
         try:
             with self._open() as roster:
-                self._error = ""
+                self._error, self._roster = "", roster
                 roster.settle(_SETTLE)
-                self._roster = roster
                 while not self._is_over():
+                    begun = time.monotonic()
                     self._look(roster)
-                    self._changed.wait(_PERIOD)
+                    # An arm that does not answer must not make the others old.
+                    self._changed.wait(max(0.0, begun + _PERIOD - time.monotonic()))
                     self._changed.clear()
         except HexwireError as error:
             self._error = str(error)
@@ -170,14 +184,15 @@ class FleetWatch:
     def _look(self, roster: Roster) -> None:
         from hexwire.fleet.overview import look
 
-        rows, now = look(roster, _ANSWERS), self._clock()
+        now = self._clock()
+        rows = look(roster, _ANSWERS)
         there = {row.name for row in rows}
         with self._lock:
             for row in self._rows or ():
                 if row.name not in there:
                     self._gone.setdefault(row.name, now)
             self._gone = {n: when for n, when in self._gone.items() if n not in there and now - when < _GONE}
-            self._rows = rows
+            self._rows, self._looked = rows, now
 
     def _is_over(self) -> bool:
         with self._lock:

@@ -30,7 +30,8 @@ class FrameBit(IntFlag):
     STOPPED = 1
     WATCHDOG_TRIPPED = 2
     MAINTENANCE = 4
-    CONNECTED = 8
+    KNOWN = 8
+    """What it says is from now."""
     HELD = 16
     """Somebody holds a motion."""
 

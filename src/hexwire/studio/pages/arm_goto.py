@@ -43,7 +43,7 @@ def goto_html(arm: ArmModel, kinematics: KinematicModel | None) -> str:
     <div class="arm-fields" data-for="joints"{" hidden" if place else ""}>{joints}</div>
     <p class="arm-plan" id="arm-plan" role="status">These are the present values. Change one to see a preview.</p>
     <div class="hw-row">
-      <button class="hw-button arm-primary arm-need" type="submit" id="arm-go">Go</button>
+      <button class="hw-button arm-primary arm-need arm-whole" type="submit" id="arm-go">Go</button>
       <button class="hw-button" type="button" id="arm-here">Take present values</button>
       <button class="hw-button" type="button" id="arm-unghost" hidden>Hide preview</button>
     </div>

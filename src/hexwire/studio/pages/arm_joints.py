@@ -81,7 +81,7 @@ def tip_html(kinematics: KinematicModel) -> str:
     return f"""
 <section class="arm-part" aria-labelledby="arm-tip-title">
   <h2 id="arm-tip-title">Tip</h2>
-  <dl class="arm-tip">{cells}</dl>
+  <dl class="arm-tip hw-live">{cells}</dl>
 </section>"""
 
 
@@ -114,6 +114,6 @@ def space_html() -> str:
 
 def _axis_button(place: int, turn: int, label: str) -> str:
     return (
-        f'<button class="hw-button arm-jog arm-need" type="button" data-axis="{place}" data-turn="{turn}" '
-        f'aria-label="{label}">{"+" if turn > 0 else "−"}</button>'
+        f'<button class="hw-button arm-jog arm-need arm-whole" type="button" data-axis="{place}" '
+        f'data-turn="{turn}" aria-label="{label}">{"+" if turn > 0 else "−"}</button>'
     )

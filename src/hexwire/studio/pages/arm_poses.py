@@ -21,7 +21,7 @@ def poses_html(*, gripper: bool) -> str:
     <label class="arm-field arm-long"><span>Name</span>
       <input type="text" name="name" maxlength="40" required></label>
     {with_gripper}
-    <button class="hw-button arm-need" type="submit">Save present pose</button>
+    <button class="hw-button arm-need arm-whole" type="submit">Save present pose</button>
   </form>
   <p class="arm-note" id="arm-pose-note" role="status"></p>
 </section>"""

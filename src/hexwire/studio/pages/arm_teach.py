@@ -34,8 +34,8 @@ def teach_html() -> str:
     <div class="hw-row">
       <output id="arm-time-value" for="arm-time">0.0 s</output>
       <label class="arm-field arm-inline"><span>Speed</span><select id="arm-factor">{factors}</select></label>
-      <button class="hw-button arm-primary arm-need" id="arm-play" type="button">Play</button>
-      <button class="hw-button arm-need" id="arm-play-here" type="button">Play from here</button>
+      <button class="hw-button arm-primary arm-need arm-whole" id="arm-play" type="button">Play</button>
+      <button class="hw-button arm-need arm-whole" id="arm-play-here" type="button">Play from here</button>
     </div>
     <p class="arm-plan" id="arm-play-plan" role="status"></p>
   </div>

@@ -51,7 +51,7 @@ def build(view: View, servo_id: int) -> None:
         )
         # Its own button cannot be named for a screen reader.
         upload.props('accept=".json,application/json"').classes("hidden")
-        pick = button("Load a backup", lambda: None)
+        pick = button("Load a backup", lambda: None, offline=True)
         pick.on("click", js_handler=f"() => getElement({upload.id}).$refs.qRef.pickFiles()")
         upload.on("rejected", lambda: ui.notify("the file is larger than 1 MiB, or no JSON", type="negative"))
     place = ui.element("div")

@@ -63,7 +63,7 @@ def build(view: View, servo_id: int) -> None:
         view.redraw()
 
     with ui.element("div").classes("hw-row"):
-        button("Forget these values", forget)
+        button("Forget these values", forget, offline=True)
         judge = button("Judge all servos now", lambda: ask())
     found = ui.element("ul").classes("sv-remarks").props('aria-live="polite"')
 

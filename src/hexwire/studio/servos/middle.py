@@ -75,7 +75,7 @@ def _calibration(view: View) -> None:
         upload = ui.upload(auto_upload=True, max_file_size=_LARGEST, on_upload=lambda event: load(event))
         # Its own button cannot be named for a screen reader.
         upload.props('accept=".toml,.json"').classes("hidden")
-        pick = button("Load a calibration", lambda: None)
+        pick = button("Load a calibration", lambda: None, offline=True)
         pick.on("click", js_handler=f"() => getElement({upload.id}).$refs.qRef.pickFiles()")
         upload.on(
             "rejected", lambda: ui.notify("the file is larger than 256 KiB, or no .toml or .json", type="negative")
@@ -155,8 +155,8 @@ def _calibration(view: View) -> None:
 
             with ui.element("div").classes("hw-row"):
                 button("Store in the servos", store, level="danger")
-                button("Save as file", lambda: download("calibration.toml", found.serialize()))
-                button("Save for LeRobot", lambda: save_lerobot(found))
+                button("Save as file", lambda: download("calibration.toml", found.serialize()), offline=True)
+                button("Save for LeRobot", lambda: save_lerobot(found), offline=True)
 
     def save_lerobot(found: Calibration) -> None:
         try:

@@ -94,5 +94,5 @@ def build(view: View, servo_id: int) -> None:
     section("Torque", "Switched on, a servo holds where it is; it never drives to an old goal.")
     with ui.element("div").classes("hw-row"):
         button("Torque on", lambda: torque(True), label=f"Torque of servo {servo_id} on")
-        button("Torque off", torque_off, label=f"Torque of servo {servo_id} off")
+        button("Torque off", torque_off, label=f"Torque of servo {servo_id} off", offline=True)
         button("Recover from overload", recover)

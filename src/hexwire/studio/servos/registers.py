@@ -195,7 +195,7 @@ async def _ask(row: TableRow) -> tuple[str, bool] | None:
             button(
                 "Check and write", lambda: dialog.submit((str(text.value or ""), unit.value == "raw")), level="main"
             )
-            button("Cancel", lambda: dialog.submit(None))
+            button("Cancel", lambda: dialog.submit(None), offline=True)
     try:
         answer = await dialog
     finally:

@@ -68,7 +68,9 @@ def html(text: str, tag: str = "span", classes: str = "") -> Any:
     return ui.html(escape(text), sanitize=False, tag=tag).classes(classes)
 
 
-def button(words: str, call: Any, *, level: str = "", label: str = "", late: bool = False) -> Element:
+def button(
+    words: str, call: Any, *, level: str = "", label: str = "", late: bool = False, offline: bool = False
+) -> Element:
     """A button.
 
     Args:
@@ -77,10 +79,12 @@ def button(words: str, call: Any, *, level: str = "", label: str = "", late: boo
         level: "main" or "danger", or empty.
         label: Its name for screen readers, where the text alone says too little.
         late: As for `on_press`.
+        offline: It can be pressed while nobody knows how the servos are, as one that is late can.
     """
     from nicegui import ui
 
-    made = ui.element("button").classes(f"hw-button {f'sv-{level}' if level else ''}").props('type="button"')
+    more = f"{f'sv-{level}' if level else ''} {'sv-offline' if offline or late else ''}"
+    made = ui.element("button").classes(f"hw-button {more}").props('type="button"')
     if label:
         made.props["aria-label"] = label
     with made:
@@ -143,8 +147,8 @@ async def question(title: str, text: str, yes: str, *, danger: bool = True) -> b
         for line in text.split("\n"):
             html(line, "p")
         with ui.element("div").classes("hw-row"):
-            button(yes, lambda: dialog.submit(True), level="danger" if danger else "main")
-            button("Cancel", lambda: dialog.submit(False))
+            button(yes, lambda: dialog.submit(True), level="danger" if danger else "main", offline=True)
+            button("Cancel", lambda: dialog.submit(False), offline=True)
     try:
         return bool(await dialog)
     finally:

@@ -51,14 +51,14 @@ export async function mount(root, args) {
   mountGripper(page);
   mountTeach(page);
   mountRun(page);
-  let frame = null;
   let asked = 0;
-  hexwire.onFrame((now) => {
-    frame = now;
+  hexwire.onFrame(() => {
     // However many frames have come, one change of the page for each picture.
     asked ||= requestAnimationFrame(() => {
       asked = 0;
-      if (root.isConnected) page.tell("draw", frame);
+      // Another arm may have been opened meanwhile.
+      const { frame } = hexwire;
+      if (root.isConnected && frame && frame.position.length === args.joints.length) page.tell("draw", frame);
     });
   }, root);
   hexwire.onFacts((facts) => page.tell("facts", facts), root);
@@ -101,7 +101,12 @@ function makePage(root, args) {
       page.view.setGhost(goal);
       page.view.trace(trace && trace.length > 1 ? trace : null);
     },
-    positions: () => (hexwire.frame ? hexwire.frame.position : null),
+    /** Where the joints are; NaN for one of which nobody knows it. */
+    positions() {
+      const { frame, known } = hexwire;
+      return frame && frame.position.map((angle, i) => (known && frame.known[i] ? angle : NaN));
+    },
+    knows: (i) => Boolean(hexwire.known && hexwire.frame && hexwire.frame.known[i]),
   };
   return page;
 }
@@ -114,7 +119,11 @@ async function mountView(page) {
   const view = (page.view = new Arm3D(element, page.args.geometry, { theme: "auto" }));
   view.setTable(page.args.table);
   view.setTip("own");
-  page.on("draw", (frame) => view.setJoints(frame.position));
+  const none = new Float32Array(page.args.joints.length);
+  view.setJoints(none, []);
+  const show = () => hexwire.frame && view.setJoints(hexwire.frame.position, hexwire.known ? hexwire.frame.known : []);
+  page.on("draw", show);
+  page.on("facts", show);
   const watch = setInterval(() => {
     if (element.isConnected) return;
     clearInterval(watch);
@@ -141,11 +150,15 @@ function mountBar(page) {
   let lasting = "";
   let until = 0;
   page.on("facts", (facts) => {
-    page.mine = facts.holder_tab !== "" && facts.holder_tab === hexwire.tab;
+    const holds = facts.holder_tab !== "" && facts.holder_tab === hexwire.tab;
+    page.mine = holds && hexwire.known;
+    page.unready = hexwire.known ? facts.unready : facts.unready || "nobody knows what the arm does";
     for (const element of page.all(".arm-need")) element.disabled = !page.mine;
+    for (const element of page.all(".arm-whole")) element.disabled = !page.mine || page.unready !== "";
     page.root.classList.toggle("arm-idle", !page.mine);
     let text = "";
-    if (!page.mine) text = "To move the arm, take control first.";
+    if (page.unready) text = `${capital(page.unready)}.`;
+    else if (!page.mine) text = "To move the arm, take control first.";
     else if (facts.stopped) text = "The arm is stopped; resume first.";
     else if (facts.torque === "off") text = "Torque is off: the arm does not move until it is on.";
     else if (facts.torque === "partly on") text = "Some joints have no torque and do not move.";

@@ -6,6 +6,7 @@ Owns the drawing and the camera. Must not know pages, sockets or robots. It draw
   const view = new Arm3D(element, geometry, { theme: "light" });   // geometry: hexwire.studio.geometry.make_geometry
   view.setJoints(float32Array)       joint positions in radians in the order of geometry.joints, or {name: radians};
                                      once a frame is fine: values that did not change draw nothing
+  view.setJoints(values, known)      which of them are from now (booleans): what the others move is grey, where it was last
   view.setGhost(joints | null)       a second, translucent arm: where the arm would go
   view.setTip(pose | "own" | null)   axes at a pose {position: [x, y, z], quaternion: [x, y, z, w]}, in metres; "own":
                                      at this arm's own tip
@@ -35,9 +36,9 @@ try {
 
 const LOOKS = {
   light: { sky: "#fbfcfd", ground: "#e3e8ee", floor: "#d9dfe6", minor: "#cfd6de", major: "#a9b4c0", text: "#4a5563",
-           shadow: "#c3cad3", key: 1.9, fill: 1.2, trace: "#b02800", ghost: "#0a58b0" },
+           shadow: "#c3cad3", lost: "#8a929c", key: 1.9, fill: 1.2, trace: "#b02800", ghost: "#0a58b0" },
   dark: { sky: "#1b2129", ground: "#101419", floor: "#161b21", minor: "#2a333e", major: "#465362", text: "#a3afbd",
-          shadow: "#0b0e12", key: 1.8, fill: 1.1, trace: "#efbb11", ghost: "#689bdc" },
+          shadow: "#0b0e12", lost: "#7d8793", key: 1.8, fill: 1.1, trace: "#efbb11", ghost: "#689bdc" },
 };
 const LABEL = "3D view of the arm. Arrow keys turn it, Shift and arrow keys move it, plus and minus zoom, 0 resets.";
 const SOFTWARE_PAUSE = 60, STILL = 250;
@@ -77,9 +78,35 @@ export class Arm3D {
 
   // -- what is shown ---------------------------------------------------------------------------------------------
 
-  setJoints(joints) {
+  setJoints(joints, known = null) {
     if (!this.available) return;
-    if (this._place(this._arm, joints)) this._change();
+    const moved = this._place(this._arm, joints);
+    if (this._mark(known, joints) || moved) this._change();
+  }
+
+  /** Make grey what a joint moves of which nobody knows where it is. */
+  _mark(known, joints) {
+    const lost = this._names.map((name, i) => (known ? !known[i] : Number.isNaN(joints[i] ?? joints[name])));
+    const { links } = this.geometry, grey = [];
+    links.forEach((link, i) => grey.push(Boolean((link.axis && lost[link.joint]) || grey[link.parent])));
+    const seen = lost.map(Number).join("");
+    if (seen === this._arm.lost) return false;
+    this._arm.lost = seen;
+    this._grey = grey;
+    this._paintGrey();
+    const names = this._names.filter((_, i) => lost[i]);
+    const all = names.length === lost.length;
+    this._legend.textContent = names.length ? `Grey: ${all ? "the arm" : `what ${names.join(" ")} moves`} may be elsewhere` : "";
+    this._legend.hidden = !names.length;
+    return true;
+  }
+
+  _paintGrey() {
+    this._arm.bodies.forEach((body, i) => {
+      if (body) body.material = this._grey[i] ? this._lostMaterial : body.userData.own;
+    });
+    for (const [shade, , i] of this._arm.shades) shade.visible = !this._grey[i];
+    this._tipAxes.visible = Boolean(this._tipWanted && !(this._ownTip && this._grey[this.geometry.tip]));
   }
 
   setGhost(joints) {
@@ -97,7 +124,8 @@ export class Arm3D {
   setTip(pose) {
     if (!this.available) return;
     this._ownTip = pose === "own";
-    this._tipAxes.visible = pose !== null;
+    this._tipWanted = pose !== null;
+    this._tipAxes.visible = this._tipWanted && !(this._ownTip && this._grey[this.geometry.tip]);
     if (this._ownTip) this._followTip();
     else if (pose) this._putTip(pose);
     this._change();
@@ -185,6 +213,7 @@ export class Arm3D {
     this._clear(this._scene);
     this._renderer.dispose();
     this._canvas.remove();
+    this._legend.remove();
   }
 
   // -- scene -----------------------------------------------------------------------------------------------------
@@ -195,7 +224,11 @@ export class Arm3D {
     canvas.tabIndex = 0;
     canvas.setAttribute("role", "application");
     canvas.setAttribute("aria-label", this.options.label ?? LABEL);
-    this.element.append(canvas);
+    this._legend = document.createElement("p");
+    this._legend.setAttribute("role", "status");
+    this._legend.hidden = true;
+    Object.assign(this._legend.style, { position: "absolute", left: "12px", bottom: "8px", margin: "0", fontSize: "12px", pointerEvents: "none" });
+    this.element.append(canvas, this._legend);
     this._scene = new THREE.Scene();
     this._camera = new THREE.PerspectiveCamera(32, 1, 0.02, 20);
     this._camera.up.set(0, 0, 1);
@@ -262,7 +295,10 @@ export class Arm3D {
     for (const arm of before) if (arm) this._clear(arm.root);
     const solid = new THREE.MeshPhongMaterial({ vertexColors: true, shininess: 28, specular: "#262626" });
     this._shadeMaterial = new THREE.MeshBasicMaterial({ color: look.shadow });
+    this._lostMaterial = new THREE.MeshLambertMaterial({ color: look.lost, transparent: true, opacity: 0.5 });
     this._arm = this._assemble(solid, true);
+    this._arm.lost = before[0]?.lost;
+    if (this._grey) this._paintGrey();
     // Behind the arm where both are at the same place.
     const behind = { polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 8 };
     const veil = new THREE.MeshLambertMaterial({ color: look.ghost, transparent: true, opacity: 0.42, ...behind });
@@ -278,7 +314,7 @@ export class Arm3D {
 
   /** One mesh for each link, with colours in its corners; `solid` adds the shadows on the table. */
   _assemble(material, solid) {
-    const THREE = three.THREE, root = new THREE.Group(), frames = [], shades = [], moves = [];
+    const THREE = three.THREE, root = new THREE.Group(), frames = [], shades = [], moves = [], bodies = [];
     const palette = this.options.palette?.[this.theme] ?? this.geometry.palette[this.theme];
     const colours = this.geometry.colours[this.theme];
     for (const link of this.geometry.links) {
@@ -289,6 +325,7 @@ export class Arm3D {
       frames.push(frame);
       moves.push(Boolean(link.axis) || (link.parent >= 0 && moves[link.parent]));
       // What does not move needs no second picture.
+      bodies.push(null);
       if (!link.shapes.length || (!solid && !moves.at(-1))) continue;
       const form = mesh(THREE, link.shapes, (shape) =>
         "joint" in shape ? palette[shape.joint % palette.length] : colours[shape.colour]);
@@ -300,6 +337,8 @@ export class Arm3D {
       }
       const body = new THREE.Mesh(form, material);
       body.renderOrder = solid ? 0 : 2;
+      body.userData.own = material;
+      bodies[bodies.length - 1] = body;
       frame.add(body);
       if (solid) {
         const shade = new THREE.Mesh(form, this._shadeMaterial);
@@ -307,17 +346,19 @@ export class Arm3D {
         shade.matrixWorldAutoUpdate = false;
         shade.frustumCulled = false;
         shade.renderOrder = -1;
-        shades.push([shade, frame]);
+        shades.push([shade, frame, bodies.length - 1]);
         root.add(shade);
       }
     }
-    return { root, frames, shades, joints: null };
+    return { root, frames, shades, bodies, joints: null };
   }
 
   _place(arm, joints) {
     const listed = ArrayBuffer.isView(joints) || Array.isArray(joints);
-    const values = this._names.map((name, i) => (listed ? joints[i] : joints[name]) ?? arm.joints?.[i] ?? 0);
-    if (values.some((value) => !Number.isFinite(value))) return false;
+    const values = this._names.map((name, i) => {
+      const value = listed ? joints[i] : joints[name];
+      return Number.isFinite(value) ? value : (arm.joints?.[i] ?? 0);
+    });
     if (arm.joints?.every((value, i) => Math.abs(value - values[i]) < 2e-5)) return false;
     arm.joints = values;
     const THREE = three.THREE, turn = new THREE.Quaternion(), axis = new THREE.Vector3();

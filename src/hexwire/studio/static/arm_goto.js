@@ -1,7 +1,7 @@
 /* The form Go to of the page Arm: asks for a preview after each change, shows it, and begins the motion. Owns the
 fields; the server plans and checks. */
 
-import { degrees, radians, showPlan } from "/static/arm.js";
+import { capital, degrees, radians, showPlan } from "/static/arm.js";
 import { tipValues } from "/static/arm_tip.js";
 
 const PAUSE = 150; // ms after the last change before a preview is asked for
@@ -104,6 +104,7 @@ export function mountGoto(page) {
     unghost.hidden = !show;
   };
   const soon = () => {
+    if (page.unready) return;
     clearTimeout(timer);
     timer = setTimeout(preview, PAUSE);
   };
@@ -120,7 +121,7 @@ export function mountGoto(page) {
 
   const take = () => {
     const positions = page.positions();
-    if (!positions) return;
+    if (!positions || page.unready) return;
     touched = false;
     const put = (name, number, digits = 1) => {
       if (field(name)) field(name).value = Number.isFinite(number) ? String(Number(number.toFixed(digits))) : "";
@@ -153,7 +154,9 @@ export function mountGoto(page) {
   const restart = () => {
     renew();
     take();
-    hide("These are the present values. Change one to see a preview.");
+    const why = page.unready;
+    hide(why ? `${capital(why)}.` : "These are the present values. Change one to see a preview.");
+    if (why) told.dataset.level = "error";
   };
 
   form.addEventListener("input", (event) => {
@@ -174,7 +177,7 @@ export function mountGoto(page) {
   });
   form.addEventListener("submit", (event) => {
     event.preventDefault();
-    if (!page.mine) return;
+    if (!page.mine || page.unready) return;
     let motion;
     try {
       motion = wanted();
@@ -200,6 +203,13 @@ export function mountGoto(page) {
   unghost.addEventListener("click", () => {
     renew();
     hide("The preview is hidden.");
+  });
+  let unready = "";
+  page.on("facts", () => {
+    if (page.unready === unready) return;
+    unready = page.unready;
+    page.find("#arm-here").disabled = unready !== "";
+    restart();
   });
   page.on("speed", () => page.plan && soon());
   arrange();

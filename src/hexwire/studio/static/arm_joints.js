@@ -1,17 +1,13 @@
 /* Joint table, sliders and jog buttons of the page Arm. Owns how a press, a drag or a key becomes a hold, and the
 numbers at frame rate. The server limits speed and range, and ends a hold whose signs of life stop. */
 
-import hexwire from "/static/live.js";
+import hexwire, { faultsOf, FLAG } from "/static/live.js";
 import { degrees, fixed } from "/static/arm.js";
 
 const OVER = 0.06; // share of the range that a slider shows beyond each limit
 const GRAB = 24; // pixels from the marker at which a drag begins
 const PACE = 40; // ms between two changes of a drag
 const SPOKEN = 500; // ms between two changes of what a screen reader is told
-const TORQUE = 0x40;
-const SILENT = 0x80;
-const UNKNOWN = 0x100;
-const FAULTS = [[1, "voltage"], [2, "encoder"], [4, "temperature"], [8, "current"], [32, "overload"], [128, "silent"]];
 const MORE = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 };
 const IDLE_KEYS = new Set(["Home", "End", "PageUp", "PageDown"]);
 
@@ -53,20 +49,26 @@ function drawRow(page, { cell, slider, share, joint, i, row }) {
     cells[name].textContent = text;
     if (name === "state") cells.state.title = text; // it may be cut off
   };
+  page.on("facts", () => {
+    const known = page.knows(i);
+    row.classList.toggle("arm-silent", !known);
+    for (const button of row.querySelectorAll(".arm-jog")) button.disabled = !page.mine || !known;
+  });
   page.on("draw", (frame) => {
     const position = frame.position[i];
-    const known = Number.isFinite(position);
+    const known = page.knows(i);
     put("position", fixed(degrees(position)));
     put("goal", fixed(degrees(frame.goal[i])));
     put("load", fixed(100 * frame.load[i], 0));
     const flags = frame.flags[i];
-    const faults = FAULTS.filter(([bit]) => flags & bit).map(([, words]) => words);
-    put("state", faults.join(", ") || (flags & UNKNOWN ? "ok" : flags & TORQUE ? "holds" : "no torque"));
+    const faults = faultsOf(flags);
+    const torque = flags & FLAG.unknown ? "torque unknown" : flags & FLAG.torque ? "holds" : "no torque";
+    put("state", !known && !faults.length ? "unknown" : faults.join(", ") || torque);
     const level = faults.length ? "error" : "";
     if (cells.state.dataset.level !== level) cells.state.dataset.level = level;
     const out = known && (position < joint.min - 0.005 || position > joint.max + 0.005);
     if (row.classList.contains("arm-outside") !== out) row.classList.toggle("arm-outside", out);
-    const at = known && !(flags & SILENT) ? share(position).toFixed(4) : "";
+    const at = known ? share(position).toFixed(4) : "";
     if (shown.at !== at) {
       shown.at = at;
       slider.style.setProperty("--at", at || 0);
@@ -135,7 +137,7 @@ function mountSlider(page, slider, joint, i, { low, high, share }) {
     const turn = MORE[event.key];
     if (!turn || event.ctrlKey || event.altKey || event.metaKey) return;
     event.preventDefault();
-    if (event.repeat || key || !page.mine) return;
+    if (event.repeat || key || !page.mine || !page.knows(i)) return;
     key = event.key;
     slider.classList.add("hw-held");
     const jog = { directions: { [joint.name]: turn }, speed: page.speed };

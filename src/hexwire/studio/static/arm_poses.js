@@ -4,6 +4,7 @@ import { capital, fixed } from "/static/arm.js";
 import { make } from "/static/widgets.js";
 
 const SURE = 4000; // ms in which a second press confirms
+const WHOLE = "arm-need arm-whole"; // needs all joints
 
 export function mountPoses(page) {
   const list = page.find("#arm-poses");
@@ -37,10 +38,10 @@ export function mountPoses(page) {
     page.find("#arm-unghost").hidden = Boolean(plan.error);
     say(fault ? capital(fault) : `${name}: ${plan.duration.toFixed(1)} s from here${plan.unready ? `; not now: ${plan.unready}` : ""}`, fault ? "error" : plan.unready ? "warn" : "");
   };
-  const button = (words, label, act, need = true) => {
-    const element = make("button", { type: "button", className: `hw-button arm-small${need ? " arm-need" : ""}`, textContent: words });
+  const button = (words, label, act, need = "arm-need") => {
+    const element = make("button", { type: "button", className: `hw-button arm-small ${need}`, textContent: words });
     element.setAttribute("aria-label", label);
-    element.disabled = need && !page.mine;
+    element.disabled = (need && !page.mine) || (need === WHOLE && page.unready !== "");
     element.addEventListener("click", () => act(element));
     return element;
   };
@@ -61,7 +62,7 @@ export function mountPoses(page) {
   const rename = (row, name) => {
     const input = make("input", { type: "text", value: name, maxLength: 40 });
     input.setAttribute("aria-label", `New name of ${name}`);
-    const entry = make("form", { className: "hw-row" }, input, button("Keep", `Keep the new name of ${name}`, () => entry.requestSubmit()), button("Cancel", `Do not rename ${name}`, () => refresh(), false));
+    const entry = make("form", { className: "hw-row" }, input, button("Keep", `Keep the new name of ${name}`, () => entry.requestSubmit()), button("Cancel", `Do not rename ${name}`, () => refresh(), ""));
     entry.addEventListener("submit", (event) => {
       event.preventDefault();
       change("rename", { name, new: input.value }, "Renamed.");
@@ -73,7 +74,7 @@ export function mountPoses(page) {
   const show = (poses) => {
     const rows = poses.map(({ name, saved }) => {
       const row = make("li", {}, make("span", { className: "arm-pose-name", textContent: name, title: name }));
-      row.append(button("Go", `Go to ${name}`, () => go(name)), button("Show", `Preview ${name}`, () => preview(name), false));
+      row.append(button("Go", `Go to ${name}`, () => go(name), WHOLE), button("Show", `Preview ${name}`, () => preview(name), ""));
       if (saved) {
         row.append(
           button("Replace", `Replace ${name} by the present pose`, twice(() => change("save", { name, force: true, gripper: form.elements.gripper ? form.elements.gripper.checked : true }, `${name} is the present pose now.`), "Sure?")),
@@ -119,8 +120,8 @@ export function mountGripper(page) {
     if (page.mine) set(Number(form.elements.share.value) / 100);
   });
   let shown = "";
-  page.on("draw", (frame) => {
-    const share = (frame.position[place] - jaws.closed) / (jaws.opened - jaws.closed);
+  page.on("draw", () => {
+    const share = (page.positions()[place] - jaws.closed) / (jaws.opened - jaws.closed);
     const text = `${fixed(100 * share, 0)} % open`;
     if (text === shown) return;
     shown = text;

@@ -57,8 +57,8 @@ export function tipValues(args, positions) {
 export function mountTip(page) {
   const cells = page.all("[data-tip]");
   if (!page.args.geometry || !cells.length) return;
-  page.on("draw", (frame) => {
-    const values = tipValues(page.args, frame.position);
+  page.on("draw", () => {
+    const values = tipValues(page.args, page.positions());
     for (const cell of cells) {
       const name = cell.dataset.tip;
       const text = name.length === 1 ? fixed(1000 * values[name]) : fixed(degrees(values[name]));

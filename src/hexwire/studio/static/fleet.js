@@ -3,7 +3,7 @@
 
 import { loadSheet, node, put } from "/static/widgets.js";
 
-const PERIOD = 500;
+const PERIOD = 150; // ms between two looks: what is old is grey within a second
 const HEAD = ["Arm", "State", "Faults", "Lease", "Torque", "Age, ms", "Robot", "Computer", ""];
 
 export async function mount(root, args) {
@@ -107,6 +107,7 @@ class FleetPage {
     const age = arm.age === null ? "–" : (1000 * arm.age).toFixed(0);
     const texts = [words, arm.faults || (arm.silent ? "–" : "none"), arm.holder || "nobody", arm.torque || "–", age, arm.robot || "–", arm.host || "–"];
     texts.forEach((text, i) => put(row.children[i + 1], text));
+    row.classList.toggle("hw-fleet-old", !arm.known);
     row.children[1].dataset.level = level;
     row.children[2].dataset.level = arm.faults ? "error" : "";
   }

@@ -4,7 +4,11 @@
 const BEAT = 60; // ms between two signs of life while something is held
 const SEEN = 10; // frames after which the server hears that they were seen; it sends only so many ahead
 const SURE = 300; // ms in which a stop is confirmed; after them it is sent again, by HTTP
+const HEARD = 900; // ms without a frame after which an arm is not heard
 const READ = 8000; // ms for which a message stays in sight
+/** Bits of a joint, as `JointFlag`. The server sets `silent` for every joint of which nobody knows what it does now. */
+export const FLAG = { voltage: 1, encoder: 2, temperature: 4, current: 8, clamped: 16, overload: 32, torque: 64, silent: 128, unknown: 256 };
+const FAULTS = ["voltage", "encoder", "temperature", "current", "overload", "silent"];
 const COLUMNS = ["position", "velocity", "load", "current", "voltage", "temperature", "goal", "age"];
 
 const key = document.querySelector('meta[name="hexwire-tab"]').content;
@@ -18,6 +22,8 @@ let stopsAsked = Math.floor(5e8 * Math.random()); // a copy of this page has oth
 let told = { text: "", until: 0, urgent: false };
 let lasted = "";
 let seen = 0;
+let wasKnown = true;
+let heard = -Infinity; // when the last frame came
 
 const hexwire = {
   model: { robot: "", joints: [], space: false },
@@ -30,6 +36,13 @@ const hexwire = {
   /** NiceGUI would keep an order, and carry it out when it is connected again. A page that was just loaded connects in a moment. */
   get late() {
     return Boolean(window.did_handshake && !window.socket?.connected);
+  },
+  /** Whether what is shown is from now: the server says so, and this page still hears it. */
+  get known() {
+    const { facts } = hexwire;
+    if (!hexwire.connected || !facts) return false;
+    if (facts.mode !== "arm") return facts.mode !== "bus" || facts.known;
+    return facts.known && performance.now() - heard < HEARD;
   },
   get holding() {
     return held !== null;
@@ -59,6 +72,9 @@ const hexwire = {
   say,
 };
 export default hexwire;
+
+/** What the bits of a joint say is wrong with it, in words. */
+export const faultsOf = (flags) => FAULTS.filter((name) => flags & FLAG[name]);
 window.hexwire = hexwire;
 
 // -- listeners -----------------------------------------------------------------------------------------
@@ -129,7 +145,7 @@ function receive(message) {
     hexwire.facts = message;
     tell("facts", message);
   } else if (message.kind === "ended") {
-    if (held && held.number === message.id) ended(message.why);
+    if (held && held.number === message.id) ended(message.why, message.fine);
   } else if (message.kind === "stopping") {
     stopConfirmed = performance.now();
   } else if (message.kind in listeners) {
@@ -139,6 +155,7 @@ function receive(message) {
 
 function draw(bytes) {
   seen += 1;
+  heard = performance.now();
   if (seen % SEEN === 0) send({ do: "seen", frames: seen });
   const view = new DataView(bytes);
   if (view.getUint8(0) !== 1) return;
@@ -151,13 +168,13 @@ function draw(bytes) {
     stopped: Boolean(bits & 1),
     tripped: Boolean(bits & 2),
     maintenance: Boolean(bits & 4),
-    connected: Boolean(bits & 8),
     held: Boolean(bits & 16),
   };
   COLUMNS.forEach((name, i) => {
     frame[name] = new Float32Array(bytes, 16 + 4 * n * i, n);
   });
   frame.flags = new Uint32Array(bytes, 16 + 4 * n * COLUMNS.length, n);
+  frame.known = Array.from(frame.flags, (flags, i) => !(flags & FLAG.silent) && Number.isFinite(frame.position[i]));
   hexwire.frame = frame;
   tell("frame", frame);
 }
@@ -196,12 +213,14 @@ function update(args) {
 function release(why = "released") {
   if (!held) return;
   send({ do: "release", id: held.number });
-  ended(why);
+  ended(why, why === "released");
 }
 
-function ended(why) {
+/** `fine`: it ended as it was asked for, which is no news for the bar of alarms. */
+function ended(why, fine = false) {
   if (!held) return;
   clearInterval(held.timer);
+  held.fine = fine;
   const { settle } = held;
   held = null;
   settle(why);
@@ -210,11 +229,12 @@ function ended(why) {
 function holdButton(element, kind, args, options = {}) {
   const begin = () => {
     const over = hold(kind, typeof args === "function" ? args() : args, { ...options, element });
+    const mine = held;
     element.classList.add("hw-held");
     over.then((why) => {
       element.classList.remove("hw-held");
       if (options.onEnd) options.onEnd(why);
-      if (why !== "released") say(why);
+      if (!mine?.fine) say(why);
     });
   };
   element.addEventListener("pointerdown", (event) => {
@@ -319,6 +339,12 @@ function show(name, so) {
   if (element) element.hidden = !so;
 }
 
+/** Of when what is shown in grey is. */
+function since(facts) {
+  if (!facts.last) return "";
+  return `What is grey is from ${new Date(1000 * facts.last).toLocaleTimeString([], { hourCycle: "h23" })}. `;
+}
+
 function header(facts) {
   const bus = facts.mode === "bus";
   const arm = facts.mode === "arm" || bus;
@@ -328,23 +354,31 @@ function header(facts) {
   else if (arm && !facts.connected) put("connection", `lost: ${facts.error}`, "error");
   else put("connection", where, arm ? "ok" : "");
   put("dialect", arm && facts.dialect ? String(facts.dialect) : "–");
-  put("rate", bus ? (facts.baud ? `${facts.baud} baud` : "–") : arm ? `${facts.rate.toFixed(0)} Hz` : "–");
+  const known = hexwire.known;
+  document.body.classList.toggle("hw-unknown", !known);
+  if (wasKnown !== known) {
+    wasKnown = known;
+    if (hexwire.facts) tell("facts", hexwire.facts);
+  }
+  put("rate", bus ? (facts.baud ? `${facts.baud} baud` : "–") : arm && facts.rate !== null ? `${facts.rate.toFixed(0)} Hz` : "–");
   put("trip", arm && facts.round_trip_ms !== null ? `${facts.round_trip_ms.toFixed(1)} ms` : "–");
-  put("faults", arm ? facts.faults.join("; ") || "none" : "–", arm && facts.faults.length ? "error" : "");
+  const faults = arm ? facts.faults : null;
+  put("faults", faults ? faults.join("; ") || "none" : "–", faults && faults.length ? "error" : "");
   const mine = arm && facts.holder_tab !== "" && facts.holder_tab === hexwire.tab;
   put("holder", arm ? (mine ? "this page" : facts.holder || "nobody") : "–", mine ? "ok" : "");
-  put("torque", arm ? facts.torque : "–", arm && facts.torque === "on" ? "ok" : "");
+  put("torque", arm ? facts.torque : "–", known && arm && facts.torque === "on" ? "ok" : "");
   // They need the socket of NiceGUI, which would keep a press and carry it out when it is connected again.
   const now = link && Boolean(window.socket?.connected);
   show("take", now && arm && !mine);
   show("leave", now && mine);
-  show("resume", now && mine && facts.stopped !== "");
-  show("torque-on", now && mine && facts.stopped === "" && facts.torque !== "on");
+  show("resume", now && mine && known && facts.stopped !== "");
+  show("torque-on", now && mine && known && facts.stopped === "" && facts.torque !== "on");
   show("torque-off", now && mine && facts.torque !== "off");
   document.body.classList.toggle("hw-stopped", arm && facts.stopped !== "");
   let lasting = "";
   if (!link) lasting = "No connection to the studio. STOP is tried by another way; switch the arm's power off.";
-  else if (arm && !facts.connected) lasting = `${bus ? "The servo bus cannot be read" : "The arm is not connected"}: ${facts.error}`;
+  else if (arm && !facts.connected) lasting = since(facts) + `${bus ? "The servo bus cannot be read" : "The arm is not connected"}: ${facts.error}`;
+  else if (facts.mode === "arm" && !known) lasting = since(facts) + "The arm is silent: it may do anything. STOP is tried";
   else if (arm && facts.stopped) lasting = `Stopped: ${facts.stopped}`;
   banner(lasting, facts.note || "");
 }

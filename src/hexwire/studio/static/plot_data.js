@@ -98,9 +98,10 @@ export class Columns {
   time(row) { return this._time[row]; }
   value(series, row) { return row < 0 || row >= this.length ? NaN : this._rows[series][row]; }
 
-  /** Newest known value of a series within the last rows. */
+  /** Newest known value of a series within the last second: an older one is no value of now. */
   newest(series) {
-    for (let row = this.length - 1; row >= Math.max(0, this.length - 200); row--) {
+    const since = this._time[this.length - 1] - 1;
+    for (let row = this.length - 1; row >= 0 && this._time[row] > since; row--) {
       if (!Number.isNaN(this._rows[series][row])) return this._rows[series][row];
     }
     return NaN;

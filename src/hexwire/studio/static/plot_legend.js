@@ -45,7 +45,10 @@ export class Legend {
       const unit = row.insertCell();
       unit.textContent = one.unit;
       unit.className = "unit";
-      return { line, box, cells: ["now", "a", "b", "d"].map(() => row.insertCell()) };
+      const cells = ["now", "a", "b", "d"].map(() => row.insertCell());
+      // A page greys it where nobody knows how it is now.
+      if (plot.options.live) cells[0].className = "hw-live";
+      return { line, box, cells };
     });
     this.element.replaceChildren(table);
     this.colours();

@@ -142,6 +142,7 @@ export async function mount(element, args) {
       if (index === undefined) {
         return { rate: facts.rate, round_trip: facts.round_trip_ms, faults: facts.faults?.length }[signal.key] ?? NaN;
       }
+      if (!frame.known[index]) return NaN; // what it was is no value of now
       if (signal.key === "error") return signal.factor * (frame.goal[index] - frame.position[index]);
       return signal.factor * frame[signal.key][index];
     }));

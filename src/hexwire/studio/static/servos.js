@@ -1,12 +1,11 @@
 // The live parts of the page Servos: values in the list, waves, health, ranges. Forms and text are NiceGUI's; this
 // module fills what changes often, and passes clicks in tables on as events. Must not know what a servo may do.
 
-import hexwire from "/static/live.js";
+import hexwire, { faultsOf } from "/static/live.js";
 import { Plot } from "/static/plot.js";
 
 const DIGITS = { deg: 1, counts: 0, speed: 1, load: 0, volts: 1, celsius: 0, amps: 2 };
 const FRAME = { position: [180 / Math.PI, 1], velocity: [180 / Math.PI, 1], load: [100, 0], voltage: [1, 1], temperature: [1, 0], current: [1, 2] };
-const FAULTS = { 1: "voltage", 2: "encoder", 4: "temperature", 8: "current", 32: "overload", 256: "silent" };
 
 export function mount(element, args) {
   if (!element) return;
@@ -42,12 +41,28 @@ function fill(element, rows) {
 }
 
 function live(element) {
+  element.classList.add("hw-live");
   hexwire.onServos((message) => fill(element, message.rows), element);
+}
+
+/** What needs a servo to answer cannot be pressed while nobody knows how the servos are. */
+function silenced(page) {
+  const mark = () => {
+    const unknown = hexwire.facts?.mode === "bus" && !hexwire.known;
+    for (const button of page.querySelectorAll(".sv-right .hw-button:not(.sv-offline)")) {
+      if (button.inert !== unknown) button.inert = unknown;
+    }
+  };
+  // Parts come and go.
+  const watch = new MutationObserver(mark);
+  watch.observe(page, { childList: true, subtree: true });
+  hexwire.onFacts(mark, page);
 }
 
 function list(element, args) {
   clicks(element);
   live(element);
+  silenced(element.closest(".sv-page"));
   const doing = document.getElementById(args.doing);
   if (doing) hexwire.onFacts((facts) => put(doing, facts.job || ""), element);
 }
@@ -59,6 +74,7 @@ function table(element) {
 // -- an arm's states, where a board answers for the servos -----------------------------------------------------
 
 function frames(element) {
+  element.classList.add("hw-live");
   let last = 0;
   hexwire.onFrame((frame) => {
     const now = performance.now();
@@ -67,11 +83,12 @@ function frames(element) {
     for (const cell of element.querySelectorAll("[data-frame]")) {
       const name = cell.dataset.frame, i = Number(cell.dataset.joint);
       if (name === "flags") {
-        const faults = Object.keys(FAULTS).filter((bit) => frame.flags[i] & bit).map((bit) => FAULTS[bit]);
+        const faults = faultsOf(frame.flags[i]);
         put(cell, faults.join(", ") || "ok", faults.length ? "error" : "ok");
       } else {
         const [factor, digits] = FRAME[name];
         put(cell, number(frame[name][i] * factor, digits));
+        cell.classList.toggle("hw-dim", !frame.known[i]);
       }
     }
   }, element);
