@@ -32,6 +32,16 @@ class Asker:
         pieces = body if isinstance(body, list) else list(body)
         return asyncio.run(self._ask(path, method, pieces, urlencode(query).encode()))
 
+    def together(self, path: str, method: str, queries: Sequence[dict[str, object]]) -> list[Any]:
+        """The answers to requests that are there at the same time."""
+
+        async def ask() -> list[tuple[int, bytes]]:
+            return await asyncio.gather(
+                *(self._ask(path, method, [], urlencode(query).encode()) for query in queries)
+            )
+
+        return [json.loads(data) for _, data in asyncio.run(ask())]
+
     def __call__(self, path: str, method: str = "GET", body: Sequence[bytes] = (), **query: object) -> Any:
         """The answer, from JSON."""
         status, data = self.raw(path, method, body, **query)

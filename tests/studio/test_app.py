@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import asyncio
+import threading
+from collections import Counter
+from functools import partial
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import pytest
+from tests.studio.running import PATIENCE, until
 
+from hexwire.control.power import Stopped
 from hexwire.errors import LeaseError
-from hexwire.studio.access import Right
+from hexwire.studio.access import Access, Right
+from hexwire.studio.app import Studio
+from hexwire.studio.source import Source
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from tests.studio.running import RunningStudio
 
 
@@ -39,3 +50,82 @@ def test_a_tab_that_is_gone_gives_control_back(studio: RunningStudio) -> None:
     assert studio.studio.source.arm is not None
     shared = studio.studio.source.arm.shared
     studio.until(lambda: shared.holder is None, "the end of control")
+
+
+def test_a_burst_of_stops_is_two_stops(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, line, whys = threading.Event(), threading.Event(), list[str]()
+
+    def stop(why: str) -> Stopped:
+        whys.append(why)
+        begun.set()
+        line.wait(PATIENCE)
+        return Stopped("arm", True)
+
+    def opened() -> Any:
+        return SimpleNamespace(name="arm", attended=SimpleNamespace(end_all=lambda why: None), stop=stop)
+
+    studio = Studio(Access(frozenset()), tmp_path)
+    present = opened()
+    monkeypatch.setattr(Source, "present", property(lambda source: present))
+    studio.stop("tab 1")
+    assert begun.wait(PATIENCE)
+    for number in range(2356):
+        studio.stop(f"tab {number % 2}")
+    # A stop of what is opened meanwhile does not wait for one that hangs.
+    begun.clear()
+    present = opened()
+    studio.stop("tab 3")
+    assert begun.wait(PATIENCE)
+    line.set()
+    monkeypatch.undo()
+    until(lambda: len(whys) == 3, "the stops")
+    studio.close()
+    assert sorted(whys) == ["tab 0, tab 1 stopped it", "tab 1 stopped it", "tab 3 stopped it"]
+
+
+def test_those_who_operate_wait_for_nobody_who_watches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    studio = Studio(Access(frozenset()), tmp_path)
+    tabs = iter([SimpleNamespace(session=f"s{i % 9}", right=Right.WATCH) for i in range(64)])
+    operator = SimpleNamespace(session="o", right=Right.OPERATE)
+    monkeypatch.setattr(studio, "tab", lambda: next(tabs, operator))
+    go = threading.Event()
+
+    async def ask() -> None:
+        watching = [asyncio.create_task(studio.run(lambda: go.wait(PATIENCE))) for _ in range(64)]
+        await asyncio.sleep(0)
+        assert await studio.run(lambda: "done") == "done"
+        go.set()
+        assert all(await asyncio.gather(*watching))
+
+    asyncio.run(ask())
+    studio.close()
+
+
+def test_what_pages_compute_takes_one_thread_of_each_right(tmp_path: Path) -> None:
+    studio = Studio(Access(frozenset()), tmp_path)
+    running, most, lock = Counter[str](), Counter[str](), threading.Lock()
+    go, done = threading.Event(), list[Right]()
+
+    def work(right: Right) -> None:
+        with lock:
+            for key in (right.name, "all"):
+                running[key] += 1
+                most[key] = max(most[key], running[key])
+        # The first of those who watch takes long.
+        assert right is Right.OPERATE or go.wait(PATIENCE)
+        with lock:
+            done.append(right)
+            for key in (right.name, "all"):
+                running[key] -= 1
+
+    async def ask() -> None:
+        watching = [asyncio.create_task(studio.compute(Right.WATCH, partial(work, Right.WATCH))) for _ in range(64)]
+        for _ in range(10):
+            await studio.compute(Right.OPERATE, partial(work, Right.OPERATE))
+        go.set()
+        await asyncio.gather(*watching)
+
+    asyncio.run(ask())
+    studio.close()
+    assert done == [Right.OPERATE] * 10 + [Right.WATCH] * 64
+    assert most == {"WATCH": 1, "OPERATE": 1, "all": 2}

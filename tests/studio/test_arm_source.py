@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import struct
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import pytest
+from tests.studio.running import until
 
 from hexwire.control import motion_run
+from hexwire.control.known_state import KNOWN_FOR
 from hexwire.errors import UsageError
+from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
 from hexwire.studio.access import Right
+from hexwire.studio.frames import FrameBit
 from hexwire.studio.source import Source
 from hexwire.studio.tabs import Tab
 
@@ -46,6 +53,37 @@ def test_on_a_slow_line_less_silence_ends_a_motion_to_a_goal_too(
     with pytest.raises(UsageError, match="enough"):
         arm.begin_run(tab, entry, {}, arm.mark())
     assert given["silence"] == 0.15
+
+
+def test_questions_of_pages_cannot_keep_the_line_busy(source: Source) -> None:
+    arm = source.open("sim://hex7bot?name=asked")
+    now, asked = 0.0, list[str]()
+    arm.arm.owner.now = lambda: now  # type: ignore[method-assign]
+
+    def call(said: str) -> str:
+        asked.append(said)
+        if said == "it hangs":
+            raise UsageError(said)
+        return said
+
+    found = list[str]()
+
+    def burst() -> None:
+        found.extend(arm.ask("pings", lambda: call("there")) for _ in range(50))
+
+    threads = [threading.Thread(target=burst) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert (found, asked) == (["there"] * 400, ["there"])
+    # Another question has another answer, and a fault is one for all, too.
+    for _ in range(3):
+        with pytest.raises(UsageError, match="it hangs"):
+            arm.ask("probe", lambda: call("it hangs"))
+    assert asked == ["there", "it hangs"]
+    now = 2.1
+    assert [arm.ask("probe", lambda: call("again")), arm.ask("pings", lambda: call("again"))] == ["again"] * 2
 
 
 def test_every_stop_counts_whoever_makes_it(source: Source) -> None:
@@ -85,3 +123,106 @@ def test_a_motion_ends_because_its_page_was_closed_not_for_its_lease(
     assert progress is not None
     assert (progress.outcome, progress.text) == ("preempted", "its page was closed")
     assert arm.holder is None
+
+
+def test_a_released_jog_brakes_instead_of_going_back_to_where_it_was_measured(
+    source: Source, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source.silence = 60.0
+    arm = source.open("sim://hex7bot?name=brakes", watchdog=5.0)
+    arm.arm.enable(True)
+    tab = Tab("tab 1", "key", "session", Right.OPERATE)
+    source.take(tab)
+    told: list[float] = []
+    write = arm.driver.write
+
+    def noted(target: JointTarget) -> SentTarget:
+        told.extend(angle for name, angle in target.positions if name == "J1")
+        return write(target)
+
+    monkeypatch.setattr(arm.driver, "write", noted)
+    entry = arm.attended.begin(tab.key, 1)
+    assert entry is not None
+    arm.begin_jog(tab, entry, "joint", {"directions": {"J1": 1.0}, "speed": 0.4}, arm.mark())
+    until(lambda: len(told) > 10 and told[-1] - told[-2] > 0.02, "it moves")
+    arm.attended.end(tab.key, "released")
+    released = len(told)
+    until(lambda: not arm.jog.busy, "it rests")
+    steps = [b - a for a, b in pairwise(told[released - 1 :])]
+    assert len(steps) > 5
+    assert all(step >= -1e-9 for step in steps), "it never goes back"
+    assert steps[-1] < 0.2 * max(steps)
+
+
+class Seen:
+    """An owner as it is at some time after a state."""
+
+    def __init__(self, owner: Any, state: JointState, later: float = 0.0, **more: Any) -> None:
+        self.__dict__.update(more, state=state, now=lambda: state.stamp + later, _owner=owner)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._owner, name)
+
+
+MEASURED = {"known": False, "dialect": 0, "rate": None, "round_trip_ms": None, "faults": None, "torque": "unknown"}
+"""What the facts say once nothing is known any more."""
+LASTING = {"robot", "url", "connected", "error", "last", "missing", "unready"}
+LASTING |= {"holder", "lost", "stopped", "stops", "note"}
+"""What the studio knows by itself."""
+
+
+def test_every_field_that_is_not_known_is_unknown_within_a_second(source: Source) -> None:
+    arm = source.open("sim://hex7bot?name=grey")
+    arm._wall = lambda: 1000.0
+    owner = arm.arm.owner
+    arm.driver.torque(True)
+    until(
+        lambda: owner.state is not None and len(owner.state.torque_on) == 7 and owner.rate > 1, "torque in a state"
+    )
+    state, joints = owner.state, 7
+    assert state is not None
+
+    def at(later: float, seen: JointState = state, **more: Any) -> dict[str, Any]:
+        arm.arm.owner = Seen(owner, seen, later, **more)  # type: ignore[assignment]  # as it is at another time
+        return arm.facts()
+
+    known = at(0.0)
+    # A field that is added is a question that somebody has to answer here.
+    assert set(known) == set(MEASURED) | LASTING
+    for later, fresh in (
+        (0.5, True),
+        (KNOWN_FOR - max(state.age) - 0.01, True),
+        (KNOWN_FOR + 0.05, False),
+        (30.0, False),
+    ):
+        facts = at(later)
+        for name, unknown in MEASURED.items():
+            # The rate is the owner's own, and ends with the state.
+            assert (facts[name] != unknown) is fresh, (name, later)
+        assert (facts["last"] is None, facts["unready"] == "") == (fresh, fresh), later
+        assert len(facts["missing"]) == (0 if fresh else joints), later
+        bits = struct.unpack_from("<H", arm.frame(state), 2)[0]
+        flags = struct.unpack(f"<{joints}I", arm.frame(state)[-4 * joints :])
+        assert bool(bits & FrameBit.KNOWN) is fresh, later
+        assert [bool(each & JointFlag.SILENT) for each in flags] == [not fresh] * joints
+        assert (arm.row()["known"], arm.row()["torque"]) == (fresh, "on" if fresh else "")
+    assert at(30.0)["last"] == 970
+    # A lost connection, at once.
+    lost = at(0.0, connected=False, error="unplugged")
+    assert {name: lost[name] for name in MEASURED} == MEASURED
+    assert lost["unready"] == "the arm is not connected: unplugged"
+    # Each joint for itself: by its servo's silence, and by the age of its sample.
+    for i, name in enumerate(state.names):
+        flags_of = [*state.flags]
+        flags_of[i] |= JointFlag.SILENT
+        ages = [*state.age]
+        ages[i] = 1.0
+        for part in (replace(state, flags=tuple(flags_of)), replace(state, age=tuple(ages))):
+            facts = at(0.0, part)
+            assert facts["missing"] == [name]
+            assert facts["unready"] == f"{name} does not answer: nobody knows where the arm is"
+            assert facts["torque"] == f"unknown: {name}"
+            assert facts["faults"] == [f"{name}: silent"]
+            silent = struct.unpack(f"<{joints}I", arm.frame(part)[-4 * joints :])
+            assert [bool(each & JointFlag.SILENT) for each in silent] == [other == name for other in state.names]
+    arm.arm.owner = owner

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import asyncio
+import threading
+from collections.abc import Collection, Iterator
+from contextlib import nullcontext
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import pytest
 from tests.studio.asking import Asker
+from tests.studio.running import PATIENCE, until
 
-from hexwire.errors import LinkNotFoundError
+from hexwire.control.power import Stopped, Torques
+from hexwire.errors import HexwireError, LinkLostError, LinkNotFoundError, UsageError
 from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio
 from hexwire.studio.fleet_api import fleet_routes
+from hexwire.studio.fleet_watch import FleetWatch
+
+_STALLED = 120.0
+"""Seconds that bursts may take on a machine that has other things to do."""
 
 
 class Holder(NamedTuple):
@@ -30,11 +40,15 @@ class Puppet:
     def look(self) -> dict[str, Any]:
         return {"arms": []}
 
-    def stop(self, name: str | None, who: str) -> list[dict[str, Any]]:
+    async def stop(self, name: str | None, who: str) -> list[Stopped]:
         self.stopped.append(name)
         if name == "none":
             raise LinkNotFoundError("there is no arm none")
-        return [{"name": "lab/arm1", "confirmed": True}]
+        limp = Torques(limp=("J1",))
+        return [Stopped("lab/arm1", True, ("J1",), torques=limp), Stopped("lab/hung", False, error="it hangs")]
+
+    def address(self, name: str) -> str:
+        return f"zenoh:{name}"
 
     def known(self, name: str) -> str:
         return f"zenoh:{name}"
@@ -48,6 +62,7 @@ class Desk:
 
     def __init__(self) -> None:
         self.studio: Any = Studio(Access(frozenset()))
+        self.studio.fleet.close()
         self.fleet = self.studio.fleet = Puppet()
         self.opened: list[str] = []
         self.studio.source.open = lambda url, *_, **__: self.opened.append(url)
@@ -69,18 +84,158 @@ def desk() -> Iterator[Desk]:
 def test_everybody_sees_and_stops(desk: Desk, right: Right) -> None:
     ask = desk.ask[right]
     assert ask("/fleet/arms") == {"arms": []}
-    assert ask("/fleet/stop", "POST", name="lab/arm1") == [{"name": "lab/arm1", "confirmed": True}]
-    ask("/fleet/stop", "POST", all=1)
+    said = [row["line"] for row in ask("/fleet/stop", "POST", name="lab/arm1")]
+    assert said == ["lab/arm1: stopped, limp: J1 (0 ms)", "lab/hung: NOT CONFIRMED: it hangs; unknown"]
+    # What may still move comes first.
+    assert [row["name"] for row in ask("/fleet/stop", "POST", all=1)] == ["lab/hung", "lab/arm1"]
     assert desk.fleet.stopped == ["lab/arm1", None]
     assert ask("/fleet/stop", "POST", name="none") == {"refused": "there is no arm none"}
 
 
 def test_a_stop_says_what_it_stops_and_is_no_link(desk: Desk) -> None:
     ask = desk.ask[Right.OPERATE]
-    for query in ({}, {"name": "lab/arm1", "all": 1}):
+    for query in ({}, {"name": "lab/arm1", "all": 1}, {"own": 1, "all": 1}, {"name": "lab/arm1", "own": 1}):
         assert "nothing was stopped" in ask("/fleet/stop", "POST", **query)["refused"]
     assert ask.raw("/fleet/stop", all=1)[0] == 405
     assert desk.fleet.stopped == []
+
+
+class Opened:
+    """An arm that the studio has open."""
+
+    name, holder = "hex7bot at /dev/x", None
+
+    def __init__(self, url: str = "/dev/x", error: str = "") -> None:
+        self.driver = SimpleNamespace(url=url)
+        self.attended = SimpleNamespace(end_all=lambda why: None)
+        self.url, self.error, self.stopped = url, error, list[str]()
+        self.line = threading.Event()
+        self.line.set()
+
+    def stop(self, why: str) -> Stopped:
+        self.stopped.append(why)
+        assert self.line.wait(_STALLED)
+        if self.error:
+            raise LinkLostError(self.error)
+        return Stopped(self.name, True, ("J1", "J2"), torques=Torques(("J1",), ("J2",)))
+
+    def torques(self) -> Torques:
+        return Torques(unknown=("J1", "J2"))
+
+    def facts(self) -> dict[str, object]:
+        return {"url": self.url}
+
+    def row(self) -> dict[str, object]:
+        return {"name": self.name, "torque": "J1"}
+
+
+def opened(desk: Desk, arm: Opened) -> Opened:
+    desk.studio.source = SimpleNamespace(present=arm, arm=arm, close=lambda: None)
+    return arm
+
+
+def test_all_arms_are_what_is_open_here_first_and_then_the_shared_ones(desk: Desk) -> None:
+    ask = desk.ask[Right.WATCH]
+    own = opened(desk, Opened())
+    assert [row["own"] for row in ask("/fleet/arms")["arms"]] == [True]
+    said = [row["line"] for row in ask("/fleet/stop", "POST", all=1)]
+    assert said[0] == "hex7bot at /dev/x: stopped, holding: J1; limp: J2 (0 ms)"
+    assert [line.partition(":")[0] for line in said[1:]] == ["lab/hung", "lab/arm1"]
+    assert len(own.stopped) == 1
+    (row,) = ask("/fleet/stop", "POST", own=1)
+    assert (row["line"], len(own.stopped)) == (said[0], 2)
+    # An arm that is not reached is said to be in no known state, and keeps nobody else from being stopped.
+    opened(desk, Opened(error="the cable is off"))
+    said = [row["line"] for row in ask("/fleet/stop", "POST", all=1)]
+    assert said[0] == "hex7bot at /dev/x: NOT CONFIRMED: the cable is off; unknown: J1 J2"
+    assert len(said) == 3
+    # A shared arm that is open here has one line, unless it has not confirmed.
+    opened(desk, Opened("zenoh:lab/arm1"))
+    assert [row["name"] for row in ask("/fleet/stop", "POST", all=1)] == [own.name, "lab/hung"]
+    # Without Zenoh, or without shared arms, the own one is stopped all the same.
+    for error, more in ((LinkNotFoundError("none"), []), (UsageError("no zenoh"), ["the shared arms"])):
+
+        async def stop(name: str | None, who: str, error: HexwireError = error) -> list[Stopped]:
+            raise error
+
+        desk.fleet.stop = stop
+        own = opened(desk, Opened())
+        assert [row["name"] for row in ask("/fleet/stop", "POST", all=1)] == [own.name, *more]
+        assert len(own.stopped) == 1
+
+
+def test_an_own_arm_that_hangs_delays_no_other(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hexwire.studio.app._PATIENCE", 0.05)
+    go_on = threading.Event()
+    own = opened(desk, Opened())
+    own.stop = lambda why: go_on.wait(30.0) and Stopped("", False)  # type: ignore[assignment,method-assign,return-value]
+    said = [row["line"] for row in desk.ask[Right.WATCH]("/fleet/stop", "POST", all=1)]
+    assert said[0] == "hex7bot at /dev/x: NOT CONFIRMED: no answer within 0.05 s; unknown"
+    assert len(said) == 3
+    go_on.set()
+
+
+def test_a_burst_of_stops_is_two_stops_and_none_waits_for_that_of_another_arm(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watch = desk.studio.fleet = FleetWatch()
+    monkeypatch.setattr(watch, "_begin", lambda: None)
+    monkeypatch.setattr(watch, "_open", nullcontext)
+    monkeypatch.setattr("hexwire.studio.fleet_watch._HUNG", 0.01)
+    begun, all_are_there, go_on = list[set[str]](), threading.Event(), threading.Event()
+    all_are_there.set()
+    # An arm that does not answer makes the first stop of all last as long as it may.
+    hang = iter([go_on])
+
+    def stop(roster: object, client: str, *, only: Collection[str] | None) -> Iterator[Stopped]:
+        names = set(only or {"lab/arm1", "lab/arm2"})
+        begun.append(names)
+        assert next(hang, all_are_there).wait(_STALLED)
+        return iter([Stopped(name, True) for name in sorted(names)])
+
+    monkeypatch.setattr("hexwire.fleet.overview.stop_all", stop)
+    ask, answered = desk.ask[Right.WATCH], list[Any]()
+    first = threading.Thread(target=lambda: answered.append(ask("/fleet/stop", "POST", all=1)))
+    first.start()
+    until(lambda: begun, "the stop of an arm that hangs")
+    assert ask("/fleet/stop", "POST", name="lab/arm1")
+    # From now on a slow machine begins no further one.
+    monkeypatch.setattr("hexwire.studio.fleet_watch._HUNG", _STALLED)
+    own = opened(desk, Opened())
+    own.line = all_are_there
+
+    def burst(**query: object) -> list[Any]:
+        begun.clear()
+        own.stopped.clear()
+        all_are_there.clear()
+        left = 2357
+        asked = desk.studio.tabs.find
+
+        def find(*args: Any) -> Any:
+            # Each asks for it before the loop goes on to the next one.
+            nonlocal left
+            left -= 1
+            if not left:
+                asyncio.get_running_loop().call_soon(all_are_there.set)
+            return asked(*args)
+
+        monkeypatch.setattr(desk.studio.tabs, "find", find)
+        return ask.together("/fleet/stop", "POST", [query] * left)
+
+    assert [[row["name"] for row in rows] for rows in burst(name="lab/arm1")] == [["lab/arm1"]] * 2357
+    assert 1 <= len(begun) <= 2
+    everyone = [own.name, "lab/arm1", "lab/arm2"]
+    assert [[row["name"] for row in rows] for rows in burst(all=1)] == [everyone] * 2357
+    assert 1 <= len(begun) <= 2
+    assert 1 <= len(own.stopped) <= 2
+    assert {rows[0]["name"] for rows in burst(own=1)} == {own.name}
+    assert 1 <= len(own.stopped) <= 2
+    # All that time one arm has hung.
+    assert not answered
+    go_on.set()
+    first.join(PATIENCE)
+    assert [row["name"] for row in answered[0]] == ["lab/arm1", "lab/arm2"]
+    watch.close()
 
 
 def test_only_who_may_operate_opens_an_arm_here(desk: Desk) -> None:

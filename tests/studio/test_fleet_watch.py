@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 from tests.fleet.conftest import Serve, runtime, serve
 from tests.studio.running import until
 
+from hexwire.control.power import Stopped
 from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.studio.fleet_watch import FleetWatch
 
@@ -52,6 +54,10 @@ def looked(watch: FleetWatch, true: Callable[[dict[str, Any]], object]) -> dict[
     return found
 
 
+def stopped(watch: FleetWatch, name: str | None, who: str) -> list[Stopped]:
+    return asyncio.run(watch.stop(name, who))
+
+
 def test_arms_appear_are_stopped_and_vanish(serve: Serve, watch: FleetWatch) -> None:
     service = serve("lab/arm1", robot="sim")
     serve("lab/arm2", robot="sim")
@@ -61,17 +67,23 @@ def test_arms_appear_are_stopped_and_vanish(serve: Serve, watch: FleetWatch) -> 
         ("lab/arm2", "off", False, ""),
     ]
     assert "HEXWIRE_FLEET" in found["note"]
-    (done,) = watch.stop("lab/arm2", "tab 1")
-    assert (done["name"], done["confirmed"]) == ("lab/arm2", True)
+    (done,) = stopped(watch, "lab/arm2", "tab 1")
+    assert (done.name, done.confirmed, done.torques.holding) == ("lab/arm2", True, ())
+    assert str(done).startswith("lab/arm2: stopped, limp: J1 J2")
     found = looked(watch, lambda found: found["arms"][1]["stopped"])
     assert "tab 1 of" in found["arms"][1]["why"]
     assert not found["arms"][0]["stopped"]
-    assert {row["name"] for row in watch.stop(None, "tab 1")} == {"lab/arm1", "lab/arm2"}
+    assert {row.name for row in stopped(watch, None, "tab 1")} == {"lab/arm1", "lab/arm2"}
     assert watch.known("lab/arm1") == "zenoh:lab/arm1"
     with pytest.raises(UsageError, match="there is no arm"):
         watch.known("serial:///dev/x")
     with pytest.raises(LinkNotFoundError, match="there is no arm lab/arm9"):
-        watch.stop("lab/arm9", "tab 1")
+        stopped(watch, "lab/arm9", "tab 1")
+    # Whatever the page asks, a state that is old is not shown as the present.
+    assert all(
+        row["known"] for row in looked(watch, lambda found: all(row["known"] for row in found["arms"]))["arms"]
+    )
+    assert [watch._row(row, 1.0)["known"] for row in watch._rows or ()] == [False, False]
     service.close()
     assert looked(watch, lambda found: found["gone"])["gone"] == ["lab/arm1"]
 
@@ -80,7 +92,7 @@ def test_without_arms_it_says_how_to_share_one(watch: FleetWatch) -> None:
     found = looked(watch, lambda found: not found["looking"])
     assert "hexwire serve --name lab/arm1" in found["note"]
     with pytest.raises(LinkNotFoundError, match="hexwire serve"):
-        watch.stop(None, "tab 1")
+        stopped(watch, None, "tab 1")
 
 
 def test_nobody_looks_nothing_is_watched(watch: FleetWatch, clock: Clock) -> None:

@@ -13,13 +13,15 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from hexwire.errors import HexwireError, LeaseError
 from hexwire.control.attended import FINE
+from hexwire.control.power import Stopped
+from hexwire.control.workers import Together
+from hexwire.errors import HexwireError, LeaseError, LinkNotFoundError
 
 from .access import WATCHING_ONLY, Access, Right
 from .bus_source import live_row
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
     from hexwire.control.attended import Entry
     from hexwire.epochs import Token
 
+    from .bus_source import BusSource
     from .plugged import Plugged
     from .source import ArmSource
 
@@ -43,8 +46,14 @@ __all__ = ["FAILED", "Studio"]
 _log = logging.getLogger(__name__)
 
 _T = TypeVar("_T")
+_LONGEST = 200
+"""Letters of the names of those who stopped the arm."""
 _MOST_CALLS = 8
 """Calls of the pages of one session that wait or run at a time."""
+_LAST_STOP = 5.0
+"""Seconds in which the last stop must end."""
+_PATIENCE = 3.0
+"""Seconds for an arm to confirm that it is stopped, as for a shared one."""
 
 
 class _Failed:
@@ -56,6 +65,20 @@ class _Failed:
 
 FAILED: Final = _Failed()
 """What `Studio.run` returns when the call failed; it is false."""
+
+
+def _address(url: str) -> str:
+    """Without options."""
+    return url.partition("?")[0]
+
+
+async def _outcome(name: str, future: Future[Stopped]) -> Stopped:
+    """What has become of a stop; not confirmed if it takes too long."""
+    waiting = asyncio.wrap_future(future)
+    await asyncio.wait((waiting,), timeout=_PATIENCE)
+    if waiting.done():
+        return waiting.result()
+    return Stopped(name, False, error=f"no answer within {_PATIENCE:g} s", seconds=_PATIENCE)
 
 
 class Studio:
@@ -95,7 +118,9 @@ class Studio:
         self.holds.add("run", self._begin_run)
         self.live = Live(self)
         self.orders = ThreadPoolExecutor(1, "studio orders")
-        self._stops = ThreadPoolExecutor(2, "studio stops")
+        # The stops of what is open: one answers all who have asked before it began.
+        self._stops: tuple[object, Together[str, Stopped]] | None = None
+        self._stopping = threading.Lock()
         # Those who may operate never wait for those who only watch.
         self._workers = {right: ThreadPoolExecutor(8, "studio") for right in Right}
         # One thread each: of all that pages ask for, at most two things compete with the arm for the interpreter.
@@ -221,19 +246,78 @@ class Studio:
 
     def stop(self, who: str) -> None:
         """Stop what is open, ahead of everything; returns at once. Any thread may call it; nobody needs control."""
+        self._stop_present(who)
+
+    def _stop_present(self, who: str) -> tuple[str, Future[Stopped]] | None:
+        """Begin to stop what is open; its name and what will have become of it, or None if nothing is open."""
         present = self.source.present
         if present is None:
-            return
+            return None
         present.attended.end_all(f"{who} stopped it")
+        with self._stopping:
+            return present.name, self._stops_of(present).ask(who)
 
-        def stop() -> None:
+    def _stops_of(self, present: ArmSource | BusSource) -> Together[str, Stopped]:
+        """The stops of what is open. Another one never waits for those of what was open before, which may hang."""
+
+        def stop(names: list[str]) -> Stopped:
             try:
-                present.stop(f"{who} stopped it")
+                done = present.stop(f"{', '.join(dict.fromkeys(names))[:_LONGEST]} stopped it")
             except HexwireError as error:
-                _log.error("the stop was not confirmed: %s", error)
-                self.live.tell({"kind": "news", "level": "error", "text": f"the stop was not confirmed: {error}"})
+                done = Stopped(present.name, False, error=str(error), torques=present.torques())
+            if not done.confirmed:
+                _log.error("the stop was not confirmed: %s", done.error)
+                self.live.tell(
+                    {"kind": "news", "level": "error", "text": f"the stop was not confirmed: {done.error}"}
+                )
+            return done
 
-        self._stops.submit(stop)
+        known = self._stops
+        if known is not None and known[0] is present:
+            return known[1]
+        self._stops = made = present, Together("studio stops", stop)
+        if known is not None:
+            known[1].close(0.0)
+        return made[1]
+
+    async def stop_own(self, who: str) -> list[Stopped]:
+        """Stop what is open here, and say what it does then; nothing if nothing is open."""
+        begun = self._stop_present(who)
+        return [] if begun is None else [await _outcome(*begun)]
+
+    async def stop_all(self, who: str) -> list[Stopped]:
+        """Stop every arm that a page can reach: what is open here first, then those that are shared.
+
+        Raises:
+            LinkNotFoundError: There is none.
+        """
+        begun = self._stop_present(who)
+        try:
+            shared = await self.fleet.stop(None, who)
+        except LinkNotFoundError:
+            if begun is None:
+                raise
+            shared = []
+        except HexwireError as error:
+            shared = [Stopped("the shared arms", False, error=str(error))]
+        if begun is None:
+            return sorted(shared, key=lambda row: row.confirmed)
+        own = await _outcome(*begun)
+        # Of an arm that is shared and open here, once.
+        here = self.source.arm
+        url = "" if here is None else _address(here.driver.url)
+        rest = [row for row in shared if self.fleet.address(row.name) != url]
+        # What may still move is seen first.
+        return [own, *sorted(rest if own.confirmed else shared, key=lambda row: row.confirmed)]
+
+    def arms(self) -> dict[str, Any]:
+        """The arms that a page can reach, for JSON, as `FleetWatch.look`; first what is open here."""
+        found, present = self.fleet.look(), self.source.present
+        if present is not None:
+            url = str(present.facts()["url"])
+            rest = [row for row in found["arms"] if row["url"] != _address(url)]
+            found["arms"] = [present.row() | {"url": url, "own": True}, *rest]
+        return found
 
     def end_motions(self, why: str) -> None:
         """End what anybody holds; returns at once."""
@@ -337,5 +421,7 @@ class Studio:
         self.shelf.close()
         self.source.close()
         self.fleet.close()
+        if self._stops is not None:
+            self._stops[1].close(_LAST_STOP)
         for pool in (self.orders, *self._workers.values(), *self._pages.values()):
             pool.shutdown()

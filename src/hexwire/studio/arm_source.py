@@ -26,6 +26,7 @@ from hexwire.control.motion_desk import MotionDesk
 from hexwire.control.pose_file import PoseFile
 from hexwire.control.power import Stopped, Torques
 from hexwire.control.shared import Order, SharedArm
+from hexwire.drivers.values import StopMode
 from hexwire.errors import HexwireError, StoppedError
 from hexwire.model.state import JointFlag
 
@@ -149,9 +150,20 @@ class ArmSource:
         """Renew the control of a tab; raises `LeaseError` if it is lost."""
         self.shared.beat(key, 0.0)
 
-    def stop(self, why: str) -> None:
-        """Stop the arm; raises `HexwireError` if it does not confirm it."""
-        self.shared.stop(why)
+    def stop(self, why: str) -> Stopped:
+        """Stop the arm, and say what it does then; raises `HexwireError` if the stop cannot be sent."""
+        began = time.monotonic()
+        confirmed = self.shared.stop(why)
+        seconds = time.monotonic() - began
+        missing = [name for name in self.settings.model.names if name not in confirmed]
+        error = f"not confirmed by {', '.join(missing)}" if missing else ""
+        torques = self.arm.torques().after_stop(confirmed, StopMode.HOLD)
+        return Stopped(self.name, not missing, confirmed, error, seconds, torques=torques)
+
+    @property
+    def name(self) -> str:
+        """Its robot and address, for lists of several arms."""
+        return f"{self.settings.model.name} at {self.driver.url}"
 
     def leave(self, tab: Tab, grant: int) -> None:
         """Take control back from a tab; what moves holds."""
@@ -358,6 +370,24 @@ class ArmSource:
     def torques(self) -> Torques:
         """Which joints hold and which are limp, as far as it is known."""
         return self.arm.torques()
+
+    def row(self) -> dict[str, object]:
+        """The arm in a list of several, for JSON, as `hexwire.fleet.overview.Overview`."""
+        owner, facts = self.arm.owner, self.facts()
+        state = owner.state if owner.connected else None
+        return {
+            "name": self.name,
+            "robot": facts["robot"],
+            "host": "",
+            "holder": facts["holder"],
+            "torque": self.torques().short,
+            "stopped": bool(facts["stopped"]),
+            "why": facts["error"] or facts["stopped"] or facts["lost"],
+            "age": None if state is None else max(0.0, owner.now() - state.stamp),
+            "silent": not facts["known"],
+            "known": facts["known"],
+            "faults": "; ".join(cast(list[str], facts["faults"] or [])),
+        }
 
     def model(self) -> dict[str, object]:
         """The joints, for JSON: radians, radians per second."""

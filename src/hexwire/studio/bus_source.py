@@ -12,7 +12,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from hexwire.bus.health_history import HealthHistory
 from hexwire.bus.live_values import LiveValues, read_live
@@ -22,6 +22,7 @@ from hexwire.bus.survey import Surveyed, survey
 from hexwire.control.known_state import KNOWN_FOR
 from hexwire.control.power import Stopped, Torques
 from hexwire.control.servo_bench import Job, ServoBench
+from hexwire.drivers.values import StopMode
 from hexwire.errors import HexwireError, LeaseError, ServoError, StoppedError
 from hexwire.model.state import JointFlag
 
@@ -138,15 +139,25 @@ class BusSource:
             return False
         return True
 
-    def stop(self, why: str) -> None:
-        """Stop the servos; raises `HexwireError` if they do not confirm it."""
+    def stop(self, why: str) -> Stopped:
+        """Stop the servos, and say what they do then; raises `HexwireError` if the stop cannot be sent."""
+        began = time.monotonic()
         try:
             unsure = self.bench.stop(why)
         finally:
             self.on_change()
-        if unsure:
-            names = ", ".join(map(str, unsure))
-            raise ServoError(f"servo {names} did not confirm it: switch the power off if it may move")
+        seconds = time.monotonic() - began
+        ids = self.bench.servo_ids
+        confirmed = tuple(str(i) for i in ids if i not in unsure)
+        error = f"not confirmed by servo {', '.join(map(str, unsure))}" if unsure else ""
+        torques = self.torques().after_stop(confirmed, StopMode.HOLD)
+        return Stopped(self.name, not unsure, confirmed, error, seconds, torques=torques)
+
+    @property
+    def name(self) -> str:
+        """What it is and its address, for lists of several arms."""
+        return f"servo bus at {self.bus.link.url}"
+
     def torques(self) -> Torques:
         """Which servos hold and which are limp, by id, as far as it was just read."""
         known = {i: self.torque[i] for i in self.torque if self.is_known(i)}
@@ -352,6 +363,24 @@ class BusSource:
             "torque": torque_words(torques) if bench.servo_ids else "–",
             "job": "" if job is None else f"{job.what}: {job.told}" if job.told else job.what,
             "note": "",
+        }
+
+    def row(self) -> dict[str, object]:
+        """The bus in a list of arms, for JSON, as `hexwire.fleet.overview.Overview`."""
+        facts = self.facts()
+        heard = self.heard > -math.inf
+        return {
+            "name": self.name,
+            "robot": "servo bus",
+            "host": "",
+            "holder": facts["holder"],
+            "torque": self.torques().short if self.bench.servo_ids else "",
+            "stopped": bool(facts["stopped"]),
+            "why": facts["error"] or facts["stopped"],
+            "age": max(0.0, self._clock() - self.heard) if heard else None,
+            "silent": not facts["known"],
+            "known": facts["known"],
+            "faults": "; ".join(cast(list[str], facts["faults"] or [])),
         }
 
     def shutdown(self) -> None:

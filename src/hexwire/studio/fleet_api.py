@@ -7,6 +7,7 @@ know how arms are found or stopped.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from starlette.requests import Request
@@ -19,6 +20,8 @@ from .guard import SESSION
 from .wire_api import refusal, tab_of
 
 if TYPE_CHECKING:
+    from hexwire.control.power import Stopped
+
     from .app import Studio
 
 __all__ = ["fleet_routes"]
@@ -42,21 +45,36 @@ def fleet_routes(present: Callable[[], Studio]) -> list[Route]:
 
         return endpoint
 
+    async def stop(request: Request) -> Response:
+        # In the loop: threads that wait for arms would be too few for a burst, which is one stop.
+        try:
+            done = await _stop(present(), request)
+        except HexwireError as error:
+            return refusal(error)
+        return JSONResponse([{**asdict(row), "line": str(row)} for row in done], headers=_HEADERS)
+
     return [
-        Route("/fleet/arms", asked(lambda studio, _: studio.fleet.look())),
-        Route("/fleet/stop", asked(_stop), methods=["POST"]),
+        Route("/fleet/arms", asked(lambda studio, _: studio.arms())),
+        Route("/fleet/stop", stop, methods=["POST"]),
         Route("/fleet/open", asked(_open), methods=["POST"]),
     ]
 
 
-def _stop(studio: Studio, request: Request) -> Any:
-    """Stop one arm, or all; whoever sees the page may do this, as far as the studio's certificate allows."""
-    name = request.query_params.get("name")
-    if (name is None) == (request.query_params.get("all") != "1"):
+async def _stop(studio: Studio, request: Request) -> list[Stopped]:
+    """Stop one shared arm, what is open here, or all; whoever sees the page may do this.
+
+    Of the shared arms it stops those that the studio's certificate allows.
+    """
+    asked = request.query_params
+    name, own, every = asked.get("name"), asked.get("own") == "1", asked.get("all") == "1"
+    if (name is not None) + own + every != 1:
         raise UsageError("nothing was stopped: name an arm, or say all")
     # Of a page that the studio has forgotten, too: a stop is never refused for that.
     tab = studio.tabs.find(request.query_params.get("tab", ""), request.scope[SESSION].key)
-    return studio.fleet.stop(name, tab.name if tab is not None else "the studio")
+    who = tab.name if tab is not None else "the studio"
+    if name is not None:
+        return await studio.fleet.stop(name, who)
+    return await (studio.stop_all(who) if every else studio.stop_own(who))
 
 
 def _open(studio: Studio, request: Request) -> Any:

@@ -1,23 +1,27 @@
 """The arms of the fleet, for the fleet page: looked at while somebody looks, and stopped.
 
-Owns when the fleet is watched, and what the page says where there is nothing to watch. Any thread may call it; a
-call may wait for arms. Must not know pages or requests, nor how arms are found, asked and stopped; which of them
-this program may see and stop, its certificate decides.
+Owns when the fleet is watched, that stops are made together, and what the page says where there is nothing to
+watch. Any thread may call it. Must not know pages or requests, nor how arms are found, asked and stopped; which of
+them this program may see and stop, its certificate decides.
 """
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from hexwire.control.known_state import KNOWN_FOR
+from hexwire.control.workers import Together
 from hexwire.errors import HexwireError, LinkNotFoundError, UsageError
 
 if TYPE_CHECKING:
+    from hexwire.control.power import Stopped
     from hexwire.fleet.network import Network
     from hexwire.fleet.overview import Overview
     from hexwire.fleet.roster import Roster
@@ -33,6 +37,14 @@ _SETTLE = 4.0
 """Seconds until all routes have been tried; a server that hangs takes 3 s."""
 _GONE = 60.0
 """Seconds for which an arm that vanished is shown."""
+_HUNG = 0.2
+"""Seconds after which a stop that still waits, for an arm that hangs, does not keep the next one waiting."""
+_MOST_STOPS = 40
+"""Stops that wait for such arms at a time: more than can begin until one of them has timed out."""
+_LONGEST = 200
+"""Letters of the names of those who stopped arms."""
+_LAST_STOP = 5.0
+"""Seconds in which the last stop must end."""
 _HERE = (
     "These are the arms that this user shares on this machine. To see those behind a router, name it in a file, "
     "set HEXWIRE_FLEET to its path, and start the studio again."
@@ -61,6 +73,8 @@ class FleetWatch:
         self._gone: dict[str, float] = {}
         self._error = ""
         self._router = ""
+        self._stops: Together[tuple[str | None, str], Future[list[Stopped]]] | None = None
+        self._stopping = ThreadPoolExecutor(_MOST_STOPS, "fleet stops")
 
     def look(self) -> dict[str, Any]:
         """The arms as they were half a second ago at most, for JSON; the first looks find nothing yet.
@@ -89,32 +103,46 @@ class FleetWatch:
         known = not row.silent and age is not None and age <= KNOWN_FOR
         return {**asdict(row), "age": age, "known": known, "url": self.address(row.name), "own": False}
 
-    def stop(self, name: str | None, who: str) -> list[dict[str, Any]]:
-        """Stop an arm, or all; it needs no lease.
+    async def stop(self, name: str | None, who: str) -> list[Stopped]:
+        """Stop an arm, or all; it needs no lease. One stop answers all who ask for it before it begins.
 
         Args:
             name: Its name; None for all.
             who: Who stops them, for display.
 
-        Returns:
-            A table for each arm: ``name``, ``confirmed``, ``joints``, ``error``, ``seconds``.
-
         Raises:
             HexwireError: The fleet cannot be reached, or there is no such arm.
         """
-        from hexwire.fleet.identity import whoami
-        from hexwire.fleet.overview import stop_all
-
-        only = None if name is None else (name,)
-        client = f"{who} of {whoami()}"
         with self._lock:
-            self._asked = self._clock()
-        with contextlib.ExitStack() as stack:
-            roster = self._roster or stack.enter_context(self._open())
-            done = [asdict(row) for row in stop_all(roster, client, only=only)]
+            # The next one finds the arms at once.
+            self._begin()
+            if self._stops is None:
+                self._stops = Together("fleet stops", self._stop)
+            asked = self._stops.ask((name, who))
+        begun = await asyncio.wrap_future(asked)
+        # Who loses interest does not cancel it for the others.
+        found = await asyncio.shield(asyncio.wrap_future(begun))
+        done = [row for row in found if name in (None, row.name)]
         if not done:
             raise LinkNotFoundError(f"nothing was stopped: there is no arm {name}" if name else _NOBODY)
         return done
+
+    def _stop(self, asked: list[tuple[str | None, str]]) -> Future[list[Stopped]]:
+        """Begin one stop for all who have asked; returns when it is done, or waits only for arms that hang."""
+        names = {name for name, _ in asked if name is not None}
+        every = any(name is None for name, _ in asked)
+        who = ", ".join(dict.fromkeys(who for _, who in asked))[:_LONGEST]
+        begun = self._stopping.submit(self._stop_now, None if every else names, who)
+        wait((begun,), _HUNG)
+        return begun
+
+    def _stop_now(self, names: Collection[str] | None, who: str) -> list[Stopped]:
+        from hexwire.fleet.identity import whoami
+        from hexwire.fleet.overview import stop_all
+
+        with contextlib.ExitStack() as stack:
+            roster = self._roster or stack.enter_context(self._open())
+            return list(stop_all(roster, f"{who} of {whoami()}", only=names))
 
     def address(self, name: str) -> str:
         """The address of an arm, for `Source.open`; certificates come from the file of the fleet."""
@@ -134,11 +162,17 @@ class FleetWatch:
     def rest(self) -> None:
         """End watching until somebody looks again."""
         with self._resting:
-            self.close()
+            self._end()
             self._ending.clear()
 
     def close(self) -> None:
-        """End watching."""
+        """End watching and stopping."""
+        self._end()
+        if self._stops is not None:
+            self._stops.close(_LAST_STOP)
+        self._stopping.shutdown()
+
+    def _end(self) -> None:
         self._ending.set()
         self._changed.set()
         thread = self._thread

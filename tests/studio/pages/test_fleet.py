@@ -27,8 +27,19 @@ def fleet_page(runtime: Path, studio: RunningStudio, page: Page) -> Iterator[Pag
     studio.studio.fleet.rest()
 
 
-def test_without_arms_the_page_says_what_to_do(fleet_page: Page) -> None:
+def test_without_shared_arms_all_arms_are_what_is_open_here(fleet_page: Page, studio: RunningStudio) -> None:
     fleet_page.get_by_text("start 'hexwire serve --name lab/arm1'").wait_for()
+    fleet_page.get_by_text("1 arm on this machine").wait_for()
+    row = fleet_page.get_by_role("row").filter(has_text="open here")
+    row.get_by_text("off", exact=True).wait_for()
+    studio.arm.owner.robot.torque(True, ["J1", "J2"])
+    row.get_by_text("J1 J2", exact=True).wait_for()
+    fleet_page.get_by_role("button", name="Stop all arms").click()
+    fleet_page.get_by_text(": stopped, holding: J1 J2; limp: J3 J4 J5 J6 J7 (").wait_for()
+    row.get_by_text("stopped: tab").wait_for()
+    # Nothing is open: there is nothing to be stopped.
+    studio.studio.source.close()
+    row.wait_for(state="detached")
     fleet_page.get_by_role("button", name="Stop all arms").click()
     fleet_page.get_by_text("all arms: NOT CONFIRMED").wait_for()
 
@@ -52,7 +63,7 @@ def test_an_operator_opens_an_arm_and_a_watcher_stops_it(
     row = viewer.get_by_role("row").filter(has_text="lab/arm1")
     row.get_by_text("hex7bot").wait_for()
     viewer.get_by_role("button", name="Stop lab/arm1").click()
-    viewer.get_by_text("lab/arm1: stopped, holding: J1").wait_for()
+    viewer.get_by_text("lab/arm1: stopped, limp: J1").wait_for()
     row.get_by_text("stopped: tab").wait_for()
     other = viewer.get_by_role("row").filter(has_text="lab/arm2")
     assert "stopped" not in other.inner_text()
@@ -64,7 +75,7 @@ def test_an_operator_opens_an_arm_and_a_watcher_stops_it(
     )
     assert "watching only" in refused["refused"]
     viewer.get_by_role("button", name="Stop all arms").click()
-    viewer.get_by_text("lab/arm2: stopped, holding: J1").wait_for()
+    viewer.get_by_text("lab/arm2: stopped, limp: J1").wait_for()
     viewer.close()
     # The page of the session before says that it is no longer one, and keeps saying it.
     fleet_page.get_by_role("button", name="Open lab/arm1").click()

@@ -1,5 +1,5 @@
-// The page Fleet: all shared arms that the studio may see, twice a second, and their stop. Owns the table and what is
-// told of a stop; the server decides who may stop and open.
+// The page Fleet: what is open here and all shared arms that the studio may see, and their stop. Owns the table; the
+// server decides who may stop and open, and says what has become of a stop.
 
 import { loadSheet, node, put } from "/static/widgets.js";
 
@@ -83,17 +83,18 @@ class FleetPage {
       }
     }
     found.arms.forEach((arm, place) => {
-      const row = this.row(arm.name);
+      const row = this.row(arm);
       this.fill(row, arm);
       if (this.body.children[place] !== row) this.body.insertBefore(row, this.body.children[place] || null);
     });
   }
 
-  row(name) {
+  row({ name, own }) {
     if (!this.rows.has(name)) {
       const buttons = node("td", { class: "hw-fleet-buttons" },
-        node("button", { type: "button", class: "hw-button hw-fleet-stop", "aria-label": `Stop ${name}`, onclick: () => this.stop(name) }, "Stop"));
-      if (this.operate) {
+        node("button", { type: "button", class: "hw-button hw-fleet-stop", "aria-label": `Stop ${name}`, onclick: () => this.stop(name, own) }, "Stop"));
+      if (own) buttons.append(node("span", { class: "hw-dim hw-fleet-own" }, "open here"));
+      else if (this.operate) {
         buttons.append(node("button", { type: "button", class: "hw-button", "aria-label": `Open ${name} in this studio`, onclick: (event) => this.open(name, event.currentTarget) }, "Open"));
       }
       const cells = HEAD.slice(1, -1).map((label) => node("td", { "data-label": label }));
@@ -117,18 +118,15 @@ class FleetPage {
     this.problem.hidden = !text;
   }
 
-  async stop(name) {
+  async stop(name, own = false) {
     const told = name || "all arms";
     this.results.replaceChildren(node("li", {}, `Stopping ${told} ...`));
     try {
-      const done = await this.ask("stop", name ? { name } : { all: "1" }, { method: "POST" });
-      // What is not confirmed first.
-      done.sort((a, b) => Number(a.confirmed) - Number(b.confirmed));
+      const done = await this.ask("stop", own ? { own: "1" } : name ? { name } : { all: "1" }, { method: "POST" });
+      if (!done.length) throw new Error("it is not open any more");
       this.results.replaceChildren(...done.map((row) => {
-        const joints = row.joints.length ? `: ${row.joints.join(" ")}` : "";
-        const good = `${row.name}: stopped, holding${joints} (${(1000 * row.seconds).toFixed(0)} ms)`;
-        const bad = `${row.name}: NOT CONFIRMED: ${row.error}. Switch its power off if it may move.`;
-        return node("li", { "data-level": row.confirmed ? "ok" : "error" }, row.confirmed ? good : bad);
+        const more = row.confirmed ? "" : ". Switch its power off if it may move.";
+        return node("li", { "data-level": row.confirmed ? "ok" : "error" }, row.line + more);
       }));
     } catch (error) {
       this.results.replaceChildren(node("li", { "data-level": "error" }, `${told}: NOT CONFIRMED: ${error.message}`));
