@@ -193,7 +193,7 @@ def test_a_thousand_sockets_of_nobody_do_not_keep_a_stop_away(
 
 
 def test_a_session_has_a_bounded_number_of_sockets(studio: RunningStudio, owner: Visitor) -> None:
-    path, most = _SOCKETS[1], studio.studio.access.limits.sockets
+    path, most = _SOCKETS[1], studio.studio.access.limits.session_sockets
     with contextlib.ExitStack() as stack:
         opened = 0
         for _ in range(most + 5):

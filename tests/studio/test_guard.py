@@ -204,3 +204,83 @@ def test_a_socket_that_is_wrong_is_closed(row: dict[str, str]) -> None:
 def test_a_socket_of_a_page_comes_through() -> None:
     seen, _ = _ask("websocket", origin=f"http://{_HOST}")
     assert len(seen) == 1
+
+
+def _crowd(access: Access, asked: list[tuple[str, str, str]], began: list[str] | None = None) -> list[int | str]:
+    """What each gets who asks (`kind`, `path`, `key` of the session) while all others are served.
+
+    Also whose requests are served at the same time, in `began`.
+    """
+    given: list[int | str] = []
+    served: list[str] = []
+
+    async def serve() -> None:
+        go = asyncio.Event()
+
+        async def behind(scope: Any, receive: Any, send: Any) -> None:
+            served.append(scope[SESSION].key)
+            await go.wait()
+            if scope["type"] == "http":
+                await send({"type": "http.response.start", "status": 200, "headers": []})
+                await send({"type": "http.response.body", "body": b""})
+            else:
+                await send({"type": "websocket.accept"})
+
+        guard = Guard(behind, access, lambda: 1.0)
+
+        async def ask(kind: str, path: str, key: str) -> int | str:
+            sent: list[Any] = []
+
+            async def receive() -> Any:
+                return {"type": "websocket.connect"}
+
+            async def send(message: Any) -> None:
+                sent.append(message)
+
+            rows = {"host": _HOST, "origin": f"http://{_HOST}", "cookie": f"hexwire_session_80={key}"}
+            headers = [(name.encode(), value.encode()) for name, value in rows.items()]
+            scope = {"type": kind, "method": "GET", "path": path, "query_string": b"", "headers": headers}
+            await guard(scope, receive, send)
+            first = sent[0]
+            return first["status"] if kind == "http" else str(first["type"])
+
+        tasks = [asyncio.create_task(ask(*each)) for each in asked]
+        for _ in range(10):
+            await asyncio.sleep(0)
+        if began is not None:
+            began.extend(served)
+        go.set()
+        given.extend(await asyncio.gather(*tasks))
+
+    asyncio.run(serve())
+    return given
+
+
+def _key(access: Access, right: Right) -> str:
+    session = access.admit(right, 0.0)
+    assert session is not None
+    return session.key
+
+
+def test_watchers_take_no_socket_of_an_operator_and_no_session_takes_them_all() -> None:
+    access = Access(frozenset({_HOST}))
+    watchers = [_key(access, Right.WATCH) for _ in range(20)]
+    one, other = _key(access, Right.OPERATE), _key(access, Right.OPERATE)
+    each = access.limits.session_sockets
+    idle = [("websocket", "/live", key) for key in watchers for _ in range(each)]
+    got = _crowd(access, [*idle, *[("websocket", "/live", one)] * (each + 1), ("websocket", "/live", other)])
+    assert got[: len(idle)].count("websocket.accept") == access.limits.sockets
+    assert got[len(idle) :] == ["websocket.accept"] * each + ["websocket.close", "websocket.accept"]
+
+
+def test_a_session_has_a_bounded_number_of_requests_but_its_stops_are_heard() -> None:
+    access = Access(frozenset({_HOST}))
+    greedy, other = _key(access, Right.WATCH), _key(access, Right.WATCH)
+    limits = access.limits
+    asked = [("http", "/data/history", greedy)] * (limits.waiting + 2)
+    stops = [("http", path, greedy) for path in ("/stop", "/fleet/stop")]
+    began: list[str] = []
+    got = _crowd(access, [*asked, *stops, ("http", "/data/history", other)], began)
+    assert got == [200] * limits.waiting + [429, 429] + [200, 200] + [200]
+    # Before any was answered: so many of the one, its stops, and that of the other.
+    assert began == [greedy] * (limits.requests + 2) + [other]

@@ -41,7 +41,12 @@ class Limits:
         message: Bytes of one message on a socket.
         head: Bytes of the head of a request that is not complete.
         body: Bytes of the body of a request; pages that take uploads bound them themselves, below this.
-        sockets: Sockets at a time; each open page has two.
+        sockets: Sockets at a time, of those who may operate and again of those who may only watch; each open page
+            has two.
+        session_sockets: Sockets of one session at a time.
+        requests: Requests of one session that are served at a time; a browser makes six. Further ones wait, but not
+            those that stop something.
+        waiting: Requests of one session in all; further ones are refused.
         connections: Connections at a time that have not become a socket.
         sessions: Sessions at a time.
         session_age: Seconds without a request or message after which a session ends.
@@ -53,8 +58,11 @@ class Limits:
     head: int = 64 * 1024
     body: int = 64 * 1024 * 1024
     sockets: int = 64
+    session_sockets: int = 24
+    requests: int = 8
+    waiting: int = 48
     connections: int = 128
-    sessions: int = 32
+    sessions: int = 96
     session_age: float = 12 * 3600.0
     request: float = 10.0
     patience: float = 5.0

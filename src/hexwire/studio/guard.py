@@ -6,16 +6,20 @@ know what is served behind it.
 
 from __future__ import annotations
 
+import asyncio
 import re
 import secrets
 import time
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from html import escape
 from http.cookies import CookieError, SimpleCookie
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import parse_qs, quote
 
-from .access import Access, Session
+from .access import Access, Right, Session
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -27,6 +31,9 @@ SESSION = "hexwire.session"
 PEER = "hexwire.peer"
 """Key of the scope of a request, with the `Right` of the client certificate that was verified, or None."""
 
+_K = TypeVar("_K")
+_STOPS = frozenset({"/stop", "/fleet/stop"})
+"""Paths that are never refused for what else is under way."""
 _SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-eval'{}; style-src 'self' 'unsafe-inline'; "
@@ -72,7 +79,9 @@ class Guard:
 
     def __init__(self, app: ASGIApp, access: Access, clock: Callable[[], float] = time.monotonic) -> None:
         self.app, self.access, self._clock = app, access, clock
-        self.sockets = 0
+        # What is under way, by session; of sockets also by right, so that watchers take none of an operator's.
+        self._requests: dict[str, _Requests] = {}
+        self._sockets: Counter[str | Right] = Counter()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request or socket."""
@@ -117,7 +126,21 @@ class Guard:
             # What has no length in its head is as bounded as what has.
             return {"type": "http.disconnect"} if left < 0 else message
 
-        await self.app(scope, bounded, _Secured(send).send)
+        if scope["path"] in _STOPS:
+            await self.app(scope, bounded, _Secured(send).send)
+            return
+        asked = self._requests.setdefault(session.key, _Requests(asyncio.Semaphore(access.limits.requests)))
+        if asked.count >= access.limits.waiting:
+            await _answer(send, 429, "This browser asks for too much at a time; try again.")
+            return
+        asked.count += 1
+        try:
+            async with asked.turns:
+                await self.app(scope, bounded, _Secured(send).send)
+        finally:
+            asked.count -= 1
+            if not asked.count:
+                del self._requests[session.key]
 
     async def _enter(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer somebody who has no session yet, or shows a token."""
@@ -151,7 +174,7 @@ class Guard:
         access = self.access
         session = access.session(cookies.get(access.cookie), self._clock())
         right = access.allows_host(host) and access.allows_origin(origin, host, needed=True)
-        if not right or session is None or self.sockets >= access.limits.sockets:
+        if not right or session is None or self._has_most_sockets(session):
             await receive()
             await send({"type": "websocket.close", "code": 1008, "reason": "not allowed"})
             return
@@ -164,16 +187,38 @@ class Guard:
                 return {"type": "websocket.disconnect", "code": 1008}
             return message
 
-        self.sockets += 1
-        try:
+        with _counted(self._sockets, session.key, session.right):
             await self.app(scope, of_session, send)
-        finally:
-            self.sockets -= 1
+
+    def _has_most_sockets(self, session: Session) -> bool:
+        count, limits = self._sockets, self.access.limits
+        return count[session.key] >= limits.session_sockets or count[session.right] >= limits.sockets
 
     def _cookie(self, session: Session) -> tuple[bytes, bytes]:
         secure = "; Secure" if self.access.secure else ""
         value = f"{self.access.cookie}={session.key}; Path=/; HttpOnly; SameSite=Strict{secure}"
         return b"set-cookie", value.encode()
+
+
+@dataclass(slots=True)
+class _Requests:
+    """Those of a session: how many are there, and the turns of those that are served."""
+
+    turns: asyncio.Semaphore
+    count: int = 0
+
+
+@contextmanager
+def _counted(counts: Counter[_K], *keys: _K) -> Iterator[None]:
+    """Something is under way."""
+    counts.update(keys)
+    try:
+        yield
+    finally:
+        for key in keys:
+            counts[key] -= 1
+            if not counts[key]:
+                del counts[key]
 
 
 class _Secured:
