@@ -97,6 +97,8 @@ def main(arguments: list[str] | None = None) -> int:
         board(trial)
         trial.run("hexwire", "--port", "sim://so101", "state", says="gripper")
         trial.run("hexwire", "studio", "--demo", status=2, says="pip install 'hexwire[studio]'")
+        for words in (("serve", "--robot", "sim"), ("state", "--port", "zenoh:lab/arm1"), ("fleet", "list")):
+            trial.run("hexwire", *words, status=2, says="pip install 'hexwire[fleet]'")
         for program in ("wireshark", "sigrok", "saleae"):
             trial.run("hexwire", "analyzers", "install", program)
         trial.run("hexwire", "analyzers", "list", says="installed")

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import click
 
 from hexwire.errors import HexwireError, UsageError
+from hexwire.extras import extras_named
 from hexwire.system import END_SIGNALS
 
 from .output import shown, write
@@ -56,7 +57,8 @@ def run(call: Callable[[], object]) -> int:
     A bug is not caught: the maintainers need its traceback.
     """
     try:
-        result = call()
+        with extras_named():
+            result = call()
         sys.stdout.flush()
     except (KeyboardInterrupt, click.Abort):
         return INTERRUPTED

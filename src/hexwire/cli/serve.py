@@ -74,8 +74,11 @@ def serve(
     stop a motion; the joints keep their torque, so the arm does not fall. If the port is lost, the arm is stopped,
     and it is shared again when the port returns; 'hexwire resume' then ends the stop.
     """
+    from hexwire.fleet.node import load_zenoh
     from hexwire.fleet.service_file import read_arms, read_service_file
 
+    # Before a port is looked for: without it nothing is served.
+    load_zenoh()
     network: dict[str, Any] = {}
     if file is not None:
         typed = [

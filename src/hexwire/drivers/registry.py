@@ -14,6 +14,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
 from hexwire.errors import UsageError
+from hexwire.extras import extras_named
 from hexwire.link.tap import TRACE_VARIABLE, wrap_new_links
 
 from .base import RobotDriver
@@ -139,7 +140,9 @@ def make_driver(
     """
     if is_address(port):
         point = next(point for point in _points(_ADDRESSES) if point.name == port.partition(":")[0])
-        return prepare(point.load()).from_url(port, robot=robot, **options)
+        with extras_named():
+            driver = point.load()
+        return prepare(driver).from_url(port, robot=robot, **options)
     return prepare(load_driver(robot or robot_at(port))).from_url(port, **options)
 
 
