@@ -126,7 +126,7 @@ def test_every_row_says_where() -> None:
 def test_what_the_page_points_to_exists() -> None:
     gone = []
     for text, target, anchor in LINK.findall(TEXT):
-        path = (PAGE.parent / target).resolve()
+        path = (PAGE.parent / target).resolve() if target else PAGE
         if not path.is_file():
             gone.append(target)
         elif anchor and anchor[1:] not in slugs(path):

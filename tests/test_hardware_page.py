@@ -23,7 +23,8 @@ sys.path.insert(0, str(DOCS))
 from drawings import DRAWINGS, board, canvas, serial  # noqa: E402  # found by the line above
 
 PAGES = {
-    name: (DOCS / f"{name}.md").read_text(encoding="utf-8") for name in ("hardware", "serial-basics", "arduino-ide")
+    name: (DOCS / f"{name}.md").read_text(encoding="utf-8")
+    for name in ("hardware", "serial-basics", "arduino-ide", "chapter")
 }
 SVG = "{http://www.w3.org/2000/svg}"
 LETTER, EQUAL_LETTER = 0.54, 0.61

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from . import arm, board, ide, serial
+from . import arm, board, ide, robots, serial
 from .canvas import Canvas
 
 DRAWINGS: dict[str, Callable[[], Canvas]] = {
@@ -16,6 +16,7 @@ DRAWINGS: dict[str, Callable[[], Canvas]] = {
     "one-wire-signals": board.signals,
     "adapters": board.adapters,
     "rs485": board.rs485,
+    "driver-hierarchy": robots.hierarchy,
     "serial-8n1": serial.byte_8n1,
     "serial-rate": serial.rate,
     "serial-exchange": serial.exchange,

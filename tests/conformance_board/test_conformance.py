@@ -5,6 +5,7 @@ What may differ is written down in `adapter.comparable`, and in docs/firmware.md
 
 from __future__ import annotations
 
+from ast import literal_eval
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -12,6 +13,7 @@ from tests.conformance_board.adapter import KINDS, BoardUnderTest
 
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command, Status
+from hexwire.wire.modules import ModuleType
 from hexwire.wire.servo_packet import (
     make_action,
     make_ping,
@@ -89,6 +91,32 @@ def test_dialect_1_errors(boards: Callable[..., Trio]) -> None:
     same(trio, 2, b"", proto=1)
     same(trio, 2, b"\xff\xff\x00\x04\x02\x38\x02\x00", proto=1)
     same(trio, 2, make_read(0, 0x38, 2) + b"\0", proto=1)
+
+
+def test_to_whom_an_answer_goes(boards: Callable[..., Trio]) -> None:
+    """In dialect 1 to module 0 with the board's own count, in dialect 2 to who asked, with the number given."""
+    trio = boards()
+    counts = []
+    for _ in range(2):
+        (sn, src, dst, *_), (proto, seq, cmd, _), _ = literal_eval(
+            same(trio, 2, make_read(0, 0x38, 2), proto=1, seq=77).decode()
+        )
+        assert (src, dst, proto, cmd) == (ModuleType.ARM_7BOT_ARDUINO_TRX, ModuleType.ROS1_HOST, 1, 2)
+        assert seq == sn & 0xFF
+        counts.append(sn)
+    assert counts[1] == counts[0] + 1
+    (_, _, dst, *_), (_, seq, *_), _ = literal_eval(same(trio, Command.IDENTIFY, seq=99).decode())
+    assert (dst, seq) == (ModuleType.ARM_7BOT_SERIAL_TRX, 99)
+
+
+def test_a_short_frame_gets_no_answer(boards: Callable[..., Trio]) -> None:
+    """The chapter's sketch answers with error 04. Here it is dropped and counted, whatever its size says."""
+    for board in boards():
+        good = board.client.frame(2, make_read(0, 0x38, 2), proto=1)
+        for size in (32, 36, 40):
+            short = good[:28] + size.to_bytes(4, "little") + good[32 : size - 2] + b"\r\n"
+            assert board.exchange(short[:size], 0.2) == [], (board.machine.name, size)
+        assert len(board.exchange(board.client.frame(Command.IDENTIFY))) == 1
 
 
 def test_dialect_1_writes_pass_through(boards: Callable[..., Trio]) -> None:

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from hexwire.errors import RemoteProtocolError
 from hexwire.wire import commands as c
 from hexwire.wire import tables
+from hexwire.wire.board_trajectory import PathPoint, PointsRequest, parse_points
 from hexwire.wire.command_frame import Command, Status
 
 ROOT = Path(__file__).parents[2]
@@ -84,6 +85,8 @@ def value_of(row: dict[str, Any]) -> Any:
             return c.MaintenanceReply(bool(f["on"]), f["board_flags"])
         case "STATS", "reply":
             return c.Stats(f)
+        case "TRAJECTORY_POINTS", "request":
+            return PointsRequest(f["id"], f["last"], f["first"], f["count"], bytes.fromhex(f["points"]))
     return None
 
 
@@ -109,7 +112,7 @@ READERS = {
 def test_every_line_names_its_source_and_every_command_is_there() -> None:
     assert all(row["source"] for row in ROWS)
     board = {name for name, spec in SCHEMA["commands"].items() if spec["code"] <= Command.MAINTENANCE}
-    assert {row["command"] for row in ROWS} == board
+    assert {row["command"] for row in ROWS} == board | {"TRAJECTORY_POINTS"}
     assert {(row["command"], row["part"]) for row in GOOD} >= set(READERS)
 
 
@@ -123,6 +126,25 @@ def test_typed_body_is_read_and_written(row: dict[str, Any]) -> None:
     data, value = bytes.fromhex(row["hex"]), value_of(row)
     assert type(value).parse(data) == value
     assert value.serialize() == data
+
+
+def test_points_are_as_the_table_of_the_protocol_gives_them() -> None:
+    """Every byte range of the table, in both forms, and the example below it, which is a vector."""
+    by_name = {row["name"]: bytes.fromhex(row["fields"]["points"]) for row in GOOD if "points" in row["fields"]}
+    with_velocities = by_name["two joints, two points with velocities"]
+    assert parse_points(with_velocities, 2, hermite=True) == (
+        PathPoint(0, (2048, -1), (0, 0)),
+        PathPoint(500, (2100, 1), (300, -300)),
+    )
+    assert parse_points(by_name["three joints, one point without velocities"], 3, hermite=False) == (
+        PathPoint(1000, (100, -50, 16384)),
+    )
+    text = (ROOT / "PROTOCOL.md").read_text(encoding="utf-8")
+    block = text.partition("which are the last:\n\n```text\n")[2].partition("```")[0]
+    shown = " ".join(line.split("   ")[0].split("    ")[0] for line in block.splitlines())
+    assert bytes.fromhex(shown) == bytes.fromhex(
+        next(row["hex"] for row in GOOD if row["name"] == "two joints, two points with velocities")
+    )
 
 
 def test_bodies_that_are_functions_rather_than_types() -> None:
