@@ -71,7 +71,7 @@ def test_an_arm_from_six_new_servos(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "gears 1:345" in result.stderr
     assert "found servo 1 at 1000000 baud: sts3215, firmware 3.10, made for 7.4 V, supply 7.4 V" in result.stderr
     assert "gripper becomes servo 6 at 1000000 baud. Right?" in result.stderr
-    assert "so101 is set up; next: `hexwire bus calibrate`" in result.stdout
+    assert "so101 is set up; next: `hexwire bus calibrate so101`" in result.stdout
 
 
 def test_a_servo_that_is_connected_from_the_beginning_is_asked_about_after_the_picture(

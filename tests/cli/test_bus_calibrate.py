@@ -108,6 +108,22 @@ def test_a_time_instead_of_enter(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     assert [servo.registers.stored("position_offset") for servo in arm.parts.arm.servos] == [0] * 6
 
 
+def test_without_a_file_it_makes_up_a_name_and_overwrites_nothing(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    arm = CalibrateCli(monkeypatch)
+    result = arm.run("so101")
+    first, second = tmp_path / "so101-calibration.toml", tmp_path / "so101-calibration-2.toml"
+    assert (result.exit_code, result.stdout) == (0, f"6 joints saved to {first}\n"), result.output
+    before = first.read_bytes()
+    result = arm.run("so101", "--from", str(first))
+    assert (result.exit_code, result.stdout) == (0, f"6 joints saved to {second}\n"), result.output
+    assert first.read_bytes() == before
+    assert arm.run("so101", "--from", str(second), "--force").stdout == f"6 joints saved to {first}\n"
+    assert sorted(each.name for each in tmp_path.iterdir()) == [second.name, first.name]
+
+
 def test_automatic_into_a_file_of_lerobot(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     arm = CalibrateCli(monkeypatch)
     file = tmp_path / "follower.json"

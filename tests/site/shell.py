@@ -14,10 +14,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import click
+from click.core import ParameterSource
 from click.testing import CliRunner
 
 from hexwire.cli.main import cli
 from hexwire.control.pose_file import PoseFile
+from hexwire.errors import ConfigError
 from hexwire.model.hex7bot import HEX7BOT
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -41,14 +43,20 @@ ELSEWHERE = (
     r"--record-ros2\b",
     # It asks first; tests/cli/test_bus_health.py.
     r"--backlash\b",
+    r"^hexwire bus wave\b",
     # They need a compiler, or a board to write to; tests/cli/test_firmware.py, test_loopback.py.
     r"^hexwire (firmware|loopback)\b",
-    # The server of the page; tests/test_fleet_page.py, tests/cli/test_sim_puma.py, test_gateway.py.
-    r"zenoh:|tcp://127",
+    # The certificates of the page; tests/test_fleet_page.py.
+    r"^hexwire fleet config\b",
+    # The server of the page; tests/test_fleet_page.py, tests/cli/test_sim_puma.py, test_gateway.py,
+    # tests/system/test_queue_robots.py.
+    r"zenoh:|tcp://127|mq:///arms",
 )
 """They are run by a test of their own."""
 TELLS = r"^hexwire model check 90 40 40"
 """Its exit status is 1: it shows a pose that is refused."""
+ASKS = r"^hexwire bus center\b"
+"""They ask first."""
 PLAN = r"^hexwire (goto|line)\b(?! 0 220 150$)"
 """Their motions are planned and checked, but not waited for; but from the pose of one of them others begin."""
 
@@ -88,31 +96,64 @@ def split(command: str) -> list[list[str]]:
     return [part for part in parts if part]
 
 
-def parse(words: list[str]) -> None:
+def parse(words: list[str]) -> bool:
     """Parse a command line of hexwire as the program does, without running it.
+
+    Returns:
+        Whether it names a command, not only a group of them.
 
     Raises:
         click.UsageError: It is wrong.
     """
-    group: click.Command = cli
-    context = click.Context(cli, info_name="hexwire")
-    rest = words[1:]
-    while rest and rest[0] in ("--robot", "--port", "--record", "--record-ros2"):
-        rest = rest[2:]
-    while isinstance(group, click.Group) and rest:
-        name, group_, rest = group.resolve_command(context, rest)
-        assert group_ is not None
-        group = group_
-        if isinstance(group, click.Group):
-            context = click.Context(group, info_name=name, parent=context)
-            continue
-        try:
-            with group.make_context(name, rest, parent=context):
-                return
-        except click.BadParameter as error:
-            # What another command makes is not there.
-            if "No such file" not in error.message and "does not exist" not in error.message:
+    context, command, rest = _command(words)
+    if isinstance(command, click.Group):
+        return False
+    try:
+        with command.make_context(context.info_name, rest, parent=context.parent):
+            return True
+    except (click.BadParameter, ConfigError) as error:
+        # What another command makes is not there.
+        if "No such file" not in str(error) and "does not exist" not in str(error):
+            raise
+        return True
+
+
+def parse_mentioned(words: list[str]) -> bool:
+    """Parse a command that stands in a sentence, where its arguments may be left out, but not some of them.
+
+    Returns:
+        Whether it is complete.
+
+    Raises:
+        click.UsageError: It is wrong.
+    """
+    try:
+        return parse(words)
+    except click.exceptions.Exit:
+        return True  # such as --version
+    except click.MissingParameter:
+        context, command, rest = _command(words)
+        with command.make_context(context.info_name, rest, parent=context.parent, resilient_parsing=True) as made:
+            arguments = [one.name or "" for one in command.params if isinstance(one, click.Argument)]
+            if any(made.get_parameter_source(name) is ParameterSource.COMMANDLINE for name in arguments):
                 raise
+        return False
+    except click.BadOptionUsage as error:
+        if error.option_name != words[-1]:
+            raise
+        return False
+
+
+def _command(words: list[str]) -> tuple[click.Context, click.Command, list[str]]:
+    """The command that a line names, with a context, and what is left for it."""
+    command: click.Command = cli
+    context = cli.make_context("hexwire", words[1:])
+    rest = [*context._protected_args, *context.args]
+    while isinstance(command, click.Group) and rest:
+        name, found, rest = command.resolve_command(context, rest)
+        assert found is not None
+        command, context = found, click.Context(found, info_name=name, parent=context)
+    return context, command, rest
 
 
 class Shell:
@@ -168,6 +209,8 @@ class Shell:
             return None
         if re.search("^hexwire goto .*--robot so10[01]", line) and "--port" not in words:
             words = [*words, "--port", "sim://so101"]
+        if re.search(ASKS, line):
+            words = [*words, "--yes"]
         if re.search(PLAN, line) and "--dry-run" not in words and not whole:
             words = [*words, "--dry-run"]
         before = Path.cwd()
@@ -233,7 +276,8 @@ def _analyser(words: list[str]) -> None:
 
 def _node(words: list[str]) -> None:
     for argument in words[1:]:
-        assert argument.startswith(("_", "-")) or "=" in argument or argument.endswith(".yaml"), argument
+        option = argument.startswith(("_", "-")) or "=" in argument
+        assert option or argument.endswith(".yaml") or argument.isupper(), argument
 
 
 def _apt(words: list[str]) -> None:
@@ -266,6 +310,7 @@ OTHERS: Mapping[str, Callable[[list[str]], None]] = {
     "zenoh-ros2": _in_page("docs/ros2.md"),
     "rosservice": _in_page("docs/ros.md"),
     "rostopic": _in_page("docs/ros.md"),
+    "hexwire-ros1": _node,
     "hexwire-ros2": _node,
     "tshark": _analyser,
     "wireshark": _analyser,

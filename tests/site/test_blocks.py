@@ -7,11 +7,13 @@ import time
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
+import click
 import pytest
 from tests.emulator.terminals import serving
 from tests.site.pages import blocks
-from tests.site.shell import Shell, commands
+from tests.site.shell import OTHERS, Shell, commands, parse_mentioned, split
 
 from hexwire.drivers.arm_file import load_arm_file
 from hexwire.emulator.bus_device import BusDevice
@@ -41,6 +43,25 @@ CONSOLE = [page for page, found in ALL.items() if page not in OWN and any(b.lang
 NOTEST = [(page, b) for page, found in ALL.items() for b in found if b.language == "python" and "notest" in b.info]
 ON_A_BUS = ("docs/bus.md",)
 """Their ports are of servos on an adapter."""
+
+
+class Inline(NamedTuple):
+    """A command of hexwire within a line of a page."""
+
+    line: int
+    command: str
+    table: bool
+
+
+def inline_commands(page: str) -> list[Inline]:
+    found, fenced = [], False
+    for number, line in enumerate((ROOT / page).read_text(encoding="utf-8").splitlines(), 1):
+        if line.lstrip().startswith("```"):
+            fenced = not fenced
+        elif not fenced:
+            codes = re.findall(r"`(hexwire(?:-ros[12] [-_]| )[^`]+)`", line)
+            found += [Inline(number, code, line.startswith("|")) for code in codes]
+    return found
 
 
 def where(page: str, line: int) -> str:
@@ -125,6 +146,51 @@ def test_commands_of_a_page(page: str, tmp_path: Path, request: pytest.FixtureRe
             if said is not None:
                 lines = [plain(line) for line in said.splitlines()]
                 assert [line for line in map(plain, shown) if line not in lines] == [], f"{command}: {said}"
+
+
+# --- commands in sentences and tables ----------------------------------------------------------------------------
+
+TABLES = [page for page in PAGES if any(row.table for row in inline_commands(page))]
+MADE_UP = re.compile(r"\b[A-Z]{4,}\b|\.\.\.|\|")
+"""A word that stands for another one."""
+NAMES = ("hexwire model ik", "hexwire fleet stop")
+"""Of commands that do nothing without the words that follow, though each of those may be left out."""
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_commands_in_sentences_are_right(page: str) -> None:
+    """Each exists and has these options; if it has arguments, it has all of them."""
+    wrong = []
+    for row in inline_commands(page):
+        if re.search(r"\||\.\.\. ", row.command):
+            continue  # several in one, or something left out in the middle
+        for words in split(row.command.replace(" ...", "")):
+            if words[0] != "hexwire":
+                OTHERS[words[0]](words)
+                continue
+            try:
+                complete = parse_mentioned(words)
+            except click.UsageError as error:
+                wrong.append(f"{where(page, row.line)}: {row.command}: {error.format_message()}")
+            else:
+                # What README tells to type has to be complete.
+                if row.table and page == "README.md" and not complete:
+                    wrong.append(f"{where(page, row.line)}: {row.command} is not complete")
+    assert not wrong
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("page", TABLES)
+def test_commands_in_tables_run(page: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    shell = Shell(tmp_path, "")
+    for row in inline_commands(page):
+        words = split(row.command)[0]
+        if not row.table or words[0] != "hexwire" or MADE_UP.search(row.command) or row.command in NAMES:
+            continue
+        if parse_mentioned(words):
+            arm = request.getfixturevalue("bus_arm" if words[1] == "bus" else "emulated_arm")
+            shell.arm = shell.env["HEXWIRE_PORT"] = arm
+            shell.run(row.command)
 
 
 # --- Python that pytest-markdown-docs does not run ---------------------------------------------------------------

@@ -69,7 +69,7 @@ def setup(
         left = [row.name for row in plan.order if row.name not in plan.done]
         raise ServoError(f"not finished: {', '.join(left) or 'the servos were not checked together'}")
     if not as_json:
-        say(f"{plan.only.name if plan.only else robot} is set up; next: `hexwire bus calibrate`")
+        say(f"{plan.only.name if plan.only else robot} is set up; next: `hexwire bus calibrate {robot}`")
 
 
 def _json(plan: ArmSetup, name: str) -> dict[str, object]:

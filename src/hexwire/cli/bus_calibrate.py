@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import datetime
 import math
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -35,6 +36,7 @@ __all__ = ["calibrate"]
 
 _PERIOD = 0.02
 """Seconds between two samples."""
+_MOST_FILES = 1000
 _REDRAW = 0.1
 """Seconds between two drawings of a table."""
 _HEAD = ("joint", "min deg", "now", "max deg", "missing")
@@ -53,7 +55,7 @@ def _now() -> str:
 
 @bus.command()
 @click.argument("robot")
-@click.argument("file", type=click.Path(dir_okay=False))
+@click.argument("file", type=click.Path(dir_okay=False), required=False)
 @click.option("--auto", is_flag=True, help="Let the arm find its stops itself. It moves!")
 @click.option(
     "--from",
@@ -70,7 +72,7 @@ def _now() -> str:
 @json_option
 def calibrate(
     robot: str,
-    file: str,
+    file: str | None,
     auto: bool,
     source: str | None,
     stores: bool,
@@ -82,7 +84,8 @@ def calibrate(
 ) -> None:
     """Measure middle and ends of every joint of ROBOT (so101, or a TOML file) and save them to FILE.
 
-    A FILE that ends with .json has LeRobot's format. The offsets and limits are stored in the servos, as LeRobot
+    Without FILE it is a new one in this folder, such as so101-calibration.toml; nothing is overwritten. A FILE that
+    ends with .json has LeRobot's format. The offsets and limits are stored in the servos, as LeRobot
     does.
 
     By hand: torque is switched off, so hold the arm. Put wrist_roll in its middle, press Enter, move every joint to
@@ -100,6 +103,8 @@ def calibrate(
     if stores and source is None:
         raise UsageError("a new calibration is always stored in the servos; --store is for --from")
     driver = load_bus_arm(robot)
+    if file is None:
+        file = str(_new_name(robot, force))
     with OutputFile(file, force=force) as out:
         if source is not None:
             found = _loaded(source, robot, driver)
@@ -119,6 +124,13 @@ def calibrate(
         {"file": file, "joints": joints},
         f"{len(joints)} {'joint' if len(joints) == 1 else 'joints'} saved to {file}",
     )
+
+
+def _new_name(robot: str, force: bool) -> Path:
+    """A name for the file if none is given: that of the robot, with a number if there is such a file already."""
+    first = Path.cwd() / f"{Path(robot).stem}-calibration.toml"
+    names = (first, *(first.with_name(f"{first.stem}-{number}.toml") for number in range(2, _MOST_FILES)))
+    return next((name for name in names if force or not os.path.lexists(name)), first)
 
 
 def _text(found: Calibration, file: str) -> str:
