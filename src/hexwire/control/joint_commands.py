@@ -1,4 +1,4 @@
-"""Set-points with gains: messages with the fields of osrf_msgs/JointCommands.
+"""Set-points with gains: messages with a position and a control law for each joint, as nodes send them.
 
 Owns reading them, without needing their class, and what of them a robot does not obey. Must not know topics, nor
 which positions are valid.
