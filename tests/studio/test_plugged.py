@@ -14,10 +14,18 @@ _ADAPTER = PortInfo("/dev/ttyUSB1", 0x1A86, 0x55D3, guess="servo adapter", likel
 
 
 def _find(
-    *ports: PortInfo, owner: str = "", findings: Sequence[Finding] = (), system: Sequence[Finding] = ()
+    *ports: PortInfo,
+    owner: str = "",
+    findings: Sequence[Finding] = (),
+    system: Sequence[Finding] = (),
+    hazard: str = "",
 ) -> list[Plugged]:
     return find_plugged(
-        ports=lambda: ports, owner=lambda device: owner, diagnose=lambda port: findings, system=lambda found: system
+        ports=lambda: ports,
+        owner=lambda device: owner,
+        diagnose=lambda port: findings,
+        system=lambda found: system,
+        hazard=lambda device: hazard,
     )
 
 
@@ -53,6 +61,12 @@ def test_a_program_that_meddles_with_usb_ports_is_named() -> None:
     meddler = Finding(Level.BAD, "ModemManager", "talks to every new port", "disable it")
     assert "ModemManager talks to every new port: disable it" in _find(_BOARD, system=[meddler])[0].advice
     assert _find(_MODEM, system=[meddler])[0].advice == ""
+
+
+def test_what_opening_a_port_may_move_is_said_first_where_it_can_be_opened() -> None:
+    slow = Finding(Level.BAD, "/dev/ttyUSB0", "latency timer 16 ms", "write 1 to latency_timer")
+    assert _find(_BOARD, findings=[slow], hazard="keep clear")[0].advice.startswith("keep clear; latency timer")
+    assert "keep clear" not in _find(_BOARD, owner="hexwire (pid 7)", hazard="keep clear")[0].advice
 
 
 def test_this_machine_can_be_asked() -> None:

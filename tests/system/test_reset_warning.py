@@ -21,6 +21,7 @@ PLUG_IN = ROOT / "integrations" / "lerobot" / "src" / "lerobot_robot_hexwire" / 
 HEXWIRE = (sys.executable, "-m", "hexwire.cli")
 CONNECT = "import hexwire, sys\nhexwire.connect(sys.argv[1]).detach()\n"
 ROS2 = "from hexwire.cli.__main__ import ros2\nros2()\n"
+SERVOS = "from hexwire.studio.source import Source\nimport sys\nSource().open_bus(sys.argv[1])\n"
 # Its package imports LeRobot; the connection itself does not.
 LEROBOT = """
 import pathlib, sys, types
@@ -36,7 +37,7 @@ connection.Connection(sys.argv[1], "hex7bot", degrees=True).open()
 pytestmark = pytest.mark.system
 
 
-def fronts(port: str) -> dict[str, tuple[str, ...]]:
+def fronts(port: str, image: Path) -> dict[str, tuple[str, ...]]:
     return {
         "cli": (*HEXWIRE, "state", "--port", port),
         "probe --all": (*HEXWIRE, "probe", "--all", "--port", port),
@@ -47,6 +48,8 @@ def fronts(port: str) -> dict[str, tuple[str, ...]]:
         "lerobot": (sys.executable, "-c", LEROBOT, port, str(PLUG_IN)),
         "serve": (*HEXWIRE, "serve", "--name", "arm", "--port", port),
         "studio": (*HEXWIRE, "studio", "--port", port),
+        "studio, page Servos": (sys.executable, "-c", SERVOS, port),
+        "firmware flash": (*HEXWIRE, "firmware", "flash", "--any-port", "--hex", str(image), "--port", port),
         "gateway": (*HEXWIRE, "gateway", "--listen", "tcp://127.0.0.1:0", "--board", port),
         "ros2": (sys.executable, "-c", ROS2, "--ros-args", "-p", f"port:={port}"),
     }
@@ -54,9 +57,11 @@ def fronts(port: str) -> dict[str, tuple[str, ...]]:
 
 def test_every_front_warns_before_it_opens_the_port(tmp_path: Path) -> None:
     environment = {**os.environ, "XDG_RUNTIME_DIR": str(tmp_path), "PYTHONUNBUFFERED": "1"}
+    image = tmp_path / "some.hex"
+    image.write_text(":00000001FF\n")
     board = make_hex7bot_board(dialect=1, faults=("sketch",), start=time.monotonic())
     with serving(PtyServer(board, reset_on_open=True)) as port:
-        for name, words in fronts(port).items():
+        for name, words in fronts(port, image).items():
             program = subprocess.Popen(
                 words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment, cwd=ROOT
             )

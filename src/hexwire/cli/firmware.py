@@ -87,6 +87,8 @@ def flash(
     The joints keep their torque, but for some seconds nothing controls them: support the arm.
     """
     from hexwire.drivers import firmware as tools
+    from hexwire.drivers.board_reset import warn_of_reset
+    from hexwire.link.open import make_link
 
     device = tools.device_of(resolve_url(options.port))
     guess = "not checked" if any_port else tools.check_board(device)
@@ -96,6 +98,8 @@ def flash(
     if dry_run:
         say_document(shlex.join(command))
         return
+    # Where the boot loader does not answer in time, the firmware of before begins.
+    warn_of_reset(make_link(device))
     tools.run_flash(command)
     note("written and verified; waiting for the board")
     running = _version_of(RobotOptions(device, options.robot, int(host_baud), 2, options.timeout))

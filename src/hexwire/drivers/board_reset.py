@@ -2,7 +2,7 @@
 
 The chapter's sketch drives the arm to its middle pose whenever the board starts, and the opening of a port resets
 a board. Nobody knows which firmware is there before the port is open, so the warning comes unless hexwire's
-firmware has been seen there. Owns that warning, for drivers and commands alike. Must not know how a link is opened.
+firmware has been seen there. Owns that warning, for drivers, commands and pages alike. Must not know how a link is opened.
 """
 
 from __future__ import annotations
@@ -10,20 +10,35 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING
 
+from hexwire.errors import HexwireError
+from hexwire.link.open import build_link
+
 from .stop_memory import CalmBoard
 
 if TYPE_CHECKING:
     from hexwire.bus.servo_bus import ServoBus
     from hexwire.link.base import Link
 
-__all__ = ["RESET_WARNING", "note_servos", "warn_of_reset"]
+__all__ = ["RESET_WARNING", "note_servos", "reset_hazard", "warn_of_reset"]
 
 _log = logging.getLogger(__name__)
 
 RESET_WARNING = (
-    "%s: opening it may reset the board, and the chapter's firmware then drives the arm to its middle pose: keep "
+    "opening it may reset the board, and the chapter's firmware then drives the arm to its middle pose: keep "
     "clear. 10 uF from RESET to GND prevents the reset; hexwire's firmware moves nothing"
 )
+
+
+def reset_hazard(url: str) -> str:
+    """What a person must know before opening an address; empty if opening it moves nothing, or is no link.
+
+    For pages, which are read before anything is opened.
+    """
+    try:
+        link = build_link(url)
+    except HexwireError:
+        return ""
+    return "" if CalmBoard(link).known else RESET_WARNING
 
 
 def warn_of_reset(link: Link) -> bool:
@@ -33,7 +48,7 @@ def warn_of_reset(link: Link) -> bool:
     """
     if CalmBoard(link).known:
         return False
-    _log.warning(RESET_WARNING, link.url)
+    _log.warning("%s: %s", link.url, RESET_WARNING)
     return True
 
 

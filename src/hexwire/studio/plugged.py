@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from hexwire.drivers.board_reset import reset_hazard
 from hexwire.drivers.registry import robot_names
 from hexwire.link.diagnose import Finding, Level, diagnose_port, diagnose_system
 from hexwire.link.owner import device_owner
@@ -32,7 +33,7 @@ class Plugged:
         guess: What it probably is.
         robots: Robots that it may lead to, the likely one first; empty if it is probably something else.
         obstacle: Why it cannot be opened; empty if it can.
-        advice: What to do about it, or what else to mend.
+        advice: What to do about it, what opening it may move, or what else to mend.
     """
 
     device: str
@@ -58,6 +59,7 @@ def find_plugged(
     owner: Callable[[str], str] = device_owner,
     diagnose: Callable[[PortInfo], Sequence[Finding]] = diagnose_port,
     system: Callable[[Sequence[PortInfo]], Sequence[Finding]] = diagnose_system,
+    hazard: Callable[[str], str] = reset_hazard,
 ) -> list[Plugged]:
     """The ports of this machine, likely ones first. Opens nothing.
 
@@ -66,14 +68,21 @@ def find_plugged(
         owner: Names the program that has a port open.
         diagnose: Checks one port.
         system: Checks for programs that open the ports of others.
+        hazard: Says what opening a port may move.
     """
     found = list(ports())
     meddlers = [each for each in system(found) if each.level is Level.BAD]
-    rows = [_row(port, owner(port.device), diagnose(port), meddlers) for port in found]
+    rows = [_row(port, owner(port.device), diagnose(port), meddlers, hazard) for port in found]
     return sorted(rows, key=lambda row: not row.robots)
 
 
-def _row(port: PortInfo, owner: str, findings: Sequence[Finding], meddlers: Sequence[Finding]) -> Plugged:
+def _row(
+    port: PortInfo,
+    owner: str,
+    findings: Sequence[Finding],
+    meddlers: Sequence[Finding],
+    hazard: Callable[[str], str],
+) -> Plugged:
     bad = [each for each in findings if each.level is Level.BAD]
     # A slow adapter is bad, too, but can be opened.
     closed = [each for each in bad if "may not" in each.text or "cannot" in each.text]
@@ -86,6 +95,8 @@ def _row(port: PortInfo, owner: str, findings: Sequence[Finding], meddlers: Sequ
     advice += [f"{each.text}: {each.advice}" for each in hints]
     if port.usb_id:
         advice += [f"{each.about} {each.text}: {each.advice}" for each in meddlers]
+    if not obstacle and (moves := hazard(port.device)):
+        advice.insert(0, moves)
     likely = []
     if port.likely_board:
         likely.append("hex7bot")

@@ -117,6 +117,7 @@ class Source:
             HexwireError: It cannot be opened.
         """
         from hexwire.bus.servo_bus import ServoBus
+        from hexwire.drivers.board_reset import warn_of_reset
 
         from .bus_source import BusSource
 
@@ -141,6 +142,8 @@ class Source:
                 link = tap(link if link is not None else ServoBus.from_url(url).link)
                 self._wire.expect(series)
                 bus = ServoBus(link)
+                # A controller board may be there by mistake.
+                warn_of_reset(link)
                 bus.open()
                 self.bus = BusSource(bus, self.silence)
             except HexwireError as error:
@@ -164,6 +167,9 @@ class Source:
         if arm is not None:
             arm.shutdown()
         if bus is not None:
+            from hexwire.drivers.board_reset import note_servos
+
+            note_servos(bus.bus)
             bus.shutdown()
 
     @property

@@ -65,9 +65,11 @@ def _closed(studio: Studio) -> None:
     """Nothing is open: offer to open a bus."""
     from nicegui import ui
 
+    from hexwire.drivers.board_reset import RESET_WARNING
     from hexwire.studio.servos.view import button, html
 
     html("Nothing is open. Open the adapter of a servo bus here, or an arm on the page Connect.", "p", "sv-hint")
+    html(f"If a controller board is there instead: {RESET_WARNING}.", "p", "sv-hint")
     with ui.element("div").classes("sv-form"):
         # What could not be opened as an arm may be a bus of servos that are none yet.
         port = ui.input("Port or address of the adapter", value=studio.source.refused)

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
+from hexwire.drivers.board_reset import RESET_WARNING
 from hexwire.drivers.registry import DEFAULT_ROBOT
 from hexwire.studio.access import Right
 from hexwire.studio.layout import every, on_press
@@ -151,5 +152,7 @@ def build(studio: Studio) -> None:
 
         if tab.right >= Right.OPERATE:
             button("Open", "Open this address", typed)
+    if tab.right >= Right.OPERATE:
+        text(f"A serial port, or a bridge to one: {RESET_WARNING}.", "p", "hw-dim")
     every(_LOOK, look)
     ui.timer(0.0, partial(look), once=True)
