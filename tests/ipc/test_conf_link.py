@@ -24,7 +24,7 @@ from hexwire.wire.modules import IpcType, ModuleType
 
 RECORDS = """\
 ARM_7BOT_SERIAL_TRX  CLIENT_TRX  9                     IPC_SERIAL_PORT  /dev/none  500000
-12                   CLIENT_TX   ROS1_HOST             IPC_UDP_SOCKET   127.0.0.1  15040
+12                   CLIENT_TRX  ROS1_HOST             IPC_UDP_SOCKET   127.0.0.1  15040
 PUMA260_HOST_IO_TRX  CLIENT_TRX  PUMA260_RBT_IO_SVR    IPC_TCP_SOCKET   127.0.0.1  15030
 """
 
@@ -99,6 +99,25 @@ def test_a_module_that_the_file_does_not_name(file: Path) -> None:
         IpcHandle.from_url(f"{file}?module=JOY_STICK")
     with pytest.raises(ConfigError, match="missing"):
         make_driver(str(file.with_name("missing.conf")))
+
+
+@pytest.mark.parametrize("way", ["CLIENT_TX", "CLIENT_RX"])
+@pytest.mark.parametrize(
+    "words",
+    [
+        "state --robot so101 --port",
+        "stop --robot so101 --port",
+        "bus scan --port",
+        "gateway --listen tcp://127.0.0.1:0 --board",
+    ],
+)
+def test_what_is_asked_and_answers_needs_both_directions(file: Path, way: str, words: str) -> None:
+    """A servo bus and a board behind a gateway; its port is not even opened."""
+    file.write_text(f"\nARM_7BOT_SERIAL_TRX {way} 8 IPC_SERIAL_PORT /dev/none\n")
+    result = CliRunner().invoke(cli, [*words.split(), str(file)])
+    assert result.exit_code == 2
+    assert f"{file}:2:1: ARM_7BOT_SERIAL_TRX is {way}" in result.stderr
+    assert "write CLIENT_TRX" in result.stderr
 
 
 def test_commands_about_a_device_find_it_in_the_file(file: Path) -> None:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tests.frames import frame_bytes
 from tests.link.far_ends import free_port
 
-from hexwire.errors import LinkError
+from hexwire.errors import ConfigError, LinkError
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
 from hexwire.joystick.channel import JoystickReceiver, JoystickSender
@@ -254,3 +254,16 @@ def _send_until_taken(sender: JoystickSender, receiver: JoystickReceiver) -> Joy
 def test_a_receiver_that_cannot_open_says_so() -> None:
     with pytest.raises(LinkError), JoystickReceiver.from_url("serial:///dev/none"):
         pass
+
+
+def test_the_direction_of_a_record_is_kept(tmp_path: Path) -> None:
+    file = tmp_path / "ipc_msg.conf"
+    port = free_port()
+    file.write_text(
+        f"ROS1_HOST SERVER_TX JOY_STICK UDP 127.0.0.1 {port}\nJOY_STICK CLIENT_RX ROS1_HOST UDP 127.0.0.1 {port}\n"
+    )
+    with pytest.raises(ConfigError, match="ROS1_HOST is SERVER_TX, which only sends"):
+        JoystickReceiver.from_conf(file).open()
+    with JoystickSender.from_conf(file) as sender:
+        with pytest.raises(ConfigError, match="JOY_STICK is CLIENT_RX, which only receives"):
+            sender.send(STATES[0])

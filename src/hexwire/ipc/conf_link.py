@@ -75,12 +75,26 @@ def device_url(port: str) -> LinkUrl:
 def make_conf_link(url: LinkUrl) -> Link:
     """Make the link of a channel; for `hexwire.link.open.make_link`.
 
+    A bare link carries bytes both ways: a servo bus, or a board behind a gateway, is asked and answers. A `Session`
+    keeps the direction itself.
+
     Raises:
         UsageError: As `conf_parts`.
-        ConfigError: As `channel_of`.
+        ConfigError: As `channel_of`, or the channel goes one way only.
     """
     from hexwire.link.open import build_link
 
     from .channel import link_url
 
-    return build_link(link_url(channel_of(*conf_parts(url))))
+    file, module = conf_parts(url)
+    channel = channel_of(file, module)
+    if not (channel.direction.sends and channel.direction.receives):
+        side = channel.direction.value.partition("_")[0]
+        raise ConfigError(
+            f"{module_name(module)} is {channel.direction.value}, but what is there is asked and answers; "
+            f"write {side}_TRX",
+            file=str(file),
+            line=channel.line,
+            column=1,
+        )
+    return build_link(link_url(channel))

@@ -116,7 +116,14 @@ class JoystickReceiver(Openable):
         return self._clock() - self._heard
 
     def open(self) -> None:
-        """Open the channel. The other end need not be open."""
+        """Open the channel. The other end need not be open.
+
+        Raises:
+            ConfigError: The channel only sends.
+        """
+        # The file is read by this, if there is one.
+        assert self.ipc.link is not None
+        self.ipc.check_receives()
         self.ipc.open()
         self._sn = None
         self._conversation = 0
