@@ -19,6 +19,8 @@ from hexwire.errors import LinkError
 from hexwire.link import ports, serial_port
 from hexwire.link.open import make_link
 from hexwire.link.ports import PortInfo
+from hexwire.wire.command_frame import Command
+from hexwire.wire.servo_packet import make_ping
 
 AFTER_RESET = 5.0
 
@@ -46,6 +48,17 @@ def test_the_sketch_drives_its_joints_home_at_a_reset(baud: int) -> None:
         # And it answers again: nothing of its own moves is left for the first who asks.
         arm.driver.attach()
         assert not arm.driver.read().silent
+
+
+@pytest.mark.parametrize("after", [0.0, 0.2, 0.5, 0.7, 0.9])
+def test_a_sketch_that_had_half_a_frame_when_it_began_to_listen_loses_no_request(after: float) -> None:
+    """While it starts, 63 bytes of what is sent are kept: a frame, and the beginning of another."""
+    arm = Arm(1, 115200, ("sketch",), attach=False)
+    arm.board.reset(arm.clock.time)
+    arm.wait(after)
+    arm.driver.attach()
+    assert arm.driver.ioctl(Command.PING, make_ping(1)) == bytes.fromhex("FFF5010600F8")
+    assert not arm.driver.read().silent
 
 
 def test_what_cannot_be_opened_is_not_warned_of_until_it_can(

@@ -264,6 +264,8 @@ def test_the_direction_of_a_record_is_kept(tmp_path: Path) -> None:
     )
     with pytest.raises(ConfigError, match="ROS1_HOST is SERVER_TX, which only sends"):
         JoystickReceiver.from_conf(file).open()
-    with JoystickSender.from_conf(file) as sender:
-        with pytest.raises(ConfigError, match="JOY_STICK is CLIENT_RX, which only receives"):
-            sender.send(STATES[0])
+    with (
+        JoystickSender.from_conf(file) as sender,
+        pytest.raises(ConfigError, match="JOY_STICK is CLIENT_RX, which only receives"),
+    ):
+        sender.send(STATES[0])

@@ -134,6 +134,7 @@ class Negotiator:
         self._asked = 0
         self._pings = 0
         self._left_to_ask: int | None = None
+        self._clearing = False
         self._knows_identify = False
         self._bytes_before = connection.decoder.counters.bytes_received
         self._frames_before = connection.decoder.counters.frames
@@ -149,23 +150,26 @@ class Negotiator:
             self._echoes += event.frame.src == self._connection.local
         if self.outcome is not None or not isinstance(event, Reply | TimedOut) or event.ticket != self._ticket:
             return
-        if isinstance(event, TimedOut):
+        if self._clearing:
+            # Whatever the answer, the end of this ping was the end of a frame for the board.
+            self._settle(Negotiated(PROTO_CHAPTER, None))
+        elif isinstance(event, TimedOut):
             self._next(now)
         elif event.cmd != Command.IDENTIFY:
             if self._only is None:
                 self._left_to_ask = _ASK_ON
                 self._next(now)
             else:
-                self._settle(Negotiated(PROTO_CHAPTER, None), now)
+                self._settle_chapter(now)
         elif event.frame is not None and event.frame.proto == PROTO_CHAPTER and self._only is None:
-            self._settle(Negotiated(PROTO_CHAPTER, None), now)
+            self._settle_chapter(now)
         elif event.status == Status.OK:
             try:
                 identity = Identity.parse(event.body)
             except RemoteProtocolError:
                 self._next(now)
             else:
-                self._settle(Negotiated(PROTO_HEXWIRE, identity), now)
+                self._settle(Negotiated(PROTO_HEXWIRE, identity))
         elif event.status == Status.BUSY and event.body:
             # A gateway whose board has another host: asking again would not help.
             text = event.body.decode(errors="replace")
@@ -198,17 +202,24 @@ class Negotiator:
         if status.servo_id == self._pinged and self._noise != make_ping(self._pinged) and self.outcome is None:
             self._fail(status.servo_id)
 
-    def _settle(self, outcome: Negotiated, now: float) -> None:
+    def _settle(self, outcome: Negotiated) -> None:
         self.outcome = outcome
         self._connection.dialect = outcome.dialect
         self._connection.cautious = outcome.dialect == PROTO_CHAPTER
-        if outcome.dialect == PROTO_CHAPTER and self._asked > 1:
-            # A board that booted meanwhile now answers queued requests: ignore those answers.
-            self._connection.stay_quiet(now + tables.DIALECT1_REPLY_WINDOW)
+
+    def _settle_chapter(self, now: float) -> None:
+        if self._asked == 1:
+            self._settle(Negotiated(PROTO_CHAPTER, None))
+            return
+        # A board that booted meanwhile now answers queued requests: ignore those answers. It also has half a frame
+        # if its buffer was full, and takes the next one for the rest of it: that must be nobody's request.
+        self._connection.stay_quiet(now + tables.DIALECT1_REPLY_WINDOW)
+        self._clearing = True
+        self._ask(now, ping=True)
 
     def _next(self, now: float) -> None:
         if self._left_to_ask == 0:
-            self._settle(Negotiated(PROTO_CHAPTER, None), now)
+            self._settle_chapter(now)
             return
         if self._left_to_ask is not None:
             self._left_to_ask -= 1
