@@ -12,6 +12,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from tests.drivers.arms import Arm
 
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.bus_arm import BusArm
@@ -186,6 +187,21 @@ def test_the_sync_word_is_generated() -> None:
 def test_the_delays_of_a_read() -> None:
     """The listing of servo_read: delay(10) after the packet, and delay(2) after each of 8 bytes."""
     assert pytest.approx(26) == 1000 * (board_chapter._READ_WAIT + 8 * board_chapter._BYTE_WAIT)
+
+
+def test_states_a_second_of_the_sketch() -> None:
+    """In simulated time; on a real line, with the host's own time, it is never more."""
+    arm = Arm(1, 115200)
+    begun = arm.clock.time
+    for _ in range(20):
+        arm.driver.read()
+    rate = 20 / (arm.clock.time - begun)
+    assert 3 <= rate < 4
+    for page, words in (
+        ("README.md", "from the chapter's firmware three times a second"),
+        ("docs/ros.md", "3 joint states a second"),
+    ):
+        assert words in (ROOT / page).read_text(encoding="utf-8"), page
 
 
 def test_names_of_registers() -> None:
