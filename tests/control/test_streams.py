@@ -16,6 +16,18 @@ SPEED, RATE, ENDS = 0.6, 50.0, 1.6
 @pytest.mark.parametrize("velocities", [False, True])
 @pytest.mark.parametrize("host_timed", [False, True], ids=["kept by the board", "target by target"])
 def test_a_stream_is_followed_evenly_and_ends_at_rest(host_timed: bool, velocities: bool, horizon: float) -> None:
+    stream(host_timed, velocities, horizon, 1)
+
+
+@pytest.mark.parametrize("horizon", [0.2, 0.3, 0.5])
+@pytest.mark.parametrize("velocities", [False, True])
+@pytest.mark.parametrize("host_timed", [False, True], ids=["kept by the board", "target by target"])
+def test_so_is_a_stream_of_trajectories_of_three_points(host_timed: bool, velocities: bool, horizon: float) -> None:
+    stream(host_timed, velocities, horizon, 3)
+
+
+def stream(host_timed: bool, velocities: bool, horizon: float, count: int) -> None:
+    """Follow a stream at an even speed whose trajectories have so many points."""
     bench = Timed(host_timed=host_timed)
     where, began, due = {name: bench.where(name) for name in NAMES}, bench.clock.time, bench.clock.time
     follower, joint = bench.controller.follower, HEX7BOT.joint("J1")
@@ -23,11 +35,14 @@ def test_a_stream_is_followed_evenly_and_ends_at_rest(host_timed: bool, velociti
     while (now := bench.clock.time - began) < ENDS + 1.2:
         if bench.clock.time >= due and now < ENDS:
             due += 1.0 / RATE
-            there = {**where, "J1": where["J1"] - SPEED * (now + horizon)}
-            speeds = tuple(-SPEED if name == "J1" else 0.0 for name in NAMES) if velocities else ()
-            goal = TrajectoryGoal(NAMES, (Point(horizon, tuple(there[name] for name in NAMES), speeds),))
+            points = []
+            for i in range(count):
+                ahead = horizon * (i + 1) / count
+                there = {**where, "J1": where["J1"] - SPEED * (now + ahead)}
+                speeds = tuple(-SPEED if name == "J1" else 0.0 for name in NAMES) if velocities else ()
+                points.append(Point(ahead, tuple(there[name] for name in NAMES), speeds))
             # None is refused, however far the arm is behind.
-            bench.arm.command("", goal, listener=None)
+            bench.arm.command("", TrajectoryGoal(NAMES, tuple(points)), listener=None)
         bench._step()
         state = follower.desired(NAMES, bench.clock.time)
         told.append((bench.clock.time - began, state.position[0], state.velocity[0]))

@@ -110,7 +110,7 @@ def take_over(
     if fits:
         return body if tail is None else Takeover(None, body, 0.0, left, tail)
     # The way to its first point is only followed if that keeps the limits.
-    joined, head = _join(begin, body, limits, 0.0 if keeps else free, left)
+    joined, head = _join(begin, body, limits, 0.0 if keeps else free, min(free, left), left)
     return Takeover(head, body, joined, left, tail)
 
 
@@ -163,9 +163,9 @@ def _tail(
 
 
 def _join(
-    begin: Sample, body: Trajectory, limits: Sequence[JointLimits], first: float, left: float
+    begin: Sample, body: Trajectory, limits: Sequence[JointLimits], first: float, last: float, left: float
 ) -> tuple[float, Pieces]:
-    """Where the joints join a trajectory, not before a time, and how they get there."""
+    """Where the joints join a trajectory, not before a first time, and how; where nothing suits, late at the last."""
     times = [t for t in _times(min(left, max(first, _LATEST))) if t >= first]
     for joined in times:
         if (head := reach(body.names, begin, body.at(joined), limits, joined)) is not None:
@@ -175,11 +175,10 @@ def _join(
         for factor in _DELAYS:
             if (head := reach(body.names, begin, there, limits, factor * joined)) is not None:
                 return joined, head
-    joined = min(first, left)
-    there = body.at(joined)._replace(acceleration=(0.0,) * len(body.names))
-    head = reach(body.names, begin, there, limits, joined, longer=True)
+    there = body.at(last)._replace(acceleration=(0.0,) * len(body.names))
+    head = reach(body.names, begin, there, limits, last, longer=True)
     assert head is not None
-    return joined, head
+    return last, head
 
 
 def _times(latest: float) -> Iterator[float]:
