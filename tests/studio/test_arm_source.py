@@ -154,6 +154,39 @@ def test_a_released_jog_brakes_instead_of_going_back_to_where_it_was_measured(
     assert steps[-1] < 0.2 * max(steps)
 
 
+def test_a_jog_that_begins_during_a_motion_begins_where_its_joints_have_braked(
+    source: Source, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source.silence = 60.0
+    arm = source.open("sim://so101?name=takes_over")
+    arm.arm.enable(True)
+    tab = Tab("tab 1", "key", "session", Right.OPERATE)
+    source.take(tab)
+    told: list[tuple[float, float]] = []
+    write = arm.driver.write
+
+    def noted(target: JointTarget) -> SentTarget:
+        told.extend((arm.driver.now(), angle) for name, angle in target.positions if name == "shoulder_pan")
+        return write(target)
+
+    monkeypatch.setattr(arm.driver, "write", noted)
+    first = arm.attended.begin(tab.key, 1)
+    assert first is not None
+    far = {"what": "joints", "goals": {"shoulder_pan": 1.5}, "speed": 1.0}
+    arm.begin_run(tab, first, far, arm.mark())
+    until(lambda: len(told) > 3 and told[-1][1] - told[-4][1] > 0.1, "it moves")
+    arm.attended.end(tab.key, "released")
+    second = arm.attended.begin(tab.key, 2)
+    assert second is not None
+    ended = len(told)
+    arm.begin_jog(tab, second, "joint", {"directions": {"shoulder_pan": 1.0}, "speed": 0.1}, arm.mark())
+    # Nothing is sent between the last target of the brake and the first of the jog.
+    steps = [b - a for (_, a), (_, b) in pairwise(told[ended - 2 :])]
+    assert len(steps) > 5
+    assert all(step >= -1e-9 for step in steps), "it never goes back"
+    assert steps[-1] < 0.3 * max(steps)
+
+
 class Seen:
     """An owner as it is at some time after a state."""
 

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.epochs import Token
     from hexwire.model.state import JointState, SentTarget
+    from hexwire.motion.follower import Follower
     from hexwire.motion.teach import Taught
 
     from .tabs import Tab
@@ -47,7 +48,7 @@ __all__ = ["ArmSource", "torque_words", "unready"]
 _log = logging.getLogger(__name__)
 
 _BRAKES, _LOOK = 1.0, 0.005
-"""Seconds for which a jog may brake, and between two looks at it."""
+"""Seconds for which joints may brake, and between two looks at them."""
 _FRESH = 2.0
 """Seconds for which an answer of the robot is passed on, so that questions of pages cannot keep its line busy."""
 _T = TypeVar("_T")
@@ -198,6 +199,10 @@ class ArmSource:
         self.shared.admit(order)
         self._settle()
         owner = self.arm.owner
+        if owner.lead <= SOON:
+            # What moves brakes within its limits; the jog begins where the joints rest.
+            owner.group.brake("a jog was begun")
+            self._await(lambda: all(self._rests(one.follower) for one in self.arm.controllers.values()))
         owner.settle("a jog was begun")
         with owner.locked():
             self.shared.path_check.stop_latch(owner.group.reason)
@@ -258,14 +263,22 @@ class ArmSource:
     def _end_jog(self, why: str) -> None:
         owner = self.arm.owner
         # The jog has seen its end itself, and brakes; on a slow line a target lasts too long to wait for that.
-        until = time.monotonic() + (_BRAKES if owner.lead <= SOON else 0.0)
-        while self.jog.busy and owner.connected and time.monotonic() < until:
-            time.sleep(_LOOK)
+        if owner.lead <= SOON:
+            self._await(lambda: not self.jog.busy)
         if not self.jog.busy:
             return
         with owner.deciding():
             if owner.group.reason is None and owner.connected:
                 hold_moving(owner, why)
+
+    def _await(self, found: Callable[[], bool]) -> None:
+        """Wait while joints brake, for as long as that takes at most."""
+        until = time.monotonic() + _BRAKES
+        while not found() and self.arm.owner.connected and time.monotonic() < until:
+            time.sleep(_LOOK)
+
+    def _rests(self, follower: Follower) -> bool:
+        return not follower.braking and self.arm.owner.now() >= follower.due
 
     def update_jog(self, kind: str, args: Mapping[str, object]) -> None:
         """Change what is held; raises as `JogController.update`."""
