@@ -375,7 +375,7 @@ def test_torque_off_ends_the_goal_and_the_other_joints_come_to_rest() -> None:
     bench.ask(lambda: bench.owner.torque(False, ["J5"]))
     assert told.outcome == NOT_READY
     assert "torque was switched off" in told.text
-    bench.turn(0.5)
+    bench.turn(0.9)
     place = at(bench)
     bench.turn(1.0)
     assert at(bench) == pytest.approx(place, abs=0.003)

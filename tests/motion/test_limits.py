@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointTarget
-from hexwire.motion.limits import check_target, needed_duration, resting_inside, smooth_duration
+from hexwire.motion.limits import check_target, needed_duration, rest_duration, resting_inside, smooth_duration
 
 ZERO = dict.fromkeys(HEX7BOT.names, 0.0)
 
@@ -107,3 +108,12 @@ def test_a_smooth_motion_keeps_every_limit(goal: dict[str, float], start: dict[s
             assert max(peaks) <= 1.0 + 1e-9
             tightest = max(tightest, *peaks)
     assert seconds == 0.0 or tightest == pytest.approx(1.0)
+
+
+def test_a_board_takes_as_long_to_rest_as_the_fastest_joint_of_the_path_needs() -> None:
+    assert rest_duration(HEX7BOT, ("J1", "J4")) == pytest.approx(1.5 * 2.6 / 6.0)
+    assert rest_duration(HEX7BOT, ("J1", "J5")) == pytest.approx(1.5 * 3.5 / 6.0)
+    joint = HEX7BOT.joint("J1")
+    for changed, seconds in (({"max_jerk": 1.0}, math.sqrt(6.0 * 2.6)), ({"max_acceleration": 0.1}, 2.0)):
+        arm = replace(HEX7BOT, joints=(replace(joint, **changed),))
+        assert rest_duration(arm, ("J1",)) == pytest.approx(min(2.0, seconds))

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING
 
 from hexwire.drivers.timed_path import REST_POINTS, PathReport, PathState, TimedPath, TimedPoint
 from hexwire.errors import CommandRefusedError, DeviceError, LeaseError, PreemptedError, StoppedError, UsageError
-from hexwire.motion.follower import BRAKE, Follower, Mode
+from hexwire.motion.follower import Follower, Mode
+from hexwire.motion.limits import rest_duration
 from hexwire.motion.path_rest import nearest_time
 from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop, silence
 from hexwire.motion.together import Together
@@ -95,6 +96,8 @@ class SentAhead:
         self._replaced: int | None = None
         self._complete = False
         self._looked = self._turned = -math.inf
+        # Seconds that the robot's own brake takes.
+        self._brakes_for = 0.0
         # It comes to rest although the plan goes on; at which time of the path, and where, if that is not on it.
         self._leaving, self._rest = False, 0.0
         self._stands: dict[str, float] | None = None
@@ -265,7 +268,8 @@ class SentAhead:
 
     def _start(self, plan: Together, begins: float) -> None:
         before = self._clock()
-        path = self._robot.path(plan.names, brake=BRAKE)
+        self._brakes_for = rest_duration(self._robot.model, plan.names)
+        path = self._robot.path(plan.names, brake=self._brakes_for)
         self._pace.measure(self._clock() - before)
         self._plan = self._on_robot = plan
         self._sent, self._oldest, self._replaced = [], 0, None
@@ -480,7 +484,7 @@ class SentAhead:
             path.abort()
         begins = (before + self._clock()) / 2.0 - self._origin + path.lead
         # Half of the braking time of the path is travelled; nothing, if it has not begun.
-        self._rest = begins + BRAKE / 2.0 if begins > 0.0 else 0.0
+        self._rest = begins + self._brakes_for / 2.0 if begins > 0.0 else 0.0
         self._leaving = True
 
     def _brake(self, path: TimedPath) -> bool:
@@ -501,7 +505,7 @@ class SentAhead:
         if place is not None:
             self._stands = dict(zip(path.joints, place, strict=True))
             place = tuple([self._stands[name] for name in self._on_robot.names])
-            self._rest = nearest_time(self._on_robot, left, BRAKE, place)
+            self._rest = nearest_time(self._on_robot, left, self._brakes_for, place)
 
     def _settle(self) -> None:
         """The robot is at rest: those that want to move go on from there."""

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 
 from hexwire.drivers.timed_path import REST_POINTS, PathState, TimedPath, TimedPoint
 from hexwire.errors import CommandRefusedError, DeviceError, HexwireError, PreemptedError, StoppedError, UsageError
-from hexwire.motion.follower import BRAKE
 from hexwire.motion.path_points import path_points
 from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop
 
@@ -58,8 +57,7 @@ class PathFeed:
     Args:
         robot: Attached; `times_motion`.
         trajectory: Checked.
-        brake: As in `RobotDriver.path`.
-        outlives: Likewise.
+        outlives: As in `RobotDriver.path`.
         period: Seconds between two turns: what is sent in one lasts for several.
         apart: Seconds between two points, and all of them are sent before the start; if None, they are as close
             as the trajectory needs, and are sent while it runs.
@@ -77,13 +75,12 @@ class PathFeed:
         robot: RobotDriver,
         trajectory: Trajectory,
         *,
-        brake: float = BRAKE,
         outlives: bool = False,
         period: float = 0.05,
         apart: float | None = None,
     ) -> None:
         self._robot, self._trajectory = robot, trajectory
-        self._brake, self._outlives, self._period = brake, outlives, period
+        self._outlives, self._period = outlives, period
         self._next, self._apart = _NEXT, apart
         self._path: TimedPath | None = None
         self._places: list[int] = []
@@ -107,7 +104,7 @@ class PathFeed:
             HexwireError: As `TimedPath`.
         """
         robot, trajectory = self._robot, self._trajectory
-        self._path = path = robot.path(trajectory.names, brake=self._brake, outlives=self._outlives)
+        self._path = path = robot.path(trajectory.names, outlives=self._outlives)
         self._places = [trajectory.names.index(name) for name in path.joints]
         if robot.refills_paths:
             self._brakes = PathBrake(robot.model, path.joints)

@@ -45,7 +45,7 @@ _MANY = or_none(NAMES)
 _ARGUMENTS: dict[str, dict[str, Wanted]] = {
     "write": {"target": _TARGET},
     "torque": {"on": FLAG, "joints": _MANY},
-    "path": {"joints": _MANY, "smooth": FLAG, "brake": SECONDS, "outlives": FLAG},
+    "path": {"joints": _MANY, "smooth": FLAG, "brake": or_none(SECONDS), "outlives": FLAG},
     "clear_path": {"joints": _MANY},
     "stop": {"mode": _MODE},
     "watchdog": {"timeout": SECONDS, "mode": _MODE},
@@ -398,7 +398,7 @@ class RobotDriver(ABC):
         joints: Sequence[str] | None = None,
         *,
         smooth: bool = True,
-        brake: float = 0.2,
+        brake: float | None = None,
         outlives: bool = False,
     ) -> TimedPath:
         """Begin a path that the robot follows in its own time, whatever this program does meanwhile. Nothing moves.
@@ -406,7 +406,8 @@ class RobotDriver(ABC):
         Args:
             joints: Names; all if None.
             smooth: Its points have velocities, and the joints follow cubics between them; else straight lines.
-            brake: Seconds in which the joints come to rest on the path when they must.
+            brake: Seconds in which the joints come to rest on the path when they must; if None, as long as even
+                motion at their greatest speed needs within their limits.
             outlives: Once all points have arrived, the watchdog lets it finish; `clear_path` ends it.
 
         Raises:

@@ -59,7 +59,7 @@ class Board(Protocol):
         """Whether the board follows a path in its own time."""
         ...
 
-    def path(self, joints: Sequence[str] | None, *, smooth: bool, brake: float, outlives: bool) -> TimedPath:
+    def path(self, joints: Sequence[str] | None, *, smooth: bool, brake: float | None, outlives: bool) -> TimedPath:
         """Begin a path; see `RobotDriver.path`."""
         ...
 

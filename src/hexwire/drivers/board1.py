@@ -430,7 +430,7 @@ class Board1:
     def times_motion(self) -> bool:
         return False
 
-    def path(self, joints: Sequence[str] | None, *, smooth: bool, brake: float, outlives: bool) -> TimedPath:
+    def path(self, joints: Sequence[str] | None, *, smooth: bool, brake: float | None, outlives: bool) -> TimedPath:
         raise _unsupported("a path in its own time")
 
     def left_path(self) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from hexwire.errors import DeviceError, HexwireError, NotSupportedError, ServoEr
 from hexwire.ipc.session import Session
 from hexwire.model.arm import ArmModel
 from hexwire.model.state import JointState, JointTarget, SentTarget
+from hexwire.motion.limits import rest_duration
 from hexwire.session.events import Reply
 from hexwire.wire.board_trajectory import BeginReply, PathState, PathStatus
 from hexwire.wire.command_frame import Command, Frame, Status
@@ -183,11 +184,15 @@ class Board2:
         """Whether the board follows a path in its own time."""
         return bool(self.identity.capabilities & CAPABILITY_TRAJECTORY)
 
-    def path(self, joints: Sequence[str] | None, *, smooth: bool, brake: float, outlives: bool) -> Board2Path:
+    def path(
+        self, joints: Sequence[str] | None, *, smooth: bool, brake: float | None, outlives: bool
+    ) -> Board2Path:
         """Send TRAJECTORY_BEGIN; see `RobotDriver.path`."""
         if not self.times_motion:
             version = ".".join(map(str, self.identity.firmware))
             raise NotSupportedError(f"the board's firmware {version} follows no path of its own; flash a newer one")
+        if brake is None:
+            brake = rest_duration(self._model, self._model.names if joints is None else joints)
         mask = self._board_mask(joints)
         self._paths = (self._paths + 1) % _OUTLIVES
         capabilities = self.identity.capabilities

@@ -303,4 +303,4 @@ def begin_request(
         raise UsageError(f"a path comes to rest in 0.02..2 s, not in {brake:g} s")
     wanted = {PathFlag.HERMITE: smooth, PathFlag.OUTLIVES_HOST: outlives, PathFlag.FINE: fine}
     flags = sum(flag for flag, wants in wanted.items() if wants)
-    return BeginRequest(number, flags, mask, round(1000 * brake))
+    return BeginRequest(number, flags, mask, math.ceil(1000 * brake - 1e-6))

@@ -224,7 +224,7 @@ class Hex7BotDriver(SessionDriver):
         joints: Sequence[str] | None = None,
         *,
         smooth: bool = True,
-        brake: float = 0.2,
+        brake: float | None = None,
         outlives: bool = False,
     ) -> TimedPath:
         with self._calling("a path"):

@@ -81,7 +81,7 @@ class Following(ABC):
         joints: Sequence[str] | None = None,
         *,
         smooth: bool = True,
-        brake: float = 0.2,
+        brake: float | None = None,
         outlives: bool = False,
     ) -> GoalPath:
         """Begin a path that the arm's server follows; see `RobotDriver.path`. The braking time is the server's.

@@ -31,15 +31,9 @@ from .waypoints import Sample, Tail, Trajectory
 if TYPE_CHECKING:
     from hexwire.model.control_law import ControlLaw, Laws
 
-__all__ = ["BRAKE", "Follower", "FollowerCounters", "Mode", "Ways"]
+__all__ = ["Follower", "FollowerCounters", "Mode", "Ways"]
 
 _ROUNDING = 1e-9
-BRAKE = 0.5
-"""Seconds in which a robot that has the trajectory itself comes to rest on it, where this program cannot plan that.
-
-From 2 rad/s, even motion is braked within 6 rad/s^2 and 60 rad/s^3 so; PROTOCOL.md 6.7 has the law.
-"""
-
 _STALL = 1.0
 """Delay behind the last command, in leads, from which the loop counts as stalled."""
 _ASIDE = 0.3

@@ -8,7 +8,7 @@ again with limits of its own.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from hexwire.errors import UsageError
@@ -18,10 +18,12 @@ from hexwire.model.state import JointTarget
 from .trajectory import PEAK_ACCELERATION, PEAK_JERK, PEAK_SPEED
 from .waypoints import Scaled, Trajectory
 
-__all__ = ["check_target", "needed_duration", "resting_inside", "slow_enough", "smooth_duration"]
+__all__ = ["check_target", "needed_duration", "rest_duration", "resting_inside", "slow_enough", "smooth_duration"]
 
 _STEP, _ROUNDING = 0.001, 1.001
 """Seconds between samples of a trajectory that may be too fast, and the factor for what happens between them."""
+_LONGEST_REST = 2.0
+"""Most seconds in which a board comes to rest on a path: PROTOCOL.md 6.7."""
 _AT_STOP = math.radians(1.5)
 """How far a joint that rests on its mechanical stop may be outside its limits, which end before the stop."""
 
@@ -54,6 +56,24 @@ def needed_duration(model: ArmModel, start: Mapping[str, float], goal: Mapping[s
         ),
         default=0.0,
     )
+
+
+def rest_duration(model: ArmModel, names: Iterable[str]) -> float:
+    """Seconds in which a board lets a path come to rest by itself, where no host can plan that.
+
+    The rate of the path's time falls as 1 - 3u^2 + 2u^3 (PROTOCOL.md 6.7). Its steepest slope is 3/2 at u = 1/2,
+    and that changes by 6 at most: even motion at full speed is braked within the limits of acceleration and jerk.
+
+    Args:
+        model: The arm.
+        names: Joints of the path.
+    """
+    joints = [model.joint(name) for name in names]
+    needed = [
+        max(1.5 * joint.max_speed / joint.max_acceleration, math.sqrt(6.0 * joint.max_speed / joint.max_jerk))
+        for joint in joints
+    ]
+    return min(_LONGEST_REST, max(needed, default=_LONGEST_REST))
 
 
 def smooth_duration(model: ArmModel, start: Mapping[str, float], goal: Mapping[str, float]) -> float:
