@@ -165,7 +165,7 @@ def _tail(
 def _join(
     begin: Sample, body: Trajectory, limits: Sequence[JointLimits], first: float, last: float, left: float
 ) -> tuple[float, Pieces]:
-    """Where the joints join a trajectory, not before a first time, and how; where nothing suits, late at the last."""
+    """Where the joints join a trajectory, not before a first time, and how; late at the last if nothing suits."""
     times = [t for t in _times(min(left, max(first, _LATEST))) if t >= first]
     for joined in times:
         if (head := reach(body.names, begin, body.at(joined), limits, joined)) is not None:
