@@ -15,8 +15,10 @@ from tests.motion.arms import EXCESS, HOME, NAMES, PERIOD, rest_to_rest
 
 from hexwire.control.controller import TrajectoryController
 from hexwire.control.motions import MotionOptions, run_motion
+from hexwire.control.target import SteppedWay
 from hexwire.model.arm import JointModel
 from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.state import JointTarget
 
 WAY, SECONDS = 1.0, 2.0
 
@@ -112,5 +114,35 @@ def test_a_motion_of_a_program_ends_so_when_the_program_has_seen_enough(
     assert worst(rows, [joint]) <= EXCESS
     assert rows[-1] == rows[-2]
     assert 0.01 < rows[-1][0] - here < 0.79
+    arm.wait(1.0)
+    assert arm.driver.read()["J4"].position == pytest.approx(rows[-1][0], abs=0.01)
+
+
+@pytest.mark.parametrize("after", [0.3, 0.7])
+def test_so_ends_a_target_that_is_sent_in_steps(after: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, rows, sampled = Arm(1, 115200), list[tuple[float, ...]](), -math.inf
+    places, joint, (here,) = SteppedWay.places, HEX7BOT.joint("J4"), [arm.driver.read()["J4"].position]
+
+    def noted(way: SteppedWay, now: float) -> dict[str, float]:
+        nonlocal sampled
+        found, sampled = places(way, now), sampled if rows else now
+        while sampled + PERIOD < way.told:
+            sampled += PERIOD
+            rows.append(way.at(sampled).position)
+        return found
+
+    monkeypatch.setattr(SteppedWay, "places", noted)
+    begin = arm.clock.time
+    result = run_motion(
+        arm.driver,
+        JointTarget.of({"J4": here + 0.8}, 1.6),
+        MotionOptions(clock=arm.clock, sleep=arm.wait, rate=20.0),
+        until=lambda state: arm.clock.time > begin + after,
+    )
+    assert result.cut
+    assert result.stopped is None
+    assert worst(rows, [joint]) <= EXCESS
+    assert rows[-1][0] == pytest.approx(rows[-2][0], abs=1e-6)
+    assert 0.005 < rows[-1][0] - here < 0.79
     arm.wait(1.0)
     assert arm.driver.read()["J4"].position == pytest.approx(rows[-1][0], abs=0.01)

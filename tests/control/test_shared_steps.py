@@ -9,10 +9,13 @@ from typing import Any
 import pytest
 from tests.control.arm_bench import order
 from tests.control.shared_bench import SharedBench
-from tests.motion.arms import HOME
+from tests.control.test_every_end import worst
+from tests.motion.arms import EXCESS, HOME, PERIOD
 
 from hexwire.control.shared_steps import JointSteps, SteppedTargets
+from hexwire.control.target import SteppedWay, straight
 from hexwire.errors import LeaseError, LimitError, StoppedError
+from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointTarget, SentTarget
 from hexwire.motion.safety import StopReason
 from hexwire.motion.trajectory import quintic_share
@@ -219,10 +222,15 @@ def test_a_joint_of_unknown_position_is_sent_to_its_target() -> None:
 
 
 def test_the_controller_of_steps_reports_no_goals() -> None:
-    way = JointSteps("J1")
+    def line() -> SteppedWay:
+        made = SteppedWay(straight({"J1": 0.0}, {"J1": 1.0}, 2.0), 10.0, 0.5)
+        assert made.places(10.0) == {"J1": quintic_share(0.25)}
+        return made
+
+    way = JointSteps("J1", HEX7BOT)
     assert not way.busy
     assert way.cycle(None, 0.0, 0.1) is None  # type: ignore[arg-type]
-    way.begin(0.0, 1.0, 10.0, 2.0, 0.5)
+    way.begin(line())
     assert way.moving
     assert way.aim(10.0) == quintic_share(0.25)
     assert way.left(11.0) > 1.0
@@ -232,7 +240,46 @@ def test_the_controller_of_steps_reports_no_goals() -> None:
     assert way.aim(12.6) == 1.0
     assert way.aim(13.0) is None
     assert way.take_ended() == []
-    way.begin(0.0, 1.0, 10.0, 2.0, 0.5)
+    way.begin(line())
     way.stop(StopReason("asked", "a test"))
     way.reset()
     assert (way.busy, way.reason, way.aim(10.0)) == (False, None, None)
+
+
+CHANGES: dict[str, Callable[[SharedBench, int], object]] = {
+    "another target": lambda bench, key: bench.move(key, 0.5, J1=0.3),
+    "another target further on": lambda bench, key: bench.move(key, 0.5, J1=-0.3),
+    "giving back": lambda bench, key: bench.shared.leave(key, finish=False),
+    "pre-emption": lambda bench, key: bench.take("Eve", force=True),
+}
+
+
+@pytest.mark.parametrize("after", [0.2, 0.4, 0.6])
+@pytest.mark.parametrize("how", CHANGES)
+def test_what_changes_a_far_target_on_its_way_keeps_all_limits(
+    how: str, after: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = SharedBench(dialect=1, command_rate=20.0)
+    key, rows, sampled = bench.take(), list[tuple[float, ...]](), -math.inf
+    places = SteppedWay.places
+
+    def noted(way: SteppedWay, now: float) -> dict[str, float]:
+        nonlocal sampled
+        found, sampled = places(way, now), sampled if rows else now
+        while sampled + PERIOD < way.told:
+            sampled += PERIOD
+            rows.append(way.at(sampled).position)
+        return found
+
+    monkeypatch.setattr(SteppedWay, "places", noted)
+    bench.move(key, 1.0, J1=-1.0)
+    bench.keep(key, after)
+    CHANGES[how](bench, key)
+    here = rows[-1][0]
+    bench.turn(3.0)
+    assert worst(rows, [HEX7BOT.joint("J1")]) <= EXCESS
+    assert len(rows) > 400
+    assert rows[-1] == pytest.approx(rows[-2], abs=1e-6)
+    if "target" not in how:
+        assert 0.0 < here - rows[-1][0] < 0.6
+    assert bench.where("J1") == pytest.approx(rows[-1][0], abs=0.02)

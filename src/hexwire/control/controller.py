@@ -483,6 +483,10 @@ class TrajectoryController:
         self._end(Outcome.ABORTED, Reason.NOT_READY, why)
         return True
 
+    def brakes(self, now: float) -> bool:
+        """Whether joints that brake still move at a time."""
+        return self.follower.braking or now < self.follower.due
+
     def release(self, why: str) -> None:
         """Forget the set-points, since the joints are no longer held; the active goal is aborted."""
         self.follower.forget()

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from .controller import TrajectoryController
     from .owner import RobotOwner
+    from .target import TargetController
 
 __all__ = ["SOON", "brake_at_end", "hold_moving", "stop_or_log"]
 
@@ -77,7 +78,7 @@ def hold_moving(owner: RobotOwner, why: str) -> None:
         stop_or_log(owner, why)
 
 
-def brake_at_end(owner: RobotOwner, controller: TrajectoryController) -> bool:
+def brake_at_end(owner: RobotOwner, controller: TrajectoryController | TargetController) -> bool:
     """Brake joints before their program ends, and wait until they rest.
 
     Args:
@@ -90,8 +91,8 @@ def brake_at_end(owner: RobotOwner, controller: TrajectoryController) -> bool:
     if owner.lead > SOON:
         return False
     with owner.locked():
-        braked, follower = controller.brake("it was ended"), controller.follower
-    while braked and (follower.braking or owner.now() < follower.due):
+        braked = controller.brake("it was ended")
+    while braked and controller.brakes(owner.now()):
         owner.turn()
     return braked
 

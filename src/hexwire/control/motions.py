@@ -444,6 +444,7 @@ def _run_target(
         step=step,
         early=options.early,
         waits=timed,
+        arm=robot.model,
     )
 
     def was_sent(sent: SentTarget) -> None:
@@ -481,7 +482,9 @@ def _run_target(
         end = _turn_until(owner, over, until)
         if feed is not None:
             _end_feed(feed, owner, safe, abort=not controller.arrived)
-        reason = _end_at(owner, end, goal, options, asked) if end else None
+        reason = None
+        if end and not (end is True and brake_at_end(owner, controller)):
+            reason = _end_at(owner, end, goal, options, asked)
         controller.release("it is over")
         sent_duration = controller.sent.duration if controller.sent is not None else target.duration
         return MotionResult(

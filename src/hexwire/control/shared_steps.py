@@ -7,22 +7,26 @@ remains. Must not know leases, nor who sends targets.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from hexwire.errors import StoppedError
 from hexwire.model.state import JointTarget, SentTarget
+from hexwire.motion.follower import Follower
 from hexwire.motion.limits import check_target, smooth_duration
+from hexwire.motion.together import Together
+from hexwire.motion.waypoints import Sample
 
 from .output import SETTLING
-from .target import AHEAD, step_share
+from .target import AHEAD, SteppedWay, straight
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
     from hexwire.epochs import Token
+    from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState
     from hexwire.motion.safety import StopReason
+    from hexwire.motion.waypoints import Trajectory
 
     from .outcomes import Ended, GoalListener
     from .owner import RobotOwner
@@ -33,46 +37,45 @@ _SHORT = 1.1
 """Targets up to this many such durations, such as streamed set-points, are sent whole; more than 1 for rounding."""
 
 
-class _Line(NamedTuple):
-    """The straight line of a joint: radians, seconds of the owner's clock."""
-
-    start: float
-    goal: float
-    began: float
-    duration: float
-    step: float
-
-    def place(self, now: float) -> float:
-        """Target of a step that is sent now."""
-        share = step_share(now - self.began, self.step, self.duration)
-        return self.start + share * (self.goal - self.start)
-
-
 class JointSteps:
     """A controller of one joint that moves it to its target in steps, or does nothing.
 
     Args:
         joint: Name.
+        arm: Limits within which it brakes.
     """
 
-    def __init__(self, joint: str) -> None:
+    def __init__(self, joint: str, arm: ArmModel) -> None:
         self.joints = (joint,)
         self.reason: StopReason | None = None
-        self._line: _Line | None = None
+        self._arm = arm
+        # Shared with the other joints of the target.
+        self._way: SteppedWay | None = None
         # The last target sent, and until when the joint may still move to it.
         self._aim, self._until = math.nan, -math.inf
 
     @property
     def busy(self) -> bool:
         """Whether there are steps to send."""
-        return self._line is not None
+        return self._way is not None
 
-    moving = busy
+    @property
+    def moving(self) -> bool:
+        """Whether these lead to a target."""
+        return self._way is not None and not self._way.braking
 
-    def begin(self, start: float, goal: float, began: float, duration: float, step: float) -> None:
-        """Move on a straight line, after its first step was sent."""
-        self._line = line = _Line(start, goal, began, duration, step)
-        self.aimed(line.place(began), began + AHEAD * step)
+    @property
+    def way(self) -> SteppedWay | None:
+        """Where the steps lead, or None."""
+        return self._way
+
+    def begin(self, way: SteppedWay) -> None:
+        """Send the steps of a way, after the first one."""
+        self._way = way
+        self.aimed(self._place(way), way.told + (AHEAD - 1.0) * way.step)
+
+    def _place(self, way: SteppedWay) -> float:
+        return way.at(way.told).position[way.names.index(self.joints[0])]
 
     def aimed(self, angle: float, until: float) -> None:
         """Note a target that was sent, and when the joint reaches it."""
@@ -84,40 +87,42 @@ class JointSteps:
 
     def left(self, now: float) -> float:
         """Seconds until the target is reached; 0 if there are no steps to send."""
-        line = self._line
-        if line is None:
+        way = self._way
+        if way is None:
             return 0.0
-        return max(0.0, line.began + line.duration - now) + 2.0 * line.step + SETTLING
+        return max(0.0, way.ends - now) + 2.0 * way.step + SETTLING
 
     def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
         """Do nothing: the sender of the target checks the arrival."""
 
     def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | None:
         """The next step."""
-        line = self._line
-        if line is None:
+        way = self._way
+        if way is None:
             return None
-        place, duration = line.place(now), AHEAD * line.step
-        if now - line.began >= line.duration:
-            self._line, duration = None, line.step
+        place, duration = way.places(now)[self.joints[0]], AHEAD * way.step
+        if now >= way.ends:
+            self._way, duration = None, way.step
         self.aimed(place, now + duration)
         return JointTarget.of({self.joints[0]: place}, duration)
 
     def stop(self, reason: StopReason) -> None:
         """End the motion. The other controllers latch the stop."""
-        self._line, self._until = None, -math.inf
+        self._way, self._until = None, -math.inf
 
     def reset(self) -> None:
         """Do nothing: an ended motion does not continue."""
 
     def brake(self, why: str) -> bool:
-        """Same as `release`: what a target asks of the joints is the sender's choice."""
+        """Brake with the other joints of the target, which stay on their straight line; whether they do."""
+        if self._way is not None and self._way.brake(self._arm):
+            return True
         self.release(why)
         return False
 
     def release(self, why: str) -> None:
         """End the motion."""
-        self._line, self._until = None, -math.inf
+        self._way, self._until = None, -math.inf
 
     def take_ended(self) -> list[tuple[GoalListener, Ended]]:
         """Return nothing: steps have no goal."""
@@ -133,7 +138,9 @@ class SteppedTargets:
 
     def __init__(self, owner: RobotOwner) -> None:
         self._owner = owner
-        self._members = {name: JointSteps(name) for name in owner.robot.model.names}
+        model = owner.robot.model
+        self._members = {name: JointSteps(name, model) for name in model.names}
+        self._planner = Follower(model, allowed=self._wrong)
 
     def send(self, target: JointTarget, asked: Token) -> SentTarget:
         """Send a target; the caller has `RobotOwner.deciding`.
@@ -161,23 +168,44 @@ class SteppedTargets:
             for name, angle in sent.positions:
                 self._members[name].aimed(angle, now + sent.duration)
             return sent
-        smooth = smooth_duration(robot.model, here, dict(checked.positions))
-        checked = replace(checked, duration=max(checked.duration, smooth))
-        # A joint whose position is unknown cannot be interpolated: it is sent directly to its target.
-        start = {name: here[name] if math.isfinite(here[name]) else goal for name, goal in checked.positions}
-        lines = {name: _Line(start[name], goal, now, checked.duration, step) for name, goal in checked.positions}
-        first = owner.send(
-            JointTarget.of({name: line.place(now) for name, line in lines.items()}, AHEAD * step), asked
-        )
+        way = self._plan(checked, here, now)
+        first = owner.send(JointTarget.of(way.places(now), AHEAD * step), asked)
         with owner.locked():
             # A stop that came since then found no steps to end.
             robot.epochs.check(asked, "a move")
             if owner.group.reason is not None:
                 raise StoppedError.unsent("a move", 0, f"the arm was stopped meanwhile ({owner.group.reason})")
             self._join()
-            for name, line in lines.items():
-                self._members[name].begin(*line)
-        return SentTarget(checked.positions, checked.duration, first.clamped, first.silent)
+            for name in way.names:
+                self._members[name].begin(way)
+        return SentTarget(checked.positions, way.ends - now, first.clamped, first.silent)
+
+    def _plan(self, target: JointTarget, here: Mapping[str, float], now: float) -> SteppedWay:
+        """The way to a far target; raises `LimitError` if none leads out of the present motion."""
+        owner, model, goal = self._owner, self._owner.robot.model, dict(target.positions)
+        # A joint whose position is unknown cannot be interpolated: it is sent directly to its target.
+        start = {name: here[name] if math.isfinite(here[name]) else angle for name, angle in goal.items()}
+        duration = max(target.duration, smooth_duration(model, start, goal))
+        running = {name: way for name in goal if (way := self._members[name].way) is not None}
+        if not running:
+            return SteppedWay(straight(start, goal, duration), now, owner.command_period)
+        begins = max(way.told for way in running.values())
+        rows = []
+        for name in goal:
+            if (way := running.get(name)) is None:
+                rows.append((start[name], 0.0, 0.0))
+            else:
+                i, sample = way.names.index(name), way.at(begins)
+                rows.append((sample.position[i], sample.velocity[i], sample.acceleration[i]))
+        begin = Sample(*zip(*rows, strict=True))
+        line = straight(dict(zip(goal, begin.position, strict=True)), goal, duration)
+        self._planner.observe(owner.newest())
+        ways = self._planner.ways(line, begin)
+        return SteppedWay(Together(line.names, {line.names: ways}), begins, owner.command_period)
+
+    def _wrong(self, path: Trajectory, others: Mapping[str, float]) -> str:
+        check = self._owner.group.check
+        return "" if check is None else check.unchecked(path, others)
 
     def release(self, joints: Collection[str]) -> None:
         """End the steps of joints that another controller takes over; the caller has `RobotOwner.locked`."""

@@ -10,19 +10,20 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from hexwire.model.state import JointTarget, SentTarget
+from hexwire.motion.moving import brake, joint_limits
 from hexwire.motion.safety import StopReason, board_stop
-from hexwire.motion.trajectory import quintic_share
-from hexwire.motion.waypoints import Sample
+from hexwire.motion.waypoints import Sample, Spline, Waypoint
 
 from .arrival import Arrival, Deviation, Tolerance, Verdict
 
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState
+    from hexwire.motion.waypoints import Trajectory
 
     from .outcomes import Ended, GoalListener
 
-__all__ = ["AHEAD", "SingleMotion", "TargetController", "holding", "step_share"]
+__all__ = ["AHEAD", "SingleMotion", "SteppedWay", "TargetController", "holding", "straight"]
 
 AHEAD = 1.5
 """Duration of a step's target in steps, so that a late step does not pause the motion."""
@@ -51,15 +52,68 @@ def holding(arm: ArmModel, state: JointState, joints: Collection[str] | None = N
     return JointTarget.of(inside, duration) if inside else None
 
 
-def step_share(since: float, step: float, duration: float) -> float:
-    """Part of a straight line to which the next step leads, 0 to 1: slowly at both ends, with limited jerk.
+def straight(start: Mapping[str, float], goal: Mapping[str, float], duration: float) -> Spline:
+    """A straight line of joints, slow at both ends and with limited jerk.
 
     Args:
-        since: Seconds since the motion began.
-        step: Seconds between two steps.
-        duration: Of the whole line, seconds.
+        start: Radians by joint.
+        goal: Likewise, of some of these joints.
+        duration: Seconds; 0 for a step.
     """
-    return quintic_share((since + step) / duration)
+    if not duration:
+        return Spline(tuple(goal), [Waypoint(0.0, tuple(goal.values()))])
+    rest = (0.0,) * len(goal)
+    ends = ((0.0, tuple([start[name] for name in goal])), (duration, tuple(goal.values())))
+    return Spline(tuple(goal), [Waypoint(time, place, rest, rest) for time, place in ends])
+
+
+class SteppedWay:
+    """The way of joints to a target that is sent in steps, each for the time of the next one.
+
+    Args:
+        path: The way.
+        began: When it begins, seconds.
+        step: Seconds between two steps.
+
+    Attributes:
+        step: As given.
+        told: The time for which the last step was.
+        braking: The joints brake instead.
+    """
+
+    def __init__(self, path: Trajectory, began: float, step: float) -> None:
+        self._path, self._began = path, began
+        self.step, self.told, self.braking = step, began, False
+
+    @property
+    def ends(self) -> float:
+        """When it ends, seconds."""
+        return self._began + self._path.duration
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Joints."""
+        return self._path.names
+
+    def at(self, time: float) -> Sample:
+        """How the joints move at a time."""
+        return self._path.sample(time - self._began)
+
+    def places(self, now: float) -> dict[str, float]:
+        """The next step, radians by joint."""
+        self.told = now + self.step
+        return dict(zip(self._path.names, self.at(self.told).position, strict=True))
+
+    def brake(self, arm: ArmModel) -> bool:
+        """Brake all joints after the last step; False where that would lead beyond the limits of one."""
+        if not self.braking:
+            names = self._path.names
+            path = brake(names, self.at(self.told), joint_limits(arm, names))
+            for name, (low, high) in zip(names, path.ranges(), strict=True):
+                if low < arm.joint(name).minimum or high > arm.joint(name).maximum:
+                    return False
+            self._path, self._began, self.braking = path, self.told, True
+        return True
 
 
 class SingleMotion:
@@ -122,6 +176,7 @@ class TargetController(SingleMotion):
         step: Seconds between two steps on the straight line; None to send the whole target at once.
         early: The target may count as reached before its duration is over.
         waits: Nothing is sent before `go`.
+        arm: Limits within which steps can be braked; None if they cannot.
 
     Attributes:
         sent: The target as sent, once all of it was sent; or None.
@@ -141,6 +196,7 @@ class TargetController(SingleMotion):
         step: float | None = None,
         early: bool = True,
         waits: bool = False,
+        arm: ArmModel | None = None,
     ) -> None:
         goal = dict(target.positions)
         super().__init__(tuple(goal))
@@ -150,9 +206,10 @@ class TargetController(SingleMotion):
         self.without_torque: tuple[str, ...] = ()
         self.ended = ""
         self._target, self._tolerances, self._grace, self._early = target, tolerances, grace, early
-        self._step, self._waits = step, waits
+        self._step, self._waits, self._arm = step, waits, arm
         # A joint whose position is unknown cannot be interpolated: it is sent directly to its target.
         self._start = {name: here[name] if math.isfinite(here[name]) else goal[name] for name in goal}
+        self._way: SteppedWay | None = None
         self._now = -math.inf
         self._last = False
         self._silent: dict[str, None] = {}
@@ -191,13 +248,25 @@ class TargetController(SingleMotion):
         if self._step is None:
             self._last = True
             return self._target
-        goal, duration, since = dict(self._target.positions), self._target.duration, now - self._begun
-        if since >= duration:
-            self._last = True
-            return JointTarget.of(goal, self._step)
-        share = step_share(since, self._step, duration)
-        place = {name: start + share * (goal[name] - start) for name, start in self._start.items()}
-        return JointTarget.of(place, AHEAD * self._step)
+        if self._way is None:
+            path = straight(self._start, dict(self._target.positions), self._target.duration)
+            self._way = SteppedWay(path, now, self._step)
+        self._last = now >= self._way.ends
+        return JointTarget.of(self._way.places(now), self._step if self._last else AHEAD * self._step)
+
+    @property
+    def moving(self) -> bool:
+        return super().moving and not (self._way is not None and self._way.braking)
+
+    def brake(self, why: str) -> bool:
+        """Brake, if the target is sent in steps; otherwise the robot has all of it, or is told where to hold."""
+        if self._way is None or self._arm is None or self.over or self._last or not self._way.brake(self._arm):
+            return super().brake(why)
+        return True
+
+    def brakes(self, now: float) -> bool:
+        """Whether joints that brake still move at a time."""
+        return self._way is not None and self._way.braking and (not self._last or now < self._way.told)
 
     def go(self) -> None:
         """Send the target from the next cycle on."""
@@ -217,7 +286,7 @@ class TargetController(SingleMotion):
     def was_sent(self, sent: SentTarget) -> None:
         """Note how the last target was sent."""
         self._silent |= dict.fromkeys(sent.silent)
-        if self._last:
+        if self._last and not (self._way is not None and self._way.braking):
             duration = sent.duration if self._step is None else self._target.duration
             self.sent = SentTarget(sent.positions, duration, sent.clamped, tuple(self._silent))
             ends = self._now + (duration if self._step is None else 0.0)

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.epochs import Token
     from hexwire.model.state import JointState, SentTarget
-    from hexwire.motion.follower import Follower
     from hexwire.motion.teach import Taught
 
     from .tabs import Tab
@@ -202,7 +201,7 @@ class ArmSource:
         if owner.lead <= SOON:
             # What moves brakes within its limits; the jog begins where the joints rest.
             owner.group.brake("a jog was begun")
-            self._await(lambda: all(self._rests(one.follower) for one in self.arm.controllers.values()))
+            self._await(lambda: not any(one.brakes(owner.now()) for one in self.arm.controllers.values()))
         owner.settle("a jog was begun")
         with owner.locked():
             self.shared.path_check.stop_latch(owner.group.reason)
@@ -276,9 +275,6 @@ class ArmSource:
         until = time.monotonic() + _BRAKES
         while not found() and self.arm.owner.connected and time.monotonic() < until:
             time.sleep(_LOOK)
-
-    def _rests(self, follower: Follower) -> bool:
-        return not follower.braking and self.arm.owner.now() >= follower.due
 
     def update_jog(self, kind: str, args: Mapping[str, object]) -> None:
         """Change what is held; raises as `JogController.update`."""
