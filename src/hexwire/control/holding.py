@@ -91,7 +91,7 @@ def brake_at_end(owner: RobotOwner, controller: TrajectoryController | TargetCon
     if owner.lead > SOON:
         return False
     with owner.locked():
-        braked = controller.brake("it was ended")
+        braked = controller.brake("it is over")
     while braked and controller.brakes(owner.now()):
         owner.turn()
     return braked
