@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,13 @@ from click.testing import Result
 from tests.motion.arms import HOME, state
 
 from hexwire.drivers.arm_file import load_profile
+from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.model.calibration import Calibration, JointCalibration
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.so_arm import SoArmModel
 from hexwire.model.so_arm_links import SO_ARMS
+from hexwire.model.state import JointFlag, JointState
 from hexwire.trace.recording import RecordingWriter, make_positions, read_joint_states
 
 A = Hex7BotModel()
@@ -38,6 +41,26 @@ def test_goto_takes_the_tip_there(bench: Any) -> None:
     assert out.startswith("goto 0 220 200 mm: ")
     assert out.endswith("arrived\n")
     assert tip(bench) == pytest.approx([0, 220, 200], abs=1.0)
+
+
+@pytest.mark.parametrize(
+    "words", [("goto", "0", "220", "200"), ("line", "0", "10", "0", "--relative", "--dry-run")]
+)
+def test_a_missed_answer_before_a_motion_is_asked_for_again(
+    bench: Any, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
+) -> None:
+    """As of an arm behind a computer that was busy for a moment."""
+    read, left = Hex7BotDriver.read, 3
+
+    def missed(robot: Hex7BotDriver) -> JointState:
+        nonlocal left
+        found, left = read(robot), left - 1
+        silent = (int(JointFlag.SILENT),) * 7
+        return found if left < 0 else replace(found, flags=silent, position=(math.nan,) * 7)
+
+    monkeypatch.setattr(Hex7BotDriver, "read", missed)
+    bench.ok(*words)
+    assert left < 0
 
 
 def test_goto_negative_and_down(bench: Any) -> None:

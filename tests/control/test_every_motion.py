@@ -6,6 +6,8 @@ import math
 import random
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any, Self
 
@@ -291,6 +293,29 @@ def test_every_front_refuses_a_motion_through_the_table(robot: str) -> None:
         # Their loops end with the stop of the arm, not with its reason.
         wanted = "stopped" if front in ("teleop", "follow") else "below the table"
         assert wanted in str(refused.value), (front, refused.value)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize(
+    "front", ["target", "target, not waited for", "trajectory", "check_path", "what replaces a motion"]
+)
+def test_answers_that_are_missed_before_a_motion_switch_no_check_off(robot: str, front: str) -> None:
+    """A position that is unknown for a moment, as of an arm behind a busy computer."""
+    case = Case(load_driver(robot).from_url("tcp://127.0.0.1:1" if robot == "puma260" else "/dev/null").model)
+    move, read, left = partial(FRONTS[front], case), case.robot.read, 3
+
+    def missed() -> JointState:
+        nonlocal left
+        state, left = read(), left - 1
+        if left < 0:
+            return state
+        n = len(state.names)
+        return replace(state, flags=(int(JointFlag.SILENT),) * n, position=(math.nan,) * n)
+
+    case.robot.read = missed  # type: ignore[method-assign]
+    with pytest.raises(HexwireError, match="below the table"):
+        move()
+    assert case.robot.lowest > -SLACK
 
 
 @pytest.mark.parametrize("robot", ROBOTS)

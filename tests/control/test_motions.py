@@ -500,6 +500,14 @@ def test_a_joint_of_unknown_position_is_said_and_coupling_limits_are_not_checked
     assert watched.said[0] == ("unchecked", ("J3",))
 
 
+def test_without_an_observer_a_path_that_is_not_checked_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench(faults=("silent:2",))
+    assert run_motion(bench.robot, bench.target("J2", 0.1), bench.options()).arrived
+    assert [r.getMessage() for r in caplog.records if r.levelname == "WARNING"] == [
+        "the position of J3 is unknown: joint coupling limits and table are not checked"
+    ]
+
+
 @pytest.mark.parametrize("what", ["way", "target"])
 @pytest.mark.parametrize("error", [None, KeyboardInterrupt(), LinkLostError("gone")])
 def test_a_caller_makes_the_arm_safe_in_place_of_a_stop(what: str, error: BaseException | None) -> None:

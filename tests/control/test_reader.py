@@ -1,13 +1,14 @@
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
 from tests.drivers.arms import Arm
 
-from hexwire.control.reader import StateReader, read_state
+from hexwire.control.reader import StateReader, read_known, read_state
 from hexwire.errors import DeviceError, LinkError, PreemptedError, ReplyTimeoutError
-from hexwire.model.state import JointState
+from hexwire.model.state import JointFlag, JointState
 from hexwire.session.policy import ReconnectPolicy
 
 
@@ -150,3 +151,59 @@ def test_a_state_without_a_joint_or_in_another_order_is_an_error(places: tuple[i
     arm.driver.read = lambda: part  # type: ignore[method-assign]  # a driver that loses a joint
     with pytest.raises(DeviceError, match=r"^the robot reports the joints .*; correct its driver$"):
         read_state(arm.driver)
+
+
+class Missed:
+    """A driver's `read` that misses the first answers of a joint; counts its calls."""
+
+    def __init__(self, arm: Arm, joint: str, misses: float) -> None:
+        self.read, self.at, self.misses, self.calls = (
+            arm.driver.read,
+            arm.driver.model.names.index(joint),
+            misses,
+            0,
+        )
+        arm.driver.read = self  # type: ignore[method-assign]  # it misses answers
+
+    def __call__(self) -> JointState:
+        state, self.calls = self.read(), self.calls + 1
+        if self.calls > self.misses:
+            return state
+        flags, position = list(state.flags), list(state.position)
+        flags[self.at], position[self.at] = JointFlag.SILENT, math.nan
+        return replace(state, flags=tuple(flags), position=tuple(position))
+
+
+@pytest.mark.parametrize("dialect", [1, 2])
+@pytest.mark.parametrize("misses", [0, 1, 3])
+def test_a_joint_that_misses_some_answers_is_known(dialect: int, misses: int) -> None:
+    arm = Arm(dialect=dialect)
+    missed = Missed(arm, "J3", misses)
+    state = read_known(arm.driver, sleep=arm.clock.sleep)
+    assert (state.silent, missed.calls) == ((), misses + 1)
+    assert all(map(math.isfinite, state.position))
+
+
+@pytest.mark.parametrize(("dialect", "longest"), [(1, 1.5), (2, 0.75)])
+def test_a_joint_that_never_answers_is_unknown_soon(dialect: int, longest: float) -> None:
+    arm = Arm(dialect=dialect)
+    missed, begun = Missed(arm, "J3", math.inf), arm.clock.time
+    assert read_known(arm.driver, sleep=arm.clock.sleep).silent == ("J3",)
+    assert missed.calls >= 4
+    # A board asks a silent servo again every half second.
+    assert 0.5 < arm.clock.time - begun < longest
+
+
+def test_only_the_joints_that_are_needed_are_waited_for() -> None:
+    arm = Arm()
+    missed = Missed(arm, "J3", math.inf)
+    assert read_known(arm.driver, ["J1", "J2"], sleep=arm.clock.sleep).silent == ("J3",)
+    assert missed.calls == 1
+
+
+def test_a_clock_that_stands_still_does_not_keep_it_asking() -> None:
+    arm = Arm()
+    missed = Missed(arm, "J3", math.inf)
+    arm.driver.now = lambda: 0.0  # type: ignore[method-assign]
+    read_known(arm.driver, sleep=lambda seconds: None)
+    assert missed.calls <= 30

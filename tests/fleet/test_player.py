@@ -7,6 +7,7 @@ import math
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -17,6 +18,7 @@ from hexwire.fleet import messages as m
 from hexwire.fleet import player
 from hexwire.fleet.player import Arm, FleetMotionError, Played, Report, attached_to, play_together
 from hexwire.fleet.remote import RemoteRobot
+from hexwire.model.state import JointFlag, JointState
 from hexwire.motion.waypoints import Spline, Waypoint
 
 from .conftest import Serve
@@ -54,6 +56,24 @@ def where(robots: dict[str, RemoteRobot]) -> list[float]:
 
 def stand_still(robots: dict[str, RemoteRobot], before: list[float]) -> bool:
     return all(abs(a - b) < STILL for a, b in zip(where(robots), before, strict=True))
+
+
+def test_a_missed_answer_before_a_motion_is_asked_for_again(
+    robots: dict[str, RemoteRobot], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As of a server whose computer was busy for a moment."""
+    read, missed = RemoteRobot.read, set()
+
+    def seldom(robot: RemoteRobot) -> JointState:
+        state = read(robot)
+        if robot.url in missed:
+            return state
+        missed.add(robot.url)
+        return replace(state, flags=(int(JointFlag.SILENT),) * len(state.names))
+
+    monkeypatch.setattr(RemoteRobot, "read", seldom)
+    assert play_together(arms(robots)).duration == 1.0
+    assert len(missed) == 2
 
 
 def test_arms_begin_together_and_arrive(robots: dict[str, RemoteRobot]) -> None:

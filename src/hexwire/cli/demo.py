@@ -108,6 +108,7 @@ def turning_pose(model: ArmModel, start: tuple[float, ...]) -> tuple[float, ...]
 
 
 def _run(url: str, dialect: int | None, duration: float, rate: float | None, view: View) -> None:
+    from hexwire.control.reader import read_known
     from hexwire.drivers.hex7bot import Hex7BotDriver
 
     robot = observed_driver(Hex7BotDriver).from_url(url, dialect=dialect)
@@ -119,7 +120,7 @@ def _run(url: str, dialect: int | None, duration: float, rate: float | None, vie
         silent = [servo_id for servo_id in ids if robot.ping(servo_id) is None]
         view.say("pinged", f"{len(ids) - len(silent)} of {len(ids)} servos answer")
         raise_if_silent([(i, joint.name) for i in silent if (joint := robot.model.by_servo(i))])
-        state = robot.read()
+        state = read_known(robot)
         view.say("read", f"{in_degrees(state)} deg")
         goal = turning_pose(robot.model, state.position)
         # The arm is made safe before the drawing ends, since a blocked terminal must not delay that.

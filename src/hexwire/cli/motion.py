@@ -372,12 +372,13 @@ def _where(robot: RobotDriver, joints: Sequence[str], *, dry_run: bool) -> dict[
     Raises:
         ServoError: A joint does not answer.
     """
+    from hexwire.control.reader import read_known
     from hexwire.errors import ServoError
     from hexwire.motion.limits import resting_inside
 
     if not dry_run:
         robot.clear_path(joints)
-    state = robot.read()
+    state = read_known(robot)
     if state.silent:
         raise ServoError(
             f"the position of {', '.join(state.silent)} is unknown: no answer; check cable, power and id"

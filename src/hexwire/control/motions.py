@@ -25,13 +25,12 @@ from .arrival import Tolerance
 from .controller import TrajectoryController
 from .goals import Tolerances
 from .holding import brake_at_end
-from .loop import RateLoop
 from .motion_options import MotionObserver, MotionOptions, wanted_options
 from .motion_result import MotionResult
 from .outcomes import Outcome
 from .owner import RobotOwner
 from .power import give_torque
-from .reader import read_state
+from .reader import read_known, read_state
 from .settings import ControllerSettings
 from .target import TargetController, holding
 from .target_path import apart, path_to, sent_as
@@ -99,7 +98,7 @@ def check_path(
         )
     if any(leg.names != legs[0].names for leg in legs):
         raise UsageError("the legs of a motion must move the same joints")
-    where = dict(read_state(robot).positions if start is None else start)
+    where = dict(read_known(robot, sleep=options.sleep).positions if start is None else start)
     check = options.checks(robot)
     reports = []
     # The joints turn as a line of the tip wants it: it was planned without their limits.
@@ -256,13 +255,10 @@ def _check_target(
     check.limits(goal)
     known = check.joint_names
     if set(goal).isdisjoint(known):
-        return read_state(robot)
-    looks = RateLoop(1.0 / _LOOK, clock=options.clock or robot.now, sleep=options.sleep)
-    states = [read_state(robot) for _ in looks.ticks(1.5 * _LOOK)]
-    if len(states) < 2:
-        # Reading one took this long, as with a board of dialect 1.
-        states.append(read_state(robot))
-    state = states[-1]
+        return read_known(robot, list(goal), sleep=options.sleep)
+    before = read_known(robot, [*known, *goal], sleep=options.sleep)
+    options.sleep(_LOOK)
+    state = read_state(robot)
     unknown = [name for name in known if not math.isfinite(state[name].position)]
     if unknown:
         # If the target names such a joint, a later check reports it.
@@ -274,8 +270,7 @@ def _check_target(
     turned = [
         name
         for name in known
-        if name not in goal
-        and (name in left or not abs(state[name].position - states[0][name].position) <= _FLICKER)
+        if name not in goal and (name in left or not abs(state[name].position - before[name].position) <= _FLICKER)
     ]
     if turned:
         words = f"still moving: {', '.join(turned)}; wait until the arm has stopped, or move all joints together"
@@ -426,7 +421,7 @@ def _run_target(
     timed = robot.refills_paths and not options.host_timed and until is None
     if not wait:
         with _asked_then(robot, asked):
-            path = path_to(robot, target, robot.read()) if timed else None
+            path = path_to(robot, target, read_known(robot, list(goal), sleep=options.sleep)) if timed else None
             whole = None if path is None else begin_feed(robot, path, asked, outlives=True, apart=apart(path))
             sent = robot.write(target) if path is None or whole is None else sent_as(robot, path)
         observer.sent(sent)

@@ -1,12 +1,13 @@
 """Reads the states of a robot one after the other, from its reports if it sends them, else on request.
 
-Owns the choice between the two, the rate, ending the reports, and the check that no joint is missing. Must not know
-how the states are used, nor what happens when none arrive.
+Owns the choice between the two, the rate, ending the reports, the check that no joint is missing, and how often a
+joint that does not answer is asked again. Must not know how the states are used, nor what happens when none arrive.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+import time
+from collections.abc import Callable, Collection, Generator
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState
 
-__all__ = ["StateReader", "check_joints", "read_state"]
+__all__ = ["StateReader", "check_joints", "read_known", "read_state"]
 
 _SILENCE = 0.5
 """Seconds without a report after which the robot is pinged."""
@@ -28,6 +29,9 @@ _SLOW = 2.0
 _MIN_PERIOD = 0.005
 _MAX_PERIOD = 0.25
 """Seconds between two reports: boards refuse shorter periods, and longer ones would delay noticing silence."""
+_TRIES, _MOST_TRIES, _AGAIN, _PATIENCE = 4, 24, 0.025, 0.6
+"""How often joints are asked before they are silent: a few times, and more often for so many seconds from the first
+try, with a pause between two. That is longer than the half second after which a board asks a silent servo again."""
 
 
 def check_joints(state: JointState, arm: ArmModel) -> JointState:
@@ -51,6 +55,35 @@ def read_state(robot: RobotDriver) -> JointState:
         HexwireError: As `RobotDriver.read` and `check_joints`.
     """
     return check_joints(robot.read(), robot.model)
+
+
+def read_known(
+    robot: RobotDriver, joints: Collection[str] | None = None, *, sleep: Callable[[float], object] = time.sleep
+) -> JointState:
+    """Read all joints of a robot before a motion, a few times if one does not answer at once.
+
+    A single missed answer, such as of an arm behind a busy computer, does not mean that a position is unknown.
+
+    Args:
+        robot: The robot.
+        joints: Those that the motion depends on; all if None.
+        sleep: Waits for a number of seconds.
+
+    Returns:
+        The newest state; joints that are silent in it have not answered for more than half a second.
+
+    Raises:
+        HexwireError: As `read_state`.
+    """
+    began, state = robot.now(), read_state(robot)
+    for tried in range(1, _MOST_TRIES):
+        if all(name not in state.silent for name in (state.names if joints is None else joints)):
+            break
+        if tried >= _TRIES and robot.now() - began > _PATIENCE:
+            break
+        sleep(_AGAIN)
+        state = read_state(robot)
+    return state
 
 
 class StateReader:

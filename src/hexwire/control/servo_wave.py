@@ -19,6 +19,7 @@ from hexwire.model.state import JointFlag, JointTarget
 
 from .owner import RobotOwner
 from .path_check import PathCheck
+from .reader import read_known
 from .wave import WaveController
 
 if TYPE_CHECKING:
@@ -113,10 +114,9 @@ def standing(arm: BusArm) -> JointReading:
     Raises:
         ServoError: It does not report its position.
     """
-    for _ in range(_MOST_SILENT):
-        joint = arm.read()[arm.model.names[0]]
-        if not joint.flags & JointFlag.SILENT:
-            return joint
+    joint = read_known(arm)[arm.model.names[0]]
+    if not joint.flags & JointFlag.SILENT:
+        return joint
     servo_id = arm.model.joints[0].servo_id
     raise ServoError(f"servo {servo_id} does not answer: check cable and power", servo_id=servo_id)
 

@@ -17,6 +17,7 @@ from itertools import permutations
 from typing import TypeVar
 
 from hexwire.control.power import give_torque
+from hexwire.control.reader import read_known
 from hexwire.control.shared_goals import CONFIRM, HOST
 from hexwire.errors import DeviceError, HexwireError, LeaseError, ServoError, UsageError
 from hexwire.motion.teach import approach
@@ -444,7 +445,8 @@ def _paths(arm: Arm) -> tuple[Spline, Spline]:
     Raises:
         ServoError: A joint does not answer, or the arm is stopped.
     """
-    robot, state = arm.robot, arm.robot.read()
+    robot = arm.robot
+    state = read_known(robot)
     if state.stopped:
         raise ServoError(f"it is stopped; 'hexwire --port {robot.url} resume' ends the stop")
     if state.silent:
