@@ -189,7 +189,7 @@ def test_after_a_stall_the_goal_continues_and_ends_later(after: float) -> None:
     loop.time.sleep(0.7)
     loop.turn()
     assert all(end.outcome is Outcome.SUCCEEDED for end in told.ends), "what nobody was told is no reason to abort"
-    loop.run(1.3 - after)
+    loop.run(1.6 - after)
     assert told.outcome == SUCCEEDED, told.text
     steps = [where["J1"] for when, where in loop.track]
     assert before <= steps[-1]

@@ -367,7 +367,31 @@ def test_a_loop_that_is_late_by_a_lead_catches_up_and_beyond_it_slips() -> None:
         now = LEAD + late * LEAD
         angle = sent(follower, now)
         assert follower.counters.slips == slips
-        assert angle == pytest.approx(path.at(2 * LEAD if slips else now + LEAD).position[0])
+        if slips:
+            assert path.at(LEAD).position[0] < angle < path.at(2 * LEAD).position[0], "it begins from rest"
+        else:
+            assert angle == pytest.approx(path.at(now + LEAD).position[0])
+
+
+@pytest.mark.parametrize("keeps_to", [0.05, 0.4, 0.9, 1.6])
+def test_after_a_stall_the_joints_go_on_from_rest_within_all_limits(keeps_to: float) -> None:
+    follower = started()
+    path = way(J1, J1 + 1.0)
+    follower.follow(path, 0.0)
+    before = run(follower, 0.0, keeps_to)
+    angle = sent(follower, keeps_to + 0.7)
+    assert follower.counters.slips == 1
+    ((rest, begins),) = follower.planned
+    assert rest.sample(0.0).position[0] == pytest.approx(before[-1][1])
+    assert rest.sample(0.0).velocity == (0.0,)
+    assert angle == rest.sample(keeps_to + 0.7 + LEAD - begins).position[0]
+    assert rest.goal == path.goal
+    joint, step = HEX7BOT.joint("J1"), 1e-3
+    samples = [rest.sample(step * i) for i in range(int(rest.duration / step) + 2)]
+    for a, b in pairwise(samples):
+        assert abs(b.velocity[0]) < joint.max_speed
+        assert abs(b.acceleration[0]) < 1.001 * joint.max_acceleration
+        assert abs(b.acceleration[0] - a.acceleration[0]) < 1.001 * joint.max_jerk * step
 
 
 def test_a_robot_that_keeps_the_time_is_where_it_was_sent_although_this_loop_is_late() -> None:

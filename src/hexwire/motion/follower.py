@@ -22,7 +22,7 @@ from hexwire.units import decimal
 from .limits import resting_inside
 from .moving import Pieces, brake, joint_limits
 from .safety import Guard, SafetyLimits, StopReason
-from .slowed import slow_down
+from .slowed import slow_down, start_on
 from .takeover import Takeover, take_over
 from .together import Together
 from .trajectory import PEAK_SPEED
@@ -613,14 +613,17 @@ class Follower:
             self.guard.commanded(dict(zip(path.names, path.sample(due - began).position, strict=True)), due)
 
     def _slip(self, now: float, lead: float) -> None:
-        """After a stall, continue from the last command: catching up would be a jump. A brake is over."""
-        stall = now - max(self._command_due, self._chain[0][1])
-        if stall > _STALL * lead:
-            self.counters.slips += 1
-            if self.braking:
-                self._chain, self._running, self._braking = (), False, False
-            else:
-                self.shift(stall)
+        """After a stall the joints rest at the last command: they go on along the plan there. A brake is over."""
+        due = max(self._command_due, self._chain[0][1])
+        if now - due <= _STALL * lead:
+            return
+        self.counters.slips += 1
+        if self.braking:
+            self._chain, self._running, self._braking = (), False, False
+            return
+        rest = _rest_of(self._chain, due)
+        self._chain = ((start_on(rest, joint_limits(self.arm, rest.names)), now),)
+        self._changed(now)
 
     def _towards(self, goal: Mapping[str, float], now: float, lead: float) -> dict[str, float]:
         """The position as close to a goal as the speed limits allow since the last command."""

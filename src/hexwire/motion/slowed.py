@@ -1,18 +1,21 @@
-"""A trajectory on which the joints come to rest without leaving it: its time slows down.
+"""A trajectory on which the joints come to rest, or begin from rest, without leaving it: its time changes its rate.
 
-Owns how the time slows down, and how long that takes within the limits. Must not know robots, clocks, nor where an
+Owns how the rate changes, and how long that takes within the limits. Must not know robots, clocks, nor where an
 arm may go: it goes where the trajectory goes, which was checked.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 from .moving import braking_time
 from .speed_profile import JointLimits
 from .waypoints import Sample, Trajectory
 
-__all__ = ["Slowed", "slow_down"]
+__all__ = ["Slowed", "slow_down", "start_on"]
+
+_T = TypeVar("_T", bound=Trajectory)
 
 _FACTORS = (1.25, 1.6, 2.0, 2.5, 3.2, 5.0)
 """How much longer than a brake that may leave the trajectory it may take."""
@@ -20,8 +23,8 @@ _LEAST = 0.1
 """Seconds that it takes at least: joints may rest while the trajectory is about to move them."""
 _SAMPLES = 40
 """Of it, when it is compared with the limits."""
-_SLACK = 1.001
-"""Share of a limit that counts as kept."""
+_KEPT = 0.95
+"""Share of a limit that counts as kept: samples miss the peaks at both ends."""
 
 
 class Slowed(Trajectory):
@@ -40,12 +43,37 @@ class Slowed(Trajectory):
         # The rate falls from 1 to 0 and is flat at both ends, so the acceleration does not jump.
         rate, slope = 1.0 - u * u * (3.0 - 2.0 * u), -6.0 * u * (1.0 - u) / self.duration
         place = self.duration * u * (1.0 - u * u * (1.0 - 0.5 * u))
-        position, velocity, acceleration = self._path.sample(place)
-        return Sample(
-            position,
-            tuple([rate * v for v in velocity]),
-            tuple([rate * rate * a + slope * v for v, a in zip(velocity, acceleration, strict=True)]),
-        )
+        return _at_rate(self._path.sample(place), rate, slope)
+
+
+class _Started(Trajectory):
+    """A trajectory whose time begins to run from standstill.
+
+    Args:
+        path: The trajectory.
+        seconds: In which its time comes to its rate; half of them pass on the trajectory.
+    """
+
+    def __init__(self, path: Trajectory, seconds: float) -> None:
+        self.names, self._path, self._seconds = path.names, path, seconds
+        self.duration = max(seconds, path.duration + 0.5 * seconds)
+
+    def at(self, t: float) -> Sample:
+        u = t / self._seconds
+        if u >= 1.0:
+            return self._path.sample(t - 0.5 * self._seconds)
+        rate, slope = u * u * (3.0 - 2.0 * u), 6.0 * u * (1.0 - u) / self._seconds
+        return _at_rate(self._path.sample(self._seconds * u * u * u * (1.0 - 0.5 * u)), rate, slope)
+
+
+def _at_rate(place: Sample, rate: float, slope: float) -> Sample:
+    """How joints move at a place of a trajectory whose time has another rate, and a slope of it."""
+    position, velocity, acceleration = place
+    return Sample(
+        position,
+        tuple([rate * v for v in velocity]),
+        tuple([rate * rate * a + slope * v for v, a in zip(velocity, acceleration, strict=True)]),
+    )
 
 
 def slow_down(path: Trajectory, limits: Sequence[JointLimits]) -> tuple[Slowed, bool]:
@@ -59,16 +87,27 @@ def slow_down(path: Trajectory, limits: Sequence[JointLimits]) -> tuple[Slowed, 
         How they do, in the shortest of some times that keeps the limits as well as the trajectory does; and False
         if none of them does: then the longest.
     """
+    return _shortest(Slowed, path, limits)
+
+
+def start_on(path: Trajectory, limits: Sequence[JointLimits]) -> Trajectory:
+    """Begin in the middle of a trajectory, from rest; arguments and time as of `slow_down`."""
+    return _shortest(_Started, path, limits)[0]
+
+
+def _shortest(
+    make: Callable[[Trajectory, float], _T], path: Trajectory, limits: Sequence[JointLimits]
+) -> tuple[_T, bool]:
     least = max(_LEAST, braking_time(path.sample(0.0), limits))
     # Where the trajectory itself goes beyond a limit, somebody asked for that.
     own = _shares(path, min(path.duration, 0.5 * _FACTORS[-1] * least), limits)
-    most = [max(_SLACK, share) for share in own]
+    most = [max(_KEPT, share) for share in own]
     for factor in _FACTORS:
-        found = Slowed(path, factor * least)
-        shares = _shares(found, found.duration, limits)
+        found = make(path, factor * least)
+        shares = _shares(found, factor * least, limits)
         if all(share <= allowed for share, allowed in zip(shares, most, strict=True)):
             return found, True
-    return Slowed(path, _FACTORS[-1] * least), False
+    return make(path, _FACTORS[-1] * least), False
 
 
 def _shares(path: Trajectory, seconds: float, limits: Sequence[JointLimits]) -> tuple[float, float, float]:
