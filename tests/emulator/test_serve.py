@@ -67,6 +67,20 @@ def test_a_paced_line_loses_nothing_and_is_never_early(puts: list[tuple[bytes, f
     assert got + line.take(now + 10) == sent
 
 
+def test_a_line_that_is_cut_keeps_what_came_first_and_is_free_after_it() -> None:
+    line = PacedLine(10)
+    line.put(b"abc", 0.0)
+    line.put(b"def", 0.0)
+    line.cut(4)
+    line.put(b"g", 1.0)
+    assert line.take(3.9) == b"abc"
+    assert line.take(4.0) == b"d"
+    assert line.take(4.9) == b""
+    assert line.take(5.0) == b"g"
+    line.cut(0)
+    assert line.next_time() is None
+
+
 # --- BoardLink -------------------------------------------------------------------------------------------------
 
 

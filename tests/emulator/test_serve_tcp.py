@@ -157,3 +157,47 @@ def test_what_came_while_the_server_stalled_is_read_before_silence_is_judged(
                 until(lambda board=board: board.state.watchdog_tripped, server)
         finally:
             server.close()
+
+
+class Heard:
+    """A device that only listens."""
+
+    def __init__(self) -> None:
+        self.heard = b""
+
+    def receive(self, data: bytes, now: float) -> None:
+        self.heard += data
+
+    def step(self, now: float) -> None:
+        pass
+
+    def data_to_send(self) -> bytes:
+        return b""
+
+    def next_event_time(self) -> float | None:
+        return None
+
+    def reset(self, now: float) -> None:
+        raise AssertionError("nobody resets it")
+
+
+def test_a_burst_does_not_outlast_its_host() -> None:
+    device = Heard()
+    server = TcpServer(device, "127.0.0.1", 0, baud=9600)
+    url = server.open()
+    try:
+        with make_link(url) as first:
+            server.run_once(1.0)
+            first.write(bytes(100_000))
+        # The burst would take 104 s on this line; 4096 bytes take 4.3 s, and are not lost because their host left.
+        begun = time.monotonic()
+        for _ in range(20):
+            server.run_once(0.01)
+        with make_link(url) as second:
+            second.write(b"stop")
+            while not device.heard.endswith(b"stop"):
+                server.run_once(0.01)
+                assert time.monotonic() < begun + 30.0
+        assert len(device.heard) >= 4096 + len(b"stop")
+    finally:
+        server.close()

@@ -220,6 +220,16 @@ class PacedLine:
             self._queue.popleft()
         return b"".join(arrived)
 
+    def cut(self, most: int) -> None:
+        """Lose what waits beyond so many bytes."""
+        kept = deque[tuple[float, bytes]]()
+        for start, data in self._queue:
+            if data := data[:most]:
+                kept.append((start, data))
+                most -= len(data)
+                self._free_at = start + len(data) * self._per_byte
+        self._queue = kept
+
     def next_time(self) -> float | None:
         """When all of the piece that is on the line now arrives; None if the line is empty."""
         if not self._queue:

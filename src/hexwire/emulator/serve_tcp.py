@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 __all__ = ["TcpServer", "serve_queue", "serve_tcp"]
 
 _IDLE = 0.25
+_KEPT = 4096
+"""Bytes of a host that has hung up which its line still takes: those in the buffer of a real adapter."""
 _SLICE = 0.001
 """Seconds between two looks at a paced line in use."""
 
@@ -116,6 +118,8 @@ class TcpServer:
         if self._guest is not None:
             self._guest.close()
             self._guest = None
+            # Else a burst keeps the next host waiting long after who sent it has left.
+            self._to_board.cut(_KEPT)
 
 
 def serve_tcp(
