@@ -287,6 +287,28 @@ def test_a_burst_of_stops_is_few_stops_and_all_are_answered(served: Served) -> N
     assert set(refused) == {"so many stop the arm that this is not answered; it is being stopped"}
 
 
+@pytest.mark.parametrize(("what", "asks"), [("ping", "ping"), ("counters", "board_counters"), ("probe", "probe")])
+def test_a_burst_of_questions_is_few_questions_and_all_are_answered(
+    served: Served, monkeypatch: pytest.MonkeyPatch, what: str, asks: str
+) -> None:
+    calls, begun, line = list[Any](), threading.Event(), threading.Event()
+
+    def slow(*args: Any) -> Any:
+        calls.append(args)
+        begun.set()
+        assert line.wait(30)
+        raise UsageError("that is all")
+
+    monkeypatch.setattr(served.bench.shared, asks, slow)
+    queries = [served.put(KEYS.ask, m.Ask(what, 1))]
+    assert begun.wait(30)
+    queries += [served.put(KEYS.ask, m.Ask(what, 1)) for _ in range(1000)]
+    line.set()
+    assert all(query.answered.wait(30) for query in queries)
+    assert {query.replies[0].text for query in queries} == {"that is all"}
+    assert len(calls) == 2
+
+
 def test_a_request_for_the_lease_does_not_wait_for_a_slow_order(served: Served) -> None:
     key = served.take().value
     # It waits for the owner, who does not turn.
@@ -357,7 +379,7 @@ def test_a_mistake_in_this_program_is_answered_and_the_next_order_done(
     key = served.take().value
     with monkeypatch.context() as patch:
         patch.setattr(served.bench.shared, "write", lambda *_: 1 // 0)
-        patch.setattr(served.server, "_facts", lambda: 1 // 0)
+        patch.setattr(module, "facts_of", lambda *_: 1 // 0)
         for answer in (served.order(key, served.write(J1=0.1)), served.ask(KEYS.ask, m.Ask("facts"))):
             assert (answer.kind, answer.text[:33]) == ("DeviceError", "the arm's server failed at this: ")
     assert served.order(key, served.write(J1=0.1)).kind == ""

@@ -1,13 +1,15 @@
 """Values of a robot as plain rows in messages, and back.
 
-Owns the conversion of states, targets, arm models and probe reports. Must not know Zenoh.
+Owns the conversion of states, targets, arm models and probe reports, and of what a server says of its arm. Must not
+know Zenoh.
 """
 
 from __future__ import annotations
 
 import math
+import socket
 from dataclasses import asdict, astuple
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -18,10 +20,14 @@ from hexwire.model.state import JointState, SentTarget
 
 from . import messages as m
 
+if TYPE_CHECKING:
+    from hexwire.control.shared import SharedArm
+
 __all__ = [
     "arm_model",
     "as_probe_report",
     "as_probe_rows",
+    "facts_of",
     "joint_names",
     "joint_state",
     "joints_of",
@@ -153,3 +159,33 @@ def as_probe_report(rows: object, link: str) -> ProbeReport:
         return msgspec.convert({**rows, "link": link}, ProbeReport)
     except (msgspec.MsgspecError, TypeError, ValueError, RecursionError) as error:
         raise RemoteProtocolError(f"not a probe report: {str(error)[:200]}") from None
+
+
+def facts_of(shared: SharedArm, server: str) -> m.Facts:
+    """What a server says of its arm.
+
+    Args:
+        shared: The arm.
+        server: The server, in words.
+    """
+    owner, holder, lease = shared.arm.owner, shared.holder, shared.rules
+    robot, settings = owner.robot, shared.arm.settings
+    model = robot.model
+    return m.Facts(
+        model.name,
+        joints_of(model),
+        settings.publish_rate,
+        robot.command_rate,
+        lease.max_age,
+        lease.timeout,
+        server,
+        robot.url,
+        holder.client if holder else "",
+        "" if owner.connected else owner.error,
+        shared.now(),
+        socket.gethostname(),
+        robot.has_own_watchdog,
+        robot.stop_kept_by,
+        model.geometry,
+        robot.times_motion and not settings.host_timed,
+    )

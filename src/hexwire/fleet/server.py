@@ -10,7 +10,6 @@ import contextlib
 import logging
 import math
 import secrets
-import socket
 import threading
 import time
 from collections import deque
@@ -36,7 +35,7 @@ from hexwire.model.state import JointTarget
 from . import messages as m
 from .failures import describe
 from .names import Keys, Role, name_of
-from .rows import as_probe_rows, joints_of
+from .rows import as_probe_rows, facts_of
 from .trajectories import do_goal_order, goal_row
 
 if TYPE_CHECKING:
@@ -120,6 +119,7 @@ class ArmServer:
         self._probe: tuple[float, Any] | None = None
         self._workers: dict[str, Worker] = {}
         self._stops: dict[StopMode, Gathering[tuple[Question, str]]] = {}
+        self._questions: Gathering[tuple[Question, m.Ask]] = Gathering("questions", self._answer_questions)
         self._goals = SharedGoals(shared)
         self._ticker = threading.Thread(target=self._tick, name="status", daemon=True)
 
@@ -138,7 +138,7 @@ class ArmServer:
         if any(other < self._instance for other in self._others(self._visible())):
             raise self._taken()
         # Separate: a slow order does not delay a lease, and nothing delays a stop, not even another kind of stop.
-        self._workers = {name: Worker(name) for name in ("orders", "leases", "questions")}
+        self._workers = {name: Worker(name) for name in ("orders", "leases")}
         self._stops = {mode: Gathering("stops", partial(self._stop, mode)) for mode in StopMode}
         self._publish = node.publisher(keys.state)
         node.watch_visible(keys.alive, self._on_token)
@@ -163,6 +163,7 @@ class ArmServer:
             worker.close(1.0)
         for stops in self._stops.values():
             stops.close(1.0)
+        self._questions.close(1.0)
 
     # -- unique names -----------------------------------------------------------------------------------
 
@@ -316,7 +317,7 @@ class ArmServer:
         if ask.what == "clock":
             self._reply(query, None)
         elif ask.what == "facts":
-            self._reply(query, self._facts())
+            self._reply(query, facts_of(self._shared, self._server))
         elif ask.what == "goal":
             report = self._goals.report(ask.number)
             if report is None:
@@ -325,8 +326,8 @@ class ArmServer:
                 self._reply(query, goal_row(report))
         elif ask.what == "state":
             self._reply(query, self._message(self._owner.state))
-        else:
-            self._queue("questions", query, lambda: self._answer_question(ask))
+        elif not self._questions.put((query, ask)):
+            self._refuse_busy(query)
 
     def _on_lease(self, role: Role, query: Question) -> None:
         request = self._parse(query, m.LeaseRequest)
@@ -380,8 +381,11 @@ class ArmServer:
 
     def _queue(self, worker: str, query: Question, call: Callable[[], object]) -> None:
         if not self._workers[worker].put(lambda: self._answer([query], call)):
-            self.refused += 1
-            self._refuse(query, DeviceError("the arm's server is busy; nothing was done"))
+            self._refuse_busy(query)
+
+    def _refuse_busy(self, query: Question) -> None:
+        self.refused += 1
+        self._refuse(query, DeviceError("the arm's server is busy; nothing was done"))
 
     def _answer(self, queries: Sequence[Question], call: Callable[[], object]) -> None:
         """Make a call, and pass its result to all callers that wait for it."""
@@ -454,6 +458,14 @@ class ArmServer:
         self._count()
         return value
 
+    def _answer_questions(self, asked: list[tuple[Question, m.Ask]]) -> None:
+        """Ask the arm once for all who have asked the same since the last answers began."""
+        together: dict[tuple[str, int], list[Question]] = {}
+        for query, ask in asked:
+            together.setdefault((ask.what, ask.number), []).append(query)
+        for (what, number), queries in together.items():
+            self._answer(queries, partial(self._answer_question, m.Ask(what, number)))
+
     def _answer_question(self, ask: m.Ask) -> object:
         shared = self._shared
         if ask.what == "probe":
@@ -466,28 +478,6 @@ class ArmServer:
         if ask.what == "counters":
             return {**shared.board_counters(), **shared.refusals()}
         raise UsageError(f"there is no question {ask.what!r}")
-
-    def _facts(self) -> m.Facts:
-        shared, owner, holder = self._shared, self._owner, self._shared.holder
-        model, lease = self._robot.model, shared.rules
-        return m.Facts(
-            model.name,
-            joints_of(model),
-            shared.arm.settings.publish_rate,
-            self._robot.command_rate,
-            lease.max_age,
-            lease.timeout,
-            self._server,
-            self._robot.url,
-            holder.client if holder else "",
-            "" if owner.connected else owner.error,
-            shared.now(),
-            socket.gethostname(),
-            self._robot.has_own_watchdog,
-            self._robot.stop_kept_by,
-            model.geometry,
-            self._robot.times_motion and not shared.arm.settings.host_timed,
-        )
 
 
 def _shown(text: str) -> str:
