@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -119,3 +120,31 @@ def test_a_file_of_the_fleet_that_is_wrong_is_said(
 ) -> None:
     monkeypatch.setenv("HEXWIRE_FLEET", str(tmp_path / "none.toml"))
     assert "none.toml" in looked(watch, lambda found: found["error"])["error"]
+
+
+def test_a_burst_of_names_does_not_keep_the_stop_of_all_away(
+    watch: FleetWatch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun, line, names = threading.Event(), threading.Event(), list[object]()
+
+    def slow(only: object, who: str) -> list[Stopped]:
+        names.append(only)
+        begun.set()
+        assert line.wait(30)
+        return [Stopped("lab/arm1", True)]
+
+    monkeypatch.setattr(watch, "_stop_now", slow)
+
+    async def burst() -> list[Stopped]:
+        first = asyncio.ensure_future(watch.stop("x", "Eve"))
+        await asyncio.to_thread(begun.wait, 30)
+        others = [asyncio.ensure_future(watch.stop(f"x{number}", "Eve")) for number in range(1200)]
+        await asyncio.sleep(0)
+        last = asyncio.ensure_future(watch.stop(None, "Bob"))
+        await asyncio.sleep(0)
+        line.set()
+        await asyncio.gather(first, *others, return_exceptions=True)
+        return await last
+
+    assert [row.name for row in asyncio.run(burst())] == ["lab/arm1"]
+    assert names[-1] is None

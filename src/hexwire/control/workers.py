@@ -15,7 +15,7 @@ from typing import Generic, TypeVar
 
 from hexwire.errors import UsageError
 
-__all__ = ["Gathering", "Together", "Worker"]
+__all__ = ["MOST_GATHERED", "Gathering", "Together", "Worker"]
 
 _log = logging.getLogger(__name__)
 
@@ -24,7 +24,7 @@ _R = TypeVar("_R")
 
 _MOST = 64
 """Jobs that may wait; more are refused."""
-_MOST_GATHERED = 1000
+MOST_GATHERED = 1000
 """Items that may wait; they are handled together, so that more would only take memory."""
 
 
@@ -85,7 +85,7 @@ class Gathering(Generic[_T]):
         If too many wait, the action still takes place, but this item gets no answer.
         """
         with self._changed:
-            if self._closed or len(self._waiting) >= _MOST_GATHERED:
+            if self._closed or len(self._waiting) >= MOST_GATHERED:
                 return False
             self._waiting.append(item)
             self._changed.notify()
@@ -117,7 +117,8 @@ class Together(Generic[_T, _R]):
 
     Args:
         name: Of the thread.
-        call: What is asked for, such as a stop; gets what those said who asked, such as their names, each once.
+        call: What is asked for, such as a stop; gets what those said who asked, such as their names, each once. If
+            it gets `MOST_GATHERED`, others may have said something else.
     """
 
     def __init__(self, name: str, call: Callable[[list[_T]], _R]) -> None:
@@ -141,7 +142,7 @@ class Together(Generic[_T, _R]):
                     asked.future.set_exception(UsageError("this is not done: the program ends"))
                     return asked.future
                 self._next = asked
-            if len(asked.said) < _MOST_GATHERED:
+            if len(asked.said) < MOST_GATHERED:
                 asked.said[said] = None
             return asked.future
 

@@ -17,7 +17,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from hexwire.control.known_state import KNOWN_FOR
-from hexwire.control.workers import Together
+from hexwire.control.workers import MOST_GATHERED, Together
 from hexwire.errors import HexwireError, LinkNotFoundError, UsageError
 
 if TYPE_CHECKING:
@@ -130,7 +130,8 @@ class FleetWatch:
     def _stop(self, asked: list[tuple[str | None, str]]) -> Future[list[Stopped]]:
         """Begin one stop for all who have asked; returns when it is done, or waits only for arms that hang."""
         names = {name for name, _ in asked if name is not None}
-        every = any(name is None for name, _ in asked)
+        # Of so many, some are not known by name: no burst of names keeps a stop away.
+        every = any(name is None for name, _ in asked) or len(asked) >= MOST_GATHERED
         who = ", ".join(dict.fromkeys(who for _, who in asked))[:_LONGEST]
         begun = self._stopping.submit(self._stop_now, None if every else names, who)
         wait((begun,), _HUNG)
