@@ -27,9 +27,11 @@ __all__ = [
     "LARGEST_DATA",
     "LARGEST_MESSAGE",
     "LARGEST_TEXT",
+    "MOST_FAULTS",
     "Faults",
     "Item",
     "decode_text",
+    "first_faults",
     "open_file",
     "parse_json",
     "parse_message",
@@ -45,6 +47,8 @@ LARGEST_DATA = 16 * 1024 * 1024
 """Most bytes of a file that programs write and that is read as a whole: waypoints, settings of servos."""
 LARGEST_MESSAGE = 1024 * 1024
 """Most bytes of one message of a recording: parsed JSON can take 30 times the memory that its text takes."""
+MOST_FAULTS = 10
+"""Most faults that are told at once."""
 
 _MOST_DIGITS = 20
 """Most digits of a whole number: parsing takes the square of their number, and longer ones mean nothing here."""
@@ -55,7 +59,6 @@ _LONG_CODE = re.compile(r"\b0[xob][0-9A-Fa-f_]{40,}")
 _TOML_PLACE = re.compile(r"(.*) \(at line ([0-9]+), column ([0-9]+)\)", re.DOTALL)
 _PLAIN_KEY = re.compile(r"[A-Za-z0-9_/-]{1,60}")
 _SHOWN = 40
-_MOST_FAULTS = 10
 
 
 # -- bytes and text -----------------------------------------------------------------------------------------
@@ -465,10 +468,15 @@ class Faults:
             for error in self.errors:
                 raise error
             return
-        told = [str(error).removeprefix(f"{self.file}:").strip() for error in self.errors[:_MOST_FAULTS]]
-        if len(self.errors) > _MOST_FAULTS:
-            told.append(f"and {len(self.errors) - _MOST_FAULTS} more")
-        raise ConfigError("; ".join(told), file=self.file)
+        told = [str(error).removeprefix(f"{self.file}:").strip() for error in self.errors]
+        raise ConfigError("; ".join(first_faults(told)), file=self.file)
+
+
+def first_faults(texts: Sequence[str]) -> list[str]:
+    """The first faults, and how many others there are: nobody reads ten thousand at once."""
+    if len(texts) <= MOST_FAULTS:
+        return list(texts)
+    return [*texts[:MOST_FAULTS], f"and {len(texts) - MOST_FAULTS} more"]
 
 
 def _step(key: str, where: str) -> str:

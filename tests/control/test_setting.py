@@ -146,3 +146,30 @@ def test_a_value_is_read_as_what_its_default_is() -> None:
     for default, _ in rows:
         faults.read(Setting("s", default, ""), None)
     assert len(faults.texts) == len(rows)
+
+
+def test_of_thousands_of_faults_the_first_ten_are_told() -> None:
+    faults = Faults()
+    for i in range(5000):
+        faults.unknown(f"k{i}", ["rate"])
+    faults.names("joints", ["J1"] * 5000)
+    with pytest.raises(UsageError, match=r"^5001 settings are wrong: k0: .*; k9: [^;]*; and 4991 more$"):
+        faults.check()
+
+
+def test_the_time_for_a_list_of_names_grows_with_its_length() -> None:
+    class Counted(str):
+        __slots__ = ()
+        compared = 0
+
+        def __eq__(self, other: object) -> bool:
+            Counted.compared += 1
+            return str.__eq__(self, other)
+
+        __hash__ = str.__hash__
+
+    names = [Counted(f"J{i}") for i in range(2000)]
+    faults = Faults()
+    assert faults.names("joints", [*names, names[0], names[0]]) == tuple(names)
+    assert faults.texts == ["joints: J0 is given twice"]
+    assert Counted.compared < 10 * len(names)

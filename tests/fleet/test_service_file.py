@@ -121,3 +121,10 @@ def test_the_port_variable_may_name_a_shared_arm_which_is_not_shared_again(monke
     monkeypatch.setenv("HEXWIRE_PORT", "zenoh:lab/arm1")
     with pytest.raises(UsageError, match="shared already"):
         read_arms({"": {}})
+
+
+def test_of_thousands_of_faults_the_first_are_told(tmp_path: Path) -> None:
+    rows = "".join(f"wrong{i} = 1\n" for i in range(200))
+    file = written(tmp_path, "".join(f"[arms.a{i}]\nrobot = 'sim'\n{rows}" for i in range(20)))
+    with pytest.raises(UsageError, match=r"4000 settings are wrong: arms\.a0\.wrong0: .*; and 3990 more$"):
+        read_service_file(file)

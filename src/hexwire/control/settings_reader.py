@@ -57,7 +57,7 @@ def read_settings(
         The settings, and the driver, which is not attached.
 
     Raises:
-        UsageError: Settings are wrong; the text lists all faults.
+        UsageError: Settings are wrong; the text lists the first faults.
         LinkNotFoundError: All settings are right, but no port is given and none is found.
     """
     values = {row.name: faults.read(row, given.get(row.name, row.default)) for row in SETTINGS}

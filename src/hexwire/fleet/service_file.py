@@ -30,7 +30,7 @@ from hexwire.control.setting import Faults, Setting
 from hexwire.control.settings_reader import read_settings
 from hexwire.drivers.registry import PORT_VARIABLE, is_address
 from hexwire.errors import LinkError, UsageError
-from hexwire.inputs import parse_toml, read_text
+from hexwire.inputs import first_faults, parse_toml, read_text
 from hexwire.link.ports import find_only_board
 
 from .names import check_name
@@ -97,7 +97,7 @@ def read_arms(
         find_port: Finds the port of a single arm that names none.
 
     Raises:
-        UsageError: Something is wrong; the text lists all faults with their places.
+        UsageError: Something is wrong; the text lists the first faults with their places.
         LinkNotFoundError: A single arm names no port, and none is found.
     """
     texts: list[str] = []
@@ -132,6 +132,7 @@ def read_arms(
         arms.append(ServedArm(check_name(name or driver.model.name), settings, driver, own))
     if texts:
         many = f"{len(texts)} settings are wrong" if len(texts) > 1 else "1 setting is wrong"
+        texts = first_faults(texts)
         raise UsageError(f"{f'{file}: ' if file else ''}{many}: {'; '.join(texts)}")
     return arms
 

@@ -92,7 +92,7 @@ def run(argv: list[str]) -> int:
         Exit status.
 
     Raises:
-        UsageError: Parameters are wrong, and the text names all of them; or ROS settings are wrong.
+        UsageError: Parameters are wrong, and the text names the first ones; or ROS settings are wrong.
         LinkError: The robot's port cannot be opened.
         DeviceError: There is no master, the robot does not answer, or the node failed.
     """

@@ -88,7 +88,7 @@ def load_parameters(params: Mapping[str, object]) -> tuple[Parameters, RobotDriv
         The parameters, and the driver, which is not attached.
 
     Raises:
-        UsageError: Parameters are wrong; the text lists all of them.
+        UsageError: Parameters are wrong; the text lists the first ones.
         LinkNotFoundError: All parameters are right, but no port is given and no likely board is plugged in.
     """
     faults = _ParameterFaults()

@@ -172,7 +172,7 @@ def load_settings(given: Mapping[str, object], environ: Mapping[str, str]) -> tu
         The settings, and the driver, which is not attached.
 
     Raises:
-        UsageError: Parameters are wrong; the text lists all of them.
+        UsageError: Parameters are wrong; the text lists the first ones.
         LinkNotFoundError: All parameters are right, but no port is given and no likely board is plugged in.
     """
     faults = _ParameterFaults()

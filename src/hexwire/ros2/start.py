@@ -44,7 +44,7 @@ def run(words: Sequence[str], environ: Mapping[str, str]) -> int:
         Exit status.
 
     Raises:
-        UsageError: Arguments or parameters are wrong; the text names all wrong parameters.
+        UsageError: Arguments or parameters are wrong; the text names the first ones.
         LinkError: The robot's port or the Zenoh session cannot be opened.
         DeviceError: Zenoh is not installed, the robot does not answer, or the node failed.
     """
