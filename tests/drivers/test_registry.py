@@ -1,6 +1,9 @@
 from __future__ import annotations
 
+import io
 from importlib.metadata import EntryPoint
+from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.drivers.test_base import Guarded
@@ -43,6 +46,25 @@ def test_connect_takes_the_port_given_then_that_of_the_environment(monkeypatch: 
         registry.connect("/dev/given")
     with pytest.raises(UsageError, match="no robot"):
         registry.connect("/dev/given", "r2d2")
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({"robot": 7}, "connect(robot) takes the name of a robot, as in 'so101'; this is 7"),
+        ({"robot": Path("so101")}, "connect(robot) takes the name of a robot, as in 'so101'; this is PosixPath("),
+        ({"trace": True}, "connect(trace) takes a stream of text, as in sys.stderr; this is True"),
+        ({"trace": "log.txt"}, "connect(trace) takes a stream of text, as in sys.stderr; this is 'log.txt'"),
+        ({"trace": io.BytesIO()}, "connect(trace) takes a stream of text, as in sys.stderr; this is <_io.BytesIO"),
+        ({"baud": 9600, "attempts": 3}, "a Hex7BotDriver has no option attempts, baud"),
+        ({"robot": "so101", "baud": 9600}, "an arm on a servo bus has no option baud"),
+        ({"robot": "puma260", "baud": 9600}, "puma260 has no option baud"),
+    ],
+)
+def test_connect_says_what_it_takes(given: dict[str, Any], text: str) -> None:
+    with pytest.raises(UsageError) as told:
+        registry.connect("/dev/given", **given)
+    assert str(told.value).startswith(text)
 
 
 @pytest.mark.parametrize("name", registry.robot_names())

@@ -151,7 +151,7 @@ def test_the_environment_traces_every_link_of_a_program_in_any_thread() -> None:
     assert passed[0].data == make_ping(1)
     assert any(each.data[:4] == b"\x5a\xfa\xfa\x5a" for each in passed)
     assert done.stderr.count("so100:: HW read (degree):") == 1
-    for off in (None, "0", ""):
+    for off in (None, "0", "", "N"):
         assert run([sys.executable, "-c", PROGRAM], off).stderr == "", off
 
 

@@ -5,6 +5,7 @@ Owns the lookup. A package that adds a robot names its `RobotDriver` class there
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import sys
@@ -13,6 +14,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
+from hexwire.arguments import Wanted, check
 from hexwire.errors import UsageError
 from hexwire.extras import extras_named
 from hexwire.link.tap import TRACE_VARIABLE, wrap_new_links
@@ -45,6 +47,15 @@ PORT_VARIABLE = "HEXWIRE_PORT"
 DEFAULT_ROBOT = "hex7bot"
 """The robot on a port, unless another one is named."""
 
+_ROBOT = Wanted("the name of a robot, as in 'so101'", lambda value: value is None or isinstance(value, str))
+# A tracer only observes: it would lose its lines without a word.
+_STREAM = Wanted(
+    "a stream of text, as in sys.stderr",
+    lambda value: (
+        value is None
+        or (callable(getattr(value, "write", None)) and not isinstance(value, io.RawIOBase | io.BufferedIOBase))
+    ),
+)
 _EMULATED = "sim://"
 _GROUP = "hexwire.robots"
 _ADDRESSES = "hexwire.addresses"
@@ -196,6 +207,8 @@ def connect(
         port = find_only_board()
     if not isinstance(port, str):
         raise UsageError(f"a port is text, as in 'serial:///dev/ttyUSB0'; this is {port!r}")
+    check("connect", "robot", _ROBOT, robot)
+    check("connect", "trace", _STREAM, trace)
     tracer = None
     if trace is not None or TRACE_VARIABLE in os.environ:
         from hexwire.trace.live import Tracer, process_tracer

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 __all__ = ["Tracer", "explained_lines", "process_tracer", "trace_this_process"]
 
 _INDENT = "    "
+_OFF = ("", "0", "f", "false", "n", "no", "off")
+"""Values of `TRACE_VARIABLE` that switch it off, as for the command line."""
 _PATIENCE = 0.1
 """Seconds to wait for a slow stream, the first time."""
 _LAST_PATIENCE = 1.0
@@ -304,6 +306,6 @@ def process_tracer() -> Tracer | None:
 
 def trace_this_process() -> None:
     """Trace every link that this program makes from now on; see `TRACE_VARIABLE`."""
-    if not _process and os.environ.get(TRACE_VARIABLE, "").lower() not in ("", "0", "false", "no", "off"):
+    if not _process and os.environ.get(TRACE_VARIABLE, "").lower() not in _OFF:
         _process.append(Tracer())
         wrap_every_link(_process[0].tap)
