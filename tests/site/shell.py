@@ -55,6 +55,8 @@ ELSEWHERE = (
 """They are run by a test of their own."""
 TELLS = r"^hexwire model check 90 40 40"
 """Its exit status is 1: it shows a pose that is refused."""
+MEASURES = r"^hexwire bus stress\b"
+"""Its exit status is 1 if a value is missing, as happens on a busy machine."""
 ASKS = r"^hexwire bus center\b"
 """They ask first."""
 PLAN = r"^hexwire (goto|line)\b(?! 0 220 150$)"
@@ -219,6 +221,9 @@ class Shell:
             done = CliRunner().invoke(cli, words[1:], env=self.env, input=given)
         finally:
             os.chdir(before)
+        if re.search(MEASURES, line):
+            assert done.exit_code in (0, 1), f"{line}: {done.output}"
+            return done.output
         assert (done.exit_code != 0) == (refused or bool(re.search(TELLS, line))), f"{line}: {done.output}"
         return "" if refused else done.output
 
