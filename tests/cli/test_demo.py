@@ -87,7 +87,16 @@ def test_a_real_arm_moves_only_if_confirmed(bench: Any) -> None:
     assert bench.urls == []
     result = bench.run("demo", *ARM, "--duration", "1", port=None)
     assert (result.exit_code, result.stderr) == (0, "")
-    assert bench.urls == ["/dev/ttyARM?baud=115200"]
+    assert bench.urls == ["/dev/ttyARM"]
+
+
+@pytest.mark.parametrize("url", ["tcp://127.0.0.1:9", "/dev/ttyARM?baud=57600"])
+def test_a_rate_that_was_not_typed_is_none_of_an_address(bench: Any, url: str) -> None:
+    result = bench.run("demo", "--yes", "--port", url, "--duration", "1", port=None)
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert bench.urls == [url]
+    result = bench.run("demo", "--yes", "--port", url, "--baud", "57600", port=None)
+    assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
 
 
 def test_the_environment_does_not_move_a_real_arm(emulated: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,7 @@ import click
 from hexwire.errors import HexwireError, ServoError, UsageError
 
 from .board_process import board_process
-from .common import attached, early_port, observed_driver, on_terminal, raise_if_silent, resolve_url
+from .common import attached, early_port, is_typed, observed_driver, on_terminal, raise_if_silent, resolve_url
 from .demo_view import PlainView, Sample, View, in_degrees
 from .exits import note, shielded
 from .numbers import number_option
@@ -90,7 +90,8 @@ def demo(
         raise UsageError("--port moves a real arm: make room for it, then add --yes-move-the-arm")
     if faults or not baud:
         raise UsageError("--fault and --baud 0 are for the emulated board, not for --port")
-    _run(resolve_url(port, baud), dialect, duration, rate, view)
+    # Only a serial port has a rate, and its address may name another one.
+    _run(resolve_url(port, baud if is_typed("baud") else None), dialect, duration, rate, view)
 
 
 def turning_pose(model: ArmModel, start: tuple[float, ...]) -> tuple[float, ...]:
