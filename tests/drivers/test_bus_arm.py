@@ -225,7 +225,10 @@ def test_nobody_there(monkeypatch: pytest.MonkeyPatch) -> None:
     device.wire.servos = []
     monkeypatch.setattr(ipc_open, "make_link", lambda url: bus.link)
     arm = ChainArm.from_url("/dev/ttyTEST")
-    with pytest.raises(ReplyTimeoutError, match="pings of servos 1, 2, 3"):
+    with pytest.raises(ReplyTimeoutError, match=r"pings of servos 1, 2, 3.*; nothing arrived"):
+        arm.attach()
+    device._echo = True
+    with pytest.raises(ReplyTimeoutError, match=r"pings of servos 1, 2, 3.*; instead: only the echo"):
         arm.attach()
     assert not bus.link.is_open
     with pytest.raises(UsageError, match="not attached"):

@@ -13,7 +13,7 @@ from hexwire.errors import ServoError, UsageError
 from hexwire.wire.registers import Register
 from hexwire.wire.tables import STATUS_BITS
 
-__all__ = ["Answer", "Reading", "Readings", "ServoBlock", "fault_text", "fault_words", "why"]
+__all__ = ["Answer", "Reading", "Readings", "ServoBlock", "fault_text", "fault_words", "instead_in", "why"]
 
 SILENT = "no answer"
 
@@ -25,6 +25,11 @@ def why(instead: str) -> str:
         instead: In words what arrived instead; empty if nothing arrived.
     """
     return f"{SILENT}, but {instead}" if instead else SILENT
+
+
+def instead_in(error: str) -> str:
+    """What arrived instead, of an error of which `why` is the text; empty if nothing arrived."""
+    return error.removeprefix(why("")).removeprefix(", but ") if error.startswith(SILENT) else ""
 
 
 def fault_words(status: int) -> tuple[str, ...]:

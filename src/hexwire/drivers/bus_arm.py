@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from hexwire.bus import setup as servo_setup
 from hexwire.bus.servo_bus import ServoBus
-from hexwire.bus.values import ServoBlock
+from hexwire.bus.values import ServoBlock, instead_in
 from hexwire.errors import (
     CommandRefusedError,
     NotSupportedError,
@@ -160,12 +160,16 @@ class BusArm(RobotDriver):
             warn_of_reset(bus.link)  # a controller board may be there by mistake
             bus.open()
         try:
-            here = [joint for joint in self.model.joints if not bus.ping(joint.servo_id).error]
+            errors = [bus.ping(joint.servo_id).error for joint in self.model.joints]
+            here = [joint for joint, error in zip(self.model.joints, errors, strict=True) if not error]
             if not here:
                 if (wrong := explain_no_servo(bus.link)) is not None:
                     raise wrong
                 ids = ", ".join(str(joint.servo_id) for joint in self.model.joints)
-                raise ReplyTimeoutError(f"pings of servos {ids}", attempts=1 + bus.retries, advice=_ADVICE)
+                instead = next(filter(None, map(instead_in, errors)), "")
+                raise ReplyTimeoutError(
+                    f"pings of servos {ids}", attempts=1 + bus.retries, instead=instead, advice=_ADVICE
+                )
             note_servos(bus)
             for joint in here:
                 self._goals.learn(joint)
