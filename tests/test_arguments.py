@@ -10,8 +10,10 @@ from types import GeneratorType
 from typing import Any
 
 import pytest
+from tests.drivers.test_base import Guarded
 
 from hexwire.arguments import DATA, FLAG, NAME, NAMES, SECONDS, WHOLE, check, checked, or_none
+from hexwire.control.motions import MotionOptions, run_motion
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.drivers.puma260 import Puma260Driver
@@ -159,6 +161,74 @@ def test_what_is_wanted_is_said(call: Callable[[Any], object], text: str) -> Non
         call(driver)
     assert text in str(told.value)
     assert driver.session.connection.counters.requests == before  # type: ignore[attr-defined]
+
+
+class Bare(Guarded):
+    """Defines only what every robot must."""
+
+
+class Adds:
+    """Adds a method without being a robot itself."""
+
+    def auto_reconnect(self, on: bool) -> None:
+        """Take whatever comes."""
+
+
+class Mixed(Adds, Guarded):
+    """Has it from there."""
+
+
+@pytest.mark.parametrize("kind", [Bare, Mixed])
+def test_what_a_robot_does_not_define_itself_is_checked_too(kind: type[Guarded]) -> None:
+    robot: Any = kind()
+    for call, text in (
+        (lambda: robot.auto_reconnect("off"), "auto_reconnect(on) takes True or False; this is 'off'"),
+        (lambda: robot.clear_path("J1"), "clear_path(joints) takes several names, as in ['J1']; this is 'J1'"),
+        (lambda: robot.take(force="yes"), "take(force) takes True or False; this is 'yes'"),
+        (lambda: robot.release(finish="yes"), "release(finish) takes True or False; this is 'yes'"),
+        (lambda: robot.watched("1 s"), "watched(timeout) takes a number of seconds; this is '1 s'"),
+        (lambda: robot.watched(always="no"), "watched(always) takes True or False; this is 'no'"),
+        (lambda: setattr(robot, "kinematics", 5), f"{kind.__name__}(kinematics) takes a KinematicModel; this is 5"),
+    ):
+        with pytest.raises(UsageError) as told:
+            call()
+        assert str(told.value) == text
+
+
+def test_a_motion_says_what_it_takes() -> None:
+    driver = attached("board")
+    target = JointTarget.of({"J1": 0.0})
+    for call, text in (
+        (
+            lambda: run_motion("sim://hex7bot", target),
+            "run_motion(robot) takes a robot, as hexwire.connect() returns",
+        ),
+        (lambda: run_motion(driver, target, wait="no"), "run_motion(wait) takes True or False; this is 'no'"),
+        (lambda: run_motion(driver, target, []), "options are MotionOptions, as in MotionOptions(table=None)"),
+        (lambda: MotionOptions(table="none"), "MotionOptions(table) takes a number; this is 'none'"),
+        (lambda: MotionOptions(table=True), "MotionOptions(table) takes a number; this is True"),
+        (lambda: MotionOptions(tolerance=None), "MotionOptions(tolerance) takes a number; this is None"),
+        (lambda: MotionOptions(host_timed="no"), "MotionOptions(host_timed) takes True or False; this is 'no'"),
+        (
+            lambda: MotionOptions(limits={"lag": 1}),
+            "MotionOptions(limits) takes a SafetyLimits; this is {'lag': 1}",
+        ),
+        (
+            lambda: MotionOptions(sleep=1),
+            "MotionOptions(sleep) takes something to call, as in time.sleep; this is 1",
+        ),
+    ):
+        with pytest.raises(UsageError) as told:
+            call()  # type: ignore[no-untyped-call]  # what it is called with is wrong on purpose
+        assert str(told.value).startswith(text)
+
+
+def test_what_is_made_of_something_else_is_told() -> None:
+    wrong: Any = "sim://hex7bot"
+    with pytest.raises(UsageError, match=r"^Session\(ipc\) takes an IpcHandle, as in IpcHandle.from_url"):
+        Session(wrong)
+    with pytest.raises(UsageError, match=r"^Hex7BotDriver\(session\) takes a Session, as in Session.from_url"):
+        Hex7BotDriver(wrong)
 
 
 def test_kinds() -> None:

@@ -5,6 +5,7 @@ Owns the kinds of arguments and the text of the refusal. Must not know the metho
 
 from __future__ import annotations
 
+import inspect
 import math
 import reprlib
 from collections.abc import Callable, Collection, Iterable
@@ -134,6 +135,8 @@ def checked(method: Callable[..., _T], wanted: dict[str, Wanted]) -> Callable[..
         wanted: The kinds of its arguments, by name; others are not checked.
     """
     code = method.__code__
+    if code.co_flags & inspect.CO_VARARGS:
+        code = inspect.unwrap(method).__code__  # of a context manager, the arguments are inside
     names = code.co_varnames[1 : code.co_argcount]
     positional = [(name, wanted.get(name)) for name in names]
 

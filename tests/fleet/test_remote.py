@@ -12,6 +12,8 @@ from typing import Any
 import pytest
 from tests.fleet.conftest import Serve
 from tests.fleet.fake_inbox import FakeInbox
+from tests.motion.arms import rest_to_rest
+from tests.test_arguments import assert_told
 
 import hexwire
 from hexwire.errors import (
@@ -485,6 +487,25 @@ def test_heartbeats_come_in_time_for_a_watchdog_that_is_shorter_than_the_lease(
     finally:
         robot.abort()
     assert max(beats) <= 0.25
+
+
+def test_whatever_a_program_passes_is_told_in_one_line(connect: Callable[..., RemoteRobot]) -> None:
+    robot = connect()
+    own = {"path": rest_to_rest(["J1"], [0.0], [0.1], 2.0), "start": 0.0}
+    assert assert_told(robot, {"joint": "J1", "target": near(robot), "mode": 0} | own) > 25
+    # And it is as it was.
+    robot.take()
+    robot.resume()
+    assert robot.read().positions
+    for call, text in (
+        (lambda: robot.cancel("1"), "cancel(number) takes a whole number; this is '1'"),
+        (lambda: robot.follow({"J1": 0.1}, 0.0), "follow(path) takes a Spline; this is {'J1': 0.1}"),
+        (lambda: robot.path("J1"), "path(joints) takes several names, as in ['J1']; this is 'J1'"),
+        (lambda: robot.take(force="yes"), "take(force) takes True or False; this is 'yes'"),
+    ):
+        with pytest.raises(UsageError) as told:
+            call()
+        assert str(told.value) == text
 
 
 def test_a_model_or_an_option_that_does_not_fit_is_refused() -> None:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from hexwire.arguments import FLAG, SECONDS, Wanted, check, one_of, or_none
 from hexwire.drivers.values import StopMode
 from hexwire.errors import UsageError
 from hexwire.motion.safety import SafetyLimits
@@ -27,6 +28,20 @@ if TYPE_CHECKING:
 __all__ = ["MotionObserver", "MotionOptions", "wanted_options"]
 
 _log = logging.getLogger(__name__)
+
+_NUMBER = Wanted(
+    "a number", lambda value: isinstance(value, int | float) and not isinstance(value, bool), SECONDS.plain
+)
+_CALLED = Wanted("something to call, as in time.sleep", callable)
+_WANTED = {
+    **dict.fromkeys(("check_geometry", "early", "host_timed", "outlives"), FLAG),
+    **dict.fromkeys(("tolerance", "standing", "grace", "rate", "watchdog"), _NUMBER),
+    "table": or_none(_NUMBER),
+    "limits": or_none(one_of(SafetyLimits)),
+    "watchdog_mode": one_of(StopMode),
+    "clock": or_none(_CALLED),
+    "sleep": _CALLED,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +85,8 @@ class MotionOptions:
     outlives: bool = False
 
     def __post_init__(self) -> None:
+        for name, wanted in _WANTED.items():
+            check("MotionOptions", name, wanted, getattr(self, name))
         # To the check of arrival, a tolerance of 0 means "not checked", and a grace of 0 means "forever".
         for name in ("tolerance", "grace"):
             if not 0.0 < (value := getattr(self, name)) < math.inf:

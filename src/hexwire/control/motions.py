@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Literal
 
+from hexwire.arguments import FLAG, Wanted, check
 from hexwire.errors import HexwireError, LimitError, StoppedError, UsageError
 from hexwire.model.state import JointTarget, SentTarget
 from hexwire.motion.checks import InJoints
@@ -48,6 +49,10 @@ __all__ = ["CheckedPath", "MotionObserver", "MotionOptions", "MotionResult", "ch
 Until = Callable[["JointState"], bool | JointTarget | None]
 """Called with every state: whether the motion is to end now, or a target that replaces it."""
 
+_ROBOT = Wanted(
+    "a robot, as hexwire.connect() returns it",
+    lambda value: hasattr(value, "epochs") and not isinstance(value, type),
+)
 _LOOK = 0.1
 """Seconds between two states that show whether a joint is moving."""
 _APART = math.radians(0.4)
@@ -145,9 +150,12 @@ def run_motion(
         StoppedError: The arm was stopped before the motion started.
         HexwireError: The robot failed or refused; the arm was stopped if it could be reached.
     """
+    check("run_motion", "robot", _ROBOT, robot)
     # From here on a stop voids the motion, however long the steps before it take.
     asked = robot.epochs.mark()
-    options, observer = wanted_options(options or MotionOptions()), observer or MotionObserver()
+    options = MotionOptions() if options is None else wanted_options(options)
+    observer = observer or MotionObserver()
+    wait = bool(check("run_motion", "wait", FLAG, wait))
     if isinstance(motion, JointTarget):
         return _run_target(robot, motion, options, observer, wait, until, safe, asked)
     path = motion if isinstance(motion, CheckedPath) else check_path(robot, motion, options)

@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from functools import wraps
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
-from hexwire.arguments import DATA, FLAG, NAME, NAMES, SECONDS, WHOLE, Wanted, check, checked, or_none
+from hexwire.arguments import DATA, FLAG, NAME, NAMES, SECONDS, WHOLE, Wanted, check, checked, one_of, or_none
 from hexwire.epochs import Epochs
 from hexwire.errors import HexwireError, LinkError, NotSupportedError, ReplyTimeoutError, StoppedError, UsageError
 from hexwire.model.state import JointTarget
@@ -49,6 +49,9 @@ _ARGUMENTS: dict[str, dict[str, Wanted]] = {
     "clear_path": {"joints": _MANY},
     "stop": {"mode": _MODE},
     "watchdog": {"timeout": SECONDS, "mode": _MODE},
+    "watched": {"timeout": SECONDS, "mode": _MODE, "always": FLAG},
+    "take": {"force": or_none(FLAG)},
+    "release": {"finish": FLAG},
     "stream": {"period": SECONDS, "timeout": SECONDS, "slow": or_none(SECONDS)},
     "read_positions": {"within": SECONDS},
     "ioctl": {"sub_cmd": WHOLE, "data": DATA},
@@ -59,6 +62,16 @@ _ARGUMENTS: dict[str, dict[str, Wanted]] = {
     "auto_reconnect": {"on": FLAG},
 }
 """The arguments of methods that robots define."""
+
+
+def _check_arguments(cls: Any) -> None:
+    """Have the methods of a robot refuse what a program passes by mistake, before anything is sent."""
+    for name, wanted in (_ARGUMENTS | cls._arguments).items():
+        owner = next((base for base in cls.__mro__ if name in vars(base)), None)
+        # A robot class above has this already, but a class that only adds methods has not.
+        if owner is not None and (owner is cls or not issubclass(owner, RobotDriver)):
+            method = vars(owner)[name]
+            setattr(cls, name, checked(_refusing_gains(method) if name == "write" else method, wanted))
 
 
 def _refusing_gains(write: Callable[..., SentTarget]) -> Callable[..., SentTarget]:
@@ -90,10 +103,8 @@ class RobotDriver(ABC):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        # Here rather than in each robot: what a program passes by mistake is refused before anything is sent.
-        for name, wanted in (_ARGUMENTS | vars(cls).get("_arguments", {})).items():
-            if (method := vars(cls).get(name)) is not None:
-                setattr(cls, name, checked(_refusing_gains(method) if name == "write" else method, wanted))
+        # Here rather than in each robot.
+        _check_arguments(cls)
 
     _arguments: ClassVar[dict[str, dict[str, Wanted]]] = {}
     """The arguments of a robot's own methods, as `_ARGUMENTS`."""
@@ -133,6 +144,9 @@ class RobotDriver(ABC):
 
     @kinematics.setter
     def kinematics(self, kinematics: KinematicModel) -> None:
+        from hexwire.model.kinematics import KinematicModel
+
+        check(type(self).__name__, "kinematics", or_none(one_of(KinematicModel)), kinematics)
         self._kinematics = kinematics
 
     @property
@@ -590,3 +604,7 @@ class RobotDriver(ABC):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.detach()
+
+
+# What a robot does not define is the same for all of them.
+_check_arguments(RobotDriver)

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
+from hexwire.arguments import Wanted, check
 from hexwire.errors import UsageError
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from hexwire.epochs import Epochs
 
 __all__ = ["SessionDriver"]
+
+_SESSION = Wanted("a Session, as in Session.from_url(...)", lambda value: isinstance(value, Session))
 
 
 class SessionDriver(RobotDriver):
@@ -35,6 +38,8 @@ class SessionDriver(RobotDriver):
     """
 
     def __init__(self, session: Session, *others: Session) -> None:
+        for each in (session, *others):
+            check(type(self).__name__, "session", _SESSION, each)
         super().__init__()
         self.session = session
         self.sessions = tuple(dict.fromkeys((session, *others)))

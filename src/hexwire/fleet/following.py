@@ -8,8 +8,9 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
+from hexwire.arguments import FLAG, SECONDS, WHOLE, Wanted, one_of
 from hexwire.errors import NotSupportedError, RemoteProtocolError, UsageError
 from hexwire.motion.waypoints import Spline
 
@@ -28,6 +29,13 @@ __all__ = ["Following"]
 class Following(ABC):
     """The part of a `RemoteRobot` that follows trajectories."""
 
+    _arguments: ClassVar[dict[str, dict[str, Wanted]]] = {
+        "follow": {"path": one_of(Spline), "start": SECONDS, "anywhere": FLAG, "confirm": FLAG},
+        "check_path": {"path": one_of(Spline)},
+        "goal": {"number": WHOLE},
+        "confirm": {"number": WHOLE},
+        "cancel": {"number": WHOLE},
+    }
     _clock: ClockOffset
     _facts: m.Facts
     model: ArmModel

@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeVar
 
 import msgspec
 
-from hexwire.errors import RemoteProtocolError
+from hexwire.errors import RemoteProtocolError, UsageError
 from hexwire.model.arm import MAX_ACCELERATION, MAX_JERK
 
 __all__ = [
@@ -409,8 +409,15 @@ _UINTS = {0xCC: 1, 0xCD: 2, 0xCE: 4, 0xCF: 8}
 
 
 def encode(message: _Message) -> bytes:
-    """Serialize a message."""
-    return _HEAD + _encoder.encode(message)
+    """Serialize a message.
+
+    Raises:
+        UsageError: A number in it is too large.
+    """
+    try:
+        return _HEAD + _encoder.encode(message)
+    except OverflowError:
+        raise UsageError("a number is too large for a message: whole numbers are below 2**63") from None
 
 
 def decode(payload: bytes, kind: type[_M]) -> _M:

@@ -19,6 +19,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from hexwire.arguments import Wanted, check
 from hexwire.epochs import Token
 from hexwire.errors import (
     LinkClosedError,
@@ -49,6 +50,7 @@ __all__ = ["Session"]
 
 _log = logging.getLogger(__name__)
 
+_HANDLE = Wanted("an IpcHandle, as in IpcHandle.from_url(...)", lambda value: isinstance(value, IpcHandle))
 _LOOK = 1.0
 """Seconds after which a wait checks again: a signal handler may have cancelled its request."""
 _KEPT_RTTS = 8192
@@ -97,6 +99,7 @@ class Session(SeveralModules, Openable):
         clock: Callable[[], float] | None = None,
         wall: Callable[[], float] = time.time,
     ) -> None:
+        check("Session", "ipc", _HANDLE, ipc)
         super().__init__(ipc, clock or time.monotonic)
         self.policy = policy or RetryPolicy()
         self.reconnect = reconnect or ReconnectPolicy()
