@@ -34,6 +34,7 @@ class Host:
         for _ in range(200):
             for frame in self.end.data_to_send():
                 self.peer.receive(frame, self.now)
+            self.peer.step(self.now)
             self.end.receive(self.peer.data_to_send(), self.now)
             while (event := self.end.next_event()) is not None:
                 if isinstance(event, Reply):

@@ -244,8 +244,9 @@ def test_noise_on_udp_ends_nothing(served: Served) -> None:
             pytest.fail(str(error))
 
 
+@pytest.mark.parametrize("watch", [Command.IDENTIFY, Command.JOINT_STATES, Command.ROBOT_PROBE])
 def test_what_came_while_the_server_stalled_is_read_before_silence_is_judged(
-    monkeypatch: pytest.MonkeyPatch,
+    watch: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A velocity runs on for half a second. A server that is late and hears another host first does not end it."""
     stalled = [0.0]
@@ -272,7 +273,7 @@ def test_what_came_while_the_server_stalled_is_read_before_silence_is_judged(
         watcher, commander = ends
         for number in range(5):
             before = robot.position[0]
-            watcher.sendall(request(Command.IDENTIFY, number))
+            watcher.sendall(request(watch, number))
             commander.sendall(request(Command.JOINT_COMMANDS, number, spin))
             if number:
                 stalled[0] += 2.0

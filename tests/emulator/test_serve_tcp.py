@@ -17,7 +17,7 @@ from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.bus_device import BusDevice, make_servos
 from hexwire.emulator.serve import ServedDevice
 from hexwire.emulator.serve_pty import PtyServer
-from hexwire.emulator.serve_tcp import TcpServer, serve_tcp
+from hexwire.emulator.serve_tcp import TcpServer, serve_queue, serve_tcp
 from hexwire.errors import LinkError, LinkLostError
 from hexwire.link.open import make_link
 from hexwire.wire.command_frame import Command
@@ -201,3 +201,97 @@ def test_a_burst_does_not_outlast_its_host() -> None:
         assert len(device.heard) >= 4096 + len(b"stop")
     finally:
         server.close()
+
+
+class StallingClock:
+    """The time of a server that does not run for a while, right before it looks at the clock."""
+
+    def __init__(self) -> None:
+        self.looks, self.at, self.later = 0, -1, 0.0
+        self.meanwhile: Callable[[], object] = lambda: None
+        self.sleep = time.sleep
+
+    def monotonic(self) -> float:
+        self.looks += 1
+        if self.looks == self.at:
+            self.meanwhile()
+            self.later += 11.0
+        return time.monotonic() + self.later
+
+
+@pytest.mark.parametrize("kind", ["pty", "tcp"])
+@pytest.mark.parametrize("baud", [0, 115200])
+def test_wherever_a_server_stalls_what_came_meanwhile_ends_the_silence(
+    kind: str, baud: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also between the look that found nothing and the judgement, and while it writes."""
+    for place in range(1, 12):
+        board, clock = make_hex7bot_board(start=time.monotonic()), StallingClock()
+        monkeypatch.setattr(serve_pty if kind == "pty" else serve_tcp_module, "time", clock)
+        server = PtyServer(board, baud=baud) if kind == "pty" else TcpServer(board, "127.0.0.1", 0, baud=baud)
+        url = server.open()
+        try:
+            with make_link(url if "://" in url else f"serial://{url}") as host:
+                host.write(frame_bytes(Command.WATCHDOG, (10_000).to_bytes(2, "little") + b"\0", seq=1, sn=1))
+                end = time.monotonic() + 30.0
+                while board.state.watchdog_due is None:
+                    assert time.monotonic() < end
+                    server.run_once(0.01)
+                clock.meanwhile = lambda host=host: host.write(frame_bytes(Command.IDENTIFY, b"", seq=2, sn=2))  # type: ignore[misc]
+                clock.at = clock.looks + place
+                while clock.later == 0.0:
+                    server.run_once(0.001)
+                for _ in range(20):
+                    server.run_once(0.001)
+                assert not board.state.watchdog_tripped, place
+        finally:
+            server.close()
+
+
+class Queue:
+    """A queue in simulated time, whose server does not run for a while after it has waited for nothing."""
+
+    url = "mq:///board"
+
+    def __init__(self) -> None:
+        self.now, self.reads, self.waiting = 100.0, 0, b""
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def __enter__(self) -> Queue:
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def read(self, deadline: float) -> bytes:
+        self.reads += 1
+        if self.reads == 1:
+            return frame_bytes(Command.WATCHDOG, (10_000).to_bytes(2, "little") + b"\0", seq=1, sn=1)
+        found, self.waiting = self.waiting, b""
+        if not found:
+            self.now = max(self.now, deadline)
+        if self.reads == 2:
+            self.now += 11.0
+            self.waiting = frame_bytes(Command.IDENTIFY, b"", seq=2, sn=2)
+        return found
+
+    def write(self, data: bytes, deadline: float) -> None: ...
+
+
+def test_a_server_of_a_queue_that_stalls_reads_what_came_before_it_judges_silence(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    queue = Queue()
+    monkeypatch.setattr(serve_tcp_module, "time", queue)
+    board = make_hex7bot_board(start=queue.now)
+    tripped: list[bool] = []
+
+    def stop() -> bool:
+        tripped.append(board.state.watchdog_tripped)
+        return tripped[-1] or len(tripped) > 100
+
+    serve_queue(board, queue, stop=stop, announce=lambda url: None)  # type: ignore[arg-type]
+    # It is fed at the end of the stall, and trips ten seconds later, since nothing more comes.
+    assert tripped[-1]
+    assert queue.now == pytest.approx(100.0 + 0.25 + 11.0 + 10.0, abs=0.6)

@@ -289,17 +289,24 @@ class PumaPeer:
             numbers=numbers,
         )
         self._conversation = 0
+        self._asked: list[Request] = []
         self._report_period = 0.0
         self._report_due: float | None = None
 
     def receive(self, data: bytes, now: float, *, end_of_message: bool = False) -> None:
-        """Take bytes from the host. They end a silence; only `step` judges it, see `serve.deliver`."""
+        """Take bytes from the host. They end a silence; only `step` judges it, see `serve.deliver`.
+
+        So it also answers who asks where the joints are: what other hosts have sent may wait to be read.
+        """
         self.connection.receive(data, now, end_of_message=end_of_message)
         self._answer_all(now)
 
     def step(self, now: float) -> None:
         """Do what is due."""
         self.robot.step(now)
+        asked, self._asked = self._asked, []
+        for request in asked:
+            self._reply(request, now)
         due = self.connection.next_timeout()
         if due is not None and due <= now:
             self.connection.handle_timeout(now)
@@ -334,13 +341,19 @@ class PumaPeer:
                     # A host has identified itself anew, and this is not a late copy of an earlier IDENTIFY.
                     self._conversation = conversations.count
                     self._report_due = None
-                try:
-                    status, body = self._answer(event, now)
-                except RemoteProtocolError:
-                    status, body = Status.BAD_LENGTH, b""
-                if event.frame.cmd in _COMMANDS and status is Status.OK:
-                    self.commanded = now
-                self.connection.reply(event, status, body if status is Status.OK else b"", now)
+                if event.frame.cmd in _LOOKS:
+                    self._asked.append(event)
+                else:
+                    self._reply(event, now)
+
+    def _reply(self, request: Request, now: float) -> None:
+        try:
+            status, body = self._answer(request, now)
+        except RemoteProtocolError:
+            status, body = Status.BAD_LENGTH, b""
+        if request.frame.cmd in _COMMANDS and status is Status.OK:
+            self.commanded = now
+        self.connection.reply(request, status, body if status is Status.OK else b"", now)
 
     def _answer(self, request: Request, now: float) -> tuple[Status, bytes]:
         robot, cmd, body = self.robot, request.frame.cmd, request.frame.body
@@ -357,8 +370,6 @@ class PumaPeer:
             if self.connection.conversations is None:
                 self._report_due = None
             return Status.OK, self._identity().serialize()
-        if cmd in _LOOKS:
-            robot.step(now)
         if cmd == Command.ROBOT_PROBE:
             n = len(PUMA260.joints)
             return Status.OK, RobotStatus(robot.boot_id, robot.mode, robot.flags, n).serialize()

@@ -158,7 +158,7 @@ class Arrivals:
     """When bytes arrived that a server finds waiting: after a stall of the server they have not come just now."""
 
     def __init__(self) -> None:
-        self._left = math.inf
+        self._looked = math.inf
 
     def since(self, begun: float, wait: float, now: float) -> float:
         """The earliest time at which bytes that are found now may have come.
@@ -168,12 +168,10 @@ class Arrivals:
             wait: How long it meant to wait at most, seconds.
             now: When it found them.
         """
-        stall = max(0.0, begun - self._left) + max(0.0, now - begun - wait)
+        # Also while it dealt with what it found before.
+        stall = max(0.0, begun - self._looked) + max(0.0, now - begun - wait)
+        self._looked = now
         return now - stall if stall > _STALL else now
-
-    def done(self, now: float) -> None:
-        """The server has dealt with them, and is about to wait again."""
-        self._left = now
 
 
 class PacedLine:

@@ -38,6 +38,8 @@ _IDLE = 0.25
 _SLICE = 0.001
 _HAND = 0.02
 _READ = 4096
+_MOST_LOOKS = 4
+"""Looks for more bytes in a turn; a terminal keeps few, so whoever fills it so often is not silent."""
 _BAUD_RATES = {
     getattr(termios, name): int(name[1:]) for name in dir(termios) if name[:1] == "B" and name[1:].isdigit()
 }
@@ -171,8 +173,14 @@ class PtyServer:
                 time.sleep(min(0.02, max(timeout, 0.0)))
         if not events or not any(flags & select.POLLHUP for _, flags in events):
             self._seen_open(now)
-        # The device must not answer at a time before the request was sent, although this process stalls.
+        # The device must not answer at a time before the request was sent, although this process stalls. And
+        # silence is judged up to when a look began that found nothing.
         now = time.monotonic()
+        for _ in range(_MOST_LOOKS):
+            if not self._is_waiting():
+                break
+            self._read(now, arrived)
+            arrived, now = now, time.monotonic()
         deliver(self._to_board, self.device, now)
         self.device.step(now)
         self._follow_rate()
@@ -182,7 +190,12 @@ class PtyServer:
             if out:
                 self._to_host.put(out, now)
         self._write(now)
-        self._arrivals.done(time.monotonic())
+
+    def _is_waiting(self) -> bool:
+        """Whether bytes of the host wait to be read."""
+        poll = select.poll()
+        poll.register(self._master, select.POLLIN)
+        return any(flags & select.POLLIN for _, flags in poll.poll(0))
 
     def _follow_rate(self) -> None:
         """Take over the rate of the device. What is on the line then is lost, as on a real one."""

@@ -27,6 +27,8 @@ __all__ = ["serve_puma"]
 _IDLE = 0.25
 _MOST_AT_ONCE = 64
 """Most callers or datagrams accepted before connected hosts are served again."""
+_MOST_LOOKS = 4
+"""Looks for more bytes in a turn; they may come all the time."""
 
 
 @dataclass(slots=True)
@@ -105,19 +107,30 @@ def _turn(robot: EmulatedPuma, listener: Listener, udp: UdpServer | None, hosts:
     # A velocity ends when nobody repeats it: what has arrived is read before that is judged, of all hosts.
     robot.step(hosts.arrivals.since(begun, wait, time.monotonic()))
     # Connected hosts go before new ones.
+    _hear(robot, udp, hosts, ready)
+    # Silence is judged up to when a look began that found nothing: this process may stall anywhere.
+    now = time.monotonic()
+    for _ in range(_MOST_LOOKS):
+        more = {fd for fd, _ in poll.poll(0)} - {listener.fileno()}
+        if not more:
+            break
+        _hear(robot, udp, hosts, more)
+        now = time.monotonic()
+    _answer_callers(hosts, now)
+    if udp is not None:
+        _answer_peers(udp, hosts, now)
+    if hosts.queue is not None:
+        _answer_queue(hosts.queue, now)
+    if listener.fileno() in ready:
+        _let_in(robot, listener, hosts)
+
+
+def _hear(robot: EmulatedPuma, udp: UdpServer | None, hosts: _Hosts, ready: set[int]) -> None:
     _hear_callers(hosts, ready)
     if udp is not None and udp.fileno() in ready:
         _hear_peers(robot, udp, hosts)
     if hosts.queue is not None and hosts.queue.link.fileno() in ready:
         _hear_queue(hosts.queue)
-    _answer_callers(hosts)
-    if udp is not None:
-        _answer_peers(udp, hosts)
-    if hosts.queue is not None:
-        _answer_queue(hosts.queue)
-    if listener.fileno() in ready:
-        _let_in(robot, listener, hosts)
-    hosts.arrivals.done(time.monotonic())
 
 
 def _hear_callers(hosts: _Hosts, ready: set[int]) -> None:
@@ -131,9 +144,8 @@ def _hear_callers(hosts: _Hosts, ready: set[int]) -> None:
             _hang_up(hosts, fd)
 
 
-def _answer_callers(hosts: _Hosts) -> None:
+def _answer_callers(hosts: _Hosts, now: float) -> None:
     for fd, caller in list(hosts.callers.items()):
-        now = time.monotonic()
         try:
             caller.peer.step(now)
             for frame in caller.peer.frames_to_send():
@@ -152,8 +164,7 @@ def _hear_queue(host: _Caller) -> None:
         host.peer.receive(data, now, end_of_message=True)
 
 
-def _answer_queue(host: _Caller) -> None:
-    now = time.monotonic()
+def _answer_queue(host: _Caller, now: float) -> None:
     host.peer.step(now)
     for frame in host.peer.frames_to_send():
         # What nobody takes is lost.
@@ -195,9 +206,9 @@ def _hear_peers(robot: EmulatedPuma, udp: UdpServer, hosts: _Hosts) -> None:
             _note(hosts.udp_seats, sender, peer, now)
 
 
-def _answer_peers(udp: UdpServer, hosts: _Hosts) -> None:
+def _answer_peers(udp: UdpServer, hosts: _Hosts, now: float) -> None:
     for sender, peer in hosts.peers.items():
-        peer.step(time.monotonic())
+        peer.step(now)
         for frame in peer.frames_to_send():
             udp.send(sender, frame)
 

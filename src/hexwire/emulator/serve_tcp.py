@@ -85,15 +85,17 @@ class TcpServer:
             called = self._listener.fileno() in ready
             if guest is not None and guest.fileno() in ready:
                 self._to_board.put(guest.read(0.0), arrived)
-                if called:
-                    for _ in guest.leftovers():
-                        self._to_board.put(guest.read(0.0), arrived)
+            # Silence is judged up to when a look began that found nothing: this process may stall anywhere.
+            now = time.monotonic()
+            if guest is not None:
+                for _ in guest.leftovers():
+                    self._to_board.put(guest.read(0.0), arrived)
+                    arrived, now = now, time.monotonic()
             if called:
                 self._let_in()
-            self._step(time.monotonic())
+            self._step(now)
         except LinkError:
             self._hang_up()
-        self._arrivals.done(time.monotonic())
 
     def _let_in(self) -> None:
         if self._guest is not None:
@@ -172,10 +174,11 @@ def serve_queue(
             deadline = begun + _IDLE if due is None else min(due, begun + _IDLE)
             data = link.read(deadline)
             now = time.monotonic()
-            line.put(data, arrivals.since(begun, max(0.0, deadline - begun), now))
+            arrived = arrivals.since(begun, max(0.0, deadline - begun), now)
+            # Silence is judged up to when a look began that found nothing, as in `TcpServer`.
+            line.put(data or link.read(now), arrived)
             deliver(line, device, now)
             device.step(now)
             if out := device.data_to_send():
                 with contextlib.suppress(LinkTimeoutError):
                     link.write(out, now)
-            arrivals.done(time.monotonic())
