@@ -7,8 +7,10 @@ from collections.abc import Iterator
 
 import pytest
 from click.testing import CliRunner, Result
+from tests.drivers.puma_server import served_puma
 from tests.gateway.tcp_boards import Running, tcp_boards, wait
 
+import hexwire
 from hexwire.cli.main import cli
 from hexwire.link.listener import Listener
 
@@ -127,6 +129,32 @@ def test_a_board_without_a_gateway_is_a_channel_too() -> None:
         boards.boards[0].connection.local = 12
         result = run("probe", "--all", "--port", boards.urls[0])
     assert result.stdout.startswith("module 12 (12): ")
+
+
+@pytest.mark.system
+def test_a_board_of_another_host_is_not_called_resumed(gateway: Running) -> None:
+    with hexwire.connect(f"{gateway.url}?to=9") as other:
+        assert run("stop", "--all", "--port", gateway.url).exit_code == 0
+        assert other.read().stopped
+        for words in ((), ("--json",)):
+            result = run("resume", "--all", *words, "--port", gateway.url)
+            assert result.exit_code == 1
+            assert "modules 9 are not resumed: module 9 has another host" in result.stderr
+        assert json.loads(result.stdout) == {"resumed": [8], "silent": []}
+        result = run("resume", "--all", "--port", gateway.url)
+        assert result.stdout.splitlines()[0] == "module 8: resumed"
+        assert result.stdout.splitlines()[1].startswith("module 9: not resumed: module 9 has another host")
+        assert other.read().stopped
+        other.resume()
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("command", ["stop", "probe", "resume"])
+def test_over_datagrams_it_is_said_where_to_ask_all(command: str) -> None:
+    with served_puma() as server:
+        result = run(command, "--all", "--port", server.udp)
+    assert result.exit_code == 2, result.output
+    assert "give the TCP port of the gateway" in result.stderr
 
 
 def test_what_does_not_fit_a_channel() -> None:

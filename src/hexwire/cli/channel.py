@@ -6,7 +6,7 @@ Owns what is printed for each module, and when a module counts as missing. Must 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -101,13 +101,15 @@ def stop_all(options: RobotOptions, *, torque_off: bool, as_json: bool) -> None:
         ServoError: A joint has not confirmed it.
         ReplyTimeoutError: Nobody has answered, or a board that is there has not.
     """
+    from hexwire.errors import HexwireError
     from hexwire.wire.command_frame import Command
     from hexwire.wire.commands import parse_stop_reply
 
     body = bytes((int(torque_off),))
     with _open(options) as session:
-        # First the stop. Who is there comes later, and then who has confirmed it.
-        session.request_all(Command.STOP, body, window=_AT_ONCE, attempts=1)
+        # First the stop. Who is there comes later, and then who has confirmed it; that says what is wrong, too.
+        with suppress(HexwireError):
+            session.request_all(Command.STOP, body, window=_AT_ONCE, attempts=1)
         _find(session)
         stopped = session.request_all(Command.STOP, body, window=_STOP_WINDOW, attempts=_STOP_ATTEMPTS)
         states = session.request_all(Command.JOINT_STATE, b"\0", window=_LOOK, attempts=_LOOKS).replies
@@ -132,7 +134,9 @@ def resume_all(options: RobotOptions, as_json: bool) -> None:
 
     Raises:
         ReplyTimeoutError: Nobody has answered, or a board that is there has not.
+        DeviceError: A board has refused.
     """
+    from hexwire.errors import DeviceError
     from hexwire.wire.addresses import Multicast
     from hexwire.wire.command_frame import Command, Status
     from hexwire.wire.commands import Identity
@@ -147,9 +151,23 @@ def resume_all(options: RobotOptions, as_json: bool) -> None:
             session.request_all(Command.WATCHDOG, b"\0\0\0", Multicast(tripped))
         resumed = session.request_all(Command.RESUME)
     silent = sorted(resumed.silent)
-    data = {"resumed": sorted(resumed.replies), "silent": silent}
-    answer(as_json, data, *(f"module {module}: resumed" for module in resumed.replies), *_without_answer(silent))
-    _check_all(resumed.replies, silent, {m: not r.status for m, r in resumed.replies.items()})
+    # Such as those that have another host.
+    refusing = {m: _why(reply) for m, reply in sorted(resumed.replies.items()) if reply.status != Status.OK}
+    done = sorted(resumed.replies.keys() - refusing.keys())
+    lines = [f"module {module}: resumed" for module in done]
+    lines += [f"module {module}: not resumed: {why}" for module, why in refusing.items()]
+    answer(as_json, {"resumed": done, "silent": silent}, *lines, *_without_answer(silent))
+    _check_all(resumed.replies, silent)
+    if refusing:
+        why = next(iter(refusing.values()))
+        raise DeviceError(f"modules {', '.join(map(str, refusing))} are not resumed: {why}")
+
+
+def _why(reply: Reply) -> str:
+    """Why a board, or a gateway in front of it, refuses a request."""
+    from hexwire.wire.command_frame import status_name
+
+    return reply.body.decode(errors="replace") or status_name(reply.status)
 
 
 def _torques(mask: int, state: Reply | None, torque_off: bool) -> Torques:
@@ -170,9 +188,16 @@ def _torques(mask: int, state: Reply | None, torque_off: bool) -> Torques:
 
 def _find(session: Session) -> Answers:
     """Who is there, and who should be."""
-    from hexwire.errors import ReplyTimeoutError
+    from hexwire.errors import ReplyTimeoutError, UsageError
+    from hexwire.link.base import LinkKind
     from hexwire.wire.command_frame import Command
 
+    link = session.ipc.link
+    if link.kind is LinkKind.DATAGRAM:
+        raise UsageError(
+            f"{link.url}: --all asks all boards who they are, which a queue or UDP cannot carry: give the TCP port "
+            "of the gateway, or one board after the other, as in ?to=8"
+        )
     found = session.request_all(Command.IDENTIFY, window=_LOOK, attempts=_LOOKS)
     if not found.replies and not found.silent:
         advice = "--all is for boards with hexwire's present firmware, and for a gateway to them"
