@@ -292,7 +292,7 @@ class AutoCalibration(SingleMotion):
             moved = [push.joint.name for push in held if abs(push.position - push.aim) > _DRIFT + push.lead]
             pushed = f"{moved[0]} moved although it holds: it was pushed, or has lost its torque" if moved else ""
             fault = pushed or task.judge(now)
-        lost = sum(seconds for _, seconds in self._lost)
+        lost = sum(min(seconds, end - now + _LOOK_BACK) for end, seconds in self._lost)
         if fault and lost >= _TOO_SLOW:
             # Then nothing is known about the arm: answers, targets and looks were all late.
             span = f"{lost:.1f} of the last {_LOOK_BACK:g} s"
