@@ -29,8 +29,8 @@ _MOST_LEAD = math.radians(10.0)
 """How far a set-point may run ahead of a blocked joint, which must not jump when it is released."""
 _TRIES = (1.0, 0.5, 0.25)
 """Shares of a Cartesian step to try before it is refused."""
-_STRAIN = 1.5
-"""Factor by which a joint may exceed its speed limit in a Cartesian step."""
+_ROUNDING = 1e-9
+"""Radians in a step."""
 
 
 class JogMode(Enum):
@@ -320,7 +320,7 @@ class Teleop:
         """Why the joints cannot make this step; empty if they can. Near a singular pose they would have to jump."""
         for name, angle in joints.items():
             joint = self.arm.joint(name)
-            if not abs(angle - self._goal[name]) <= _STRAIN * joint.max_speed * step:
+            if not abs(angle - self._goal[name]) <= joint.max_speed * step + _ROUNDING:
                 return (
                     f"{name} would have to jump: near a singular pose; choose another direction, or move the joints"
                 )
