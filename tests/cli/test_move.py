@@ -122,7 +122,7 @@ def test_a_move_of_a_silent_servo_is_an_error_before_anything_moves(make_bench: 
     result = bench.run("move", "J1=5", "J5=20", "--wait")
     assert result.exit_code == 1
     assert result.stdout == ""
-    assert result.stderr == "error: servo 4 (J5) does not answer: check cable, power and id\n"
+    assert result.stderr == "error: the position of J5 is unknown: no answer; check cable, power and id\n"
     bench.clock.advance(2.0)
     state = json.loads(bench.run("state", "--json").stdout)
     assert state["joints"][0]["position_deg"] == pytest.approx(-4.47, abs=0.1)
@@ -379,13 +379,11 @@ def test_a_move_is_refused_while_another_joint_moves(make_bench: Any, dialect: i
     assert bench.run("move", "J3=10", "--wait").stderr == NOTE[dialect]
 
 
-def test_with_a_silent_joint_the_others_move_unchecked_and_it_is_said(make_bench: Any) -> None:
+def test_with_a_silent_joint_a_path_that_cannot_be_checked_is_refused(make_bench: Any) -> None:
     bench = make_bench("silent:2")
     result = bench.run("move", "J2=60", "--wait")
-    assert result.exit_code == 0
-    assert (
-        result.stderr == "warning: the position of J3 is unknown: joint coupling limits and table are not checked\n"
-    )
+    assert result.exit_code == 1
+    assert result.stderr == "error: the position of J3 is unknown: no answer; check cable, power and id\n"
 
 
 def test_an_option_about_the_table_must_have_an_effect(bench: Any) -> None:

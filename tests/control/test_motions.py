@@ -45,9 +45,6 @@ class Watched(MotionObserver):
         self.states: list[JointState] = []
         self.do = do
 
-    def unchecked(self, joints: Any) -> None:
-        self.said.append(("unchecked", tuple(joints)))
-
     def powered(self, joints: Any) -> None:
         self.said.append(("powered", tuple(joints)))
 
@@ -218,7 +215,7 @@ def test_a_joint_that_does_not_arrive_is_named() -> None:
 
 def test_a_silent_servo_gets_no_torque_and_nothing_moves() -> None:
     bench = Bench(faults=("silent:4",))
-    with pytest.raises(ServoError, match=r"^servo 4 \(J5\) does not answer"):
+    with pytest.raises(ServoError, match=r"^the position of J5 is unknown: no answer"):
         run_motion(bench.robot, JointTarget.of({"J5": 0.1}, 1.0), bench.options())
     assert bench.targets == []
 
@@ -493,19 +490,14 @@ def test_switching_torque_on_for_a_path_is_reported() -> None:
     assert watched.said[0] == ("powered", ("J4",))
 
 
-def test_a_joint_of_unknown_position_is_said_and_coupling_limits_are_not_checked() -> None:
-    bench, watched = Bench(faults=("silent:2",)), Watched()
-    how = bench.options()
-    assert run_motion(bench.robot, bench.target("J2", 0.1), how, observer=watched).arrived
-    assert watched.said[0] == ("unchecked", ("J3",))
-
-
-def test_without_an_observer_a_path_that_is_not_checked_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+@pytest.mark.parametrize("joint", ["J2", "J3"])
+def test_what_cannot_be_checked_since_a_joint_is_silent_moves_nothing_unless_the_check_is_off(joint: str) -> None:
     bench = Bench(faults=("silent:2",))
-    assert run_motion(bench.robot, bench.target("J2", 0.1), bench.options()).arrived
-    assert [r.getMessage() for r in caplog.records if r.levelname == "WARNING"] == [
-        "the position of J3 is unknown: joint coupling limits and table are not checked"
-    ]
+    with pytest.raises(ServoError, match="the position of J3 is unknown: no answer"):
+        run_motion(bench.robot, JointTarget.of({joint: 0.1}, 1.0), bench.options())
+    assert bench.targets == []
+    how = replace(bench.options(), check_geometry=False)
+    assert run_motion(bench.robot, bench.target("J2", 0.1), how).arrived
 
 
 @pytest.mark.parametrize("what", ["way", "target"])

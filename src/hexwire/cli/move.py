@@ -122,12 +122,6 @@ def move(
             goal: Mapping[str, float] = {}
             farthest = 0.0
 
-            def unchecked(self, joints: Sequence[str]) -> None:
-                names = ", ".join(joints)
-                note(
-                    f"warning: the position of {names} is unknown: joint coupling limits and table are not checked"
-                )
-
             def powered(self, joints: Sequence[str]) -> None:
                 tell(f"torque on: {' '.join(joints)}")
 

@@ -122,14 +122,8 @@ def wanted_options(options: object) -> MotionOptions:
 class MotionObserver:
     """Is called at the events of a motion, in the caller's thread. Override the methods you need.
 
-    They do nothing here, but for `unchecked` and `refused`, which log a warning.
+    They do nothing here, but for `refused`, which logs a warning.
     """
-
-    def unchecked(self, joints: Sequence[str]) -> None:
-        """The position of these joints, which a target does not move, is unknown: its path is not checked."""
-        _log.warning(
-            "the position of %s is unknown: joint coupling limits and table are not checked", ", ".join(joints)
-        )
 
     def powered(self, joints: Sequence[str]) -> None:
         """Torque was switched on for these joints."""

@@ -14,7 +14,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 from hexwire.arguments import FLAG, Wanted, check
-from hexwire.errors import HexwireError, LimitError, StoppedError, UsageError
+from hexwire.errors import HexwireError, LimitError, ServoError, StoppedError, UsageError
 from hexwire.model.state import JointTarget, SentTarget
 from hexwire.motion.checks import InJoints
 from hexwire.motion.joined import Joined
@@ -146,7 +146,7 @@ def run_motion(
 
     Raises:
         UsageError: The path is not allowed; nothing was sent.
-        ServoError: A joint did not confirm torque.
+        ServoError: A joint did not confirm torque, or one on which the path depends does not answer.
         StoppedError: The arm was stopped before the motion started.
         HexwireError: The robot failed or refused; the arm was stopped if it could be reached.
     """
@@ -250,13 +250,12 @@ def _end_at(
     return None
 
 
-def _check_target(
-    robot: RobotDriver, goal: Mapping[str, float], options: MotionOptions, observer: MotionObserver
-) -> JointState:
+def _check_target(robot: RobotDriver, goal: Mapping[str, float], options: MotionOptions) -> JointState:
     """Check the straight path to a target; returns the present state.
 
     Raises:
         LimitError: The path is not allowed; nothing was sent.
+        ServoError: A joint on which the path depends does not answer.
         UsageError: Other joints are still moving, so that the path cannot be checked.
     """
     check = options.checks(robot)
@@ -269,10 +268,7 @@ def _check_target(
     state = read_state(robot)
     unknown = [name for name in known if not math.isfinite(state[name].position)]
     if unknown:
-        # If the target names such a joint, a later check reports it.
-        if others := [name for name in unknown if name not in goal]:
-            observer.unchecked(others)
-        return state
+        raise ServoError(f"the position of {', '.join(unknown)} is unknown: no answer; check cable, power and id")
     # A path begins too slowly to be seen.
     left = robot.left_path()
     turned = [
@@ -410,14 +406,14 @@ def _run_target(
     safe: AbstractContextManager[object] | None,
     asked: Token,
 ) -> MotionResult:
-    state = _check_target(robot, dict(target.positions), options, observer)
+    state = _check_target(robot, dict(target.positions), options)
     target = check_target(robot.model, target, {})
     goal = dict(target.positions)
     with _asked_then(robot, asked):
         cleared = robot.clear_path(list(goal))
     if cleared:
         # The joints are elsewhere now, and at rest.
-        state = _check_target(robot, goal, options, observer)
+        state = _check_target(robot, goal, options)
     # Its ends are smooth; a longer time that was asked for stays.
     target = replace(target, duration=max(target.duration, smooth_duration(robot.model, state.positions, goal)))
     with _asked_then(robot, asked):
