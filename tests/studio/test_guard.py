@@ -239,7 +239,8 @@ def _crowd(access: Access, asked: list[tuple[str, str, str]], began: list[str] |
 
             rows = {"host": _HOST, "origin": f"http://{_HOST}", "cookie": f"hexwire_session_80={key}"}
             headers = [(name.encode(), value.encode()) for name, value in rows.items()]
-            scope = {"type": kind, "method": "GET", "path": path, "query_string": b"", "headers": headers}
+            method = "POST" if path == "/wire/open" else "GET"
+            scope = {"type": kind, "method": method, "path": path, "query_string": b"", "headers": headers}
             await guard(scope, receive, send)
             first = sent[0]
             return first["status"] if kind == "http" else str(first["type"])
@@ -284,3 +285,45 @@ def test_a_session_has_a_bounded_number_of_requests_but_its_stops_are_heard() ->
     assert got == [200] * limits.waiting + [429, 429] + [200, 200] + [200]
     # Before any was answered: so many of the one, its stops, and that of the other.
     assert began == [greedy] * (limits.requests + 2) + [other]
+
+
+def test_few_pages_are_built_and_few_files_taken_at_a_time_but_stops_are_heard() -> None:
+    access = Access(frozenset({_HOST}))
+    watchers, operator = [_key(access, Right.WATCH) for _ in range(6)], _key(access, Right.OPERATE)
+    asked = [("http", path, key) for path in ("/", "/arm", "/wire/open") for key in watchers]
+    asked += [("http", "/stop", watchers[0]), ("http", "/", operator), ("http", "/wire/open", operator)]
+    began: list[str] = []
+    assert _crowd(access, asked, began) == [200] * len(asked)
+    limits = access.limits
+    assert began.count(operator) == 2
+    assert len(began) == limits.pages + limits.uploads + 1 + 2
+
+
+def test_who_reads_a_page_slowly_keeps_nobody_waiting() -> None:
+    access = Access(frozenset({_HOST}))
+    keys = [_key(access, Right.WATCH) for _ in range(2)]
+
+    async def serve() -> None:
+        guard, hangs, reached = Guard(_Behind(), access, lambda: 1.0), asyncio.Event(), list[str]()
+
+        async def ask(key: str, slow: bool) -> None:
+            async def receive() -> Any:
+                return {"type": "http.request", "body": b"", "more_body": False}
+
+            async def send(message: Any) -> None:
+                reached.append(key)
+                if slow:
+                    await hangs.wait()
+
+            headers = [(b"host", _HOST.encode()), (b"cookie", f"hexwire_session_80={key}".encode())]
+            scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"", "headers": headers}
+            await guard(scope, receive, send)
+
+        first = asyncio.create_task(ask(keys[0], True))
+        await asyncio.sleep(0)
+        await asyncio.wait_for(ask(keys[1], False), 30)
+        assert reached == [keys[0], keys[1], keys[1]]
+        hangs.set()
+        await first
+
+    asyncio.run(serve())

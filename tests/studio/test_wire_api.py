@@ -140,11 +140,3 @@ def test_whoever_only_watches_hinders_no_file_of_an_operators(desk: Desk) -> Non
     assert desk.operate("/wire/rows", tab=desk.operators)["name"] == "mine.txt"
     # Of their own, the oldest are closed.
     assert desk.ask("/wire/rows", tab=desk.tab)["view"] == "live"
-
-
-def test_only_so_many_files_are_taken_at_a_time(desk: Desk) -> None:
-    answers: list[dict[str, str]] = []
-    for _ in range(2):
-        desk.ask("/wire/open", "POST", _Meanwhile(desk, 5, answers), tab=desk.tab, name="a.txt")
-    refused = {"refused": "other files are being opened; try again soon"}
-    assert answers == 2 * [refused, *3 * [{"opened": "a.txt"}]]

@@ -47,6 +47,8 @@ class Limits:
         requests: Requests of one session that are served at a time; a browser makes six. Further ones wait, but not
             those that stop something.
         waiting: Requests of one session in all; further ones are refused.
+        pages: Pages that are built at a time, of those who may operate and again of those who may only watch.
+        uploads: Files that are taken at a time, likewise.
         connections: Connections at a time that have not become a socket.
         sessions: Sessions at a time.
         session_age: Seconds without a request or message after which a session ends.
@@ -61,6 +63,8 @@ class Limits:
     session_sockets: int = 24
     requests: int = 8
     waiting: int = 48
+    pages: int = 1
+    uploads: int = 4
     connections: int = 128
     sessions: int = 96
     session_age: float = 12 * 3600.0

@@ -89,7 +89,6 @@ def _told(handler: _Handler) -> _Handler:
 class _Files:
     def __init__(self, present: Callable[[], Studio]) -> None:
         self._present = present
-        self._uploading = False
 
     # -- the open arm -----------------------------------------------------------------------------------
 
@@ -172,23 +171,17 @@ class _Files:
         """Take a file that somebody brings."""
         if request.scope[SESSION].right < Right.OPERATE:
             raise _RefusedError(403, WATCHING_ONLY)
-        if self._uploading:
-            raise _RefusedError(429, "another file is being taken; try again soon")
         name, library = _text(request, "name"), self._present().shelf.library
-        self._uploading = True
-        try:
-            # Not in memory; and the bound counts bytes, since a length that is given may be wrong.
-            with tempfile.TemporaryFile() as file:
-                size = 0
-                async for part in request.stream():
-                    size += len(part)
-                    if size > library.largest:
-                        raise _RefusedError(413, f"it is larger than {library.largest >> 20} MiB")
-                    await run_in_threadpool(file.write, part)
-                file.seek(0)
-                found = await self._compute(request, lambda: library.add(name, file))
-        finally:
-            self._uploading = False
+        # Not in memory; and the bound counts bytes, since a length that is given may be wrong.
+        with tempfile.TemporaryFile() as file:
+            size = 0
+            async for part in request.stream():
+                size += len(part)
+                if size > library.largest:
+                    raise _RefusedError(413, f"it is larger than {library.largest >> 20} MiB")
+                await run_in_threadpool(file.write, part)
+            file.seek(0)
+            found = await self._compute(request, lambda: library.add(name, file))
         return JSONResponse({"name": found.name, "problem": found.problem}, headers=_PLAIN)
 
     # -- how it is made ---------------------------------------------------------------------------------

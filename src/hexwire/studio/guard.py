@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from html import escape
 from http.cookies import CookieError, SimpleCookie
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 from urllib.parse import parse_qs, quote
 
 from .access import Access, Right, Session
@@ -34,6 +34,11 @@ PEER = "hexwire.peer"
 _K = TypeVar("_K")
 _STOPS = frozenset({"/stop", "/fleet/stop"})
 """Paths that are never refused for what else is under way."""
+_UPLOADS = frozenset({("POST", "/wire/open"), ("POST", "/data/recording")})
+_NO_PAGES = ("/static/", "/_nicegui", "/data/", "/wire/", "/fleet/", "/favicon.ico")
+"""What the addresses begin with that are no pages."""
+_PAUSE = 0.01
+"""Seconds between two turns at what keeps the loop of the server busy: a STOP that comes meanwhile goes first."""
 _SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-eval'{}; style-src 'self' 'unsafe-inline'; "
@@ -82,6 +87,9 @@ class Guard:
         # What is under way, by session; of sockets also by right, so that watchers take none of an operator's.
         self._requests: dict[str, _Requests] = {}
         self._sockets: Counter[str | Right] = Counter()
+        # The loop builds pages and takes what is uploaded: of each right so many at a time, whatever is asked for.
+        self._pages = {right: asyncio.Semaphore(access.limits.pages) for right in Right}
+        self._uploads = {right: asyncio.Semaphore(access.limits.uploads) for right in Right}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request or socket."""
@@ -135,12 +143,17 @@ class Guard:
             return
         asked.count += 1
         try:
-            async with asked.turns:
-                await self.app(scope, bounded, _Secured(send).send)
+            async with asked.turns, _Turn(self._turns_for(scope, session.right)) as turn:
+                await self.app(scope, bounded, _Secured(turn.ends_with(send)).send)
         finally:
             asked.count -= 1
             if not asked.count:
                 del self._requests[session.key]
+
+    def _turns_for(self, scope: Scope, right: Right) -> asyncio.Semaphore | None:
+        if (scope["method"], scope["path"]) in _UPLOADS:
+            return self._uploads[right]
+        return None if scope["path"].startswith(_NO_PAGES) else self._pages[right]
 
     async def _enter(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer somebody who has no session yet, or shows a token."""
@@ -206,6 +219,40 @@ class _Requests:
 
     turns: asyncio.Semaphore
     count: int = 0
+
+
+class _Turn:
+    """A turn at what takes long. It ends when the answer begins: whoever reads that slowly keeps nobody waiting.
+
+    Args:
+        turns: As many as there are; None for no limit.
+    """
+
+    def __init__(self, turns: asyncio.Semaphore | None) -> None:
+        self._turns, self._held = turns, False
+
+    async def __aenter__(self) -> Self:
+        if self._turns is not None:
+            await self._turns.acquire()
+            self._held = True
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._end()
+
+    def ends_with(self, send: Send) -> Send:
+        """Send, and end the turn."""
+
+        async def sent(message: Message) -> None:
+            self._end()
+            await send(message)
+
+        return sent
+
+    def _end(self) -> None:
+        if self._held and self._turns is not None:
+            self._held = False
+            asyncio.get_running_loop().call_later(_PAUSE, self._turns.release)
 
 
 @contextmanager

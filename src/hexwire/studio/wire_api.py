@@ -6,7 +6,6 @@ Must not know how traffic is read.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +20,6 @@ from .guard import SESSION
 from .wire_feed import LARGEST_FILE
 
 if TYPE_CHECKING:
-    from .access import Right
     from .app import Studio
     from .tabs import Tab
 
@@ -29,8 +27,6 @@ __all__ = ["wire_routes"]
 
 _LARGEST_NUMBER = 2**53
 _NAME = 80
-_MOST_TAKEN = 4
-"""Files that are taken at a time, each in memory, of those who may operate and again of those who only watch."""
 _NO_TAB = "this page is no longer known to the studio: load it again"
 _HEADERS = {"cache-control": "no-store"}
 
@@ -56,13 +52,8 @@ def wire_routes(present: Callable[[], Studio]) -> list[Route]:
 
         return endpoint
 
-    taking: Counter[Right] = Counter()
-
     async def open_file(request: Request) -> Response:
         right = request.scope[SESSION].right
-        if taking[right] >= _MOST_TAKEN:
-            return JSONResponse({"refused": "other files are being opened; try again soon"}, headers=_HEADERS)
-        taking[right] += 1
         try:
             studio = present()
             tab = tab_of(studio, request)
@@ -78,8 +69,6 @@ def wire_routes(present: Callable[[], Studio]) -> list[Route]:
             )
         except HexwireError as error:
             return refusal(error)
-        finally:
-            taking[right] -= 1
         return JSONResponse({"opened": name}, headers=_HEADERS)
 
     return [
