@@ -235,6 +235,22 @@ class Program:
         answer = rospy.ServiceProxy(service, Trigger)()
         return [answer.success, answer.message]
 
+    def burst(self, service: str, callers: int, each: int) -> int:
+        """Trigger a service by many programs at once; how many calls succeeded."""
+        rospy.wait_for_service(service, PATIENCE)
+        done: list[bool] = []
+
+        def call() -> None:
+            for _ in range(each):
+                done.append(rospy.ServiceProxy(service, Trigger)().success)
+
+        threads = [threading.Thread(target=call) for _ in range(callers)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        return sum(done)
+
     def switch(self, service: str, on: bool) -> list[Any]:
         rospy.wait_for_service(service, PATIENCE)
         answer = rospy.ServiceProxy(service, SetBool)(on)

@@ -171,6 +171,27 @@ def test_stop_and_reset_can_be_repeated(arm: Arm) -> None:
         assert arm.trigger("reset") == "reset; nothing moves until the next command"
 
 
+def test_a_burst_of_stops_is_few_stops_and_the_reset_after_it_stays(arm: Arm) -> None:
+    callers, each = 32, 4
+    counter = arm.board.board.stops
+    begun, add = list[object](), counter.add
+
+    def counted(*args: Any) -> Any:
+        begun.append(args)
+        return add(*args)
+
+    counter.add = counted  # type: ignore[method-assign]
+    try:
+        assert arm.client.burst(service=arm.service("stop"), callers=callers, each=each) == callers * each
+    finally:
+        del counter.add
+    # How many depends on how fast the calls come on a busy machine; if each is a stop, it is all of them.
+    assert 1 <= len(begun) <= callers * each * 3 / 4
+    assert arm.trigger("reset") == "reset; nothing moves until the next command"
+    time.sleep(0.5)
+    arm.enable()
+
+
 def test_enable_gives_and_takes_torque(arm: Arm) -> None:
     servos = arm.board.board.wire.servos
     for on in (False, True):
