@@ -241,8 +241,7 @@ class Program:
         done: list[bool] = []
 
         def call() -> None:
-            for _ in range(each):
-                done.append(rospy.ServiceProxy(service, Trigger)().success)
+            done.extend(rospy.ServiceProxy(service, Trigger)().success for _ in range(each))
 
         threads = [threading.Thread(target=call) for _ in range(callers)]
         for thread in threads:
