@@ -5,7 +5,6 @@ Owns the command line, and the start and end of the program. Must not know what 
 
 from __future__ import annotations
 
-import gc
 import importlib
 import os
 import sys
@@ -169,6 +168,7 @@ def _run(
     browser: bool,
 ) -> None:
     from hexwire.control.shutdown import Shutdown
+    from hexwire.studio.memory import pass_by_hand
 
     sys.setswitchinterval(_SWITCH)
     shutdown = Shutdown(_PATIENCE)
@@ -195,10 +195,7 @@ def _run(
         def started() -> None:
             # Not before: an import keeps other threads waiting longer than a watchdog does. And as NiceGUI starts,
             # it takes a reference to every object of the program, which breaks tuples that others are building.
-            # What is there now stays to the end: a collection that looked through it later, which what pages
-            # compute brings about, would keep the arm's owner waiting for 60 ms.
-            gc.collect()
-            gc.freeze()
+            pass_by_hand()
             if port:
                 opening = threading.Thread(
                     target=_open, args=(made, port, robot, settings), name="opening", daemon=True

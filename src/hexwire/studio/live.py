@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import json
 import logging
 from collections import deque
@@ -24,6 +25,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from hexwire.errors import HexwireError
 
 from .guard import SESSION
+from .memory import FullPasses
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -139,6 +141,7 @@ class Live:
         """Send frames and facts until cancelled."""
         loop = asyncio.get_running_loop()
         last, next_facts, next_beat = None, 0.0, 0.0
+        passes = FullPasses(loop.time())
         while True:
             await asyncio.sleep(1.0 / _FRAMES)
             now = loop.time()
@@ -156,6 +159,8 @@ class Live:
                 if now >= next_facts:
                     next_facts = now + _FACTS
                     self.tell_facts()
+                if passes.due(now, moving=arm is not None and arm.arm.owner.group.busy):
+                    gc.collect()
             except Exception:  # noqa: BLE001  # logged; the next frame may be right
                 _log.exception("a frame failed")
 
