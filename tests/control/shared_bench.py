@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import threading
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -59,11 +60,14 @@ class SharedBench:
         return service.answer()
 
     def settle(self, service: Service[Any]) -> None:
-        while service.thread.is_alive():
+        self.settle_thread(service.thread)
+
+    def settle_thread(self, thread: threading.Thread) -> None:
+        while thread.is_alive():
             if self.owner._calls._waiting:
                 self.owner.turn()
             else:
-                service.thread.join(0.001)
+                thread.join(0.001)
 
     def keep(self, key: int, seconds: float) -> None:
         """Time passes, and the holder's heartbeat goes on."""
