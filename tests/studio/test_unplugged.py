@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from tests.emulator.terminals import serving
 from tests.studio.conftest import ready
+from tests.studio.test_every_page import faults
 
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.serve_pty import PtyServer
@@ -101,6 +102,7 @@ def test_a_board_that_returns_is_there_again_and_stopped(
                 page.locator(shown).first.wait_for()
             page.wait_for_function(f"!({_COLOURED}).length")
             assert page.evaluate(_PRESSABLE) == [], path
+            assert not faults(page, "color-contrast", whole=True), f"{path}: what is grey can still be read"
             assert page.locator("#hw-stop").is_enabled()
             if path == "/arm":
                 page.wait_for_function("document.querySelectorAll('.arm-silent').length === 7")
