@@ -236,3 +236,26 @@ def test_what_is_shown_is_saved(line: Line) -> None:
     (saved,) = read_traffic(line.feed.saved("a", "mcap"))
     assert isinstance(saved, Passed)
     assert saved.data == make_status(4)
+
+
+def test_a_file_is_freed_as_it_is_closed_and_what_is_being_saved_of_it_stays_whole(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    feed, ping = WireFeed(), b"< " + make_ping(1).hex(" ").encode() + b"\n"
+    feed.open_file("a", 500 * ping, "x")
+    view = feed._files["a"]
+    assert len(view.traffic) == len(view.transfers) == 500
+
+    def save(kept: list[Passed], form: str) -> bytes:
+        feed.close_file("a")
+        return b"".join(passed.data for passed in kept)
+
+    monkeypatch.setattr("hexwire.studio.wire_feed.saved_traffic", save)
+    assert feed.saved("a", "log") == 500 * make_ping(1)
+    assert len(view.traffic) == len(view.transfers) == 0
+    assert feed.rows("a", 0)["view"] == "live"
+    # What others look at is not.
+    for tab in ("a", "a", *map(str, range(40))):
+        feed.open_file(tab, 3 * ping, "x")
+        feed.set_series(tab, "hls")
+    assert {len(each.traffic) for each in feed._files.values()} == {3}

@@ -115,6 +115,12 @@ class _FileView(_View):
         if not self.cut:
             self.traffic.finish()
 
+    def empty(self) -> None:
+        """Free what was read, one by one, when nobody sees it any more: at once that would keep the arm waiting."""
+        self.traffic.clear()
+        while self.transfers:
+            self.transfers.pop()
+
 
 class WireFeed:
     """The traffic of one studio.
@@ -180,18 +186,22 @@ class WireFeed:
         if not view.transfers:
             raise UsageError("; ".join([f"{name} has no traffic", *view.remarks[:3]]))
         with self._lock:
-            self._files.pop(tab, None)
+            gone = [self._files.pop(tab, None)]
             # Those who only watch close no file of an operator's.
             others = [key for key, each in self._files.items() if each.right is right]
             if len(others) >= _MOST_FILES:
-                del self._files[others[0]]
+                gone.append(self._files.pop(others[0]))
             view.right = right
             self._files[tab] = view
+        for old in filter(None, gone):
+            old.empty()
 
     def close_file(self, tab: str) -> None:
         """Show the line to a tab again."""
         with self._lock:
-            self._files.pop(tab, None)
+            view = self._files.pop(tab, None)
+        if view is not None:
+            view.empty()
 
     def set_series(self, tab: str, series: str) -> None:
         """Read what a tab looks at as the traffic of servos of this series; for the line, in all tabs.
@@ -204,12 +214,15 @@ class WireFeed:
             file = self._files.get(tab)
             if file is None:
                 self._live = _View("live", self._url, known)
-        if file is not None:
-            view = _FileView(file.name, [*file.transfers, *file.remarks], known)
-            view.cut, view.right = view.cut or file.cut, file.right
-            with self._lock:
-                if tab in self._files:
-                    self._files[tab] = view
+                return
+            items: list[Passed | str] = [*file.transfers, *file.remarks]
+        view = _FileView(file.name, items, known)
+        view.cut, view.right = view.cut or file.cut, file.right
+        with self._lock:
+            old = view
+            if tab in self._files:
+                old, self._files[tab] = self._files[tab], view
+        old.empty()
 
     # -- looking ----------------------------------------------------------------------------------------------
 
@@ -283,8 +296,9 @@ class WireFeed:
         """
         with self._lock:
             file, ring = self._files.get(tab), self._ring
+            transfers = [] if file is None else [*file.transfers]
         if file is not None:
-            return saved_traffic(file.transfers, form)
+            return saved_traffic(transfers, form)
         kept = (passed for _, passed in ring.since(0) if passed.data)
         return saved_traffic(kept, form, offset=time.time() - self._clock())
 
