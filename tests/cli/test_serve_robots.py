@@ -130,6 +130,9 @@ OF_A_SERVER = (
 )
 
 
+UNANSWERED = re.compile("not confirmed by|no answer|does not answer")
+
+
 def says(output: str) -> list[str]:
     """The lines of a command at a port as the same command says them at a server."""
     lines = []
@@ -159,8 +162,12 @@ def test_each_command_says_and_returns_the_same_for_each_robot(folder: Path, kin
                 continue
             words = command.replace("JOINT", joint).replace("STEP", step).replace("FOLDER", str(folder))
             words = words.replace("WAYPOINTS", str(folder / "w.json"))
-            direct = run(*words.split(), "--robot", str(own["robot"]), port=str(own["port"]))
-            remote = run(*words.split())
+            for _ in range(3):
+                direct = run(*words.split(), "--robot", str(own["robot"]), port=str(own["port"]))
+                remote = run(*words.split())
+                # An emulated servo that got no processor has not answered one of the two.
+                if direct.exit_code == remote.exit_code or not UNANSWERED.search(direct.output + remote.output):
+                    break
             assert (command, remote.exit_code) == (command, direct.exit_code), remote.output + direct.output
             assert remote.exception is None or isinstance(remote.exception, SystemExit), command
             stopped = command.startswith("stop") or (stopped and not command.startswith("resume"))
