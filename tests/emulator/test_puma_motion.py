@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexwire.emulator.puma_motion import FRICTION, INERTIA, Gains, Path, gains_of
+from hexwire.model.control_law import ControlLaw
 from hexwire.wire.robot_bodies import JointCommands, TrajectoryPoints
 
 
@@ -58,17 +59,17 @@ def test_a_turning_point_is_not_overshot() -> None:
 
 def test_the_law_of_joint_commands() -> None:
     # effort + kp e + clamp(ki integral) + kd de/dt + kp_velocity (speed error), with e = 0.5 rad for one second.
-    law = Gains(
+    law = Gains(ControlLaw(
         velocity=1.0, effort=2.0, kp_position=10.0, ki_position=4.0, kd_position=3.0, kp_velocity=5.0,
         i_effort_min=-1.0, i_effort_max=9.0,
-    )  # fmt: skip
+    ))  # fmt: skip
     assert law.torque(0.5, 0.2, 1.0) == pytest.approx(2 + 5 + 4 * 0.5 - 3 * 0.2 + 5 * (1.0 - 0.2))
     assert law.acceleration(0.0, 0.0, 1.0) == pytest.approx((2 + 2 + 5) / INERTIA)
-    assert Gains().acceleration(0.0, 1.0, 1.0) == pytest.approx(-FRICTION / INERTIA)
+    assert Gains(ControlLaw()).acceleration(0.0, 1.0, 1.0) == pytest.approx(-FRICTION / INERTIA)
 
 
 def test_the_integral_is_held_and_does_not_wind_up() -> None:
-    law = Gains(ki_position=2.0, i_effort_min=-1.0, i_effort_max=1.0)
+    law = Gains(ControlLaw(ki_position=2.0, i_effort_min=-1.0, i_effort_max=1.0))
     for _ in range(1000):
         assert law.torque(1.0, 0.0, 0.1) <= 1.0
     # Had it wound up to 200, it would stay at 1 for long.
@@ -79,5 +80,5 @@ def test_the_integral_is_held_and_does_not_wind_up() -> None:
 def test_a_law_needs_an_effort_or_a_gain() -> None:
     assert gains_of(JointCommands(("J1",), position=(1.0,), velocity=(0.1,)), 0) is None
     made = gains_of(JointCommands(("J1", "J2"), velocity=(0.1, 0.2), kp_position=(3.0, 4.0)), 1)
-    assert made == Gains(velocity=0.2, kp_position=4.0)
-    assert math.isclose(gains_of(JointCommands(("J1",), effort=(0.5,)), 0).effort, 0.5)  # type: ignore[union-attr]
+    assert made == Gains(ControlLaw(velocity=0.2, kp_position=4.0))
+    assert math.isclose(gains_of(JointCommands(("J1",), effort=(0.5,)), 0).law.effort, 0.5)  # type: ignore[union-attr]

@@ -9,6 +9,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from hexwire.model.control_law import ControlLaw
 from hexwire.wire.robot_bodies import JointCommands, TrajectoryPoints
 
 __all__ = ["Gains", "Path", "gains_of"]
@@ -77,32 +78,26 @@ class Path:
 
 @dataclass(slots=True)
 class Gains:
-    """One joint under the control law of JointCommands, in place of the controller's own loop."""
+    """One joint under a control law, in place of the controller's own loop."""
 
-    velocity: float = 0.0
-    effort: float = 0.0
-    kp_position: float = 0.0
-    ki_position: float = 0.0
-    kd_position: float = 0.0
-    kp_velocity: float = 0.0
-    i_effort_min: float = 0.0
-    i_effort_max: float = 0.0
+    law: ControlLaw
     integral: float = 0.0
 
     def torque(self, error: float, velocity: float, tick: float) -> float:
         """Torque of the drive, newton metres; `error` in radians, speeds in rad/s."""
+        law = self.law
         self.integral += error * tick
-        by_integral = self.ki_position * self.integral
-        held = max(self.i_effort_min, min(self.i_effort_max, by_integral))
-        if held != by_integral and self.ki_position:
+        by_integral = law.ki_position * self.integral
+        held = max(law.i_effort_min, min(law.i_effort_max, by_integral))
+        if held != by_integral and law.ki_position:
             # Anti-windup: the integral does not grow beyond its limit.
-            self.integral = held / self.ki_position
+            self.integral = held / law.ki_position
         return (
-            self.effort
-            + self.kp_position * error
+            law.effort
+            + law.kp_position * error
             + held
-            - self.kd_position * velocity
-            + self.kp_velocity * (self.velocity - velocity)
+            - law.kd_position * velocity
+            + law.kp_velocity * (law.velocity - velocity)
         )
 
     def acceleration(self, error: float, velocity: float, tick: float) -> float:
@@ -115,4 +110,4 @@ def gains_of(commands: JointCommands, i: int) -> Gains | None:
     if not any(getattr(commands, array) for array in _LAW):
         return None
     arrays = ("velocity", *_LAW, "i_effort_min", "i_effort_max")
-    return Gains(**{array: values[i] for array in arrays if (values := getattr(commands, array))})
+    return Gains(ControlLaw(**{array: values[i] for array in arrays if (values := getattr(commands, array))}))
