@@ -372,7 +372,7 @@ def _where(robot: RobotDriver, joints: Sequence[str], *, dry_run: bool) -> dict[
     Raises:
         ServoError: A joint does not answer.
     """
-    from hexwire.control.reader import read_known
+    from hexwire.control.reader import position_unknown, read_known
     from hexwire.errors import ServoError
     from hexwire.motion.limits import resting_inside
 
@@ -380,9 +380,7 @@ def _where(robot: RobotDriver, joints: Sequence[str], *, dry_run: bool) -> dict[
         robot.clear_path(joints)
     state = read_known(robot)
     if state.silent:
-        raise ServoError(
-            f"the position of {', '.join(state.silent)} is unknown: no answer; check cable, power and id"
-        )
+        raise ServoError(position_unknown(state.silent))
     return resting_inside(robot.model, state.positions)
 
 

@@ -42,6 +42,7 @@ def grip(how: str, duration: float, options: RobotOptions, as_json: bool) -> Non
     stops the gripper when this program dies.
     """
     from hexwire.control.motions import MotionObserver, MotionOptions, run_motion
+    from hexwire.control.reader import position_unknown
     from hexwire.drivers.tools import Gripper
     from hexwire.model.state import JointState, JointTarget
 
@@ -79,7 +80,7 @@ def grip(how: str, duration: float, options: RobotOptions, as_json: bool) -> Non
         opened = math.nan if result.state is None else gripper.share(result.state)
         if not math.isfinite(opened):
             raise ServoError(
-                f"the position of {joint.name} is unknown: no answer; check cable, power and id",
+                position_unknown([joint.name]),
                 servo_id=joint.servo_id,
             )
         words = f"{'holds an object at ' if result.cut else ''}{plain(100 * opened, 0)} % open"

@@ -32,7 +32,7 @@ from .motion_result import MotionResult
 from .outcomes import Outcome
 from .owner import RobotOwner
 from .power import give_torque
-from .reader import read_known, read_state
+from .reader import position_unknown, read_known, read_state
 from .settings import ControllerSettings
 from .target import TargetController, holding
 from .target_path import apart, path_to, sent_as
@@ -269,7 +269,7 @@ def _check_target(robot: RobotDriver, goal: Mapping[str, float], options: Motion
     state = read_state(robot)
     unknown = [name for name in known if not math.isfinite(state[name].position)]
     if unknown:
-        raise ServoError(f"the position of {', '.join(unknown)} is unknown: no answer; check cable, power and id")
+        raise ServoError(position_unknown(unknown))
     # A path begins too slowly to be seen.
     left = robot.left_path()
     turned = [

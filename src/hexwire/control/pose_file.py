@@ -23,6 +23,8 @@ from hexwire.new_file import OutputFile
 from hexwire.system import lock_file
 from hexwire.units import decimal
 
+from .reader import position_unknown
+
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
 
@@ -137,7 +139,7 @@ class PoseFile:
             raise UsageError("a pose names at least one joint")
         for joint, angle in angles.items():
             if not math.isfinite(angle):
-                raise UsageError(f"the position of {joint} is unknown: no answer; check cable, power and id")
+                raise UsageError(position_unknown([joint]))
             self._model.joint(joint).check(angle)
         with self._changing() as poses:
             if name in poses and not force:

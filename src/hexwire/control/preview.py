@@ -24,6 +24,7 @@ from hexwire.motion.through import arm_path
 from .goals import MAX_POINTS, Point, TrajectoryGoal
 from .outcomes import Reason
 from .path_check import PathCheck
+from .reader import position_unknown
 from .via import Place, chosen_solution, joint_points
 
 if TYPE_CHECKING:
@@ -165,7 +166,7 @@ class Planner:
         x, y, z = (finite(value, name) for value, name in zip(place.position, "xyz", strict=True))
         state, here = self._here()
         if unknown := [name for name in model.joint_names if not math.isfinite(here[name])]:
-            return Preview({}, refusal=_unknown(unknown), unready=self._unready(state))
+            return Preview({}, refusal=position_unknown(unknown), unready=self._unready(state))
         angles = model.from_joints(here)
         pose = aimed_pose(model, angles, (x, y, z), place.aim, relative=place.relative)
         if place.straight:
@@ -233,7 +234,7 @@ class Planner:
         part = taught.trimmed(begin, end).faster(factor)
         state, here = self._here()
         if unknown := [name for name in taught.names if not math.isfinite(here[name])]:
-            return Preview({}, refusal=_unknown(unknown), unready=self._unready(state))
+            return Preview({}, refusal=position_unknown(unknown), unready=self._unready(state))
         start = [here[name] for name in taught.names]
         lead = approach(self._model, taught.names, start, part.rows[0], speed=_MARGIN * _share(speed))
         found = self._checked(Joined([lead, part.trajectory()]), here, state)
@@ -265,7 +266,7 @@ class Planner:
     ) -> Preview:
         names = tuple(goals)
         if unknown := [name for name in names if not math.isfinite(here[name])]:
-            return Preview(goals, refusal=_unknown(unknown), unready=self._unready(state))
+            return Preview(goals, refusal=position_unknown(unknown), unready=self._unready(state))
         start = [here[name] for name in names]
         path = approach(self._model, names, start, [goals[name] for name in names], speed=_MARGIN * speed)
         return self._checked(path, here, state)
@@ -342,10 +343,6 @@ def _share(speed: float) -> float:
     if not _SLOWEST <= finite(speed, "the speed") <= 1.0:
         raise UsageError(f"a speed is {_SLOWEST:g} to 1 of the joints' limits, not {speed:g}")
     return speed
-
-
-def _unknown(names: Sequence[str]) -> str:
-    return f"the position of {', '.join(names)} is unknown: no answer; check cable, power and id"
 
 
 def _plain(error: HexwireError) -> str:

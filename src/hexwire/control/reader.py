@@ -7,7 +7,7 @@ joint that does not answer is asked again. Must not know how the states are used
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Generator
+from collections.abc import Callable, Collection, Generator, Iterable
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState
 
-__all__ = ["StateReader", "check_joints", "read_known", "read_state"]
+__all__ = ["StateReader", "check_joints", "position_unknown", "read_known", "read_state"]
 
 _SILENCE = 0.5
 """Seconds without a report after which the robot is pinged."""
@@ -84,6 +84,11 @@ def read_known(
         sleep(_AGAIN)
         state = read_state(robot)
     return state
+
+
+def position_unknown(joints: Iterable[str]) -> str:
+    """Why nothing can be done that depends on where these joints are."""
+    return f"the position of {', '.join(joints)} is unknown: no answer; check cable, power and id"
 
 
 class StateReader:

@@ -15,6 +15,8 @@ from hexwire.errors import LimitError, UsageError
 from hexwire.model.aim import Aim, aimed_pose
 from hexwire.model.state import finite
 
+from .reader import position_unknown
+
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.model.kinematics import KinematicModel, Solution
@@ -155,4 +157,4 @@ def chosen_solution(
 
 def _refuse_unknown(names: Sequence[str], here: Mapping[str, float]) -> None:
     if unknown := [name for name in names if not math.isfinite(here.get(name, math.nan))]:
-        raise UsageError(f"the position of {', '.join(unknown)} is unknown: no answer; check cable, power and id")
+        raise UsageError(position_unknown(unknown))
