@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from hexwire.errors import UsageError
 from hexwire.model.control_law import ControlLaw
-from hexwire.wire.robot_bodies import COMMAND_ARRAYS
+from hexwire.wire.robot_bodies import COMMAND_ARRAYS, LAW_ARRAYS
 
 from .set_point_stream import SetPointStream
 
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from .arm import Arm
 
 __all__ = ["JointCommandStream"]
-
-_LAW = tuple(field for field in COMMAND_ARRAYS if field != "position")
 
 
 class JointCommandStream:
@@ -53,7 +51,7 @@ class JointCommandStream:
         used = {name: law for name, law in laws.items() if obeys and law.acts}
         self._stream.follow(positions, sent, used)
         lost = [law for name, law in laws.items() if name not in used]
-        ignored = ", ".join(field for field in _LAW if any(getattr(law, field) for law in lost))
+        ignored = ", ".join(field for field in LAW_ARRAYS if any(getattr(law, field) for law in lost))
         if not ignored:
             return ""
         why = "joints without an effort or a gain" if obeys else "the servos take positions only"
@@ -72,7 +70,7 @@ def _read(message: Any) -> tuple[dict[str, float], dict[str, ControlLaw]]:
         for joint, value in zip(names, values, strict=False):
             if not math.isfinite(value):
                 raise UsageError(f"the {field} of {joint} is {value}, not a number")
-    given = {field: values for field in _LAW if len(values := getattr(message, field))}
+    given = {field: values for field in LAW_ARRAYS if len(values := getattr(message, field))}
     laws = {
         name: ControlLaw(**{field: float(values[i]) for field, values in given.items()})
         for i, name in enumerate(names)

@@ -27,7 +27,7 @@ from hexwire.wire import tables
 from hexwire.wire.command_frame import Command
 from hexwire.wire.modules import IpcType, ModuleType
 from hexwire.wire.robot_bodies import (
-    COMMAND_ARRAYS,
+    LAW_ARRAYS,
     EncoderStates,
     JointCommands,
     RobotStatus,
@@ -297,8 +297,7 @@ class Puma260Driver(SessionDriver):
         if others := {name: angle for name, angle in positions.items() if name not in laws}:
             # In a command of their own: an array of gains puts every joint that it names under them.
             self.command(JointCommands(tuple(others), tuple(others.values())))
-        fields = [field for field in COMMAND_ARRAYS if field != "position"]
-        arrays = {field: tuple(getattr(law, field) for law in laws.values()) for field in fields}
+        arrays = {field: tuple(getattr(law, field) for law in laws.values()) for field in LAW_ARRAYS}
         self.command(JointCommands(tuple(laws), tuple(positions[name] for name in laws), **arrays))
         return SentTarget(tuple(positions.items()), target.duration)
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hexwire.model.control_law import ControlLaw
-from hexwire.wire.robot_bodies import JointCommands, TrajectoryPoints
+from hexwire.wire.robot_bodies import LAW_ARRAYS, JointCommands, TrajectoryPoints
 
 __all__ = ["Gains", "Path", "gains_of"]
 
@@ -18,7 +18,7 @@ INERTIA = 0.05
 """kg m^2 of every joint: the order of magnitude of a small arm, not measured."""
 FRICTION = 0.05
 """N m s/rad of every joint, not measured either."""
-_LAW = ("effort", "kp_position", "ki_position", "kd_position", "kp_velocity")
+_ACTING = ("effort", "kp_position", "ki_position", "kd_position", "kp_velocity")
 
 
 class Path:
@@ -107,7 +107,6 @@ class Gains:
 
 def gains_of(commands: JointCommands, i: int) -> Gains | None:
     """The control law for the i-th joint of `commands`; None if they give neither an effort nor a gain."""
-    if not any(getattr(commands, array) for array in _LAW):
+    if not any(getattr(commands, array) for array in _ACTING):
         return None
-    arrays = ("velocity", *_LAW, "i_effort_min", "i_effort_max")
-    return Gains(ControlLaw(**{array: values[i] for array in arrays if (values := getattr(commands, array))}))
+    return Gains(ControlLaw(**{array: values[i] for array in LAW_ARRAYS if (values := getattr(commands, array))}))

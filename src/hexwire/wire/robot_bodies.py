@@ -15,6 +15,7 @@ from hexwire.errors import RemoteProtocolError, UsageError
 
 __all__ = [
     "COMMAND_ARRAYS",
+    "LAW_ARRAYS",
     "MAX_JOINTS",
     "EncoderRow",
     "EncoderStates",
@@ -36,6 +37,8 @@ COMMAND_ARRAYS = (
     "i_effort_max",
 )
 """Arrays of osrf_msgs/JointCommands, in the order of their mask bits."""
+LAW_ARRAYS = COMMAND_ARRAYS[1:]
+"""Those of them that say how the position is followed."""
 
 MAX_JOINTS = 32
 MAX_POINTS = 0xFFFF
