@@ -34,7 +34,8 @@ class QueueHost(Host):
     def __init__(self, name: str, modules: Iterable[int], numbers: Numbers) -> None:
         super().__init__(name, modules)
         self._numbers = numbers
-        self.forget()
+        self._before = 0
+        self._begin()
 
     @property
     def generation(self) -> int:
@@ -47,7 +48,10 @@ class QueueHost(Host):
 
     def forget(self) -> None:
         super().forget()
-        self._before = self.generation if hasattr(self, "_conversations") else 0
+        self._before = self.generation
+        self._begin()
+
+    def _begin(self) -> None:
         self._conversations = Conversations(self._numbers, host=False)
         # IDENTIFY by src and seq: its answer offers the conversation.
         self._asked: dict[tuple[int, int], Frame] = {}
