@@ -70,7 +70,12 @@ class Direction(enum.Enum):
     @property
     def is_server(self) -> bool:
         """Whether the module listens."""
-        return self.value.startswith("SERVER")
+        return self.side == "SERVER"
+
+    @property
+    def side(self) -> str:
+        """Which side the module is: ``CLIENT`` or ``SERVER``."""
+        return self.value.partition("_")[0]
 
     @property
     def sends(self) -> bool:

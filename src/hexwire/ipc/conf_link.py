@@ -89,10 +89,9 @@ def make_conf_link(url: LinkUrl) -> Link:
     file, module = conf_parts(url)
     channel = channel_of(file, module)
     if not (channel.direction.sends and channel.direction.receives):
-        side = channel.direction.value.partition("_")[0]
         raise ConfigError(
             f"{module_name(module)} is {channel.direction.value}, but what is there is asked and answers; "
-            f"write {side}_TRX",
+            f"write {channel.direction.side}_TRX",
             file=str(file),
             line=channel.line,
             column=1,

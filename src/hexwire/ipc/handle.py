@@ -149,7 +149,7 @@ class IpcHandle(Openable):
 
     def _wrong_way(self, what: str, missing: str) -> ConfigError:
         assert self.direction is not None
-        side = self.direction.value.partition("_")[0]
+        side = self.direction.side
         return ConfigError(
             f"{module_name(self.module)} is {self.direction.value}, which {what}; "
             f"write {side}_TRX or {side}_{missing}",
