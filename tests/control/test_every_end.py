@@ -46,6 +46,22 @@ class Ending(SharedBench):
                 self.rows.append(self.follower.desired(NAMES, self._sampled).position)
 
 
+def sample_steps(monkeypatch: pytest.MonkeyPatch) -> list[tuple[float, ...]]:
+    """Where the ways of targets lead that are sent in steps from now on, every `PERIOD`."""
+    places, rows, sampled = SteppedWay.places, list[tuple[float, ...]](), -math.inf
+
+    def noted(way: SteppedWay, now: float) -> dict[str, float]:
+        nonlocal sampled
+        found, sampled = places(way, now), sampled if rows else now
+        while sampled + PERIOD < way.told:
+            sampled += PERIOD
+            rows.append(way.at(sampled).position)
+        return found
+
+    monkeypatch.setattr(SteppedWay, "places", noted)
+    return rows
+
+
 def worst(rows: list[tuple[float, ...]], joints: Sequence[JointModel]) -> float:
     """Greatest acceleration or jerk of what was told, as a share of its limit."""
     most = 0.0
@@ -120,18 +136,10 @@ def test_a_motion_of_a_program_ends_so_when_the_program_has_seen_enough(
 
 @pytest.mark.parametrize("after", [0.3, 0.7])
 def test_so_ends_a_target_that_is_sent_in_steps(after: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    arm, rows, sampled = Arm(1, 115200), list[tuple[float, ...]](), -math.inf
-    places, joint, (here,) = SteppedWay.places, HEX7BOT.joint("J4"), [arm.driver.read()["J4"].position]
+    arm = Arm(1, 115200)
+    joint, here = HEX7BOT.joint("J4"), arm.driver.read()["J4"].position
 
-    def noted(way: SteppedWay, now: float) -> dict[str, float]:
-        nonlocal sampled
-        found, sampled = places(way, now), sampled if rows else now
-        while sampled + PERIOD < way.told:
-            sampled += PERIOD
-            rows.append(way.at(sampled).position)
-        return found
-
-    monkeypatch.setattr(SteppedWay, "places", noted)
+    rows = sample_steps(monkeypatch)
     begin = arm.clock.time
     result = run_motion(
         arm.driver,

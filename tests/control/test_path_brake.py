@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import pytest
+from tests.control.unused_path import UnusedPath
 from tests.motion.arms import HOME
 
 from hexwire.control.path_brake import PathBrake, plan_points
-from hexwire.drivers.timed_path import REST_POINTS, PathReport, PathStart, PathState, TimedPath, TimedPoint
+from hexwire.drivers.timed_path import REST_POINTS, TimedPoint
 from hexwire.errors import CommandRefusedError, StoppedError, UsageError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.motion.waypoints import Spline, Waypoint
@@ -24,7 +25,7 @@ def plan(speed: float = 0.5) -> Spline:
     return Spline(NAMES, [Waypoint(*row) for row in rows])
 
 
-class Path(TimedPath):
+class Path(UnusedPath):
     """Remembers what it is sent."""
 
     def __init__(self, error: Exception | None = None) -> None:
@@ -43,15 +44,6 @@ class Path(TimedPath):
             raise self.error
         self.sent.append((first, last, list(points)))
         return len(points)
-
-    def start(self, at: float | None = None) -> PathStart:
-        raise AssertionError
-
-    def report(self) -> PathReport:
-        raise AssertionError
-
-    def abort(self) -> PathState:
-        raise AssertionError
 
 
 def test_a_brake_is_in_the_order_of_the_path_on_the_robot() -> None:

@@ -11,7 +11,7 @@ import pytest
 from tests.conformance_board.trajectory_pairs import _targets
 from tests.control.arm_bench import order
 from tests.control.test_sent_ahead import Timed
-from tests.motion.arms import HOME
+from tests.motion.arms import HOME, cubic_at
 
 from hexwire.control.path_brake import PathBrake
 from hexwire.drivers.timed_path import PathState, TimedPoint
@@ -85,15 +85,7 @@ def rested(
                 for p, q, v, w in zip(
                     a.positions, b.positions, a.velocities or (), b.velocities or (), strict=True
                 ):
-                    c2 = (3.0 * (q - p) - h * (2.0 * v + w)) / h**2
-                    c3 = (h * (v + w) - 2.0 * (q - p)) / h**3
-                    rows.append(
-                        (
-                            p + u * (v + u * (c2 + u * c3)),
-                            v + u * (2.0 * c2 + 3.0 * u * c3),
-                            2.0 * c2 + 6.0 * u * c3,
-                        )
-                    )
+                    rows.append(cubic_at(p, q, v, w, h, u)[:3])
                 return rows
         raise AssertionError
 

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-
 import pytest
+from tests.control.unused_path import UnusedPath
 
 from hexwire.control.path_start import StartOrder, first_start
-from hexwire.drivers.timed_path import PathReport, PathStart, PathState, TimedPath, TimedPoint
+from hexwire.drivers.timed_path import PathStart
 from hexwire.errors import CommandRefusedError, StoppedError
 from hexwire.motion.waypoints import Spline, Waypoint
 
 
-class Path(TimedPath):
+class Path(UnusedPath):
     """Starts as late as it is told to."""
 
     def __init__(self) -> None:
@@ -25,22 +24,6 @@ class Path(TimedPath):
             raise self.error
         self.asked.append(at)
         return PathStart((10.0 if at is None else at) + self.late, 0.001)
-
-    def send(
-        self,
-        points: Sequence[TimedPoint],
-        *,
-        last: bool = False,
-        first: int | None = None,
-        rest: Callable[[TimedPoint], Sequence[TimedPoint]] | None = None,
-    ) -> int:
-        raise AssertionError
-
-    def report(self) -> PathReport:
-        raise AssertionError
-
-    def abort(self) -> PathState:
-        raise AssertionError
 
 
 def test_a_start_is_ordered_for_its_time_or_at_once() -> None:

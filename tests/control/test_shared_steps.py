@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from tests.control.arm_bench import order
 from tests.control.shared_bench import SharedBench
-from tests.control.test_every_end import worst
-from tests.motion.arms import EXCESS, HOME, PERIOD
+from tests.control.test_every_end import sample_steps, worst
+from tests.motion.arms import EXCESS, HOME
 
 from hexwire.control.shared_steps import JointSteps, SteppedTargets
 from hexwire.control.target import SteppedWay, straight
@@ -260,18 +260,8 @@ def test_what_changes_a_far_target_on_its_way_keeps_all_limits(
     how: str, after: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench = SharedBench(dialect=1, command_rate=20.0)
-    key, rows, sampled = bench.take(), list[tuple[float, ...]](), -math.inf
-    places = SteppedWay.places
-
-    def noted(way: SteppedWay, now: float) -> dict[str, float]:
-        nonlocal sampled
-        found, sampled = places(way, now), sampled if rows else now
-        while sampled + PERIOD < way.told:
-            sampled += PERIOD
-            rows.append(way.at(sampled).position)
-        return found
-
-    monkeypatch.setattr(SteppedWay, "places", noted)
+    key = bench.take()
+    rows = sample_steps(monkeypatch)
     bench.move(key, 1.0, J1=-1.0)
     bench.keep(key, after)
     CHANGES[how](bench, key)

@@ -11,6 +11,7 @@ from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
 from hexwire.emulator.serve_tcp import TcpServer
 from hexwire.gateway.service import GatewayService, HostQueue
 from hexwire.ipc.connections import random_number
+from hexwire.ipc.session import Session
 from hexwire.link.listener import Listener
 from hexwire.link.open import make_link
 
@@ -24,6 +25,18 @@ def wait(condition: Callable[[], bool]) -> None:
     while not condition():
         assert time.monotonic() < end
         time.sleep(0.01)
+
+
+def connect_to(address: str) -> Session:
+    """A host at an address of a gateway; raises as `negotiate`."""
+    session = Session.from_url(address)
+    session.open()
+    try:
+        session.negotiate(look=False, boot_window=LONG)
+    except BaseException:
+        session.close()
+        raise
+    return session
 
 
 class TcpBoards:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 
 import posix_ipc
 import pytest
-from tests.gateway.tcp_boards import LONG, Running, tcp_boards, wait
+from tests.gateway.tcp_boards import Running, connect_to, tcp_boards, wait
 
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.errors import LinkBusyError, UsageError
@@ -51,17 +51,6 @@ def url(queue: QueueLink, module: int) -> str:
     return f"{queue.url.partition('?')[0]}?to={module}"
 
 
-def connect(address: str) -> Session:
-    session = Session.from_url(address)
-    session.open()
-    try:
-        session.negotiate(look=False, boot_window=LONG)
-    except BaseException:
-        session.close()
-        raise
-    return session
-
-
 def test_a_driver_moves_the_board_that_its_address_names(gateway: Running, queues: list[QueueLink]) -> None:
     for module, moved in ((9, [0.0, 0.2]), (8, [0.2, 0.2])):
         with Hex7BotDriver.from_url(url(queues[0], module)) as arm:
@@ -87,7 +76,7 @@ def test_a_stop_reaches_the_board(gateway: Running, queues: list[QueueLink]) -> 
 def test_a_host_that_lets_go_of_the_queue_in_the_middle_stops_its_board(
     gateway: Running, queues: list[QueueLink]
 ) -> None:
-    session = connect(url(queues[0], 9))
+    session = connect_to(url(queues[0], 9))
     session.request(Command.WATCHDOG, A_MINUTE)
     session.close()
     gateway.boards.wait_until_stopped(1)
@@ -98,14 +87,14 @@ def test_a_host_that_takes_the_queue_at_once_after_another_finds_the_boards_free
     gateway: Running, queues: list[QueueLink]
 ) -> None:
     for module in (8, 9, 8, 9):
-        session = connect(url(queues[0], module))
+        session = connect_to(url(queues[0], module))
         assert session.request(Command.STATS).status == Status.OK
         session.close()
     assert gateway.boards.stopped() == [False, False]
 
 
 def test_the_end_of_the_gateway_stops_what_a_host_has_left(gateway: Running, queues: list[QueueLink]) -> None:
-    session = connect(url(queues[0], 8))
+    session = connect_to(url(queues[0], 8))
     session.request(Command.WATCHDOG, A_MINUTE)
     gateway.end()
     gateway.boards.wait_until_stopped(0)
@@ -113,14 +102,14 @@ def test_the_end_of_the_gateway_stops_what_a_host_has_left(gateway: Running, que
 
 
 def test_a_second_host_is_told_why_it_may_not_enter(gateway: Running, queues: list[QueueLink]) -> None:
-    session = connect(url(queues[0], 8))
+    session = connect_to(url(queues[0], 8))
     with pytest.raises(LinkBusyError, match=f"{queues[0].name} already has a client: this program"):
-        connect(url(queues[0], 9))
+        connect_to(url(queues[0], 9))
     # By another door: the board is taken, and by whom.
     for other in (f"{gateway.url}?to=8", url(queues[1], 8)):
         with pytest.raises(LinkBusyError, match=rf"module 8 has another host, mq://{queues[0].name}, this program"):
-            connect(other)
-    two = connect(url(queues[1], 9))
+            connect_to(other)
+    two = connect_to(url(queues[1], 9))
     two.request(Command.WATCHDOG, A_MINUTE)
     # The end of one is not that of the other.
     session.request(Command.WATCHDOG, A_MINUTE)
@@ -157,7 +146,7 @@ def test_what_a_host_has_sent_before_its_end_still_counts() -> None:
                 sent.pop().close()
 
         running = Running(boards, [Ended(link, end)])  # type: ignore[list-item]  # by __getattr__
-        session = connect(url(link, 8))
+        session = connect_to(url(link, 8))
         sent.append(session)
         boards.wait_until_stopped(0)
         running.end()

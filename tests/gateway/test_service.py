@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 from click.testing import CliRunner
-from tests.gateway.tcp_boards import LONG, Running, tcp_boards, wait
+from tests.gateway.tcp_boards import LONG, Running, connect_to, tcp_boards, wait
 from tests.link.far_ends import free_port
 
 from hexwire.cli.main import cli
@@ -111,7 +111,7 @@ def test_two_drivers_in_one_program_have_a_board_each(gateway: Running) -> None:
         assert two.read().torque_on == two.model.names
         assert gateway.boards.stopped() == [False, False]
         # And a program that dies is the matter of its own board alone.
-        dies = connect_to(gateway, 8)
+        dies = connect_to(f"{gateway.url}?to=8")
         dies.request(Command.WATCHDOG, b"\x60\xea\0")
         hang_up(dies)
         gateway.boards.wait_until_stopped(0)
@@ -119,29 +119,18 @@ def test_two_drivers_in_one_program_have_a_board_each(gateway: Running) -> None:
         two.watchdog(0.0)
 
 
-def connect_to(gateway: Running, module: int) -> Session:
-    session = Session.from_url(f"{gateway.url}?to={module}")
-    session.open()
-    try:
-        session.negotiate(look=False, boot_window=LONG)
-    except BaseException:
-        session.close()
-        raise
-    return session
-
-
 def test_a_second_host_of_a_board_is_told_why_it_may_not_enter(gateway: Running) -> None:
-    session = connect_to(gateway, 8)
+    session = connect_to(f"{gateway.url}?to=8")
     host = session.ipc.link._stream.socket.getsockname()  # type: ignore[attr-defined]  # the socket itself
     with pytest.raises(LinkBusyError, match=f"module 8 has another host, 127.0.0.1:{host[1]}"):
-        connect_to(gateway, 8)
+        connect_to(f"{gateway.url}?to=8")
     # It can stop the board all the same, by the command that the error names.
     done = CliRunner().invoke(cli, ["stop", "--all", "--port", gateway.url], catch_exceptions=False)
     assert done.exit_code == 0, done.output
     assert gateway.boards.stopped() == [True, True]
     assert session.request(Command.STATS).status == Status.OK
     session.close()
-    connect_to(gateway, 8).close()
+    connect_to(f"{gateway.url}?to=8").close()
 
 
 def test_bytes_before_its_end_do_not_let_a_host_keep_the_next_one_out() -> None:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 
 import pytest
+from tests.emulator.loopback import Loopback
 from tests.ipc.test_mistaken import SOON, board_link
 
 from hexwire.drivers.base import RobotDriver
@@ -28,28 +29,16 @@ BOOTS = 5.0
 """For so long a board behind a bridge on the network may be booting."""
 
 
-class Server:
+class Server(Loopback):
     """A program that is no robot's: it says something at once, or after a line, or never."""
 
     def __init__(self, says: bytes = b"", *, first: bool = False) -> None:
+        super().__init__()
         self.says, self.out = says, says if first else b""
 
     def receive(self, data: bytes, now: float) -> None:
         if b"\n" in data:
             self.out, self.says = self.out + self.says, b""
-
-    def step(self, now: float) -> None:
-        pass
-
-    def data_to_send(self) -> bytes:
-        out, self.out = self.out, b""
-        return out
-
-    def next_event_time(self) -> float | None:
-        return None
-
-    def reset(self, now: float) -> None:
-        pass
 
 
 DEVICES: dict[str, Callable[[float], ServedDevice]] = {

@@ -108,3 +108,10 @@ class FakeRobot:
         for name, (start, goal, since, duration) in self._ways.items():
             share = min(1.0, (self.time.now - since) / duration) if duration else 1.0
             self.where[name] = start + share * (goal - start)
+
+
+def cubic_at(p: float, q: float, v: float, w: float, h: float, u: float) -> tuple[float, float, float, float]:
+    """Position, velocity, acceleration and jerk of a cubic from p at v to q at w in h seconds, after u of them."""
+    c2 = (3.0 * (q - p) - h * (2.0 * v + w)) / h**2
+    c3 = (h * (v + w) - 2.0 * (q - p)) / h**3
+    return p + u * (v + u * (c2 + u * c3)), v + u * (2.0 * c2 + 3.0 * u * c3), 2.0 * c2 + 6.0 * u * c3, 6.0 * c3

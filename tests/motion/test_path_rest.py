@@ -7,6 +7,7 @@ import random
 from itertools import pairwise
 
 import pytest
+from tests.motion.arms import cubic_at
 
 from hexwire.motion.moving import reach
 from hexwire.motion.path_rest import RestPoint, nearest_time, path_rest
@@ -42,16 +43,7 @@ def cubics(
         for n in range(math.ceil(h / step) + 1):
             u, row = min(n * step, h), []
             for p, q, v, w in zip(a.position, b.position, a.velocity, b.velocity, strict=True):
-                c2 = (3.0 * (q - p) - h * (2.0 * v + w)) / h**2
-                c3 = (h * (v + w) - 2.0 * (q - p)) / h**3
-                row.append(
-                    (
-                        p + u * (v + u * (c2 + u * c3)),
-                        v + u * (2.0 * c2 + 3.0 * u * c3),
-                        2.0 * c2 + 6.0 * u * c3,
-                        6.0 * c3,
-                    )
-                )
+                row.append(cubic_at(p, q, v, w, h, u))
             rows.append(row)
     return rows
 
