@@ -30,7 +30,10 @@ def known(dds_type: str) -> Any:
     return getattr(module, name.removesuffix("_"), None)
 
 
-NEEDED = ("list_parameters", "%joint_states", "%diagnostics", "%rosout")
+NEEDED = (
+    *("%joint_states", "%diagnostics", "%rosout"),
+    *("%reset", "%list_parameters", "%get_parameters", "%get_state"),
+)
 
 
 def tokens(session: zenoh.Session) -> list[list[str]]:
