@@ -23,6 +23,8 @@ PYTEST_ARGS ?= -n auto --dist worksteal
 # The same examples in every run, so that a failure is caused by the change under test;
 # `make tests HYPOTHESIS_PROFILE=default` draws 100 new ones for each property in place of these 50, `=thorough` 5,000.
 export HYPOTHESIS_PROFILE ?= ci
+# Which tests: empty means all.
+SELECT ?=
 
 ROOT := $(patsubst %/,%,$(dir $(abspath $(lastword $(MAKEFILE_LIST)))))
 # make splits names at spaces: an `rm -rf` below would remove another folder.
@@ -59,7 +61,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help mutants setup system-packages demo test test-lerobot check lint types imports schema tests soak bench pictures \
+.PHONY: help mutants setup system-packages demo test test-all test-lerobot check lint types imports schema tests soak bench pictures \
     docs docs-serve analyzers man dist try-wheel resolvable lock lock-lerobot lock-witnesses clean
 
 help: ## show this list
@@ -68,7 +70,11 @@ help: ## show this list
 demo: $(CORE) ## move an emulated arm there and back
 	@$(BIN)/hexwire demo
 
-test: setup system-packages ## run all checks: lint, types, import rule, tables, tests
+test: setup system-packages ## run all checks, and all tests but those marked slow: before each commit
+	@$(MAKE) --no-print-directory -j2 --output-sync=target check $(BYTECODE)
+	@$(MAKE) --no-print-directory tests SELECT="-m 'not slow'"
+
+test-all: setup system-packages ## run all checks and all tests: before a change is handed in
 	@$(MAKE) --no-print-directory -j2 --output-sync=target check $(BYTECODE)
 	@$(MAKE) --no-print-directory tests
 
@@ -135,7 +141,7 @@ schema: setup
 
 # The code blocks of the documentation are tests too.
 tests: setup system-packages analyzers $(WITNESSES)/.ready
-	$(BIN)/python -m pytest $(PYTEST_ARGS) --markdown-docs tests $(wildcard README.md docs)
+	$(BIN)/python -m pytest $(PYTEST_ARGS) $(SELECT) --markdown-docs tests $(wildcard README.md docs)
 
 soak: setup system-packages $(WITNESSES)/.ready ## run the tests that `make test` only samples at full length (an hour)
 	SOAK=1 $(BIN)/python -m pytest $(PYTEST_ARGS) -m soak --timeout 7200 tests

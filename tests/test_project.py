@@ -75,13 +75,13 @@ def test_make_help_lists_what_the_readme_needs() -> None:
         ["make", "--no-print-directory", "help"], cwd=ROOT, check=True, capture_output=True, text=True
     )
     listed = re.findall(r"^  make ([a-z-]+)", result.stdout, re.MULTILINE)
-    assert {"demo", "test", "bench", "clean", "help"} <= set(listed)
+    assert {"demo", "test", "test-all", "bench", "clean", "help"} <= set(listed)
 
 
-def test_ci_runs_the_two_test_commands_and_nothing_else() -> None:
+def test_ci_runs_the_three_test_commands_and_nothing_else() -> None:
     lines = (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
     commands = [line for line in lines if line and not line.startswith(("#", "set ", "cd "))]
-    assert commands == ["make test </dev/null", "exec make test-lerobot </dev/null"]
+    assert commands == ["make test </dev/null", "make test-all </dev/null", "exec make test-lerobot </dev/null"]
 
 
 def test_every_package_stands_in_the_import_rule() -> None:

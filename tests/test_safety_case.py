@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import functools
 import re
 from pathlib import Path
 
@@ -33,3 +35,25 @@ def test_every_hazard_has_a_proof() -> None:
         assert len(cells) == 4, row
         assert "::" in cells[3], f"no test named: {row}"
         assert cells[1] != "–" or cells[2] != "–", f"somebody must stop it: {row}"
+
+
+@functools.cache
+def _slow(file: str) -> frozenset[str]:
+    """The tests of a file that only `make test-all` runs."""
+    module = ast.parse((ROOT / file).read_text(encoding="utf-8"))
+    marks = [
+        node.value for node in module.body if isinstance(node, ast.Assign) and "pytestmark" in ast.unparse(node)
+    ]
+    tests = [node for node in module.body if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")]
+    everything = any("mark.slow" in ast.unparse(mark) for mark in marks)
+    return frozenset(
+        test.name
+        for test in tests
+        if everything or any("mark.slow" in ast.unparse(mark) for mark in test.decorator_list)
+    )
+
+
+def test_every_hazard_has_a_proof_in_make_test() -> None:
+    for row in ROWS:
+        proofs = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", row)
+        assert any(name not in _slow(file) for file, name in proofs), f"only `make test-all` proves: {row}"
