@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import http.client
 import itertools
 import re
@@ -12,13 +13,15 @@ from typing import TYPE_CHECKING, Any, Self
 
 from websockets.sync.client import connect
 
+from hexwire.control.history import History
+
 if TYPE_CHECKING:
     from playwright.sync_api import Locator, Page
 
     from hexwire.emulator.servo import EmulatedServo
     from hexwire.studio.app import Studio
 
-__all__ = ["PATIENCE", "RunningStudio", "Visitor", "press", "until"]
+__all__ = ["PATIENCE", "RunningStudio", "Visitor", "fill_history", "press", "until"]
 
 PATIENCE = 20.0
 """Seconds in which what a test waits for must happen, also on a busy machine."""
@@ -32,6 +35,16 @@ def until(true: Callable[[], object], what: str, seconds: float = PATIENCE) -> N
     while not true():
         assert time.monotonic() < deadline, f"not in time: {what}"
         time.sleep(0.01)
+
+
+def fill_history(source: Any, rows: int = 60_000) -> None:
+    """Give an arm that is open a history: ten minutes at most, until now."""
+    state, history = source.arm.owner.state, History(source.settings.model.names)
+    now = source.arm.owner.now()
+    for at in range(rows):
+        history.append(dataclasses.replace(state, stamp=now - 0.01 * (rows - at)), {})
+    # Only now: what the arm adds is newer than all of it.
+    source.history = history
 
 
 def press(page: Page, button: Locator, begun: Callable[[], object]) -> None:

@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.studio.running import PATIENCE, RunningStudio, Visitor
+from tests.studio.running import PATIENCE, RunningStudio, Visitor, fill_history
 
-from hexwire.control.history import History
 from hexwire.trace.recording import RecordingWriter
 
 _ROOT = Path(__file__).parents[2]
@@ -38,11 +37,9 @@ def _fine_turns() -> Iterator[None]:
 
 def _fill(source: Any, folder: Path) -> str:
     """Ten minutes of history, and a recording; returns its name."""
+    fill_history(source)
+    assert len(source.history.rows()) > 59_000
     state = source.arm.owner.state
-    source.history = History(source.settings.model.names)
-    now = source.arm.owner.now()
-    for at in range(60_000):
-        source.history.append(dataclasses.replace(state, stamp=now - 600.0 + 0.01 * at), {})
     with RecordingWriter(folder / "crowd.mcap") as recording:
         for i in range(300):
             moved = tuple(angle + 0.05 * math.sin(i / 30) for angle in state.position)
