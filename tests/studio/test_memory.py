@@ -1,48 +1,71 @@
-"""Full passes of the garbage collector are made while nothing moves, and only then."""
+"""The garbage collector keeps no moving arm waiting, and memory is freed all the same."""
 
 from __future__ import annotations
 
-import gc
 import subprocess
 import sys
 
+import pytest
+
+from hexwire.studio import memory
 from hexwire.studio.memory import FullPasses
 
-
-def test_a_pass_waits_for_a_pause_of_the_arm() -> None:
-    passes = FullPasses(100.0)
-    assert not passes.due(129.0, moving=False)
-    assert not passes.due(131.0, moving=True)
-    assert not passes.due(699.0, moving=True)
-    assert passes.due(699.5, moving=False)
-    assert not passes.due(700.0, moving=False), "the last one was just now"
-
-
-def test_a_pass_is_made_in_the_end_although_the_arm_goes_on_moving() -> None:
-    passes = FullPasses(0.0)
-    assert not passes.due(599.9, moving=True)
-    assert passes.due(600.0, moving=True)
-    assert not passes.due(630.0, moving=True)
-
-
-_PROGRAM = """
-import gc
-from hexwire.studio.memory import pass_by_hand
+_BEGIN = """
+import gc, sys
+from hexwire.studio.memory import FullPasses, pass_by_hand
 
 pass_by_hand()
-full = []
-gc.callbacks.append(lambda phase, info: full.append(info["generation"]) if info["generation"] == 2 else None)
+seen = []
+gc.callbacks.append(lambda phase, info: seen.append(info["generation"]) if phase == "stop" else None)
+"""
+_STAYS = """
 kept = [[i] for i in range(300_000)]
 rings = []
 for i in range(100_000):
     ring = []
     ring.append(ring)
-print(len(full), gc.get_count()[0] < 10_000)
+left = len(gc.get_objects())
+print(seen.count(2), seen.count(1) > 10, gc.get_count()[0] < 10_000, left < 20_000)
+"""
+_FREED = """
+passes = FullPasses()
+print(passes.look(moving=False))
+rings = [[] for _ in range(600_000)]
+for ring in rings:
+    ring.append(ring)
+rings = ring = None
+print(passes.look(moving=True), passes.look(moving=False), passes.look(moving=False), seen.count(2))
+before = sys.getallocatedblocks()
+rings = [[] for _ in range(3_000_000)]
+for ring in rings:
+    ring.append(ring)
+rings = ring = None
+print(passes.look(moving=True), sys.getallocatedblocks() < before + 100_000)
 """
 
 
-def test_what_pages_compute_brings_no_full_pass_about_and_young_rings_are_freed() -> None:
-    # By default Python makes several full passes here; in a process of its own, since thresholds are for all of it.
-    assert gc.get_threshold()[2] < 1000, "the tests keep Python's own"
-    done = subprocess.run([sys.executable, "-c", _PROGRAM], capture_output=True, text=True, check=True, timeout=60)
-    assert done.stdout.split() == ["0", "True"]
+def _run(program: str) -> list[str]:
+    # In a process of its own, since what it sets is for all of it.
+    done = subprocess.run(
+        [sys.executable, "-c", _BEGIN + program], capture_output=True, text=True, check=True, timeout=60
+    )
+    return done.stdout.split()
+
+
+def test_what_stays_is_not_looked_through_again() -> None:
+    # By default Python makes several full passes here, of ever more objects.
+    assert _run(_STAYS) == ["0", "True", "True", "True"]
+
+
+def test_rings_that_have_lived_for_long_are_freed_while_nothing_moves_or_when_they_are_too_many() -> None:
+    assert _run(_FREED) == ["False", "False", "True", "False", "1", "True", "True"]
+
+
+def test_memory_that_was_freed_meanwhile_counts_from_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    blocks, looked = 1_000_000, list[int]()
+    monkeypatch.setattr(memory, "sys", type("sys", (), {"getallocatedblocks": lambda: blocks}))
+    monkeypatch.setattr(memory, "_look_through", lambda: looked.append(blocks))
+    passes = FullPasses()
+    for blocks in (1_400_000, 800_000, 1_200_000, 1_300_000, 1_700_000, 1_900_000):  # noqa: B007
+        passes.look(moving=False)
+    assert looked == [1_300_000, 1_900_000]

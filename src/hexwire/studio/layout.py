@@ -14,10 +14,12 @@ from typing import TYPE_CHECKING
 from .access import Right
 
 if TYPE_CHECKING:
+    from nicegui import Client
     from nicegui.element import Element
 
     from .access import Session
     from .app import Studio
+    from .tabs import Tab
 
 __all__ = ["build_page", "every", "mount", "on_press"]
 
@@ -47,7 +49,7 @@ async def build_page(studio: Studio, session: Session) -> None:
     client = context.client
     client.storage["tab"] = tab
     client.storage[OWNER] = session.key
-    client.on_delete(lambda: studio.tabs.close(tab))
+    client.on_delete(lambda: _forget(studio, tab, client))
     ui.add_head_html(
         '<link rel="stylesheet" href="/static/studio.css">'
         f'<meta name="hexwire-tab" content="{escape(tab.key)}">'
@@ -75,6 +77,18 @@ async def build_page(studio: Studio, session: Session) -> None:
     ui.element("div").classes("hw-banner").props('id="hw-banner" role="status" aria-live="polite"')
     with ui.element("main").classes("hw-main").props('id="hw-main" tabindex="-1"'):
         ui.sub_pages({page.path: _builder(studio, page.path) for page in PAGES})
+
+
+def _forget(studio: Studio, tab: Tab, client: Client) -> None:
+    """A page is gone."""
+    studio.tabs.close(tab)
+    # NiceGUI's collections hold themselves, by what they call when they change: 1,000 objects of a page that only
+    # the garbage collector would find.
+    for element in client.elements.values():
+        for name in ("_classes", "_style", "_props"):
+            handlers = getattr(getattr(element, name, None), "_change_handlers", None)
+            if isinstance(handlers, list):
+                handlers.clear()
 
 
 def _build_control(studio: Studio) -> None:

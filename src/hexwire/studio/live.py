@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import gc
 import json
 import logging
 from collections import deque
@@ -141,7 +140,7 @@ class Live:
         """Send frames and facts until cancelled."""
         loop = asyncio.get_running_loop()
         last, next_facts, next_beat = None, 0.0, 0.0
-        passes = FullPasses(loop.time())
+        passes = FullPasses()
         while True:
             await asyncio.sleep(1.0 / _FRAMES)
             now = loop.time()
@@ -159,8 +158,7 @@ class Live:
                 if now >= next_facts:
                     next_facts = now + _FACTS
                     self.tell_facts()
-                if passes.due(now, moving=arm is not None and arm.arm.owner.group.busy):
-                    gc.collect()
+                    passes.look(moving=arm is not None and arm.arm.owner.group.busy)
             except Exception:  # noqa: BLE001  # logged; the next frame may be right
                 _log.exception("a frame failed")
 
