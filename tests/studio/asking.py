@@ -49,10 +49,15 @@ class Asker:
         return json.loads(data)
 
     async def _ask(self, path: str, method: str, body: list[bytes], query: bytes) -> tuple[int, bytes]:
-        status, answer = 0, b""
+        status, answer, ended = 0, b"", False
 
         async def receive() -> dict[str, Any]:
+            nonlocal ended
+            if ended:
+                # The browser stays.
+                await asyncio.Event().wait()
             piece = body.pop(0) if body else b""
+            ended = not body
             return {"type": "http.request", "body": piece, "more_body": bool(body)}
 
         async def send(message: Any) -> None:

@@ -30,8 +30,7 @@ def parsed(data: bytes) -> tuple[dict[str, Any], array[float], dict[str, array[f
 
 
 def test_columns_come_back() -> None:
-    parts = serialize_columns({"x": "é"}, array("d", [1.0, 2.0, 3.0]), [("J1", array("f", [0.5, math.nan, -1.0]))])
-    data = b"".join(parts)
+    data = serialize_columns({"x": "é"}, array("d", [1.0, 2.0, 3.0]), [("J1", array("f", [0.5, math.nan, -1.0]))])
     head, times, columns = parsed(data)
     assert head["x"] == "é"
     assert list(times) == [1.0, 2.0, 3.0]
@@ -43,13 +42,17 @@ def test_a_history_has_a_column_for_each_signal() -> None:
     history = History(("J1", "J2"))
     for i in range(4):
         history.append(make_positions(("J1", "J2"), (i, -i)).__class__(**_at(i)), {"J2": 9.0}, rate=50.0)
-    head, times, columns = parsed(b"".join(history_columns(history, 1.5, 100.0)))
+    signals = [(joint, signal.name) for joint, signal in history.columns]
+    assert history.count_after(1.5) == 2
+    head, times, columns = parsed(history_columns({"offset": 100.0}, signals, history.rows(1.5)))
     assert head["offset"] == 100.0
     assert list(times) == [2.0, 3.0]
     assert list(columns["J1.position"]) == [2.0, 3.0]
     assert list(columns["J2.position"]) == [-2.0, -3.0]
     assert list(columns["J2.goal"]) == [9.0, 9.0]
     assert list(columns["rate"]) == [50.0, 50.0]
+    _, _, some = parsed(history_columns({}, signals, history.rows(), (".goal", ".load")))
+    assert list(some) == ["J1.goal", "J1.load", "J2.goal", "J2.load"]
 
 
 def _at(i: int) -> dict[str, Any]:
@@ -59,20 +62,19 @@ def _at(i: int) -> dict[str, Any]:
 
 def test_a_recording_has_its_quantities_and_its_damage() -> None:
     series = Series(("J1",), 1000.0, array("d", [0.0, 0.5]), {("J1", "load"): array("f", [0.1, 0.2])}, "truncated")
-    head, times, columns = parsed(b"".join(series_columns(series)))
+    head, times, columns = parsed(series_columns(series))
     assert (head["begin"], head["problem"], head["names"]) == (1000.0, "truncated", ["J1"])
     assert list(times) == [0.0, 0.5]
     assert list(columns) == ["J1.load"]
 
 
-def test_no_step_of_a_download_copies_more_than_a_part() -> None:
+def test_nothing_of_a_history_is_copied_in_larger_parts_than_blocks() -> None:
     history, state = History(("J1", "J2"), seconds=1000.0), make_positions(("J1", "J2"), (0.0, 0.0))
     for i in range(40_000):
         history.append(replace(state, stamp=0.01 * i), {})
     rows = history.rows()
     assert len(rows.blocks) >= 40_000 / BLOCK
     assert all(len(block) <= BLOCK * 4 * rows.width for block in rows.between(1.0, 350.0).blocks)
-    assert all(len(part) <= 8 * 32_768 for part in history_columns(history, -math.inf, 0.0))
     cut = rows.between(100.0, 120.0)
     assert repr(list(cut)) == repr([row for row in rows if 100.0 <= row[0] <= 120.0])
     assert len(cut.blocks) > 2

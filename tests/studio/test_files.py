@@ -11,10 +11,11 @@ from typing import Any
 
 import pytest
 from tests.studio.gate import GatedClient
-from tests.studio.running import until
+from tests.studio.running import fill_history, until
 from tests.studio.test_columns import parsed
 from tests.studio.test_shelf import record
 
+from hexwire.control.history import BLOCK
 from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio
 from hexwire.studio.files import make_routes
@@ -120,11 +121,10 @@ def test_a_file_is_taken_if_it_is_a_recording(client: Client, tmp_path: Path) ->
 
 
 def test_a_full_disk_is_told(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
-    class Full(io.BytesIO):
-        def write(self, data: Any, /) -> int:
-            raise OSError(errno.ENOSPC, "No space left on device")
+    async def full(write: object, data: bytes) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("hexwire.studio.files.tempfile.TemporaryFile", Full)
+    monkeypatch.setattr("hexwire.studio.sent_files.run_in_threadpool", full)
     answer = client.http.post("/data/recording?name=a.mcap", content=b"x")
     assert answer.status_code == 200
     assert answer.json()["refused"] == "the file cannot be written or read: No space left on device"
@@ -152,15 +152,18 @@ def test_whatever_is_made_for_a_page_is_made_in_turn(
     client: Client, arm: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     turns: list[object] = []
-    compute = client.studio.compute
+    ask = client.studio.ask_files
 
     async def counted(right: Any, call: Any) -> Any:
         turns.append(right)
-        return await compute(right, call)
+        return await ask(right, call)
 
-    monkeypatch.setattr(client.studio, "compute", counted)
+    monkeypatch.setattr(client.studio, "ask_files", counted)
+    # What a page asks for again and again is made at once; of more, another process makes it.
+    fill_history(arm, 2 * BLOCK)
     for route in make_routes(lambda: client.studio):
-        if "GET" not in (route.methods or ()) or route.path == "/data/twin":
+        # A recording is given as it is.
+        if "GET" not in (route.methods or ()) or route.path in ("/data/twin", "/data/recording.mcap"):
             continue
         turns.clear()
         client.http.get(route.path, params={"name": "a.mcap", "a": "a.mcap", "b": "a.mcap"})

@@ -15,7 +15,7 @@ from tests.studio.test_shelf import record
 
 from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio
-from hexwire.studio.shelf_api import shelf_routes, twin_for
+from hexwire.studio.shelf_api import shelf_routes
 
 
 class Client(GatedClient):
@@ -130,18 +130,18 @@ def test_a_long_or_broken_request_is_refused(client: Client) -> None:
     assert client.http.post("/data/recordings", content=b"[" * 4000).json()["refused"]
 
 
-def test_a_full_disk_and_a_folder_that_fails_are_told(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_that_fails_is_told(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = client.studio.shelf.library.folder
     record(folder, "a.mcap")
+    (folder / "a#1.mcap").write_bytes(b"x")
+    assert client.list()["remark"].startswith("1 file is not listed")
 
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("hexwire.trace.library.recover", full)
-    assert "No space left on device" in client.do("recover", name="a.mcap")["refused"]
-    assert [row["name"] for row in client.list()["entries"]] == ["a.mcap"]
-    (folder / "a#1.mcap").write_bytes(b"x")
-    assert client.list()["remark"].startswith("1 file is not listed")
+    monkeypatch.setattr(client.studio.shelf.recorder, "start", full)
+    client.studio.source.open("sim://hex7bot?name=shelf")
+    assert "No space left on device" in client.do("record")["refused"]
     shutil.rmtree(folder)
     folder.write_text("no folder")
     assert "Not a directory" in client.list()["refused"]
@@ -153,13 +153,6 @@ def test_who_only_watches_changes_nothing(client: Client) -> None:
     for what in ("record", "end", "recover", "remove", "twin", "twin_stop"):
         assert client.http.post("/data/recordings", json={"do": what, "name": "a.mcap"}).status_code == 403
     assert len(client.list()["entries"]) == 1
-
-
-def test_a_twin_is_found_by_name_or_by_joints() -> None:
-    assert twin_for("so101", ()) == "so101"
-    assert twin_for("", ("J1", "J7")) == "hex7bot"
-    assert twin_for("mine", ("shoulder_pan", "gripper")) == "so101"
-    assert twin_for("", ()) == twin_for("", ("K9",)) == ""
 
 
 def test_the_shapes_of_the_arm_of_a_recording_are_given(client: Client) -> None:

@@ -44,17 +44,17 @@ def test_the_traffic_of_what_is_open_is_kept_once() -> None:
     source = Source(wire=wire)
     try:
         source.open("sim://so101?name=traffic")
-        until(lambda: wire.rows("a", 0, "sync_read")["rows"], "traffic of the arm")
-        first = wire.rows("a", 0)
+        until(lambda: wire.rows(0, "sync_read")["rows"], "traffic of the arm")
+        first = wire.rows(0)
         assert (first["name"], first["series"]) == ("sim://so101?name=traffic", "sts_sms")
         bus = source.open_bus()
-        assert wire.rows("a", 0)["id"] != first["id"]
-        assert wire.rows("a", 0)["series"] == "sts_sms"
+        assert wire.rows(0)["id"] != first["id"]
+        assert wire.rows(0)["series"] == "sts_sms"
         bus.bus.ping(1)
-        found = wire.rows("a", 0, "ping servo 1")["rows"]
+        found = wire.rows(0, "ping servo 1")["rows"]
         assert len(found) == 1
         source.close()
-        assert "Nothing is open" in wire.rows("a", 0)["note"]
+        assert "Nothing is open" in wire.rows(0)["note"]
     finally:
         source.close()
 

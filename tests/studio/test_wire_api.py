@@ -13,7 +13,7 @@ from hexwire.link.tap import Passed
 from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio
 from hexwire.studio.wire_api import wire_routes
-from hexwire.studio.wire_feed import LARGEST_FILE
+from hexwire.studio.wire_view import LARGEST_FILE
 from hexwire.trace.sources import read_traffic
 
 PING = b"FF FF 04 02 01 F8"

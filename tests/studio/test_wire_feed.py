@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import json
 import random
+import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,12 +13,9 @@ from hexwire.errors import UsageError
 from hexwire.link.memory import memory_pair
 from hexwire.link.tap import Direction, Passed
 from hexwire.session.decoder import FrameDecoder
-from hexwire.studio.wire_feed import LARGEST_FILE, WireFeed
-from hexwire.trace.sources import read_traffic
+from hexwire.studio.wire_feed import WireFeed
 from hexwire.wire.command_frame import Command, Frame
-from hexwire.wire.servo_packet import make_ping, make_status
-
-CAPTURES = Path(__file__).parents[2] / "vectors" / "captures"
+from hexwire.wire.servo_packet import make_ping
 
 
 def frame(seq: int = 1) -> bytes:
@@ -37,10 +34,10 @@ class Line:
         self.link.open()
         self.far.open()
 
-    def all_rows(self, wanted: str = "", tab: str = "a") -> list[list[Any]]:
+    def all_rows(self, wanted: str = "") -> list[list[Any]]:
         rows, since, still = list[list[Any]](), 0, 0
         while still < 2:
-            page = self.feed.rows(tab, since, wanted)
+            page = self.feed.rows(since, wanted)
             json.dumps(page, allow_nan=False)
             rows += page["rows"]
             still = still + 1 if page["next"] == since else 0
@@ -62,19 +59,19 @@ def test_the_traffic_of_the_open_line_is_shown(line: Line) -> None:
     rows = line.all_rows()
     assert [row[5] for row in rows] == [f"2 STATS request seq {seq}" for seq in range(3)]
     assert line.all_rows('"seq 1"') == [rows[1]]
-    assert line.feed.rows("a", 3, "")["rows"] == []
+    assert line.feed.rows(3, "")["rows"] == []
     line.link.write(frame(3), None)
-    assert [row[0] for row in line.feed.rows("a", 3, "")["rows"]] == [4]
+    assert [row[0] for row in line.feed.rows(3, "")["rows"]] == [4]
 
 
 def test_a_frame_comes_with_its_bytes_and_its_tree(line: Line) -> None:
     line.link.write(frame(), None)
     line.all_rows()
-    found = line.feed.frame("a", 1)
+    found = line.feed.frame(1)
     assert bytes.fromhex(found["hex"]) == frame()
     assert [part["name"] for part in found["tree"]["parts"]] == ["session header", "command frame"]
     with pytest.raises(UsageError, match="no longer kept"):
-        line.feed.frame("a", 2)
+        line.feed.frame(2)
 
 
 def test_what_the_decoder_in_use_takes_is_good_and_what_it_rejects_is_bad() -> None:
@@ -116,7 +113,7 @@ def test_what_the_decoder_in_use_takes_is_good_and_what_it_rejects_is_bad() -> N
 
 def test_many_frames_come_in_pages(line: Line) -> None:
     line.feed._ring.feed(Passed(Direction.SENT, frame() * 2500, 1.0, ""))
-    first = line.feed.rows("a", 0)
+    first = line.feed.rows(0)
     assert (len(first["rows"]), first["more"], first["next"]) == (1000, True, 1000)
     assert len(line.all_rows()) == 2500
     assert line.all_rows("bad") == []
@@ -136,16 +133,16 @@ def test_what_came_while_nobody_looked_is_left_out(line: Line) -> None:
     rows = line.all_rows()
     assert len(rows) == 2001
     assert not [row for row in rows if row[7]]
-    assert line.feed.rows("a", 0)["note"] == "1000 transfers were left out while nobody looked."
+    assert line.feed.rows(0)["note"] == "1000 transfers were left out while nobody looked."
 
 
 def test_another_line_starts_anew(line: Line) -> None:
     line.link.write(frame(), None)
     assert line.all_rows()
     line.feed.begin("serial:///dev/y")
-    assert line.feed.rows("a", 0)["rows"] == []
+    assert line.feed.rows(0)["rows"] == []
     # A tab that asks from a number of the last line gets the right one to continue from.
-    assert line.feed.rows("a", 99)["next"] == 0
+    assert line.feed.rows(99)["next"] == 0
 
 
 def test_a_link_that_goes_on_is_observed_once(line: Line) -> None:
@@ -159,62 +156,9 @@ def test_a_link_that_goes_on_is_observed_once(line: Line) -> None:
 
 def test_the_page_says_why_nothing_is_seen() -> None:
     feed = WireFeed()
-    assert "Nothing is open" in feed.rows("a", 0)["note"]
+    assert "Nothing is open" in feed.rows(0)["note"]
     feed.begin("zenoh:lab/arm1")
-    assert "shared by another program" in feed.rows("a", 0)["note"]
-
-
-@pytest.mark.parametrize("name", ["cooked-port.log", "cut-frame.pcapng", "wrong-id.txt"])
-def test_a_file_is_shown_to_its_tab_only(line: Line, name: str) -> None:
-    line.link.write(frame(), None)
-    line.feed.open_file("b", (CAPTURES / name).read_bytes(), name)
-    shown = line.feed.rows("b", 0)
-    assert (shown["view"], shown["name"]) == ("file", name)
-    assert any(row[6] for row in shown["rows"]) or name == "wrong-id.txt"
-    assert line.feed.rows("a", 0)["view"] == "live"
-    line.feed.close_file("b")
-    assert line.feed.rows("b", 0)["view"] == "live"
-
-
-def test_a_file_that_is_too_large_or_no_traffic_is_refused() -> None:
-    feed = WireFeed()
-    with pytest.raises(UsageError, match="larger than 16 MiB"):
-        feed.open_file("a", bytes(LARGEST_FILE + 1), "x")
-    with pytest.raises(UsageError, match="x has no traffic"):
-        feed.open_file("a", b"hello\nworld\n", "x")
-    assert feed.rows("a", 0)["view"] == "live"
-
-
-def test_the_files_of_many_tabs_are_bounded() -> None:
-    feed = WireFeed()
-    for i in range(20):
-        feed.open_file(str(i), b"FF FF 01 02 01 FB", "x")
-    views = [feed.rows(str(i), 0)["view"] for i in range(20)]
-    assert views == ["live"] * 16 + ["file"] * 4
-
-
-def test_a_small_file_with_millions_of_frames_is_read_up_to_a_bound() -> None:
-    feed = WireFeed()
-    ping = make_ping(4)
-    many = ping * 100_000
-    for name, data, most in (("raw.bin", many, 31_000), ("x.txt", b"> FF\n" * 201_000, 200_001)):
-        feed.open_file("a", data, name)
-        page = feed.rows("a", 0)
-        assert page["newest"] <= most
-        assert "only the first" in page["note"]
-        assert len(feed.rows("a", 0)["rows"]) <= 1000
-    feed.set_series("a", "scs")
-    assert "only the first" in feed.rows("a", 0)["note"]
-
-
-def test_the_series_decides_the_names_of_registers() -> None:
-    feed = WireFeed()
-    feed.open_file("a", b"FF FF 01 04 02 2A 02 CC", "x", "sts_sms")
-    assert "goal_position" in feed.rows("a", 0)["rows"][0][5]
-    feed.set_series("a", "seven_bot")
-    assert "target_position" in feed.rows("a", 0)["rows"][0][5]
-    with pytest.raises(UsageError, match="no servo series"):
-        feed.set_series("a", "other")
+    assert "shared by another program" in feed.rows(0)["note"]
 
 
 def test_the_series_of_the_line_is_that_of_the_arm() -> None:
@@ -222,40 +166,20 @@ def test_the_series_of_the_line_is_that_of_the_arm() -> None:
     feed.begin("serial:///dev/x")
     for series, shown in ((["hls"] * 6, "hls"), (["seven_bot", "hls"], "board"), ([], "board"), (["x"], "board")):
         feed.expect(series)
-        assert feed.rows("a", 0)["series"] == shown
+        assert feed.rows(0)["series"] == shown
 
 
-def test_what_is_shown_is_saved(line: Line) -> None:
-    with pytest.raises(UsageError, match="no traffic to save yet"):
-        line.feed.saved("a", "pcapng")
+def test_the_line_is_read_as_that_of_a_series() -> None:
+    feed = WireFeed()
+    feed.set_series("scs")
+    assert feed.rows(0)["series"] == "scs"
+    with pytest.raises(UsageError, match="no servo series"):
+        feed.set_series("other")
+
+
+def test_what_is_kept_of_the_line_can_be_saved(line: Line) -> None:
+    assert line.feed.kept()[0] == []
     line.link.write(make_ping(4), None)
-    (saved,) = read_traffic(line.feed.saved("a", "pcapng"))
-    assert isinstance(saved, Passed)
-    assert saved.data == make_ping(4)
-    line.feed.open_file("a", b"< " + make_status(4).hex(" ").encode(), "x")
-    (saved,) = read_traffic(line.feed.saved("a", "mcap"))
-    assert isinstance(saved, Passed)
-    assert saved.data == make_status(4)
-
-
-def test_a_file_is_freed_as_it_is_closed_and_what_is_being_saved_of_it_stays_whole(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    feed, ping = WireFeed(), b"< " + make_ping(1).hex(" ").encode() + b"\n"
-    feed.open_file("a", 500 * ping, "x")
-    view = feed._files["a"]
-    assert len(view.traffic) == len(view.transfers) == 500
-
-    def save(kept: list[Passed], form: str) -> bytes:
-        feed.close_file("a")
-        return b"".join(passed.data for passed in kept)
-
-    monkeypatch.setattr("hexwire.studio.wire_feed.saved_traffic", save)
-    assert feed.saved("a", "log") == 500 * make_ping(1)
-    assert len(view.traffic) == len(view.transfers) == 0
-    assert feed.rows("a", 0)["view"] == "live"
-    # What others look at is not.
-    for tab in ("a", "a", *map(str, range(40))):
-        feed.open_file(tab, 3 * ping, "x")
-        feed.set_series(tab, "hls")
-    assert {len(each.traffic) for each in feed._files.values()} == {3}
+    kept, offset = line.feed.kept()
+    assert [passed.data for passed in kept] == [make_ping(4)]
+    assert abs(time.time() - offset - line.now) < 60.0

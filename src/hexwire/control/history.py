@@ -194,8 +194,13 @@ class History:
         self._count += 1
         return True
 
-    def rows(self, after: float = -math.inf) -> Rows:
-        """The samples of the last ten minutes that are later than a time."""
+    def count_after(self, after: float = -math.inf) -> int:
+        """How many samples `rows` has."""
+        begin, end = self._places(after)
+        return end - begin
+
+    def _places(self, after: float) -> tuple[int, int]:
+        """Number of the first sample that is later than a time, and after the last one."""
         end = self._count
         begin = max(0, end - self._room + _SPARE)
         newest = self._times[(end - 1) % self._room] if end else 0.0
@@ -207,8 +212,13 @@ class History:
                 low = middle + 1
             else:
                 high = middle
+        return low, end
+
+    def rows(self, after: float = -math.inf) -> Rows:
+        """The samples of the last ten minutes that are later than a time."""
+        begin, end = self._places(after)
         times, blocks, size = array("d"), list[bytes](), self._row.size
-        at = begin = low
+        at = begin
         while at < end:
             place = at % self._room
             n = min(end - at, self._room - place, BLOCK)

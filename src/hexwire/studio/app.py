@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from hexwire.epochs import Token
 
     from .bus_source import BusSource
+    from .page_process import PageProcess
     from .plugged import Plugged
     from .source import ArmSource
 
@@ -125,6 +126,9 @@ class Studio:
         self._workers = {right: ThreadPoolExecutor(8, "studio") for right in Right}
         # One thread each: of all that pages ask for, at most two things compete with the arm for the interpreter.
         self._pages = {right: ThreadPoolExecutor(1, "studio pages") for right in Right}
+        # And a process each, with a thread that waits for it.
+        self._files = {right: self.shelf.process() for right in Right}
+        self._asking = {right: ThreadPoolExecutor(1, "studio files") for right in Right}
         self._calls: Counter[str] = Counter()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._ending = threading.Event()
@@ -146,13 +150,27 @@ class Studio:
         return tab
 
     async def compute(self, right: Right, call: Callable[[], _T]) -> _T:
-        """Make a call that computes or reads files for a page, in turn with the others of this right.
+        """Make a call that computes for a page, in turn with the others of this right.
 
         Args:
             right: Of the session that asks.
             call: What to do. It must not wait for the arm; no step of it may hold the interpreter for long.
         """
         return await asyncio.get_running_loop().run_in_executor(self._pages[right], call)
+
+    async def ask_files(self, right: Right, call: Callable[[PageProcess], _T]) -> _T:
+        """Have the process for the files of pages do something, in turn with the others of this right.
+
+        Args:
+            right: Of the session that asks.
+            call: Asks it.
+
+        Raises:
+            HexwireError: As `PageProcess.ask`.
+            OSError: As `PageProcess.ask`.
+        """
+        loop = asyncio.get_running_loop()
+        return await loop.run_in_executor(self._asking[right], call, self._files[right])
 
     async def run(self, call: Callable[[], _T], *, control: bool = False, computes: bool = False) -> _T | _Failed:
         """Make a call that may wait in a worker thread; show its error, if it fails, in one line.
@@ -420,8 +438,10 @@ class Studio:
             self._watch.join()
         self.shelf.close()
         self.source.close()
+        for process in self._files.values():
+            process.close()
         self.fleet.close()
         if self._stops is not None:
             self._stops[1].close(_LAST_STOP)
-        for pool in (self.orders, *self._workers.values(), *self._pages.values()):
+        for pool in (self.orders, *self._workers.values(), *self._pages.values(), *self._asking.values()):
             pool.shutdown()

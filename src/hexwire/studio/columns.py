@@ -4,8 +4,8 @@ Owns the layout, which `static/columns.js` reads. Pure. Must not know sockets or
 
 Little-endian: ``HWC1``, length of the head (u32), the head (JSON, UTF-8, padded with blanks so that what follows
 begins at a multiple of 8), the times (f64), then each column (f32). The head has ``count``, the number of times,
-and ``columns``, one name for each column. They are made and sent in parts, so that nothing holds the interpreter
-for long: a whole history has 12 MB.
+and ``columns``, one name for each column. A whole history has 12 MB: those are made in a process of their own
+(`page_work`).
 """
 
 from __future__ import annotations
@@ -17,20 +17,18 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hexwire.control.history import History, Rows
+    from hexwire.control.history import Rows
     from hexwire.trace.series import Series
 
 __all__ = ["history_columns", "serialize_columns", "series_columns", "transposed"]
 
 _MAGIC = b"HWC1"
-_PART = 32_768
-"""Numbers in a part at most."""
 
 
 def serialize_columns(
     head: dict[str, Any], times: array[float], columns: Sequence[tuple[str, array[float]]]
-) -> list[bytes]:
-    """Make the bytes, in parts.
+) -> bytes:
+    """Make the bytes.
 
     Args:
         head: Further entries of the head.
@@ -45,8 +43,8 @@ def serialize_columns(
         if sys.byteorder == "big":
             row = array(row.typecode, row)
             row.byteswap()
-        parts += [row[at : at + _PART].tobytes() for at in range(0, len(row), _PART)]
-    return parts
+        parts.append(row.tobytes())
+    return b"".join(parts)
 
 
 def transposed(rows: Rows) -> list[array[float]]:
@@ -62,20 +60,23 @@ def transposed(rows: Rows) -> list[array[float]]:
     return columns
 
 
-def history_columns(history: History, after: float, offset: float) -> list[bytes]:
-    """What is known of an arm, later than a time.
+def history_columns(
+    head: dict[str, Any], signals: Sequence[tuple[str, str]], rows: Rows, endings: tuple[str, ...] = ("",)
+) -> bytes:
+    """Rows of a history.
 
     Args:
-        history: The last ten minutes.
-        after: Seconds of the host's clock.
-        offset: Seconds to add to the times for seconds since 1970; noted in the head.
+        head: Further entries of the head.
+        signals: Joint (empty for the whole arm) and signal of each value of a row.
+        rows: The rows.
+        endings: Only columns whose names end so.
     """
-    rows = history.rows(after)
-    names = [f"{joint}.{signal.name}" if joint else signal.name for joint, signal in history.columns]
-    return serialize_columns({"offset": offset}, rows.times, list(zip(names, transposed(rows), strict=True)))
+    names = [f"{joint}.{signal}" if joint else signal for joint, signal in signals]
+    pairs = zip(names, transposed(rows), strict=True)
+    return serialize_columns(head, rows.times, [pair for pair in pairs if pair[0].endswith(endings)])
 
 
-def series_columns(series: Series) -> list[bytes]:
+def series_columns(series: Series) -> bytes:
     """A recording."""
     head = {"names": list(series.names), "begin": series.begin, "problem": series.problem}
     columns = [(f"{joint}.{quantity}", values) for (joint, quantity), values in series.columns.items()]

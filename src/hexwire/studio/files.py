@@ -1,40 +1,38 @@
 """What pages fetch and send as files: columns for plots, exports, recordings.
 
 Owns the addresses below ``/data`` and the check of what they are asked. Behind the gate as everything else; writing
-needs the right to operate. What may wait runs in threads. Must not know how a page shows it.
+needs the right to operate. Another process makes them (`page_work`). Must not know how a page shows it.
 """
 
 from __future__ import annotations
 
 import asyncio
 import math
-import os
 import tempfile
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
-from urllib.parse import quote
 
-from starlette.background import BackgroundTask
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
+from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Route
 
+from hexwire.control.history import BLOCK
 from hexwire.errors import HexwireError, UsageError
-from hexwire.trace.series import write_csv, write_mcap
 
 from .access import WATCHING_ONLY, Right
-from .columns import history_columns, serialize_columns, series_columns, transposed
+from .columns import history_columns
 from .guard import SESSION
+from .sent_files import made, received
 from .wire_api import refusal
 
 if TYPE_CHECKING:
     from hexwire.control.history import History
 
     from .app import Studio
+    from .page_process import PageProcess
 
 __all__ = ["make_routes"]
 
@@ -96,40 +94,35 @@ class _Files:
         """The last ten minutes, or what is newer than ``after``."""
         arm = self._present().source.need_arm()
         offset = time.time() - arm.arm.owner.now()
-        after = _number(request, "after", -math.inf)
-        return await self._columns(request, lambda: history_columns(arm.history, after, offset))
+        return await self._rows(request, {"offset": offset}, arm.history)
 
     async def csv(self, request: Request) -> Response:
         """A part of them as CSV, in SI units."""
+        history, span, offset, _ = self._part(request)
+        wanted = list(filter(None, request.query_params.get("columns", "").split(",")))
 
-        def write(path: Path) -> None:
-            arm = self._present().source.need_arm()
-            wanted = request.query_params.get("columns", "").split(",")
-            columns = [(joint, signal.name) for joint, signal in arm.history.columns]
-            names = [f"{joint}.{name}" if joint else name for joint, name in columns]
-            places = [i for i, name in enumerate(names) if wanted == [""] or name in wanted]
-            rows = arm.history.rows().between(*_span(request))
-            chosen = ((at, [row[i] for i in places]) for at, row in rows)
-            offset = time.time() - arm.arm.owner.now()
-            with path.open("wb") as out:
-                write_csv(out, [columns[i] for i in places], chosen, offset)
+        def write(process: PageProcess, path: str) -> None:
+            process.ask("csv", path, _signals(history), wanted, history.rows().between(*span), offset)
 
-        return await self._written(request, write, self._name("csv"), "text/csv")
+        return await self._made(request, write, "text/csv", self._name("csv"))
 
     async def mcap(self, request: Request) -> Response:
         """A part of them as a recording."""
+        history, span, offset, robot = self._part(request)
 
-        def write(path: Path) -> None:
-            arm = self._present().source.need_arm()
-            columns = [(joint, signal.name) for joint, signal in arm.history.columns]
-            rows = arm.history.rows().between(*_span(request))
+        def write(process: PageProcess, path: str) -> None:
+            rows = history.rows().between(*span)
             if not len(rows):
                 raise UsageError("nothing is known of this time")
-            path.unlink()
-            offset = time.time() - arm.arm.owner.now()
-            write_mcap(path, columns, rows, offset, robot=arm.settings.model.name)
+            process.ask("mcap", path, _signals(history), rows, offset, robot)
 
-        return await self._written(request, write, self._name("mcap"), _BYTES)
+        return await self._made(request, write, _BYTES, self._name("mcap"))
+
+    def _part(self, request: Request) -> tuple[History, tuple[float, float], float, str]:
+        """The history, the part that is asked for, seconds to add to its times, and whose it is."""
+        arm = self._present().source.need_arm()
+        span = _number(request, "from", -math.inf), _number(request, "to", math.inf)
+        return arm.history, span, time.time() - arm.arm.owner.now(), arm.settings.model.name
 
     def _name(self, ending: str) -> str:
         robot = self._present().source.need_arm().settings.model.name
@@ -139,56 +132,47 @@ class _Files:
 
     async def columns(self, request: Request) -> Response:
         """A recording's columns."""
-        shelf = self._present().shelf
         name, topic = _text(request, "name"), _topic(request, "topic")
-        return await self._columns(request, lambda: series_columns(shelf.series(name, topic)))
+        return await self._made(request, lambda process, path: process.ask("recording", path, name, topic))
 
     async def download(self, request: Request) -> Response:
         """A recording as it is."""
         name = _text(request, "name")
-        library = self._present().shelf.library
-        await self._compute(request, lambda: library.find(name))
-        return FileResponse(library.path(name), media_type=_BYTES, filename=name, headers=_PLAIN)
+        path = self._present().shelf.library.present(name)
+        return FileResponse(path, media_type=_BYTES, filename=name, headers=_PLAIN)
 
     async def compare(self, request: Request) -> Response:
         """Two recordings on one time axis."""
-        shelf = self._present().shelf
         a = _text(request, "a"), _topic(request, "topic_a")
         b = _text(request, "b"), _topic(request, "topic_b")
         align, lag = request.query_params.get("align", "start"), _number(request, "lag", 0.0)
-        return await self._columns(request, lambda: shelf.compared(a, b, align, lag))
+        return await self._made(request, lambda process, path: process.ask("compared", path, a, b, align, lag))
 
     async def twin(self, request: Request) -> Response:
         """What the twin did, later than ``after``."""
         twin = self._present().shelf.twin
         if twin.history is None:
             raise UsageError("the twin has not moved yet")
-        history, after = twin.history, _number(request, "after", -math.inf)
-        head: dict[str, Any] = {"state": asdict(twin.state), "names": list(history.names)}
-        return await self._columns(request, lambda: _positions(head, history, after))
+        head: dict[str, Any] = {"state": asdict(twin.state), "names": list(twin.history.names)}
+        return await self._rows(request, head, twin.history, (".position", ".goal"))
 
     async def upload(self, request: Request) -> Response:
         """Take a file that somebody brings."""
         if request.scope[SESSION].right < Right.OPERATE:
             raise _RefusedError(403, WATCHING_ONLY)
-        name, library = _text(request, "name"), self._present().shelf.library
-        # Not in memory; and the bound counts bytes, since a length that is given may be wrong.
-        with tempfile.TemporaryFile() as file:
-            size = 0
-            async for part in request.stream():
-                size += len(part)
-                if size > library.largest:
-                    raise _RefusedError(413, f"it is larger than {library.largest >> 20} MiB")
-                await run_in_threadpool(file.write, part)
-            file.seek(0)
-            found = await self._compute(request, lambda: library.add(name, file))
-        return JSONResponse({"name": found.name, "problem": found.problem}, headers=_PLAIN)
+        name, most = _text(request, "name"), self._present().shelf.library.largest
+        with tempfile.TemporaryDirectory(prefix="hexwire-") as folder:
+            path = Path(folder) / "file"
+            if not await received(request, path, most):
+                raise _RefusedError(413, f"it is larger than {most >> 20} MiB")
+            added, problem = await self._ask(request, lambda process: process.ask("add", name, str(path)))
+        return JSONResponse({"name": added, "problem": problem}, headers=_PLAIN)
 
     # -- how it is made ---------------------------------------------------------------------------------
 
-    async def _compute(self, request: Request, call: Callable[[], _T]) -> _T:
-        """What a call makes; it is not begun for a browser that has gone."""
-        work = asyncio.ensure_future(self._present().compute(request.scope[SESSION].right, call))
+    async def _ask(self, request: Request, call: Callable[[PageProcess], _T]) -> _T:
+        """What the process for files makes; it is not begun for a browser that has gone."""
+        work = asyncio.ensure_future(self._present().ask_files(request.scope[SESSION].right, call))
         gone = asyncio.ensure_future(_gone(request))
         try:
             await asyncio.wait((work, gone), return_when=asyncio.FIRST_COMPLETED)
@@ -199,30 +183,29 @@ class _Files:
         finally:
             gone.cancel()
 
-    async def _columns(self, request: Request, make: Callable[[], list[bytes]]) -> Response:
-        """Columns, sent part by part: a slow reader makes the rest wait, and nothing is copied as a whole."""
-        parts = await self._compute(request, make)
-
-        async def each() -> AsyncIterator[bytes]:
-            for part in parts:
-                yield part
-
-        headers = {**_PLAIN, "Content-Length": str(sum(map(len, parts)))}
-        return StreamingResponse(each(), media_type=_BYTES, headers=headers)
-
-    async def _written(self, request: Request, write: Callable[[Path], None], name: str, kind: str) -> Response:
+    async def _made(
+        self, request: Request, make: Callable[[PageProcess, str], None], kind: str = _BYTES, name: str = ""
+    ) -> Response:
         """A file made for one answer."""
-        fd, text = tempfile.mkstemp(prefix="hexwire-", suffix=Path(name).suffix)
-        os.close(fd)
-        path = Path(text)
-        try:
-            await self._compute(request, lambda: write(path))
-        except BaseException:
-            path.unlink(missing_ok=True)
-            raise
-        headers = {**_PLAIN, "Content-Disposition": f"attachment; filename*=UTF-8''{quote(name)}"}
-        task = BackgroundTask(path.unlink, missing_ok=True)
-        return FileResponse(path, media_type=kind, headers=headers, background=task)
+
+        async def ask(path: str) -> None:
+            await self._ask(request, lambda process: make(process, path))
+
+        return await made(ask, kind, name)
+
+    async def _rows(
+        self, request: Request, head: dict[str, Any], history: History, endings: tuple[str, ...] = ("",)
+    ) -> Response:
+        """What is later than ``after``, as columns."""
+        after, signals = _number(request, "after", -math.inf), _signals(history)
+        if history.count_after(after) <= BLOCK:
+            # What a page that shows it asks for again and again.
+            return Response(history_columns(head, signals, history.rows(after), endings), 200, _PLAIN, _BYTES)
+
+        def write(process: PageProcess, path: str) -> None:
+            process.ask("history", path, head, signals, history.rows(after), endings)
+
+        return await self._made(request, write)
 
 
 async def _gone(request: Request) -> None:
@@ -230,11 +213,8 @@ async def _gone(request: Request) -> None:
         pass
 
 
-def _positions(head: dict[str, Any], history: History, after: float) -> list[bytes]:
-    rows = history.rows(after)
-    names = [f"{joint}.{signal.name}" if joint else signal.name for joint, signal in history.columns]
-    pairs = list(zip(names, transposed(rows), strict=True))
-    return serialize_columns(head, rows.times, [pair for pair in pairs if pair[0].endswith((".position", ".goal"))])
+def _signals(history: History) -> list[tuple[str, str]]:
+    return [(joint, signal.name) for joint, signal in history.columns]
 
 
 def _text(request: Request, key: str) -> str:
@@ -259,7 +239,3 @@ def _number(request: Request, key: str, default: float) -> float:
     if math.isnan(value):
         raise UsageError(f"{key} must be a number")
     return value
-
-
-def _span(request: Request) -> tuple[float, float]:
-    return _number(request, "from", -math.inf), _number(request, "to", math.inf)

@@ -9,9 +9,9 @@ from __future__ import annotations
 import functools
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
@@ -19,25 +19,20 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from hexwire.control.preview import PLAY_FACTORS
-from hexwire.drivers.registry import load_driver
 from hexwire.errors import HexwireError, UsageError
 from hexwire.model.state import LONGEST, finite
 
 from .access import WATCHING_ONLY, Right
-from .geometry import make_geometry
 from .guard import SESSION
-from .twin import TWINS
 from .wire_api import refusal
 
 if TYPE_CHECKING:
-    from hexwire.model.arm import ArmModel
-
     from .app import Studio
+    from .page_process import PageProcess
 
 __all__ = ["shelf_routes"]
 
 _PLAIN = {"Cache-Control": "no-store"}
-_COMPUTES = frozenset({"preview", "recover"})
 _MOST = 4096
 """Bytes of a request."""
 
@@ -49,20 +44,20 @@ def shelf_routes(present: Callable[[], Studio]) -> list[Route]:
         present: The studio that is served now.
     """
 
-    async def _answered(request: Request, call: Callable[[], dict[str, Any]], *, computes: bool) -> Response:
+    async def _answered(found: Awaitable[dict[str, Any] | bytes]) -> Response:
         try:
-            if computes:
-                found = await present().compute(request.scope[SESSION].right, call)
-            else:
-                found = await run_in_threadpool(call)
+            answer = await found
         except HexwireError as error:
             return refusal(error)
         except OSError as error:
             return refusal(UsageError(f"the folder of recordings failed: {error.strerror or error}"))
-        return JSONResponse(found, headers=_PLAIN)
+        if isinstance(answer, bytes):
+            return Response(answer, 200, _PLAIN, "application/json")
+        return JSONResponse(answer, headers=_PLAIN)
 
     async def listed(request: Request) -> Response:
-        return await _answered(request, lambda: _listed(present()), computes=True)
+        studio = present()
+        return await _answered(studio.ask_files(request.scope[SESSION].right, lambda one: _listed(studio, one)))
 
     async def done(request: Request) -> Response:
         if request.scope[SESSION].right < Right.OPERATE:
@@ -72,15 +67,12 @@ def shelf_routes(present: Callable[[], Studio]) -> list[Route]:
             body += part
             if len(body) > _MOST:
                 return JSONResponse({"refused": "this is too large"}, 413, _PLAIN)
-        try:
-            call, computes = _done(present(), bytes(body))
-        except HexwireError as error:
-            return refusal(error)
-        return await _answered(request, call, computes=computes)
+        return await _answered(_done(present(), request.scope[SESSION].right, bytes(body)))
 
     async def geometry(request: Request) -> Response:
-        robot = request.query_params.get("robot", "")
-        return await _answered(request, lambda: {"geometry": _geometry(present(), robot)}, computes=True)
+        studio, robot = present(), request.query_params.get("robot", "")
+        right = request.scope[SESSION].right
+        return await _answered(studio.ask_files(right, lambda process: _geometry(studio, process, robot)))
 
     return [
         Route("/data/recordings", listed),
@@ -89,55 +81,30 @@ def shelf_routes(present: Callable[[], Studio]) -> list[Route]:
     ]
 
 
-def _listed(studio: Studio) -> dict[str, Any]:
+def _listed(studio: Studio, process: PageProcess) -> bytes:
     shelf, arm = studio.shelf, studio.source.arm
-    joints = arm.settings.model.names if arm is not None else ()
     state = shelf.recorder.state
-    # What is being written is not damaged.
-    rows = [asdict(one) for one in shelf.library.entries(without=state.name)]
-    for row in rows:
-        unknown = [name for name in row["joints"] if name not in joints]
-        row["fits"] = bool(row["joints"]) and arm is not None and not unknown
-        row["twin"] = twin_for(row["robot"], row["joints"])
-    return {
+    rest = {
         "folder": str(shelf.library.folder),
-        "remark": shelf.library.remark,
         "largest": shelf.library.largest,
-        "entries": rows,
         "recorder": asdict(state),
         "twin": {**asdict(shelf.twin.state), "busy": shelf.twin.busy},
         "robot": arm.settings.model.name if arm is not None else "",
     }
+    joints = arm.settings.model.names if arm is not None else None
+    return cast("bytes", process.ask("listed", state.name, joints, rest))
 
 
-def twin_for(robot: str, joints: tuple[str, ...]) -> str:
-    """The emulated arm that can play a recording; empty if there is none."""
-    if robot in TWINS:
-        return robot
-    return next((name for name in TWINS if joints and set(joints) <= _joints_of(name)), "")
-
-
-@functools.cache
-def _model_of(robot: str) -> ArmModel:
-    return load_driver(robot).from_url(f"sim://{robot}").model
-
-
-def _joints_of(robot: str) -> frozenset[str]:
-    return frozenset(_model_of(robot).names)
-
-
-def _geometry(studio: Studio, robot: str) -> dict[str, Any] | None:
+def _geometry(studio: Studio, process: PageProcess, robot: str) -> bytes:
     """The shapes of the open arm, or of one that can be emulated; None if its lengths are unknown."""
     arm = studio.source.arm
     if arm is not None and arm.settings.model.name == robot:
-        return make_geometry(arm.settings.model, arm.settings.links)
-    if robot not in TWINS:
-        raise UsageError("the shapes of this arm are not known")
-    return make_geometry(_model_of(robot))
+        return cast("bytes", process.ask("geometry", arm.settings.model, arm.settings.links))
+    return cast("bytes", process.ask("geometry_of", robot))
 
 
-def _done(studio: Studio, body: bytes) -> tuple[Callable[[], dict[str, Any]], bool]:
-    """What carries an order out, and whether that computes more than it waits."""
+async def _done(studio: Studio, right: Right, body: bytes) -> dict[str, Any]:
+    """Carry an order out."""
     try:
         order = json.loads(body)
     except (ValueError, RecursionError):
@@ -145,19 +112,22 @@ def _done(studio: Studio, body: bytes) -> tuple[Callable[[], dict[str, Any]], bo
     if not isinstance(order, dict):
         raise UsageError("this is no order")
     what = order.get("do")
+    if what == "recover":
+        name = _name(order)
+        return {"name": await studio.ask_files(right, lambda process: process.ask("recover", name))}
+    if what == "preview":
+        return await studio.compute(right, functools.partial(_preview, studio, order))
     calls = {
         "record": _record,
         "end": _end,
-        "recover": _recover,
         "remove": _remove,
-        "preview": _preview,
         "twin": _twin,
         "twin_stop": _twin_stop,
     }
     call = calls.get(what) if isinstance(what, str) else None
     if call is None:
         raise UsageError("there is no such order")
-    return functools.partial(call, studio, order), what in _COMPUTES
+    return await run_in_threadpool(call, studio, order)
 
 
 def _record(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
@@ -166,10 +136,6 @@ def _record(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
 
 def _end(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
     return {"said": studio.shelf.recorder.stop()}
-
-
-def _recover(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
-    return {"name": studio.shelf.library.recover(_name(order)).name}
 
 
 def _remove(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
@@ -196,8 +162,7 @@ def _preview(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
 def _twin(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
     """Play it on an emulated arm."""
     name, topic, shelf = _name(order), _topic(order), studio.shelf
-    found = shelf.library.find(name)
-    robot = twin_for(found.robot, found.joints)
+    robot = shelf.twin_of(name)
     if not robot:
         raise UsageError(f"there is no emulated arm with the joints of {name}")
     begin, end, factor = _part(order)

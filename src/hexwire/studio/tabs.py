@@ -31,6 +31,7 @@ class Tab:
         right: What that session may do.
         grant: Key of the lease that it holds; 0 if it has none.
         live: It has its socket.
+        file: It looks at a file of traffic.
         stops: Numbers of the last stops that came over it.
     """
 
@@ -40,6 +41,7 @@ class Tab:
     right: Right
     grant: int = 0
     live: bool = False
+    file: bool = False
     stops: deque[int] = field(default_factory=lambda: deque(maxlen=_STOPS), repr=False)
     _numbers: itertools.count[int] = field(default_factory=lambda: itertools.count(1), repr=False)
 

@@ -21,6 +21,8 @@ from hexwire.control.settings_reader import read_settings
 from hexwire.control.shared import Order, SharedArm
 from hexwire.errors import HexwireError, UsageError
 
+from .twins import TWINS
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
@@ -29,12 +31,10 @@ if TYPE_CHECKING:
     from hexwire.model.state import JointState, SentTarget
     from hexwire.motion.teach import Taught
 
-__all__ = ["TWINS", "Twin", "TwinState"]
+__all__ = ["Twin", "TwinState"]
 
 _log = logging.getLogger(__name__)
 
-TWINS = ("hex7bot", "so101", "so100")
-"""Arms that can be emulated in this program."""
 _STALLS = 5.0
 """Watchdog of the emulated arm, s. Nothing real moves, and this program, which is both ends, may stall."""
 _PATIENCE = 15.0

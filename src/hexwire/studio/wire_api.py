@@ -6,7 +6,9 @@ Must not know how traffic is read.
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Awaitable, Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from starlette.requests import Request
@@ -14,13 +16,14 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from hexwire.errors import HexwireError, UsageError
-from hexwire.trace.saving import FORMATS
 
 from .guard import SESSION
-from .wire_feed import LARGEST_FILE
+from .sent_files import made, received
+from .wire_view import LARGEST_FILE
 
 if TYPE_CHECKING:
     from .app import Studio
+    from .page_process import PageProcess
     from .tabs import Tab
 
 __all__ = ["wire_routes"]
@@ -38,44 +41,24 @@ def wire_routes(present: Callable[[], Studio]) -> list[Route]:
         present: The studio.
     """
 
-    def asked(call: Callable[[Studio, str, Request], Any]) -> Callable[[Request], Awaitable[Response]]:
-        """An endpoint, which computes in turn with others; an error is an answer, too."""
+    def asked(call: Callable[[Studio, Tab, Request], Awaitable[Any]]) -> Callable[[Request], Awaitable[Response]]:
+        """An endpoint; an error is an answer, too."""
 
         async def endpoint(request: Request) -> Response:
             try:
                 studio = present()
-                tab = tab_of(studio, request)
-                found = await studio.compute(tab.right, lambda: call(studio, tab.key, request))
+                found = await call(studio, tab_of(studio, request), request)
             except HexwireError as error:
                 return refusal(error)
             return found if isinstance(found, Response) else JSONResponse(found, headers=_HEADERS)
 
         return endpoint
 
-    async def open_file(request: Request) -> Response:
-        right = request.scope[SESSION].right
-        try:
-            studio = present()
-            tab = tab_of(studio, request)
-            data = bytearray()
-            async for part in request.stream():
-                data += part
-                if len(data) > LARGEST_FILE:
-                    raise UsageError(f"the file is larger than {LARGEST_FILE >> 20} MiB")
-            name = request.query_params.get("name", "")[:_NAME] or "the file"
-            series = request.query_params.get("series", "board")
-            await studio.compute(
-                right, lambda: studio.wire.open_file(tab.key, bytes(data), name, series, right=right)
-            )
-        except HexwireError as error:
-            return refusal(error)
-        return JSONResponse({"opened": name}, headers=_HEADERS)
-
     return [
         Route("/wire/rows", asked(_rows)),
         Route("/wire/frame", asked(_frame)),
         Route("/wire/save", asked(_save)),
-        Route("/wire/open", open_file, methods=["POST"]),
+        Route("/wire/open", asked(_open), methods=["POST"]),
         Route("/wire/live", asked(_live), methods=["POST"]),
         Route("/wire/series", asked(_series), methods=["POST"]),
     ]
@@ -105,28 +88,66 @@ def _number(request: Request, name: str) -> int:
     return int(text)
 
 
-def _rows(studio: Studio, tab: str, request: Request) -> Any:
-    return studio.wire.rows(tab, _number(request, "since"), request.query_params.get("filter", ""))
+async def _of_file(studio: Studio, tab: Tab, what: str, *args: object) -> Any:
+    """What is asked of a tab's file; None if it has none (any more)."""
+    if not tab.file:
+        return None
+    found = await studio.ask_files(tab.right, lambda process: process.ask(what, *args))
+    # The files of others have taken its place, or the process with all files has ended.
+    tab.file = bool(found)
+    return found
 
 
-def _frame(studio: Studio, tab: str, request: Request) -> Any:
-    return studio.wire.frame(tab, _number(request, "number"))
+async def _open(studio: Studio, tab: Tab, request: Request) -> Any:
+    name = request.query_params.get("name", "")[:_NAME] or "the file"
+    series = request.query_params.get("series", "board")
+    with tempfile.TemporaryDirectory(prefix="hexwire-") as folder:
+        path = Path(folder) / "file"
+        if not await received(request, path, LARGEST_FILE):
+            raise UsageError(f"the file is larger than {LARGEST_FILE >> 20} MiB")
+        await studio.ask_files(
+            tab.right, lambda process: process.ask("wire_open", tab.key, str(path), name, series)
+        )
+    tab.file = True
+    return {"opened": name}
 
 
-def _save(studio: Studio, tab: str, request: Request) -> Response:
+async def _rows(studio: Studio, tab: Tab, request: Request) -> Any:
+    since, wanted = _number(request, "since"), request.query_params.get("filter", "")
+    found = await _of_file(studio, tab, "wire_rows", tab.key, since, wanted)
+    return _json(found) or await studio.compute(tab.right, lambda: studio.wire.rows(since, wanted))
+
+
+async def _frame(studio: Studio, tab: Tab, request: Request) -> Any:
+    number = _number(request, "number")
+    found = await _of_file(studio, tab, "wire_frame", tab.key, number)
+    return _json(found) or await studio.compute(tab.right, lambda: studio.wire.frame(number))
+
+
+async def _save(studio: Studio, tab: Tab, request: Request) -> Any:
     form = request.query_params.get("form", "")
-    data = studio.wire.saved(tab, form)
-    assert form in FORMATS
-    name = f'attachment; filename="traffic.{form}"'
-    return Response(data, media_type="application/octet-stream", headers={"content-disposition": name, **_HEADERS})
+
+    def save(process: PageProcess, path: str) -> None:
+        if not (tab.file and process.ask("wire_save", path, tab.key, form)):
+            process.ask("traffic", path, *studio.wire.kept(), form)
+
+    async def make(path: str) -> None:
+        await studio.ask_files(tab.right, lambda process: save(process, path))
+
+    return await made(make, "application/octet-stream", f"traffic.{form}")
 
 
-def _live(studio: Studio, tab: str, request: Request) -> Any:
-    studio.wire.close_file(tab)
+async def _live(studio: Studio, tab: Tab, request: Request) -> Any:
+    await _of_file(studio, tab, "wire_close", tab.key)
     return {"view": "live"}
 
 
-def _series(studio: Studio, tab: str, request: Request) -> Any:
+async def _series(studio: Studio, tab: Tab, request: Request) -> Any:
     series = request.query_params.get("series", "")
-    studio.wire.set_series(tab, series)
+    if not await _of_file(studio, tab, "wire_series", tab.key, series):
+        studio.wire.set_series(series)
     return {"series": series}
+
+
+def _json(found: bytes | None) -> Response | None:
+    return None if found is None else Response(found, media_type="application/json", headers=_HEADERS)

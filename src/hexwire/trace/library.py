@@ -250,11 +250,20 @@ class Library:
         Raises:
             UsageError: There is none of this name.
         """
+        status = self.present(name).stat(follow_symlinks=False)
+        return self._entry(status.st_mtime, name, status.st_size)
+
+    def present(self, name: str) -> Path:
+        """Path of a recording that is there; it is not read.
+
+        Raises:
+            UsageError: There is none of this name.
+        """
         if _NAME.fullmatch(name):
+            path = self.folder / name
             with suppress(OSError):
-                status = (self.folder / name).stat(follow_symlinks=False)
-                if stat.S_ISREG(status.st_mode):
-                    return self._entry(status.st_mtime, name, status.st_size)
+                if stat.S_ISREG(path.stat(follow_symlinks=False).st_mode):
+                    return path
         raise UsageError(f"there is no recording {name!r}; it may have been removed")
 
     @contextmanager

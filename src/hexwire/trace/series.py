@@ -91,8 +91,7 @@ class Series:
     def positions(self, names: Sequence[str] | None = None) -> list[tuple[float, tuple[float, ...]]]:
         """Pairs of time and positions of some joints, all by default."""
         wanted = [self.columns[name, "position"] for name in names or self.names]
-        # Not a list of the zip itself: that would hold the interpreter for all of a long recording at once.
-        return [(at, row) for at, row in zip(self.times, zip(*wanted, strict=True), strict=True)]
+        return list(zip(self.times, zip(*wanted, strict=True), strict=True))
 
     def _add(self, state: RecordedJoints) -> None:
         if not self.times:

@@ -121,12 +121,6 @@ class Traffic:
         """Number of the newest entry."""
         return self._number
 
-    def clear(self) -> None:
-        """Free all entries, one by one: at once they would hold the interpreter for milliseconds."""
-        self._places.clear()
-        while self._entries:
-            self._entries.popleft()
-
     def feed(self, passed: Passed) -> None:
         """Take a transfer. One without bytes ends what is incomplete: the reader of the line waited in vain.
 

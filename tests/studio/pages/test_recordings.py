@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,10 +16,11 @@ if TYPE_CHECKING:
 
 
 @pytest.fixture
-def folder(studio: RunningStudio, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder of recordings."""
-    monkeypatch.setattr(studio.studio.shelf.library, "folder", tmp_path / "recordings")
-    return tmp_path / "recordings"
+def folder(studio: RunningStudio) -> Path:
+    """The folder of recordings, empty."""
+    folder = Path(studio.studio.shelf.library.folder)
+    shutil.rmtree(folder, ignore_errors=True)
+    return folder
 
 
 def _open(page: Page) -> None:

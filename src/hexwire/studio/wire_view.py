@@ -1,0 +1,110 @@
+"""Traffic that somebody looks at: pages of rows that pass a filter, one frame with its tree.
+
+Owns what of it becomes JSON. Its calls may take tens of milliseconds. Must not know where the traffic comes from.
+"""
+
+from __future__ import annotations
+
+import secrets
+from typing import Any
+
+from hexwire.errors import UsageError
+from hexwire.trace.dissect import Dissector
+from hexwire.trace.filtering import parse_filter
+from hexwire.trace.traffic import Entry, Traffic
+
+__all__ = ["LARGEST_FILE", "SERIES", "View", "known_series"]
+
+LARGEST_FILE = 16 * 1024 * 1024
+"""Bytes of a file that a page may open."""
+
+SERIES = ("board", "seven_bot", "scs", "sts_sms", "hls")
+"""Series of the servos on a line; board: those of the Hex7Bot, by id."""
+_PAGE = 1000
+
+
+def known_series(series: str) -> str:
+    """A series, checked.
+
+    Raises:
+        UsageError: There is no such series.
+    """
+    if series not in SERIES:
+        raise UsageError(f"there is no servo series {series[:20]!r}; choose {', '.join(SERIES)}")
+    return series
+
+
+class View:
+    """Traffic to look at.
+
+    Args:
+        kind: ``live`` or ``file``.
+        name: Of the line or the file.
+        traffic: The frames.
+
+    Attributes:
+        id: Another one for each.
+    """
+
+    def __init__(self, kind: str, name: str, traffic: Traffic) -> None:
+        self.id = secrets.token_hex(8)
+        self.kind, self.name, self.traffic = kind, name, traffic
+        self._dissector = Dissector(traffic.series)
+
+    def rows(self, since: int, wanted: str = "", note: str = "", offset: float = 0.0) -> dict[str, Any]:
+        """The rows after a number that pass a filter, oldest first, for JSON.
+
+        Args:
+            since: The last number that was looked at; 0 for all.
+            wanted: The filter.
+            note: What a person should know of it.
+            offset: Seconds to add to times for seconds since 1970.
+
+        Returns:
+            ``rows`` as `Entry.as_row`; ``next``, the number to continue from; ``more``, whether there is more
+            already; ``first``, the oldest number that is kept; ``id``, another one for each source; its ``view``,
+            ``name`` and ``series``; ``note`` and ``offset``; ``newest``, the number of its newest frame.
+
+        Raises:
+            UsageError: The filter is wrong.
+        """
+        passes, traffic = parse_filter(wanted), self.traffic
+        found, reached, looked = list[Entry](), max(since, 0), 0
+        for entry in traffic.since(since):
+            looked += 1
+            if looked > 5 * _PAGE or len(found) == _PAGE:
+                break
+            reached = entry.number
+            if passes(entry):
+                found.append(entry)
+        return {
+            "rows": [entry.as_row() for entry in found],
+            "next": reached if found or looked else min(since, traffic.newest),
+            "more": reached < traffic.newest,
+            "first": traffic.newest - len(traffic) + 1,
+            "newest": traffic.newest,
+            "id": self.id,
+            "view": self.kind,
+            "name": self.name,
+            "series": traffic.series,
+            "note": note,
+            "offset": offset,
+        }
+
+    def frame(self, number: int) -> dict[str, Any]:
+        """One frame with its bytes and its tree, for JSON.
+
+        Raises:
+            UsageError: It is no longer kept.
+        """
+        entry = self.traffic.get(number)
+        if entry is None:
+            raise UsageError(f"frame {number} is no longer kept")
+        return {
+            "number": number,
+            "row": entry.as_row(),
+            "hex": entry.reading.data.hex(),
+            "tree": self._dissector.dissect(entry.reading).as_fields(),
+            "answered": entry.answered,
+            "took": None if entry.took is None else round(1000 * entry.took, 3),
+        }
