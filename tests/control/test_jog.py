@@ -63,8 +63,10 @@ class _Hold:
 
 def test_a_joint_moves_at_its_share_of_the_speed_limit_while_held() -> None:
     hold = _Hold(JogRequest(directions={_FIRST: 1.0}, speed=0.5))
+    for _ in range(20):
+        hold.turn()
     before = hold.where(_FIRST)
-    for _ in range(11):
+    for _ in range(10):
         target = hold.turn()
         assert [name for name, _ in target.positions] == [_FIRST]
     way = 0.5 * HEX7BOT.joint(_FIRST).max_speed * 0.2
@@ -75,7 +77,7 @@ def test_a_joint_moves_at_its_share_of_the_speed_limit_while_held() -> None:
 def test_without_signs_of_life_the_joint_brakes_and_stays(age: float) -> None:
     hold = _Hold(JogRequest(directions={_FIRST: 1.0}))
     places = []
-    for _ in range(5):
+    for _ in range(20):
         hold.turn()
         places.append(hold.where(_FIRST))
     hold.age = age
@@ -84,8 +86,8 @@ def test_without_signs_of_life_the_joint_brakes_and_stays(age: float) -> None:
         places.append(hold.where(_FIRST))
     speeds = [(b - a) / 0.02 for a, b in pairwise(places)]
     limit = HEX7BOT.joint(_FIRST).max_acceleration
-    assert speeds[3] == pytest.approx(0.3 * HEX7BOT.joint(_FIRST).max_speed)
-    assert all(0.0 <= a - b <= 1.001 * 0.02 * limit for a, b in pairwise(speeds[3:]))
+    assert speeds[18] == pytest.approx(0.3 * HEX7BOT.joint(_FIRST).max_speed)
+    assert all(0.0 <= a - b <= 1.001 * 0.02 * limit for a, b in pairwise(speeds[18:]))
     assert speeds[-1] < 0.02
     hold.age = 0.0
     assert hold.turn() is None
@@ -100,15 +102,33 @@ def test_a_stop_ends_it_and_a_reset_does_not_continue_it() -> None:
     assert hold.turn() is None
 
 
-def test_a_drag_ends_at_its_goal_without_overshoot() -> None:
+def test_a_drag_whose_goal_moves_keeps_all_limits() -> None:
     start = _state().positions[_FIRST]
     hold = _Hold(JogRequest(goals={_FIRST: start + 0.1}, speed=1.0))
+    places = [start] * 3
+    for goal in (start + 0.1, start - 0.3, start + 0.2, start + 0.05):
+        # The goal changes while the joint moves.
+        for _ in range(60 if goal == start + 0.05 else 12):
+            hold.jog.update(JogRequest(goals={_FIRST: goal}, speed=1.0))
+            hold.turn()
+            places.append(hold.where(_FIRST))
+    assert places[-1] == pytest.approx(start + 0.05, abs=1e-6)
+    joint, change = HEX7BOT.joint(_FIRST), places
+    for limit in (joint.max_speed, joint.max_acceleration, joint.max_jerk):
+        change = [(b - a) / 0.02 for a, b in pairwise(change)]
+        assert max(map(abs, change)) <= 1.001 * limit
+
+
+@pytest.mark.parametrize("way", [0.1, -0.4, 2e-3])
+def test_a_drag_comes_to_rest_at_its_goal(way: float) -> None:
+    start = _state().positions[_FIRST]
+    hold = _Hold(JogRequest(goals={_FIRST: start + way}, speed=1.0))
     places = []
     for _ in range(60):
         hold.turn()
         places.append(hold.where(_FIRST))
-    assert max(places) <= start + 0.1 + 1e-9
-    assert places[-1] == pytest.approx(start + 0.1)
+    assert max((place - start) / way for place in places) <= 1.0 + 1e-9
+    assert places[-1] == pytest.approx(start + way, abs=1e-6)
 
 
 def test_jog_in_space_moves_the_tip_along_its_axis() -> None:

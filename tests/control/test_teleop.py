@@ -155,7 +155,7 @@ def test_cartesian_jog_moves_the_tool(make: Callable[..., Rig]) -> None:
         return kinematics.forward(kinematics.from_joints(robot.read().positions)).position
 
     before = tool()
-    rig.run(push(0), 1.2)
+    rig.run(push(0), 1.4)
     after = tool()
     assert after[0] - before[0] == pytest.approx(0.05, abs=0.015)
     assert after[1:] == pytest.approx(before[1:], abs=0.008)

@@ -50,6 +50,12 @@ class Hand:
         self.cycle(buttons=0)
         assert self.cycle().action is Action.MOVE
 
+    def push(self, cycles: int = 40, **axes: float) -> Jog:
+        """Hold the stick until the speed is the wanted one."""
+        for _ in range(cycles):
+            jog = self.cycle(**axes)
+        return jog
+
 
 def puma(mode: JogMode = JogMode.JOINT, **options: float) -> Hand:
     return Hand(Teleop(PUMA260, Puma260Model(), mode=mode, **options), PUMA_POSE)
@@ -58,9 +64,12 @@ def puma(mode: JogMode = JogMode.JOINT, **options: float) -> Hand:
 def test_full_deflection_is_the_share_of_the_speed_limit() -> None:
     hand = puma(share=0.5)
     hand.begin()
+    for _ in range(20):
+        hand.cycle(a0=1.0)
+    before = hand.positions["J1"]
     for _ in range(50):
         hand.cycle(a0=1.0)
-    assert hand.positions["J1"] - PUMA_POSE["J1"] == pytest.approx(0.5 * PUMA260.joints[0].max_speed, rel=1e-6)
+    assert hand.positions["J1"] - before == pytest.approx(0.5 * PUMA260.joints[0].max_speed, rel=1e-6)
     assert {name: hand.positions[name] for name in PUMA260.names[1:]} == {
         name: PUMA_POSE[name] for name in PUMA260.names[1:]
     }
@@ -95,7 +104,7 @@ def test_released_the_joints_brake_within_their_limits_and_rest(mode: JogMode) -
     assert abs(before) > 0.09
     assert len(speeds) * hand.period > abs(before) / joint.max_acceleration
     for a, b in pairwise(speeds):
-        assert abs(b) <= abs(a)
+        assert abs(b) <= abs(a) + 0.02, "but for the acceleration that it had"
         assert abs(b - a) <= 1.001 * joint.max_acceleration * hand.period
     assert abs(speeds[-1]) < 0.02
     assert hand.cycle(buttons=0, a0=1.0).action is Action.IDLE
@@ -125,8 +134,9 @@ def test_a_joint_that_does_not_follow_is_held_at_once() -> None:
     assert hand.cycle(buttons=0).action is Action.IDLE
 
 
+@pytest.mark.parametrize("released", [False, True])
 @pytest.mark.parametrize("where", ["limit", "table"])
-def test_a_brake_that_leads_where_the_arm_must_not_go_is_a_hold_at_once(where: str) -> None:
+def test_the_joints_brake_before_a_place_where_the_arm_must_not_go(where: str, released: bool) -> None:
     hand, joint = puma(share=1.0), PUMA260.joint("J1")
     edge = PUMA_POSE["J1"] + 0.3 if where == "table" else joint.maximum
 
@@ -138,9 +148,23 @@ def test_a_brake_that_leads_where_the_arm_must_not_go_is_a_hold_at_once(where: s
     hand.begin()
     hand.positions["J1"] = edge - 0.2
     hand.begin()
+    places = [hand.positions["J1"]] * 2
     while hand.positions["J1"] < edge - 0.03:
         assert hand.cycle(a0=1.0).action is Action.MOVE
-    assert hand.cycle(buttons=0).action is Action.HOLD
+        places.append(hand.positions["J1"])
+    noted = set()
+    for _ in range(60):
+        jog = hand.cycle(buttons=0 if released else DEAD_MAN, a0=1.0)
+        assert jog.action is not Action.HOLD
+        noted.add(jog.note)
+        places.append(hand.positions["J1"])
+    assert max(places) <= edge
+    assert released or edge - places[-1] < 2e-3
+    assert noted == {""} if released else ("the table" if where == "table" else "J1 at the limit") in noted
+    speeds = [(b - a) / hand.period for a, b in pairwise(places)]
+    changes = [(b - a) / hand.period for a, b in pairwise(speeds)]
+    assert max(map(abs, changes)) <= 1.001 * joint.max_acceleration
+    assert max(abs(b - a) for a, b in pairwise(changes)) <= 1.001 * joint.max_jerk * hand.period
 
 
 def test_after_a_stop_nothing_brakes() -> None:
@@ -193,8 +217,9 @@ def test_the_dead_zone_and_no_jump_behind_it() -> None:
     hand.begin()
     hand.cycle(a0=0.12)
     assert hand.positions == PUMA_POSE
-    hand.cycle(a0=0.121)
-    assert 0 < hand.positions["J1"] - PUMA_POSE["J1"] < 1e-4
+    for _ in range(10):
+        hand.cycle(a0=0.121)
+    assert 0 < hand.positions["J1"] - PUMA_POSE["J1"] < 1e-3
 
 
 def test_limits_hold_the_joint_and_say_so() -> None:
@@ -203,7 +228,7 @@ def test_limits_hold_the_joint_and_say_so() -> None:
     hand.begin()
     for _ in range(50):
         jog = hand.cycle(a0=1.0)
-    assert hand.positions["J1"] == PUMA260.joints[0].maximum
+    assert hand.positions["J1"] == pytest.approx(PUMA260.joints[0].maximum, abs=1e-6)
     assert jog.note == "J1 at the limit"
     # A joint that stands outside comes back, and goes no further.
     hand = puma()
@@ -232,7 +257,7 @@ def test_a_program_that_stood_still_makes_no_leap() -> None:
     hand.cycle()
     hand.now += 60.0
     hand.cycle(a0=1.0)
-    assert hand.positions["J1"] - PUMA_POSE["J1"] <= 0.1 * PUMA260.joints[0].max_speed + 1e-9
+    assert hand.positions["J1"] - PUMA_POSE["J1"] <= PUMA260.joints[0].max_jerk * 0.1**3 / 6.0 + 1e-9
 
 
 def test_positions_that_are_not_known_move_nothing() -> None:
@@ -246,8 +271,10 @@ def test_positions_that_are_not_known_move_nothing() -> None:
 def test_cartesian_jog_moves_the_tool_straight(axis: str, which: int, sign: int) -> None:
     model = Puma260Model()
     hand = puma(JogMode.CARTESIAN, linear=0.03)
-    before = model.forward(model.from_joints(hand.positions))
     hand.begin()
+    start = model.forward(model.from_joints(hand.positions))
+    hand.push(**{axis: 1.0})
+    before = model.forward(model.from_joints(hand.positions))
     for _ in range(50):
         assert hand.cycle(**{axis: 1.0}).note == ""
     after = model.forward(model.from_joints(hand.positions))
@@ -255,7 +282,9 @@ def test_cartesian_jog_moves_the_tool_straight(axis: str, which: int, sign: int)
     expected = [0.0, 0.0, 0.0]
     expected[which] = sign * 0.03
     assert moved == pytest.approx(expected, abs=1e-6)
-    for row, other in zip(before.rotation, after.rotation, strict=True):
+    aside = [abs(b - a) for a, b in zip(start.position, after.position, strict=True)]
+    assert [way for i, way in enumerate(aside) if i != which] == pytest.approx([0.0, 0.0], abs=1e-6)
+    for row, other in zip(start.rotation, after.rotation, strict=True):
         assert row == pytest.approx(other, abs=1e-6)
 
 
@@ -264,11 +293,12 @@ def test_cartesian_jog_turns_the_tool_in_its_place() -> None:
     hand = puma(JogMode.CARTESIAN)
     before = model.forward(model.from_joints(hand.positions))
     hand.begin()
-    for _ in range(25):
-        hand.cycle(a7=1.0)
+    hand.push(a7=1.0)
+    begun = model.forward(model.from_joints(hand.positions))
+    hand.push(25, a7=1.0)
     after = model.forward(model.from_joints(hand.positions))
     assert after.position == pytest.approx(before.position, abs=1e-6)
-    axis, angle = rotation_between(before.rotation, after.rotation)
+    axis, angle = rotation_between(begun.rotation, after.rotation)
     assert angle == pytest.approx(0.4 * 0.5, abs=1e-6)
     assert axis == pytest.approx((0, 0, 1), abs=1e-6)
 
@@ -279,15 +309,17 @@ def test_cartesian_jog_of_the_hex7bot_with_its_gripper() -> None:
     start = {joint.name: 0.0 for joint in HEX7BOT.joints} | dict(model.to_joints(angles))
     start |= {"J2": start["J2"] + 0.2, "J5": 0.4}
     hand = Hand(Teleop(HEX7BOT, model, mode=JogMode.CARTESIAN, linear=0.03), start)
-    before = model.forward(model.from_joints(start))
     hand.begin()
+    hand.push(15, a4=1.0)
+    before = model.forward(model.from_joints(hand.positions))
     for _ in range(20):
         jog = hand.cycle(buttons=DEAD_MAN | 1, a4=1.0)
     assert jog.note == ""
     after = model.forward(model.from_joints(hand.positions))
     assert after.position[2] - before.position[2] == pytest.approx(-0.03 * 0.4, abs=1e-6)
     assert after.position[:2] == pytest.approx(before.position[:2], abs=1e-6)
-    assert hand.positions["J7"] == pytest.approx(0.3 * HEX7BOT.joints[6].max_speed * 0.4)
+    # It needs 0.275 s to its speed, and loses half of that.
+    assert hand.positions["J7"] == pytest.approx(0.3 * HEX7BOT.joints[6].max_speed * (0.4 - 0.1375))
 
 
 def test_the_edge_of_the_reach_refuses_and_lets_go_back() -> None:
@@ -297,8 +329,7 @@ def test_the_edge_of_the_reach_refuses_and_lets_go_back() -> None:
     notes = [hand.cycle(a4=-1.0).note for _ in range(1000)]
     assert notes[-1]
     at_the_edge = model.forward(model.from_joints(hand.positions))
-    for _ in range(25):
-        hand.cycle(a4=1.0)
+    hand.push(60, a4=1.0)
     back = model.forward(model.from_joints(hand.positions))
     assert back.position[2] < at_the_edge.position[2] - 0.01
 
@@ -380,12 +411,14 @@ def test_the_arm_keeps_its_coupling_limit_and_can_be_led_back() -> None:
 def test_cartesian_jog_turns_about_each_axis(axis: str, turn: tuple[int, int, int], push: float) -> None:
     model = Puma260Model()
     hand = puma(JogMode.CARTESIAN, angular=0.2)
-    before = model.forward(model.from_joints(hand.positions))
     hand.begin()
+    place = model.forward(model.from_joints(hand.positions)).position
+    hand.push(20, **{axis: push})
+    before = model.forward(model.from_joints(hand.positions))
     for _ in range(5):
         assert hand.cycle(**{axis: push}).note == ""
     after = model.forward(model.from_joints(hand.positions))
-    assert after.position == pytest.approx(before.position, abs=1e-6)
+    assert after.position == pytest.approx(place, abs=1e-6)
     about, angle = rotation_between(before.rotation, after.rotation)
     # 0.56 is half way from the dead zone to the end.
     share = math.copysign(1.0 if push == 1.0 else 0.5, push)
@@ -398,8 +431,10 @@ def test_every_axis_moves_its_joint_and_half_deflection_half_as_fast(axis: int, 
     hand = puma()
     joint = PUMA260.joints[(0, 1, 4, 3, 6, 7).index(axis)]
     hand.begin()
+    hand.push(**{f"a{axis}": 0.56})
+    before = dict(hand.positions)
     hand.cycle(**{f"a{axis}": 0.56})
-    moved = {name: hand.positions[name] - PUMA_POSE[name] for name in PUMA260.names}
+    moved = {name: hand.positions[name] - before[name] for name in PUMA260.names}
     expected = dict.fromkeys(PUMA260.names, 0.0) | {joint.name: sign * 0.5 * 0.3 * joint.max_speed * 0.02}
     assert moved == pytest.approx(expected, abs=1e-12)
 
@@ -411,9 +446,9 @@ def test_an_axis_that_is_missing_out_of_range_or_not_assigned_moves_nothing() ->
     for axes in ((), (1.01, -1.01), (math.nan, math.nan)):
         assert rules.update(axes, DEAD_MAN, 0.0, PUMA_POSE, 0.04).positions == PUMA_POSE
     jog = rules.update((1.0, -1.0), DEAD_MAN, 0.0, PUMA_POSE, 0.06)
-    step = {joint.name: 0.3 * joint.max_speed * 0.02 for joint in PUMA260.joints}
-    expected = {**PUMA_POSE, "J2": PUMA_POSE["J2"] - step["J2"], "J3": PUMA_POSE["J3"] - step["J3"]}
-    assert jog.positions == pytest.approx(expected)
+    # The first of a motion is that of the jerk.
+    step = 60.0 * 0.02**3 / 6.0
+    assert jog.positions == pytest.approx({**PUMA_POSE, "J2": PUMA_POSE["J2"] - step, "J3": PUMA_POSE["J3"] - step})
 
 
 def test_a_joint_moves_back_from_either_limit_and_not_beyond_it() -> None:
@@ -439,18 +474,23 @@ def test_the_gripper_opens_and_closes_between_its_limits() -> None:
     for kinematics in (model, None):
         hand = Hand(Teleop(HEX7BOT, kinematics, share=0.5), {**home, "J7": joint.maximum - 1e-3})
         hand.begin()
-        hand.cycle(buttons=close)
-        assert hand.positions["J7"] == joint.maximum
-        hand.cycle(buttons=open_)
-        assert hand.positions["J7"] == pytest.approx(joint.maximum - 0.5 * joint.max_speed * 0.02)
-        before = dict(hand.positions)
-        hand.cycle(buttons=both)
-        assert hand.positions == before
+        for _ in range(20):
+            hand.cycle(buttons=close)
+        assert hand.positions["J7"] == pytest.approx(joint.maximum, abs=1e-6)
+        for _ in range(25):
+            before = hand.positions["J7"]
+            hand.cycle(buttons=open_)
+        assert hand.positions["J7"] == pytest.approx(before - 0.5 * joint.max_speed * 0.02)
+        for _ in range(25):
+            before = hand.positions["J7"]
+            hand.cycle(buttons=both)
+        assert hand.positions["J7"] == before
         hand.positions["J7"] = joint.minimum + 1e-3
         hand.cycle(buttons=0)
         hand.begin()
-        hand.cycle(buttons=open_)
-        assert hand.positions["J7"] == joint.minimum
+        for _ in range(20):
+            hand.cycle(buttons=open_)
+        assert hand.positions["J7"] == pytest.approx(joint.minimum, abs=1e-6)
         assert {name: hand.positions[name] for name in HEX7BOT.names[:6]} == {n: home[n] for n in HEX7BOT.names[:6]}
 
 
@@ -458,11 +498,13 @@ def test_the_gripper_opens_and_closes_between_its_limits() -> None:
 def test_any_two_buttons_may_be_those_of_the_gripper(close: int, open_: int) -> None:
     home = {each.name: each.offset for each in HEX7BOT.joints}
     hand = Hand(Teleop(HEX7BOT, None, stick=StickMap(close=close, open=open_)), home)
-    hand.begin()
     for button in (close, open_, 5):
+        hand.begin()
         before = hand.positions["J7"]
         hand.cycle(buttons=DEAD_MAN | 1 << button)
         moved = hand.positions["J7"] - before
+        while hand.cycle(buttons=0).action is not Action.IDLE:
+            pass
         assert (moved > 0, moved < 0) == (button == close, button == open_)
 
 
@@ -488,25 +530,68 @@ def test_a_stall_moves_as_far_as_a_tenth_of_a_second() -> None:
         hand.period = pause
         hand.cycle(a0=1.0)
         moved = hand.positions["J1"] - PUMA_POSE["J1"]
-        assert moved == pytest.approx(counted * PUMA260.joints[0].max_speed, abs=1e-12)
+        assert moved == pytest.approx(PUMA260.joints[0].max_jerk * counted**3 / 6.0, abs=1e-12)
 
 
-def test_a_step_that_would_need_a_fast_joint_is_tried_in_halves() -> None:
+@pytest.mark.parametrize(("pause", "rests"), [(0.14, False), (0.16, True)])
+def test_after_a_stall_a_motion_begins_from_rest(pause: float, rests: bool) -> None:
+    hand, axes = puma(share=1.0), (1.0, *REST[1:])
+    hand.begin()
+    hand.push(a0=1.0)
+
+    def step(buttons: int) -> float:
+        before = hand.positions["J1"]
+        jog = hand.rules.update(axes, buttons, 0.0, hand.positions, hand.now, lead=0.05)
+        hand.positions |= jog.positions
+        return (hand.positions["J1"] - before) / PUMA260.joints[0].max_speed
+
+    assert step(DEAD_MAN) == 0.0, "no time has passed"
+    hand.now += pause
+    # Of a tenth of a second.
+    assert step(DEAD_MAN) == pytest.approx(60.0 * 1e-3 / 6.0 / PUMA260.joints[0].max_speed if rests else 0.1)
+    hand.now += 0.02
+    hand.push(a0=1.0)
+    step(DEAD_MAN)
+    hand.now += pause
+    assert (step(0) == 0.0) is rests, "what has come to rest does not brake any more"
+
+
+def test_a_joint_that_lags_is_followed_evenly() -> None:
+    """It comes to where it was told to be 0.12 s later."""
+    joint = HEX7BOT.joint("J1")
+    hand = Hand(Teleop(HEX7BOT, None, share=1.0), {each.name: each.offset for each in HEX7BOT.joints})
+    hand.begin()
+    hand.follows = False
+    told = [hand.positions["J1"]] * 7
+    notes = set()
+    for _ in range(60):
+        jog = hand.cycle(a0=1.0)
+        notes.add(jog.note)
+        told.append(jog.positions["J1"])
+        hand.positions["J1"] = told[-7]
+    assert notes == {""}
+    speeds = [(b - a) / hand.period for a, b in pairwise(told)]
+    assert max(abs(b - a) for a, b in pairwise(speeds)) <= 1.001 * joint.max_acceleration * hand.period
+    assert min(speeds[20:]) > 0.9
+    assert max(a - b for a, b in zip(told[6:], told[:-6], strict=True)) < math.radians(9.0)
+
+
+def test_near_a_singular_pose_the_tool_is_slower() -> None:
     # Near a stretched wrist a turn needs much faster joints than elsewhere.
     near = PUMA_POSE | {"J5": 0.02}
     model = Puma260Model()
     hand = Hand(Teleop(PUMA260, model, mode=JogMode.CARTESIAN, angular=2.0), near)
     hand.begin()
-    moved, notes = [], []
-    for _ in range(40):
+    moved = []
+    for _ in range(60):
         before = model.forward(model.from_joints(hand.positions)).rotation
         was = dict(hand.positions)
-        notes.append(hand.cycle(a3=1.0).note)
+        assert hand.cycle(a3=1.0).note == ""
         moved.append(rotation_between(before, model.forward(model.from_joints(hand.positions)).rotation)[1] / 0.04)
         for joint in PUMA260.joints:
             assert abs(hand.positions[joint.name] - was[joint.name]) <= joint.max_speed * 0.02 + 2e-9
-    assert {round(share, 3) for share in moved} <= {0.0, 0.25, 0.5, 1.0}
-    assert all(("near a singular pose" in note) == (share < 0.1) for note, share in zip(notes, moved, strict=True))
+    assert max(moved) < 0.5
+    assert min(moved[15:]) > 0.3
 
 
 def test_a_lost_channel_says_whether_there_ever_was_one() -> None:
@@ -546,7 +631,10 @@ def test_the_check_is_given_what_is_sent_and_where_that_begins() -> None:
     hand.begin()
     assert not seen, "nothing new"
     jog = hand.cycle(a0=1.0)
-    before, goal = seen[-1]
+    before, goal = seen[0]
     assert before == HALF | {"J2": outside}
     assert goal == {name: angle for name, angle in jog.positions.items() if name != "J2"}
     assert within_limits(PUMA260, jog.positions) == goal
+    # Then, where the joints would come to rest.
+    assert all(a[1].items() <= b[0].items() for a, b in pairwise(seen))
+    assert seen[-1][1]["J1"] > goal["J1"]

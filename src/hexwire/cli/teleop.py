@@ -119,8 +119,8 @@ def teleop(
 ) -> None:
     """Move an arm by joystick while the dead-man button is held.
 
-    The arm holds at once when the button is released or the joystick's channel is lost, and does not make a step
-    that would violate a joint coupling limit or touch the table. Button 7 switches between joint and cartesian
+    The arm brakes when the button is released or the joystick's channel is lost, and makes no step after which it
+    could not brake before a joint coupling limit or the table. Button 7 switches between joint and cartesian
     mode; buttons 0 and 1 close and open the gripper. Without --device, --from or --conf, the only joystick of this
     machine is used. If the board has a watchdog, it stops the arm when this program dies.
     """

@@ -34,6 +34,8 @@ _MAX_AGE = 1.0
 """Seconds of silence of a servo after which its joint does not begin to move."""
 _HELD, _NOT_HELD = 1, 0
 _SLOWEST, _FASTEST = 0.01, 1.0
+_THERE = 1e-6
+"""Radians from the goal of a drag that count as none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,9 +205,9 @@ class JogController:
             # After a stall the joints rest where the last target has led.
             self._rules = None
             return None
-        axes = self._axes(now - self._last)
         self._last = now
-        jog = rules.update(axes, _HELD if age < self.silence else _NOT_HELD, age, positions, now)
+        buttons = _HELD if age < self.silence else _NOT_HELD
+        jog = rules.update(self._axes(), buttons, age, positions, now, lead=lead, ends=self._request.goals)
         self.note = jog.note
         if jog.action is not Action.MOVE or state.stopped:
             self._rules = None
@@ -238,18 +240,15 @@ class JogController:
         """There are no goals."""
         return []
 
-    def _axes(self, step: float) -> tuple[float, ...]:
+    def _axes(self) -> tuple[float, ...]:
         request = self._request
         if request.tool:
             return request.tool
         if not request.goals:
             return tuple(request.directions.get(name, 0.0) for name in self.joints)
-        axes = []
-        for joint in self._arm.joints:
-            way = request.goals.get(joint.name, math.nan) - self._aim.get(joint.name, math.nan)
-            reach = request.speed * joint.max_speed * step
-            axes.append(max(-1.0, min(1.0, way / reach)) if math.isfinite(way) and reach > 0.0 else 0.0)
-        return tuple(axes)
+        # Towards the goal, where the rules let a joint come to rest.
+        ways = (request.goals.get(name, here) - here for name, here in self._aim.items())
+        return tuple(0.0 if abs(way) < _THERE else math.copysign(1.0, way) for way in ways)
 
     def _names(self, request: JogRequest) -> tuple[str, ...]:
         if not request.tool:

@@ -73,7 +73,8 @@ class TeleopController(GuidedController):
             # The joystick does not clear a stop, nor continue at once when it is cleared.
             self._rules.drop()
             age = math.inf
-        jog = self._rules.update(axes, buttons, age, state.positions, now)
+        lasts = OVERLAP * period
+        jog = self._rules.update(axes, buttons, age, state.positions, now, lead=lasts)
         found = board_stop(state)
         self._say(found or jog.note)
         self.moving = jog.action is Action.MOVE
@@ -83,7 +84,7 @@ class TeleopController(GuidedController):
             return None
         # A joint outside its limits stays where it is.
         inside = within_limits(self._rules.arm, jog.positions)
-        return JointTarget.of(inside, OVERLAP * period) if inside else None
+        return JointTarget.of(inside, lasts) if inside else None
 
 
 def run_teleop(

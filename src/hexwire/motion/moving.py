@@ -19,10 +19,13 @@ from hexwire.model.arm import ArmModel
 from .speed_profile import JointLimits, Piece
 from .waypoints import Sample, Trajectory
 
-__all__ = ["Pieces", "Row", "brake", "braking_time", "joint_limits", "reach"]
+__all__ = ["Pieces", "Row", "State", "brake", "braking_time", "change", "joint_limits", "reach", "rest_range"]
 
 Row = tuple[float, float, float, float, float]
 """Time, position, velocity, acceleration and jerk at the begin of a piece."""
+
+State = tuple[float, float, float]
+"""Position, velocity and acceleration of a joint."""
 
 _ROUNDS = 60
 """Most steps of a search for a speed; a few are usual."""
@@ -378,16 +381,50 @@ def reach(
     return None
 
 
-def brake(names: Sequence[str], begin: Sample, limits: Sequence[JointLimits]) -> Pieces:
-    """All joints to rest in the shortest time, together: a straight motion stays straight.
+def change(speed: tuple[float, float], to: float, limits: JointLimits, seconds: float) -> State:
+    """Change a speed towards another one for a time, as fast as the limits allow.
+
+    Args:
+        speed: Velocity and acceleration at the begin.
+        to: Velocity that is wanted.
+        limits: Of acceleration and jerk.
+        seconds: How long.
+
+    Returns:
+        The way, and velocity and acceleration after that time.
+    """
+    way, (v, a) = 0.0, speed
+    for u, j in _change(v, a, to, limits):
+        u = min(u, seconds)
+        way += u * (v + u * (0.5 * a + u * j / 6.0))
+        v, a, seconds = v + u * (a + 0.5 * u * j), a + u * j, seconds - u
+    if seconds > 0.0:
+        # It is there: rounding must not add up.
+        way, v, a = way + seconds * to, to, 0.0
+    return way, v, a
+
+
+def rest_range(state: State, limits: JointLimits) -> tuple[float, float]:
+    """The least and the greatest position of a joint that comes to rest in the shortest time."""
+    rows = _rows(*state, _change(*state[1:], 0.0, limits))
+    return Pieces(("",), [rows], [rows[-1][1]], rows[-1][0]).ranges()[0]
+
+
+def brake(names: Sequence[str], begin: Sample, limits: Sequence[JointLimits], *, together: bool = True) -> Pieces:
+    """All joints to rest in the shortest time.
 
     Args:
         names: Joint names.
         begin: Where they are and how they move.
         limits: Of the joints.
+        together: All of them in the same time: a straight motion stays straight. Otherwise each in its own.
     """
     seconds = braking_time(begin, limits)
-    rows = [_rows(p, v, a, _gently(v, a, seconds, limit)) for p, v, a, limit in zip(*begin, limits, strict=True)]
+    moving = zip(*begin, limits, strict=True)
+    rows = [
+        _rows(p, v, a, _gently(v, a, seconds, limit) if together else _change(v, a, 0.0, limit))
+        for p, v, a, limit in moving
+    ]
     return Pieces(names, rows, [row[-1][1] for row in rows], seconds)
 
 
