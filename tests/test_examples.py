@@ -17,7 +17,7 @@ from tests.link.far_ends import free_port
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLES = ROOT / "examples"
-ELSEWHERE = {"ros1_client": "tests/ros1/test_node_tools.py", "ros2_client": "tests/ros2/test_hardware_interface.py"}
+ELSEWHERE = {"ros1_client": "tests/ros1/test_node_tools.py", "ros2_client": "tests/ros2/test_node_process.py"}
 """Examples that need more than an emulated arm, and where they run."""
 
 pytestmark = pytest.mark.system

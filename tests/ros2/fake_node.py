@@ -1,17 +1,28 @@
-"""A node that is made up: it has names, publishers and services, and sends nothing."""
+"""A node that is made up: it has names, publishers, subscriptions and services, and sends nothing."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
-from hexwire.ros2.names import Kind, parse_remap, resolve
+from hexwire.ros2.graph import Graph
+from hexwire.ros2.keys import Endpoint, Role
+from hexwire.ros2.names import Kind, remap_node, resolve
 from hexwire.ros2.node import Deferred, NodeOptions
 from hexwire.ros2.qos import DEFAULT, SERVICES, Qos
 from hexwire.ros2.types import Types
 
 
 class FakePublisher:
+    """
+    Attributes:
+        sent: What it has published, as others read it.
+        has_readers: Whether anybody reads it.
+    """
+
+    has_readers = True
+
     def __init__(self, node: FakeNode, topic: str, type_name: str, qos: Qos) -> None:
         self.topic, self.type, self.qos = topic, node.types.message(type_name), qos
         self.sent: list[Any] = []
@@ -19,19 +30,45 @@ class FakePublisher:
         self._node = node
 
     def publish(self, message: Any) -> None:
+        self.publish_serialized(self.type.serialize(message))
+
+    def publish_serialized(self, payload: bytes) -> None:
         assert self.open
-        # As others read it.
-        self.sent.append(self.type.parse(self.type.serialize(message)))
+        self.sent.append(self.type.parse(payload))
         self._node.said.append((self.topic, self.sent[-1]))
 
     def close(self) -> None:
         self.open = False
 
 
+class FakeSubscription:
+    """
+    Args:
+        type: Of its messages.
+        qos: As it was declared.
+        callback: Gets each message.
+    """
+
+    def __init__(self, type: Any, qos: Qos, callback: Callable[[Any, int], object]) -> None:  # as elsewhere
+        self.type, self.qos, self._callback = type, qos, callback
+
+    def receive(self, sent: int, **fields: Any) -> None:
+        """A message arrives, as it was sent at so many nanoseconds of Unix time."""
+        self._callback(self.type.parse(self.type.serialize(self.type(**fields))), sent)
+
+
 class FakeService:
-    def __init__(self, node: FakeNode, name: str, type_name: str, callback: Callable[[Any], Any], qos: Qos) -> None:
+    def __init__(
+        self,
+        node: FakeNode,
+        name: str,
+        type_name: str,
+        callback: Callable[[Any], Any],
+        qos: Qos,
+        urgent: bool = False,
+    ) -> None:
         self.name, self.type, self.callback, self.qos = name, node.types.service(type_name), callback, qos
-        self.open = True
+        self.urgent, self.open = urgent, True
 
     def close(self) -> None:
         self.open = False
@@ -64,13 +101,21 @@ class FakeNode:
     """
 
     def __init__(
-        self, types: Types | None = None, name: str = "arm", namespace: str = "/", rules: tuple[str, ...] = ()
+        self,
+        types: Types | None = None,
+        name: str = "arm",
+        namespace: str = "/",
+        options: NodeOptions | None = None,
     ) -> None:
         self.types = types or Types()
-        self._rules = tuple(map(parse_remap, rules))
-        self.options = NodeOptions(name, namespace)
-        self.name, self.namespace = name, namespace
+        self.options = options or NodeOptions(name, namespace)
+        self.namespace, self.name = remap_node(self.options.namespace, self.options.name, self.options.remaps)
+        self.graph, self.told_types = Graph(), list[Any]()
+        # What arrives is handled at once.
+        self.callbacks = SimpleNamespace(inbox=lambda depth, handle: SimpleNamespace(put=handle))
+        self.opened = False
         self.publishers: dict[str, FakePublisher] = {}
+        self.subscriptions: dict[str, FakeSubscription] = {}
         self.services: dict[str, FakeService] = {}
         self.said: list[tuple[str, Any]] = []
 
@@ -79,26 +124,53 @@ class FakeNode:
         return f"{self.namespace.rstrip('/')}/{self.name}"
 
     def resolve(self, name: str, kind: Kind = Kind.TOPIC) -> str:
-        return resolve(name, self.namespace, self.name, kind, self._rules)
+        return resolve(name, self.namespace, self.name, kind, self.options.remaps)
+
+    def open(self) -> None:
+        self.opened = True
+        self.graph.add(self.token("1"))
+
+    def close(self) -> None:
+        self.opened = False
+
+    def token(self, session: str) -> str:
+        """Of a node of its name in a session."""
+        return Endpoint(0, session, "0", "0", Role.NODE, "/", self.namespace, self.name).token
+
+    def tell_type(self, kind: Any) -> None:
+        self.told_types.append(kind)
 
     def publisher(self, topic: str, type_name: str, qos: Qos = DEFAULT) -> FakePublisher:
         made = FakePublisher(self, self.resolve(topic), type_name, qos)
         self.publishers[made.topic] = made
         return made
 
+    def subscribe(
+        self, topic: str, type_name: str, qos: Qos, callback: Callable[[Any, int], object]
+    ) -> FakeSubscription:
+        made = FakeSubscription(self.types.message(type_name), qos, callback)
+        self.subscriptions[self.resolve(topic)] = made
+        return made
+
     def service(
-        self, name: str, type_name: str, callback: Callable[[Any], Any], qos: Qos = SERVICES
+        self,
+        name: str,
+        type_name: str,
+        callback: Callable[[Any], Any],
+        qos: Qos = SERVICES,
+        *,
+        urgent: bool = False,
     ) -> FakeService:
-        made = FakeService(self, self.resolve(name, Kind.SERVICE), type_name, callback, qos)
+        made = FakeService(self, self.resolve(name, Kind.SERVICE), type_name, callback, qos, urgent)
         self.services[made.name] = made
         return made
 
-    def call(self, name: str, **fields: Any) -> Call:
+    def call(self, service: str, /, **fields: Any) -> Call:
         """Ask a service, with the fields of the request."""
-        return Call(self, self.services[name], fields)
+        return Call(self, self.services[service], fields)
 
-    def ask(self, name: str, **fields: Any) -> Any:
+    def ask(self, service: str, /, **fields: Any) -> Any:
         """Ask a service that answers at once."""
-        response = self.call(name, **fields).response
+        response = self.call(service, **fields).response
         assert response is not None, "it answers later"
         return response

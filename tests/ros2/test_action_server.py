@@ -11,7 +11,8 @@ from tests.ros2.fake_node import Call, FakeNode
 from hexwire.ros2.action_server import ActionServer, GoalHandle, default_result_timeout
 from hexwire.ros2.distributions import Distribution
 from hexwire.ros2.goals import CancelCode, GoalStatus
-from hexwire.ros2.node import Deferred
+from hexwire.ros2.names import parse_remap
+from hexwire.ros2.node import Deferred, NodeOptions
 from hexwire.ros2.qos import Durability, Qos, Reliability
 from hexwire.ros2.types import Types
 
@@ -28,7 +29,7 @@ class World:
         self, distribution: Distribution = Distribution.JAZZY, rules: tuple[str, ...] = (), **options: Any
     ) -> None:
         self.types = Types(distribution)
-        self.node = FakeNode(self.types, namespace="/lab", rules=rules)
+        self.node = FakeNode(self.types, options=NodeOptions("arm", "/lab", remaps=tuple(map(parse_remap, rules))))
         self.now, self.stamp = 50.0, NOW
         self.handles: list[GoalHandle] = []
         self.cancelled: list[GoalHandle] = []

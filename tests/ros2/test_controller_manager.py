@@ -1,195 +1,198 @@
-"""A controller manager elsewhere drives the arm: what it may do, and what happens when it falls silent."""
+"""A controller manager elsewhere drives the arm: what it may do, and what happens when it falls silent.
+
+In simulated time; `package/test_with_the_node.py` has the same over Zenoh.
+"""
 
 from __future__ import annotations
 
+import logging
 import math
-import threading
-import time
 from collections.abc import Iterator
 
 import pytest
-from tests.ros2.node_fixtures import COMMAND_TIMEOUT, arm, shared_arm, world
-from tests.ros2.node_world import ABORTED, JOINTS, Arm, Goal, near, still, until
-from tests.ros2.topic_based_system import STATE, TopicBasedSystem
+from tests.motion.arms import NAMES
+from tests.ros2.front_bench import Front, Goal, running
+from tests.ros2.topic_based_system import COMMANDS, STATES, InProcess, TopicBasedSystem
 
-__all__ = ["arm", "shared_arm", "world"]
-
-pytestmark = pytest.mark.system
+REFUSED = "robot_joint_commands refused: "
 
 
 @pytest.fixture
-def manager(arm: Arm) -> Iterator[TopicBasedSystem]:
-    peer = arm.world.peer("controller_manager")
-    yield TopicBasedSystem(peer, JOINTS)
-    peer.close()
+def front() -> Iterator[Front]:
+    with running(allow_partial_joints_goal=True) as front:
+        front.enable()
+        yield front
 
 
-def aside(arm: Arm, angle: float) -> dict[str, float]:
-    here = arm.position()["J1"]
-    return {"J1": here - math.copysign(angle, here)}
+@pytest.fixture
+def manager(front: Front) -> TopicBasedSystem:
+    return TopicBasedSystem(InProcess(front), NAMES)
 
 
-def test_a_controller_moves_the_arm_through_the_manager(arm: Arm, manager: TopicBasedSystem) -> None:
-    target = aside(arm, 0.4)
+def aside(front: Front, angle: float) -> dict[str, float]:
+    return {"J1": front.where("J1") + angle}
+
+
+def refusals(caplog: pytest.LogCaptureFixture) -> list[str]:
+    said = [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
+    return [text.removeprefix(REFUSED) for text in said if text.startswith(REFUSED)]
+
+
+def test_a_controller_moves_the_arm_through_the_manager(
+    front: Front, manager: TopicBasedSystem, caplog: pytest.LogCaptureFixture
+) -> None:
+    target = aside(front, 0.4)
     manager.activate()
-    # It commands where the arm is, as a controller does, until that is accepted, even if the machine stalls.
-    manager.run(0.5)
     manager.move(target, 2.0)
     manager.run(0.5)
-    assert near(target, arm.board.positions)
+    assert front.near(target)
     assert manager.written > 100
+    assert refusals(caplog) == []
 
 
-def test_before_a_controller_is_active_nothing_moves(arm: Arm, manager: TopicBasedSystem) -> None:
-    before, said = arm.board.positions, len(arm.node.err)
+def test_before_a_controller_is_active_nothing_moves(
+    front: Front, manager: TopicBasedSystem, caplog: pytest.LogCaptureFixture
+) -> None:
+    before = front.positions
     manager.run(1.0)
     assert manager.written > 50, "NaN is sent"
-    assert near(before, arm.board.positions, 0.002)
-    assert "refused" not in arm.node.err[said:]
+    assert front.near(before, 0.002)
+    assert refusals(caplog) == []
 
 
-def test_zeros_of_a_plug_in_without_an_active_controller_move_nothing(arm: Arm) -> None:
+def test_zeros_of_a_plug_in_without_an_active_controller_move_nothing(
+    front: Front, caplog: pytest.LogCaptureFixture
+) -> None:
     """The plug-in's first versions send 0 for all joints as soon as it is active."""
-    peer = arm.world.peer("controller_manager")
-    try:
-        manager = TopicBasedSystem(peer, JOINTS, unclaimed=0.0)
-        before, said = arm.board.positions, len(arm.node.err)
-        refused = "refused: the first set-point is away from the arm: "
-        begun = time.monotonic()
-        manager.run(1.5)
-        until(lambda: refused in arm.node.err[said:], "it is logged", arm.node.report)
-        most = time.monotonic() - begun + 2.0
-        refusals = arm.node.err[said:].count(refused)
-        assert refusals <= most, "a warning a second, although the arm's angles are other numbers each time"
-        assert near(before, arm.board.positions, 0.002)
-    finally:
-        peer.close()
+    manager, before = TopicBasedSystem(InProcess(front), NAMES, unclaimed=0.0), front.positions
+    manager.run(2.5)
+    first, *others = refusals(caplog)
+    assert first.startswith("the first set-point is away from the arm: ")
+    assert len(others) == 2, "a warning a second, although the arm's angles are other numbers each time"
+    assert front.near(before, 0.002)
 
 
-def test_silence_because_nothing_changes_is_no_fault(arm: Arm) -> None:
-    peer = arm.world.peer("controller_manager")
-    try:
-        manager = TopicBasedSystem(peer, JOINTS, threshold=0.05)
-        target = aside(arm, 0.3)
-        manager.activate()
-        manager.move(target, 1.5)
-
-        def silent() -> bool:
-            written = manager.written
-            manager.run(0.3)
-            return manager.written == written
-
-        until(silent, "it has nothing to change", arm.node.report)
-        stood, written = still(lambda: arm.board.positions), manager.written
-        assert near(target, stood, 0.06), "as near as the threshold has it"
-        manager.run(COMMAND_TIMEOUT + 0.5)
-        assert manager.written - written < 5, "it is silent, as it has nothing to change"
-        assert near(stood, arm.board.positions, 0.01)
-        assert arm.diagnosed("board", 0, "ok")
-        manager.move(aside(arm, 0.3), 1.5)
-        until(lambda: not near(stood, arm.board.positions, 0.2), "it moves on", arm.node.report)
-    finally:
-        peer.close()
+def test_silence_because_nothing_changes_is_no_fault(front: Front) -> None:
+    manager = TopicBasedSystem(InProcess(front), NAMES, threshold=0.05)
+    target = aside(front, 0.3)
+    manager.activate()
+    manager.move(target, 1.5)
+    manager.run(1.0)
+    stood, written = front.positions, manager.written
+    assert front.near(target, 0.06), "as near as the threshold has it"
+    # Four times command_timeout.
+    manager.run(2.0)
+    assert manager.written == written, "it has nothing to change"
+    assert front.near(stood, 0.002)
+    assert front.diagnosed("board").level == 0
+    manager.move(aside(front, 0.3), 1.5)
+    assert not front.near(stood, 0.2), "it moves on"
 
 
-def _lost(arm: Arm) -> int:
+def _lost(front: Front) -> int:
     """How often set-points did not come any more."""
-    values = {pair.key: pair.value for pair in arm.diagnosed("board", 0).values}
+    values = {pair.key: pair.value for pair in front.diagnosed("board").values}
     return int(values["set points lost"])
 
 
-def test_a_manager_that_dies_in_the_middle_leaves_an_arm_that_holds(arm: Arm, manager: TopicBasedSystem) -> None:
-    target, lost = aside(arm, 0.8), _lost(arm)
+def test_a_manager_that_dies_in_the_middle_leaves_an_arm_that_holds(
+    front: Front, manager: TopicBasedSystem, caplog: pytest.LogCaptureFixture
+) -> None:
+    target, lost = aside(front, 0.8), _lost(front)
     manager.activate()
     manager.move({"J1": (manager.commands["J1"] + target["J1"]) / 2}, 2.0)
     # From here on it is silent; the last command was on the way.
-    until(lambda: _lost(arm) > lost, "its silence is noticed", arm.node.report)
-    stood = still(lambda: arm.board.positions)
-    assert not near(target, stood, 0.2)
-    assert all(servo.torque_on for servo in arm.board.board.wire.servos)
+    stood = front.still()
+    assert _lost(front) == lost + 1, "its silence is noticed"
+    assert not front.near(target, 0.2)
+    assert all(front.torques())
     # Its trajectory went on meanwhile: the arm does not dash after it.
-    said = len(arm.node.err)
     manager.commands.update(target)
     manager.run(0.8)
-    text = "refused: the first set-point is away from the arm: J1 by "
-    until(lambda: text in arm.node.err[said:], "it is logged", arm.node.report)
-    assert near(stood, arm.board.positions, 0.01)
+    assert refusals(caplog)[0].startswith("the first set-point is away from the arm: J1 by ")
+    assert front.near(stood, 0.002)
     # A controller that begins again does so where the arm is.
     manager.activate()
     manager.move(target, 2.0)
-    until(lambda: near(target, arm.board.positions), "it is there", arm.node.report)
+    manager.run(0.5)
+    assert front.near(target)
 
 
-def test_a_stop_voids_the_stream_also_after_the_reset(arm: Arm, manager: TopicBasedSystem) -> None:
-    target = aside(arm, 0.8)
+def test_a_stop_voids_the_stream_also_after_the_reset(front: Front, manager: TopicBasedSystem) -> None:
+    target = aside(front, 0.8)
     manager.activate()
     manager.move({"J1": (manager.commands["J1"] + target["J1"]) / 2}, 1.0)
-    arm.trigger("stop")
-    stood = still(lambda: arm.board.positions)
+    front.trigger("stop")
+    stood = front.still(0.5)
     manager.commands.update(target)
     manager.run(0.3)
-    arm.trigger("reset")
+    front.trigger("reset")
     manager.run(0.8)
-    assert near(stood, arm.board.positions, 0.01)
+    assert front.near(stood, 0.002)
 
 
-def test_the_newest_command_wins_over_a_goal(arm: Arm, manager: TopicBasedSystem) -> None:
-    goal = Goal(arm, (6.0, aside(arm, 0.6)))
+def test_the_newest_command_wins_over_a_goal(front: Front, manager: TopicBasedSystem) -> None:
+    goal = Goal(front, (6.0, aside(front, 0.6)))
     assert goal.accepted
-    results: list[tuple[int, int, str]] = []
-    waiting = threading.Thread(target=lambda: results.append(goal.result()))
-    waiting.start()
-    while not results:
-        # The arm moves on: if the manager is slow, its first command is away from the arm, and refused.
-        manager.activate()
-        manager.run(0.1)
-    waiting.join()
-    ((status, code, text),) = results
-    assert (status, code) == (ABORTED, -1)
+    front.turn(1.0)
+    manager.activate()
+    manager.run(0.1)
+    status, code, text = goal.result()
+    assert (status, code) == (6, -1)
     assert "replaced by set-points" in text
 
 
-@pytest.mark.parametrize(
-    ("names", "positions", "text"),
-    [
+def test_wrong_commands_are_logged_and_move_nothing(front: Front, caplog: pytest.LogCaptureFixture) -> None:
+    before = front.positions
+    for names, positions, text in (
         (("J1", "elbow"), (0.0, 0.0), "no joint 'elbow'"),
         (("J1", "J2"), (0.0,), "position has 1 values for 2 names"),
         (("J1", "J2"), (0.0, math.inf), "the position of J2 is inf"),
         (("J1", "J1"), (0.0, 0.0), "named twice"),
-    ],
-)
-def test_wrong_commands_are_logged_and_move_nothing(
-    arm: Arm, names: tuple[str, ...], positions: tuple[float, ...], text: str
+    ):
+        caplog.clear()
+        front.send(COMMANDS, name=names, position=positions)
+        (said,) = refusals(caplog)
+        assert text in said
+    front.turn(1.0)
+    assert front.near(before, 0.002)
+
+
+def test_without_torque_or_in_teach_mode_nothing_is_followed(
+    front: Front, manager: TopicBasedSystem, caplog: pytest.LogCaptureFixture
 ) -> None:
-    before, said = arm.board.positions, len(arm.node.err)
-    arm.peer.publish("/robot_joint_commands", STATE, name=names, position=positions)
-    until(lambda: "robot_joint_commands refused: " in arm.node.err[said:], "it is logged", arm.node.report)
-    assert text in arm.node.err[said:]
-    assert near(before, arm.board.positions, 0.002)
-
-
-def test_without_torque_or_in_teach_mode_nothing_is_followed(arm: Arm, manager: TopicBasedSystem) -> None:
     manager.activate()
-    arm.enable(False)
-    said = len(arm.node.err)
+    front.enable(False)
     manager.commands["J1"] += 0.05
-    manager.run(0.2)
-    until(lambda: "refused: no torque on J1" in arm.node.err[said:], "it is logged", arm.node.report)
-    arm.trigger("teach/start")
-    manager.run(0.2)
-    until(lambda: "refused: the arm is in teach mode" in arm.node.err[said:], "it is logged", arm.node.report)
-    arm.refused("teach/stop")
+    manager.run(0.05)
+    assert refusals(caplog)[0].startswith("no torque on J1")
+    front.trigger("teach/start")
+    caplog.clear()
+    manager.run(0.05)
+    assert refusals(caplog)[0].startswith("the arm is in teach mode")
+    front.refused("teach/stop")
 
 
-def test_a_part_of_the_joints_may_be_commanded(arm: Arm) -> None:
-    peer = arm.world.peer("controller_manager")
-    try:
-        manager = TopicBasedSystem(peer, ("J1",))
-        target = aside(arm, 0.2)
-        manager.activate()
-        manager.commands = {"J1": manager.commands["J1"]}
-        manager.move(target, 1.0)
-        manager.run(0.4)
-        assert near(target, arm.board.positions)
-    finally:
-        peer.close()
+def test_a_part_of_the_joints_may_be_commanded(front: Front) -> None:
+    manager, target = TopicBasedSystem(InProcess(front), ("J1",)), aside(front, 0.2)
+    manager.activate()
+    manager.commands = {"J1": manager.commands["J1"]}
+    manager.move(target, 1.0)
+    manager.run(0.4)
+    assert front.near(target)
+
+
+def test_the_distance_of_a_first_command_is_a_parameter() -> None:
+    with running(joint_commands_start_tolerance=0.0, allow_partial_joints_goal=True) as front:
+        front.enable()
+        target = aside(front, 0.4)
+        front.send(COMMANDS, name=list(target), position=list(target.values()))
+        front.turn(0.2)
+        assert not front.near({"J1": target["J1"] - 0.4}, 0.005), "0 means any"
+
+
+def test_topics_that_are_not_wanted_are_not_there() -> None:
+    with running(joint_states_topic="", joint_commands_topic="", publish_robot_description=False) as front:
+        assert not {STATES, "/robot_description", "/tf", "/tf_static"} & set(front.node.publishers)
+        assert COMMANDS not in front.node.subscriptions
+        assert front.newest("/joint_states").name

@@ -9,50 +9,86 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
+from typing import Any, Protocol
 
-from tests.ros2.node_world import Peer
+from tests.ros2.front_bench import Front
+from tests.ros2.node_world import Peer, until
 
 from hexwire.ros2.qos import SENSOR_DATA, Qos
 
 STATE = "sensor_msgs/msg/JointState"
 PERIOD = 0.01
+STATES, COMMANDS = "/robot_joint_states", "/robot_joint_commands"
+
+
+class Topics(Protocol):
+    """What the plug-in is connected to."""
+
+    def read(self) -> Any:
+        """The newest joint states."""
+
+    def write(self, **fields: Any) -> None:
+        """Send joint commands."""
+
+    def wait(self, seconds: float) -> None:
+        """Until the next cycle."""
+
+
+class OverZenoh:
+    """A node elsewhere, in real time."""
+
+    def __init__(self, peer: Peer) -> None:
+        self._peer, self.wait = peer, time.sleep
+        peer.listen(STATES, STATE, SENSOR_DATA)
+        self._publisher = peer.node.publisher(COMMANDS, STATE, Qos(depth=1))
+        until(lambda: peer.received[STATES] and self._publisher.subscriber_count(), "the node is there")
+
+    def read(self) -> Any:
+        return self._peer.received[STATES][-1]
+
+    def write(self, **fields: Any) -> None:
+        self._publisher.publish(self._peer.types.message(STATE)(**fields))
+
+
+class InProcess:
+    """A node in this process, in simulated time."""
+
+    def __init__(self, front: Front) -> None:
+        self._front, self.wait = front, front.turn
+
+    def read(self) -> Any:
+        return self._front.topic(STATES).sent[-1]
+
+    def write(self, **fields: Any) -> None:
+        self._front.send(COMMANDS, **fields)
 
 
 class TopicBasedSystem:
     """The plug-in in a controller manager of 100 Hz.
 
     Args:
-        peer: Its node.
+        topics: What it is connected to.
         joints: Of its ros2_control tag.
         unclaimed: Command of a joint that no controller has claimed: NaN, or 0 in the plug-in's first versions.
         threshold: `trigger_joint_command_threshold`.
-        at: Namespace of its topics, with a slash at both ends.
     """
 
     def __init__(
         self,
-        peer: Peer,
+        topics: Topics,
         joints: tuple[str, ...],
         *,
         unclaimed: float = math.nan,
         threshold: float = 1e-5,
-        at: str = "/",
     ) -> None:
-        self._peer, self._joints, self._threshold = peer, joints, threshold
-        self._topic = f"{at}robot_joint_states"
+        self._topics, self._joints, self._threshold = topics, joints, threshold
         self.commands = dict.fromkeys(joints, unclaimed)
         self.states = dict.fromkeys(joints, math.nan)
         self.written = 0
-        peer.listen(self._topic, STATE, SENSOR_DATA)
-        self._publisher = peer.node.publisher(f"{at}robot_joint_commands", STATE, Qos(depth=1))
-        deadline = time.monotonic() + 30.0
-        while not (peer.received[self._topic] and self._publisher.subscriber_count()):
-            assert time.monotonic() < deadline, "the node is not there"
-            time.sleep(0.02)
         self.read()
 
     def read(self) -> None:
-        message = self._peer.received[self._topic][-1]
+        message = self._topics.read()
         self.states.update(zip(message.name, message.position, strict=True))
 
     def write(self) -> None:
@@ -61,15 +97,14 @@ class TopicBasedSystem:
         if off <= self._threshold:
             return
         self.written += 1
-        make = self._peer.types.message(STATE)
-        self._publisher.publish(make(name=self._joints, position=[self.commands[joint] for joint in self._joints]))
+        self._topics.write(name=self._joints, position=[self.commands[joint] for joint in self._joints])
 
     def run(self, seconds: float) -> None:
         """Run the manager's loop with the present commands."""
         for _ in range(max(1, round(seconds / PERIOD))):
             self.read()
             self.write()
-            time.sleep(PERIOD)
+            self._topics.wait(PERIOD)
 
     def activate(self) -> None:
         """A controller begins: it commands the present position."""
@@ -84,4 +119,4 @@ class TopicBasedSystem:
                 self.commands[joint] = start[joint] + (angle - start[joint]) * i / steps
             self.read()
             self.write()
-            time.sleep(PERIOD)
+            self._topics.wait(PERIOD)

@@ -10,7 +10,7 @@ import pytest
 from tests.ros2.node_world import Arm, Goal, PtyBoard, near, until
 from tests.ros2.node_world import made as made_world
 from tests.ros2.package.launch_stand_ins import described, stand_ins, text
-from tests.ros2.topic_based_system import TopicBasedSystem
+from tests.ros2.topic_based_system import OverZenoh, TopicBasedSystem
 
 from hexwire.ros2.package import make_package, package_name
 
@@ -61,7 +61,7 @@ def test_a_controller_manager_brings_the_arm_to_named_poses(arm: Arm, package: P
     threshold = float(tag.findtext("hardware/param[@name='trigger_joint_command_threshold']", ""))
     peer = arm.world.peer("controller_manager")
     try:
-        manager = TopicBasedSystem(peer, joints, threshold=threshold)
+        manager = TopicBasedSystem(OverZenoh(peer), joints, threshold=threshold)
         manager.activate()
         goal = named(package, "ready") | named(package, "open")
         assert set(goal) == set(joints)
