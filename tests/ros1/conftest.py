@@ -1,15 +1,14 @@
-"""One master, one emulated arm and one node for the tests of a module; a test that breaks more has its own.
-
-They end with the module: a node that publishes takes a tenth of a processor from all tests after it.
-"""
+"""One master, one emulated arm and one node for the tests of this folder; a test that breaks more has its own."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from tests.of_folder import of_folder
 from tests.ros1.ros_world import Arm, PtyBoard, World, made
 
 POSES = {"home": {"J1": -0.087, "J2": 0.96, "J3": -0.044, "J4": 0.0, "J5": 0.0, "J6": 0.0}}
@@ -23,9 +22,8 @@ CONSTRAINTS = {"goal_time": 3.0, "stopped_velocity_tolerance": 0.2}
 
 
 @pytest.fixture(scope="module")
-def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
-    with made(tmp_path_factory.mktemp("ros")) as world:
-        yield world
+def world(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> World:
+    return of_folder(request, "world", lambda: made(tmp_path_factory.mktemp("ros")))
 
 
 @pytest.fixture
@@ -41,7 +39,12 @@ def own_world(tmp_path: Path) -> Iterator[World]:
 
 
 @pytest.fixture(scope="module")
-def shared_arm(world: World) -> Iterator[Arm]:
+def shared_arm(request: pytest.FixtureRequest, world: World) -> Arm:
+    return of_folder(request, "arm", lambda: _with_arm(world))
+
+
+@contextmanager
+def _with_arm(world: World) -> Iterator[Arm]:
     board = PtyBoard(world.folder / "shared")
     try:
         # As the chapter's node gets its port; other tests give the device.

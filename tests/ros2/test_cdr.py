@@ -8,7 +8,7 @@ from array import array
 from contextlib import suppress
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hexwire.errors import LocalProtocolError, RemoteProtocolError
@@ -108,36 +108,22 @@ RECEIVED = [
 ]
 
 
-@pytest.mark.parametrize("name", RECEIVED)
-@given(data=st.data())
-def test_every_message_comes_back(name: str, data: st.DataObject) -> None:
-    type_ = TYPES.message(name)
+# All types share the examples, which are as many as three types would have.
+MANY = settings(max_examples=3 * settings().max_examples)
+NAMES = st.sampled_from(RECEIVED)
+
+
+@MANY
+@given(st.data())
+def test_every_message_comes_back_and_a_cut_or_changed_one_is_refused_or_a_message(data: st.DataObject) -> None:
+    type_ = TYPES.message(data.draw(NAMES))
     message = data.draw(messages(TYPES, type_))
-    assert type_.parse(type_.serialize(message)) == message
-
-
-@pytest.mark.parametrize("name", RECEIVED)
-@given(data=st.data())
-def test_a_cut_message_is_refused(name: str, data: st.DataObject) -> None:
-    type_ = TYPES.message(name)
-    whole = type_.serialize(data.draw(messages(TYPES, type_)))
+    whole = type_.serialize(message)
+    assert type_.parse(whole) == message
     end = data.draw(st.integers(0, len(whole) - 1))
     with pytest.raises(RemoteProtocolError):
         type_.parse(whole[:end])
-
-
-@pytest.mark.parametrize("name", RECEIVED)
-@given(noise=st.binary(max_size=400), header=st.sampled_from([b"", b"\0\0\0\0", b"\0\1\0\0"]))
-def test_noise_is_a_message_or_a_protocol_error(name: str, noise: bytes, header: bytes) -> None:
-    with suppress(RemoteProtocolError):
-        TYPES.message(name).parse(header + noise)
-
-
-@pytest.mark.parametrize("name", RECEIVED)
-@given(data=st.data())
-def test_a_changed_message_is_a_message_or_a_protocol_error(name: str, data: st.DataObject) -> None:
-    type_ = TYPES.message(name)
-    changed = bytearray(type_.serialize(data.draw(messages(TYPES, type_))))
+    changed = bytearray(whole)
     for _ in range(data.draw(st.integers(1, 4))):
         start = data.draw(st.integers(0, len(changed) - 1))
         changed[start : start + 4] = data.draw(st.sampled_from([b"\xff" * 4, b"\0\0\0\x7f", b"\1\0\0\0", b"\0"]))
@@ -145,24 +131,32 @@ def test_a_changed_message_is_a_message_or_a_protocol_error(name: str, data: st.
         type_.parse(bytes(changed))
 
 
-@pytest.mark.parametrize("length", [0xFFFFFFFF, 0x7FFFFFFF, 0x00FFFFFF])
-@pytest.mark.parametrize("name", RECEIVED)
-def test_no_length_costs_more_memory_than_the_message_has_bytes(name: str, length: int) -> None:
-    type_ = TYPES.message(name)
-    zeros = bytes(400)
-    type_.message_class()
+@MANY
+@given(NAMES, st.binary(max_size=400), st.sampled_from([b"", b"\0\0\0\0", b"\0\1\0\0"]))
+def test_noise_is_a_message_or_a_protocol_error(name: str, noise: bytes, header: bytes) -> None:
     with suppress(RemoteProtocolError):
-        type_.parse(b"\0\1\0\0" + zeros)
-    tracemalloc.start()
-    try:
-        for start in range(0, 400, 4):
-            data = bytearray(b"\0\1\0\0" + zeros)
-            data[4 + start : 8 + start] = struct.pack("<I", length)
-            with suppress(RemoteProtocolError):
-                type_.parse(bytes(data))
-        assert tracemalloc.get_traced_memory()[1] < 200_000
-    finally:
-        tracemalloc.stop()
+        TYPES.message(name).parse(header + noise)
+
+
+def test_no_length_costs_more_memory_than_the_message_has_bytes() -> None:
+    zeros = bytes(400)
+    for name in RECEIVED:
+        type_ = TYPES.message(name)
+        type_.message_class()
+        with suppress(RemoteProtocolError):
+            type_.parse(b"\0\1\0\0" + zeros)
+        for length in (0xFFFFFFFF, 0x7FFFFFFF, 0x00FFFFFF):
+            tracemalloc.start()
+            try:
+                for start in range(0, 400, 4):
+                    data = bytearray(b"\0\1\0\0" + zeros)
+                    data[4 + start : 8 + start] = struct.pack("<I", length)
+                    with suppress(RemoteProtocolError):
+                        type_.parse(bytes(data))
+                most = tracemalloc.get_traced_memory()[1]
+            finally:
+                tracemalloc.stop()
+            assert most < 200_000, f"{name} takes {most} bytes for a length of {length:#x}"
 
 
 def test_a_message_that_is_too_large_is_refused() -> None:

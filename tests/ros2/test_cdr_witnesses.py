@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given, note, settings
 from hypothesis import strategies as st
 
 from hexwire.ros2.types import MessageType, Types
@@ -40,12 +40,18 @@ def _check_rosbags(type_: MessageType, message: Any) -> None:
     assert type_.parse(ROSBAGS.serialize(type_.name, message, little=False)) == message
 
 
-@pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=5)
 @given(data=st.data())
-def test_rosbags_has_the_same_bytes_for_every_type(name: str, data: st.DataObject) -> None:
+def _check_type(name: str, data: st.DataObject) -> None:
+    note(name)
     for type_ in messages_of(TYPES, name):
         _check_rosbags(type_, data.draw(messages(TYPES, type_)))
+
+
+@pytest.mark.slow
+def test_rosbags_has_the_same_bytes_for_every_type() -> None:
+    for name in NAMES:
+        _check_type(name)
 
 
 @given(messages(TYPES, TYPES.message("sensor_msgs/msg/JointState")))
@@ -59,6 +65,7 @@ def foxglove() -> Iterator[Foxglove]:
         yield running
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SHOWN)
 @given(data=st.data())
 def test_foxglove_has_the_same_bytes(foxglove: Foxglove, name: str, data: st.DataObject) -> None:

@@ -1,27 +1,31 @@
-"""One router, one node and one strict participant for the tests of a module; a test that breaks more has its own.
-
-They end with the module: a node that publishes takes a part of a processor from all tests after it.
-"""
+"""One router, one node and one strict participant for this folder; a test that breaks more has its own."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
+from tests.of_folder import of_folder
 from tests.ros2.strict_client.wire import Participant
 from tests.ros2.strict_client.world import Arm, running
 
 POSES = ("poses.home.J1:=-0.087", "poses.home.J2:=0.96", "poses.home.J3:=-0.044", "poses.home.J4:=0.0")
 
 
-@pytest.fixture(scope="module")
-def shared_arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Arm]:
-    folder = tmp_path_factory.mktemp("ros2")
+@contextmanager
+def _running(folder: Path) -> Iterator[Arm]:
     with (
         running(folder, "enable_on_start:=true", "allow_partial_joints_goal:=true", *POSES) as (port, node),
         Participant(port) as me,
     ):
         yield Arm(me, port, node)
+
+
+@pytest.fixture(scope="module")
+def shared_arm(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Arm:
+    return of_folder(request, "arm", lambda: _running(tmp_path_factory.mktemp("ros2")))
 
 
 @pytest.fixture
