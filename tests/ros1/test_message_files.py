@@ -60,6 +60,7 @@ def test_another_python_has_the_same_messages(tmp_path: Path) -> None:
     assert {f"control_msgs/{name}": checksum for name, checksum in CHECKSUMS.items()}.items() <= found.items()
 
 
+@pytest.mark.slow
 def test_rostopic_shows_what_the_node_publishes_by_them(arm: Arm, tmp_path: Path) -> None:
     _write(tmp_path / "made")
     path = str(tmp_path / "made")
@@ -69,6 +70,7 @@ def test_rostopic_shows_what_the_node_publishes_by_them(arm: Arm, tmp_path: Path
     assert "velocity" in asked.out
 
 
+@pytest.mark.slow
 def test_a_node_that_finds_them_installed_does_the_same(world: World, tmp_path: Path) -> None:
     _write(tmp_path / "made")
     board = PtyBoard(tmp_path / "board")

@@ -46,6 +46,7 @@ def test_controller_state_says_what_is_desired_and_what_is(arm: Arm) -> None:
 # -- commands ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_query_state_says_where_the_arm_is_meant_to_be_then(arm: Arm) -> None:
     service, here = f"{arm.namespace}query_state", arm.position()
     at_rest = arm.client.query(service=service, delay=0.0)
@@ -90,16 +91,21 @@ def test_positions_are_logged_as_the_chapters_node_does(arm: Arm) -> None:
     until(lambda: "hex7bot:: HW read (degree):\nJ1=" in arm.node.out, "positions are logged", arm.node.report)
 
 
-@pytest.mark.parametrize("case", WRONG_COMMANDS)
-def test_wrong_command_is_logged_and_moves_nothing(arm: Arm, case: str) -> None:
-    wrong, text = WRONG_COMMANDS[case]
-    before, said = arm.board.positions, len(arm.node.err)
-    arm.client.command(topic="/command", **wrong)
-    until(lambda: "command refused" in arm.node.err[said:], "it is logged", arm.node.report)
-    assert text in arm.node.err[said:].lower()
-    assert near(before, arm.board.positions, 0.002)
+def test_wrong_command_is_logged_and_moves_nothing(arm: Arm) -> None:
+    before = arm.board.positions
+    for case, (wrong, text) in WRONG_COMMANDS.items():
+        said = len(arm.node.err)
+        arm.client.command(topic="/command", **wrong)
+        until(
+            lambda said=said: "command refused" in arm.node.err[said:],  # type: ignore[misc]  # bound at once
+            f"{case} is logged",
+            arm.node.report,
+        )
+        assert text in arm.node.err[said:].lower(), case
+        assert near(before, arm.board.positions, 0.002), case
 
 
+@pytest.mark.slow
 def test_joint_commands_are_pursued(arm: Arm) -> None:
     # A stream before a stop has paused.
     time.sleep(PAUSE)
@@ -110,6 +116,7 @@ def test_joint_commands_are_pursued(arm: Arm) -> None:
     arm.logged("ignored: kp_position")
 
 
+@pytest.mark.slow
 def test_set_points_that_go_on_through_a_stop_move_nothing_after_the_reset(arm: Arm) -> None:
     target = {"J1": _aside(arm, 0.8)}
     start = arm.board.positions
@@ -141,6 +148,7 @@ WRONG_SET_POINTS: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
+@pytest.mark.slow
 def test_wrong_set_points_are_logged_and_move_nothing(arm: Arm) -> None:
     # Between them and the ones of the test before is a stop.
     time.sleep(PAUSE)
@@ -171,6 +179,7 @@ def test_stop_and_reset_can_be_repeated(arm: Arm) -> None:
         assert arm.trigger("reset") == "reset; nothing moves until the next command"
 
 
+@pytest.mark.slow
 def test_a_burst_of_stops_is_few_stops_and_the_reset_after_it_stays(arm: Arm) -> None:
     callers, each = 32, 4
     counter = arm.board.board.stops
@@ -206,6 +215,7 @@ def test_pose_is_gone_to_and_stop_ends_that(arm: Arm) -> None:
     assert arm.result("away")["state"] == "SUCCEEDED"
 
 
+@pytest.mark.slow
 def test_taught_motion_is_latched_saved_and_played(arm: Arm) -> None:
     arm.trigger("go_to/home")
     assert "the arm is not in teach mode" in arm.refused("teach/stop")
@@ -229,6 +239,7 @@ def test_taught_motion_is_latched_saved_and_played(arm: Arm) -> None:
     assert near(led_to, arm.board.positions)
 
 
+@pytest.mark.slow
 def test_teaching_without_a_motion_is_reported_and_the_arm_is_held_again(arm: Arm) -> None:
     still(lambda: arm.board.positions)
     arm.trigger("teach/start")

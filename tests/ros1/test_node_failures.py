@@ -57,6 +57,7 @@ def _held(arm: Arm) -> dict[str, float]:
 # -- the node ends ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_killed_during_a_move_the_arm_is_held_by_its_board(own_arm: Arm) -> None:
     arm, world = own_arm, own_arm.world
     _moving(arm)
@@ -84,13 +85,21 @@ def test_killed_during_a_move_the_arm_is_held_by_its_board(own_arm: Arm) -> None
     assert node.end() == 0
 
 
-@pytest.mark.parametrize("how", ["SIGINT", "SIGTERM", "rosnode kill"])
-def test_ended_during_a_move_the_arm_is_held(own_arm: Arm, how: str) -> None:
+def test_ended_during_a_move_the_arm_is_held(own_arm: Arm) -> None:
     _moving(own_arm)
-    if how.startswith("SIG"):
-        own_arm.node.end(signal.Signals[how])
-    else:
-        own_arm.world.run("rosnode", "kill", f"{own_arm.namespace}hardware_interface")
+    own_arm.world.run("rosnode", "kill", f"{own_arm.namespace}hardware_interface")
+    _ended_and_held(own_arm)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["SIGINT", "SIGTERM"])
+def test_ended_by_a_signal_during_a_move_the_arm_is_held(own_arm: Arm, how: str) -> None:
+    _moving(own_arm)
+    own_arm.node.end(signal.Signals[how])
+    _ended_and_held(own_arm)
+
+
+def _ended_and_held(own_arm: Arm) -> None:
     assert own_arm.node.wait() == 0
     assert "Traceback" not in own_arm.node.err
     _held(own_arm)
@@ -98,6 +107,7 @@ def test_ended_during_a_move_the_arm_is_held(own_arm: Arm, how: str) -> None:
     assert own_arm.result("move")["state"] == "ABORTED"
 
 
+@pytest.mark.slow
 def test_newer_node_of_the_same_name_takes_over(own_arm: Arm) -> None:
     _moving(own_arm)
     newer = own_arm.world.node(f"__ns:={own_arm.namespace.strip('/')}", f"_port:={own_arm.board.port}", *SETTINGS)
@@ -112,6 +122,7 @@ def test_newer_node_of_the_same_name_takes_over(own_arm: Arm) -> None:
     assert newer.end() == 0
 
 
+@pytest.mark.slow
 def test_torque_is_taken_at_the_end_where_that_is_asked_for(world: World) -> None:
     board = PtyBoard(world.folder / "limp")
     try:
@@ -126,6 +137,7 @@ def test_torque_is_taken_at_the_end_where_that_is_asked_for(world: World) -> Non
 # -- the robot fails ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_unplugged_during_a_move_and_plugged_in_again(own_arm: Arm) -> None:
     arm, board = own_arm, own_arm.board
     _moving(arm)
@@ -159,6 +171,7 @@ def _published(arm: Arm) -> set[str]:
     return set(arm.position())
 
 
+@pytest.mark.slow
 def test_servo_lost_during_a_move_stops_the_arm(arm: Arm) -> None:
     here = arm.position()
     arm.send("move", {"J1": here["J1"] - 0.5, "J5": here["J5"] - 0.3}, 5.0)
@@ -188,6 +201,7 @@ def test_servo_lost_at_rest_is_reported_and_the_others_continue(arm: Arm) -> Non
     arm.diagnosed("J6 (servo 5)", 0)
 
 
+@pytest.mark.slow
 def test_blocked_arm_stops_by_itself(arm: Arm) -> None:
     here = arm.position()["J1"]
     arm.board.block("J1")
@@ -203,6 +217,7 @@ def test_blocked_arm_stops_by_itself(arm: Arm) -> None:
     arm.diagnosed("board", 2, "J1")
 
 
+@pytest.mark.slow
 def test_board_that_restarts_is_watched_again(arm: Arm) -> None:
     said = len(arm.node.err)
     arm.board.faults("reset:0.1")
@@ -224,6 +239,7 @@ def _one_line(text: str) -> str:
     return str(line)
 
 
+@pytest.mark.slow
 def test_port_of_another_node_is_left_alone(arm: Arm) -> None:
     second = arm.world.run(*NODE, "__ns:=second", f"_port:={arm.board.port}", "_connect_timeout:=0.2", status=1)
     assert "another" in _one_line(second.err) or "in use" in second.err
@@ -250,6 +266,7 @@ def test_without_a_master_it_ends_with_a_line(world: World) -> None:
     assert "roscore" in line
 
 
+@pytest.mark.slow
 def test_a_master_that_never_answers_counts_as_absent(world: World) -> None:
     with socket.create_server(("127.0.0.1", 0)) as mute:
         uri = f"http://127.0.0.1:{mute.getsockname()[1]}"
@@ -257,12 +274,14 @@ def test_a_master_that_never_answers_counts_as_absent(world: World) -> None:
     assert uri in _one_line(program.err)
 
 
+@pytest.mark.slow
 def test_settings_that_ros_does_not_take_end_it_with_a_line(world: World) -> None:
     assert "ROS_MASTER_URI" in _one_line(world.run(*NODE, status=2, ROS_MASTER_URI="nowhere").err)
     assert "{" in _one_line(world.run(*NODE, "__ns:=wrong", "_poses:={", status=2).err)
     assert "namespace" in _one_line(world.run(*NODE, "__ns:=1 x", status=2).err)
 
 
+@pytest.mark.slow
 def test_refused_command_line_is_forgotten_by_the_master(world: World) -> None:
     node = (*NODE, "__ns:=forgotten", f"_port:={world.folder / 'none'}", "_connect_timeout:=0.2")
     world.run(*node, "_publish_rat:=5", "_links:=Z", status=2)
@@ -271,6 +290,7 @@ def test_refused_command_line_is_forgotten_by_the_master(world: World) -> None:
     world.run(*node, status=1)
 
 
+@pytest.mark.slow
 def test_an_address_of_another_machine_is_reported(world: World) -> None:
     port = world.folder / "elsewhere"
     board = world.board(port)
@@ -280,6 +300,7 @@ def test_an_address_of_another_machine_is_reported(world: World) -> None:
     board.end()
 
 
+@pytest.mark.slow
 def test_without_a_place_for_log_files_it_still_speaks(world: World) -> None:
     node = (*NODE, "__ns:=silent", f"_port:={world.folder / 'none'}", "_connect_timeout:=3600")
     program = world.start(*node, ROS_LOG_DIR="/proc/none")
@@ -287,6 +308,7 @@ def test_without_a_place_for_log_files_it_still_speaks(world: World) -> None:
     assert program.end() == 0
 
 
+@pytest.mark.slow
 def test_wrong_port_ends_with_a_line(world: World) -> None:
     port = str(world.folder / "none")
     program = world.run(*NODE, "__ns:=wrong", f"_port:={port}", "_connect_timeout:=0.2", status=1)
@@ -305,6 +327,7 @@ def test_all_wrong_parameters_are_reported_at_once(world: World) -> None:
         assert text in line
 
 
+@pytest.mark.slow
 def test_waits_for_a_board_that_is_plugged_in_later(world: World) -> None:
     port = world.folder / "later"
     node = world.start(*NODE, "__ns:=later", f"_port:={port}", "_connect_timeout:=60")
@@ -314,6 +337,7 @@ def test_waits_for_a_board_that_is_plugged_in_later(world: World) -> None:
     assert node.end() == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["SIGINT", "rosnode kill"])
 def test_ended_while_it_waits_for_a_board(world: World, how: str) -> None:
     node = world.start(*NODE, "__ns:=waits", f"_port:={world.folder / 'none'}", "_connect_timeout:=3600")
@@ -329,18 +353,29 @@ def test_ended_while_it_waits_for_a_board(world: World, how: str) -> None:
 # -- the master fails -------------------------------------------------------------------------------------------
 
 
-def test_master_that_is_restarted_has_everything_again(own_world: World) -> None:
+def test_master_that_hangs_dies_and_is_restarted(own_world: World) -> None:
+    """A motion needs no master, nor does the stop at a fault; afterwards everything is registered again."""
     world = own_world
     board = PtyBoard(world.folder / "arm")
     try:
         node = world.node(f"_port:={board.port}", *SETTINGS)
         arm = Arm(world, node, board=board)
         topics = arm.client.topics()
+        _moving(arm)
+        world.master.process.send_signal(signal.SIGSTOP)
+        try:
+            board.faults("silent:0")
+            until(lambda: board.board.state.stopped, "the arm is stopped", node.report)
+            assert arm.result("move")["state"] == "ABORTED"
+        finally:
+            world.master.process.send_signal(signal.SIGCONT)
+        board.faults()
+        until(lambda: set(arm.position()) == set(JOINTS), "J1 is back", node.report)
+        arm.trigger("reset")
         arm.send("move", TARGET, 4.0)
         arm.client.wait_active(key="move", feedback=4)
         world.master.end()
         world.drop_client()
-        # A motion needs no master.
         until(lambda: near(TARGET, board.positions), "it is there", node.report)
         world.master = world.start_master()
         assert world.master.running
@@ -360,21 +395,3 @@ def test_master_that_is_restarted_has_everything_again(own_world: World) -> None
 def test_master_that_forgot_a_service_is_told_again(arm: Arm) -> None:
     arm.client.forget(node="/hardware_interface", service=arm.service("stop"))
     assert arm.trigger("stop")
-
-
-def test_arm_does_not_wait_for_a_master_that_hangs(own_world: World) -> None:
-    board = PtyBoard(own_world.folder / "arm")
-    try:
-        node = own_world.node(f"_port:={board.port}", *SETTINGS)
-        arm = Arm(own_world, node, board=board)
-        _moving(arm)
-        own_world.master.process.send_signal(signal.SIGSTOP)
-        try:
-            board.faults("silent:0")
-            until(lambda: board.board.state.stopped, "the arm is stopped", node.report)
-            assert arm.result("move")["state"] == "ABORTED"
-        finally:
-            own_world.master.process.send_signal(signal.SIGCONT)
-        assert node.end() == 0
-    finally:
-        board.close()

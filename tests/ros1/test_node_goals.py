@@ -31,6 +31,7 @@ def test_goal_is_reached_with_feedback(arm: Arm) -> None:
         assert error == pytest.approx(desired - actual)
 
 
+@pytest.mark.slow
 def test_names_and_not_their_order_count(arm: Arm) -> None:
     here = arm.position()
     names = list(reversed(JOINTS))
@@ -56,6 +57,7 @@ def test_cancelled_goal_is_preempted_and_the_arm_holds(arm: Arm) -> None:
     assert arm.result("two")["state"] == "SUCCEEDED"
 
 
+@pytest.mark.slow
 def test_goal_cancelled_at_once_is_over(arm: Arm) -> None:
     target = _elsewhere(arm, 0.6)
     arm.send("one", target, 5.0)
@@ -64,6 +66,7 @@ def test_goal_cancelled_at_once_is_over(arm: Arm) -> None:
     assert not near(target, still(lambda: arm.board.positions))
 
 
+@pytest.mark.slow
 def test_new_goal_replaces_the_old_one(arm: Arm) -> None:
     start = arm.position()["J1"]
     arm.send("old", _elsewhere(arm, 0.6), 5.0)
@@ -74,6 +77,7 @@ def test_new_goal_replaces_the_old_one(arm: Arm) -> None:
     assert near({"J1": start}, arm.board.positions)
 
 
+@pytest.mark.slow
 def test_goal_may_begin_later(arm: Arm) -> None:
     target = _elsewhere(arm)
     arm.send("one", target, 1.0, delay=1.0)
@@ -104,17 +108,17 @@ REFUSED: dict[str, tuple[dict[str, Any], int, str]] = {
 }
 
 
-@pytest.mark.parametrize("case", REFUSED)
-def test_wrong_goal_is_rejected_and_moves_nothing(arm: Arm, case: str) -> None:
-    more, code, word = REFUSED[case]
+def test_wrong_goal_is_rejected_and_moves_nothing(arm: Arm) -> None:
     before = arm.board.positions
-    arm.send("one", {"J1": 0.0}, 1.0, **more)
-    result = arm.result("one")
-    assert (result["state"], result["code"]) == ("REJECTED", code), result["text"]
-    assert word in result["text"].lower() or word in result["text"]
-    assert near(before, arm.board.positions, 0.002)
+    for case, (more, code, word) in REFUSED.items():
+        arm.send(case, {"J1": 0.0}, 1.0, **more)
+        result = arm.result(case)
+        assert (result["state"], result["code"]) == ("REJECTED", code), f"{case}: {result['text']}"
+        assert word in result["text"].lower() or word in result["text"], case
+        assert near(before, arm.board.positions, 0.002), case
 
 
+@pytest.mark.slow
 def test_rejected_goals_never_hang_a_client(arm: Arm) -> None:
     # actionlib's client drops what is answered before it has noted its own goal.
     times = int(os.environ.get("TEST_GOALS", "50"))
@@ -123,6 +127,7 @@ def test_rejected_goals_never_hang_a_client(arm: Arm) -> None:
     }
 
 
+@pytest.mark.slow
 def test_wrong_goal_leaves_the_one_under_way_alone(arm: Arm) -> None:
     target = _elsewhere(arm)
     arm.send("good", target, 2.0)
@@ -133,6 +138,7 @@ def test_wrong_goal_leaves_the_one_under_way_alone(arm: Arm) -> None:
     assert near(target, arm.board.positions)
 
 
+@pytest.mark.slow
 def test_goal_without_torque_is_rejected(arm: Arm) -> None:
     arm.enable(False)
     arm.send("one", _elsewhere(arm), 1.0)
@@ -141,6 +147,7 @@ def test_goal_without_torque_is_rejected(arm: Arm) -> None:
     assert "torque" in result["text"]
 
 
+@pytest.mark.slow
 def test_torque_taken_away_aborts_a_goal(arm: Arm) -> None:
     target = _elsewhere(arm, 0.6)
     arm.send("one", target, 5.0)
@@ -152,6 +159,7 @@ def test_torque_taken_away_aborts_a_goal(arm: Arm) -> None:
     assert not near(target, still(lambda: arm.board.positions))
 
 
+@pytest.mark.slow
 def test_leaving_the_path_aborts_a_goal_and_the_arm_holds(arm: Arm) -> None:
     # Less than the rounding to counts of the servo.
     target = _elsewhere(arm, 0.6)
@@ -165,6 +173,7 @@ def test_leaving_the_path_aborts_a_goal_and_the_arm_holds(arm: Arm) -> None:
     assert arm.result("two")["state"] == "SUCCEEDED"
 
 
+@pytest.mark.slow
 def test_missing_the_goal_aborts_it_after_its_patience(arm: Arm) -> None:
     # Between two counts of the servo.
     arm.send("one", _elsewhere(arm), 1.0, goal={"J1": 1e-6}, goal_time=0.3)
@@ -173,6 +182,7 @@ def test_missing_the_goal_aborts_it_after_its_patience(arm: Arm) -> None:
     assert "J1" in result["text"]
 
 
+@pytest.mark.slow
 def test_goal_replaced_by_a_command_and_by_set_points(arm: Arm) -> None:
     start = arm.position()["J1"]
     arm.send("one", _elsewhere(arm, 0.6), 5.0)
@@ -206,6 +216,7 @@ def test_stop_aborts_a_goal_and_refuses_others_until_reset(arm: Arm) -> None:
     assert arm.result("three")["state"] == "SUCCEEDED"
 
 
+@pytest.mark.slow
 def test_many_goals_at_once_each_have_an_end(arm: Arm) -> None:
     start = arm.position()["J1"]
     for i in range(5):

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 
+import pytest
 from tests.drivers.puma_server import served_puma
 from tests.ros1.ros_world import JOINTS, Arm, World, near, until
 
 from hexwire.wire.robot_bodies import JointCommands
 
+pytestmark = pytest.mark.slow
 # A busy machine stalls longer than the usual 1 s.
 PATIENT = "_watchdog:=4.0"
 MOVEIT = {

@@ -7,13 +7,21 @@ import sys
 from collections.abc import Iterator
 
 import pytest
-from tests.ros1.ros_world import HEXWIRE, NODE, Arm, PtyBoard, World, near, serving_patiently, still, until
+from tests.ros1.ros_world import HEXWIRE, NODE, Arm, PtyBoard, World, made, near, serving_patiently, still, until
 
 import hexwire
 from hexwire.fleet.remote import RemoteRobot
 from hexwire.model.hex7bot import HEX7BOT
 
+pytestmark = pytest.mark.slow
 PORT = "zenoh:lab/arm1"
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
+    """A master of its own: its node has the name of that of the other tests."""
+    with made(tmp_path_factory.mktemp("ros")) as world:
+        yield world
 
 
 @pytest.fixture(scope="module")

@@ -19,6 +19,7 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 SHARE = Path(hexwire.ros1.__file__).resolve().parent / "share"
 
 
+@pytest.mark.slow
 def test_rostopic_echo(arm: Arm) -> None:
     out = arm.world.run("rostopic", "echo", "-n1", "-p", "/joint_states").out
     head, row = out.splitlines()
@@ -28,6 +29,7 @@ def test_rostopic_echo(arm: Arm) -> None:
     assert near(angles, arm.board.positions)
 
 
+@pytest.mark.slow
 def test_rostopic_hz(arm: Arm) -> None:
     # Counts arrivals, which stall with the machine; that the raster is right is said by stamps, elsewhere.
     program = arm.world.start("rostopic", "hz", "-w", "100", "/joint_states", PYTHONUNBUFFERED="1")
@@ -40,6 +42,7 @@ def test_rostopic_hz(arm: Arm) -> None:
     program.kill_all()
 
 
+@pytest.mark.slow
 def test_rostopic_pub_moves_the_arm(arm: Arm) -> None:
     here = arm.position()["J1"]
     target = here - math.copysign(0.2, here)
@@ -57,6 +60,7 @@ def test_the_example_moves_the_arm(arm: Arm) -> None:
     until(lambda: near({"J1": before + 0.2}, arm.board.positions), "it is there", arm.node.report)
 
 
+@pytest.mark.slow
 def test_rosservice_stops_and_resets(arm: Arm) -> None:
     listed = arm.world.run("rosservice", "list").out.split()
     names = ("stop", "reset", "enable", "go_to/home", "teach/start", "teach/stop", "teach/play")
@@ -70,6 +74,7 @@ def test_rosservice_stops_and_resets(arm: Arm) -> None:
     assert "success: True" in arm.world.run("rosservice", "call", arm.service("reset")).out
 
 
+@pytest.mark.slow
 def test_rosbag_plays_a_recorded_motion_back(arm: Arm, tmp_path: Path) -> None:
     world, bag = arm.world, tmp_path / "motion.bag"
     home, away = {"J1": -0.2, "J6": 0.0}, {"J1": 0.2, "J6": 0.2}
@@ -123,6 +128,7 @@ def test_rosbag_plays_a_recorded_motion_back(arm: Arm, tmp_path: Path) -> None:
     assert node.end() == 0
 
 
+@pytest.mark.slow
 def test_robot_state_publisher_puts_the_tool_where_the_model_does(arm: Arm) -> None:
     urdf = arm.world.run(*HEXWIRE, "model", "urdf").out
     arm.client.set_param(name="robot_description", value=urdf)
@@ -171,6 +177,7 @@ def test_rosnode_finds_the_node(arm: Arm) -> None:
     assert "/joint_states [sensor_msgs/JointState]" in info
 
 
+@pytest.mark.slow
 def test_roslaunch_brings_up_an_emulated_arm(world: World) -> None:
     launch = world.start(
         *("roslaunch", "hexwire", "hardware.launch", "sim:=true", "sim_options:=--baud 0", "__ns:=launched"),
@@ -188,6 +195,7 @@ def test_roslaunch_brings_up_an_emulated_arm(world: World) -> None:
     launch.kill_all()
 
 
+@pytest.mark.slow
 def test_rosparam_shows_the_parameters(arm: Arm) -> None:
     out = arm.world.run("rosparam", "get", "/hardware_interface").out
     assert "/ipc_msg.conf" in out

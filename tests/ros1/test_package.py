@@ -228,6 +228,7 @@ FRAMES = "/robot_state_publisher"
 BOARD = "/emulated_board"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "args", "nodes"),
     [
@@ -258,23 +259,27 @@ def test_emulated_board_and_node_have_the_same_port(ros: Ros) -> None:
     assert params["/hardware_interface/port"] == "/tmp/a b"
 
 
+@pytest.mark.slow
 def test_emulated_board_has_a_port_of_its_own(ros: Ros) -> None:
     first, second = (_params(ros, "hardware.launch", "sim:=true")["/hardware_interface/port"] for _ in range(2))
     assert first != second
     assert {str(Path(first).parent), str(Path(second).parent)} == {ros.env["TMPDIR"]}
 
 
+@pytest.mark.slow
 def test_display_passes_everything_on(ros: Ros) -> None:
     args = ["port:=/dev/ttyX", "links:=B", f"params:={PACKAGE}/config/hex7bot_moveit.yaml"]
     assert _params(ros, "display.launch", *args) == _params(ros, "hardware.launch", *args)
 
 
+@pytest.mark.slow
 def test_description_is_the_urdf_of_the_links_that_the_node_has(ros: Ros) -> None:
     params = _params(ros, "hardware.launch", "links:=B")
     assert params["/hardware_interface/links"] == "B"
     assert params["/robot_description"] == make_urdf(make_kinematics("hex7bot", "B"))
 
 
+@pytest.mark.slow
 def test_a_namespace_takes_everything_with_it(ros: Ros, tmp_path: Path) -> None:
     file = tmp_path / "two.launch"
     hardware = PACKAGE / "launch" / "hardware.launch"
@@ -288,6 +293,7 @@ def test_a_namespace_takes_everything_with_it(ros: Ros, tmp_path: Path) -> None:
     assert {name.split("/")[1] for name in names} == {"left", "right"}
 
 
+@pytest.mark.slow
 def test_frames_of_two_arms_can_be_told_apart(ros: Ros) -> None:
     prefix = "/robot_state_publisher/tf_prefix"
     assert _params(ros, "hardware.launch", "sim:=true", "tf_prefix:=left")[prefix] == "left"
@@ -299,6 +305,7 @@ def test_a_node_that_ends_is_not_restarted_unasked() -> None:
         assert node.get("respawn", "false") in ("false", "$(arg respawn)"), node.get("name")
 
 
+@pytest.mark.slow
 def test_moveit_is_told_of_the_controllers_that_the_node_has(ros: Ros) -> None:
     node = _config("hex7bot_moveit.yaml")["controllers"]
     params = _params(ros, "simple_moveit_controller_manager.launch.xml")
@@ -330,6 +337,7 @@ def test_parameters_are_ones_that_the_node_takes(file: str) -> None:
     assert driver.model is settings.model
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("args", [["hex7bot"], ["puma260"], ["so100"], ["so101"], ["sevenbot"]])
 def test_parameters_of_a_launch_are_ones_that_the_node_takes(args: list[str], ros: Ros) -> None:
     """With what the launch file adds, and in the types that roslaunch makes of it."""
@@ -393,6 +401,7 @@ def test_rviz_shows_frames_that_the_urdf_has(robot: str) -> None:
     assert links <= set(displays["rviz/TF"]["Frames"]), "a frame that is not named is shown"
 
 
+@pytest.mark.slow
 def test_robots_of_the_files_are_ones_that_are_installed() -> None:
     for file in NODE_FILES:
         load_driver(_config(file)["robot"])

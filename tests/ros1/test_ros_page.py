@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import pytest
 from tests.ros1.ros_world import Arm
 
 import hexwire.ros1
@@ -69,6 +70,7 @@ def test_the_apt_line_has_what_the_page_uses() -> None:
     assert imported <= installed
 
 
+@pytest.mark.slow
 def test_names_are_those_that_the_node_offers(arm: Arm) -> None:
     table, _, _ = _section("Topics, actions, services").partition("| trajectory, as a goal or on `command` |")
     rows = [line for line in table.splitlines() if line.startswith("| `")]

@@ -72,6 +72,7 @@ def test_killed_during_a_move_the_arm_is_held_by_its_board(own_arm: Arm) -> None
     assert arm.node.end() == 0
 
 
+@pytest.mark.slow
 def test_suspended_during_a_move_the_arm_is_held_by_its_board(own_arm: Arm) -> None:
     goal = _moving(own_arm)
     own_arm.node.process.send_signal(signal.SIGSTOP)
@@ -84,7 +85,9 @@ def test_suspended_during_a_move_the_arm_is_held_by_its_board(own_arm: Arm) -> N
     assert near(stood, still(lambda: own_arm.board.positions), 0.02)
 
 
-@pytest.mark.parametrize("how", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize(
+    "how", ["SIGTERM", *(pytest.param(each, marks=pytest.mark.slow) for each in ("SIGINT", "SIGHUP"))]
+)
 def test_ended_during_a_move_the_arm_is_held(own_arm: Arm, how: str) -> None:
     goal = _moving(own_arm)
     client = own_arm.peer.node
@@ -105,6 +108,7 @@ def test_ended_during_a_move_the_arm_is_held(own_arm: Arm, how: str) -> None:
     until(lambda: not any(each.namespace == own_arm.at.rstrip("/") for each in client.graph), "its tokens are gone")
 
 
+@pytest.mark.slow
 def test_torque_is_taken_at_the_end_where_that_is_asked_for(world: World) -> None:
     board = PtyBoard(world.folder / "limp")
     try:
@@ -174,6 +178,7 @@ def test_a_motion_goes_on_without_the_router_and_all_is_back_with_it(routed: tup
         board.close()
 
 
+@pytest.mark.slow
 def test_the_arm_does_not_wait_for_a_router_that_hangs(routed: tuple[World, Program]) -> None:
     world, router = routed
     board = PtyBoard(world.folder / "arm")
@@ -193,6 +198,7 @@ def test_the_arm_does_not_wait_for_a_router_that_hangs(routed: tuple[World, Prog
         board.close()
 
 
+@pytest.mark.slow
 def test_without_a_router_it_starts_and_says_what_is_missing(routed: tuple[World, Program]) -> None:
     world, router = routed
     router.end(signal.SIGKILL)
@@ -213,6 +219,7 @@ def test_without_a_router_it_starts_and_says_what_is_missing(routed: tuple[World
 # -- the robot fails ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_unplugged_during_a_move_and_plugged_in_again(own_arm: Arm) -> None:
     arm, board = own_arm, own_arm.board
     goal = _moving(arm)
@@ -235,6 +242,7 @@ def test_unplugged_during_a_move_and_plugged_in_again(own_arm: Arm) -> None:
     assert Goal(arm, (2.0, TARGET)).result()[0] == SUCCEEDED
 
 
+@pytest.mark.slow
 def test_servo_lost_during_a_move_stops_the_arm_and_is_left_out(own_arm: Arm) -> None:
     arm = own_arm
     goal = _moving(arm)
@@ -260,6 +268,7 @@ def _error(program: Program, status: int) -> str:
     return lines[-1]
 
 
+@pytest.mark.slow
 def test_port_of_another_node_is_left_alone(own_arm: Arm) -> None:
     port = own_arm.board.port
     second = own_arm.world.start(
@@ -270,6 +279,7 @@ def test_port_of_another_node_is_left_alone(own_arm: Arm) -> None:
     assert Goal(own_arm, (0.5, {"J1": own_arm.position()["J1"] + 0.05})).result()[0] == SUCCEEDED
 
 
+@pytest.mark.slow
 def test_a_second_node_of_the_same_name_does_not_start(own_arm: Arm) -> None:
     other = PtyBoard(own_arm.world.folder / "other")
     try:
@@ -285,6 +295,7 @@ def test_a_second_node_of_the_same_name_does_not_start(own_arm: Arm) -> None:
         other.close()
 
 
+@pytest.mark.slow
 def test_waits_for_a_board_that_is_plugged_in_later(world: World) -> None:
     port = world.folder / "later"
     node = world.node("-r", "__ns:=/later", "-p", f"port:={port}", "-p", "connect_timeout:=60.0", ready=False)
@@ -297,6 +308,7 @@ def test_waits_for_a_board_that_is_plugged_in_later(world: World) -> None:
         board.close()
 
 
+@pytest.mark.slow
 def test_ended_while_it_waits_for_a_board(world: World) -> None:
     node = world.node(
         "-r", "__ns:=/waits", "-p", "port:=/dev/not_there", "-p", "connect_timeout:=3600.0", ready=False

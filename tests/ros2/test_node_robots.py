@@ -24,7 +24,13 @@ pytestmark = pytest.mark.system
 STATE, STRING = "sensor_msgs/msg/JointState", "std_msgs/msg/String"
 
 
-@pytest.mark.parametrize("distribution", list(Distribution), ids=lambda each: each.value)
+@pytest.mark.parametrize(
+    "distribution",
+    [
+        pytest.param(each, marks=[pytest.mark.slow] if each is not Distribution.JAZZY else [], id=each.value)
+        for each in Distribution
+    ],
+)
 def test_clients_of_every_distribution_move_the_controllers_of_the_package(
     world: World, distribution: Distribution
 ) -> None:
@@ -81,6 +87,7 @@ def emulated(world: World, robot: str) -> str:
     return program.out.split()[0] if robot == "puma260" else str(link)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["puma260", "so100", "so101"])
 def test_every_robot_with_a_geometry_moves_and_has_a_description(world: World, robot: str) -> None:
     at, port = f"/{robot}/", emulated(world, robot)
@@ -97,6 +104,7 @@ def test_every_robot_with_a_geometry_moves_and_has_a_description(world: World, r
     assert node.end() == 0
 
 
+@pytest.mark.slow
 def test_gains_go_to_a_controller_that_obeys_them(world: World) -> None:
     with served_puma() as served:
         on = ("-p", "enable_on_start:=true")
@@ -129,6 +137,7 @@ def test_gains_go_to_a_controller_that_obeys_them(world: World) -> None:
         assert node.end() == 0
 
 
+@pytest.mark.slow
 def test_a_robot_without_a_geometry_has_no_description(world: World) -> None:
     port = emulated(world, "sevenbot")
     node = world.node("-r", "__ns:=/seven", "-p", "robot:=sevenbot", "-p", f"port:={port}")
@@ -139,6 +148,7 @@ def test_a_robot_without_a_geometry_has_no_description(world: World) -> None:
     arm.peer.close()
 
 
+@pytest.mark.slow
 def test_names_follow_namespace_and_remappings(world: World, tmp_path: Path) -> None:
     board = PtyBoard(tmp_path / "left")
     try:
@@ -165,6 +175,7 @@ def test_names_follow_namespace_and_remappings(world: World, tmp_path: Path) -> 
         board.close()
 
 
+@pytest.mark.slow
 def test_topics_that_are_not_wanted_are_not_there(world: World, tmp_path: Path) -> None:
     file = tmp_path / "quiet.yaml"
     file.write_text(

@@ -14,6 +14,7 @@ from tests.ros2.strict_client.wire import Participant, until
 from tests.ros2.strict_client.world import CONTROLLER, NODE, Arm, running
 
 
+@pytest.mark.slow
 def test_every_check_passes_for_the_running_node(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

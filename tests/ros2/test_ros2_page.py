@@ -175,6 +175,7 @@ def test_the_package_has_what_the_page_starts(shell: Shell) -> None:
     assert (package / "README.md").is_file()
 
 
+@pytest.mark.slow
 def test_several_arms(shell: Shell) -> None:
     with router(shell.port), Participant(shell.port) as me, Participant(shell.port, domain=7) as seventh:
         for command in commands("Several arms"):
@@ -186,6 +187,7 @@ def test_several_arms(shell: Shell) -> None:
         assert absolute <= {"/rosout", "/diagnostics", "/tf", "/tf_static", "/parameter_events"}
 
 
+@pytest.mark.slow
 def test_between_machines_with_certificates(shell: Shell) -> None:
     *make, start = commands("Between machines, with certificates")[:4]
     for command in make:

@@ -27,6 +27,7 @@ def by_reason(arm: PackageArm) -> dict[str, set[tuple[str, str]]]:
     return found
 
 
+@pytest.mark.slow
 def test_each_pair_has_the_reason_that_postures_show(arm: PackageArm) -> None:
     reasons = by_reason(arm)
     solids = Solids(arm, make_urdf(arm.kinematics))

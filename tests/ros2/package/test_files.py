@@ -54,6 +54,7 @@ def test_same_arm_same_text_and_nothing_left_to_fill_in(robot: str, name: str) -
         assert content.isascii(), path
 
 
+@pytest.mark.slow
 def test_ament_cmake_installs_every_file(robot: str, tmp_path: Path) -> None:
     package = written(tmp_path / "src", robot)
     prefix = tmp_path / "install"

@@ -40,6 +40,7 @@ def test_a_goal_is_accepted_and_succeeds(arm: Arm) -> None:
     assert (end.status, end.result.error_code) == (a.SUCCEEDED, a.SUCCESSFUL)
 
 
+@pytest.mark.slow
 def test_the_arm_is_where_the_goal_says(arm: Arm) -> None:
     sent = arm.short_goal(0.2, 1.0)
     assert arm.send(sent).result().status == a.SUCCEEDED
@@ -47,6 +48,7 @@ def test_the_arm_is_where_the_goal_says(arm: Arm) -> None:
     assert arm.positions() == pytest.approx(wanted, abs=0.06)
 
 
+@pytest.mark.slow
 def test_a_goal_where_the_arm_is_already_needs_no_time(arm: Arm) -> None:
     here = arm.positions()
     sent = goal(list(here), [point(list(here.values()), 0.0)])
@@ -55,6 +57,7 @@ def test_a_goal_where_the_arm_is_already_needs_no_time(arm: Arm) -> None:
     assert arm.positions() == pytest.approx(here, abs=0.03)
 
 
+@pytest.mark.slow
 def test_joints_are_ordered_by_name(arm: Arm) -> None:
     sent = arm.short_goal()
     trajectory = sent["trajectory"]
@@ -65,23 +68,27 @@ def test_joints_are_ordered_by_name(arm: Arm) -> None:
     assert arm.positions() == pytest.approx(wanted, abs=0.06)
 
 
+@pytest.mark.slow
 def test_some_joints_if_that_is_allowed(arm: Arm) -> None:
     at = arm.positions()["J1"]
     sent = goal(["J1"], [point([at - 0.1 if at > 0 else at + 0.1], 0.6)])
     assert arm.send(sent).result().status == a.SUCCEEDED
 
 
+@pytest.mark.slow
 def test_several_points(arm: Arm) -> None:
     points = [point(arm.near({"J1": 0.05}), 0.4), point(arm.near(), 0.8)]
     assert arm.send(goal(arm.names, points)).result().status == a.SUCCEEDED
 
 
+@pytest.mark.slow
 def test_velocities_with_zero_at_the_end(arm: Arm) -> None:
     zero = [0.0] * 7
     points = [point(arm.near({"J1": 0.05}), 0.5, velocities=zero), point(arm.near(), 1.0, velocities=zero)]
     assert arm.send(goal(arm.names, points)).result().status == a.SUCCEEDED
 
 
+@pytest.mark.slow
 def test_a_start_in_the_future_is_waited_for(arm: Arm) -> None:
     sent = arm.short_goal(0.1, 0.4)
     now = time.time() + 1.0
@@ -102,6 +109,7 @@ def test_the_status_goes_from_executing_to_succeeded(arm: Arm) -> None:
     assert [status for status in seen if status != a.ACCEPTED] == [a.EXECUTING, a.SUCCEEDED]
 
 
+@pytest.mark.slow
 def test_the_status_has_the_time_of_acceptance(arm: Arm) -> None:
     before = time.time()
     made = arm.send(arm.short_goal())
@@ -115,6 +123,7 @@ def test_the_status_has_the_time_of_acceptance(arm: Arm) -> None:
     assert before - 0.1 < stamp.sec + stamp.nanosec * 1e-9 < time.time() + 0.1
 
 
+@pytest.mark.slow
 def test_a_late_joiner_gets_the_status(arm: Arm) -> None:
     made = arm.send(arm.long_goal())
     assert made.accepted
@@ -128,6 +137,7 @@ def test_a_late_joiner_gets_the_status(arm: Arm) -> None:
         )
 
 
+@pytest.mark.slow
 def test_an_ended_goal_stays_in_the_array_for_a_while(arm: Arm) -> None:
     """rcl_action keeps a goal for its result time-out, 10 s since Jazzy."""
     first = arm.send(arm.short_goal())
@@ -142,6 +152,7 @@ def test_an_ended_goal_stays_in_the_array_for_a_while(arm: Arm) -> None:
     assert first.id in {each.goal_info.goal_id.uuid for each in listed.status_list}
 
 
+@pytest.mark.slow
 def test_the_status_has_each_goal_once(arm: Arm) -> None:
     arm.send(arm.short_goal()).result()
     for received in arm.action.status.take_all():
@@ -163,6 +174,7 @@ def test_feedback_comes_while_the_goal_runs(arm: Arm) -> None:
     made.result()
 
 
+@pytest.mark.slow
 def test_feedback_says_where_the_arm_is(arm: Arm) -> None:
     made = arm.send(arm.short_goal(0.2, 1.5))
     received = arm.action.feedback.take()
@@ -177,6 +189,7 @@ def test_feedback_says_where_the_arm_is(arm: Arm) -> None:
     made.result()
 
 
+@pytest.mark.slow
 def test_feedback_says_how_long_the_goal_has_run(arm: Arm) -> None:
     """joint_trajectory_controller fills time_from_start of `desired` and `actual`."""
     made = arm.send(arm.short_goal(0.2, 1.5))
@@ -190,6 +203,7 @@ def test_feedback_says_how_long_the_goal_has_run(arm: Arm) -> None:
     made.result()
 
 
+@pytest.mark.slow
 def test_feedback_ends_with_the_goal(arm: Arm) -> None:
     made = arm.send(arm.short_goal())
     made.result()
@@ -198,6 +212,7 @@ def test_feedback_ends_with_the_goal(arm: Arm) -> None:
     assert arm.action.feedback.listen(0.5) == []
 
 
+@pytest.mark.slow
 def test_feedback_is_of_the_running_goal_only(arm: Arm) -> None:
     first = arm.send(arm.long_goal())
     assert first.accepted
@@ -213,6 +228,7 @@ def test_feedback_is_of_the_running_goal_only(arm: Arm) -> None:
 # --- get_result ---
 
 
+@pytest.mark.slow
 def test_the_result_waits_for_the_end(arm: Arm) -> None:
     made = arm.send(arm.short_goal(0.2, 1.5))
     assert made.accepted
@@ -221,6 +237,7 @@ def test_the_result_waits_for_the_end(arm: Arm) -> None:
     assert made.result().status == a.SUCCEEDED
 
 
+@pytest.mark.slow
 def test_the_result_can_be_had_after_the_end(arm: Arm) -> None:
     made = arm.send(arm.short_goal())
     made.result()
@@ -233,12 +250,14 @@ def test_the_result_of_an_unknown_goal_is_unknown(arm: Arm) -> None:
     assert answer.status == a.UNKNOWN
 
 
+@pytest.mark.slow
 def test_the_result_of_a_refused_goal_is_unknown(arm: Arm) -> None:
     made = arm.send(goal(["nobody"], [point([0.0], 1.0)]))
     if not made.accepted:
         assert arm.action.result_of(made.id).message().status == a.UNKNOWN
 
 
+@pytest.mark.slow
 def test_two_clients_may_ask_for_one_result(arm: Arm) -> None:
     made = arm.send(arm.short_goal(0.2, 1.0))
     assert made.accepted
@@ -253,6 +272,7 @@ def test_two_clients_may_ask_for_one_result(arm: Arm) -> None:
 # --- refused goals ---
 
 
+@pytest.mark.slow
 def test_a_goal_that_is_known_is_refused(arm: Arm) -> None:
     made = arm.send(arm.long_goal())
     assert made.accepted
@@ -272,6 +292,7 @@ def test_wrong_joints(arm: Arm, names: list[str], code: int) -> None:
     still(arm, before)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bad", [float("nan"), float("inf"), 99.0])
 def test_wrong_positions(arm: Arm, bad: float) -> None:
     before = arm.positions()
@@ -281,36 +302,43 @@ def test_wrong_positions(arm: Arm, bad: float) -> None:
     still(arm, before)
 
 
+@pytest.mark.slow
 def test_too_few_positions(arm: Arm) -> None:
     sent = arm.short_goal()
     del sent["trajectory"]["points"][0]["positions"][-1]
     refused_or_aborted(arm, sent, a.INVALID_GOAL)
 
 
+@pytest.mark.slow
 def test_times_that_do_not_rise(arm: Arm) -> None:
     refused_or_aborted(arm, goal(arm.names, [point(arm.near(), 1.0), point(arm.near(), 0.5)]), a.INVALID_GOAL)
 
 
+@pytest.mark.slow
 def test_no_points(arm: Arm) -> None:
     refused_or_aborted(arm, goal(arm.names, []))
 
 
+@pytest.mark.slow
 def test_a_speed_at_the_end(arm: Arm) -> None:
     """allow_nonzero_velocity_at_trajectory_end is false since Iron."""
     sent = goal(arm.names, [point(arm.near({"J1": 0.05}), 1.0, velocities=[0.3, 0, 0, 0, 0, 0, 0])])
     refused_or_aborted(arm, sent, a.INVALID_GOAL)
 
 
+@pytest.mark.slow
 def test_too_fast(arm: Arm) -> None:
     refused_or_aborted(arm, arm.short_goal(1.0, 0.01), a.INVALID_GOAL)
 
 
+@pytest.mark.slow
 def test_all_in_the_past(arm: Arm) -> None:
     sent = arm.short_goal()
     sent["trajectory"]["header"]["stamp"] = {"sec": int(time.time()) - 100, "nanosec": 0}
     refused_or_aborted(arm, sent, a.OLD_HEADER)
 
 
+@pytest.mark.slow
 def test_a_refusal_leaves_the_running_goal_alone(arm: Arm) -> None:
     made = arm.send(arm.short_goal(0.2, 2.0))
     assert made.accepted
@@ -334,6 +362,7 @@ def test_a_new_goal_aborts_the_old_one(arm: Arm) -> None:
     assert second.result().status == a.SUCCEEDED
 
 
+@pytest.mark.slow
 def test_the_old_goal_is_aborted_before_the_new_one_ends(arm: Arm) -> None:
     first = arm.send(arm.long_goal())
     assert first.accepted
@@ -344,6 +373,7 @@ def test_the_old_goal_is_aborted_before_the_new_one_ends(arm: Arm) -> None:
     assert second.result().status == a.SUCCEEDED
 
 
+@pytest.mark.slow
 def test_many_goals_one_after_the_other(arm: Arm) -> None:
     made = [arm.send(arm.short_goal(0.05, 3.0)) for _ in range(5)]
     assert all(each.accepted for each in made)
@@ -353,6 +383,7 @@ def test_many_goals_one_after_the_other(arm: Arm) -> None:
     assert last.result().status == a.SUCCEEDED
 
 
+@pytest.mark.slow
 def test_two_clients_take_the_arm_from_each_other(arm: Arm) -> None:
     with Participant(arm.port, "other") as other:
         client = ActionClient(other, ACTION)
@@ -376,6 +407,7 @@ def test_a_goal_is_canceled(arm: Arm) -> None:
     assert made.result().status == a.CANCELED
 
 
+@pytest.mark.slow
 def test_a_canceled_arm_holds(arm: Arm) -> None:
     start, sent = arm.positions()["J1"], arm.short_goal(0.6, 4.0)
     target = sent["trajectory"]["points"][0]["positions"][0]
@@ -388,6 +420,7 @@ def test_a_canceled_arm_holds(arm: Arm) -> None:
     assert abs(arm.positions()["J1"] - target) > 0.1
 
 
+@pytest.mark.slow
 def test_the_status_of_a_canceled_goal(arm: Arm) -> None:
     made = arm.send(arm.long_goal())
     assert made.accepted
@@ -404,6 +437,7 @@ def test_canceling_an_unknown_goal(arm: Arm) -> None:
     assert (answer.return_code, answer.goals_canceling) == (a.UNKNOWN_GOAL, [])
 
 
+@pytest.mark.slow
 def test_canceling_an_ended_goal(arm: Arm) -> None:
     made = arm.send(arm.short_goal())
     made.result()
@@ -411,6 +445,7 @@ def test_canceling_an_ended_goal(arm: Arm) -> None:
     assert (answer.return_code, answer.goals_canceling) == (a.TERMINATED, [])
 
 
+@pytest.mark.slow
 def test_canceling_a_canceled_goal(arm: Arm) -> None:
     made = arm.send(arm.long_goal())
     assert made.accepted
@@ -419,6 +454,7 @@ def test_canceling_a_canceled_goal(arm: Arm) -> None:
     assert made.cancel().return_code == a.TERMINATED
 
 
+@pytest.mark.slow
 def test_canceling_all_without_a_goal(arm: Arm) -> None:
     answer = arm.action.cancel()
     assert (answer.return_code, answer.goals_canceling) == (a.NONE, [])
@@ -432,6 +468,7 @@ def test_canceling_all(arm: Arm) -> None:
     assert made.result().status == a.CANCELED
 
 
+@pytest.mark.slow
 def test_canceling_all_before_a_time(arm: Arm) -> None:
     now = int(time.time())
     made = arm.send(arm.long_goal())
@@ -443,6 +480,7 @@ def test_canceling_all_before_a_time(arm: Arm) -> None:
     assert made.result().status == a.CANCELED
 
 
+@pytest.mark.slow
 def test_canceling_an_id_and_all_before_a_time(arm: Arm) -> None:
     """With both, all goals up to the time and the one of the id are canceled (rcl_action/action_server.c)."""
     made = arm.send(arm.long_goal())
@@ -452,6 +490,7 @@ def test_canceling_an_id_and_all_before_a_time(arm: Arm) -> None:
     assert made.result().status == a.CANCELED
 
 
+@pytest.mark.slow
 def test_another_client_may_cancel(arm: Arm) -> None:
     made = arm.send(arm.long_goal())
     assert made.accepted
@@ -462,6 +501,7 @@ def test_another_client_may_cancel(arm: Arm) -> None:
     assert made.result().status == a.CANCELED
 
 
+@pytest.mark.slow
 def test_a_goal_after_a_cancel(arm: Arm) -> None:
     made = arm.send(arm.long_goal())
     assert made.accepted
@@ -472,6 +512,7 @@ def test_a_goal_after_a_cancel(arm: Arm) -> None:
 # --- tolerances, stop, clients that die ---
 
 
+@pytest.mark.slow
 def test_a_path_tolerance(arm: Arm) -> None:
     sent = arm.short_goal(0.5, 1.0)
     made = arm.send({**sent, "path_tolerance": [tolerance("J1", 0.002)]})
@@ -481,6 +522,7 @@ def test_a_path_tolerance(arm: Arm) -> None:
     assert "J1" in end.result.error_string
 
 
+@pytest.mark.slow
 def test_a_goal_tolerance(arm: Arm) -> None:
     sent = arm.short_goal(0.3, 0.5)
     made = arm.send(
@@ -495,6 +537,7 @@ def test_a_goal_tolerance(arm: Arm) -> None:
     assert (end.status, end.result.error_code) == (a.ABORTED, a.GOAL_VIOLATED)
 
 
+@pytest.mark.slow
 def test_a_negative_tolerance_is_none(arm: Arm) -> None:
     sent = arm.short_goal(0.3, 0.5)
     made = arm.send(
@@ -503,6 +546,7 @@ def test_a_negative_tolerance_is_none(arm: Arm) -> None:
     assert made.result().status == a.SUCCEEDED
 
 
+@pytest.mark.slow
 def test_a_tolerance_of_an_unknown_joint(arm: Arm) -> None:
     """ros2_controllers ignores all tolerances of such a goal; a refusal is as good. Nothing else may happen."""
     made = arm.send({**arm.short_goal(), "path_tolerance": [tolerance("nobody", 1.0)]})
@@ -520,6 +564,7 @@ def test_a_stop_aborts_the_goal(arm: Arm) -> None:
     assert end.result.error_string
 
 
+@pytest.mark.slow
 def test_torque_off_aborts_the_goal(arm: Arm) -> None:
     made = arm.send(arm.long_goal())
     assert made.accepted
@@ -527,6 +572,7 @@ def test_torque_off_aborts_the_goal(arm: Arm) -> None:
     assert made.result().status in (a.ABORTED, a.CANCELED)
 
 
+@pytest.mark.slow
 def test_a_client_that_dies_leaves_a_server_that_works(arm: Arm) -> None:
     """ROS 2 has no tie between a goal and its client: the goal ends by itself, or by another client's."""
     dying = Participant(arm.port, "dying")
@@ -538,6 +584,7 @@ def test_a_client_that_dies_leaves_a_server_that_works(arm: Arm) -> None:
     assert arm.send(arm.short_goal()).result().status == a.SUCCEEDED
 
 
+@pytest.mark.slow
 def test_sequences_of_the_topics_count(arm: Arm) -> None:
     arm.send(arm.short_goal(0.2, 1.0)).result()
     for subscription, kind in ((arm.action.feedback, "feedback"), (arm.action.status, "status")):

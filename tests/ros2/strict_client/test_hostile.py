@@ -53,6 +53,7 @@ def test_a_service(arm: Arm, payload: bytes) -> None:
     works(arm)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("payload", WRONG.values(), ids=WRONG)
 def test_a_goal(arm: Arm, payload: bytes) -> None:
     client = arm.me.client(f"{ACTION}/_action/send_goal", f"{FOLLOW}_SendGoal")
@@ -119,6 +120,7 @@ def test_a_big_endian_trajectory_is_understood_or_dropped(arm: Arm) -> None:
     works(arm)
 
 
+@pytest.mark.slow
 def test_random_bytes(arm: Arm) -> None:
     dice = random.Random(17)
     publisher = arm.me.publisher(f"{CONTROLLER}/joint_trajectory", TRAJECTORY)
@@ -128,6 +130,7 @@ def test_random_bytes(arm: Arm) -> None:
     works(arm)
 
 
+@pytest.mark.slow
 def test_cut_and_bent_goals(arm: Arm) -> None:
     """A valid goal, cut off anywhere or with one byte changed, never moves the arm further than it says."""
     dice = random.Random(18)
@@ -142,6 +145,7 @@ def test_cut_and_bent_goals(arm: Arm) -> None:
     works(arm)
 
 
+@pytest.mark.slow
 def test_a_long_message(arm: Arm) -> None:
     publisher = arm.me.publisher(f"{CONTROLLER}/joint_trajectory", TRAJECTORY)
     publisher.wait_for_subscriber()
@@ -152,6 +156,7 @@ def test_a_long_message(arm: Arm) -> None:
     works(arm)
 
 
+@pytest.mark.slow
 def test_many_at_once(arm: Arm) -> None:
     client = arm.me.client(f"{NODE}/get_state", "lifecycle_msgs/srv/GetState")
     client.wait()

@@ -16,47 +16,47 @@ FEEDBACK = "control_msgs/action/FollowJointTrajectory_FeedbackMessage"
 STATE = "control_msgs/msg/JointTrajectoryControllerState"
 
 
-def test_a_namespace(tmp_path: Path) -> None:
+def test_a_namespace_a_domain_and_files_of_parameters_and_of_the_session(tmp_path: Path) -> None:
+    """ZENOH_SESSION_CONFIG_URI, as rmw_zenoh_cpp has it; the other tests use ZENOH_CONFIG_OVERRIDE."""
+    file = tmp_path / "arm.yaml"
+    file.write_text("/**:\n  ros__parameters:\n    frame_id: base\n    constraints:\n      goal_time: 25.0\n")
+    arguments = ("-r", "__ns:=/lab/left", "--params-file", str(file))
+    env = {"ROS_DOMAIN_ID": "42"}
     with (
-        running(tmp_path, "enable_on_start:=true", arguments=("-r", "__ns:=/lab/left")) as (port, node),
-        Participant(port) as me,
+        running(
+            tmp_path / "node",
+            *("enable_on_start:=true", "allow_partial_joints_goal:=true"),
+            arguments=arguments,
+            env=env,
+            by_file=True,
+        ) as (port, node),
+        Participant(port, domain=42) as me,
     ):
         arm = Arm(me, port, node, "/lab/left/hardware_interface", "/lab/left")
         own = me.graph.one(kind="NN", full_node="/lab/left/hardware_interface")
         assert own.text.endswith("/NN/%/%lab%left/hardware_interface")
-        assert arm.joint_states.token.key.startswith("0/lab/left/joint_states/")
+        assert own.domain == 42
+        assert arm.joint_states.token.key.startswith("42/lab/left/joint_states/")
         # Absolute names stay.
         for topic in ("/rosout", "/diagnostics", "/parameter_events"):
             assert me.graph.one(kind="MP", topic=topic, zid=own.zid).namespace == "/lab/left"
         for topic in ("/lab/left/robot_description", f"/lab/left{CONTROLLER}/controller_state"):
             me.graph.one(kind="MP", topic=topic)
+        received = arm.joint_states.take()
+        assert received.key.startswith("42/lab/left/joint_states/")
+        assert received.message.header.frame_id == "base"
+        assert arm.parameters.get("frame_id") == "base"
+        # The file comes after the single values of the command line.
+        assert arm.parameters.get("constraints.goal_time") == 25.0
         arm.rest()
         assert arm.send(arm.short_goal()).result().status == SUCCEEDED
         arm.send(goal(["nobody"], [point([0.0], 1.0)])).reply.message()
         assert arm.rosout.take().message.name == "lab.left.hardware_interface"
-
-
-def test_a_parameter_file(tmp_path: Path) -> None:
-    file = tmp_path / "arm.yaml"
-    file.write_text("/**:\n  ros__parameters:\n    frame_id: base\n    constraints:\n      goal_time: 7.5\n")
-    with (
-        running(tmp_path / "node", arguments=("--params-file", str(file))) as (port, node),
-        Participant(port) as me,
-    ):
-        arm = Arm(me, port, node)
-        assert arm.joint_states.take().message.header.frame_id == "base"
-        assert arm.parameters.get("frame_id") == "base"
-
-
-def test_a_domain(tmp_path: Path) -> None:
-    with running(tmp_path, env={"ROS_DOMAIN_ID": "42"}) as (port, node), Participant(port, domain=42) as me:
-        arm = Arm(me, port, node)
-        assert me.graph.one(kind="NN", full_node=NODE).domain == 42
-        assert arm.joint_states.take().key.startswith("42/joint_states/")
         with Participant(port, domain=0) as outside:
-            assert outside.graph.tokens(full_node=NODE) == []
+            assert outside.graph.tokens(full_node=own.full_node) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("distribution", ["humble", "rolling"])
 def test_a_distribution(tmp_path: Path, distribution: str) -> None:
     """Feedback has indices from control_msgs 6.3 on; Humble has no hashes."""
@@ -78,6 +78,7 @@ def test_a_distribution(tmp_path: Path, distribution: str) -> None:
             assert {token.hash for token in me.graph.tokens(full_node=NODE) if token.kind != "NN"} == {NO_HASH}
 
 
+@pytest.mark.slow
 def test_two_arms_at_one_router(tmp_path: Path) -> None:
     with (
         running(tmp_path / "a", "enable_on_start:=true", arguments=("-r", "__ns:=/a")) as (port, first),
@@ -95,6 +96,7 @@ def test_two_arms_at_one_router(tmp_path: Path) -> None:
         assert arms[1].positions() == pytest.approx(before, abs=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 def test_all_tokens_go_with_the_node(tmp_path: Path, how: signal.Signals) -> None:
     """With the node process itself; the router and the others stay."""
@@ -117,6 +119,7 @@ def test_all_tokens_go_with_the_node(tmp_path: Path, how: signal.Signals) -> Non
             node.kill()
 
 
+@pytest.mark.slow
 def test_a_killed_node_goes_from_the_graph(tmp_path: Path) -> None:
 
     port = free_port()
@@ -129,6 +132,7 @@ def test_a_killed_node_goes_from_the_graph(tmp_path: Path) -> None:
         until(lambda: me.graph.tokens(full_node=NODE) == [], "its tokens are gone")
 
 
+@pytest.mark.slow
 def test_a_node_that_starts_before_the_router_is_found(tmp_path: Path) -> None:
     """rmw_zenoh_cpp waits for the router, and connects when it comes."""
 
@@ -142,35 +146,24 @@ def test_a_node_that_starts_before_the_router_is_found(tmp_path: Path) -> None:
         node.kill()
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [("-p", "nobody:=1"), ("-p", "publish_rate:=fast"), ("-r", "a b:=c"), ("--params-file", "/nowhere.yaml")],
-)
-def test_wrong_arguments_are_one_line_and_status_2(tmp_path: Path, arguments: tuple[str, str]) -> None:
-
-    node = NodeProcess(1, tmp_path, arguments=arguments)
-    try:
-        assert node.process.wait(60) == 2, node.said
-        assert "Traceback" not in node.said
-    finally:
-        node.kill()
-
-
-def test_a_session_file(tmp_path: Path) -> None:
-    """ZENOH_SESSION_CONFIG_URI, as rmw_zenoh_cpp has it; the other tests use ZENOH_CONFIG_OVERRIDE."""
-    with running(tmp_path, by_file=True) as (port, node), Participant(port) as me:
-        Arm(me, port, node)
+@pytest.mark.slow
+def test_wrong_arguments_are_one_line_and_status_2(tmp_path: Path) -> None:
+    for i, arguments in enumerate(
+        (("-p", "nobody:=1"), ("-p", "publish_rate:=fast"), ("-r", "a b:=c"), ("--params-file", "/nowhere.yaml"))
+    ):
+        node = NodeProcess(1, tmp_path / str(i), arguments=arguments)
+        try:
+            assert node.process.wait(60) == 2, node.said
+            assert "Traceback" not in node.said
+        finally:
+            node.kill()
 
 
-def test_remaps_of_topics_and_services(tmp_path: Path) -> None:
-    remaps = (
-        "-r",
-        "joint_states:=js",
-        "-r",
-        "~/stop:=/halt",
-        "-r",
-        "__node:=arm7",
-    )
+@pytest.mark.slow
+def test_remaps_of_topics_services_and_actions(tmp_path: Path) -> None:
+    """rcl_action resolves the name of an action as that of a topic, and adds `/_action/...` after that."""
+    rules = ("joint_states:=js", "~/stop:=/halt", "__node:=arm7", f"{ACTION[1:]}:=arm/follow")
+    remaps = tuple(word for rule in rules for word in ("-r", rule))
     with running(tmp_path, arguments=remaps) as (port, _), Participant(port) as me:
         me.graph.one(kind="NN", full_node="/arm7")
         for kind, topic in [
@@ -178,18 +171,13 @@ def test_remaps_of_topics_and_services(tmp_path: Path) -> None:
             ("SS", "/halt"),
             ("SS", "/arm7/list_parameters"),
             ("SS", "/arm7/reset"),
+            ("MP", "/arm/follow/_action/status"),
+            ("MP", "/arm/follow/_action/feedback"),
+            ("SS", "/arm/follow/_action/send_goal"),
+            ("SS", "/arm/follow/_action/get_result"),
         ]:
             me.graph.one(kind=kind, topic=topic)
         names = {token.topic for token in me.graph.tokens()}
         assert not names & {"/joint_states", "/arm7/stop"}
         me.subscribe("/js", JOINT_STATE).take()
         assert me.client("/halt", "std_srvs/srv/Trigger").call().success
-
-
-def test_a_remap_of_an_action(tmp_path: Path) -> None:
-    """rcl_action resolves the name of an action as that of a topic, and adds `/_action/...` after that."""
-    remap = ("-r", f"{ACTION[1:]}:=arm/follow")
-    with running(tmp_path, arguments=remap) as (port, _), Participant(port) as me:
-        me.graph.one(kind="NN", full_node=NODE)
-        for kind, leaf in (("MP", "status"), ("MP", "feedback"), ("SS", "send_goal"), ("SS", "get_result")):
-            me.graph.one(kind=kind, topic=f"/arm/follow/_action/{leaf}")

@@ -54,6 +54,7 @@ def test_an_empty_request_is_one_byte(arm: Arm) -> None:
     assert client.put(HEADER + b"\0").message().success
 
 
+@pytest.mark.slow
 def test_answers_are_never_crossed(arm: Arm) -> None:
     """Four participants with two clients each ask for different things at once; a service keeps 10 requests."""
     everyone = [Participant(arm.port, f"client{i}") for i in range(4)]
@@ -88,6 +89,7 @@ def test_the_same_sequence_of_two_clients_is_no_conflict(arm: Arm) -> None:
             reply.received()
 
 
+@pytest.mark.slow
 def test_a_client_that_is_gone_disturbs_nobody(arm: Arm) -> None:
     gone = Participant(arm.port, "gone")
     client = gone.client(f"{NODE}/get_type_description", DESCRIBE)
@@ -106,6 +108,7 @@ def test_stop_answers_success(arm: Arm) -> None:
     assert answer.success, answer.message
 
 
+@pytest.mark.slow
 def test_stop_may_be_called_twice(arm: Arm) -> None:
     assert arm.trigger("stop").success
     assert arm.trigger("stop").success
@@ -127,6 +130,7 @@ def test_reset_ends_a_stop(arm: Arm) -> None:
     assert sent.result().status == 4
 
 
+@pytest.mark.slow
 def test_reset_without_a_stop_succeeds(arm: Arm) -> None:
     assert arm.trigger("reset").success
 
@@ -139,6 +143,7 @@ def test_enable_and_disable(arm: Arm) -> None:
     assert arm.enable(True).success
 
 
+@pytest.mark.slow
 def test_enabling_moves_nothing(arm: Arm) -> None:
     arm.enable(False)
     before = arm.positions()
@@ -147,6 +152,7 @@ def test_enabling_moves_nothing(arm: Arm) -> None:
     assert arm.positions() == pytest.approx(before, abs=0.03)
 
 
+@pytest.mark.slow
 def test_enabling_a_stopped_arm_is_refused_with_a_reason(arm: Arm) -> None:
     arm.trigger("stop")
     answer = arm.enable(True)
@@ -157,6 +163,7 @@ def test_enabling_a_stopped_arm_is_refused_with_a_reason(arm: Arm) -> None:
 # --- poses, teaching ---
 
 
+@pytest.mark.slow
 def test_going_to_a_pose_answers_on_arrival(arm: Arm) -> None:
     answer = arm.trigger("go_to/home")
     assert answer.success, answer.message
@@ -165,6 +172,7 @@ def test_going_to_a_pose_answers_on_arrival(arm: Arm) -> None:
     assert at["J2"] == pytest.approx(0.96, abs=0.06)
 
 
+@pytest.mark.slow
 def test_a_pose_is_refused_while_stopped(arm: Arm) -> None:
     arm.trigger("stop")
     answer = arm.trigger("go_to/home")
@@ -172,11 +180,13 @@ def test_a_pose_is_refused_while_stopped(arm: Arm) -> None:
     assert answer.message
 
 
+@pytest.mark.slow
 def test_playing_without_a_motion_is_refused_or_plays(arm: Arm) -> None:
     answer = arm.trigger("teach/play")
     assert answer.success or answer.message
 
 
+@pytest.mark.slow
 def test_teaching_takes_and_gives_back_torque(arm: Arm) -> None:
     start = arm.trigger("teach/start")
     assert start.success, start.message

@@ -24,6 +24,7 @@ def step(arm: Arm, size: float) -> float:
     return -size if arm.positions()["J1"] > 0 else size
 
 
+@pytest.mark.slow
 def test_every_state_goes_to_the_manager_too(arm: Arm) -> None:
     pair = arm.me.subscribe("/robot_joint_states", JOINT_STATE)
     first = pair.take()
@@ -55,10 +56,12 @@ def test_commands_are_followed(arm: Arm) -> None:
     stream(arm, publisher(arm), arm.near({"J1": step(arm, 0.08)}))
 
 
+@pytest.mark.slow
 def test_commands_are_ordered_by_name(arm: Arm) -> None:
     stream(arm, publisher(arm), arm.near({"J1": step(arm, 0.08)})[::-1], arm.names[::-1])
 
 
+@pytest.mark.slow
 def test_nan_commands_nothing(arm: Arm) -> None:
     before = arm.positions()
     to = publisher(arm)
@@ -68,6 +71,7 @@ def test_nan_commands_nothing(arm: Arm) -> None:
     assert arm.positions() == pytest.approx(before, abs=0.03)
 
 
+@pytest.mark.slow
 def test_a_far_first_command_moves_nothing_and_is_logged(arm: Arm) -> None:
     # The stream of an earlier test ends after `command_timeout`, 0.5 s; before, this were not the first.
     time.sleep(1.0)
@@ -78,6 +82,7 @@ def test_a_far_first_command_moves_nothing_and_is_logged(arm: Arm) -> None:
     assert arm.positions() == pytest.approx(before, abs=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -97,6 +102,7 @@ def test_wrong_commands_move_nothing(arm: Arm, wrong: dict[str, list[object]]) -
     assert arm.positions() == pytest.approx(before, abs=0.03)
 
 
+@pytest.mark.slow
 def test_a_command_ends_a_goal(arm: Arm) -> None:
     made = arm.send(arm.long_goal())
     assert made.accepted
@@ -110,11 +116,13 @@ def test_a_command_ends_a_goal(arm: Arm) -> None:
     assert made.result().status == ABORTED
 
 
+@pytest.mark.slow
 def test_a_goal_ends_a_stream(arm: Arm) -> None:
     stream(arm, publisher(arm), arm.near({"J1": step(arm, 0.05)}))
     assert arm.send(arm.short_goal()).result().status == SUCCEEDED
 
 
+@pytest.mark.slow
 def test_the_forward_position_controller(arm: Arm) -> None:
     to = publisher(arm, "/forward_position_controller/commands", ARRAY)
     wanted = arm.near({"J1": step(arm, 0.08)})
@@ -126,6 +134,7 @@ def test_the_forward_position_controller(arm: Arm) -> None:
     until(there, "J1 is there")
 
 
+@pytest.mark.slow
 def test_an_array_of_the_wrong_length_moves_nothing(arm: Arm) -> None:
     before = arm.positions()
     publisher(arm, "/forward_position_controller/commands", ARRAY).publish(data=[0.0, 0.0])
@@ -133,6 +142,7 @@ def test_an_array_of_the_wrong_length_moves_nothing(arm: Arm) -> None:
     assert arm.positions() == pytest.approx(before, abs=0.03)
 
 
+@pytest.mark.slow
 def test_a_stopped_arm_follows_nothing(arm: Arm) -> None:
     arm.trigger("stop")
     before = arm.positions()

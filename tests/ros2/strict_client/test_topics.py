@@ -62,6 +62,7 @@ def test_nanoseconds_are_below_a_second(arm: Arm) -> None:
     assert all(0 <= received.message.header.stamp.nanosec < 10**9 for received in some(arm.joint_states, 20))
 
 
+@pytest.mark.slow
 def test_the_rate_is_what_the_line_allows(arm: Arm) -> None:
     """By the stamps of the samples: 115200 baud allow about 75 Hz, and 100 are asked for."""
     stamps = [seconds(received.message.header.stamp) for received in some(arm.joint_states, 60)]
@@ -107,6 +108,7 @@ def test_a_late_joiner_gets_the_description(arm: Arm) -> None:
     assert set(arm.names) <= joints
 
 
+@pytest.mark.slow
 def test_the_description_comes_once(arm: Arm) -> None:
     with Participant(arm.port, "late") as late:
         subscription = latched(late, "/robot_description", "std_msgs/msg/String")
@@ -115,6 +117,7 @@ def test_the_description_comes_once(arm: Arm) -> None:
         assert subscription.listen(0.5) == []
 
 
+@pytest.mark.slow
 def test_each_late_joiner_gets_the_same(arm: Arm) -> None:
     texts = set()
     for _ in range(3):
@@ -123,6 +126,7 @@ def test_each_late_joiner_gets_the_same(arm: Arm) -> None:
     assert len(texts) == 1
 
 
+@pytest.mark.slow
 def test_a_volatile_subscriber_gets_no_history(arm: Arm) -> None:
     with Participant(arm.port, "volatile") as other:
         latched(other, "/robot_description", "std_msgs/msg/String").take()
@@ -139,6 +143,7 @@ def test_the_gid_of_the_description_is_that_of_its_token(arm: Arm) -> None:
 # --- diagnostics ---
 
 
+@pytest.mark.slow
 def test_diagnostics_come_once_a_second(arm: Arm) -> None:
     subscription = arm.me.subscribe("/diagnostics", DIAGNOSTICS)
     stamps = [seconds(subscription.take().message.header.stamp) for _ in range(3)]
@@ -162,6 +167,7 @@ def test_diagnostics_are_well_when_all_is_well(arm: Arm) -> None:
     subscription.wait(lambda message: all(status.level <= 1 for status in message.status))
 
 
+@pytest.mark.slow
 def test_a_stop_is_in_the_diagnostics(arm: Arm) -> None:
     subscription = arm.me.subscribe("/diagnostics", DIAGNOSTICS)
     assert arm.trigger("stop").success
@@ -234,6 +240,7 @@ def test_a_trajectory_on_the_topic_moves_the_arm(arm: Arm) -> None:
     moved(arm, before, by)
 
 
+@pytest.mark.slow
 def test_a_trajectory_is_ordered_by_name(arm: Arm) -> None:
     publisher = arm.me.publisher(f"{CONTROLLER}/joint_trajectory", TRAJECTORY)
     publisher.wait_for_subscriber()
@@ -253,6 +260,7 @@ def test_a_wrong_trajectory_moves_nothing_and_is_logged(arm: Arm) -> None:
     assert arm.positions()["J1"] == pytest.approx(before["J1"], abs=0.03)
 
 
+@pytest.mark.slow
 def test_the_newest_of_two_trajectories_wins(arm: Arm) -> None:
     publisher = arm.me.publisher(f"{CONTROLLER}/joint_trajectory", TRAJECTORY)
     publisher.wait_for_subscriber()
@@ -265,6 +273,7 @@ def test_the_newest_of_two_trajectories_wins(arm: Arm) -> None:
     moved(arm, before, 0.0)
 
 
+@pytest.mark.slow
 def test_two_publishers_may_take_turns(arm: Arm) -> None:
     with Participant(arm.port, "second") as other:
         publishers = [p.publisher(f"{CONTROLLER}/joint_trajectory", TRAJECTORY) for p in (arm.me, other)]

@@ -55,6 +55,7 @@ def test_a_cache_answers_whoever_asks_it(arm: Arm, more: str) -> None:
     assert arm.me.cdr.parse("std_msgs/msg/String", bytes(sample.payload)).data.startswith("<?xml")
 
 
+@pytest.mark.slow
 def test_only_latched_topics_can_be_found_as_such(arm: Arm) -> None:
     """With publisher_detection, a late subscriber's query finds the publisher by a token of Zenoh's own."""
     seen: dict[str, None] = {}
@@ -68,6 +69,7 @@ def test_only_latched_topics_can_be_found_as_such(arm: Arm) -> None:
     watch.undeclare()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", ["BEST_MATCHING", "ALL", "ALL_COMPLETE"])
 def test_a_request_has_one_answer_for_every_target(arm: Arm, target: str) -> None:
     client = arm.service(f"{NODE}/get_state", "lifecycle_msgs/srv/GetState")
@@ -89,6 +91,7 @@ def test_a_request_has_one_answer_for_every_target(arm: Arm, target: str) -> Non
     assert str(answer.key_expr) == client.token.key
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["peer", "client"])
 def test_a_fresh_session_is_answered_if_it_asks_again(arm: Arm, mode: str) -> None:
     """Zenoh may lose the first request of a session; the node must not mind the second one."""
@@ -102,6 +105,7 @@ def test_a_fresh_session_is_answered_if_it_asks_again(arm: Arm, mode: str) -> No
         until(asked, "there is one answer")
 
 
+@pytest.mark.slow
 def test_a_log_message_says_where_it_was_written(arm: Arm) -> None:
     log = arm.me.subscribe("/rosout", "rcl_interfaces/msg/Log", ROSOUT)
     message = log.wait(lambda each: "is ready at" in each.msg).message
