@@ -1,6 +1,7 @@
-"""What the tests of a folder share, such as a node: made for the first that asks, ended after the last of the folder.
+"""What the tests of a folder share, such as a node: made for the first that asks, ended after the folder's last.
 
-A fixture of the whole session would go on beside all other tests, and a node takes a tenth of a processor from them.
+A fixture of the whole session would go on beside all other tests, and a node takes a tenth of a processor from
+them.
 """
 
 from __future__ import annotations

@@ -72,11 +72,11 @@ def _with_arm(world: World) -> Iterator[Arm]:
 
 @pytest.fixture
 def arm(shared_arm: Arm) -> Iterator[Arm]:
-    """The arm of all tests, holding with torque, and nothing wrong with it."""
-    before = len(shared_arm.node.err)
-    yield shared_arm
-    print("the node said:", shared_arm.node.err[before:])
+    """The arm of all tests, holding with torque, and nothing wrong with it, whatever the one before has left."""
     shared_arm.board.faults()
     shared_arm.client.trigger(service=shared_arm.service("stop"))
     shared_arm.trigger("reset")
     shared_arm.enable()
+    before = len(shared_arm.node.err)
+    yield shared_arm
+    print("the node said:", shared_arm.node.err[before:])

@@ -69,6 +69,7 @@ def test_what_to_do_is_one_line_that_apt_takes() -> None:
     assert {name.removeprefix("python3-").replace("-", "_") for name in packages} == set(NEEDED) - {"yaml"}
 
 
+@pytest.mark.slow
 def test_debians_packages_from_an_interpreter_that_does_not_see_them() -> None:
     code = (
         "import sys\n"

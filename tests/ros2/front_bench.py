@@ -216,7 +216,7 @@ class Front(Bench):
     def near(self, angles: Mapping[str, float], tolerance: float = 0.03) -> bool:
         return all(math.isclose(angle, self.where(name), abs_tol=tolerance) for name, angle in angles.items())
 
-    def still(self, seconds: float = 2.0) -> dict[str, float]:
+    def still(self, seconds: float = 0.5) -> dict[str, float]:
         """Where it is, once nothing moves any more."""
         while True:
             before = self.positions

@@ -133,8 +133,8 @@ def test_diagnostics_name_the_node_and_the_arm(front: Front) -> None:
 
 def test_a_trajectory_moves_the_arm_and_an_empty_one_holds_it(front: Front) -> None:
     target, start = aside(front, 0.6), front.positions
-    front.trajectory((4.0, target))
-    front.turn(2.0)
+    front.trajectory((2.0, target))
+    front.turn(1.0)
     assert not front.near(start)
     front.trajectory()
     stood = front.still()
@@ -268,7 +268,7 @@ def test_a_goal_is_reached_with_feedback_and_states_on_the_way(front: Front) -> 
 def test_a_stop_aborts_a_goal_and_refuses_others_until_reset(front: Front) -> None:
     target = aside(front, 0.6)
     goal = Goal(front, (6.0, target))
-    front.turn(2.0)
+    front.turn(1.0)
     assert front.trigger("stop").endswith("; all joints confirmed it")
     status, code, text = goal.result()
     assert (status, code) == (6, -1)

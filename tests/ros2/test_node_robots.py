@@ -24,13 +24,8 @@ pytestmark = pytest.mark.system
 STATE, STRING = "sensor_msgs/msg/JointState", "std_msgs/msg/String"
 
 
-@pytest.mark.parametrize(
-    "distribution",
-    [
-        pytest.param(each, marks=[pytest.mark.slow] if each is not Distribution.JAZZY else [], id=each.value)
-        for each in Distribution
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("distribution", list(Distribution), ids=lambda each: each.value)
 def test_clients_of_every_distribution_move_the_controllers_of_the_package(
     world: World, distribution: Distribution
 ) -> None:

@@ -13,6 +13,8 @@ from tests.ros2.stand_in_ros2 import Ros2
 from tests.ros2.strict_client.wire import Participant, until
 from tests.ros2.strict_client.world import CONTROLLER, NODE, Arm, running
 
+pytestmark = pytest.mark.system
+
 
 @pytest.mark.slow
 def test_every_check_passes_for_the_running_node(

@@ -19,6 +19,8 @@ from tests.ros2.strict_client.parameters import ParameterClient
 from tests.ros2.strict_client.wire import Participant, router, until
 from tests.ros2.strict_client.world import NODE, Arm, running
 
+pytestmark = pytest.mark.system
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "ros2.md").read_text(encoding="utf-8")
 BIN = Path(sys.executable).parent
@@ -118,6 +120,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Arm]:
 # --- five minutes ---
 
 
+@pytest.mark.slow
 def test_five_minutes_without_ros(shell: Shell) -> None:
     install, router, node, topics, services = commands("Five minutes without ROS")
     assert install == "pip install 'hexwire[ros2]' zenoh-ros2-sdk"

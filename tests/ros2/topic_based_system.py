@@ -41,7 +41,7 @@ class OverZenoh:
         self._peer, self.wait = peer, time.sleep
         peer.listen(STATES, STATE, SENSOR_DATA)
         self._publisher = peer.node.publisher(COMMANDS, STATE, Qos(depth=1))
-        until(lambda: peer.received[STATES] and self._publisher.subscriber_count(), "the node is there")
+        until(lambda: bool(peer.received[STATES] and self._publisher.subscriber_count()), "the node is there")
 
     def read(self) -> Any:
         return self._peer.received[STATES][-1]

@@ -12,6 +12,8 @@ from tests.ros2.strict_client.action import ActionClient, goal, new_id, point, t
 from tests.ros2.strict_client.wire import STATUS, Participant, until
 from tests.ros2.strict_client.world import ACTION, Arm
 
+pytestmark = pytest.mark.system
+
 
 def refused_or_aborted(arm: Arm, sent: dict[str, Any], code: int | None = None) -> str:
     """The reason why a goal may not run: it is refused with a log message, or accepted and aborted with a code."""

@@ -17,6 +17,8 @@ from tests.ros2.strict_client.wire import (
 )
 from tests.ros2.strict_client.world import ACTION, CONTROLLER, NODE, Arm
 
+pytestmark = pytest.mark.system
+
 FOLLOW = "control_msgs/action/FollowJointTrajectory"
 TRIGGER = "std_srvs/srv/Trigger"
 # kind, name, type, QoS; None where ROS leaves it to the node: reliable and volatile, any depth.

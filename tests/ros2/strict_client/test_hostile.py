@@ -11,6 +11,8 @@ from tests.ros2.strict_client.definitions import HASHES
 from tests.ros2.strict_client.wire import Attachment
 from tests.ros2.strict_client.world import ACTION, CONTROLLER, NODE, Arm
 
+pytestmark = pytest.mark.system
+
 FOLLOW = "control_msgs/action/FollowJointTrajectory"
 TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 HUGE = b"\xff\xff\xff\x7f"

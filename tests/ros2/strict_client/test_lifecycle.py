@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import pytest
 from tests.ros2.strict_client.wire import until
 from tests.ros2.strict_client.world import NODE, Arm
+
+pytestmark = pytest.mark.system
 
 STATES = {1: "unconfigured", 2: "inactive", 3: "active", 4: "finalized"}
 

@@ -12,6 +12,8 @@ from tests.ros2.strict_client.definitions import NO_HASH, Definitions, dds_name
 from tests.ros2.strict_client.wire import Participant, Token, router, until
 from tests.ros2.strict_client.world import ACTION, CONTROLLER, JOINT_STATE, NODE, Arm, NodeProcess, running
 
+pytestmark = pytest.mark.system
+
 FEEDBACK = "control_msgs/action/FollowJointTrajectory_FeedbackMessage"
 STATE = "control_msgs/msg/JointTrajectoryControllerState"
 

@@ -7,6 +7,8 @@ from tests.ros2.strict_client import parameters as p
 from tests.ros2.strict_client.wire import PARAMETERS
 from tests.ros2.strict_client.world import NODE, Arm
 
+pytestmark = pytest.mark.system
+
 EVENT = "rcl_interfaces/msg/ParameterEvent"
 
 

@@ -7,6 +7,8 @@ from tests.ros2.strict_client.action import SUCCEEDED, ActionClient, goal, point
 from tests.ros2.strict_client.wire import ADMIN, DEFAULT, LATCHED, Participant, until
 from tests.ros2.strict_client.world import CONTROLLER, JOINT_STATE, NODE, Arm, running
 
+pytestmark = pytest.mark.system
+
 TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 BEST_EFFORT = "2::,5:,:,:,,"
 

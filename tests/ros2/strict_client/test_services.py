@@ -10,6 +10,8 @@ from tests.ros2.strict_client.definitions import HASHES
 from tests.ros2.strict_client.wire import Participant
 from tests.ros2.strict_client.world import CONTROLLER, NODE, Arm
 
+pytestmark = pytest.mark.system
+
 TRIGGER = "std_srvs/srv/Trigger"
 SETBOOL = "std_srvs/srv/SetBool"
 DESCRIBE = "type_description_interfaces/srv/GetTypeDescription"

@@ -10,6 +10,8 @@ from tests.ros2.strict_client.action import ABORTED, SUCCEEDED
 from tests.ros2.strict_client.wire import Publisher, until
 from tests.ros2.strict_client.world import JOINT_STATE, Arm
 
+pytestmark = pytest.mark.system
+
 COMMANDS = "/robot_joint_commands"
 ARRAY = "std_msgs/msg/Float64MultiArray"
 

@@ -12,6 +12,8 @@ from tests.link.far_ends import free_port
 from tests.ros2.strict_client.cdr import WrongBytesError
 from tests.ros2.strict_client.wire import SERVICES, Attachment, Participant, ServiceClient, router, until
 
+pytestmark = pytest.mark.system
+
 TRIGGER = "std_srvs/srv/Trigger"
 STRING = "std_msgs/msg/String"
 Answer = Callable[[zenoh.Query, str, bytes, Attachment], None]

@@ -11,6 +11,8 @@ from tests.ros2.strict_client.action import goal, point
 from tests.ros2.strict_client.wire import Participant, Received, Subscription, until
 from tests.ros2.strict_client.world import CONTROLLER, JOINT_STATE, NODE, Arm, latched
 
+pytestmark = pytest.mark.system
+
 STATE = "control_msgs/msg/JointTrajectoryControllerState"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"

@@ -10,6 +10,8 @@ import zenoh
 from tests.ros2.strict_client.wire import ROSOUT, Attachment, Participant, until
 from tests.ros2.strict_client.world import CONTROLLER, NODE, Arm
 
+pytestmark = pytest.mark.system
+
 TRIGGER = "std_srvs/srv/Trigger"
 
 

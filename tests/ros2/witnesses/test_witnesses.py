@@ -18,7 +18,7 @@ from tests.ros2.strict_client.definitions import HASHES, dds_name
 from tests.ros2.strict_client.wire import Participant
 from tests.ros2.strict_client.world import NODE, Arm, running
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.system]
 HERE = Path(__file__).parent
 PYTHON = HERE.parents[2] / "build" / "witnesses" / "bin" / "python"
 
