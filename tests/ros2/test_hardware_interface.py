@@ -7,6 +7,7 @@ import logging
 import math
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -61,6 +62,17 @@ def test_joint_states_have_the_stamps_of_their_samples(front: Front, topic: str)
     assert {round(b - a, 3) for a, b in pairwise(stamps)} == {0.01}
     assert 0.0 <= front.now_ns() * 1e-9 - stamps[-1] < 0.03
     assert front.near(dict(zip(NAMES, messages[-1].position, strict=True)), 0.002)
+
+
+def test_the_stamp_of_a_state_is_that_of_its_newest_sample(front: Front) -> None:
+    told: list[Any] = []
+    front.owner._on_state = lambda state, published: told.append((state, published))
+    front.until(lambda: told)
+    state, published = told[-1]
+    for age in (0.0, 0.125):
+        front.front._publish_state(state, replace(published, age=age))
+        stamp = seconds(front.topic("/joint_states").sent[-1].header.stamp)
+        assert stamp == pytest.approx(WALL + state.stamp - age, abs=1e-3), f"{age} s old"
 
 
 def test_nothing_is_made_that_nobody_reads(front: Front) -> None:
@@ -169,6 +181,9 @@ def test_query_state_says_where_the_arm_is_meant_to_be(front: Front) -> None:
     target, time = aside(front, 0.6), front.node.types.message("builtin_interfaces/msg/Time")
     front.trajectory((4.0, target))
     front.turn(0.5)
+    now = time(sec=front.now_ns() // 10**9, nanosec=front.now_ns() % 10**9)
+    at_once, then = (front.call(f"{AT}/query_state", **asked) for asked in ({}, {"time": now}))
+    assert list(at_once.position) == pytest.approx(list(then.position), abs=1e-6), "a time of zero is now"
     later = round(WALL + front.clock())
     middle, end = (front.call(f"{AT}/query_state", time=time(sec=later + wait)) for wait in (1, 9))
     assert target["J1"] - 0.6 < middle.position[0] < target["J1"]
@@ -469,6 +484,9 @@ def test_a_second_node_of_the_same_name_does_not_touch_the_arm() -> None:
     with pytest.MonkeyPatch.context() as patch:
         front = Front(patch, {})
         front.node.graph.add(front.node.token("2"))
+        # Otherwise it would wait here for its end.
+        front.turns.request()
+        front.turns.next()
         with pytest.raises(
             DeviceError, match=rf"there is a node /{NAME} already; end it, or give this one another"
         ):
@@ -511,7 +529,10 @@ def test_at_the_end_the_arm_is_stopped_clients_are_told_and_the_node_vanishes() 
         front.turn(1.0)
         call = front.node.call(f"{ACTION}/get_result", goal_id=goal.id)
         assert not front.turns.interrupts, "an arm that moves is made safe first"
+        waited: list[float] = []
+        front.time.sleep = waited.append
         front.close()
+        assert waited == [0.2], "until the last results are on their way"
         assert call.response.status == 6
         assert "the program ends" in call.response.result.error_string
         assert front.status == 0
