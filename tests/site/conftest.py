@@ -33,5 +33,5 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def window() -> Iterator[Browser]:
     """A browser for one module's tests."""
-    with chromium() as made:
+    with chromium(one_renderer=True) as made:
         yield made

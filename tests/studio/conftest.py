@@ -86,7 +86,7 @@ def studio(served: RunningStudio) -> Iterator[RunningStudio]:
 @pytest.fixture(scope="session")
 def _chromium() -> Iterator[tuple[Browser, asyncio.AbstractEventLoop]]:
     """One Chromium per worker, and the event loop of Playwright, which the worker's other tests must not see."""
-    with chromium() as made:
+    with chromium(one_renderer=True) as made:
         loop = asyncio.get_running_loop()
         asyncio._set_running_loop(None)
         try:
