@@ -88,7 +88,7 @@ def hued(picture: Image.Image, colour: str) -> int:
     return int(((size > 60) & (pixels @ np.array(want, float) > 0.995 * size * length)).sum())
 
 
-@pytest.mark.parametrize("arm", [HEX7BOT, SO101], ids=lambda arm: arm.name)
+@pytest.mark.parametrize("arm", [HEX7BOT, pytest.param(SO101, marks=pytest.mark.slow)], ids=lambda arm: arm.name)
 def test_the_tip_is_that_of_the_kinematics(blank: Page, arm: ArmModel) -> None:
     show(blank, arm)
     model = kinematics_for(arm)
@@ -142,6 +142,7 @@ def test_a_silent_joint_freezes_nothing_and_what_it_moves_is_marked(blank: Page)
     assert blank.evaluate("view._tipAxes.visible") is False
 
 
+@pytest.mark.slow
 def test_it_draws_only_what_has_changed(blank: Page) -> None:
     show(blank)
     blank.evaluate("(joints) => view.setJoints(joints)", BENT)
@@ -156,6 +157,7 @@ def test_it_draws_only_what_has_changed(blank: Page) -> None:
     assert before < settle(blank) <= before + 3
 
 
+@pytest.mark.slow
 def test_it_shows_joints_in_their_colours_in_both_themes(blank: Page) -> None:
     show(blank)
     blank.evaluate("(joints) => view.setJoints(joints)", BENT)
@@ -174,6 +176,7 @@ def test_it_shows_joints_in_their_colours_in_both_themes(blank: Page) -> None:
     blank.wait_for_function("view.theme === 'dark'")
 
 
+@pytest.mark.slow
 def test_ghost_trace_table_and_tip_are_seen_and_go_again(blank: Page) -> None:
     show(blank)
     blank.evaluate("(joints) => view.setJoints(joints)", BENT)
@@ -193,6 +196,7 @@ def test_ghost_trace_table_and_tip_are_seen_and_go_again(blank: Page) -> None:
     assert seen(blank).tobytes() == plain
 
 
+@pytest.mark.slow
 def test_keys_and_wheel_move_the_camera_and_leave_the_rest_alone(blank: Page) -> None:
     show(blank)
     place = "view._camera.position.toArray()"
@@ -224,6 +228,7 @@ def test_keys_and_wheel_move_the_camera_and_leave_the_rest_alone(blank: Page) ->
     assert blank.evaluate("document.activeElement.textContent") == "other"
 
 
+@pytest.mark.slow
 def test_dragging_turns_it_and_its_size_follows_the_page(blank: Page) -> None:
     show(blank)
     settle(blank)
@@ -250,6 +255,7 @@ def test_dragging_turns_it_and_its_size_follows_the_page(blank: Page) -> None:
     assert blank.locator("canvas").count() == 0
 
 
+@pytest.mark.slow
 def test_without_webgl_it_says_so_and_does_nothing(blank: Page) -> None:
     blank.evaluate("HTMLCanvasElement.prototype.getContext = () => null")
     show(blank)
@@ -261,6 +267,7 @@ def test_without_webgl_it_says_so_and_does_nothing(blank: Page) -> None:
     assert blank.evaluate("[view.available, view.tip()]") == [False, None]
 
 
+@pytest.mark.slow
 def test_without_its_library_it_says_so(blank: Page) -> None:
     page = blank
     page.route("**/scene/**", lambda route: route.fulfill(body="export {};", content_type="text/javascript"))

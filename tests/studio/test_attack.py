@@ -41,20 +41,22 @@ def _read_on(line: Any) -> None:
         line.recv(timeout=10)
 
 
-@pytest.mark.parametrize("path", _SOCKETS)
 @pytest.mark.parametrize("fault", ["no session", "guessed session", "foreign origin", "no origin", "null", "host"])
-def test_a_socket_needs_session_origin_and_host(
-    studio: RunningStudio, owner: Visitor, path: str, fault: str
-) -> None:
-    path = path.format(tab=owner.page())
+def test_a_socket_needs_session_origin_and_host(served: RunningStudio, fault: str) -> None:
+    owner = Visitor(served, served.studio.access.operate_token)
     foreign = {"foreign origin": "http://evil.example", "no origin": "", "null": "null"}
-    visitor = Visitor(studio, origin=foreign.get(fault), host="evil.example" if fault == "host" else None)
+    visitor = Visitor(served, origin=foreign.get(fault), host="evil.example" if fault == "host" else None)
     if fault == "guessed session":
         visitor.cookie = owner.cookie[:-4] + "AAAA"
     elif fault != "no session":
         visitor.cookie = owner.cookie
-    assert _is_refused(visitor, path)
-    assert not _is_refused(owner, path)
+    try:
+        for path in _SOCKETS:
+            path = path.format(tab=owner.page())
+            assert _is_refused(visitor, path), path
+            assert not _is_refused(owner, path), path
+    finally:
+        served.studio.access.end_all()
 
 
 def test_a_request_needs_session_origin_and_host(studio: RunningStudio, owner: Visitor) -> None:
@@ -104,66 +106,79 @@ def test_a_tab_belongs_to_its_session(studio: RunningStudio, owner: Visitor) -> 
         line.recv(timeout=10)
 
 
-@pytest.mark.parametrize(
-    "message",
-    ["no json", "[1, 2]", "{" * 10_000, "[" * 60_000, b"\x00\x01", "x" * 70_000, "x" * 3_000_000],
-    ids=["text", "list", "braces", "deep", "bytes", "long", "huge"],
-)
-def test_a_malformed_or_oversized_message_ends_its_socket_only(owner: Visitor, message: str | bytes) -> None:
-    with owner.socket(f"/live?tab={owner.page()}") as line:
-        line.recv(timeout=10)
-        with contextlib.suppress(ConnectionClosed):
-            line.send(message)
-        with pytest.raises(ConnectionClosed):
-            _read_on(line)
-    with owner.socket(f"/live?tab={owner.page()}") as line:
-        assert json.loads(line.recv(timeout=10))["kind"] == "hello"
+_MALFORMED: dict[str, str | bytes] = {
+    "text": "no json",
+    "list": "[1, 2]",
+    "braces": "{" * 10_000,
+    "deep": "[" * 60_000,
+    "bytes": b"\x00\x01",
+    "long": "x" * 70_000,
+    "huge": "x" * 3_000_000,
+}
 
 
-@pytest.mark.parametrize(
-    "order",
-    [
-        {"do": "hold", "id": "one", "kind": "joint"},
-        {"do": "hold", "id": 1, "kind": "joint", "args": {"directions": {"J1": 1}}, "stops": "0"},
-        {"do": "hold", "id": 1, "kind": ["joint"], "args": [], "stops": 0},
-        {"do": "hold", "id": 1, "kind": "joint", "args": {"directions": {"J1": 1}}, "stops": 0},
-        {"do": "hold", "id": True, "kind": "joint", "args": {"directions": {"J1": 1e400}}, "stops": 0},
-        {"do": "beat", "id": 1, "args": {"directions": {"J1": 1}}},
-        {"do": "seen", "frames": 10**30},
-        {"do": ["stop"]},
-        {"do": {"a": 1}},
-    ],
-)
-def test_an_order_without_control_or_sense_moves_nothing(studio: RunningStudio, order: dict[str, object]) -> None:
+def test_a_malformed_or_oversized_message_ends_its_socket_only(owner: Visitor) -> None:
+    tab = owner.page()
+    with owner.socket(f"/live?tab={tab}") as other:
+        assert json.loads(other.recv(timeout=10))["kind"] == "hello"
+        for name, message in _MALFORMED.items():
+            with owner.socket(f"/live?tab={owner.page()}") as line:
+                line.recv(timeout=10)
+                with contextlib.suppress(ConnectionClosed):
+                    line.send(message)
+                try:
+                    with pytest.raises(ConnectionClosed):
+                        _read_on(line)
+                except TimeoutError:
+                    pytest.fail(f"{name}: its socket goes on")
+        # The other one goes on.
+        other.send(json.dumps({"do": "stop"}))
+        until(lambda: '"stopping"' in str(other.recv(timeout=10)), "the answer to the stop")
+
+
+_SENSELESS: list[dict[str, object]] = [
+    {"do": "hold", "id": "one", "kind": "joint"},
+    {"do": "hold", "id": 1, "kind": "joint", "args": {"directions": {"J1": 1}}, "stops": "0"},
+    {"do": "hold", "id": 1, "kind": ["joint"], "args": [], "stops": 0},
+    {"do": "hold", "id": 1, "kind": "joint", "args": {"directions": {"J1": 1}}, "stops": 0},
+    {"do": "hold", "id": True, "kind": "joint", "args": {"directions": {"J1": 1e400}}, "stops": 0},
+    {"do": "beat", "id": 1, "args": {"directions": {"J1": 1}}},
+    {"do": "seen", "frames": 10**30},
+    {"do": ["stop"]},
+    {"do": {"a": 1}},
+]
+
+
+def test_an_order_without_control_or_sense_moves_nothing(studio: RunningStudio) -> None:
     watcher = Visitor(studio, studio.studio.access.watch_token)
     studio.torque()
-    goals = studio.goals()
-    with watcher.socket(f"/live?tab={watcher.page()}") as line:
-        line.send(json.dumps(order))
-        line.send(json.dumps({"do": "stop"}))
-        until(lambda: '"stopping"' in str(line.recv(timeout=10)), "the answer to the stop")
-    studio.until(lambda: studio.arm.owner.group.reason is not None, "the stop")
-    # A stop writes the present position again.
-    assert all(abs(goal - goals[number]) <= 3 for number, goal in studio.goals().items())
+    for order in _SENSELESS:
+        goals = studio.goals()
+        with watcher.socket(f"/live?tab={watcher.page()}") as line:
+            line.send(json.dumps(order))
+            line.send(json.dumps({"do": "stop"}))
+            until(lambda line=line: '"stopping"' in str(line.recv(timeout=10)), f"the stop after {order}")  # type: ignore[misc]  # bound now
+        studio.stopped(f"the stop after {order}")
+        # A stop writes the present position again.
+        assert all(abs(goal - goals[number]) <= 3 for number, goal in studio.goals().items()), order
+        studio.arm.owner.reset()
 
 
-@pytest.mark.parametrize(
-    "path",
-    [
-        "/static/../access.py",
-        "/static/%2e%2e/access.py",
-        "/static/..%2faccess.py",
-        "/static/%2e%2e%2f%2e%2e%2f%2e%2e%2f%2e%2e%2f%2e%2e%2f%2e%2e%2fetc/passwd",
-        "/static//etc/passwd",
-        "/_nicegui/3.18.0/static/../../../../etc/passwd",
-        "/static/live.js/../../app.py",
-    ],
-)
-def test_no_file_outside_is_served(owner: Visitor, path: str) -> None:
-    _, _, body = owner.ask(path, Origin="")
-    assert b"root:" not in body
-    assert b"hmac" not in body
-    assert b"asyncio" not in body
+_OUTSIDE = [
+    "/static/../access.py",
+    "/static/%2e%2e/access.py",
+    "/static/..%2faccess.py",
+    "/static/%2e%2e%2f%2e%2e%2f%2e%2e%2f%2e%2e%2f%2e%2e%2f%2e%2e%2fetc/passwd",
+    "/static//etc/passwd",
+    "/_nicegui/3.18.0/static/../../../../etc/passwd",
+    "/static/live.js/../../app.py",
+]
+
+
+def test_no_file_outside_is_served(owner: Visitor) -> None:
+    for path in _OUTSIDE:
+        _, _, body = owner.ask(path, Origin="")
+        assert not [words for words in (b"root:", b"hmac", b"asyncio") if words in body], path
 
 
 def test_a_body_is_bounded(owner: Visitor) -> None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Literal
 
+import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import TimeoutError  # not a subclass of Python's
+from tests.studio.conftest import shrink_views
 from tests.studio.running import PATIENCE
 
 from hexwire.studio.pages import PAGES
@@ -60,28 +62,47 @@ def examine(page: Page, what: str, *, whole: bool = False, dark: bool = True) ->
         wrong += [f"{what} dark: {fault}" for fault in faults(page, "color-contrast", whole=whole)]
         theme(page, "light")
     for width, height in SIZES:
-        page.set_viewport_size({"width": width, "height": height})
-        try:
-            # Plots follow a frame or two later.
-            page.wait_for_function(f"document.documentElement.scrollWidth <= {width}", timeout=1000 * PATIENCE)
-        except TimeoutError:
-            wide = page.evaluate("document.documentElement.scrollWidth")
-            wrong.append(f"{what} is {wide} wide at {width}x{height}")
-        # The title may have a row of its own.
-        ends = page.evaluate(
-            "[...document.querySelectorAll('.hx-plot-bar')].map((bar) => bar.lastElementChild.offsetTop"
-            " - bar.querySelector('button').offsetTop)"
-        )
-        if any(ends):
-            wrong.append(f"{what}: the buttons of a plot take two rows at {width}x{height}")
-        stop = page.locator("#hw-stop").bounding_box()
-        assert stop is not None
-        if not (0 <= stop["x"] <= width - stop["width"] and 0 <= stop["y"] <= height - stop["height"]):
-            wrong.append(f"{what}: STOP is out of sight at {width}x{height}")
+        wrong += misfits(page, what, width, height)
     page.set_viewport_size({"width": SIZES[0][0], "height": SIZES[0][1]})
     return wrong
 
 
+def misfits(page: Page, what: str, width: int, height: int) -> list[str]:
+    """What does not fit a screen: a page that is wider, plots' buttons in two rows, STOP out of sight."""
+    wrong: list[str] = []
+    page.set_viewport_size({"width": width, "height": height})
+    try:
+        # Plots follow a frame or two later.
+        page.wait_for_function(f"document.documentElement.scrollWidth <= {width}", timeout=1000 * PATIENCE)
+    except TimeoutError:
+        wide = page.evaluate("document.documentElement.scrollWidth")
+        wrong.append(f"{what} is {wide} wide at {width}x{height}")
+    # The title may have a row of its own.
+    ends = page.evaluate(
+        "[...document.querySelectorAll('.hx-plot-bar')].map((bar) => bar.lastElementChild.offsetTop"
+        " - bar.querySelector('button').offsetTop)"
+    )
+    if any(ends):
+        wrong.append(f"{what}: the buttons of a plot take two rows at {width}x{height}")
+    stop = page.locator("#hw-stop").bounding_box()
+    assert stop is not None
+    if not (0 <= stop["x"] <= width - stop["width"] and 0 <= stop["y"] <= height - stop["height"]):
+        wrong.append(f"{what}: STOP is out of sight at {width}x{height}")
+    return wrong
+
+
+def test_every_page_opens_without_a_fault_and_fits_a_phone(page: Page) -> None:
+    """At least this of every page; `context` fails if one of them writes an error."""
+    wrong: list[str] = []
+    shrink_views(page)
+    for each in PAGES:
+        page.set_viewport_size({"width": SIZES[0][0], "height": SIZES[0][1]})
+        walk(page, each.path)
+        wrong += misfits(page, each.path, *SIZES[-1])
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.slow
 def test_pages_are_accessible_and_never_wider_than_the_screen(operator: Page) -> None:
     wrong: list[str] = []
     for path in [page.path for page in PAGES]:
@@ -99,6 +120,7 @@ def test_a_page_without_an_arm_is_readable_in_the_dark_and_leads_on(served: Runn
     blank.get_by_role("button", name="Open the servo bus").wait_for()
 
 
+@pytest.mark.slow
 def test_the_work_at_servos_is_accessible_too(studio: RunningStudio, blank: Page, tmp_path: Path) -> None:
     studio.studio.source.open_bus(f"sim://so101?name={tmp_path.name}")
     page = blank

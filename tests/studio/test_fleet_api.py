@@ -175,6 +175,7 @@ def test_an_own_arm_that_hangs_delays_no_other(desk: Desk, monkeypatch: pytest.M
     go_on.set()
 
 
+@pytest.mark.slow
 def test_a_burst_of_stops_is_two_stops_and_none_waits_for_that_of_another_arm(
     desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:

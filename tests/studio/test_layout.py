@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from tests.studio.conftest import ready
+from tests.studio.conftest import ready, shrink_views
 
 from hexwire.model.state import JointFlag
 
@@ -14,15 +14,17 @@ if TYPE_CHECKING:
     from tests.studio.running import RunningStudio
 
 
-@pytest.mark.parametrize("how", ["button", "Escape"])
-def test_stop_is_always_there(studio: RunningStudio, page: Page, how: str) -> None:
+def test_stop_is_always_there(studio: RunningStudio, page: Page) -> None:
     page.locator("#hw-fact-dialect", has_text="2").wait_for()
-    if how == "button":
-        page.get_by_role("button", name="STOP").click()
-    else:
-        page.keyboard.press("Escape")
-    studio.until(lambda: studio.arm.owner.group.reason is not None, "the stop")
-    page.locator("#hw-banner", has_text="Stopped").wait_for()
+    for how in ("button", "Escape"):
+        if how == "button":
+            page.get_by_role("button", name="STOP").click()
+        else:
+            page.keyboard.press("Escape")
+        studio.stopped(f"the stop by {how}")
+        page.locator("#hw-banner", has_text="Stopped").wait_for()
+        studio.arm.owner.reset()
+        page.locator("body:not(.hw-stopped)").wait_for()
 
 
 def test_pages_read_the_bits_of_a_joint_as_the_server_means_them(page: Page) -> None:
@@ -34,6 +36,7 @@ def test_pages_read_the_bits_of_a_joint_as_the_server_means_them(page: Page) -> 
     assert (named["torque"], named["unknown"]) == (JointFlag.TORQUE_ON, JointFlag.TORQUE_UNKNOWN)
 
 
+@pytest.mark.slow
 def test_the_theme_is_chosen_and_kept(page: Page) -> None:
     button = page.locator("#hw-theme")
     button.filter(has_text="auto").click()
@@ -56,6 +59,7 @@ def test_stop_works_while_a_dialog_is_open(studio: RunningStudio, page: Page) ->
     studio.until(lambda: studio.arm.owner.group.reason is not None, "the stop by Escape")
 
 
+@pytest.mark.slow
 def test_a_script_in_a_text_from_elsewhere_does_not_run(studio: RunningStudio, browser: Browser) -> None:
     # A context of its own: the browser reports what it refuses as an error.
     context = browser.new_context()
@@ -78,62 +82,65 @@ def test_a_script_in_a_text_from_elsewhere_does_not_run(studio: RunningStudio, b
         context.close()
 
 
-@pytest.mark.parametrize("width", [1920, 1440, 1200, 820, 390])
-def test_nothing_moves_when_the_facts_change(studio: RunningStudio, page: Page, width: int) -> None:
+_CHANGE_THE_FACTS = """() => {
+    const places = () => JSON.stringify([...document.querySelectorAll(
+        "#hw-main, .hw-fact, .hw-actions button"
+    )].filter((element) => !element.hidden).map((element) => {
+        const box = element.getBoundingClientRect();
+        return [element.id, box.x, box.y, element.id === "hw-main" || box.width];
+    }));
+    const facts = [...document.querySelectorAll(".hw-fact dd")];
+    const all = [...document.querySelectorAll(".hw-actions .hw-button")];
+    all.forEach((button) => (button.hidden = false));
+    const shown = (text, banner) => {
+        facts.forEach((fact) => (fact.textContent = text));
+        document.getElementById("hw-banner").textContent = banner;
+        return places();
+    };
+    const long = "a long text ".repeat(30);
+    const found = [shown("", ""), shown("–", "Stopped"), shown(long, "Stopped"), shown(long, long)];
+    const stop = () => JSON.stringify(document.getElementById("hw-stop").getBoundingClientRect());
+    const before = stop();
+    all.forEach((button) => (button.hidden = true));
+    return { same: new Set(found).size === 1, stop: before === stop(), found };
+}"""
+
+
+def test_nothing_moves_when_the_facts_change(page: Page) -> None:
     """A page that moves under the pointer makes a person press another button than the one aimed at."""
-    page.set_viewport_size({"width": width, "height": 900})
-    ready(page)
-    places = page.evaluate(
-        """() => {
-            const places = () => JSON.stringify([...document.querySelectorAll(
-                "#hw-main, .hw-fact, .hw-actions button"
-            )].filter((element) => !element.hidden).map((element) => {
-                const box = element.getBoundingClientRect();
-                return [element.id, box.x, box.y, element.id === "hw-main" || box.width];
-            }));
-            const facts = [...document.querySelectorAll(".hw-fact dd")];
-            const all = [...document.querySelectorAll(".hw-actions .hw-button")];
-            all.forEach((button) => (button.hidden = false));
-            const shown = (text, banner) => {
-                facts.forEach((fact) => (fact.textContent = text));
-                document.getElementById("hw-banner").textContent = banner;
-                return places();
-            };
-            const long = "a long text ".repeat(30);
-            const found = [shown("", ""), shown("–", "Stopped"), shown(long, "Stopped"), shown(long, long)];
-            const stop = () => JSON.stringify(document.getElementById("hw-stop").getBoundingClientRect());
-            const before = stop();
-            all.forEach((button) => (button.hidden = true));
-            return { same: new Set(found).size === 1, stop: before === stop(), found };
-        }"""
-    )
-    assert places["same"], places["found"]
-    assert places["stop"], "STOP moves with the buttons beside it"
+    for width in (1920, 1440, 1200, 820, 390):
+        page.set_viewport_size({"width": width, "height": 900})
+        places = page.evaluate(_CHANGE_THE_FACTS)
+        assert places["same"], (width, places["found"])
+        assert places["stop"], f"STOP moves with the buttons beside it, {width} wide"
 
 
-@pytest.mark.parametrize("width", [1440, 820, 390])
-def test_no_button_of_the_arm_moves_when_something_is_told(studio: RunningStudio, page: Page, width: int) -> None:
-    page.set_viewport_size({"width": width, "height": 900})
-    page.goto(studio.operate_url.replace("/?", "/arm?"))
-    ready(page)
-    page.locator("#arm-hint", has_text="take control").wait_for()
-    places = page.evaluate(
-        """() => ["", "Torque is off: the arm does not move until it is on.", "J2 leaves its limits. ".repeat(6)]
-            .map((text) => {
-                for (const id of ["arm-hint", "arm-plan", "arm-run-text"]) {
-                    document.getElementById(id).textContent = text;
-                }
-                document.getElementById("arm-pose-note").textContent = text && "At home.";
-                document.querySelector('[data-value="state"]').textContent = text || "holds";
-                document.querySelector('[data-value="load"]').textContent = text ? "−100" : "0";
-                document.getElementById("arm-branch-field").hidden = !text;
-                const buttons = [...document.querySelectorAll(".hw-main button")];
-                return JSON.stringify(buttons.map((button) => button.getBoundingClientRect()));
-            })"""
-    )
-    assert len(set(places)) == 1
+_TELL_OF_THE_ARM = """() => [
+    "", "Torque is off: the arm does not move until it is on.", "J2 leaves its limits. ".repeat(6)
+].map((text) => {
+        for (const id of ["arm-hint", "arm-plan", "arm-run-text"]) {
+            document.getElementById(id).textContent = text;
+        }
+        document.getElementById("arm-pose-note").textContent = text && "At home.";
+        document.querySelector('[data-value="state"]').textContent = text || "holds";
+        document.querySelector('[data-value="load"]').textContent = text ? "−100" : "0";
+        document.getElementById("arm-branch-field").hidden = !text;
+        const buttons = [...document.querySelectorAll(".hw-main button")];
+        return JSON.stringify(buttons.map((button) => button.getBoundingClientRect()));
+    })"""
 
 
+def test_no_button_of_the_arm_moves_when_something_is_told(studio: RunningStudio, blank: Page) -> None:
+    blank.goto(studio.operate_url.replace("/?", "/arm?"))
+    ready(blank)
+    shrink_views(blank)
+    blank.locator("#arm-hint", has_text="take control").wait_for()
+    for width in (1440, 820, 390):
+        blank.set_viewport_size({"width": width, "height": 900})
+        assert len(set(blank.evaluate(_TELL_OF_THE_ARM))) == 1, width
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("path", "texts"),
     [
@@ -143,8 +150,9 @@ def test_no_button_of_the_arm_moves_when_something_is_told(studio: RunningStudio
     ],
 )
 def test_what_is_below_stays_when_something_is_told(
-    studio: RunningStudio, page: Page, path: str, texts: str
+    studio: RunningStudio, blank: Page, path: str, texts: str
 ) -> None:
+    page = blank
     page.goto(studio.operate_url.replace("/?", f"/{path}?"))
     page.locator(texts).first.wait_for(state="attached")
     places = page.evaluate(
@@ -166,6 +174,7 @@ def test_what_is_below_stays_when_something_is_told(
     assert len(set(places)) == 1, places
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [1440, 390])
 def test_nothing_moves_while_servos_are_searched(
     served: RunningStudio, context: BrowserContext, width: int
@@ -199,6 +208,7 @@ def test_nothing_moves_while_servos_are_searched(
         served.studio.source.close()
 
 
+@pytest.mark.slow
 def test_the_facts_have_room(served: RunningStudio, context: BrowserContext) -> None:
     served.studio.source.silence = 5.0
     served.studio.source.open_bus("sim://so101?name=facts")
@@ -217,6 +227,7 @@ def test_the_facts_have_room(served: RunningStudio, context: BrowserContext) -> 
         served.studio.source.close()
 
 
+@pytest.mark.slow
 def test_a_message_is_in_sight_long_enough_to_be_read(studio: RunningStudio, operator: Page) -> None:
     """The header is drawn again four times a second, which must not take away what has just been told."""
     banner = operator.locator("#hw-banner")
@@ -250,6 +261,7 @@ def test_a_stop_is_sent_again_with_its_number(page: Page) -> None:
     assert page.evaluate("window.asked") == f"/stop?tab={tab}&id={page.evaluate('window.number')}"
 
 
+@pytest.mark.slow
 def test_a_copy_of_a_page_has_other_numbers_of_stops(page: Page) -> None:
     """A stop of the copy, by HTTP, would be taken for one that the page has sent before, and be dropped."""
     numbers = set()
@@ -262,6 +274,7 @@ def test_a_copy_of_a_page_has_other_numbers_of_stops(page: Page) -> None:
     assert len(numbers) == 2
 
 
+@pytest.mark.slow
 def test_what_ended_as_it_was_asked_for_is_no_alarm(studio: RunningStudio, operator: Page) -> None:
     operator.evaluate(
         """() => {
@@ -284,6 +297,7 @@ def test_what_ended_as_it_was_asked_for_is_no_alarm(studio: RunningStudio, opera
         del studio.studio.holds.begin
 
 
+@pytest.mark.slow
 def test_what_is_pressed_while_a_page_is_being_loaded_is_done(page: Page) -> None:
     page.evaluate("() => { window.socket.disconnect(); window.did_handshake = false; }")
     page.locator("#hw-take").dispatch_event("click")

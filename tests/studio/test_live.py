@@ -78,6 +78,7 @@ def test_a_stop_that_is_sent_again_is_no_second_one(studio: RunningStudio, monke
         assert len(stops) == 1 + len(others)
 
 
+@pytest.mark.slow
 def test_a_page_is_kept_while_its_computer_sleeps_for_a_moment(studio: RunningStudio, page: Page) -> None:
     """A page that the server has forgotten loads itself again, and what was typed into it is lost."""
     from nicegui import Client

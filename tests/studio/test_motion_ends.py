@@ -6,15 +6,13 @@ measured by `make bench`.
 
 from __future__ import annotations
 
-import contextlib
 import json
-import socket
 import threading
-import time
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
+from tests.studio.holder import JOG, Holder, set_silence
 from tests.studio.running import PATIENCE, Visitor, until
 
 from hexwire.studio.access import Right
@@ -23,11 +21,8 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
     from tests.studio.running import RunningStudio
 
-_JOG = {"directions": {"J1": 1}, "speed": 0.15}
-_STILL = 0.3
-"""Seconds without a new goal after which a servo counts as held."""
-_WATCHED = 0.3
-"""Seconds for which it must stay so."""
+_STILL = 15
+"""States of the arm without a new goal after which a servo counts as held: a jog has a new one for each."""
 
 
 def _moves(studio: RunningStudio) -> None:
@@ -37,93 +32,39 @@ def _moves(studio: RunningStudio) -> None:
 
 
 def _is_held(studio: RunningStudio, why: str) -> None:
-    """Wait until the motion has ended and no goal changes any more; check that it stays so."""
-    # On a machine that stalls, goals that have not changed for a while do not say that the motion has ended.
+    """Wait until the motion has ended and no goal changes any more."""
     arm = studio.studio.source.arm
     assert arm is not None
     studio.until(lambda: not arm.jog.busy, f"the end of the hold: {why}")
-    goals, since = studio.goals(), time.monotonic()
+    goals, owner, stamps = studio.goals(), studio.arm.owner, set[float]()
 
     def still() -> bool:
-        nonlocal goals, since
+        nonlocal goals
         if (now := studio.goals()) != goals:
-            goals, since = now, time.monotonic()
-        return time.monotonic() - since > _STILL
+            goals = now
+            stamps.clear()
+        stamps.add(owner.newest().stamp)
+        return len(stamps) > _STILL
 
     studio.until(still, f"the end of the motion: {why}")
-    time.sleep(_WATCHED)
-    assert studio.goals() == goals, why
-
-
-def _silence(studio: RunningStudio, seconds: float) -> None:
-    """After how many seconds without a beat a motion ends from now on."""
-    source = studio.studio.source.arm
-    assert source is not None
-    source.attended.silence = seconds
-
-
-class _Holder:
-    """Somebody without a browser who holds a jog, and beats."""
-
-    def __init__(self, studio: RunningStudio) -> None:
-        self.studio, self.visitor = studio, Visitor(studio, studio.studio.access.operate_token)
-        key = self.visitor.page()
-        tab = studio.studio.tabs.find(key, self.visitor.cookie.partition("=")[2])
-        assert tab is not None
-        self.tab = tab
-        studio.studio.take(tab, force=True)
-        self._stack = contextlib.ExitStack()
-        # It reads nothing: what arrives must not keep the farewell away.
-        opened = self.visitor.socket(f"/live?tab={key}", max_queue=None)
-        self.line: Any = self._stack.enter_context(opened)
-        self._quiet = threading.Event()
-        self._thread = threading.Thread(target=self._beat, daemon=True)
-        self.number = 0
-
-    def hold(self) -> None:
-        source = self.studio.studio.source.arm
-        assert source is not None
-        self.number += 1
-        order = {"do": "hold", "id": self.number, "kind": "joint", "args": _JOG, "stops": source.stops}
-        self.line.send(json.dumps(order))
-        self._thread.start()
-
-    def _beat(self) -> None:
-        while not self._quiet.wait(0.05):
-            with contextlib.suppress(OSError, Exception):
-                self.line.send(json.dumps({"do": "beat", "id": self.number}))
-
-    def fall_silent(self) -> None:
-        self._quiet.set()
-        _silence(self.studio, 0.5)
-
-    def abort(self) -> None:
-        """The network is gone: no farewell."""
-        self.line.socket.shutdown(socket.SHUT_RDWR)
-
-    def end(self) -> None:
-        self._quiet.set()
-        if self._thread.ident is not None:
-            self._thread.join()
-        self._stack.close()
 
 
 @pytest.fixture
-def moving(served: RunningStudio) -> Iterator[Callable[[], _Holder]]:
+def moving(served: RunningStudio) -> Iterator[Callable[[], Holder]]:
     """Makes somebody who holds a jog that moves; all of them on one arm."""
     served.open()
     served.torque()
-    made: list[_Holder] = []
+    made: list[Holder] = []
 
-    def make() -> _Holder:
+    def make() -> Holder:
         while made:
             made.pop().end()
         if served.arm.owner.group.reason is not None:
             served.stopped("the stop before")
             served.arm.owner.reset()
         # More silence than in earnest, so that a busy machine ends nothing by itself.
-        _silence(served, 5.0)
-        made.append(_Holder(served))
+        set_silence(served, 5.0)
+        made.append(Holder(served))
         made[-1].hold()
         _moves(served)
         return made[-1]
@@ -137,53 +78,53 @@ def moving(served: RunningStudio) -> Iterator[Callable[[], _Holder]]:
         served.studio.access.end_all()
 
 
-def _release(holder: _Holder) -> None:
+def _release(holder: Holder) -> None:
     holder.line.send(json.dumps({"do": "release", "id": holder.number}))
 
 
-def _close(holder: _Holder) -> None:
+def _close(holder: Holder) -> None:
     holder.line.close()
 
 
-def _stop(holder: _Holder) -> None:
+def _stop(holder: Holder) -> None:
     holder.line.send(json.dumps({"do": "stop"}))
     holder.studio.stopped("the stop")
 
 
-def _stop_by_request(holder: _Holder) -> None:
+def _stop_by_request(holder: Holder) -> None:
     other = Visitor(holder.studio, holder.studio.studio.access.watch_token)
     assert other.ask("/stop", "POST", b"")[0] == 200
     holder.studio.stopped("the stop")
 
 
-def _take_away(holder: _Holder) -> None:
+def _take_away(holder: Holder) -> None:
     studio = holder.studio.studio
     studio.take(studio.tabs.open("another", holder.tab.right), force=True)
 
 
-def _leave(holder: _Holder) -> None:
+def _leave(holder: Holder) -> None:
     holder.studio.studio.source.leave(holder.tab)
 
 
-def _end_session(holder: _Holder) -> None:
+def _end_session(holder: Holder) -> None:
     holder.studio.studio.access.leave(holder.tab.session)
 
 
-def _hang_loop(holder: _Holder) -> None:
+def _hang_loop(holder: Holder) -> None:
     """The loop of the server hangs, so that it hears of nothing: the owner of the arm ends the motion."""
     going_on = threading.Event()
     holder.studio.studio.soon(lambda: going_on.wait(PATIENCE))
-    _silence(holder.studio, 0.5)
+    set_silence(holder.studio, 0.5)
     try:
         _is_held(holder.studio, "the server hangs")
     finally:
         going_on.set()
 
 
-_WAYS: dict[str, Callable[[_Holder], object]] = {
+_WAYS: dict[str, Callable[[Holder], object]] = {
     "release": _release,
-    "silence": _Holder.fall_silent,
-    "lost": _Holder.abort,
+    "silence": Holder.fall_silent,
+    "lost": Holder.abort,
     "closed": _close,
     "stop": _stop,
     "stop by HTTP": _stop_by_request,
@@ -194,7 +135,7 @@ _WAYS: dict[str, Callable[[_Holder], object]] = {
 }
 
 
-def test_a_motion_ends_in_every_way(moving: Callable[[], _Holder]) -> None:
+def test_a_motion_ends_in_every_way(moving: Callable[[], Holder]) -> None:
     for name, way in _WAYS.items():
         holder = moving()
         way(holder)
@@ -204,7 +145,7 @@ def test_a_motion_ends_in_every_way(moving: Callable[[], _Holder]) -> None:
         holder.studio.until(lambda source=source: source.attended.entry is None, name)  # type: ignore[misc]  # bound now
 
 
-def test_nothing_from_before_a_stop_continues_after_resume(moving: Callable[[], _Holder]) -> None:
+def test_nothing_from_before_a_stop_continues_after_resume(moving: Callable[[], Holder]) -> None:
     holder = moving()
     studio, owner, source = holder.studio, holder.studio.arm.owner, holder.studio.studio.source.arm
     assert source is not None
@@ -214,12 +155,12 @@ def test_nothing_from_before_a_stop_continues_after_resume(moving: Callable[[], 
     owner.reset()
     _is_held(studio, "its beats still arrive")
     # An order that was under way while the arm was stopped and resumed.
-    holder.line.send(json.dumps({"do": "hold", "id": 99, "kind": "joint", "args": _JOG, "stops": old}))
+    holder.line.send(json.dumps({"do": "hold", "id": 99, "kind": "joint", "args": JOG, "stops": old}))
     holder.number = 99
     _is_held(studio, "the order is old")
 
 
-def test_what_a_watcher_asks_for_leaves_the_motion_of_others_alone(moving: Callable[[], _Holder]) -> None:
+def test_what_a_watcher_asks_for_leaves_the_motion_of_others_alone(moving: Callable[[], Holder]) -> None:
     holder = moving()
     source = holder.studio.studio.source.arm
     assert source is not None
@@ -227,12 +168,13 @@ def test_what_a_watcher_asks_for_leaves_the_motion_of_others_alone(moving: Calla
     assert mine is not None
     watcher = Visitor(holder.studio, holder.studio.studio.access.watch_token)
     with watcher.socket(f"/live?tab={watcher.page()}") as line:
-        order = {"do": "hold", "id": 7, "kind": "joint", "args": _JOG, "stops": source.stops}
+        order = {"do": "hold", "id": 7, "kind": "joint", "args": JOG, "stops": source.stops}
         line.send(json.dumps(order))
         until(lambda: '"ended", "id": 7' in str(line.recv(timeout=10)), "the refusal")
         assert mine.ended in ("", "no sign of life")
 
 
+@pytest.mark.slow
 def test_a_resume_from_before_a_stop_does_not_end_it(studio: RunningStudio, operator: Page) -> None:
     owner, workers, free = studio.arm.owner, studio.studio._workers[Right.OPERATE], threading.Event()
     operator.keyboard.press("Escape")
@@ -264,7 +206,7 @@ def test_a_motion_ends_in_a_browser(studio: RunningStudio, operator: Page) -> No
             const hide = (event) => event.target === button && event.stopImmediatePropagation();
             window.addEventListener("blur", hide, true);
         }""",
-        _JOG,
+        JOG,
     )
     button = operator.locator("#jog")
     for way in ("mouse", "key", "gone", "disabled", "blur", "freeze", "close"):
@@ -285,7 +227,7 @@ def test_a_motion_ends_in_a_browser(studio: RunningStudio, operator: Page) -> No
         elif way == "disabled":
             operator.evaluate("jog.disabled = true; 1")
         elif way == "freeze":
-            _silence(studio, 0.25)
+            set_silence(studio, 0.25)
             operator.evaluate(
                 "setTimeout(() => { const end = Date.now() + 1500; while (Date.now() < end); }, 0); 1"
             )
@@ -295,13 +237,14 @@ def test_a_motion_ends_in_a_browser(studio: RunningStudio, operator: Page) -> No
             operator.close()
         _is_held(studio, way)
         if way == "freeze":
-            _silence(studio, 5.0)
+            set_silence(studio, 5.0)
         elif way == "gone":
             operator.evaluate("document.getElementById('hw-main').prepend(jog)")
         elif way == "disabled":
             operator.evaluate("jog.disabled = false; 1")
 
 
+@pytest.mark.slow
 def test_stop_reaches_the_arm_without_the_live_socket(studio: RunningStudio, operator: Page) -> None:
     operator.evaluate(
         """() => {

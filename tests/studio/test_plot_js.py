@@ -89,6 +89,7 @@ def _box(page: Page) -> dict[str, Any]:
     return dict(box)
 
 
+@pytest.mark.slow
 def test_it_follows_until_it_is_paused(plot: Page) -> None:
     assert _range(plot) == pytest.approx((39.98, 59.98))
     plot.evaluate("plot.append(61, [61, -61, 7.4])")
@@ -115,6 +116,7 @@ def test_the_value_now_is_not_one_of_a_second_ago(plot: Page) -> None:
     plot.wait_for_function("document.querySelector('.hx-plot-legend tbody td:nth-child(3)').textContent === '–'")
 
 
+@pytest.mark.slow
 def test_zoom_by_wheel_drag_and_keys(plot: Page) -> None:
     box = _box(plot)
     middle = box["y"] + box["height"] / 2
@@ -142,6 +144,7 @@ def test_zoom_by_wheel_drag_and_keys(plot: Page) -> None:
     assert not plot.evaluate("plot.paused")
 
 
+@pytest.mark.slow
 def test_cursors_measure_values_and_differences(plot: Page) -> None:
     box = _box(plot)
     begin, end = _range(plot)
@@ -169,6 +172,7 @@ def test_units_have_panels_of_their_own_and_series_can_be_hidden(plot: Page) -> 
     assert plot.locator(".uplot").count() == 2
 
 
+@pytest.mark.slow
 def test_the_picture_is_a_png_in_the_colours_of_the_page(plot: Page) -> None:
     text = plot.evaluate(
         """async () => {
@@ -202,6 +206,7 @@ def test_reduction_keeps_every_peak_and_gaps(page: Page) -> None:
     assert found["rising"]
 
 
+@pytest.mark.slow
 def test_memory_is_constant_over_an_hour(page: Page) -> None:
     before, after, kept, shown = page.evaluate(
         """async () => {

@@ -82,6 +82,7 @@ def test_a_damaged_recording_is_recovered_and_one_is_removed(client: Client) -> 
     assert [row["name"] for row in client.list()["entries"]] == ["a recovered.mcap"]
 
 
+@pytest.mark.slow
 def test_the_twin_plays_a_part(client: Client) -> None:
     record(client.studio.shelf.library.folder, "a.mcap")
     started = client.do("twin", name="a.mcap", begin=1.0, end=2.0, factor=2.0)

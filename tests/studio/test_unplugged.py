@@ -6,8 +6,10 @@ import contextlib
 import time
 from typing import TYPE_CHECKING
 
+import pytest
 from tests.emulator.terminals import serving
 from tests.studio.conftest import ready
+from tests.studio.holder import Holder
 from tests.studio.test_every_page import faults
 
 from hexwire.emulator.board import make_hex7bot_board
@@ -74,6 +76,48 @@ def test_each_page_is_there() -> None:
     assert list(_SHOWN) == [page.path for page in PAGES]
 
 
+def _stays(served: RunningStudio, place: float) -> None:
+    """Fails if J1 leaves its place within the next states."""
+    stamps = {served.arm.owner.newest().stamp}
+
+    def seen() -> bool:
+        state = served.arm.owner.newest()
+        assert abs(state.positions["J1"] - place) < 0.01
+        stamps.add(state.stamp)
+        return len(stamps) > 15
+
+    served.until(seen, "fifteen states")
+
+
+def test_a_held_motion_of_a_board_that_was_unplugged_does_not_go_on(served: RunningStudio, tmp_path: Path) -> None:
+    board, port = make_hex7bot_board(baud=0, start=time.monotonic()), tmp_path / "ttyUSB0"
+    with contextlib.ExitStack() as stack:
+        stack.callback(served.studio.access.end_all)
+        stack.callback(served.studio.source.close)
+        with _plugged(board, port):
+            served.studio.source.silence = 5.0
+            served.studio.source.open(str(port))
+            served.until(lambda: served.arm.owner.state is not None, "a state")
+            served.torque()
+            served.until(lambda: len(served.arm.owner.state.torque_on) == 7, "torque")
+            before = served.arm.owner.state.positions["J1"]
+            holder = Holder(served)
+            stack.callback(holder.end)
+            holder.hold()
+            served.until(lambda: abs(served.arm.owner.state.positions["J1"] - before) > 0.02, "a motion")
+        served.until(lambda: not served.arm.owner.connected, "the end of the connection")
+        with _plugged(board, port):
+            # Whoever still holds the button does not move it, neither stopped nor resumed.
+            served.until(lambda: served.arm.owner.connected, "the connection")
+            served.stopped("the stop")
+            place = _rest(served)
+            served.arm.owner.reset()
+            served.until(lambda: served.arm.owner.group.reason is None, "the end of the stop")
+            _stays(served, place)
+            served.studio.source.close()
+
+
+@pytest.mark.slow
 def test_a_board_that_returns_is_there_again_and_stopped(
     served: RunningStudio, blank: Page, tmp_path: Path
 ) -> None:
@@ -114,8 +158,7 @@ def test_a_board_that_returns_is_there_again_and_stopped(
             place = _rest(served)
             page.get_by_role("button", name="Resume").click()
             served.until(lambda: served.arm.owner.group.reason is None, "the end of the stop")
-            time.sleep(0.3)
-            assert abs(served.arm.owner.newest().positions["J1"] - place) < 0.01
+            _stays(served, place)
             served.studio.source.close()
     finally:
         served.studio.source.close()

@@ -72,6 +72,7 @@ def board(studio: RunningStudio, tmp_path: Path) -> Iterator[PtyBoard]:
 # -- what breaks --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_silent_servo_and_a_pulled_cable(board: PtyBoard, operator: Page) -> None:
     page = operator
     fact(page, "connection", str(board.port))
@@ -111,6 +112,7 @@ def test_a_silent_servo_and_a_pulled_cable(board: PtyBoard, operator: Page) -> N
 # -- two people ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_one_moves_and_the_others_watch_and_stop(
     studio: RunningStudio, browser: Browser, context: BrowserContext, operator: Page
 ) -> None:
@@ -156,6 +158,7 @@ def _missed_by_tab(page: Page) -> list[str]:
     return missed
 
 
+@pytest.mark.slow
 def test_everything_is_reached_and_seen_by_tab(operator: Page) -> None:
     wrong: list[str] = []
     for path in [page.path for page in PAGES]:

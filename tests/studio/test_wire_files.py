@@ -46,6 +46,7 @@ def test_the_files_of_many_tabs_are_bounded() -> None:
     assert files.view("16") is not None, "a second file of a tab takes the place of its first"
 
 
+@pytest.mark.slow
 def test_a_small_file_with_millions_of_frames_is_read_up_to_a_bound() -> None:
     files, many = WireFiles(), make_ping(4) * 100_000
     for name, data, most in (("raw.bin", many, 31_000), ("x.txt", b"> FF\n" * 201_000, 200_001)):

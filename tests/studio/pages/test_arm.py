@@ -58,6 +58,7 @@ def type_goal(page: Page, **values: float) -> None:
         page.locator(f'#arm-goto input[name="{field}"]').fill(str(value))
 
 
+@pytest.mark.slow
 def test_what_is_pressed_without_a_connection_is_not_done_later(studio: RunningStudio, operator: Page) -> None:
     """Torque would go off when nobody holds the arm any more."""
     shrink_views(operator)
@@ -74,6 +75,7 @@ def test_what_is_pressed_without_a_connection_is_not_done_later(studio: RunningS
     assert not studio.studio.source.arm.desk.teaching
 
 
+@pytest.mark.slow
 def test_joints_move_only_while_somebody_holds_them(studio: RunningStudio, page: Page) -> None:
     shrink_views(page)
     page.get_by_role("link", name="Arm", exact=True).click()
@@ -129,6 +131,7 @@ def test_joints_move_only_while_somebody_holds_them(studio: RunningStudio, page:
         assert abs(rest(studio, "J1") - math.radians(goal)) > 0.1
 
 
+@pytest.mark.slow
 def test_an_arm_that_is_opened_between_a_frame_and_its_picture_breaks_nothing(page: Page) -> None:
     page.get_by_role("link", name="Arm", exact=True).click()
     page.wait_for_function("document.querySelector('[data-tip=x]')?.textContent.length > 1")
@@ -145,6 +148,7 @@ def test_an_arm_that_is_opened_between_a_frame_and_its_picture_breaks_nothing(pa
     page.wait_for_function("hexwire.frame")
 
 
+@pytest.mark.slow
 def test_a_goal_is_previewed_and_reached_a_pose_recalled_a_motion_taught(
     studio: RunningStudio, operator: Page
 ) -> None:
@@ -223,7 +227,7 @@ def test_a_goal_is_previewed_and_reached_a_pose_recalled_a_motion_taught(
     expect(page.get_by_text("No arm is open.")).to_be_visible()
 
 
-@pytest.mark.parametrize("end", ["arrived", "out of reach"])
+@pytest.mark.parametrize("end", ["arrived", pytest.param("out of reach", marks=pytest.mark.slow)])
 def test_the_next_goal_stays_when_the_motion_to_the_last_one_ends(
     studio: RunningStudio, operator: Page, end: str
 ) -> None:

@@ -44,6 +44,7 @@ def test_without_shared_arms_all_arms_are_what_is_open_here(fleet_page: Page, st
     fleet_page.get_by_text("all arms: NOT CONFIRMED").wait_for()
 
 
+@pytest.mark.slow
 def test_an_operator_opens_an_arm_and_a_watcher_stops_it(
     serve: Serve, studio: RunningStudio, context: BrowserContext, fleet_page: Page
 ) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 from typing import TYPE_CHECKING
 
+import pytest
+
 if TYPE_CHECKING:
     from playwright.sync_api import Page
     from tests.studio.running import RunningStudio
@@ -16,6 +18,7 @@ def _open(page: Page) -> None:
     page.locator(".uplot").first.wait_for()
 
 
+@pytest.mark.slow
 def test_signals_of_joints_are_drawn_with_their_history_and_saved(page: Page, studio: RunningStudio) -> None:
     began = studio.studio.source.arm.history.rows().times[0]
     _open(page)
@@ -54,6 +57,7 @@ def test_signals_of_joints_are_drawn_with_their_history_and_saved(page: Page, st
     assert kept.times[0] == began
 
 
+@pytest.mark.slow
 def test_the_page_says_why_it_is_empty(page: Page, studio: RunningStudio) -> None:
     _open(page)
     studio.studio.source.close()

@@ -29,6 +29,7 @@ def _open(page: Page) -> None:
     page.get_by_role("heading", name="Recordings", level=1).wait_for()
 
 
+@pytest.mark.slow
 def test_the_session_is_recorded_and_plays_on_the_arm(operator: Page, folder: Path, studio: RunningStudio) -> None:
     operator.get_by_role("button", name="Torque on").click()
     operator.get_by_role("button", name="Torque off").wait_for()
@@ -55,6 +56,7 @@ def test_playing_without_control_is_refused_in_words(page: Page, folder: Path) -
     page.get_by_role("button", name="Play on the twin").wait_for()
 
 
+@pytest.mark.slow
 def test_a_file_is_added_compared_and_deleted(page: Page, folder: Path, tmp_path: Path) -> None:
     record(folder, "first.mcap")
     record(tmp_path, "second.mcap", 0.5)
@@ -77,6 +79,7 @@ def test_a_file_is_added_compared_and_deleted(page: Page, folder: Path, tmp_path
     assert [path.name for path in folder.iterdir()] == ["second.mcap"]
 
 
+@pytest.mark.slow
 def test_a_damaged_recording_says_so_and_is_recovered(page: Page, folder: Path) -> None:
     record(folder, "a.mcap")
     _open(page)
@@ -93,6 +96,7 @@ def test_a_damaged_recording_says_so_and_is_recovered(page: Page, folder: Path) 
     page.get_by_role("row", name="a recovered.mcap").get_by_text("whole").wait_for()
 
 
+@pytest.mark.slow
 def test_closing_the_page_ends_a_recording_that_plays_on_the_arm(
     operator: Page, folder: Path, studio: RunningStudio
 ) -> None:
@@ -112,6 +116,7 @@ def test_closing_the_page_ends_a_recording_that_plays_on_the_arm(
     assert (progress.title, progress.outcome) == ("a recording", "preempted")
 
 
+@pytest.mark.slow
 def test_a_recording_of_other_joints_shows_all_of_them_and_a_refused_motion_says_why(
     page: Page, folder: Path
 ) -> None:
@@ -163,6 +168,7 @@ def test_a_recording_of_other_joints_shows_all_of_them_and_a_refused_motion_says
     assert refusal.is_visible()
 
 
+@pytest.mark.slow
 def test_a_recording_that_comes_leaves_the_rows_of_others_alone(page: Page, folder: Path) -> None:
     """A row that is made again loses the press that has begun on it, and the question there."""
     record(folder, "first.mcap")

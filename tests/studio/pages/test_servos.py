@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import pytest
+
 if TYPE_CHECKING:
     from playwright.sync_api import Page
     from tests.studio.running import RunningStudio
 
 
+@pytest.mark.slow
 def test_page_has_its_heading(page: Page) -> None:
     page.get_by_role("link", name="Servos", exact=True).click()
     page.get_by_role("heading", name="Servos", level=1).wait_for()
 
 
+@pytest.mark.slow
 def test_an_arm_on_an_adapter_is_left_for_its_servos(served: RunningStudio, blank: Page) -> None:
     served.open("so101")
     page = blank

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import pytest
 from playwright.sync_api import expect
 from tests.studio.running import Visitor
 
@@ -19,6 +20,7 @@ _ROWS = [
 ]
 
 
+@pytest.mark.slow
 def test_a_port_is_shown_with_its_obstacle_and_an_arm_is_opened(
     served: RunningStudio, blank: Page, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -63,6 +65,7 @@ def test_a_watcher_opens_nothing(served: RunningStudio, blank: Page) -> None:
         served.studio.access.end_all()
 
 
+@pytest.mark.slow
 def test_what_has_not_changed_is_not_drawn_again(
     studio: RunningStudio, blank: Page, monkeypatch: pytest.MonkeyPatch
 ) -> None:

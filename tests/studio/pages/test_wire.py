@@ -30,6 +30,7 @@ def open_file(page: Page, name: str) -> None:
     page.get_by_text(name).wait_for()
 
 
+@pytest.mark.slow
 def test_live_frames_are_saved_filtered_and_paused(wire: Page, tmp_path: Path) -> None:
     with wire.expect_download() as download:
         wire.get_by_role("button", name="Save pcapng").click()
@@ -58,6 +59,7 @@ def test_live_frames_are_saved_filtered_and_paused(wire: Page, tmp_path: Path) -
     wire.get_by_text("servo needs a number").wait_for()
 
 
+@pytest.mark.slow
 def test_in_a_file_a_byte_shows_its_field_and_a_field_its_bytes(wire: Page) -> None:
     open_file(wire, "cut-frame.pcapng")
     detail = wire.get_by_role("region", name="The selected frame")
@@ -90,6 +92,7 @@ def test_in_a_file_a_byte_shows_its_field_and_a_field_its_bytes(wire: Page) -> N
     wire.get_by_role("option", name="JOINT_STATE").first.wait_for()
 
 
+@pytest.mark.slow
 def test_a_thousand_frames_a_second_are_few_elements(wire: Page, studio: RunningStudio) -> None:
     ring = studio.studio.wire._ring
     (_, sample) = ring.since(0)[-1]
@@ -123,6 +126,7 @@ def test_a_press_on_a_frame_selects_it_although_the_list_moves_on(wire: Page) ->
     ).wait_for()
 
 
+@pytest.mark.slow
 def test_follow_keeps_its_state_until_somebody_ticks_it_or_scrolls_back(wire: Page) -> None:
     follow = wire.get_by_label("Follow")
     frames = wire.get_by_role("listbox", name="Frames")

@@ -2,10 +2,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import pytest
+
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 
+@pytest.mark.slow
 def test_a_board_tells_what_it_knows_and_that_registers_need_an_adapter(page: Page) -> None:
     page.get_by_role("link", name="Servos", exact=True).click()
     page.get_by_role("heading", name="Servos", level=1).wait_for()

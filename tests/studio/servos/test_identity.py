@@ -51,6 +51,7 @@ def test_a_servo_that_was_cut_off_is_found_again(view: Any) -> None:
     assert view.bus.bench.servo_ids == (1, 2, 3, 4, 5, 20)
 
 
+@pytest.mark.slow
 def test_the_id_is_changed_and_the_servo_followed(bench: Bench) -> None:
     page = bench.page
     page.get_by_role("button", name="Servo 6", exact=True).click()

@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
+import pytest
 from tests.studio.running import PATIENCE
 
 from hexwire.drivers.arm_file import load_profile
@@ -11,6 +12,7 @@ if TYPE_CHECKING:
     from tests.studio.servos.conftest import Bench
 
 
+@pytest.mark.slow
 def test_calibration_stress_and_backup_work_on_the_page(bench: Bench) -> None:
     page = bench.page
     bench.part("Stress test")
@@ -31,6 +33,7 @@ def test_calibration_stress_and_backup_work_on_the_page(bench: Bench) -> None:
     assert bench.bus.job is None
 
 
+@pytest.mark.slow
 def test_a_calibration_of_lerobot_is_loaded_and_stored_on_the_page(bench: Bench) -> None:
     page = bench.page
     row = {"drive_mode": 0, "homing_offset": 15, "range_min": 900, "range_max": 3100}

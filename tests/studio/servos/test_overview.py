@@ -2,6 +2,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import pytest
+
 from hexwire.wire.tables import STATUS_BITS
 
 if TYPE_CHECKING:
@@ -9,6 +11,7 @@ if TYPE_CHECKING:
     from tests.studio.servos.conftest import Bench
 
 
+@pytest.mark.slow
 def test_a_page_without_control_changes_nothing(bench: Bench, context: BrowserContext) -> None:
     other = context.new_page()
     other.goto(bench.running.watch_url.replace("/?", "/servos?"))
@@ -17,6 +20,7 @@ def test_a_page_without_control_changes_nothing(bench: Bench, context: BrowserCo
     assert not bench.servo(1).torque_on
 
 
+@pytest.mark.slow
 def test_an_overload_is_ended_and_a_middle_set_on_the_page(bench: Bench) -> None:
     page, servo = bench.page, bench.servo(1)
     servo.protection.forced |= STATUS_BITS["overload"]

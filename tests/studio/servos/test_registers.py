@@ -56,6 +56,7 @@ def test_an_edit_is_refused_while_stopped_and_made_otherwise(view: Any) -> None:
         registers._apply(view, edit)
 
 
+@pytest.mark.slow
 def test_a_register_is_edited_and_the_edit_undone(bench: Bench) -> None:
     page, stored = bench.page, bench.servo(1).registers.stored
     page.get_by_role("button", name="Servo 3", exact=True).click()

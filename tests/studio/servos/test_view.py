@@ -33,6 +33,7 @@ def test_a_page_of_a_closed_bus_reaches_nothing() -> None:
         view._checked(lambda: 1)
 
 
+@pytest.mark.slow
 def test_on_every_part_nothing_that_needs_a_servo_can_be_pressed_while_the_bus_is_lost(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:

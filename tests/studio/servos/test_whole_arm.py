@@ -79,6 +79,7 @@ def test_a_search_can_be_cancelled(view: Any) -> None:
         view.bus.bus = plain
 
 
+@pytest.mark.slow
 def test_what_was_found_goes_with_the_choice_of_another_arm(bench: Bench) -> None:
     page = bench.page
     bench.part("Set up an arm")
