@@ -133,6 +133,7 @@ def programs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_programs_of_users_pass_mypy_strict(installed: Path, programs: Path) -> None:
     ended = mypy(installed, programs, *(path.name for path in programs.glob("*.py")))
     # ROS comes from the system and brings no types.
@@ -142,6 +143,7 @@ def test_programs_of_users_pass_mypy_strict(installed: Path, programs: Path) -> 
     assert "Success" in ended.stdout or "ros_" in ended.stdout, ended.stdout + ended.stderr
 
 
+@pytest.mark.slow
 def test_a_name_that_is_not_there_is_found(installed: Path, tmp_path: Path) -> None:
     text = "import hexwire\nfrom hexwire import RobotDrivr\n\nprint(hexwire.conect, RobotDrivr)\n"
     (tmp_path / "misspelt.py").write_text(text, encoding="utf-8")
@@ -169,6 +171,7 @@ def pyright(installed: Path, folder: Path) -> list[str]:
     ]
 
 
+@pytest.mark.slow
 def test_programs_of_users_pass_pyright(installed: Path, programs: Path) -> None:
     # ROS comes from the system and need not be there.
     faults = [

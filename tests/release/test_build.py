@@ -28,6 +28,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 IMAGE = b":00000001FF\n"
 
 
+@pytest.mark.slow
 def test_the_firmware_is_the_same_bytes_from_another_folder(tmp_path: Path) -> None:
     machines.built("mega2560")
     folder = tmp_path / "another/place/firmware"
@@ -43,22 +44,27 @@ def fake_build(folder: Path, *, host_baud: int = 115200) -> firmware.BuildReport
     return firmware.BuildReport(file, "", "0.0.0", host_baud)
 
 
-@pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory) -> list[list[Path]]:
-    """Both files and their ingredients, built in two places; the compiler is replaced, it has its own test."""
+def build_in(folder: Path) -> list[Path]:
+    """Wheel, source distribution and their ingredients; the compiler is replaced, it has its own test."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(build.firmware, "build", fake_build)
-        folders = [tmp_path_factory.mktemp("one"), tmp_path_factory.mktemp("another") / "deeper"]
-        return [build.build(uv(), folder / "out", folder / "copy") for folder in folders]
+        made: list[Path] = build.build(uv(), folder / "out", folder / "copy")
+        return made
 
 
-def test_two_builds_give_the_same_bytes(built: list[list[Path]]) -> None:
-    for one, another in zip(*built, strict=True):
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    return build_in(tmp_path_factory.mktemp("one"))
+
+
+@pytest.mark.slow
+def test_two_builds_give_the_same_bytes(built: list[Path], tmp_path: Path) -> None:
+    for one, another in zip(built, build_in(tmp_path / "another" / "deeper"), strict=True):
         assert one.read_bytes() == another.read_bytes(), one.name
 
 
-def test_no_link_of_the_package_page_is_relative(built: list[list[Path]]) -> None:
-    with zipfile.ZipFile(built[0][0]) as wheel:
+def test_no_link_of_the_package_page_is_relative(built: list[Path]) -> None:
+    with zipfile.ZipFile(built[0]) as wheel:
         (name,) = (name for name in wheel.namelist() if name.endswith(".dist-info/METADATA"))
         page = message_from_bytes(wheel.read(name)).get_payload()
     links = re.findall(r"\]\(([^)\s]+)\)|(?:src|srcset|href)=\"([^\"]+)\"", str(page))
@@ -66,7 +72,7 @@ def test_no_link_of_the_package_page_is_relative(built: list[list[Path]]) -> Non
     targets = ["".join(link) for link in links]
     assert all(target.startswith("https://") for target in targets)
     # Each is a file of the source distribution.
-    with tarfile.open(built[0][1]) as source:
+    with tarfile.open(built[1]) as source:
         files = {file.partition("/")[2] for file in source.getnames()}
     own = re.compile(
         r"https://(?:github\.com|raw\.githubusercontent\.com)/hexwire/hexwire/(?:blob/)?v[0-9.]+/([^#]+)"
@@ -75,8 +81,8 @@ def test_no_link_of_the_package_page_is_relative(built: list[list[Path]]) -> Non
     assert {"docs/pictures/demo.svg", "docs/safety.md", "LICENSE"} <= found <= files
 
 
-def test_the_wheel_brings_firmware_analysers_ros_and_pages(built: list[list[Path]], tmp_path: Path) -> None:
-    with zipfile.ZipFile(built[0][0]) as wheel:
+def test_the_wheel_brings_firmware_analysers_ros_and_pages(built: list[Path], tmp_path: Path) -> None:
+    with zipfile.ZipFile(built[0]) as wheel:
         names = set(wheel.namelist())
         wheel.extractall(tmp_path)
     share = tmp_path / "hexwire/share"
@@ -104,8 +110,8 @@ def test_the_wheel_brings_firmware_analysers_ros_and_pages(built: list[list[Path
     assert tracked <= names
 
 
-def test_the_metadata_are_complete(built: list[list[Path]]) -> None:
-    with zipfile.ZipFile(built[0][0]) as wheel:
+def test_the_metadata_are_complete(built: list[Path]) -> None:
+    with zipfile.ZipFile(built[0]) as wheel:
         info = f"hexwire-{PROJECT['version']}.dist-info"
         metadata = message_from_bytes(wheel.read(f"{info}/METADATA"))
         texts = [wheel.read(f"{info}/licenses/{name}") for name in metadata.get_all("License-File") or []]
@@ -120,8 +126,8 @@ def test_the_metadata_are_complete(built: list[list[Path]]) -> None:
     assert metadata["Requires-Python"] == ">=3.11"
 
 
-def test_the_source_distribution_is_whole(built: list[list[Path]]) -> None:
-    with tarfile.open(built[0][1]) as packed:
+def test_the_source_distribution_is_whole(built: list[Path]) -> None:
+    with tarfile.open(built[1]) as packed:
         members = {m.name.partition("/")[2]: m for m in packed.getmembers() if not m.isdir()}
     names = set(build.sources())
     assert len(names) > 1500
@@ -142,8 +148,9 @@ def test_every_file_at_the_top_is_in_the_source_distribution() -> None:
     assert {name.partition("/")[0] for name in build.sources()} <= listed | always
 
 
-def test_the_sources_without_git_are_those_of_git(built: list[list[Path]], tmp_path: Path) -> None:
-    with tarfile.open(built[0][1]) as packed:
+@pytest.mark.slow
+def test_the_sources_without_git_are_those_of_git(built: list[Path], tmp_path: Path) -> None:
+    with tarfile.open(built[1]) as packed:
         packed.extractall(tmp_path, filter="data")
     (root,) = tmp_path.iterdir()
     for name in (".venv/x.py", "build/x", "src/hexwire/__pycache__/x.pyc", ".ruff_cache/x"):
@@ -156,8 +163,8 @@ def test_the_sources_without_git_are_those_of_git(built: list[list[Path]], tmp_p
     assert found == expected
 
 
-def test_the_ingredients_are_those_that_the_lock_names(built: list[list[Path]]) -> None:
-    listed = json.loads(built[0][2].read_text())
+def test_the_ingredients_are_those_that_the_lock_names(built: list[Path]) -> None:
+    listed = json.loads(built[2].read_text())
     assert (listed["bomFormat"], listed["specVersion"]) == ("CycloneDX", "1.5")
     parts = {part["name"]: part for part in listed["components"]}
     locked = {p["name"]: p for p in tomllib.loads((ROOT / "uv.lock").read_text())["package"]}
@@ -199,6 +206,7 @@ def test_a_copy_has_one_of_two_modes(tmp_path: Path) -> None:
     assert [(tmp_path / "out" / name).stat().st_mode & 0o777 for name in "ab"] == [0o644, 0o755]
 
 
+@pytest.mark.slow
 def test_make_dist_installs_what_builds_it() -> None:
     shown = subprocess.run(["make", "-n", "dist"], cwd=ROOT, capture_output=True, text=True, check=True, timeout=60)
     assert "install-packages arduino-core-avr avr-libc binutils-avr gcc-avr make" in shown.stdout

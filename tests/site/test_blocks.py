@@ -41,6 +41,8 @@ OWN = {
 """Pages whose console blocks a test of their own runs, as programs."""
 CONSOLE = [page for page, found in ALL.items() if page not in OWN and any(b.language == "console" for b in found)]
 NOTEST = [(page, b) for page, found in ALL.items() for b in found if b.language == "python" and "notest" in b.info]
+LONG = ("docs/motion.md",)
+"""Their motions take many seconds; `tests/cli` has them one by one."""
 ON_A_BUS = ("docs/bus.md",)
 """Their ports are of servos on an adapter."""
 
@@ -131,7 +133,9 @@ def plain(line: str) -> str:
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("page", CONSOLE)
+@pytest.mark.parametrize(
+    "page", [pytest.param(page, marks=pytest.mark.slow) if page in LONG else page for page in CONSOLE]
+)
 def test_commands_of_a_page(page: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     arm = request.getfixturevalue("bus_arm" if page in ON_A_BUS else "emulated_arm")
     shell = Shell(tmp_path, arm)

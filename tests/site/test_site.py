@@ -1,4 +1,8 @@
-"""The built site: every link and anchor, no request to anybody, a search without a network, narrow screens."""
+"""The built site: every link and anchor, no request to anybody, a search without a network, narrow screens.
+
+Building all pages takes half a minute: `make test` builds a site of one page, and `test_pages.py` follows the links
+of the pages as they are written.
+"""
 
 from __future__ import annotations
 
@@ -46,11 +50,13 @@ def html(site: Path) -> dict[str, Page]:
     return {path.relative_to(site).as_posix(): Page(path) for path in sorted(site.rglob("*.html"))}
 
 
+@pytest.mark.slow
 def test_every_page_is_built(html: dict[str, Page]) -> None:
     wanted = {*make.pages.sources(), *make.generated()}
     assert {page.replace(".md", ".html") for page in wanted} == set(html)
 
 
+@pytest.mark.slow
 def test_every_link_and_anchor_leads_somewhere(html: dict[str, Page], site: Path) -> None:
     gone = []
     files = {path.relative_to(site).as_posix() for path in site.rglob("*") if path.is_file()}
@@ -66,6 +72,7 @@ def test_every_link_and_anchor_leads_somewhere(html: dict[str, Page], site: Path
     assert not gone
 
 
+@pytest.mark.slow
 def test_nothing_is_loaded_from_elsewhere(html: dict[str, Page], site: Path) -> None:
     outside = re.compile(r"^(\w+:)?//")
     assert [f"{name}: {load}" for name, page in html.items() for load in page.loads if outside.match(load)] == []
@@ -80,6 +87,7 @@ def test_nothing_is_loaded_from_elsewhere(html: dict[str, Page], site: Path) -> 
         assert [url for url in found if not known.match(url)] == [], script
 
 
+@pytest.mark.slow
 def test_every_command_has_its_place(html: dict[str, Page]) -> None:
     for words, _, _ in commands.every_command():
         if len(words) > 1:
@@ -98,6 +106,7 @@ def test_options_are_those_of_the_command() -> None:
                 assert record is None or all(f"`{name}" in text for name in names), (words, names)
 
 
+@pytest.mark.slow
 def test_every_register_is_listed(site: Path) -> None:
     import tomllib
 
@@ -136,6 +145,7 @@ def address(site: Path) -> Iterator[str]:
         thread.join()
 
 
+@pytest.mark.slow
 @pytest.mark.system
 @pytest.mark.parametrize("opened", ["from a server", "as files"])
 def test_search_finds_without_a_network(
@@ -160,6 +170,7 @@ def test_search_finds_without_a_network(
     assert [url for url in asked if not url.startswith((base, "about:", "data:"))] == []
 
 
+@pytest.mark.slow
 @pytest.mark.system
 def test_commands_are_copied_without_prompts(address: str, window: Browser) -> None:
     with window.new_context(permissions=["clipboard-read", "clipboard-write"]) as context:
@@ -172,6 +183,7 @@ def test_commands_are_copied_without_prompts(address: str, window: Browser) -> N
         assert page.evaluate("navigator.clipboard.readText()") == "hexwire move J1=10 --wait"
 
 
+@pytest.mark.slow
 @pytest.mark.system
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_pages_fit_a_phone_and_have_its_colours(scheme: str, site: Path, window: Browser) -> None:
