@@ -133,25 +133,26 @@ def test_a_released_jog_brakes_instead_of_going_back_to_where_it_was_measured(
     arm.arm.enable(True)
     tab = Tab("tab 1", "key", "session", Right.OPERATE)
     source.take(tab)
-    told: list[float] = []
+    told: list[tuple[float, float]] = []
     write = arm.driver.write
 
     def noted(target: JointTarget) -> SentTarget:
-        told.extend(angle for name, angle in target.positions if name == "J1")
+        told.extend((arm.driver.now(), angle) for name, angle in target.positions if name == "J1")
         return write(target)
 
     monkeypatch.setattr(arm.driver, "write", noted)
     entry = arm.attended.begin(tab.key, 1)
     assert entry is not None
     arm.begin_jog(tab, entry, "joint", {"directions": {"J1": 1.0}, "speed": 0.4}, arm.mark())
-    until(lambda: len(told) > 10 and told[-1] - told[-2] > 0.02, "it moves")
+    until(lambda: len(told) > 10 and told[-1][1] - told[-2][1] > 0.02, "it moves")
     arm.attended.end(tab.key, "released")
     released = len(told)
     until(lambda: not arm.jog.busy, "it rests")
-    steps = [b - a for a, b in pairwise(told[released - 1 :])]
-    assert len(steps) > 5
-    assert all(step >= -1e-9 for step in steps), "it never goes back"
-    assert steps[-1] < 0.2 * max(steps)
+    # Radians per second: on a busy machine the steps are fewer and longer.
+    speeds = [(after - before) / (then - now) for (now, before), (then, after) in pairwise(told[released - 1 :])]
+    assert len(speeds) > 1
+    assert all(speed >= -1e-9 for speed in speeds), f"it never goes back: {speeds}"
+    assert speeds[-1] < 0.2 * max(speeds), speeds
 
 
 def test_a_jog_that_begins_during_a_motion_begins_where_its_joints_have_braked(

@@ -53,9 +53,19 @@ def theme(page: Page, name: Literal["light", "dark"]) -> None:
     )
 
 
+def resize(page: Page, width: int, height: int) -> None:
+    """Give the page another size, and wait until it is drawn so: a click would meet what was there before."""
+    page.set_viewport_size({"width": width, "height": height})
+    page.wait_for_function(
+        """([width, height]) => innerWidth === width && innerHeight === height
+            && new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => drawn(true))))""",
+        arg=[width, height],
+    )
+
+
 def examine(page: Page, what: str, *, whole: bool = False, dark: bool = True) -> list[str]:
     """What is wrong with what is shown on every screen; with or without the header, and the dark colours."""
-    page.set_viewport_size({"width": SIZES[0][0], "height": SIZES[0][1]})
+    resize(page, *SIZES[0])
     wrong = [f"{what}: {fault}" for fault in faults(page, whole=whole)]
     if dark:
         theme(page, "dark")
@@ -63,14 +73,14 @@ def examine(page: Page, what: str, *, whole: bool = False, dark: bool = True) ->
         theme(page, "light")
     for width, height in SIZES:
         wrong += misfits(page, what, width, height)
-    page.set_viewport_size({"width": SIZES[0][0], "height": SIZES[0][1]})
+    resize(page, *SIZES[0])
     return wrong
 
 
 def misfits(page: Page, what: str, width: int, height: int) -> list[str]:
     """What does not fit a screen: a page that is wider, plots' buttons in two rows, STOP out of sight."""
     wrong: list[str] = []
-    page.set_viewport_size({"width": width, "height": height})
+    resize(page, width, height)
     try:
         # Plots follow a frame or two later.
         page.wait_for_function(f"document.documentElement.scrollWidth <= {width}", timeout=1000 * PATIENCE)
@@ -96,7 +106,7 @@ def test_every_page_opens_without_a_fault_and_fits_a_phone(page: Page) -> None:
     wrong: list[str] = []
     shrink_views(page)
     for each in PAGES:
-        page.set_viewport_size({"width": SIZES[0][0], "height": SIZES[0][1]})
+        resize(page, *SIZES[0])
         walk(page, each.path)
         wrong += misfits(page, each.path, *SIZES[-1])
     assert not wrong, "\n".join(wrong)
