@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from playwright.sync_api import sync_playwright
-
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
@@ -30,6 +28,8 @@ def chromium(*, one_renderer: bool = False) -> Iterator[Browser]:
     Args:
         one_renderer: All pages of a context are drawn by one process; for tests, which show one after the other.
     """
+    from playwright.sync_api import sync_playwright
+
     arguments = f"{_ARGUMENTS} {_ONE_RENDERER}" if one_renderer else _ARGUMENTS
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         made = playwright.chromium.launch(

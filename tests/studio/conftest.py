@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import pytest
-from playwright.sync_api import Error
 from tests.studio.chromium import chromium
 from tests.studio.running import PATIENCE, RunningStudio
 
@@ -128,6 +127,8 @@ class _Windows:
 
     def forget(self) -> None:
         """Leave what is shown, and everything that the browser keeps of it."""
+        from playwright.sync_api import Error
+
         if self.context is None or self.page is None:
             return
         try:

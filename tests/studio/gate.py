@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from starlette.applications import Starlette
-from starlette.routing import BaseRoute
-from starlette.testclient import TestClient
+from typing import TYPE_CHECKING, Any
 
 from hexwire.studio.access import Right, Session
 from hexwire.studio.app import Studio
 from hexwire.studio.guard import SESSION
+
+if TYPE_CHECKING:
+    from starlette.routing import BaseRoute
 
 
 class GatedClient:
     """`right` is what its session may do."""
 
     def __init__(self, studio: Studio, routes: list[BaseRoute]) -> None:
+        from starlette.applications import Starlette
+        from starlette.testclient import TestClient
+
         self.studio, self.right = studio, Right.OPERATE
         app = Starlette(routes=routes)
 

@@ -16,12 +16,12 @@ from websockets.sync.client import connect
 from hexwire.control.history import History
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Locator, Page
+    from playwright.sync_api import Locator, LocatorAssertions, Page
 
     from hexwire.emulator.servo import EmulatedServo
     from hexwire.studio.app import Studio
 
-__all__ = ["PATIENCE", "RunningStudio", "Visitor", "fill_history", "press", "until"]
+__all__ = ["PATIENCE", "RunningStudio", "Visitor", "expect", "fill_history", "press", "until"]
 
 PATIENCE = 20.0
 """Seconds in which what a test waits for must happen, also on a busy machine."""
@@ -45,6 +45,14 @@ def fill_history(source: Any, rows: int = 60_000) -> None:
         history.append(dataclasses.replace(state, stamp=now - 0.01 * (rows - at)), {})
     # Only now: what the arm adds is newer than all of it.
     source.history = history
+
+
+def expect(shown: Locator) -> LocatorAssertions:
+    """Playwright's, which waits as long as everything here; imported when it is needed."""
+    from playwright.sync_api import expect
+
+    expect.set_options(timeout=1000 * PATIENCE)
+    return expect(shown)
 
 
 def press(page: Page, button: Locator, begun: Callable[[], object]) -> None:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
+import importlib.util
 import io
 import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import nicegui
-import numpy as np
 import pytest
-from PIL import Image
 from tests.model.poses import random_angles
 
 from hexwire.drivers.arm_file import load_profile
@@ -23,10 +21,10 @@ from hexwire.model.pose import quaternion
 from hexwire.studio import geometry
 
 if TYPE_CHECKING:
+    from PIL import Image
     from playwright.sync_api import Page, Route
 
 STATIC = Path(geometry.__file__).parent / "static"
-SCENE = Path(nicegui.__file__).parent / "elements" / "scene" / "dist"
 ADDRESS = "http://127.0.0.1:9/"
 PAGE = """<!doctype html><meta charset="utf-8"><title>arm</title>
 <style>html,body{margin:0} #view{width:260px;height:220px}</style>
@@ -34,6 +32,17 @@ PAGE = """<!doctype html><meta charset="utf-8"><title>arm</title>
 <div id="view"></div><button>other</button>"""
 SO101 = load_profile("so101").model
 BENT = {"J1": 0.4, "J2": 1.1, "J3": 0.1, "J5": 0.3, "J7": -0.4}
+
+
+def _scene() -> Path:
+    """Where the library is, without importing what brings it."""
+    spec = importlib.util.find_spec("nicegui")
+    assert spec is not None
+    assert spec.origin is not None
+    return Path(spec.origin).parent / "elements" / "scene" / "dist"
+
+
+SCENE = _scene()
 
 
 def _serve(route: Route) -> None:
@@ -75,12 +84,16 @@ def settle(page: Page) -> int:
 
 
 def seen(page: Page) -> Image.Image:
+    from PIL import Image
+
     settle(page)
     return Image.open(io.BytesIO(page.locator("#view").screenshot())).convert("RGB")
 
 
 def hued(picture: Image.Image, colour: str) -> int:
     """How many pixels have the hue of a colour: light and shade change only the brightness."""
+    import numpy as np
+
     want = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
     length = math.hypot(*want)
     pixels = np.asarray(picture, float)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Literal
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import TimeoutError  # not a subclass of Python's
 from tests.studio.conftest import shrink_views
 from tests.studio.running import PATIENCE
 
@@ -31,6 +29,8 @@ def walk(page: Page, path: str) -> None:
 
 def faults(page: Page, *rules: str, whole: bool = False) -> list[str]:
     """What axe-core finds that is serious, by all of its rules or these, with or without the header."""
+    from axe_playwright_python.sync_playwright import Axe
+
     if not page.evaluate("Boolean(window.axe)"):
         page.evaluate(Axe().axe_script)
     # A notice fades in and out.
@@ -79,6 +79,8 @@ def examine(page: Page, what: str, *, whole: bool = False, dark: bool = True) ->
 
 def misfits(page: Page, what: str, width: int, height: int) -> list[str]:
     """What does not fit a screen: a page that is wider, plots' buttons in two rows, STOP out of sight."""
+    from playwright.sync_api import TimeoutError  # not a subclass of Python's
+
     wrong: list[str] = []
     resize(page, width, height)
     try:

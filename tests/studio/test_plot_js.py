@@ -8,12 +8,14 @@ import threading
 from collections.abc import Iterator
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
-from playwright.sync_api import Page
 
 import hexwire
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
 
 STATIC = Path(hexwire.__file__).parent / "studio" / "static"
 

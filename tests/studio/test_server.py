@@ -11,7 +11,6 @@ import pytest
 from hexwire.errors import LinkBusyError
 from hexwire.studio.access import Access
 from hexwire.studio.app import Studio
-from hexwire.studio.server import Server, url_of
 
 if TYPE_CHECKING:
     from tests.studio.running import RunningStudio
@@ -26,6 +25,8 @@ def test_nothing_is_served_without_a_session(served: RunningStudio, path: str) -
 
 
 def test_a_port_in_use_is_said(served: RunningStudio) -> None:
+    from hexwire.studio.server import Server, url_of
+
     studio = Studio(Access(frozenset()))
     try:
         port = int(served.url.rpartition(":")[2])

@@ -10,9 +10,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
-from playwright.sync_api import expect
 from tests.studio.conftest import ask_for_long, shrink_views
-from tests.studio.running import PATIENCE
+from tests.studio.running import PATIENCE, expect
 
 from hexwire.control import known_state
 from hexwire.model.aim import Tip
@@ -23,8 +22,6 @@ from hexwire.studio.pages.arm import arguments, page_html
 if TYPE_CHECKING:
     from playwright.sync_api import Page
     from tests.studio.running import RunningStudio
-
-expect.set_options(timeout=1000 * PATIENCE)
 
 
 @pytest.fixture(autouse=True)

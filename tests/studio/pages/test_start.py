@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from playwright.sync_api import expect
-from tests.studio.running import Visitor
+from tests.studio.running import Visitor, expect
 
 from hexwire.studio.plugged import Plugged
 
 if TYPE_CHECKING:
-    import pytest
     from playwright.sync_api import Page
     from tests.studio.running import RunningStudio
 
