@@ -23,6 +23,9 @@ from tests.site.pages import ROOT, commands, make
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
+# Building all pages, on a busy machine.
+pytestmark = pytest.mark.timeout(300)
+
 LOADS = {"script": "src", "img": "src", "iframe": "src", "source": "srcset", "link": "href"}
 
 

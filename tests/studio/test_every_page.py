@@ -20,8 +20,14 @@ SIZES = ((1440, 900), (1024, 768), (390, 844))
 FAULTY = ("serious", "critical")
 
 
+def connected(page: Page) -> None:
+    """Wait until what is pressed is heard: on a busy machine a page that is examined loses its connection."""
+    page.wait_for_function("window.did_handshake && window.socket?.connected")
+
+
 def walk(page: Page, path: str) -> None:
     """Go to a page by its link in the header."""
+    connected(page)
     page.locator(f'.hw-nav-link[data-path="{path}"]').click()
     page.locator(f'.hw-nav-link[data-path="{path}"][aria-current="page"]').wait_for()
     page.get_by_role("heading", level=1).wait_for()
@@ -143,11 +149,13 @@ def test_the_work_at_servos_is_accessible_too(studio: RunningStudio, blank: Page
     tabs = page.get_by_role("tab")
     wrong: list[str] = []
     for i in range(tabs.count()):
+        connected(page)
         tabs.nth(i).click()
         page.locator('[role="tab"][aria-selected="true"]', has_text=tabs.nth(i).inner_text()).wait_for()
         wrong += examine(page, f"servos, {tabs.nth(i).inner_text()}", dark=i == 0)
     assert not wrong, "\n".join(wrong)
     # What is no backup is refused in words.
+    connected(page)
     tabs.filter(has_text="Backup").click()
     file = tmp_path / "backup.json"
     file.write_text("[1]")

@@ -43,7 +43,7 @@ def _is_held(studio: RunningStudio, why: str) -> None:
         if (now := studio.goals()) != goals:
             goals = now
             stamps.clear()
-        stamps.add(owner.newest().stamp)
+        stamps.add(owner.state.stamp)
         return len(stamps) > _STILL
 
     studio.until(still, f"the end of the motion: {why}")

@@ -58,10 +58,10 @@ def _plugged(board: EmulatedBoard, port: Path) -> Iterator[None]:
 
 def _rest(served: RunningStudio) -> float:
     """Where J1 comes to rest."""
-    seen = [served.arm.owner.newest()]
+    seen = [served.arm.owner.state]
 
     def still() -> bool:
-        now = served.arm.owner.newest()
+        now = served.arm.owner.state
         if now.stamp - seen[-1].stamp < 0.1:
             return False
         seen.append(now)
@@ -78,10 +78,10 @@ def test_each_page_is_there() -> None:
 
 def _stays(served: RunningStudio, place: float) -> None:
     """Fails if J1 leaves its place within the next states."""
-    stamps = {served.arm.owner.newest().stamp}
+    stamps = {served.arm.owner.state.stamp}
 
     def seen() -> bool:
-        state = served.arm.owner.newest()
+        state = served.arm.owner.state
         assert abs(state.positions["J1"] - place) < 0.01
         stamps.add(state.stamp)
         return len(stamps) > 15
