@@ -31,7 +31,7 @@ def every_command() -> Iterator[tuple[tuple[str, ...], click.Command, click.Cont
 def _below(
     command: click.Command, words: tuple[str, ...], parent: click.Context | None
 ) -> Iterator[tuple[tuple[str, ...], click.Command, click.Context]]:
-    context = click.Context(command, info_name=words[-1], parent=parent)
+    context = click.Context(command, info_name=words[-1], parent=parent, **command.context_settings)
     yield words, command, context
     if isinstance(command, click.Group):
         for name in command.list_commands(context):
