@@ -47,7 +47,10 @@ class Holder:
         source = self.studio.studio.source.arm
         assert source is not None
         self.number += 1
-        order = {"do": "hold", "id": self.number, "kind": "joint", "args": JOG, "stops": source.stops}
+        # Away from the nearer end: on a busy machine some of these motions lead to it.
+        way = -1 if source.arm.owner.state.positions["J1"] > 0 else 1
+        args = JOG | {"directions": {"J1": way}}
+        order = {"do": "hold", "id": self.number, "kind": "joint", "args": args, "stops": source.stops}
         self.line.send(json.dumps(order))
         self._thread.start()
 
