@@ -1,19 +1,27 @@
-"""Every program in examples/ runs as its first lines say, on an emulated arm."""
+"""Every program in examples/ runs as its first lines say, on an emulated arm.
+
+Those that only move an arm are run in this process, in simulated time.
+"""
 
 from __future__ import annotations
 
 import os
 import re
+import runpy
 import signal
 import subprocess
 import sys
 import time
 import urllib.error
 import urllib.request
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.cli.conftest import Bench, bench, make_bench  # noqa: F401  # fixtures
 from tests.link.far_ends import free_port
+
+# ruff: noqa: F811  # fixtures that are imported
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLES = ROOT / "examples"
@@ -38,6 +46,24 @@ def run(name: str, folder: Path) -> str:
     return done.stdout
 
 
+@pytest.fixture
+def said_here(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[[str], str]:
+    """Runs an example on the bench's arm; returns what it prints."""
+
+    def run_here(name: str) -> str:
+        program = EXAMPLES / f"{name}.py"
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", [str(program), "/dev/ttyTEST"])
+        runpy.run_path(str(program), run_name="__main__")
+        said, errors = capsys.readouterr()
+        assert (errors, bench.torque()) == ("", [])
+        return said
+
+    return run_here
+
+
 def fetch(url: str) -> str:
     """A page of a server that is starting."""
     for _ in range(300):
@@ -56,26 +82,27 @@ def test_read(tmp_path: Path) -> None:
     assert all(re.fullmatch(r"( *-?\d+\.\d){7} degrees", row) for row in rows)
 
 
-def test_move(tmp_path: Path) -> None:
-    assert run("move", tmp_path) == "J1 to 5.5 degrees: there\nJ1 to -4.5 degrees: there\n"
+def test_move(said_here: Callable[[str], str]) -> None:
+    assert said_here("move") == "J1 to 5.5 degrees: there\nJ1 to -4.5 degrees: there\n"
 
 
-def test_wave(tmp_path: Path) -> None:
-    assert run("wave", tmp_path) == "waved\n"
+def test_wave(said_here: Callable[[str], str]) -> None:
+    assert said_here("wave") == "waved\n"
 
 
-def test_pick_and_place(tmp_path: Path) -> None:
-    first, second = run("pick_and_place", tmp_path).splitlines()
+@pytest.mark.slow
+def test_pick_and_place(said_here: Callable[[str], str]) -> None:
+    first, second = said_here("pick_and_place").splitlines()
     assert re.fullmatch(r"tip at -(79|80|81) (199|200|201) (139|140|141) mm, gripper 20% open", first)
     assert re.fullmatch(r"tip at (79|80|81) (199|200|201) (139|140|141) mm, gripper 80% open", second)
 
 
-def test_record_and_plot(tmp_path: Path) -> None:
-    said = run("record_and_plot", tmp_path)
+@pytest.mark.slow
+def test_record_and_plot(said_here: Callable[[str], str], bench: Bench, tmp_path: Path) -> None:
+    said = said_here("record_and_plot")
     assert re.fullmatch(r"\d\d states in motion.mcap and motion.svg\n", said)
     assert (tmp_path / "motion.svg").read_text().count("<svg") == 1
-    played = [sys.executable, "-m", "hexwire", "play", "motion.mcap", "--port", "sim://hex7bot", "--dry-run"]
-    subprocess.run(played, cwd=tmp_path, check=True, capture_output=True, timeout=100)
+    bench.ok("play", "motion.mcap", "--dry-run")
 
 
 def test_leader_follower(tmp_path: Path) -> None:
@@ -107,6 +134,7 @@ def test_own_driver(tmp_path: Path) -> None:
     assert refused.startswith("refused: pan=114.6 deg is outside its limits")
 
 
+@pytest.mark.slow
 def test_own_page(tmp_path: Path) -> None:
     port = free_port()
     env = environment(tmp_path) | {"PAGE_PORT": str(port)}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import socket
 import subprocess
 import sys
@@ -14,8 +15,10 @@ from pathlib import Path
 from typing import IO
 
 import pytest
+from click.testing import CliRunner
 from tests.link.far_ends import free_port
 
+from hexwire.cli.main import cli
 from hexwire.fleet import messages as m
 from hexwire.fleet.rights import Kind
 
@@ -34,25 +37,23 @@ STAYS = ("hexwire fleet router", "hexwire serve")
 
 
 @pytest.fixture
-def short() -> Iterator[Path]:
-    """A folder with a short path, since sockets are in it."""
+def short(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The present folder, with a short path, since sockets are in it."""
     with tempfile.TemporaryDirectory(prefix="hw") as folder:
+        monkeypatch.chdir(folder)
         yield Path(folder)
 
 
 class Shell:
-    """A shell on a machine of the page.
+    """A shell on a machine of the page; what runs until it is ended is a program.
 
     Args:
-        folder: Where commands run.
-        machine: The machine's own files and sockets.
+        machine: The machine's own files and sockets. Commands run in the present folder.
     """
 
-    def __init__(self, folder: Path, machine: Path) -> None:
-        path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-        own = {"PATH": path, "XDG_RUNTIME_DIR": str(machine), "XDG_CONFIG_HOME": str(machine)}
-        self._folder = folder
-        self._environment = os.environ | own
+    def __init__(self, machine: Path) -> None:
+        own = {name: str(machine) for name in ("XDG_RUNTIME_DIR", "XDG_STATE_HOME", "XDG_CONFIG_HOME")}
+        self._environment: dict[str, str] = own
 
     def export(self, command: str) -> None:
         name, _, value = command.removeprefix("export ").partition("=")
@@ -61,9 +62,8 @@ class Shell:
     def start(self, command: str, until: ExitStack) -> IO[str]:
         """Start a program that runs until a stack closes; returns its output."""
         program = subprocess.Popen(
-            ["bash", "-c", f"exec {command}"],
-            cwd=self._folder,
-            env=self._environment,
+            [sys.executable, "-m", "hexwire.cli", *shlex.split(command)[1:]],
+            env=os.environ | self._environment,
             stdout=subprocess.PIPE,
             text=True,
         )
@@ -74,16 +74,8 @@ class Shell:
 
     def run(self, command: str) -> str:
         """Run a command that must succeed; returns its output."""
-        done = subprocess.run(
-            ["bash", "-c", command],
-            cwd=self._folder,
-            env=self._environment,
-            capture_output=True,
-            text=True,
-            timeout=90,
-            check=False,
-        )
-        assert done.returncode == 0, f"{command}: {done.stderr}"
+        done = CliRunner(env=self._environment).invoke(cli, shlex.split(command)[1:])
+        assert done.exit_code == 0, f"{command}: {done.output}"
         return done.stdout
 
 
@@ -102,7 +94,7 @@ def test_the_lab_works_as_the_page_says(short: Path) -> None:
         for number, block in enumerate(BLOCKS):
             machine = short / str(number)
             machine.mkdir()
-            shell = Shell(short, machine)
+            shell = Shell(machine)
             for command in map(here, block):
                 if command.startswith("export "):
                     shell.export(command)
@@ -120,10 +112,11 @@ def wild(line: str) -> str:
     return " ".join(re.sub(r"\d+(\.\d+)?", "N", line.replace(socket.gethostname(), "lab-pc")).split())
 
 
+@pytest.mark.slow
 @pytest.mark.system
 def test_arms_of_one_machine_do_what_the_page_says(short: Path) -> None:
     """The blocks in their order; a server runs until the next one is started."""
-    shell = Shell(short, short)
+    shell = Shell(short)
     (toml,) = blocks(BEFORE, "toml")
     (short / "lab.toml").write_text(toml)
     runs = [

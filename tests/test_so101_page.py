@@ -1,7 +1,7 @@
 """docs/so101.md: each command of hexwire is run, on emulated arms.
 
-Ids, health and calibration are run in simulated time; what moves and follows, as programs, on arms with the
-calibration that was found. `make test-lerobot` runs the other commands (integrations/lerobot/tests/test_page.py).
+Ids, health and calibration are run in simulated time; what moves and follows, in real time, on arms with the
+calibration that was found, whose programs run until Ctrl-C. `make test-lerobot` runs the other commands (integrations/lerobot/tests/test_page.py).
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ import pytest
 from click.testing import CliRunner
 from tests.cli.test_bus_arm_setup import Person
 from tests.cli.test_bus_calibrate import CalibrateCli
+from tests.cli.test_serve import patient
 from tests.control.so_bench import NAMES, SoBench
 
 from hexwire.cli.main import cli
@@ -77,10 +78,13 @@ def test_every_step_of_lerobot_has_its_place() -> None:
         assert row[1].strip("`–") in section
 
 
-def test_commands_within_the_text_exist() -> None:
-    for text in re.findall(r"`(?:sudo )?(hexwire [^`]+)`", TEXT):
+def test_commands_of_the_page_exist() -> None:
+    for text in [*re.findall(r"`(?:sudo )?(hexwire [^`]+)`", TEXT), *OURS]:
         found: click.Command | None = cli
         rest = text.split()[1:]
+        while rest[0].startswith("--") and text in OURS:
+            # An option with its value before the command.
+            del rest[:2]
         while isinstance(found, click.Group) and rest and not rest[0].startswith("-"):
             found = found.get_command(click.Context(found), rest.pop(0))
         assert found is not None, text
@@ -147,14 +151,16 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def table(folder: Path) -> Iterator[tuple[Table, Said]]:
+def table(folder: Path) -> tuple[Table, Said]:
     """Both arms after all commands at the table, and what each of these said."""
     with pytest.MonkeyPatch.context() as monkeypatch:
         monkeypatch.chdir(folder)
         both = Table(monkeypatch)
-        yield both, {command: both.run(command) for command in AT_THE_TABLE}
+        said = {command: both.run(command) for command in AT_THE_TABLE}
+    return both, said
 
 
+@pytest.mark.slow
 def test_the_page_from_the_box_to_calibrated_arms(table: tuple[Table, Said], folder: Path) -> None:
     arms, said = table[0].arms, table[1]
     assert "/dev/ttyACM0" in said["hexwire ports --find"]
@@ -172,11 +178,11 @@ def test_the_page_from_the_box_to_calibrated_arms(table: tuple[Table, Said], fol
     assert cal.joints == load_calibration(folder / "follower.json").joints
 
 
-# --- what moves and follows, as programs -----------------------------------------------------------------------
+# --- what moves and follows, in real time ----------------------------------------------------------------------
 
 
 class Shell:
-    """Runs commands of the page as programs, each once."""
+    """Runs commands of the page, each once; those that run until Ctrl-C as programs."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.done = folder, list[str]()
@@ -193,22 +199,12 @@ class Shell:
         return self.call(*self.given(start))
 
     def call(self, *given: str) -> str:
-        done = self.outcome(*given)
-        if done.returncode == 1 and "all servos have their old values again" in done.stderr:
+        done = CliRunner().invoke(cli, given)
+        if done.exit_code == 1 and "all servos have their old values again" in done.stderr:
             # The emulated servos had no processor for a moment; a person would do it again.
-            done = self.outcome(*given)
-        assert done.returncode == 0, f"{given}: {done.stderr}"
+            done = CliRunner().invoke(cli, given)
+        assert done.exit_code == 0, f"{given}: {done.output}"
         return done.stdout
-
-    def outcome(self, *given: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-m", "hexwire.cli", *given],
-            cwd=self.folder,
-            capture_output=True,
-            text=True,
-            timeout=60.0,
-            check=False,
-        )
 
     @contextmanager
     def running(self, start: str, ready: str, *more: str) -> Iterator[subprocess.Popen[str]]:
@@ -240,9 +236,12 @@ class Shell:
         return float(next(row["position_deg"] for row in rows if row["name"] == joint))
 
 
+@pytest.mark.slow
 @pytest.mark.system
 @pytest.mark.usefixtures("table")
-def test_the_page_from_calibrated_arms_to_another_machine(folder: Path) -> None:
+def test_the_page_from_calibrated_arms_to_another_machine(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    patient(monkeypatch)
     shell = Shell(folder)
     with (
         shell.running("hexwire sim bus --arm so101 --link", "/"),

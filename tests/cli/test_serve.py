@@ -30,6 +30,7 @@ from hexwire.errors import DeviceError, HexwireError
 from hexwire.fleet.service import Service
 from hexwire.fleet.service_file import read_arms
 from hexwire.model.state import JointTarget
+from hexwire.motion.safety import SafetyLimits
 
 PATIENCE = 20.0
 ARM = "zenoh:lab/arm1"
@@ -79,8 +80,10 @@ class Plug:
 
 
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A longer watchdog for motions of this process: a busy machine lets it wait for longer than usual."""
-    monkeypatch.setattr(motions, "MotionOptions", functools.partial(motions.MotionOptions, watchdog=5.0))
+    """Longer times for motions of this process: a busy machine lets it and its robots wait for longer than usual."""
+    limits = SafetyLimits(following_time=5.0, lag=2.0, max_age=5.0)
+    patience = functools.partial(motions.MotionOptions, watchdog=5.0, limits=limits)
+    monkeypatch.setattr(motions, "MotionOptions", patience)
 
 
 @pytest.fixture
