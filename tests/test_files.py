@@ -15,8 +15,17 @@ GENERATED = {"wire/tables.py"}
 MAX_LINES = 500
 
 
+# What costs least comes first: to parse all of the source takes seconds.
+_DOCSTRING = re.compile(r'"""\S')
+_TALK = re.compile(r"\b(print|input|exit|quit)\b")
+
+
+def _text(module: str) -> str:
+    return (SRC / module).read_text(encoding="utf-8")
+
+
 def _tree(module: str) -> ast.Module:
-    return ast.parse((SRC / module).read_text(encoding="utf-8"), filename=module)
+    return ast.parse(_text(module), filename=module)
 
 
 def _talks_to_people(tree: ast.Module) -> list[str]:
@@ -41,21 +50,23 @@ def test_the_generated_files_exist() -> None:
 
 
 def test_every_module_says_what_it_owns() -> None:
-    silent = [module for module in MODULES if not ast.get_docstring(_tree(module))]
+    unusual = [module for module in MODULES if not _DOCSTRING.match(_text(module))]
+    silent = [module for module in unusual if not ast.get_docstring(_tree(module))]
     assert not silent, f"no docstring that says what it owns and what it must not know: {', '.join(silent)}"
 
 
 def test_modules_are_short_or_say_why_not() -> None:
     long = []
     for module in sorted(set(MODULES) - GENERATED):
-        lines = len((SRC / module).read_text(encoding="utf-8").splitlines())
+        lines = len(_text(module).splitlines())
         if lines > MAX_LINES and f"{MAX_LINES} lines" not in (ast.get_docstring(_tree(module)) or ""):
             long.append(f"{module} ({lines})")
     assert not long, f"split them, or give the reason ('Over {MAX_LINES} lines because ...'): {', '.join(long)}"
 
 
 def test_only_the_command_line_talks_to_people() -> None:
-    talk = {module: _talks_to_people(_tree(module)) for module in MODULES if not module.startswith("cli/")}
+    others = [module for module in MODULES if not module.startswith("cli/") and _TALK.search(_text(module))]
+    talk = {module: _talks_to_people(_tree(module)) for module in others}
     found = [f"{module}: {', '.join(calls)}" for module, calls in talk.items() if calls]
     assert not found, "\n".join(found)
 

@@ -102,7 +102,8 @@ def _importers(source: Path, name: str) -> list[str]:
     return [
         str(path.relative_to(source))
         for path in sorted(source.rglob("*.py"))
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if name in (text := path.read_text(encoding="utf-8"))
+        for node in ast.walk(ast.parse(text))
         if any(module.split(".")[0] == name for module in modules(node))
     ]
 
