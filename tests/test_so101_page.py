@@ -1,7 +1,8 @@
 """docs/so101.md: each command of hexwire is run, on emulated arms.
 
 Ids, health and calibration are run in simulated time; what moves and follows, in real time, on arms with the
-calibration that was found, whose programs run until Ctrl-C. `make test-lerobot` runs the other commands (integrations/lerobot/tests/test_page.py).
+calibration that was found, whose programs run until Ctrl-C. `make test-lerobot` runs the other commands
+(integrations/lerobot/tests/test_page.py).
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ from types import SimpleNamespace
 import click
 import pytest
 from click.testing import CliRunner
+from tests.cli.shared_arm import patient
 from tests.cli.test_bus_arm_setup import Person
 from tests.cli.test_bus_calibrate import CalibrateCli
-from tests.cli.test_serve import patient
 from tests.control.so_bench import NAMES, SoBench
 
 from hexwire.cli.main import cli

@@ -2,88 +2,29 @@
 
 from __future__ import annotations
 
-import contextlib
-import functools
 import json
 import os
-import re
 import signal
-import subprocess
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import CliRunner
+from tests.cli.shared_arm import ARM, PATIENCE, Plug, eventually, ok, patient, plain, process, run
 
 import hexwire
 from hexwire.cli.exits import DEVICE, INTERRUPTED, USAGE
 from hexwire.cli.main import cli
-from hexwire.control import motions
 from hexwire.control.motions import run_motion
-from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
-from hexwire.emulator.serve_pty import PtyServer
+from hexwire.emulator.board import make_hex7bot_board
 from hexwire.errors import DeviceError, HexwireError
 from hexwire.fleet.service import Service
 from hexwire.fleet.service_file import read_arms
 from hexwire.model.state import JointTarget
-from hexwire.motion.safety import SafetyLimits
-
-PATIENCE = 20.0
-ARM = "zenoh:lab/arm1"
-
-
-def eventually(what: Callable[[], object]) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not what():
-        assert time.monotonic() < deadline, "it did not happen"
-        time.sleep(0.02)
-
-
-class Plug:
-    """A board behind a terminal, whose program can be made to hang."""
-
-    def __init__(self, board: EmulatedBoard) -> None:
-        self.board = board
-        self._runs, self._halted = threading.Event(), threading.Event()
-        self._runs.set()
-        self._ended = False
-        self._server = PtyServer(board)
-        self.path = self._server.open()
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
-
-    def _run(self) -> None:
-        while not self._ended:
-            if self._runs.is_set():
-                self._server.run_once(0.05)
-            else:
-                self._halted.set()
-                self._runs.wait(0.05)
-
-    def hang(self) -> None:
-        """Answer nothing any more, when this returns."""
-        self._halted.clear()
-        self._runs.clear()
-        assert self._halted.wait(PATIENCE)
-
-    def go_on(self) -> None:
-        self._runs.set()
-
-    def close(self) -> None:
-        self._ended = True
-        self._thread.join()
-        self._server.close()
-
-
-def patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Longer times for motions of this process: a busy machine lets it and its robots wait for longer than usual."""
-    limits = SafetyLimits(following_time=5.0, lag=2.0, max_age=5.0)
-    patience = functools.partial(motions.MotionOptions, watchdog=5.0, limits=limits)
-    monkeypatch.setattr(motions, "MotionOptions", patience)
 
 
 @pytest.fixture
@@ -98,7 +39,7 @@ def runtime(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 @pytest.fixture
 def plug() -> Iterator[Plug]:
-    with contextlib.closing(Plug(make_hex7bot_board(start=time.monotonic()))) as plug:
+    with Plug(make_hex7bot_board(start=time.monotonic())) as plug:
         yield plug
 
 
@@ -112,16 +53,6 @@ def shared(runtime: Path, request: pytest.FixtureRequest) -> Iterator[Service]:
     with Service(read_arms({"lab/arm1": {"robot": "sim", "watchdog": 5.0}}, lease=lease)) as service:
         yield service
     sys.setswitchinterval(interval)
-
-
-def run(*words: str, port: str = ARM) -> Result:
-    return CliRunner().invoke(cli, [*words, "--port", port])
-
-
-def ok(*words: str) -> str:
-    result = run(*words)
-    assert (result.exit_code, result.stderr) == (0, ""), result.output
-    return result.stdout
 
 
 # -- the same results as without a server -----------------------------------------------------------------
@@ -183,20 +114,9 @@ TEXT_DIFFERS = {
     "move J1=1",
     "torque on J1",
 }
-_NUMBER = re.compile(r"-?\b\d+(\.\d+)?(e-?\d+)?\b|\bnull\b|(?<= )-(?= )")
-_OWN = ("link", "counters", "boot id", '"link"', "fastest", '"boot_id"')
 
 
-def plain(text: str) -> list[str]:
-    """The lines of an output without its numbers, and without what is each server's own."""
-    lines = [line.strip() for line in text.split("\n")]
-    # A busy machine may skip cycles of either.
-    own = (*_OWN, "warning: the line or the machine is too slow")
-    kept = [line for line in lines if not line.startswith(own) and "counters" not in line]
-    kept = [re.sub(r"boot id \w+", "boot id", line) for line in kept]
-    return [" ".join(_NUMBER.sub("#", line).split()) for line in kept if not re.fullmatch(r'"\w+": \d+,?', line)]
-
-
+@pytest.mark.slow
 def test_each_command_says_and_returns_the_same_directly_and_through_a_server(
     runtime: Path, shared: Service, plug: Plug
 ) -> None:
@@ -211,21 +131,18 @@ def test_each_command_says_and_returns_the_same_directly_and_through_a_server(
             assert (command, plain(remote.output)) == (command, plain(direct.output))
 
 
-@pytest.mark.parametrize(
-    ("command", "says"),
-    [
+def test_what_needs_the_port_itself_is_refused_in_one_line(shared: Service) -> None:
+    for command, says in (
         ("bus scan", "is a shared arm; this command needs the port itself"),
         ("loopback", "is a shared arm"),
         ("demo --yes-move-the-arm", "is a shared arm"),
         ("state --baud 9600", "--baud, --raise-baud, --dialect and --timeout belong to a port"),
         ("state --robot so101", "is a hex7bot, not a so101"),
-    ],
-)
-def test_what_needs_the_port_itself_is_refused_in_one_line(shared: Service, command: str, says: str) -> None:
-    result = run(*command.split())
-    assert result.exit_code == USAGE, result.output
-    assert says in result.stderr
-    assert result.stderr.count("\n") == 1
+    ):
+        result = run(*command.split())
+        assert result.exit_code == USAGE, (command, result.output)
+        assert says in result.stderr
+        assert result.stderr.count("\n") == 1
 
 
 def test_an_address_that_leads_nowhere_is_one_line_with_the_right_status(shared: Service) -> None:
@@ -326,17 +243,6 @@ def test_a_move_without_wait_runs_to_its_end_after_the_command(shared: Service) 
 # -- processes --------------------------------------------------------------------------------------------
 
 
-@contextlib.contextmanager
-def process(*words: str) -> Iterator[subprocess.Popen[str]]:
-    command = [sys.executable, "-P", "-m", "hexwire.cli", *words]
-    started = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        yield started
-    finally:
-        started.kill()
-        started.communicate()
-
-
 def test_ctrl_c_stops_the_arm(shared: Service) -> None:
     with (
         hexwire.connect(ARM) as robot,
@@ -380,12 +286,19 @@ def test_a_killed_program_loses_the_arm_which_holds(shared: Service) -> None:
         eventually(lambda: robot.read().velocity[0] > 0.02)
         moving.kill()
         eventually(lambda: "lost the lease" in shared._arms[0].shared.held)
-        where = robot.read().positions["J1"]
-        time.sleep(0.3)
-        assert robot.read().positions["J1"] == pytest.approx(where, abs=0.03)
+        lost = robot.read()
+        eventually(lambda: robot.read().stamp > lost.stamp + 0.3)
+        assert robot.read().positions["J1"] == pytest.approx(lost.positions["J1"], abs=0.03)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number",
+    [
+        pytest.param(signal.SIGINT, marks=pytest.mark.slow),
+        signal.SIGTERM,
+        pytest.param(signal.SIGHUP, marks=pytest.mark.slow),
+    ],
+)
 def test_every_signal_ends_the_server_with_a_stopped_arm(runtime: Path, plug: Plug, number: signal.Signals) -> None:
     # A longer watchdog than usual: a busy machine must not stop the arm before the signal does.
     (runtime / "one.toml").write_text(f'[arms."lab/arm1"]\nport = "{plug.path}"\nwatchdog = 5.0\n')
@@ -430,9 +343,9 @@ def test_the_boards_watchdog_stops_the_arm_of_a_killed_server(runtime: Path, plu
         assert state.positions["J1"] < 0.9
 
 
+@pytest.mark.slow
 def test_of_an_arm_without_a_watchdog_only_a_short_step_remains_when_its_server_is_killed(runtime: Path) -> None:
-    board = make_hex7bot_board(dialect=1, start=time.monotonic())
-    with contextlib.closing(Plug(board)) as plug:
+    with Plug(make_hex7bot_board(dialect=1, start=time.monotonic())) as plug:
         with process("serve", "--port", plug.path, "--name", "lab/arm1") as server:
             assert server.stdout is not None
             server.stdout.readline()
@@ -443,13 +356,9 @@ def test_of_an_arm_without_a_watchdog_only_a_short_step_remains_when_its_server_
                 eventually(lambda: robot.read().positions["J1"] > 0.05)
                 server.kill()
                 server.wait()
-        time.sleep(3.0)
-        with hexwire.connect(plug.path) as robot:
-            there = robot.read().positions["J1"]
-            # Without steps it would be at 1.0 rad in the end, wherever it is now.
-            assert there < 0.8
-            time.sleep(1.5)
-            assert robot.read().positions["J1"] == pytest.approx(there, abs=0.01)
+        # Without steps it would go on for most of a radian, which is 652 counts.
+        assert plug.moves(3.0) < 100
+        assert plug.rests(5.0)
 
 
 def test_if_the_line_hangs_the_end_says_so_and_the_arm_is_stopped(runtime: Path, plug: Plug) -> None:

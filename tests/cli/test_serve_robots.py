@@ -18,7 +18,7 @@ from subprocess import Popen
 import pytest
 from click.testing import Result
 from tests.beside import beside
-from tests.cli.test_serve import ARM, PATIENCE, eventually, patient, plain, process, run
+from tests.cli.shared_arm import ARM, PATIENCE, eventually, patient, plain, process, run
 from tests.fleet.emulated import KINDS, emulated
 from tests.link.far_ends import free_port
 from tests.ros1.ros_world import PtyBoard, still
@@ -145,7 +145,14 @@ def says(output: str) -> list[str]:
     return lines
 
 
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "dialect 2"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=[] if kind == "puma260" else pytest.mark.slow)
+        for kind in KINDS
+        if kind != "dialect 2"
+    ],
+)
 def test_each_command_says_and_returns_the_same_for_each_robot(folder: Path, kind: str) -> None:
     with emulated(kind) as own, emulated(kind) as behind, service({"lab/arm1": behind}):
         with hexwire.connect(ARM) as robot:
@@ -206,6 +213,7 @@ def test_one_file_shares_every_kind_of_robot(folder: Path) -> None:
 # -- by hand, by joystick -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_motion_that_is_taught_by_hand_is_recorded_and_played(board: PtyBoard, folder: Path) -> None:
     file, port = str(folder / "hand.mcap"), BOARD
     assert at_board("torque", "on").exit_code == 0
@@ -264,6 +272,7 @@ def teleop(robot: RobotDriver) -> Iterator[Popen[str]]:
         yield program
 
 
+@pytest.mark.slow
 def test_teleop_moves_the_arm_until_ctrl_c_or_until_another_program_takes_it(board: PtyBoard) -> None:
     at_board("move", "J1=0", "--wait", "--duration", "0.3")
     with hexwire.connect(BOARD) as robot:
@@ -301,7 +310,12 @@ def long(folder: Path) -> str:
 
 
 @pytest.mark.parametrize(
-    "command", ["goto 40 0 0 --relative --speed 1", "line 40 0 0 --relative --speed 4", "play LONG"]
+    "command",
+    [
+        pytest.param("goto 40 0 0 --relative --speed 1", marks=pytest.mark.slow),
+        pytest.param("line 40 0 0 --relative --speed 4", marks=pytest.mark.slow),
+        "play LONG",
+    ],
 )
 def test_ctrl_c_in_a_command_that_moves_stops_the_arm(board: PtyBoard, long: str, command: str) -> None:
     assert at_board("resume").exit_code == 0
@@ -319,6 +333,7 @@ def test_ctrl_c_in_a_command_that_moves_stops_the_arm(board: PtyBoard, long: str
     assert at_board("resume").exit_code == 0
 
 
+@pytest.mark.slow
 def test_each_command_ends_in_one_line_when_its_server_is_killed(folder: Path, long: str) -> None:
     names = ["a", "b", "c", "d", "e"]
     (folder / "five.toml").write_text("".join(f'[arms.{name}]\nrobot = "sim"\n' for name in names))

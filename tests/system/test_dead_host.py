@@ -19,16 +19,17 @@ from pathlib import Path
 
 import pytest
 from tests.beside import beside
+from tests.cli.shared_arm import Plug, eventually, ok
 from tests.link.far_ends import free_port
+from tests.system.programs import PATIENCE, read_until
 
-from hexwire.cli.board_process import board_process
 from hexwire.drivers.hex7bot import Hex7BotDriver
+from hexwire.emulator.board import make_hex7bot_board
 from hexwire.joystick.channel import JoystickSender
 from hexwire.model.state import JointState
 from hexwire.wire.robot_bodies import JoystickState
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-PATIENCE = 60.0
 # Ends the program that runs it, by a signal nobody can handle, at the n-th answer after its first move.
 DIES = """
 import os, signal
@@ -55,17 +56,14 @@ WAY = {
 
 
 @pytest.fixture
-def port() -> Iterator[str]:
-    with board_process() as path:
-        yield path
+def arm() -> Iterator[Plug]:
+    with Plug(make_hex7bot_board(start=time.monotonic())) as arm:
+        yield arm
 
 
-def look(port: str) -> tuple[JointState, JointState]:
-    """Two states half a second apart."""
-    with Hex7BotDriver.from_url(port) as robot:
-        first = robot.read()
-        time.sleep(0.5)
-        return first, robot.read()
+def look(arm: Plug) -> JointState:
+    with Hex7BotDriver.from_url(arm.path) as robot:
+        return robot.read()
 
 
 def start(port: str, program: str, *words: str) -> subprocess.Popen[str]:
@@ -80,22 +78,23 @@ def start(port: str, program: str, *words: str) -> subprocess.Popen[str]:
     )
 
 
-def killed(port: str, program: str, *words: str) -> None:
-    process = start(port, program, *words)
+def killed(arm: Plug, program: str, *words: str) -> None:
+    """Run a program that kills itself; returns when the board has noticed."""
+    process = start(arm.path, program, *words)
     _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == -signal.SIGKILL, errors
-    time.sleep(1.5)
+    eventually(lambda: arm.board.state.watchdog_tripped)
 
 
-def check_held(port: str) -> JointState:
-    first, second = look(port)
-    assert first.watchdog_tripped
-    assert first.stopped
-    if second.position != pytest.approx(first.position, abs=0.01):
-        # The board's process stood still when the watchdog was due, so that the arm brakes only now.
-        first, second = look(port)
-    assert second.position == pytest.approx(first.position, abs=0.01)
-    return first
+def check_held(arm: Plug) -> JointState:
+    """Where the arm holds."""
+    there = look(arm)
+    assert there.watchdog_tripped
+    assert there.stopped
+    # The board may have stood still when the watchdog was due, so that the arm brakes only now.
+    arm.moves(0.5)
+    assert arm.rests(5.0)
+    return there
 
 
 MOVES = {
@@ -109,99 +108,104 @@ MOVES = {
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("name", list(MOVES))
-def test_a_command_that_is_killed_leaves_an_arm_that_is_stopped(port: str, tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name == "move" else pytest.mark.slow) for name in MOVES]
+)
+def test_a_command_that_is_killed_leaves_an_arm_that_is_stopped(arm: Plug, tmp_path: Path, name: str) -> None:
     words, after = MOVES[name]
     way = tmp_path / "way.json"
     way.write_text(json.dumps(WAY), encoding="utf-8")
     if name == "line":
         # Where it does not lead past a singularity.
-        there = start(port, CLI, "goto", "60", "200", "150", "--down")
-        _, errors = there.communicate(timeout=PATIENCE)
-        assert there.returncode == 0, errors
-    before, _ = look(port)
-    killed(port, DIES.format(after=after, signal=9) + CLI, *(w.format(way=way, port=port) for w in words))
-    there = check_held(port)
+        ok("goto", "60", "200", "150", "--down", port=arm.path)
+    before = look(arm)
+    killed(arm, DIES.format(after=after, signal=9) + CLI, *(w.format(way=way, port=arm.path) for w in words))
+    there = check_held(arm)
     assert max(abs(a - b) for a, b in zip(there.position, before.position, strict=True)) > 0.005, "it moved"
     if name == "move":
         assert there["J4"].position < 0.6, "far from its target"
 
 
+@pytest.mark.slow
 @pytest.mark.system
-def test_a_move_that_nobody_waits_for_is_finished_although_its_program_is_killed(port: str) -> None:
-    process = start(port, DIES.format(after=1, signal=9) + CLI, "move", "J4=8", "--duration", "0.6")
+def test_a_move_that_nobody_waits_for_is_finished_although_its_program_is_killed(arm: Plug) -> None:
+    process = start(arm.path, DIES.format(after=1, signal=9) + CLI, "move", "J4=8", "--duration", "0.6")
     _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == -signal.SIGKILL, errors
-    with Hex7BotDriver.from_url(port) as robot:
-        deadline = time.monotonic() + PATIENCE
-        while abs(robot.read()["J4"].position - math.radians(8.0)) > 0.01:
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+    with Hex7BotDriver.from_url(arm.path) as robot:
+        eventually(lambda: abs(robot.read()["J4"].position - math.radians(8.0)) < 0.01)
         assert not robot.read().stopped
 
 
 @contextmanager
-def pushed_stick(port: int) -> Iterator[None]:
-    """A stick at the other end of a channel.
+def pushed_stick(port: int) -> Iterator[list[float]]:
+    """A stick at the other end of a channel; yields when it was pushed.
 
     Again and again it does what begins a motion: the button let go, then held with the stick at rest, then J1 on.
     """
+    pushed: list[float] = []
 
     def push(ended: threading.Event) -> None:
         with JoystickSender.from_url(f"udp://127.0.0.1:{port}") as sender:
             for i in itertools.count():
                 if ended.wait(0.02):
                     return
-                at = i % 250
+                at = i % 100
                 sender.send(JoystickState((float(at > 30), *[0.0] * 7), (at > 20) << 4))
+                if at == 99:
+                    pushed.append(time.monotonic())
 
     with beside(push):
-        yield
+        yield pushed
 
 
+@pytest.mark.slow
 @pytest.mark.system
-def test_teleop_that_is_killed_with_the_stick_pushed_leaves_an_arm_that_is_stopped(port: str) -> None:
-    before, _ = look(port)
+def test_teleop_that_is_killed_with_the_stick_pushed_leaves_an_arm_that_is_stopped(arm: Plug) -> None:
+    before = look(arm)
     channel = free_port(socket.SOCK_DGRAM)
     with pushed_stick(channel):
-        killed(port, DIES.format(after=80, signal=9) + CLI, "teleop", "--from", f"udp-listen://127.0.0.1:{channel}")
-        assert check_held(port)["J1"].position > before["J1"].position + 0.01, "it moved"
+        killed(arm, DIES.format(after=80, signal=9) + CLI, "teleop", "--from", f"udp-listen://127.0.0.1:{channel}")
+        assert check_held(arm)["J1"].position > before["J1"].position + 0.01, "it moved"
 
 
-@pytest.mark.system
-def test_teleop_that_stalls_stays_stopped_when_it_continues_with_the_stick_pushed(port: str) -> None:
-    channel = free_port(socket.SOCK_DGRAM)
-    program = DIES.format(after=80, signal=19) + CLI
-    with pushed_stick(channel):
-        process = start(port, program, "teleop", "--from", f"udp-listen://127.0.0.1:{channel}")
-        try:
-            os.waitpid(process.pid, os.WUNTRACED)
-            time.sleep(2.0)
-            process.send_signal(signal.SIGCONT)
-            time.sleep(2.0)
-            process.send_signal(signal.SIGINT)
-        finally:
-            try:
-                _, errors = process.communicate(timeout=PATIENCE)
-            finally:
-                process.kill()
-        assert "the board has stopped the arm: its watchdog tripped" in errors
-        check_held(port)
-
-
-@pytest.mark.system
-def test_a_suspended_command_that_continues_says_why_the_arm_is_stopped(port: str) -> None:
-    process = start(port, DIES.format(after=10, signal=19) + CLI, "move", "J4=70", "--duration", "8", "--wait")
+@contextmanager
+def suspended(arm: Plug, after: int, *words: str) -> Iterator[subprocess.Popen[str]]:
+    """A command that is suspended in the middle and goes on when the board has noticed."""
+    process = start(arm.path, DIES.format(after=after, signal=19) + CLI, *words)
     try:
         os.waitpid(process.pid, os.WUNTRACED)
-        time.sleep(2.0)
+        eventually(lambda: arm.board.state.watchdog_tripped)
         process.send_signal(signal.SIGCONT)
-        _, errors = process.communicate(timeout=PATIENCE)
+        yield process
     finally:
         process.kill()
+        process.communicate()
+
+
+@pytest.mark.slow
+@pytest.mark.system
+def test_teleop_that_stalls_stays_stopped_when_it_continues_with_the_stick_pushed(arm: Plug) -> None:
+    channel = free_port(socket.SOCK_DGRAM)
+    with (
+        pushed_stick(channel) as pushed,
+        suspended(arm, 80, "teleop", "--from", f"udp-listen://127.0.0.1:{channel}") as process,
+    ):
+        read_until(process.stderr, "the board has stopped the arm: its watchdog tripped")
+        known = time.monotonic()
+        eventually(lambda: [when for when in pushed if when > known][1:])
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=PATIENCE)
+        check_held(arm)
+
+
+@pytest.mark.system
+def test_a_suspended_command_that_continues_says_why_the_arm_is_stopped(arm: Plug) -> None:
+    with suspended(arm, 10, "move", "J4=70", "--duration", "8", "--wait") as process:
+        _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
     assert "the board has stopped the arm: its watchdog tripped" in errors
-    assert check_held(port)["J4"].position < 0.6
+    assert check_held(arm)["J4"].position < 0.6
 
 
 def program_of(page: str, marker: str) -> str:
@@ -211,24 +215,25 @@ def program_of(page: str, marker: str) -> str:
 
 
 @pytest.mark.system
-def test_the_program_of_the_readme_stops_the_arm_when_it_is_killed(port: str) -> None:
+def test_the_program_of_the_readme_stops_the_arm_when_it_is_killed(arm: Plug) -> None:
     program = program_of("README.md", "hexwire.connect()")
     assert "arm.stop()" in program
     # It is killed right after it has asked for a motion of a second.
-    killed(port, DIES.format(after=1, signal=9) + program)
-    there = check_held(port)
+    killed(arm, DIES.format(after=1, signal=9) + program)
+    there = check_held(arm)
     assert there["J1"].position < 0.08, "short of its target"
 
 
+@pytest.mark.slow
 @pytest.mark.system
-def test_the_program_of_the_motion_page_stops_the_arm_when_it_is_killed(port: str) -> None:
+def test_the_program_of_the_motion_page_stops_the_arm_when_it_is_killed(arm: Plug) -> None:
     program = program_of("docs/motion.md", "board_process")
     program = program.replace(
-        "with board_process() as port, hexwire.connect(port)", f"with hexwire.connect({port!r})"
+        "with board_process() as port, hexwire.connect(port)", f"with hexwire.connect({arm.path!r})"
     )
-    before, _ = look(port)
+    before = look(arm)
     # The board follows the path until its watchdog trips, a second later.
-    killed(port, DIES.format(after=4, signal=9) + program)
-    there = check_held(port)
+    killed(arm, DIES.format(after=4, signal=9) + program)
+    there = check_held(arm)
     way = there["J1"].position - before["J1"].position
     assert way < 0.38, "short of its target"
