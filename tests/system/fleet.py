@@ -23,14 +23,19 @@ SET_POINTS = 5
 """Cycles from one set-point to the next."""
 
 
+def _sleep(clock: Callable[[], float]) -> Callable[[float], object]:
+    """What lets time pass: a clock of simulated time does it itself."""
+    return getattr(clock, "sleep", time.sleep)
+
+
 class HostedLink(Link):
     """A line to a board in this process: who writes hands over, who reads lets the board work."""
 
     kind = LinkKind.STREAM
     max_message = None
 
-    def __init__(self, board: EmulatedBoard, number: int) -> None:
-        self.board = board
+    def __init__(self, board: EmulatedBoard, number: int, clock: Callable[[], float]) -> None:
+        self.board, self.clock = board, clock
         self.url = f"memory://arm{number}"
         self._open = False
 
@@ -46,16 +51,16 @@ class HostedLink(Link):
 
     def read(self, deadline: float | None) -> bytes:
         while True:
-            now = time.monotonic()
+            now = self.clock()
             self.board.step(now)
             data = self.board.data_to_send()
             if data or (deadline is not None and now >= deadline):
                 return data
             due = [when for when in (deadline, self.board.next_event_time()) if when is not None]
-            time.sleep(max(0.0, min([0.001, *(when - now for when in due)])))
+            _sleep(self.clock)(max(0.0, min([0.001, *(when - now for when in due)])))
 
     def write(self, data: bytes, deadline: float | None = None) -> None:
-        self.board.receive(data, time.monotonic())
+        self.board.receive(data, self.clock())
 
     def flush_input(self) -> int:
         return len(self.board.data_to_send())
@@ -72,11 +77,11 @@ class Arm:
         worst: Largest error of J1 against its set-point of a moment ago, radians.
     """
 
-    def __init__(self, number: int) -> None:
-        now = time.monotonic()
+    def __init__(self, number: int, clock: Callable[[], float]) -> None:
+        now = clock()
         # baud 0: a bus that costs no time, so that what is measured is the work of host and emulator.
         board = make_hex7bot_board(dialect=2, baud=0, faults=(), seed=number, start=now)
-        self.link = HostedLink(board, number)
+        self.link = HostedLink(board, number, clock)
         self.driver = Hex7BotDriver(Session(IpcHandle.from_link(self.link)))
         self.phase = 0.1 * number
         self.cycles = 0
@@ -104,6 +109,7 @@ def run_fleet(
     rate: float = 50.0,
     paced: bool = True,
     tick: Callable[[float], None] = lambda _: None,
+    clock: Callable[[], float] = time.monotonic,
 ) -> tuple[list[Arm], float, float]:
     """Run a fleet.
 
@@ -113,23 +119,24 @@ def run_fleet(
         rate: Cycles a second of each arm.
         paced: Keep to real time; without it the cycles follow each other at once.
         tick: Called with the time at each cycle.
+        clock: Seconds of all parts.
 
     Returns:
         The arms, CPU seconds of this process for the cycles alone, and the achieved rate in Hz.
     """
-    arms = [Arm(number) for number in range(count)]
+    arms = [Arm(number, clock) for number in range(count)]
     period = 1.0 / rate
     cycles = round(seconds * rate)
     try:
-        cpu, began = time.process_time(), time.monotonic()
+        cpu, began = time.process_time(), clock()
         for i in range(cycles):
             tick(i * period)
             for arm in arms:
                 arm.cycle(i * period, period)
-            left = began + (i + 1) * period - time.monotonic()
+            left = began + (i + 1) * period - clock()
             if paced and left > 0:
-                time.sleep(left)
-        return arms, time.process_time() - cpu, cycles / (time.monotonic() - began)
+                _sleep(clock)(left)
+        return arms, time.process_time() - cpu, cycles / (clock() - began)
     finally:
         for arm in arms:
             arm.driver.detach()

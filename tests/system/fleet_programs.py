@@ -298,6 +298,12 @@ class Lab(Scene):
         """The last row of a kind, of the reader or of another client."""
         return next((row for row in reversed(self.rows(client)) if row["e"] == kind), {})
 
+    def swinging(self) -> None:
+        """The operator sends set-points from now on; returns when the arm moves."""
+        before = self.position(0)
+        self.operator.do("stream", 20.0, J1=0.3)
+        self.came(lambda: abs(self.position(0) - before) > 10, 10.0)
+
     def setting_out(self, operator: ClientProgram | None = None) -> float:
         """Set out for a far target, and wait until the arm moves; returns where its first servo was."""
         before = self.position(0)

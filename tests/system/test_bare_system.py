@@ -60,6 +60,7 @@ def urls(tmp_path: Path) -> object:
         server.close()
 
 
+@pytest.mark.slow
 def test_every_module_is_there_and_a_bus_is_driven(urls: list[str]) -> None:
     done = subprocess.run(
         [sys.executable, PROGRAM, *urls], check=False, capture_output=True, text=True, timeout=120

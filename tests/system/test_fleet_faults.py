@@ -54,6 +54,7 @@ def test_an_operator_that_is_killed_leaves_an_arm_that_holds_and_says_why(lab: L
     lab.came(lambda: lab.last()["held"] == "", 3.0)
 
 
+@pytest.mark.slow
 def test_a_server_that_is_killed_leaves_an_arm_that_its_board_stops(lab: Lab) -> None:
     lab.setting_out()
     killed = lab.server.kill()
@@ -82,9 +83,9 @@ def test_a_server_that_is_killed_leaves_an_arm_that_its_board_stops(lab: Lab) ->
     assert before == there
 
 
+@pytest.mark.slow
 def test_an_operator_that_is_stopped_loses_the_lease_and_gets_an_error(lab: Lab) -> None:
-    lab.operator.do("stream", 20.0, J1=0.3)
-    time.sleep(0.5)
+    lab.swinging()
     with lab.operator.stopped(STOPPED) as cut:
         lab.cuts.append(cut)
         lab.came(lambda: "lost the lease" in str(lab.last()["held"]), TIMEOUT + HOLD)
@@ -98,8 +99,7 @@ def test_an_operator_that_is_stopped_loses_the_lease_and_gets_an_error(lab: Lab)
 
 
 def test_a_server_that_is_stopped_moves_nothing_when_it_goes_on(lab: Lab) -> None:
-    lab.operator.do("stream", 20.0, J1=0.3)
-    time.sleep(0.5)
+    lab.swinging()
     with lab.server.stopped(STOPPED) as cut:
         lab.cuts.append(cut)
         time.sleep(WATCHDOG + HOLD)
@@ -112,6 +112,7 @@ def test_a_server_that_is_stopped_moves_nothing_when_it_goes_on(lab: Lab) -> Non
     assert lab.operator.ask("move", 1.0, J1=0.0)["error"] in ("LeaseError", "StoppedError")
 
 
+@pytest.mark.slow
 def test_a_stop_reaches_a_server_that_was_stopped_and_is_confirmed_only_then(lab: Lab) -> None:
     lab.setting_out()
     with lab.server.stopped(STOPPED) as cut:
@@ -123,11 +124,11 @@ def test_a_stop_reaches_a_server_that_was_stopped_and_is_confirmed_only_then(lab
     time.sleep(1.0)
 
 
+@pytest.mark.slow
 def test_a_reader_that_is_stopped_delays_nobody(lab: Lab) -> None:
     slow = lab.client()
     slow.do("watch", 0.01)
-    lab.operator.do("stream", 20.0, J1=0.3)
-    time.sleep(0.3)
+    lab.swinging()
     before = lab.server.memory()
     with slow.stopped(STOPPED) as (begin, end):
         pass
@@ -147,6 +148,7 @@ def test_a_reader_that_is_stopped_delays_nobody(lab: Lab) -> None:
     slow.end()
 
 
+@pytest.mark.slow
 def test_ten_thousand_orders_a_second_without_a_lease_do_not_disturb_its_holder(lab: Lab) -> None:
     intruder = lab.client()
     before = lab.reader.do("counters")
@@ -180,6 +182,7 @@ def test_a_second_server_of_a_name_is_refused_and_the_first_goes_on(lab: Lab) ->
     lab.operator.do("move", 0.5, J1=0.0)
 
 
+@pytest.mark.slow
 def test_programs_whose_clock_runs_elsewhere_read_and_command(lab: Lab) -> None:
     """As on another computer, whose monotonic clock has another start."""
     away = ["unshare", "--time", "--monotonic", "100000", "--boottime", "100000"]
@@ -197,6 +200,7 @@ def test_programs_whose_clock_runs_elsewhere_read_and_command(lab: Lab) -> None:
     other.end()
 
 
+@pytest.mark.slow
 def test_a_wall_clock_that_jumps_moves_nothing_and_loses_no_lease(lab: Lab) -> None:
     library, offset = lab.folder / "wall_clock.so", lab.folder / "offset"
     subprocess.run(["gcc", "-shared", "-fPIC", "-O", "-o", library, WALL_CLOCK], check=True, timeout=PATIENCE)
@@ -219,6 +223,7 @@ def test_a_wall_clock_that_jumps_moves_nothing_and_loses_no_lease(lab: Lab) -> N
     lab.server.end()
 
 
+@pytest.mark.slow
 def test_an_owner_whose_computer_was_restarted_is_read_again(lab: Lab) -> None:
     """Its monotonic clock begins anew, so its stamps are lower than those before."""
     lab.server.kill()

@@ -188,6 +188,7 @@ def gone(site: Site, since: float) -> bool:
     return bool(row) and row["t"] > since and row["error"] == "LinkNotFoundError"
 
 
+@pytest.mark.slow
 def test_a_network_that_loses_every_fifth_packet_moves_nothing_unasked(site: Site) -> None:
     for _ in range(ROUNDS):
         site.operator.do("stream", 20.0, J1=0.3)
@@ -209,8 +210,7 @@ def test_a_network_that_loses_every_fifth_packet_moves_nothing_unasked(site: Sit
 
 def test_an_operator_that_is_cut_off_loses_the_lease_and_no_stop_of_it_counts_as_done(site: Site) -> None:
     for _ in range(ROUNDS):
-        site.operator.do("stream", 20.0, J1=0.3)
-        time.sleep(0.5)
+        site.swinging()
         with site.hosts.cut("op", STOPPED) as cut:
             site.cuts.append(cut)
             site.came(lambda: "lost the lease" in str(site.last().get("held")), TIMEOUT + HOLD)
@@ -228,6 +228,7 @@ def test_an_operator_that_is_cut_off_loses_the_lease_and_no_stop_of_it_counts_as
         site.begin_all()
 
 
+@pytest.mark.slow
 def test_an_arm_that_is_cut_off_holds_and_is_missed_and_a_second_one_of_its_name_gives_way(site: Site) -> None:
     twin_board = site.second_board()
     for _ in range(ROUNDS):
@@ -271,6 +272,7 @@ def cut_off(site: Site, watch: Lines) -> tuple[float, float, float]:
     return shown - begin, quiet - begin, gone - begin
 
 
+@pytest.mark.slow
 def test_an_arm_that_is_cut_off_shows_within_a_second_and_is_gone_after_five(
     site: Site, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -290,10 +292,10 @@ def test_an_arm_that_is_cut_off_shows_within_a_second_and_is_gone_after_five(
     watch.end()
 
 
+@pytest.mark.slow
 def test_a_router_that_is_killed_leaves_an_arm_that_holds_and_is_found_again(site: Site) -> None:
     for _ in range(ROUNDS):
-        site.operator.do("stream", 20.0, J1=0.3)
-        time.sleep(0.5)
+        site.swinging()
         killed = site.router.kill()
         site.came(lambda killed=killed: site.last("lost").get("t", 0) > killed, 5.0)
         assert site.last("lost")["error"] == "LinkLostError"
@@ -310,10 +312,10 @@ def test_a_router_that_is_killed_leaves_an_arm_that_holds_and_is_found_again(sit
         site.begin_all()
 
 
+@pytest.mark.slow
 def test_a_router_that_is_stopped_lets_nothing_old_through_when_it_goes_on(site: Site) -> None:
     for _ in range(ROUNDS):
-        site.operator.do("stream", 20.0, J1=0.3)
-        time.sleep(0.5)
+        site.swinging()
         with site.router.stopped(STOPPED) as cut:
             site.cuts.append(cut)
             time.sleep(TIMEOUT + HOLD)
@@ -326,6 +328,7 @@ def test_a_router_that_is_stopped_lets_nothing_old_through_when_it_goes_on(site:
         site.begin_all()
 
 
+@pytest.mark.slow
 def test_certificates_that_are_wrong_move_nothing(site: Site) -> None:
     site.operator.do("release")
     before = site.resting(0)
@@ -365,6 +368,7 @@ def test_certificates_that_are_wrong_move_nothing(site: Site) -> None:
     assert site.position(0) == before
 
 
+@pytest.mark.slow
 def test_a_certificate_that_is_revoked_loses_the_lease_when_the_router_starts_again(site: Site) -> None:
     site.issue("bob", "operator", NAME)
     # He has copies of his own.
@@ -395,6 +399,7 @@ def test_a_certificate_that_is_revoked_loses_the_lease_when_the_router_starts_ag
     site.setting_out()
 
 
+@pytest.mark.slow
 def test_a_certificate_for_another_arm_gives_nobody_a_state_of_this_one(site: Site) -> None:
     """A program with it offers this arm's name, and is not seen."""
     begin = time.monotonic()

@@ -14,9 +14,12 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from tests.system.fleet_programs import Program
 from tests.system.fleet_watch import HOLD, TIMEOUT, BoardLog, moved
-from tests.system.programs import HEXWIRE, PATIENCE, hexwire
+from tests.system.programs import HEXWIRE, PATIENCE
+
+from hexwire.cli.main import cli
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
 
@@ -75,10 +78,16 @@ class Stage:
         self._stack.callback(program.end)
         return program
 
+    def run(self, *words: str) -> str:
+        """Run a command in this process; returns its output."""
+        done = CliRunner(env=self.env).invoke(cli, words)
+        assert done.exit_code == 0, done.output
+        return done.stdout
+
     def play(self, *words: object) -> Program:
         """Start to play; returns when both arms are far on their way."""
         for name in NAMES:
-            hexwire("resume", "--port", f"zenoh:{name}", env=self.env)
+            self.run("resume", "--port", f"zenoh:{name}")
         self._told += len(self.said())
         program = self.program(
             *(words or (sys.executable, "-c", PATIENT, "fleet", "play", self.motion, "--on", "lab/*"))
@@ -116,7 +125,7 @@ class Stage:
 
     def arms(self) -> list[dict[str, object]]:
         """What the arms say of themselves."""
-        rows: list[dict[str, object]] = json.loads(hexwire("fleet", "list", "--json", env=self.env).stdout)
+        rows: list[dict[str, object]] = json.loads(self.run("fleet", "list", "--json"))
         return rows
 
 
@@ -140,6 +149,7 @@ def test_a_player_that_is_killed_leaves_arms_that_hold(stage: Stage, capsys: pyt
         assert f"lost the lease after {TIMEOUT:g} s of silence" in str(row["condition"])
 
 
+@pytest.mark.slow
 def test_a_player_that_is_halted_leaves_arms_that_hold_and_ends_when_it_goes_on(
     stage: Stage, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -152,6 +162,7 @@ def test_a_player_that_is_halted_leaves_arms_that_hold_and_ends_when_it_goes_on(
     stage.rest(end, 0.0)
 
 
+@pytest.mark.slow
 def test_a_player_that_hangs_with_a_heartbeat_has_its_arms_stopped(
     stage: Stage, capsys: pytest.CaptureFixture[str]
 ) -> None:

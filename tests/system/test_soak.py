@@ -29,6 +29,7 @@ from hexwire.wire.servo_packet import make_read, make_status, parse_packet, pars
 pytestmark = pytest.mark.soak
 
 REQUESTS = rounds(20_000, 500_000)
+SAMPLE = 5_000
 FAULTS = 0.01
 JOINTS = 7
 _ON_THE_WAY = 8
@@ -191,17 +192,18 @@ class Soak:
         )
 
 
-def test_dialect_2_lets_nothing_wrong_through() -> None:
+@pytest.mark.parametrize("requests", [SAMPLE, pytest.param(REQUESTS, marks=pytest.mark.slow)])
+def test_dialect_2_lets_nothing_wrong_through(requests: int) -> None:
     soak = Soak(dialect=2)
-    soak.run(REQUESTS)
+    soak.run(requests)
     print(soak.figures())
     assert (soak.wrong, soak.stale) == (0, 0)
     assert max(entry.delivered for entry in soak.board.ledger.values()) == 1
-    assert soak.right >= 0.98 * REQUESTS
-    soak.check_nothing_was_lost_uncounted(REQUESTS)
+    assert soak.right >= 0.98 * requests
+    soak.check_nothing_was_lost_uncounted(requests)
     # Nothing hung: a request takes at most its attempts, and what a frozen line adds.
     policy = soak.session.policy
-    assert soak.clock.time - 1000 < REQUESTS * policy.attempts * policy.window
+    assert soak.clock.time - 1000 < requests * policy.attempts * policy.window
     sizes = {len(entry.body) for entry in soak.board.ledger.values()}
     assert len(sizes) == 1
     decoder = soak.session.connection.decoder.counters
@@ -210,6 +212,7 @@ def test_dialect_2_lets_nothing_wrong_through() -> None:
     assert 0 <= left <= tables.MAX_SERIAL_FRAME
 
 
+@pytest.mark.slow
 def test_dialect_1_says_honestly_what_its_checksum_lets_through() -> None:
     soak = Soak(dialect=1)
     soak.run(REQUESTS)
@@ -247,7 +250,10 @@ class _Burst:
         return frame[: end - 3] + self.random.randbytes(3) + frame[end:]
 
 
-@pytest.mark.parametrize(("dialect", "share"), [(1, 1 / 256), (2, 1 / 65536)])
+@pytest.mark.parametrize(
+    ("dialect", "share"),
+    [pytest.param(1, 1 / 256, marks=pytest.mark.slow, id="1"), pytest.param(2, 1 / 65536, id="2")],
+)
 def test_the_share_of_random_damage_that_gets_through(dialect: int, share: float) -> None:
     burst = _Burst()
     soak = Soak(dialect=dialect, probability=0.0, board=LedgerBoard(garble=burst))
