@@ -13,64 +13,74 @@ import time
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
-from tests.system.programs import Terminal, board, gone, hexwire, mute_port, read_until, start
+from click.testing import CliRunner, Result
+from tests.cli.shared_arm import Plug
+from tests.system.programs import Terminal, board, gone, mute_port, read_until, start
 
 from hexwire.cli.main import cli
+from hexwire.emulator.board import make_hex7bot_board
 
 pytestmark = pytest.mark.system
+
+
+def hexwire(*words: str, env: dict[str, str] | None = None) -> Result:
+    """Run a command in this process, where a new one would take longer than the command."""
+    return CliRunner(env=env).invoke(cli, words)
+
+
+def plugged_in(*faults: str, dialect: int = 2, baud: int = 115200) -> Plug:
+    """An arm on a terminal of this process."""
+    return Plug(make_hex7bot_board(dialect=dialect, baud=baud, faults=faults, start=time.monotonic()))
 
 
 def fails(status: int, *words: str) -> str:
     """Run what must fail with one line on standard error; returns that line."""
     done = hexwire(*words)
-    assert done.returncode == status, (done.stdout, done.stderr)
+    assert done.exit_code == status, done.output
     assert done.stderr.startswith("error: ")
     assert done.stderr.count("\n") == 1, done.stderr
     return done.stderr.removeprefix("error: ").rstrip("\n")
 
 
 def is_refused(*words: str) -> str:
-    """As `fails`, for a usage error: nothing is opened yet, so this process will do."""
-    done = CliRunner().invoke(cli, words)
-    assert (done.exit_code, done.stdout) == (2, ""), done.output
-    assert done.stderr.startswith("error: ")
-    assert done.stderr.count("\n") == 1, done.stderr
-    return done.stderr
+    """As `fails`, for a usage error: nothing was done."""
+    done = hexwire(*words)
+    assert done.stdout == ""
+    return fails(2, *words)
 
 
 def succeeds(*words: str) -> str:
     done = hexwire(*words)
-    assert (done.returncode, done.stderr) == (0, ""), (done.stdout, done.stderr)
+    assert (done.exit_code, done.stderr) == (0, ""), done.output
     return done.stdout
 
 
-@pytest.mark.parametrize("dialect", ["1", "2"])
-def test_a_day_with_the_arm(dialect: str) -> None:
-    with board("--dialect", dialect) as path:
-        port = ("--port", path)
+@pytest.mark.parametrize("dialect", [pytest.param(1, marks=pytest.mark.slow), 2])
+def test_a_day_with_the_arm(dialect: int) -> None:
+    with plugged_in(dialect=dialect) as arm:
+        port = ("--port", arm.path)
         assert succeeds("ping", *port).count(": ok, ") == 7
-        assert json.loads(succeeds("probe", "--json", *port))["dialect"] == int(dialect)
+        assert json.loads(succeeds("probe", "--json", *port))["dialect"] == dialect
         moved = hexwire("move", "J1=10", "J5=-5", "--wait", *port)
-        assert moved.returncode == 0, moved.stderr
+        assert moved.exit_code == 0, moved.stderr
         assert "torque on: J1 J5" in moved.stdout
         # Only a board of dialect 2 stops by itself when the program dies.
-        assert ("has no watchdog on this port" in moved.stderr) == (dialect == "1")
+        assert ("has no watchdog on this port" in moved.stderr) == (dialect == 1)
         joints = {j["name"]: j for j in json.loads(succeeds("state", "--json", *port))["joints"]}
         assert joints["J1"]["position_deg"] == pytest.approx(10.0, abs=1.0)
         assert joints["J5"]["position_deg"] == pytest.approx(-5.0, abs=1.0)
         stopped = hexwire("stop", *port)
-        assert stopped.returncode == 0, stopped.stderr
-        assert ("no board latches this stop" in stopped.stderr) == (dialect == "1")
-        assert hexwire("move", "J1=0", *port).returncode == 1
-        assert hexwire("resume", *port).returncode == 0
+        assert stopped.exit_code == 0, stopped.stderr
+        assert ("no board latches this stop" in stopped.stderr) == (dialect == 1)
+        assert hexwire("move", "J1=0", *port).exit_code == 1
+        assert hexwire("resume", *port).exit_code == 0
         succeeds("torque", "off", *port)
 
 
 def test_the_port_from_the_environment() -> None:
-    with board("--baud", "0") as path:
-        done = hexwire("ping", "0", env={"HEXWIRE_PORT": path})
-        assert (done.returncode, done.stderr) == (0, "")
+    with plugged_in(baud=0) as arm:
+        done = hexwire("ping", "0", env={"HEXWIRE_PORT": arm.path})
+        assert (done.exit_code, done.stderr) == (0, "")
 
 
 def test_ports_are_json_if_asked() -> None:
@@ -93,7 +103,8 @@ def test_a_file_is_no_port(tmp_path: Path) -> None:
 
 
 def test_no_permission_names_the_group() -> None:
-    with board() as path:
+    with plugged_in() as arm:
+        path = arm.path
         if os.getuid() == 0:
             os.chown(path, -1, grp.getgrnam("dialout").gr_gid)
         group = grp.getgrgid(Path(path).stat().st_gid).gr_name
@@ -111,7 +122,8 @@ def test_no_permission_names_the_group() -> None:
 
 
 def test_a_port_in_use_names_the_program() -> None:
-    with board() as path:
+    with plugged_in() as arm:
+        path = arm.path
         watcher = start("state", "--watch", "--port", path)
         try:
             assert watcher.stdout is not None
@@ -128,12 +140,13 @@ def test_a_port_in_use_names_the_program() -> None:
 
 def test_a_port_that_answers_nothing(tmp_path: Path) -> None:
     with mute_port(tmp_path / "ttyUSB0") as path:
-        text = fails(1, "probe", "--port", path, "--timeout", "1")
+        text = fails(1, "probe", "--port", path, "--timeout", "0.2")
     assert text.startswith("no answer to IDENTIFY on ")
     assert "nothing arrived" in text
     assert "hexwire ports" in text
 
 
+@pytest.mark.slow
 def test_the_command_says_what_it_waits_for(tmp_path: Path) -> None:
     with mute_port(tmp_path / "ttyUSB0") as path, Terminal("probe", "--port", path, "--timeout", "3") as terminal:
         assert terminal.wait() == 1
@@ -143,24 +156,24 @@ def test_the_command_says_what_it_waits_for(tmp_path: Path) -> None:
 
 
 def test_a_board_that_boots_is_waited_for() -> None:
-    with board("--fault", "boot:2.0") as path:
+    with plugged_in("boot:1.0") as arm:
         began = time.monotonic()
-        assert succeeds("ping", "--port", path).count(": ok, ") == 7
+        assert succeeds("ping", "--port", arm.path).count(": ok, ") == 7
         assert time.monotonic() - began > 0.5, "the board cannot have been up yet"
 
 
 def test_a_missing_servo() -> None:
-    with board("--fault", "silent:4") as path:
+    with plugged_in("silent:4") as arm:
         missing = "servo 4 (J5) does not answer: check cable, power and id"
-        assert fails(1, "ping", "--port", path) == missing
-        assert fails(1, "state", "--port", path) == missing
-        shown = hexwire("state", "--port", path).stdout.splitlines()
+        assert fails(1, "ping", "--port", arm.path) == missing
+        assert fails(1, "state", "--port", arm.path) == missing
+        shown = hexwire("state", "--port", arm.path).stdout.splitlines()
         assert [line.split()[0] for line in shown if line.endswith("no answer")] == ["J5"]
 
 
 def test_a_wrong_rate() -> None:
     with board() as path:
-        text = fails(1, "probe", "--port", path, "--baud", "57600", "--timeout", "1")
+        text = fails(1, "probe", "--port", path, "--baud", "57600", "--timeout", "0.3")
         assert "baud" in text
         succeeds("probe", "--port", path)
 
@@ -170,6 +183,7 @@ def test_an_invalid_rate_is_refused(rate: str) -> None:
     is_refused("probe", "--port", "/dev/ttyNOSUCH", "--baud", rate)
 
 
+@pytest.mark.slow
 def test_unplugged_in_the_middle_of_a_move(tmp_path: Path) -> None:
     # A name of its own: the kernel soon gives a terminal's number to the next one.
     with board("--link", str(tmp_path / "arm")) as path:
@@ -191,10 +205,10 @@ def test_unplugged_in_the_middle_of_a_move(tmp_path: Path) -> None:
 # --- interruption ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM])
 def test_interrupting_a_move_stops_the_arm(number: signal.Signals) -> None:
-    with board() as path:
-        mover = start("move", "J4=80", "--duration", "20", "--wait", "--port", path)
+    with plugged_in() as arm:
+        mover = start("move", "J4=80", "--duration", "20", "--wait", "--port", arm.path)
         assert mover.stdout is not None
         read_until(mover.stdout, "moving to")
         mover.send_signal(number)
@@ -202,30 +216,32 @@ def test_interrupting_a_move_stops_the_arm(number: signal.Signals) -> None:
         assert mover.returncode == 130
         assert "stopped: the arm holds" in err
         assert "Traceback" not in err
-        state = json.loads(succeeds("state", "--json", "--port", path))
+        state = json.loads(succeeds("state", "--json", "--port", arm.path))
         assert state["stopped"] is True
         assert state["joints"][3]["position_deg"] < 60
 
 
 def test_ctrl_c_on_the_terminal_stops_the_arm_and_clears_the_progress_bar() -> None:
-    with board() as path:
-        with Terminal("move", "J4=80", "--duration", "20", "--wait", "--port", path) as terminal:
+    with plugged_in() as arm:
+        with Terminal("move", "J4=80", "--duration", "20", "--wait", "--port", arm.path) as terminal:
             terminal.read_until("deg to go")
             terminal.type(b"\x03")
             assert terminal.wait() == 130
         assert "stopped: the arm holds" in terminal.plain
         assert "Traceback" not in terminal.plain
-        assert json.loads(succeeds("state", "--json", "--port", path))["stopped"] is True
+        assert json.loads(succeeds("state", "--json", "--port", arm.path))["stopped"] is True
 
 
+@pytest.mark.slow
 def test_arriving_on_a_terminal() -> None:
-    with board() as path, Terminal("move", "J4=20", "--wait", "--port", path) as terminal:
+    with plugged_in() as arm, Terminal("move", "J4=20", "--wait", "--port", arm.path) as terminal:
         assert terminal.wait() == 0
         assert terminal.plain.rstrip().endswith("arrived")
 
 
+@pytest.mark.slow
 def test_watching_on_a_terminal_draws_and_ends_with_ctrl_c() -> None:
-    with board() as path, Terminal("state", "--watch", "--port", path) as terminal:
+    with plugged_in() as arm, Terminal("state", "--watch", "--port", arm.path) as terminal:
         terminal.read_until(lambda text: text.count("J7") >= 3)
         terminal.type(b"\x03")
         assert terminal.wait() == 130
@@ -234,8 +250,8 @@ def test_watching_on_a_terminal_draws_and_ends_with_ctrl_c() -> None:
 
 
 def test_piping_into_head_is_silent() -> None:
-    with board() as path:
-        script = f"{sys.executable} -m hexwire.cli state --watch --rate 50 --json --port {path} | head -n 1"
+    with plugged_in() as arm:
+        script = f"{sys.executable} -m hexwire.cli state --watch --rate 50 --json --port {arm.path} | head -n 1"
         done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False, timeout=60)
         assert len(json.loads(done.stdout)["joints"]) == 7
         assert done.stderr == ""
@@ -253,7 +269,7 @@ def test_a_board_has_a_name_that_stays_and_is_tidied_up(tmp_path: Path) -> None:
     assert not link.is_symlink()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_a_board_ends_on_a_signal(number: signal.Signals) -> None:
     process = start("sim", "board")
     assert process.stdout is not None
@@ -265,6 +281,7 @@ def test_a_board_ends_on_a_signal(number: signal.Signals) -> None:
     assert not Path(path).exists() or gone(process.pid)
 
 
+@pytest.mark.slow
 def test_a_board_ends_with_its_standard_input() -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "hexwire.cli", "sim", "board", "--until-eof"],
