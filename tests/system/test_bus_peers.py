@@ -23,7 +23,7 @@ IDS = (1, 2, 3, 4, 5, 6)
 GOALS = {servo_id: 1900 + 20 * servo_id for servo_id in IDS}
 
 
-@pytest.fixture(params=["1000000", "0"], ids=["paced", "unpaced"])
+@pytest.fixture(params=[pytest.param("1000000", marks=pytest.mark.slow), "0"], ids=["paced", "unpaced"])
 def port(request: pytest.FixtureRequest) -> Iterator[str]:
     command = [
         sys.executable,

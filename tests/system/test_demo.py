@@ -8,7 +8,12 @@ import signal
 import time
 
 import pytest
-from tests.system.programs import ANSI, PATIENCE, Terminal, board, children_of, gone, hexwire, read_until, start
+from click.testing import CliRunner
+from tests.cli.shared_arm import Plug, eventually, ok, run
+from tests.system.programs import ANSI, PATIENCE, Terminal, children_of, gone, hexwire, read_until, start
+
+from hexwire.cli.main import cli
+from hexwire.emulator.board import make_hex7bot_board
 
 pytestmark = pytest.mark.system
 
@@ -23,15 +28,14 @@ LATER = re.compile(r"^ *[1-9]\d*\.\d s: ", re.MULTILINE)
 
 
 def state(path: str) -> dict[str, object]:
-    done = hexwire("state", "--json", "--port", path)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)  # type: ignore[no-any-return]
+    return json.loads(ok("state", "--json", port=path))  # type: ignore[no-any-return]
 
 
 def torque(path: str) -> list[bool]:
     return [joint["torque_on"] for joint in state(path)["joints"]]  # type: ignore[attr-defined]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [[], ["--baud", "0", "--rate", "50"], ["--dialect", "1", "--baud", "0"]])
 def test_without_a_terminal_it_prints_plain_lines(options: list[str]) -> None:
     done = hexwire("demo", "--duration", "2", *options, env={"FORCE_COLOR": "1"})
@@ -58,6 +62,7 @@ def test_on_a_terminal_it_draws_a_table_and_a_bar() -> None:
     assert terminal.text.count("\x1b[?25l") == terminal.text.count("\x1b[?25h"), "the cursor is shown again"
 
 
+@pytest.mark.slow
 def test_a_faulty_line_is_lived_with_and_counted() -> None:
     # Unpaced, a frame is one message: the same ones are hit every time.
     done = hexwire("demo", "--duration", "3", "--baud", "0", "--fault", "host.flip:0.02")
@@ -68,19 +73,29 @@ def test_a_faulty_line_is_lived_with_and_counted() -> None:
 
 
 def test_a_fault_that_does_not_exist_is_a_usage_error() -> None:
-    done = hexwire("demo", "--fault", "silly:1")
-    assert (done.returncode, done.stdout) == (2, "")
+    done = CliRunner().invoke(cli, ["demo", "--fault", "silly:1"])
+    assert (done.exit_code, done.stdout) == (2, "")
     assert done.stderr.count("\n") == 1
     assert "silly" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_missing_servo_ends_it() -> None:
     done = hexwire("demo", "--fault", "silent:4")
     assert done.returncode == 1
     assert done.stderr == "error: servo 4 (J5) does not answer: check cable, power and id\n"
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "number",
+    [
+        *(
+            pytest.param(number, marks=pytest.mark.slow)
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        ),
+        signal.SIGKILL,
+    ],
+)
 def test_it_leaves_no_process(number: signal.Signals) -> None:
     demo = start("demo", "--duration", "30")
     assert demo.stdout is not None
@@ -94,6 +109,7 @@ def test_it_leaves_no_process(number: signal.Signals) -> None:
     assert all(gone(child) for child in children)
 
 
+@pytest.mark.slow
 def test_ctrl_c_on_a_terminal_leaves_no_process_and_a_usable_terminal() -> None:
     with Terminal("demo", "--duration", "30") as terminal:
         terminal.read_until("there")
@@ -107,11 +123,12 @@ def test_ctrl_c_on_a_terminal_leaves_no_process_and_a_usable_terminal() -> None:
     assert all(gone(child) for child in children)
 
 
-@pytest.mark.parametrize("dialect", ["1", "2"])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_demo_leaves_no_torque(number: signal.Signals, dialect: str) -> None:
+@pytest.mark.parametrize("dialect", [pytest.param(1, marks=pytest.mark.slow), 2])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
+def test_an_interrupted_demo_leaves_no_torque(number: signal.Signals, dialect: int) -> None:
     # Unpaced: reading back the registers of dialect 1 takes seconds at its rate.
-    with board("--dialect", dialect, "--baud", "0") as path:
+    with Plug(make_hex7bot_board(dialect=dialect, baud=0, start=time.monotonic())) as arm:
+        path = arm.path
         demo = start("demo", "--port", path, "--yes-move-the-arm", "--duration", "30")
         assert demo.stdout is not None
         read_until(demo.stdout, "torque on")
@@ -121,15 +138,17 @@ def test_an_interrupted_demo_leaves_no_torque(number: signal.Signals, dialect: s
         assert demo.returncode == 130
         assert "torque off: all joints" in err
         # Dialect 1 has no flag for it: the command reads the registers back and says what it found on.
-        if dialect == "2":
+        if dialect == 2:
             assert not any(torque(path))
             assert state(path)["stopped"] is False
         else:
-            assert "torque on: J1 J4 J5" in hexwire("move", "J1=-4", "J4=0", "J5=3", "--port", path).stdout
+            assert "torque on: J1 J4 J5" in run("move", "J1=-4", "J4=0", "J5=3", port=path).stdout
 
 
+@pytest.mark.slow
 def test_a_killed_demo_leaves_no_torque_either() -> None:
-    with board() as path:
+    with Plug(make_hex7bot_board(start=time.monotonic())) as arm:
+        path = arm.path
         demo = start("demo", "--port", path, "--yes-move-the-arm", "--duration", "30")
         assert demo.stdout is not None
         read_until(demo.stdout, "torque on")
@@ -137,7 +156,7 @@ def test_a_killed_demo_leaves_no_torque_either() -> None:
         demo.kill()
         demo.communicate(timeout=PATIENCE)
         # The board's own watchdog acts after a second without us; asking it any earlier would feed it.
-        time.sleep(2.0)
+        eventually(lambda: arm.board.state.watchdog_tripped)
         assert state(path)["watchdog_tripped"] is True
         assert not any(torque(path))
 

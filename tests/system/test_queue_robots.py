@@ -9,12 +9,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
+from click.testing import CliRunner
 from tests.gateway.tcp_boards import tcp_boards
+
+from hexwire.cli.main import cli
 
 pytestmark = pytest.mark.system
 
 HEXWIRE = (sys.executable, "-m", "hexwire.cli")
-LONG = 60.0
 
 
 @contextmanager
@@ -34,8 +36,8 @@ def serving(*words: str) -> Iterator[list[str]]:
 
 
 def run(*words: str) -> str:
-    done = subprocess.run([*HEXWIRE, *words], capture_output=True, text=True, timeout=LONG)
-    assert done.returncode == 0, f"{words}: {done.stderr}"
+    done = CliRunner().invoke(cli, words)
+    assert done.exit_code == 0, f"{words}: {done.output}"
     return done.stdout
 
 
@@ -54,6 +56,7 @@ def test_a_board_behind_a_queue() -> None:
         run("resume", "--port", url)
 
 
+@pytest.mark.slow
 def test_a_puma_behind_a_queue_and_tcp_at_once() -> None:
     robot = ("--robot", "puma260")
     with serving("sim", "puma260", "--tcp", "127.0.0.1:0", "--queue", name("puma")) as (tcp, url):
@@ -76,6 +79,7 @@ time.sleep(600)
 """
 
 
+@pytest.mark.slow
 def test_a_host_of_a_gateway_that_is_killed_stops_its_board() -> None:
     with tcp_boards(2) as boards:
         urls = [f"--board={url}" for url in boards.urls]
@@ -89,9 +93,7 @@ def test_a_host_of_a_gateway_that_is_killed_stops_its_board() -> None:
             ) as host:
                 assert host.stdout is not None
                 assert host.stdout.readline() == "ready\n"
-                done = subprocess.run(
-                    [*HEXWIRE, "state", "--port", f"{url}?to=8"], capture_output=True, text=True, timeout=LONG
-                )
+                done = CliRunner().invoke(cli, ["state", "--port", f"{url}?to=8"])
                 assert f"(pid {host.pid}); close that first" in done.stderr
                 host.kill()
             boards.wait_until_stopped(1)
@@ -99,10 +101,8 @@ def test_a_host_of_a_gateway_that_is_killed_stops_its_board() -> None:
             assert boards.stopped() == [True, False]
 
 
-@pytest.mark.parametrize("more", [["--tcp", ":0"], ["--link", "x"], ["--reset-on-open"], ["--dialect", "1"]])
-def test_a_queue_excludes_what_a_port_has(more: list[str]) -> None:
-    done = subprocess.run(
-        [*HEXWIRE, "sim", "board", "--queue", "x", *more], capture_output=True, text=True, timeout=LONG
-    )
-    assert done.returncode == 2
-    assert done.stderr.startswith("error: --queue")
+def test_a_queue_excludes_what_a_port_has() -> None:
+    for more in (["--tcp", ":0"], ["--link", "x"], ["--reset-on-open"], ["--dialect", "1"]):
+        done = CliRunner().invoke(cli, ["sim", "board", "--queue", "x", *more])
+        assert done.exit_code == 2, (more, done.output)
+        assert done.stderr.startswith("error: --queue")

@@ -34,7 +34,8 @@ connection = import_module("plug_in.connection")
 connection.Connection(sys.argv[1], "hex7bot", degrees=True).open()
 """
 
-pytestmark = pytest.mark.system
+# Thirteen programs; tests/drivers/test_board_reset.py proves of every link that it is warned of.
+pytestmark = [pytest.mark.system, pytest.mark.slow]
 
 
 def fronts(port: str, image: Path) -> dict[str, tuple[str, ...]]:

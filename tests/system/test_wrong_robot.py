@@ -10,14 +10,16 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
 import pytest
+from click.testing import CliRunner
 
 import hexwire
+from hexwire.cli.main import cli
 from hexwire.errors import WrongDeviceError
 
-pytestmark = pytest.mark.system
+# tests/cli/test_wrong_device.py proves what is said, in simulated time.
+pytestmark = [pytest.mark.system, pytest.mark.slow]
 
 HEXWIRE = (sys.executable, "-m", "hexwire.cli")
-LONG = 60.0
 
 
 @contextmanager
@@ -75,12 +77,7 @@ def test_behind_a_queue_too(robot: str) -> None:
 
 def test_the_command_says_it_in_one_line(there: dict[str, list[str]]) -> None:
     for robot, other in (("puma260", "hex7bot"), ("hex7bot", "puma260"), ("so101", "puma260")):
-        done = subprocess.run(
-            [*HEXWIRE, "--robot", robot, "state", "--port", there[other][0]],
-            capture_output=True,
-            text=True,
-            timeout=LONG,
-        )
+        done = CliRunner().invoke(cli, ["--robot", robot, "state", "--port", there[other][0]])
         said = [line for line in done.stderr.splitlines() if not line.startswith("warning: ")]
-        assert (done.returncode, len(said)) == (1, 1), done.stderr
+        assert (done.exit_code, len(said)) == (1, 1), done.stderr
         assert re.fullmatch(rf"error: {there[other][0]} is .*, not .*: use --robot {other}.*", said[0])
