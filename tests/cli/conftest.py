@@ -13,7 +13,8 @@ from tests.bus.bus_bench import make_bus
 
 from hexwire.cli.main import cli
 from hexwire.control import loop as motion_loop
-from hexwire.control import motions, teach_mode
+from hexwire.control import motions, rest, teach_mode
+from hexwire.control.rest import come_to_rest
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
 from hexwire.emulator.serve import BoardLink, FakeClock
 from hexwire.link import open as ipc_open
@@ -75,6 +76,8 @@ def make_bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[MakeBench]:
         by_hand = functools.partial(teach_mode.record_by_hand, sleep=sleep)
         monkeypatch.setattr(teach_mode, "record_by_hand", by_hand)
         monkeypatch.setattr(motions, "MotionOptions", functools.partial(motions.MotionOptions, sleep=sleep))
+        at_rest = functools.partial(come_to_rest, clock=clock, sleep=sleep)
+        monkeypatch.setattr(rest, "come_to_rest", at_rest)
         return bench
 
     return make
@@ -90,6 +93,8 @@ def so_bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
     paced = functools.partial(motion_loop.RateLoop, clock=bus.link.clock, sleep=sleep)  # type: ignore[attr-defined]
     monkeypatch.setattr(motion_loop, "RateLoop", paced)
     monkeypatch.setattr(motions, "MotionOptions", functools.partial(motions.MotionOptions, sleep=sleep))
+    at_rest = functools.partial(come_to_rest, clock=bus.link.clock, sleep=sleep)  # type: ignore[attr-defined]
+    monkeypatch.setattr(rest, "come_to_rest", at_rest)
     return lambda *words: CliRunner().invoke(cli, [*words, "--port", "/dev/ttyTEST"])
 
 

@@ -47,6 +47,7 @@ def test_it_yields_a_terminal_and_ends_the_process(processes: list[subprocess.Po
     assert process.returncode == 0
 
 
+@pytest.mark.slow
 def test_physics_are_those_of_the_emulated_board(processes: list[subprocess.Popen[bytes]]) -> None:
     with board_process(baud=0, physics=True) as path:
         assert Path(path).is_char_device()
@@ -91,6 +92,6 @@ def test_an_emulator_that_hangs_is_ended(
 ) -> None:
     replaced_by(monkeypatch, "import signal, time; signal.signal(15, signal.SIG_IGN); time.sleep(600)")
     monkeypatch.setattr(module, "_START_TIMEOUT", 1.0)
-    monkeypatch.setattr(module, "_END_TIMEOUT", 1.0)
+    monkeypatch.setattr(module, "_END_TIMEOUT", 0.3)
     with pytest.raises(DeviceError, match="did not start within 1 s"), board_process():
         pytest.fail("it started")

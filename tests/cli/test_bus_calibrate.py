@@ -124,6 +124,7 @@ def test_without_a_file_it_makes_up_a_name_and_overwrites_nothing(
     assert sorted(each.name for each in tmp_path.iterdir()) == [second.name, first.name]
 
 
+@pytest.mark.slow
 def test_automatic_into_a_file_of_lerobot(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     arm = CalibrateCli(monkeypatch)
     file = tmp_path / "follower.json"

@@ -78,6 +78,7 @@ def test_a_joint_that_does_not_confirm_is_an_error(gateway: Running) -> None:
         run("resume", "--all", "--port", gateway.url)
 
 
+@pytest.mark.slow
 @pytest.mark.system
 def test_boards_that_cannot_be_reached_are_named_by_each_command() -> None:
     """Lost by the gateway before the command begins, connected but silent, and all of them."""

@@ -65,6 +65,7 @@ def test_bash(tmp_path: Path) -> None:
     assert "--dry-run" in bash("hexwire firmware flash --d", LINES["bash"], tmp_path)
 
 
+@pytest.mark.slow
 def test_zsh(tmp_path: Path) -> None:
     command = ZSH.format(setup=LINES["zsh"], words="hexwire firm")
     assert sh("zsh", "-f", "-c", command, home=tmp_path).startswith("firmware:Build, flash")
@@ -72,6 +73,7 @@ def test_zsh(tmp_path: Path) -> None:
     assert sh("zsh", "-f", "-c", command, home=tmp_path).split() == ["wireshark", "sigrok", "saleae"]
 
 
+@pytest.mark.slow
 def test_fish(tmp_path: Path) -> None:
     (tmp_path / ".config/fish/completions").mkdir(parents=True)
     sh("sh", "-c", LINES["fish"], home=tmp_path)

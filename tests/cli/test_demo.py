@@ -65,7 +65,7 @@ def test_all_seven_joints_go_there_and_come_back(emulated: Any) -> None:
 
 
 def test_the_watchdog_guards_the_motion_and_is_off_in_the_end(emulated: Any) -> None:
-    emulated.run("demo", port=None)
+    emulated.run("demo", "--duration", "2", port=None)
     emulated.clock.advance(5.0)
     assert emulated.json("state")["watchdog_tripped"] is False
     assert emulated.json("state")["stopped"] is False

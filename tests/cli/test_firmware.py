@@ -158,6 +158,7 @@ def test_no_such_image(ports: Ports, tmp_path: Path) -> None:
     assert "build it first" in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.system
 def test_flash_and_read_the_version_back() -> None:
     with on_pty(FlashableBoard(CoreBoard())) as board:

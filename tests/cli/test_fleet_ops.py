@@ -99,6 +99,7 @@ def test_a_stop_that_stops_nothing_says_so(runtime: Path) -> None:
     assert "nothing was stopped: no arm is served" in result.stderr
 
 
+@pytest.mark.slow
 def test_an_arm_that_hangs_is_not_confirmed_and_the_status_says_so(serve: Serve) -> None:
     serve("lab/arm1", robot="sim")
     with socket.socket(socket.AF_UNIX) as hung:

@@ -50,6 +50,7 @@ def taught(tmp_path: Path) -> Path:
     return file
 
 
+@pytest.mark.slow
 def test_what_is_recorded_can_be_shown_exported_and_played(serve: Serve, waypoints: Path, tmp_path: Path) -> None:
     for name in ("lab/arm1", "lab/arm2"):
         serve(name, robot="sim", lease=LEASE)
@@ -132,6 +133,7 @@ def test_nothing_is_left_of_a_recording_of_nobody(runtime: Path, tmp_path: Path)
     assert run("fleet", "record", tmp_path / "a.csv").exit_code == 2
 
 
+@pytest.mark.slow
 def test_ctrl_c_stops_all_arms(serve: Serve, taught: Path) -> None:
     for name in ("lab/arm1", "lab/arm2"):
         serve(name, robot="sim", lease=LEASE)

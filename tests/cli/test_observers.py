@@ -7,6 +7,7 @@ import fcntl
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -14,9 +15,10 @@ import pytest
 from click.testing import CliRunner, Result
 from tests.bus.bus_bench import make_bus
 from tests.cli.conftest import Bench
+from tests.fleet.emulated import served_board
 
-from hexwire.cli.board_process import board_process
 from hexwire.cli.main import cli
+from hexwire.emulator.board import make_hex7bot_board
 from hexwire.link import open as ipc_open
 from hexwire.link.base import Link
 from hexwire.trace.line_reader import LineReader
@@ -111,7 +113,7 @@ def test_a_recording_that_cannot_start_prevents_every_command_but_a_stop(
 @pytest.fixture(scope="module")
 def shared_port() -> Iterator[str]:
     """The port of a board for the tests of this module, each of which resumes it."""
-    with board_process(baud=0) as port:
+    with served_board(make_hex7bot_board(baud=0, start=time.monotonic())) as port:
         yield port
 
 
@@ -120,10 +122,16 @@ def at(port: str, *words: str) -> Result:
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("watching", [["--trace"], ["--explain"], ["--record", "/dev/full"]])
-@pytest.mark.parametrize("stderr", ["closed pipe", "/dev/full", "closed"])
+@pytest.mark.parametrize(
+    ("stderr", "watching"),
+    [
+        pytest.param(stderr, watching, marks=[] if i == j else pytest.mark.slow)
+        for i, stderr in enumerate(["closed pipe", "/dev/full", "closed"])
+        for j, watching in enumerate([["--trace"], ["--explain"], ["--record", "/dev/full"]])
+    ],
+)
 def test_a_stop_goes_through_although_nothing_can_be_recorded_or_printed(
-    shared_port: str, watching: list[str], stderr: str
+    shared_port: str, stderr: str, watching: list[str]
 ) -> None:
     port = shared_port
     assert at(port, "resume").exit_code == 0
@@ -146,7 +154,7 @@ def test_a_stop_goes_through_although_nothing_can_be_recorded_or_printed(
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("watching", ["--trace", "--explain"])
+@pytest.mark.parametrize("watching", ["--trace", pytest.param("--explain", marks=pytest.mark.slow)])
 def test_a_pager_that_is_not_scrolled_holds_nothing_up(shared_port: str, watching: str) -> None:
     """Nobody reads standard error, whose pipe is full; the command ends all the same."""
     reading, writing = os.pipe()

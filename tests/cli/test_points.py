@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -176,19 +177,40 @@ def test_play_passes_waypoints_as_fast_as_it_may(bench: Any, tmp_path: Path) -> 
 # -- home: the chapter's position_init, but only when it is asked for ------------------------------------
 
 
-@pytest.mark.system
-@pytest.mark.parametrize("command", ["goto", "move"])
-def test_every_arm_has_a_home_and_goes_there_when_asked(
-    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+HOMEWARD = [("goto", "home"), ("move", "home", "--wait")]
+"""All robots, both dialects, a servo bus, a controller go to the middle of every joint but the gripper."""
+
+
+@pytest.mark.parametrize("dialect", [1, 2])
+def test_a_hex7bot_has_a_home_and_goes_there_when_asked(make_bench: Any, poses: PoseFile, dialect: int) -> None:
+    for words in HOMEWARD:
+        bench = make_bench(dialect=dialect)
+        result = bench.run(*words)
+        assert (result.exit_code, "arrived" in result.stdout) == (0, True), (words, result.output)
+        there = {name: math.radians(angle) for name, angle in bench.positions().items()}
+        assert {name: there[name] for name in HOME} == pytest.approx(HOME, abs=0.03), words
+
+
+@pytest.mark.parametrize("robot", ["so100", "so101"])
+def test_an_so_arm_has_a_home_and_goes_there_when_asked(
+    so_bench: Callable[..., Result], poses: PoseFile, robot: str
 ) -> None:
-    """All robots, both dialects, a servo bus, a controller: the middle of every joint but the gripper."""
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    arm = ("--robot", robot)
+    for words in HOMEWARD:
+        assert so_bench("move", "shoulder_pan=20", "--wait", *arm).exit_code == 0
+        result = so_bench(*words, *arm)
+        assert (result.exit_code, "arrived" in result.stdout) == (0, True), (words, result.output)
+        (pan, *_) = json.loads(so_bench("state", "--json", *arm).stdout)["joints"]
+        assert pan["position_deg"] == pytest.approx(0.0, abs=1.5), words
+
+
+@pytest.mark.slow
+@pytest.mark.system
+def test_a_puma_has_a_home_and_goes_there_when_asked(poses: PoseFile) -> None:
     with served_puma() as puma:
-        ports = {url: [] for url in ("sim://hex7bot", "sim://hex7bot?dialect=1", "sim://so100", "sim://so101")}
-        for url, robot in {**ports, puma.tcp: ["--robot", "puma260"]}.items():
-            words = [command, "home", *(["--wait"] if command == "move" else []), "--port", url, *robot]
-            result = CliRunner().invoke(cli, words)
-            assert (result.exit_code, "arrived" in result.stdout) == (0, True), (url, result.output)
+        for words in HOMEWARD:
+            result = CliRunner().invoke(cli, [*words, "--port", puma.tcp, "--robot", "puma260"])
+            assert (result.exit_code, "arrived" in result.stdout) == (0, True), (words, result.output)
 
 
 def test_home_is_the_same_pose_in_every_front() -> None:

@@ -5,30 +5,40 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 import hexwire
+from hexwire.cli import ros2
 from hexwire.ros2.settings import PARAMETERS
 
+Done = subprocess.CompletedProcess[str]
+Run = Callable[..., Done]
 SCRIPT = Path(sys.executable).parent / "hexwire-ros2"
 
 
-def _run(*args: str, **variables: str) -> subprocess.CompletedProcess[str]:
-    kept = {key: value for key, value in os.environ.items() if not key.startswith(("ROS_", "ZENOH_", "HEXWIRE_"))}
-    return subprocess.run(
-        [sys.executable, "-m", "hexwire.cli.ros2", *args],
-        env={**kept, **variables},
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Runs the program in this process."""
+
+    def run_here(*args: str, **variables: str) -> Done:
+        for name in [name for name in os.environ if name.startswith(("ROS_", "ZENOH_", "HEXWIRE_"))]:
+            monkeypatch.delenv(name)
+        for name, value in variables.items():
+            monkeypatch.setenv(name, value)
+        monkeypatch.setattr(sys, "argv", ["hexwire-ros2", *args])
+        with pytest.raises(SystemExit) as end:
+            ros2.main()
+        return Done(args, end.value.code or 0, *capsys.readouterr())  # type: ignore[arg-type]  # it is a number
+
+    return run_here
 
 
 def _program(before: str, *args: str) -> subprocess.CompletedProcess[str]:
     """The program in an interpreter in which something was done `before`."""
-    text = f"{before}; from hexwire.cli.ros2 import main; main()"
+    text = f"{before}\nfrom hexwire.cli.ros2 import main; main()"
     return subprocess.run([sys.executable, "-c", text, *args], capture_output=True, text=True, timeout=60)
 
 
@@ -40,8 +50,8 @@ def _refused(result: subprocess.CompletedProcess[str], status: int = 2) -> str:
     return result.stderr
 
 
-def test_help_says_what_it_is_and_has_every_parameter() -> None:
-    result = _run("--help")
+def test_help_says_what_it_is_and_has_every_parameter(run: Run) -> None:
+    result = run("--help")
     assert result.returncode == 0
     for text in ("hardware_interface", "--ros-args -p port:=/dev/ttyUSB0", "robot_joint_commands", "fleet router"):
         assert text in " ".join(result.stdout.split())
@@ -50,19 +60,19 @@ def test_help_says_what_it_is_and_has_every_parameter() -> None:
     assert all(any(word.startswith((f"{row.name}:=", f"{row.name}.")) for word in words) for row in PARAMETERS)
 
 
-@pytest.mark.parametrize("option", ["-V", "--version"])
-def test_version(option: str) -> None:
-    result = subprocess.run([SCRIPT, option], capture_output=True, text=True, timeout=60)
-    assert (result.returncode, result.stdout) == (0, f"hexwire-ros2 {hexwire.__version__}\n")
+def test_version() -> None:
+    for option in ("-V", "--version"):
+        result = subprocess.run([SCRIPT, option], capture_output=True, text=True, timeout=60)
+        assert (result.returncode, result.stdout) == (0, f"hexwire-ros2 {hexwire.__version__}\n"), option
 
 
 @pytest.mark.parametrize("args", [["--nonsense"], ["-x", "--ros-args"], ["/dev/ttyUSB0"], ["--help", "--ros-args"]])
-def test_unknown_arguments_are_refused_on_one_line(args: list[str]) -> None:
-    assert args[0] in _refused(_run(*args))
+def test_unknown_arguments_are_refused_on_one_line(run: Run, args: list[str]) -> None:
+    assert args[0] in _refused(run(*args))
 
 
-def test_a_port_without_its_name_is_refused_with_an_example() -> None:
-    assert "--ros-args -p port:=" in _refused(_run("/dev/ttyUSB0"))
+def test_a_port_without_its_name_is_refused_with_an_example(run: Run) -> None:
+    assert "--ros-args -p port:=" in _refused(run("/dev/ttyUSB0"))
 
 
 @pytest.mark.parametrize(
@@ -81,8 +91,8 @@ def test_a_port_without_its_name_is_refused_with_an_example() -> None:
         ),
     ],
 )
-def test_wrong_arguments_and_parameters_are_told_on_one_line(args: list[str], text: str) -> None:
-    assert text in _refused(_run(*args))
+def test_wrong_arguments_and_parameters_are_told_on_one_line(run: Run, args: list[str], text: str) -> None:
+    assert text in _refused(run(*args))
 
 
 @pytest.mark.parametrize(
@@ -93,19 +103,21 @@ def test_wrong_arguments_and_parameters_are_told_on_one_line(args: list[str], te
         ({"ZENOH_ROUTER_CHECK_ATTEMPTS": "soon"}, "ZENOH_ROUTER_CHECK_ATTEMPTS"),
     ],
 )
-def test_a_wrong_environment_is_told_on_one_line(variables: dict[str, str], text: str) -> None:
-    assert text in _refused(_run("--ros-args", "-p", "port:=/dev/null", **variables))
+def test_a_wrong_environment_is_told_on_one_line(run: Run, variables: dict[str, str], text: str) -> None:
+    assert text in _refused(run("--ros-args", "-p", "port:=/dev/null", **variables))
 
 
 def test_a_port_that_cannot_be_opened_is_a_fault_of_the_device() -> None:
-    result = _run("--ros-args", "-p", "port:=/dev/not_there", "-p", "connect_timeout:=0.0")
+    result = _program("", "--ros-args", "-p", "port:=/dev/not_there", "-p", "connect_timeout:=0.0")
     assert result.returncode == 1
     assert result.stderr.splitlines()[-1].startswith("error: ")
     assert "/dev/not_there" in result.stderr
     assert "Traceback" not in result.stderr
 
 
-@pytest.mark.parametrize("module", ["zenoh", "xxhash", "yaml"])
+@pytest.mark.parametrize(
+    "module", ["zenoh", *(pytest.param(name, marks=pytest.mark.slow) for name in ("xxhash", "yaml"))]
+)
 def test_without_its_extra_it_says_what_to_install(module: str) -> None:
     result = _program(f"import sys; sys.modules[{module!r}] = None", "--ros-args", "-p", "port:=/dev/null")
     assert "pip install 'hexwire[ros2]'" in _refused(result, 1)

@@ -233,6 +233,7 @@ def test_take_takes_the_arm_from_the_one_that_moves_it(shared: Service) -> None:
     assert '"stopped": false' in ok("state", "--json")
 
 
+@pytest.mark.slow
 def test_a_move_without_wait_runs_to_its_end_after_the_command(shared: Service) -> None:
     with hexwire.connect(ARM) as robot:
         ok("move", "J1=20", "--duration", "2")

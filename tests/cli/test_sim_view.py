@@ -72,6 +72,7 @@ def _brightest(file: Path) -> int:
     return max(data[size + 12 * colours :], default=0)
 
 
+@pytest.mark.slow
 @pytest.mark.system
 def test_a_window_shows_the_arm(display: str, tmp_path: Path) -> None:
     assert _brightest(tmp_path / "Xvfb_screen0") == 0

@@ -132,6 +132,7 @@ def test_without_the_extra_one_line_says_what_to_install(monkeypatch: pytest.Mon
     assert result.stderr == "error: the studio is not installed: pip install 'hexwire[studio]'\n"
 
 
+@pytest.mark.slow
 @pytest.mark.system
 def test_with_tls_a_password_or_a_client_certificate_is_needed(tmp_path: Path) -> None:
     make_authority(tmp_path)
