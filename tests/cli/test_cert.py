@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
-from cryptography.x509 import DNSName, IPAddress, SubjectAlternativeName, load_pem_x509_certificate
 
 from hexwire.cli.main import cli
 from hexwire.link.cert_facts import read_certificate
@@ -108,6 +107,8 @@ def test_the_name_in_a_certificate_with_a_role_is_unique(tmp_path: Path) -> None
 
 
 def test_arms_and_routers_carry_host_names(tmp_path: Path) -> None:
+    from cryptography.x509 import DNSName, IPAddress, SubjectAlternativeName, load_pem_x509_certificate
+
     assert issue(tmp_path, "pc", "--role", "router", "--host", "lab-pc", "--host", "10.0.0.5").exit_code == 0
     certificate = load_pem_x509_certificate((tmp_path / "pc.pem").read_bytes())
     names = certificate.extensions.get_extension_for_class(SubjectAlternativeName).value

@@ -10,7 +10,6 @@ from typing import Any
 
 import click
 import pytest
-import yaml
 from click.testing import CliRunner, Result
 from tests.cli.test_motion import tip, tool
 from tests.drivers.puma_server import served_puma
@@ -215,6 +214,8 @@ def test_a_puma_has_a_home_and_goes_there_when_asked(poses: PoseFile) -> None:
 
 def test_home_is_the_same_pose_in_every_front() -> None:
     """The commands', and those of the parameter files of ROS and of an arm's package."""
+    import yaml
+
     folder = Path(hexwire.__file__).parent / "ros1" / "share" / "hexwire" / "config"
     for robot in ("hex7bot", "puma260", "so100", "so101"):
         url = "tcp://127.0.0.1:1" if robot == "puma260" else "/dev/ttyTEST"

@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
-from rosbags.highlevel import AnyReader
 
 from hexwire.cli.board_process import board_process
 from hexwire.cli.main import cli
@@ -22,6 +21,8 @@ def run(*args: str) -> Result:
 
 
 def read(folder: Path) -> dict[str, list[Any]]:
+    from rosbags.highlevel import AnyReader
+
     found: dict[str, list[Any]] = {}
     with AnyReader([folder]) as reader:
         for each, _, data in reader.messages():

@@ -14,13 +14,16 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from click.testing import CliRunner
 
 from hexwire.cli.main import cli
 from hexwire.link.certs import issue_certificate, make_authority
-from hexwire.studio.app import Studio
+
+if TYPE_CHECKING:
+    from hexwire.studio.app import Studio
 
 
 @contextlib.contextmanager
