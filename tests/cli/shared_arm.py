@@ -16,9 +16,11 @@ from click.testing import CliRunner, Result
 
 from hexwire.cli.main import cli
 from hexwire.control import motions
+from hexwire.control.lease import Lease
 from hexwire.emulator.board import EmulatedBoard
 from hexwire.emulator.serve_pty import PtyServer
 from hexwire.motion.safety import SafetyLimits
+from hexwire.session.policy import RetryPolicy
 
 PATIENCE = 30.0
 ARM = "zenoh:lab/arm1"
@@ -90,6 +92,14 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     limits = SafetyLimits(following_time=5.0, lag=2.0, max_age=5.0)
     patience = functools.partial(motions.MotionOptions, watchdog=5.0, limits=limits)
     monkeypatch.setattr(motions, "MotionOptions", patience)
+    # Of what is shared by this process.
+    monkeypatch.setattr("hexwire.fleet.service.Lease", functools.partial(Lease, max_age=2.0))
+
+
+def patient_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Longer times for answers: the board's thread may get no processor for a while."""
+    patience = functools.partial(RetryPolicy, window=1.0, dialect1_window=1.0)
+    monkeypatch.setattr("hexwire.ipc.session.RetryPolicy", patience)
 
 
 def run(*words: str, port: str = ARM) -> Result:

@@ -14,13 +14,19 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
-from tests.cli.shared_arm import Plug
+from tests.cli.shared_arm import Plug, patient, patient_line
 from tests.system.programs import Terminal, board, gone, mute_port, read_until, start
 
 from hexwire.cli.main import cli
 from hexwire.emulator.board import make_hex7bot_board
 
 pytestmark = pytest.mark.system
+
+
+@pytest.fixture(autouse=True)
+def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    patient(monkeypatch)
+    patient_line(monkeypatch)
 
 
 def hexwire(*words: str, env: dict[str, str] | None = None) -> Result:
