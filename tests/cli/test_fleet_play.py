@@ -83,6 +83,7 @@ def test_what_is_recorded_can_be_shown_exported_and_played(serve: Serve, waypoin
     assert "is allowed; nothing moved" in again.stdout
 
 
+@pytest.mark.slow
 def test_motions_are_mapped_to_arms(serve: Serve, taught: Path) -> None:
     serve("lab/arm1", robot="sim", lease=LEASE)
     serve("lab/arm2", robot="sim", lease=LEASE)

@@ -38,6 +38,7 @@ def lab(home: Lab) -> Iterator[Lab]:
     home.check()
 
 
+@pytest.mark.slow
 def test_an_operator_that_is_killed_leaves_an_arm_that_holds_and_says_why(lab: Lab) -> None:
     lab.setting_out()
     lab.operator.kill()
@@ -174,6 +175,7 @@ def test_ten_thousand_orders_a_second_without_a_lease_do_not_disturb_its_holder(
     intruder.end()
 
 
+@pytest.mark.slow
 def test_a_second_server_of_a_name_is_refused_and_the_first_goes_on(lab: Lab) -> None:
     lab.setting_out()
     second = lab.begin("serve", "--port", "sim", "--name", NAME)

@@ -208,6 +208,7 @@ def test_a_network_that_loses_every_fifth_packet_moves_nothing_unasked(site: Sit
         site.begin_all()
 
 
+@pytest.mark.slow
 def test_an_operator_that_is_cut_off_loses_the_lease_and_no_stop_of_it_counts_as_done(site: Site) -> None:
     for _ in range(ROUNDS):
         site.swinging()
