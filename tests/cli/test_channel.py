@@ -132,6 +132,7 @@ def test_a_board_without_a_gateway_is_a_channel_too() -> None:
     assert result.stdout.startswith("module 12 (12): ")
 
 
+@pytest.mark.slow
 @pytest.mark.system
 def test_a_board_of_another_host_is_not_called_resumed(gateway: Running) -> None:
     with hexwire.connect(f"{gateway.url}?to=9") as other:
@@ -150,12 +151,12 @@ def test_a_board_of_another_host_is_not_called_resumed(gateway: Running) -> None
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("command", ["stop", "probe", "resume"])
-def test_over_datagrams_it_is_said_where_to_ask_all(command: str) -> None:
+def test_over_datagrams_it_is_said_where_to_ask_all() -> None:
     with served_puma() as server:
-        result = run(command, "--all", "--port", server.udp)
-    assert result.exit_code == 2, result.output
-    assert "give the TCP port of the gateway" in result.stderr
+        for command in ("stop", "probe", "resume"):
+            result = run(command, "--all", "--port", server.udp)
+            assert result.exit_code == 2, (command, result.output)
+            assert "give the TCP port of the gateway" in result.stderr
 
 
 def test_what_does_not_fit_a_channel() -> None:

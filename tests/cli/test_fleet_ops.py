@@ -131,6 +131,7 @@ def test_watch_tells_changes_in_lines_and_ends_like_ctrl_c(serve: Serve) -> None
         reader.join()
 
 
+@pytest.mark.slow
 def test_watch_prints_all_arms_a_line_as_json(serve: Serve) -> None:
     serve("lab/arm1", robot="sim")
     with hexwire_program("fleet", "watch", "lab/*", "--json", "--rate", "20") as program:

@@ -61,6 +61,7 @@ def connect(url: str) -> Session:
     return session
 
 
+@pytest.mark.slow
 @pytest.mark.system
 def test_a_gateway_that_hangs_or_dies_leaves_the_boards_to_their_watchdogs(
     gateway: tuple[subprocess.Popen[str], str], boards: TcpBoards

@@ -334,7 +334,7 @@ class SoArm:
         return math.degrees(self.model.pitch(self.angles()))
 
 
-@pytest.fixture(params=["so101", "so100", "left.toml"])
+@pytest.fixture(params=["so101", pytest.param("so100", marks=pytest.mark.slow), "left.toml"])
 def so_arm(request: pytest.FixtureRequest, so_bench: Callable[..., Result], tmp_path: Path) -> SoArm:
     if request.param != "left.toml":
         return SoArm(so_bench, request.param)

@@ -362,7 +362,11 @@ def test_of_an_arm_without_a_watchdog_only_a_short_step_remains_when_its_server_
         assert plug.rests(5.0)
 
 
-def test_if_the_line_hangs_the_end_says_so_and_the_arm_is_stopped(runtime: Path, plug: Plug) -> None:
+def test_if_the_line_hangs_the_end_says_so_and_the_arm_is_stopped(
+    runtime: Path, plug: Plug, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Less than the 5 s for which a person waits.
+    monkeypatch.setattr("hexwire.control.owner._PATIENCE", 1.0)
     service = Service(read_arms({"lab/arm1": {"port": plug.path}}))
     service.start()
     service.wait_until_shared()

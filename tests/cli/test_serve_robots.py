@@ -145,14 +145,8 @@ def says(output: str) -> list[str]:
     return lines
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [
-        pytest.param(kind, marks=[] if kind == "puma260" else pytest.mark.slow)
-        for kind in KINDS
-        if kind != "dialect 2"
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "dialect 2"])
 def test_each_command_says_and_returns_the_same_for_each_robot(folder: Path, kind: str) -> None:
     with emulated(kind) as own, emulated(kind) as behind, service({"lab/arm1": behind}):
         with hexwire.connect(ARM) as robot:

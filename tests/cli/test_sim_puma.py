@@ -43,7 +43,7 @@ def test_it_prints_urls_to_call(urls: list[str]) -> None:
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("which", [0, 1])
+@pytest.mark.parametrize("which", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_state_move_and_stop_as_for_the_other_arm(urls: list[str], which: int) -> None:
     port = urls[which]
     early = ("--robot", "puma260")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import stat
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -95,6 +96,12 @@ def check(run: Any, words: tuple[str, ...], target: Path, sources: Path, urls: l
     assert list(target.parent.iterdir()) == []
 
 
+def drawn_slow(names: Iterable[str]) -> list[Any]:
+    """What is drawn takes seconds: one picture of an arm's is enough for `make test`."""
+    slow = (".png", ".pdf")
+    return [pytest.param(name, marks=[pytest.mark.slow] if name.endswith(slow) else []) for name in names]
+
+
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     path = tmp_path / "out"
@@ -107,12 +114,12 @@ def test_files_of_commands_without_a_robot(sources: Path, folder: Path, name: st
     check(run, OFFLINE[name], folder / name, sources, [])
 
 
-@pytest.mark.parametrize("name", ON_AN_ARM)
+@pytest.mark.parametrize("name", drawn_slow(ON_AN_ARM))
 def test_files_of_commands_that_move(bench: Any, sources: Path, folder: Path, name: str) -> None:
     check(bench.run, ON_AN_ARM[name], folder / name, sources, bench.urls)
 
 
-@pytest.mark.parametrize("name", ON_A_BUS)
+@pytest.mark.parametrize("name", drawn_slow(ON_A_BUS))
 def test_files_of_commands_on_a_bus(
     monkeypatch: pytest.MonkeyPatch, sources: Path, folder: Path, name: str
 ) -> None:
