@@ -27,7 +27,7 @@ STOPPED = 3.0
 """Seconds for which a program is stopped or cut off."""
 _AGE, _STALL = re.compile(r"the set-point is (\d+) ms old"), 1000
 """How old a refused set-point was, and the age up to which that is a stall, milliseconds."""
-BACK = 10.0
+BACK = 30.0
 """Most seconds until a program has found a server or router again."""
 
 
@@ -302,11 +302,11 @@ class Lab(Scene):
         """The operator sends set-points from now on; returns when the arm moves."""
         before = self.position(0)
         self.operator.do("stream", 20.0, J1=0.3)
-        self.came(lambda: abs(self.position(0) - before) > 10, 10.0)
+        self.came(lambda: abs(self.position(0) - before) > 10, BACK)
 
     def setting_out(self, operator: ClientProgram | None = None) -> float:
         """Set out for a far target, and wait until the arm moves; returns where its first servo was."""
         before = self.position(0)
         (operator or self.operator).do("move", 6.0, J1=-0.7 if before > 2300 else 0.7)
-        self.came(lambda: abs(self.position(0) - before) > 10, 10.0)
+        self.came(lambda: abs(self.position(0) - before) > 10, BACK)
         return before

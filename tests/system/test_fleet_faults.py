@@ -12,16 +12,15 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
-from tests.system.fleet_programs import NAME, STOPPED, Lab
-from tests.system.fleet_watch import HOLD, TIMEOUT
+from tests.system.fleet_programs import BACK, NAME, STOPPED, Lab
+from tests.system.fleet_watch import TIMEOUT
 from tests.system.programs import PATIENCE
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
 
-WATCHDOG = 1.0
-"""Seconds after which the board stops an arm whose server is silent."""
 WALL_CLOCK = Path(__file__).with_name("wall_clock.c")
 
 
@@ -42,17 +41,13 @@ def lab(home: Lab) -> Iterator[Lab]:
 def test_an_operator_that_is_killed_leaves_an_arm_that_holds_and_says_why(lab: Lab) -> None:
     lab.setting_out()
     lab.operator.kill()
-    lab.came(
-        lambda: f"lost the lease after {TIMEOUT:g} s of silence" in str(lab.last().get("held")), TIMEOUT + HOLD
-    )
-    time.sleep(HOLD)
-    there = lab.position(0)
-    time.sleep(0.5)
-    assert lab.position(0) == there
+    lab.came(lambda: f"lost the lease after {TIMEOUT:g} s of silence" in str(lab.last().get("held")), BACK)
+    there = lab.resting(0)
     # Nobody needs to be asked for it now, and nothing moves by taking it.
     lab.operator = lab.client()
     lab.operator.do("take")
-    lab.came(lambda: lab.last()["held"] == "", 3.0)
+    lab.came(lambda: lab.last()["held"] == "", BACK)
+    assert lab.position(0) == there
 
 
 @pytest.mark.slow
@@ -60,13 +55,12 @@ def test_a_server_that_is_killed_leaves_an_arm_that_its_board_stops(lab: Lab) ->
     lab.setting_out()
     killed = lab.server.kill()
     # Who reads learns of it, and who commands does.
-    lab.came(lambda: lab.last("lost").get("t", 0) > killed, 5.0)
+    lab.came(lambda: lab.last("lost").get("t", 0) > killed, BACK)
     assert lab.operator.ask("move", 1.0, J1=0.0)["error"] in ("LinkLostError", "LinkNotFoundError")
-    time.sleep(max(0.0, killed + WATCHDOG + HOLD - time.monotonic()))
-    there = lab.position(0)
+    there = lab.resting(0)
     lab.server = lab.serve()
     # The arm was stopped while nobody served it, and stays so.
-    lab.came(lambda: bool(lab.last()["stopped"]) and lab.last()["t"] > killed + 1, 10.0)
+    lab.came(lambda: bool(lab.last()["stopped"]) and lab.last()["t"] > killed + 1, BACK)
     # The operator finds the server again at a time of its own.
     refused: list[str] = []
 
@@ -74,7 +68,7 @@ def test_a_server_that_is_killed_leaves_an_arm_that_its_board_stops(lab: Lab) ->
         refused.append(lab.operator.ask("move", 1.0, J1=0.0)["error"])
         return refused[-1] not in ("LinkLostError", "LinkNotFoundError")
 
-    lab.came(asked, 10.0)
+    lab.came(asked, BACK)
     assert refused[-1] in ("LeaseError", "StoppedError"), refused
     assert lab.position(0) == there
     # The same programs go on, by hand.
@@ -89,12 +83,15 @@ def test_an_operator_that_is_stopped_loses_the_lease_and_gets_an_error(lab: Lab)
     lab.swinging()
     with lab.operator.stopped(STOPPED) as cut:
         lab.cuts.append(cut)
-        lab.came(lambda: "lost the lease" in str(lab.last()["held"]), TIMEOUT + HOLD)
+        lab.came(lambda: "lost the lease" in str(lab.last()["held"]), BACK)
     # It goes on with its stream, which is refused until it takes the lease again. The order that was under way may
     # have been left without an answer.
-    time.sleep(1.0)
-    refused = [row for row in lab.rows() if row["e"] == "refused" and row["t"] > cut[1] - 0.1]
-    assert len(refused) > 5
+
+    def rows_refused() -> list[dict[str, Any]]:
+        return [row for row in lab.rows() if row["e"] == "refused" and row["t"] > cut[1] - 0.1]
+
+    lab.came(lambda: len(rows_refused()) > 5, BACK)
+    refused = rows_refused()
     assert {row["error"] for row in refused[1:]} == {"LeaseError"}
     lab.operator.do("rest")
 
@@ -103,14 +100,12 @@ def test_a_server_that_is_stopped_moves_nothing_when_it_goes_on(lab: Lab) -> Non
     lab.swinging()
     with lab.server.stopped(STOPPED) as cut:
         lab.cuts.append(cut)
-        time.sleep(WATCHDOG + HOLD)
-        there = lab.position(0)
-    time.sleep(1.0)
-    # Neither what waited in its sockets nor what comes now.
-    assert lab.position(0) == there
-    lab.came(lambda: bool(lab.last()["stopped"]) and lab.last()["t"] > cut[1], 5.0)
+        there = lab.resting(0)
+    lab.came(lambda: bool(lab.last()["stopped"]) and lab.last()["t"] > cut[1], BACK)
     lab.operator.do("rest")
     assert lab.operator.ask("move", 1.0, J1=0.0)["error"] in ("LeaseError", "StoppedError")
+    # Neither what waited in its sockets nor what came later.
+    assert lab.resting(0) == there
 
 
 @pytest.mark.slow
@@ -122,7 +117,8 @@ def test_a_stop_reaches_a_server_that_was_stopped_and_is_confirmed_only_then(lab
     answer = lab.reader.answer()
     assert "error" not in answer, answer
     assert answer["ended"] > cut[1]
-    time.sleep(1.0)
+    # What moves afterwards, `check` sees.
+    lab.resting(0)
 
 
 @pytest.mark.slow
@@ -194,9 +190,10 @@ def test_programs_whose_clock_runs_elsewhere_read_and_command(lab: Lab) -> None:
     lab.operator.do("release")
     begin = time.monotonic()
     other.do("stream", 20.0, J1=0.3)
-    time.sleep(1.0)
+    lab.came(
+        lambda: [r for r in lab.rows() if r["e"] == "answered" and not r["refused"] and r["t"] > begin + 0.5], BACK
+    )
     other.do("rest")
-    assert [row for row in lab.rows() if row["e"] == "answered" and not row["refused"] and row["t"] > begin + 0.5]
     assert not lab.refused(begin)
     other.do("close")
     other.end()
@@ -213,10 +210,9 @@ def test_a_wall_clock_that_jumps_moves_nothing_and_loses_no_lease(lab: Lab) -> N
     lab.operator.do("stream", 20.0, J1=0.3)
     begin = time.monotonic()
     for by in (-86400, 86400, 0):
-        time.sleep(0.5)
         with offset.open("r+b") as file:
             file.write(struct.pack("=q", by))
-        lab.came(lambda by=by: abs(lab.reader.do("wall") - time.time() - by) < 100, 3.0)
+        lab.came(lambda by=by: abs(lab.reader.do("wall") - time.time() - by) < 100, BACK)
     lab.operator.do("rest")
     rows = lab.rows()
     assert not lab.refused(begin)
@@ -233,7 +229,7 @@ def test_an_owner_whose_computer_was_restarted_is_read_again(lab: Lab) -> None:
     back = f"-{max(1, min(1000, int(time.monotonic()) // 2))}"
     lab.server = lab.serve(where=["unshare", "--time", "--monotonic", back, "--boottime", back])
     started = time.monotonic()
-    lab.came(lambda: lab.last()["t"] > started, 15.0)
+    lab.came(lambda: lab.last()["t"] > started, BACK)
     lab.begin_all()
     lab.setting_out()
     lab.operator.do("stop")

@@ -23,7 +23,6 @@ import pytest
 from click.testing import CliRunner
 from tests.soak import rounds
 from tests.system.fleet_programs import BACK, NAME, STOPPED, ClientProgram, Lab, Program
-from tests.system.fleet_watch import HOLD, TIMEOUT
 from tests.system.hosts import HUB, Hosts
 from tests.system.programs import PATIENCE
 
@@ -214,7 +213,7 @@ def test_an_operator_that_is_cut_off_loses_the_lease_and_no_stop_of_it_counts_as
         site.swinging()
         with site.hosts.cut("op", STOPPED) as cut:
             site.cuts.append(cut)
-            site.came(lambda: "lost the lease" in str(site.last().get("held")), TIMEOUT + HOLD)
+            site.came(lambda: "lost the lease" in str(site.last().get("held")), BACK)
             site.operator.send("stop")
         answer = site.operator.answer()
         # It arrives late or not at all, and nobody says otherwise.
@@ -298,16 +297,14 @@ def test_a_router_that_is_killed_leaves_an_arm_that_holds_and_is_found_again(sit
     for _ in range(ROUNDS):
         site.swinging()
         killed = site.router.kill()
-        site.came(lambda killed=killed: site.last("lost").get("t", 0) > killed, 5.0)
+        site.came(lambda killed=killed: site.last("lost").get("t", 0) > killed, BACK)
         assert site.last("lost")["error"] == "LinkLostError"
         site.cuts.append((killed, time.monotonic()))
-        time.sleep(TIMEOUT + HOLD)
-        there = site.position(0)
+        there = site.resting(0)
         site.start_router()
         started = time.monotonic()
         came_back(site, started)
-        time.sleep(1.0)
-        assert site.position(0) == there
+        assert site.resting(0) == there
         site.operator.do("rest")
         site.check()
         site.begin_all()
@@ -319,11 +316,9 @@ def test_a_router_that_is_stopped_lets_nothing_old_through_when_it_goes_on(site:
         site.swinging()
         with site.router.stopped(STOPPED) as cut:
             site.cuts.append(cut)
-            time.sleep(TIMEOUT + HOLD)
-            there = site.position(0)
+            there = site.resting(0)
         came_back(site, cut[1])
-        time.sleep(1.0)
-        assert site.position(0) == there
+        assert site.resting(0) == there
         site.operator.do("rest")
         site.check()
         site.begin_all()
@@ -365,8 +360,7 @@ def test_certificates_that_are_wrong_move_nothing(site: Site) -> None:
     assert answer["error"] == "LinkPermissionError", answer
     observer.do("stop")
     observer.end()
-    time.sleep(1.0)
-    assert site.position(0) == before
+    assert site.resting(0) == before
 
 
 @pytest.mark.slow
@@ -383,9 +377,8 @@ def test_a_certificate_that_is_revoked_loses_the_lease_when_the_router_starts_ag
     for end in ("pem", "key"):
         (site.certs / f"bob.{end}").unlink()
     site.start_router_anew()
-    site.came(lambda: "lost the lease" in str(site.last().get("held")), TIMEOUT + HOLD)
-    time.sleep(HOLD)
-    there = site.position(0)
+    site.came(lambda: "lost the lease" in str(site.last().get("held")), BACK)
+    there = site.resting(0)
     for what in (("move", 1.0), ("take", True), ("stop",)):
         answer = bob.ask(*what, **({"J1": 0.0} if what[0] == "move" else {}))
         assert answer.get("error") == "LinkPermissionError", (what, answer)
