@@ -14,6 +14,7 @@ from tests.link.far_ends import free_port
 
 import hexwire
 from hexwire.cli.main import cli
+from hexwire.fleet import player
 from hexwire.trace.recording import RecordingWriter, make_positions, topic_of
 
 # ruff: noqa: F811  # fixtures that are imported
@@ -24,6 +25,11 @@ LEASE = 5.0
 
 def run(*words: object) -> Result:
     return CliRunner().invoke(cli, [str(word) for word in words])
+
+
+@pytest.fixture(autouse=True)
+def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(player, "_WATCHDOG", 5.0)
 
 
 @pytest.fixture

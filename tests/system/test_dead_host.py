@@ -45,12 +45,21 @@ def request(self, cmd, *args, **kwargs):
     return reply
 session.Session.request = request
 """
-CLI = "from hexwire.cli.main import main\nimport sys\nsys.argv = ['hexwire', *sys.argv[1:]]\nmain()\n"
+# Patient: a busy machine must not end the program before it is killed.
+CLI = """
+import functools, sys
+from hexwire.cli.main import main
+from hexwire.control import motions
+motions.MotionOptions = functools.partial(motions.MotionOptions, watchdog=3.0)
+session.RetryPolicy = functools.partial(session.RetryPolicy, window=1.0)
+sys.argv = ['hexwire', *sys.argv[1:]]
+main()
+"""
 WAY = {
     "joint_names": ["J4", "J5"],
     "points": [
         {"time_from_start": 0.0, "positions": [0.0, 0.0]},
-        {"time_from_start": 5.0, "positions": [1.0, 1.0]},
+        {"time_from_start": 15.0, "positions": [1.0, 1.0]},
     ],
 }
 
@@ -98,12 +107,12 @@ def check_held(arm: Plug) -> JointState:
 
 
 MOVES = {
-    "move": (("move", "J4=70", "--duration", "8", "--wait"), 10),
-    "goto": (("goto", "100", "150", "200", "--speed", "10"), 20),
-    "line": (("line", "0", "0", "-40", "--relative", "--speed", "10"), 20),
-    "play": (("play", "{way}"), 30),
+    "move": (("move", "J4=70", "--duration", "20", "--wait"), 5),
+    "goto": (("goto", "100", "150", "200", "--speed", "10"), 5),
+    "line": (("line", "0", "0", "-40", "--relative", "--speed", "4"), 5),
+    "play": (("play", "{way}"), 5),
     "demo": (("demo", "--yes-move-the-arm", "--duration", "12", "--port", "{port}"), 40),
-    "grip": (("grip", "close", "--duration", "3"), 5),
+    "grip": (("grip", "close", "--duration", "6"), 5),
 }
 
 
@@ -201,7 +210,7 @@ def test_teleop_that_stalls_stays_stopped_when_it_continues_with_the_stick_pushe
 
 @pytest.mark.system
 def test_a_suspended_command_that_continues_says_why_the_arm_is_stopped(arm: Plug) -> None:
-    with suspended(arm, 10, "move", "J4=70", "--duration", "8", "--wait") as process:
+    with suspended(arm, 5, "move", "J4=70", "--duration", "20", "--wait") as process:
         _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
     assert "the board has stopped the arm: its watchdog tripped" in errors

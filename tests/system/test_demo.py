@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import re
 import signal
+import sys
 import time
 
 import pytest
 from click.testing import CliRunner
 from tests.cli.shared_arm import Plug, eventually, ok, run
+from tests.system import programs
 from tests.system.programs import ANSI, PATIENCE, Terminal, children_of, gone, hexwire, read_until, start
 
 from hexwire.cli.main import cli
@@ -25,6 +27,22 @@ SUMMARY = re.compile(
 
 # One second at least: where the machine stalls, a line is late.
 LATER = re.compile(r"^ *[1-9]\d*\.\d s: ", re.MULTILINE)
+
+
+PATIENT = """
+import sys
+from hexwire.cli import demo
+from hexwire.cli.main import main
+demo._WATCHDOG = 5.0
+sys.argv = ["hexwire", *sys.argv[1:]]
+main()
+"""
+
+
+@pytest.fixture(autouse=True)
+def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A longer watchdog: on a busy machine the board finds its host silent."""
+    monkeypatch.setattr(programs, "HEXWIRE", [sys.executable, "-c", PATIENT])
 
 
 def state(path: str) -> dict[str, object]:
