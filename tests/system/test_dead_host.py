@@ -19,7 +19,7 @@ from pathlib import Path
 
 import pytest
 from tests.beside import beside
-from tests.cli.shared_arm import Plug, eventually, ok
+from tests.cli.shared_arm import Plug, eventually, ok, patient, patient_line
 from tests.link.far_ends import free_port
 from tests.system.programs import PATIENCE, read_until
 
@@ -59,9 +59,15 @@ WAY = {
     "joint_names": ["J4", "J5"],
     "points": [
         {"time_from_start": 0.0, "positions": [0.0, 0.0]},
-        {"time_from_start": 15.0, "positions": [1.0, 1.0]},
+        {"time_from_start": 8.0, "positions": [1.0, 1.0]},
     ],
 }
+
+
+@pytest.fixture(autouse=True)
+def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    patient(monkeypatch)
+    patient_line(monkeypatch)
 
 
 @pytest.fixture
@@ -107,12 +113,12 @@ def check_held(arm: Plug) -> JointState:
 
 
 MOVES = {
-    "move": (("move", "J4=70", "--duration", "20", "--wait"), 5),
-    "goto": (("goto", "100", "150", "200", "--speed", "10"), 5),
-    "line": (("line", "0", "0", "-40", "--relative", "--speed", "4"), 5),
-    "play": (("play", "{way}"), 5),
+    "move": (("move", "J4=70", "--duration", "8", "--wait"), 2),
+    "goto": (("goto", "100", "150", "200", "--speed", "10"), 2),
+    "line": (("line", "0", "0", "-40", "--relative", "--speed", "4"), 2),
+    "play": (("play", "{way}"), 2),
     "demo": (("demo", "--yes-move-the-arm", "--duration", "12", "--port", "{port}"), 40),
-    "grip": (("grip", "close", "--duration", "6"), 5),
+    "grip": (("grip", "close", "--duration", "6"), 2),
 }
 
 
@@ -130,7 +136,7 @@ def test_a_command_that_is_killed_leaves_an_arm_that_is_stopped(arm: Plug, tmp_p
     before = look(arm)
     killed(arm, DIES.format(after=after, signal=9) + CLI, *(w.format(way=way, port=arm.path) for w in words))
     there = check_held(arm)
-    assert max(abs(a - b) for a, b in zip(there.position, before.position, strict=True)) > 0.005, "it moved"
+    assert max(abs(a - b) for a, b in zip(there.position, before.position, strict=True)) > 0.002, "it moved"
     if name == "move":
         assert there["J4"].position < 0.6, "far from its target"
 
@@ -210,7 +216,7 @@ def test_teleop_that_stalls_stays_stopped_when_it_continues_with_the_stick_pushe
 
 @pytest.mark.system
 def test_a_suspended_command_that_continues_says_why_the_arm_is_stopped(arm: Plug) -> None:
-    with suspended(arm, 5, "move", "J4=70", "--duration", "20", "--wait") as process:
+    with suspended(arm, 2, "move", "J4=70", "--duration", "8", "--wait") as process:
         _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
     assert "the board has stopped the arm: its watchdog tripped" in errors
@@ -242,7 +248,7 @@ def test_the_program_of_the_motion_page_stops_the_arm_when_it_is_killed(arm: Plu
     )
     before = look(arm)
     # The board follows the path until its watchdog trips, a second later.
-    killed(arm, DIES.format(after=4, signal=9) + program)
+    killed(arm, DIES.format(after=2, signal=9) + program)
     there = check_held(arm)
     way = there["J1"].position - before["J1"].position
     assert way < 0.38, "short of its target"
