@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from tests.fleet.conftest import Serve
-from tests.fleet.fake_inbox import FakeInbox
+from tests.fleet.fake_server import FACTS, SENT, TARGET, FakeServer, attached
 from tests.motion.arms import rest_to_rest
 from tests.test_arguments import assert_told
 
@@ -26,11 +26,7 @@ from hexwire.errors import (
 )
 from hexwire.fleet import messages as m
 from hexwire.fleet.address import Address
-from hexwire.fleet.names import Role
-from hexwire.fleet.node import NoAnswerError
 from hexwire.fleet.remote import RemoteRobot, whoami
-from hexwire.fleet.rows import joints_of
-from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointTarget
 
 # -- over a socket ------------------------------------------------------------------------------------------------
@@ -221,67 +217,15 @@ def test_an_observer_reads_and_stops_and_nothing_else(connect: Callable[..., Rem
 # -- without a network --------------------------------------------------------------------------------------------
 
 
-class Node:
-    """A server that answers as a test wants, and keeps what it was asked."""
-
-    cert = ""
-
-    def __init__(self) -> None:
-        self.cert = ""
-        self.connections = 1
-        self.asked: list[tuple[str, Any]] = []
-        self.answers: list[m.Answer | bytes] = []
-        self.usual: Callable[[], bytes] = lambda: m.encode(m.Answer("", value=17, clock=time.monotonic()))
-
-    def open(self) -> Node:
-        return self
-
-    def close(self) -> None:
-        pass
-
-    def visible(self, key: str, timeout: float) -> list[str]:
-        return []
-
-    def inbox(self, key: str) -> FakeInbox:
-        return FakeInbox()
-
-    def ask(self, key: str, payload: bytes, timeout: float, *, urgent: bool = False) -> bytes:
-        kind = m.Envelope if key.endswith("order") else m.LeaseRequest if key.endswith("lease") else m.Question
-        self.asked.append((key, m.decode(payload, kind)))  # type: ignore[arg-type]
-        if not self.answers:
-            return self.usual()
-        answer = self.answers.pop(0)
-        return answer if isinstance(answer, bytes) else m.encode(answer)
-
-    def orders(self) -> list[m.Envelope]:
-        return [message for _, message in self.asked if isinstance(message, m.Envelope)]
-
-
-FACTS = m.Facts("hex7bot", joints_of(HEX7BOT), 100.0, 20.0, 0.25, 3600.0, "", "", "", "", 0.0)
-SENT = m.Answer("", value=[["J1"], [0.1], 1.0, [], []])
-TARGET = JointTarget.of({"J1": 0.1}, 1.0)
-
-
-def attached(monkeypatch: pytest.MonkeyPatch, timeout: float | None = None) -> tuple[RemoteRobot, Node]:
-    """A robot at a network that the test plays, whose server has this time-out of the lease or the usual one."""
-    node = Node()
-    monkeypatch.setattr(Address, "network", lambda self: node)
-    facts = m.decode(m.encode(FACTS), m.Facts)
-    facts.timeout = facts.timeout if timeout is None else timeout
-    robot = RemoteRobot(Address("lab/arm1", role=Role.OPERATOR), facts)
-    robot.attach()
-    return robot, node
-
-
 @pytest.fixture
-def fake(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[RemoteRobot, Node]]:
+def fake(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[RemoteRobot, FakeServer]]:
     robot, node = attached(monkeypatch)
     node.asked.clear()
     yield robot, node
     robot.abort()
 
 
-def test_orders_carry_lease_number_time_and_its_uncertainty(fake: tuple[RemoteRobot, Node]) -> None:
+def test_orders_carry_lease_number_time_and_its_uncertainty(fake: tuple[RemoteRobot, FakeServer]) -> None:
     robot, node = fake
     node.answers = [m.Answer("", value=99, clock=time.monotonic()), SENT, SENT]
     before = time.monotonic()
@@ -294,7 +238,7 @@ def test_orders_carry_lease_number_time_and_its_uncertainty(fake: tuple[RemoteRo
 
 
 def test_the_first_order_after_the_restart_of_the_owners_computer_carries_its_new_clock(
-    fake: tuple[RemoteRobot, Node],
+    fake: tuple[RemoteRobot, FakeServer],
 ) -> None:
     robot, node = fake
     node.answers = [m.Answer("", value=99, clock=time.monotonic() - 1000.0), SENT]
@@ -303,7 +247,7 @@ def test_the_first_order_after_the_restart_of_the_owners_computer_carries_its_ne
     assert abs(order.made - (time.monotonic() - 1000.0)) < 10.0
 
 
-def test_an_order_that_came_late_does_not_cost_the_lease(fake: tuple[RemoteRobot, Node]) -> None:
+def test_an_order_that_came_late_does_not_cost_the_lease(fake: tuple[RemoteRobot, FakeServer]) -> None:
     robot, node = fake
     late = m.Answer("LeaseError", "the set-point is 300 ms old", {"holder": "somebody", "lost": False})
     node.answers = [m.Answer("", value=99), late, SENT]
@@ -313,7 +257,7 @@ def test_an_order_that_came_late_does_not_cost_the_lease(fake: tuple[RemoteRobot
     assert [order.sequence for order in node.orders()] == [1, 2]
 
 
-def test_a_lease_that_was_lost_is_not_taken_by_an_order(fake: tuple[RemoteRobot, Node]) -> None:
+def test_a_lease_that_was_lost_is_not_taken_by_an_order(fake: tuple[RemoteRobot, FakeServer]) -> None:
     robot, node = fake
     node.answers = [
         m.Answer("", value=99),
@@ -329,7 +273,7 @@ def test_a_lease_that_was_lost_is_not_taken_by_an_order(fake: tuple[RemoteRobot,
     assert [order.key for order in node.orders()] == [99, 100, 100]
 
 
-def test_what_was_asked_before_a_stop_of_this_program_is_not_sent(fake: tuple[RemoteRobot, Node]) -> None:
+def test_what_was_asked_before_a_stop_of_this_program_is_not_sent(fake: tuple[RemoteRobot, FakeServer]) -> None:
     robot, node = fake
     node.answers = [m.Answer("", value=99), SENT]
     robot.write(TARGET)
@@ -414,7 +358,9 @@ def hostile(rng: random.Random) -> bytes:
     return m.encode(answer)
 
 
-def test_whatever_a_server_answers_is_a_value_or_an_error_of_this_program(fake: tuple[RemoteRobot, Node]) -> None:
+def test_whatever_a_server_answers_is_a_value_or_an_error_of_this_program(
+    fake: tuple[RemoteRobot, FakeServer],
+) -> None:
     robot, node = fake
     rng = random.Random(17)
     node.usual = lambda: hostile(rng)
@@ -439,54 +385,12 @@ def test_whatever_a_server_answers_is_a_value_or_an_error_of_this_program(fake: 
 
 
 @pytest.mark.parametrize("value", [0, -5, True, None, "17", 1.5])
-def test_a_lease_without_a_key_is_none(fake: tuple[RemoteRobot, Node], value: object) -> None:
+def test_a_lease_without_a_key_is_none(fake: tuple[RemoteRobot, FakeServer], value: object) -> None:
     robot, node = fake
     node.answers = [m.Answer("", value=value)]
     with pytest.raises(RemoteProtocolError, match="not a lease"):
         robot.write(TARGET)
     assert not node.orders()
-
-
-def test_a_lost_heartbeat_is_followed_by_the_next_one_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot, node = attached(monkeypatch, 1.0)
-    robot.take()
-    searched = threading.Event()
-    node.visible = lambda key, timeout: searched.set() or []  # type: ignore[method-assign,func-returns-value]
-    beats: list[float] = []
-
-    def silent(key: str, payload: bytes, timeout: float, *, urgent: bool = False) -> bytes:
-        beats.append(timeout)
-        raise NoAnswerError(absent=False)
-
-    node.ask = silent  # type: ignore[method-assign]
-    try:
-        wait_for(lambda: len(beats) >= 3)
-    finally:
-        robot.abort()
-    assert max(beats) <= 0.5
-    assert not searched.is_set()
-
-
-def test_heartbeats_come_in_time_for_a_watchdog_that_is_shorter_than_the_lease(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """They alone tell of calls that only read, as while a board follows a path."""
-    robot, node = attached(monkeypatch, 1000.0)
-    robot.watchdog(0.5)
-    robot.take()
-    beats: list[float] = []
-    ask = node.ask
-
-    def heard(key: str, payload: bytes, timeout: float, *, urgent: bool = False) -> bytes:
-        beats.append(timeout)
-        return ask(key, payload, timeout, urgent=urgent)
-
-    node.ask = heard  # type: ignore[method-assign]
-    try:
-        wait_for(lambda: len(beats) >= 4)
-    finally:
-        robot.abort()
-    assert max(beats) <= 0.25
 
 
 def test_whatever_a_program_passes_is_told_in_one_line(connect: Callable[..., RemoteRobot]) -> None:
