@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from tests.control.shared_bench import SharedBench
 
-from hexwire.errors import RemoteProtocolError, UsageError
+from hexwire.errors import LinkBusyError, RemoteProtocolError, UsageError
 from hexwire.fleet import messages as m
 from hexwire.fleet import server as module
 from hexwire.fleet.names import Keys, Role
@@ -539,3 +539,108 @@ def test_ten_thousand_orders_without_a_lease_are_refused_counted_and_queued_nowh
     assert served.bench.shared.refusals()["lease_without_lease"] == 10_000
     assert served.order(key, served.write(J1=0.01)).kind == ""
     assert len(served.bench.sent) == 1
+
+
+# -- two servers of a name -----------------------------------------------------------------------------------------
+
+SOON, LATE = (f"{int(1e6 * started):016x}-ff" for started in (9.9, 1_700_000_010.0))
+"""Instances of servers that were started then."""
+
+
+class TwoNodes(Node):
+    """A session that another server's token becomes visible to.
+
+    Args:
+        before: What is visible before this server announces itself.
+        after: And after.
+    """
+
+    def __init__(self, before: tuple[str, ...] = (), after: tuple[str, ...] = ()) -> None:
+        super().__init__()
+        self._before, self._after = before, after
+
+    def visible(self, key: str, timeout: float) -> list[str]:
+        assert key == KEYS.alive
+        return [*self.tokens, *(self._after if self.tokens else self._before)]
+
+
+def started(monkeypatch: pytest.MonkeyPatch, node: Node, when: float, **options: Any) -> ArmServer:
+    monkeypatch.setattr(module, "_SETTLE", 0.0)
+    server = ArmServer(SharedBench(on=False).shared, "lab/arm1", node, started=when, **options)  # type: ignore[arg-type]
+    try:
+        server.start()
+    except BaseException:
+        server.close()
+        raise
+    return server
+
+
+@pytest.mark.parametrize("instance", [SOON, LATE])
+def test_a_name_that_is_served_is_taken_whenever_its_server_was_started(
+    monkeypatch: pytest.MonkeyPatch, instance: str
+) -> None:
+    node = TwoNodes((KEYS.token(instance),))
+    with pytest.raises(LinkBusyError, match="the name lab/arm1 is already served by another program"):
+        started(monkeypatch, node, 1_700_000_000.0)
+    assert not node.tokens
+
+
+def test_of_two_servers_that_start_together_the_older_one_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    others = (KEYS.token(LATE), Keys("lab/arm2").token(SOON), "hexwire/lab/arm1/nonsense")
+    server = started(monkeypatch, TwoNodes(after=others), 1_700_000_000.0)
+    assert not server.conflict
+    server.close()
+    with pytest.raises(LinkBusyError, match="already served"):
+        started(monkeypatch, TwoNodes(after=(KEYS.token(LATE),)), 1_700_000_020.0)
+    with pytest.raises(LinkBusyError, match="already served"):
+        started(monkeypatch, TwoNodes(after=(KEYS.token(SOON),)), 10.0)
+
+
+def test_when_a_network_is_joined_again_the_server_that_was_started_later_ends(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    node = Node()
+    server = started(monkeypatch, node, 1_700_000_000.0)
+    (own,) = node.tokens
+    # Itself, a later one, one that has gone, another name: no reason to end.
+    for key, visible in (
+        (own, True),
+        (KEYS.token(LATE), True),
+        (KEYS.token(SOON), False),
+        (Keys("lab/arm2").token(SOON), True),
+    ):
+        node.on_token(key, visible)
+        assert server.conflict == "", key
+    node.on_token(KEYS.token(SOON), True)
+    assert server.conflict == "another server offers lab/arm1, and was started earlier"
+    server.close()
+
+
+def test_of_two_that_start_at_the_same_moment_one_and_only_one_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    nodes = [Node(), Node()]
+    servers = [started(monkeypatch, node, 5.0) for node in nodes]
+    for node, other in zip(nodes, reversed(nodes), strict=True):
+        node.on_token(other.tokens[0], True)
+    assert sorted(bool(server.conflict) for server in servers) == [False, True]
+    for server in servers:
+        server.close()
+
+
+def test_a_server_that_only_the_router_shows_counts_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Guard:
+        """What is seen behind a router."""
+
+        def visible(self) -> list[str]:
+            return [KEYS.token(LATE)]
+
+        def watch(self, on_token: Callable[[str, bool], object]) -> None:
+            self.on_token = on_token
+
+    with pytest.raises(LinkBusyError, match="already served"):
+        started(monkeypatch, Node(), 1.0, guard=Guard())
+    monkeypatch.setattr(Guard, "visible", lambda self: [])
+    guard = Guard()
+    server = started(monkeypatch, Node(), 1_700_000_000.0, guard=guard)
+    guard.on_token(KEYS.token(SOON), True)
+    assert server.conflict
+    server.close()
