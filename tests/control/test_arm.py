@@ -36,6 +36,7 @@ NOT_READY = (Outcome.ABORTED, Reason.NOT_READY)
 # -- orders ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_an_empty_trajectory_holds() -> None:
     bench = make_bench()
     told = bench.command(order((3.0, {"J1": J1 + 1.0})))
@@ -52,6 +53,7 @@ def test_an_empty_trajectory_holds() -> None:
         bench.command(order())
 
 
+@pytest.mark.slow
 def test_a_mere_command_replaces_a_goal() -> None:
     bench = make_bench()
     told = bench.command(order((3.0, {"J1": J1 + 1.0})))
@@ -94,6 +96,7 @@ def test_cancel_by_name() -> None:
 # -- set-points --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("positions", "error"),
     [
@@ -196,6 +199,7 @@ def test_set_points_below_the_table_are_refused() -> None:
         bench.arm.set_points(low)
 
 
+@pytest.mark.slow
 def test_goals_of_two_controllers_are_checked_against_each_other() -> None:
     bench = make_bench(controllers=HALVES)
     first = half(bench, "upper", 1.0, 4.0)
@@ -231,6 +235,7 @@ def test_an_unpredicted_violation_stops_the_arm_during_the_motion() -> None:
     assert back.outcome == SUCCEEDED
 
 
+@pytest.mark.slow
 def test_a_goal_that_cannot_collide_with_another_is_followed_at_once() -> None:
     bench = make_bench(controllers=HALVES)
     raised = half(bench, "upper", 1.0, 3.0)
@@ -242,6 +247,7 @@ def test_a_goal_that_cannot_collide_with_another_is_followed_at_once() -> None:
     assert back.outcome == told.outcome == SUCCEEDED
 
 
+@pytest.mark.slow
 def test_sag_at_an_allowed_position_does_not_stop_the_arm() -> None:
     bench = make_bench(controllers=SPLIT, check_table=True)
     kinematics = bench.arm.settings.kinematics
@@ -261,6 +267,7 @@ def test_sag_at_an_allowed_position_does_not_stop_the_arm() -> None:
     assert grip.outcome == SUCCEEDED
 
 
+@pytest.mark.slow
 def test_repeated_set_points_do_not_creep_into_a_violation() -> None:
     bench = make_bench()
     bench.arm.set_points({"J3": FOLD["J3"]})
@@ -364,6 +371,7 @@ def test_poses(controllers: dict[str, object]) -> None:
         bench.arm.go_to("nowhere")
 
 
+@pytest.mark.slow
 def test_poses_and_goals_with_a_board_of_dialect_1() -> None:
     bench = make_bench(dialect=1, constraints={"J1": {"trajectory": 0.1, "goal": 0.02}})
     for _ in range(2):
@@ -383,6 +391,7 @@ def test_a_pose_with_a_joint_that_no_controller_has() -> None:
     assert free(bench)
 
 
+@pytest.mark.slow
 def test_a_pose_replaces_a_goal_at_speed() -> None:
     bench = make_bench()
     told = bench.command(order((1.0, {"J1": J1 + 1.2})))
@@ -473,6 +482,7 @@ def test_if_one_controller_fails_the_others_hold() -> None:
     assert not bench.controller.busy
 
 
+@pytest.mark.slow
 def test_the_paths_of_a_pose_are_checked_together() -> None:
     fold = {"J2": HOME["J2"] + math.radians(60), "J3": HOME["J3"] + math.radians(40)}
     controllers = {"shoulder": {"joints": ["J1", "J2"]}, "rest": {"joints": ["J3", "J4", "J5", "J6", "J7"]}}
@@ -593,6 +603,7 @@ def test_a_goal_that_nobody_wants_any_more_does_not_begin() -> None:
     assert not bench.controller.busy
 
 
+@pytest.mark.slow
 def test_a_motion_says_how_far_off_the_arm_is_at_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = make_bench()
     seen: list[tuple[Sequence[float], Sequence[float]]] = []

@@ -18,6 +18,7 @@ from hexwire.model.state import JointTarget
 J1 = HOME["J1"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("timeout", [0.5, 2.0, 0.0])
 def test_joints_hold_when_no_set_point_has_arrived_for_the_command_timeout(timeout: float) -> None:
     bench = make_bench(command_timeout=timeout)
@@ -53,6 +54,7 @@ def test_targets_are_sent_at_the_command_rate_and_the_watchdog_is_that_of_the_se
     assert len(durations) == pytest.approx(16, abs=1)
 
 
+@pytest.mark.slow
 def test_a_pose_is_approached_at_the_pose_speed() -> None:
     seconds = []
     for speed in (0.1, 0.4):
@@ -83,6 +85,7 @@ def test_a_robot_that_does_not_answer_is_waited_for_as_long_as_is_set(timeout: f
     arm.shutdown()
 
 
+@pytest.mark.slow
 def test_a_pose_that_a_joint_does_not_reach_is_given_up_with_its_name() -> None:
     bench = make_bench(poses={"near": {"J1": J1 + 0.1}}, constraints={"J1": {"goal": 0.02}})
     bench.jam("J1")

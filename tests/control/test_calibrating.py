@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import pytest
 from tests.control.so_bench import NAMES, SoBench
+from tests.few import few
 from tests.soak import rounds
 
 from hexwire.control import auto_calibration
@@ -36,6 +37,7 @@ def limp(parts: SoBench) -> bool:
     return not any(servo.torque_on for servo in parts.arm.servos)
 
 
+@pytest.mark.slow
 @pytest.mark.soak
 def test_an_arm_finds_its_stops_from_any_pose_to_within_two_counts() -> None:
     """Twenty runs in `make soak`: random poses of one arm, every third as a leader, every second with an echo."""
@@ -130,30 +132,30 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(auto_calibration, "so_arm_plan", lambda: SHORT)
 
 
-@pytest.mark.parametrize(
-    ("doing", "act", "said"),
-    [
-        (PAN, silence("elbow_flex"), "elbow_flex fell silent: check cable and power"),
-        (PAN, silence("shoulder_pan"), "shoulder_pan fell silent"),
-        (PAN, lambda p: servo(p, "gripper").protection.__setattr__("forced", 32), "gripper reports overload"),
-        (PAN, lambda p: setattr(servo(p, "shoulder_pan").protection, "temperature", 66.0), "66 deg C hot"),
-        (
-            PAN,
-            lambda p: setattr(servo(p, "elbow_flex").motion, "external_torque", -2.0),
-            "elbow_flex (moved although it holds|jumped)",
-        ),
-        (PAN, lambda p: setattr(servo(p, "shoulder_pan").motion, "external_torque", 0.5), "moves the wrong way"),
-        (
-            PAN,
-            lambda p: servo(p, "shoulder_pan").power_cycle(p.link.clock()),
-            "pan was without supply for a moment",
-        ),
-        (PAN, lambda p: setattr(servo(p, "shoulder_pan").motion, "stops", None), "without meeting a stop"),
-        (PAN, obstacle("shoulder_pan", -30.0, None), "it met something before its stop"),
-        (LIFT, obstacle("elbow_flex", -50.0, None), "something is in its way"),
-        (LIFT, lambda p: setattr(servo(p, "wrist_flex").motion, "position", 0.0), "jumped|moved although"),
-    ],
-)
+ODD: list[tuple[str, Callable[[SoBench], object], str]] = [
+    (PAN, silence("elbow_flex"), "elbow_flex fell silent: check cable and power"),
+    (PAN, silence("shoulder_pan"), "shoulder_pan fell silent"),
+    (PAN, lambda p: servo(p, "gripper").protection.__setattr__("forced", 32), "gripper reports overload"),
+    (PAN, lambda p: setattr(servo(p, "shoulder_pan").protection, "temperature", 66.0), "66 deg C hot"),
+    (
+        PAN,
+        lambda p: setattr(servo(p, "elbow_flex").motion, "external_torque", -2.0),
+        "elbow_flex (moved although it holds|jumped)",
+    ),
+    (PAN, lambda p: setattr(servo(p, "shoulder_pan").motion, "external_torque", 0.5), "moves the wrong way"),
+    (
+        PAN,
+        lambda p: servo(p, "shoulder_pan").power_cycle(p.link.clock()),
+        "pan was without supply for a moment",
+    ),
+    (PAN, lambda p: setattr(servo(p, "shoulder_pan").motion, "stops", None), "without meeting a stop"),
+    (PAN, obstacle("shoulder_pan", -30.0, None), "it met something before its stop"),
+    (LIFT, obstacle("elbow_flex", -50.0, None), "something is in its way"),
+    (LIFT, lambda p: setattr(servo(p, "wrist_flex").motion, "position", 0.0), "jumped|moved although"),
+]
+
+
+@few("doing, act, said", ODD, ODD[0], ODD[5], ODD[7], ODD[9])
 @pytest.mark.usefixtures("short")
 def test_anything_odd_ends_it_without_torque_and_changes_nothing(
     doing: str, act: Callable[[SoBench], object], said: str
@@ -173,7 +175,7 @@ def test_anything_odd_ends_it_without_torque_and_changes_nothing(
         assert one.registers.stored("position_offset") == 0
 
 
-@pytest.mark.parametrize("step", range(4))
+@few("step", range(4), 2)
 @pytest.mark.usefixtures("short")
 def test_ctrl_c_at_any_step_leaves_it_without_torque(step: int) -> None:
     parts = SoBench()

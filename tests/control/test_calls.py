@@ -126,6 +126,7 @@ def test_a_caller_waits_ten_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     assert waited == [10.0]
 
 
+@pytest.mark.slow
 def test_a_job_that_is_being_done_is_waited_for_once_more() -> None:
     jobs = QueuedCalls(timeout=1.0)
     begun, go_on = threading.Event(), threading.Event()

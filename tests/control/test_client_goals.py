@@ -147,6 +147,7 @@ def test_a_cancel_for_nobody_is_nothing(goals: Goals) -> None:
     assert not goals.goals.open
 
 
+@pytest.mark.slow
 def test_two_controllers_may_have_goals_of_one_key() -> None:
     goals = Goals(controllers=SPLIT)
     goals.goals.start()
@@ -273,6 +274,7 @@ def test_answers_keep_their_order_and_are_given_before_the_end(goals: Goals) -> 
     assert not goals.goals.open
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("own", "reason"),
     [

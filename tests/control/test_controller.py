@@ -482,6 +482,7 @@ def test_an_emulated_arm_reaches_its_goal() -> None:
     assert bench.where("J1") == pytest.approx(J1, abs=0.02)
 
 
+@pytest.mark.slow
 def test_an_emulated_arm_turns_round_at_full_speed() -> None:
     bench = enabled()
     speed = HEX7BOT.joint("J1").max_speed
@@ -511,6 +512,7 @@ def test_an_emulated_arm_that_meets_something() -> None:
     assert bench.ask(bench.arm.reset).startswith("reset")
 
 
+@pytest.mark.slow
 def test_a_servo_that_is_lost_during_a_motion() -> None:
     bench = enabled()
     told = bench.command(order((5.0, {"J5": 1.2})))
@@ -521,6 +523,7 @@ def test_a_servo_that_is_lost_during_a_motion() -> None:
     assert "J5 has not answered for" in told.text
 
 
+@pytest.mark.slow
 def test_two_controllers_move_at_once_and_stop_together() -> None:
     bench = enabled(
         controllers={"arm": {"joints": ["J1", "J2", "J3", "J4", "J5", "J6"]}, "hand": {"joints": ["J7"]}}

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import pytest
 from tests.control.arm_bench import Told, order
 from tests.control.shared_bench import SharedBench
 from tests.drivers.arms import Arm
+from tests.few import few
 from tests.motion.arms import EXCESS, HOME, NAMES, PERIOD, rest_to_rest
 
 from hexwire.control.controller import TrajectoryController
@@ -83,8 +84,7 @@ ENDS: dict[str, Callable[[Ending], object]] = {
 }
 
 
-@pytest.mark.parametrize("after", [0.3, 0.7, 1.0])
-@pytest.mark.parametrize("how", ENDS)
+@few("how, after", product(ENDS, (0.3, 0.7, 1.0)), *((how, 0.7) for how in ENDS))
 def test_a_motion_ends_within_all_limits_however_it_ends(how: str, after: float) -> None:
     bench = Ending()
     # A lease is lost after half a second.

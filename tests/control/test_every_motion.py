@@ -8,10 +8,12 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
+from itertools import cycle, product
 from types import SimpleNamespace
 from typing import Any, Self
 
 import pytest
+from tests.few import few
 from tests.motion.arms import FakeTime, rest_to_rest
 
 import hexwire
@@ -295,10 +297,10 @@ def test_every_front_refuses_a_motion_through_the_table(robot: str) -> None:
         assert wanted in str(refused.value), (front, refused.value)
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
-@pytest.mark.parametrize(
-    "front", ["target", "target, not waited for", "trajectory", "check_path", "what replaces a motion"]
-)
+WAYS = ("target", "target, not waited for", "trajectory", "check_path", "what replaces a motion")
+
+
+@few("robot, front", product(ROBOTS, WAYS), *zip(cycle(ROBOTS), WAYS, strict=False))
 def test_answers_that_are_missed_before_a_motion_switch_no_check_off(robot: str, front: str) -> None:
     """A position that is unknown for a moment, as of an arm behind a busy computer."""
     case = Case(load_driver(robot).from_url("tcp://127.0.0.1:1" if robot == "puma260" else "/dev/null").model)

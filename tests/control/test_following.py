@@ -97,6 +97,7 @@ def test_the_follower_goes_where_the_leader_is_moved(rig: Rig) -> None:
     assert "the follower has met the leader" in rig.notes
 
 
+@pytest.mark.slow
 def test_lost_answers_of_the_leader_end_nothing_and_mislead_nobody() -> None:
     """Two in five of one joint, so that even repeated questions fail, and one in a hundred of another."""
     rig = Rig(("silent:1:0.4", "silent:2:0.01"))

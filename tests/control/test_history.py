@@ -90,6 +90,7 @@ def test_only_what_is_newer_is_read_again() -> None:
     assert len(History(("J1",)).rows()) == 0
 
 
+@pytest.mark.slow
 def test_memory_is_constant_over_an_hour_of_samples() -> None:
     history = History([f"J{i}" for i in range(1, 8)], seconds=600.0, rate=100.0)
     state = [_state(0.0, names=history.names)]

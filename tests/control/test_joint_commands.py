@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from tests.control.arm_bench import make_bench
+from tests.few import few
 from tests.motion.arms import HOME
 
 from hexwire.control.arm import Arm
@@ -122,7 +123,7 @@ def test_positions_with_gains_are_led_within_the_speed_limits(bench: Bench) -> N
     assert max(b - a for a, b in zip([0.0, *told], told, strict=False)) < 1.6 * most
 
 
-@pytest.mark.parametrize("how", ["silence", "plain set-points", "a goal", "other joints"])
+@few("how", ["silence", "plain set-points", "a goal", "other joints"], "silence", "a goal")
 def test_joints_are_given_back_to_the_controllers_own_loop(bench: Bench, how: str) -> None:
     weak = message(["J1"], position=[0.1], effort=[0.3], kp_position=[2.0], kd_position=[0.6])
     bench.play(weak, 3.0)

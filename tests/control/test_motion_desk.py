@@ -112,6 +112,7 @@ def test_the_gripper(bench: DeskBench) -> None:
         bench.desk.preview({"what": "grip", "share": 0.5})
 
 
+@pytest.mark.slow
 def test_what_was_taught_is_played_whole_and_in_part(bench: DeskBench) -> None:
     with pytest.raises(UsageError, match="nothing was taught"):
         bench.desk.preview({"what": "play"})

@@ -81,6 +81,7 @@ def test_it_says_how_far_off_the_joints_are(monkeypatch: pytest.MonkeyPatch) -> 
     assert set(progress.off.split("; ")) == {"J6 0.6 deg off", "J7 0.6 deg off"}
 
 
+@pytest.mark.slow
 def test_progress_rises_with_the_motion(bench: RunBench) -> None:
     run = bench.begin(lambda: bench.planner.to_joints({"J1": J1 + 0.8}, speed=0.1))
     bench.turn(0.2)
@@ -147,6 +148,7 @@ def test_one_that_is_being_ended_waits_a_moment_for_its_reason(bench: RunBench) 
     assert run.over
 
 
+@pytest.mark.slow
 def test_a_new_one_replaces_it(bench: RunBench) -> None:
     first = bench.go()
     bench.turn(0.5)
@@ -232,6 +234,7 @@ def test_if_one_controller_fails_the_others_stop_too() -> None:
     assert stood < J1 + 0.5
 
 
+@pytest.mark.slow
 def test_a_taught_motion_has_a_lead_in(bench: RunBench) -> None:
     wave = Taught(("J1",), (0.0, 1.0, 2.0), ((J1 + 0.4,), (J1 + 0.7,), (J1 + 0.1,)))
     run = bench.begin(lambda: bench.planner.along(wave))
@@ -252,6 +255,7 @@ def grip(bench: RunBench, share: float) -> MotionRun:
     return bench.begin(lambda: bench.planner.to_joints(goals), grip=Grip(gripper, share))
 
 
+@pytest.mark.slow
 def test_a_gripper_opens_and_closes(bench: RunBench) -> None:
     for share in (1.0, 0.0, 0.5):
         run = grip(bench, share)
@@ -296,6 +300,7 @@ def test_jaws_that_move_hold_nothing_whatever_velocity_is_reported(bench: RunBen
     bench.until(run)
 
 
+@pytest.mark.slow
 def test_an_opening_gripper_does_not_hold_what_it_meets(bench: RunBench) -> None:
     bench.until(grip(bench, 0.0))
     run = grip(bench, 1.0)

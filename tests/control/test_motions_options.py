@@ -101,6 +101,7 @@ def test_a_joint_may_be_silent_for_three_cycles_of_a_path_but_at_least_half_a_se
     assert longest - 0.05 < watched.states[-1]["J4"].age <= longest + 1.0 / rate + 0.05
 
 
+@pytest.mark.slow
 @KINDS
 def test_a_joint_has_the_grace_time_to_arrive_and_the_result_says_how_it_went(what: str) -> None:
     bench, watched = Bench(), Watched()

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from tests.bus.bus_bench import make_bus
 from tests.control.owner_bench import Bench, BoardBench, moving
+from tests.few import few
 
 from hexwire.control.known_state import KnownState
 from hexwire.control.outcomes import Outcome
@@ -38,6 +39,7 @@ from hexwire.wire.modules import ModuleType
 # -- reading and publishing ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("baud", [0, 115200])
 def test_states_come_at_the_rate_that_was_asked_for(baud: int) -> None:
     bench = BoardBench(baud=baud, publish_rate=50.0)
@@ -145,7 +147,7 @@ def test_missing_reports_are_requested_again() -> None:
 # -- commands -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("dialect", "baud"), [(2, 0), (2, 115200), (1, 115200)])
+@few("dialect, baud", [(2, 0), (2, 115200), (1, 115200)], (2, 115200))
 def test_a_goal_is_reached(dialect: int, baud: int) -> None:
     bench = BoardBench(dialect, baud)
     bench.owner.connect()
@@ -177,6 +179,7 @@ def test_one_target_a_period_however_much_hurry() -> None:
     assert len(gaps) == pytest.approx(60, abs=2)
 
 
+@pytest.mark.slow
 def test_a_target_lasts_beyond_the_next_one_or_a_late_cycle_would_be_a_pause() -> None:
     bench, told = moving()
     write, rows = bench.robot.write, []
@@ -231,6 +234,7 @@ def test_a_target_that_is_refused_ends_the_goal_and_not_the_robot(error: Hexwire
     assert bool(bench.owner.group.reason) is isinstance(error, StoppedError)
 
 
+@pytest.mark.slow
 def test_a_target_that_a_stop_took_the_line_from() -> None:
     bench, told = moving()
     write = bench.robot.write
@@ -266,6 +270,7 @@ def test_torque_that_somebody_else_took_ends_the_motion() -> None:
 # -- power ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_torque_on_in_the_middle_of_a_motion_brakes_nothing() -> None:
     bench, told = moving()
     bench.link.written.clear()
@@ -275,6 +280,7 @@ def test_torque_on_in_the_middle_of_a_motion_brakes_nothing() -> None:
     assert told.words.startswith("succeeded: ")
 
 
+@pytest.mark.slow
 def test_torque_on_does_not_stop_other_joints_that_move() -> None:
     bench = BoardBench(split=True)
     owner, (first, second) = bench.owner, bench.controllers
@@ -321,6 +327,7 @@ def test_torque_off_ends_what_was_accepted_that_moment() -> None:
     assert len(bench.writes) == writes
 
 
+@pytest.mark.slow
 def test_a_target_that_the_board_clamped_is_reported_once(caplog: pytest.LogCaptureFixture) -> None:
     bench, told = moving()
     write = bench.robot.write
@@ -342,6 +349,7 @@ def test_torque_is_not_switched_on_while_the_arm_is_stopped() -> None:
     assert bench.arm.torques() == [False] * 7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("baud", [0, 115200])
 def test_older_reports_do_not_override_a_new_change(baud: int) -> None:
     bench = BoardBench(baud=baud)
@@ -429,6 +437,7 @@ def puma_bench() -> Bench:
     return Bench(Puma260Driver(Session(handle)), clock)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["bus_bench", "puma_bench"])
 def test_robots_without_a_watchdog(which: str, request: pytest.FixtureRequest) -> None:
     bench: Bench = request.getfixturevalue(which)

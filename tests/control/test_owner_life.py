@@ -238,6 +238,7 @@ def test_stops_from_several_threads_while_the_owner_waits(served: Served, publis
     assert served.board.state.report_due is None
 
 
+@pytest.mark.slow
 def test_a_stop_of_a_board_that_says_nothing_fails_in_time_and_all_is_stopped(served: Served) -> None:
     node = Threaded(served)
     node.owner.torque(True, node.driver.model.names)
@@ -253,6 +254,7 @@ def test_a_stop_of_a_board_that_says_nothing_fails_in_time_and_all_is_stopped(se
     assert not node.owner.alive
 
 
+@pytest.mark.slow
 def test_no_caller_waits_forever_for_a_board_that_falls_silent(served: Served) -> None:
     node = Threaded(served)
     served.muted.set()
@@ -262,6 +264,7 @@ def test_no_caller_waits_forever_for_a_board_that_falls_silent(served: Served) -
     assert not node.owner.alive
 
 
+@pytest.mark.slow
 def test_the_end_while_the_owner_looks_for_a_robot(served: Served) -> None:
     node = Threaded(served)
     node.driver._boot_window = 600.0
@@ -306,6 +309,7 @@ def test_the_owners_own_thread_is_told_that_it_cannot_end_itself(served: Served)
     assert not node.owner.alive
 
 
+@pytest.mark.slow
 def test_an_owner_who_does_not_come_back_keeps_nobody_from_ending(
     served: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from tests.control.owner_bench import BoardBench, moving
+from tests.few import few
 
 from hexwire.control.outcomes import Outcome
 from hexwire.errors import (
@@ -14,7 +15,7 @@ from hexwire.errors import (
 from hexwire.model.state import JointTarget
 
 
-@pytest.mark.parametrize(("dialect", "baud"), [(2, 0), (2, 115200), (1, 115200)])
+@few("dialect, baud", [(2, 0), (2, 115200), (1, 115200)], (2, 0))
 def test_an_unplugged_robot_is_stopped_and_found_again(dialect: int, baud: int) -> None:
     bench, told = moving(dialect=dialect, baud=baud)
     owner = bench.owner
@@ -153,6 +154,7 @@ def test_a_board_that_is_reset_at_rest_is_only_told_its_watchdog() -> None:
     assert bench.board.state.report_due is not None
 
 
+@pytest.mark.slow
 def test_a_supply_that_fails_during_a_motion() -> None:
     bench, told = moving(faults=("brownout:2.5:1.0",))
     bench.until(lambda: told.ends)

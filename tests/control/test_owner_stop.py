@@ -82,6 +82,7 @@ def test_a_fault_that_is_still_there_is_not_reset_away() -> None:
     assert bench.owner.group.reason is None
 
 
+@pytest.mark.slow
 def test_a_watchdog_that_tripped_is_seen_and_reset() -> None:
     bench, told = moving()
     bench.arm.wait(1.5)

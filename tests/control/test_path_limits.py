@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Callable
-from itertools import pairwise
+from itertools import pairwise, product
 
 import pytest
 from tests.conformance_board.trajectory_pairs import _targets
 from tests.control.arm_bench import order
 from tests.control.test_sent_ahead import Timed
+from tests.few import few
 from tests.motion.arms import HOME, cubic_at
 
 from hexwire.control.path_brake import PathBrake
@@ -92,8 +93,7 @@ def rested(
     return at
 
 
-@pytest.mark.parametrize("how", ["cancelled", "held", "silent"])
-@pytest.mark.parametrize("seed", range(2))
+@few("how, seed", product(("cancelled", "held", "silent"), range(2)), ("cancelled", 0), ("silent", 1))
 def test_a_path_ends_within_all_limits_however_it_ends(
     how: str, seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -80,6 +80,7 @@ def test_the_lock_is_free_while_a_way_is_planned(monkeypatch: pytest.MonkeyPatch
     assert told.outcome == SUCCEEDED
 
 
+@pytest.mark.slow
 def test_what_is_planned_too_late_is_planned_again_for_later(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = moving()
     planning = Planning(bench, monkeypatch, lambda: bench.turn(0.08))
@@ -94,6 +95,7 @@ def test_what_is_planned_too_late_is_planned_again_for_later(monkeypatch: pytest
     assert bench.where("J1") == pytest.approx(J1 - 0.3, abs=0.02)
 
 
+@pytest.mark.slow
 def test_what_is_never_planned_in_time_is_planned_with_the_lock_in_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = moving()
     planning = Planning(bench, monkeypatch, lambda: bench.turn(0.4))

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import pytest
 from tests.control.arm_bench import CANCELLED, NOT_READY, PREEMPTED, SPLIT, STOPPED, SUCCEEDED, Bench, Told, order
 from tests.control.shared_bench import SharedBench
+from tests.few import few
 from tests.motion.arms import HOME, NAMES
 
 from hexwire.control.goals import Point, TrajectoryGoal
@@ -109,6 +110,7 @@ def test_a_stall_of_the_program_does_not_delay_the_goal() -> None:
     assert bench.controller.follower.counters.slips == 0
 
 
+@pytest.mark.slow
 def test_torque_that_is_on_can_be_switched_on_while_the_board_comes_to_rest() -> None:
     bench = Timed()
     told = bench.go(by=1.0, seconds=4.0)
@@ -131,6 +133,7 @@ def test_a_goal_that_ends_while_the_program_is_suspended_has_succeeded() -> None
     assert told.outcome == SUCCEEDED
 
 
+@pytest.mark.slow
 def test_a_long_goal_is_sent_while_it_runs() -> None:
     bench = Timed()
     told = bench.go(by=0.5, seconds=5.0)
@@ -155,6 +158,7 @@ def test_a_new_goal_replaces_the_running_one_without_a_jump() -> None:
     assert max(abs(b - a) for a, b in pairwise(bench.speeds())) < 0.4
 
 
+@pytest.mark.slow
 def test_many_goals_one_after_the_other_are_one_path() -> None:
     bench = Timed()
     for i in range(10):
@@ -167,6 +171,7 @@ def test_many_goals_one_after_the_other_are_one_path() -> None:
     assert not bench.targets
 
 
+@pytest.mark.slow
 def test_a_goal_right_after_the_end_of_another() -> None:
     bench = Timed()
     for i, pause in enumerate((0.0, 0.05, 0.11, 0.2)):
@@ -202,6 +207,7 @@ def test_a_cancelled_goal_comes_to_rest_on_its_path() -> None:
     assert told.outcome == SUCCEEDED
 
 
+@pytest.mark.slow
 def test_a_pose_that_replaces_a_goal_begins_where_the_joints_come_to_rest() -> None:
     bench = Timed(poses={"home": dict(HOME)})
     told = bench.go(by=0.8)
@@ -274,6 +280,7 @@ def test_a_stop_that_a_path_tells_of_is_not_another_one() -> None:
     assert bench.owner.group.reason is None
 
 
+@pytest.mark.slow
 def test_a_stop_from_elsewhere_that_has_been_cleared_already_ends_it() -> None:
     bench = Timed()
     told = bench.go()
@@ -299,6 +306,7 @@ def test_a_program_that_is_suspended_for_longer_than_the_watchdog_finds_the_arm_
     assert at(bench) == pytest.approx(place, abs=0.003)
 
 
+@pytest.mark.slow
 def test_without_a_watchdog_a_suspended_program_goes_on_where_the_arm_came_to_rest() -> None:
     bench = Timed(watchdog=0.0)
     told = bench.go(by=0.8, seconds=8.0)
@@ -314,6 +322,7 @@ def test_without_a_watchdog_a_suspended_program_goes_on_where_the_arm_came_to_re
     assert at(bench) == pytest.approx(0.8, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_goal_whose_time_is_over_when_the_program_goes_on_is_not_taken_for_reached() -> None:
     bench = Timed(watchdog=0.0)
     told = bench.go(by=0.5, seconds=4.0)
@@ -339,6 +348,7 @@ def test_a_joint_that_falls_silent_stops_the_arm() -> None:
     assert at(bench) == pytest.approx(place, abs=0.003)
 
 
+@pytest.mark.slow
 def test_a_joint_that_falls_silent_is_named_also_if_the_newest_state_does_not_show_it() -> None:
     bench = Timed()
     told = bench.go(seconds=4.0)
@@ -368,6 +378,7 @@ def test_torque_that_another_program_takes_away_ends_the_goal() -> None:
     assert at(bench) == pytest.approx(place, abs=0.003)
 
 
+@pytest.mark.slow
 def test_torque_off_ends_the_goal_and_the_other_joints_come_to_rest() -> None:
     bench = Timed()
     told = bench.go(seconds=4.0)
@@ -396,6 +407,7 @@ def test_off_its_path_a_goal_comes_to_rest() -> None:
     assert bench.state is PathState.DONE
 
 
+@pytest.mark.slow
 def test_set_points_replace_a_goal_once_the_joints_are_at_rest() -> None:
     bench = Timed()
     told = bench.go(by=0.8)
@@ -412,6 +424,7 @@ def test_set_points_replace_a_goal_once_the_joints_are_at_rest() -> None:
     assert told.outcome == SUCCEEDED
 
 
+@pytest.mark.slow
 def test_controllers_that_begin_together_share_a_path_and_another_one_gets_targets() -> None:
     bench = Timed(controllers=SPLIT)
     (whole,) = order((2.0, {"J1": J1 + 0.5, "J7": 0.3}), still=True).points
@@ -447,6 +460,7 @@ def test_where_the_board_refuses_a_path_targets_are_sent(caplog: pytest.LogCaptu
     assert [row.levelname for row in caplog.records] == ["WARNING"]
 
 
+@pytest.mark.slow
 def test_where_the_board_refuses_a_later_part_targets_are_sent_from_there(caplog: pytest.LogCaptureFixture) -> None:
     bench = Timed()
     limits = list(bench.owner.robot.limits())  # type: ignore[attr-defined]
@@ -486,6 +500,7 @@ def test_another_program_that_begins_a_path_ends_the_goal() -> None:
     assert "another program began another path" in told.text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("outlives", [False, True])
 def test_a_path_of_another_program_is_left_alone_unless_it_outlives_it(outlives: bool) -> None:
     bench = Timed()
@@ -511,6 +526,7 @@ def test_a_path_of_another_program_is_left_alone_unless_it_outlives_it(outlives:
     assert bench.where("J1") == pytest.approx(here + 0.2, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_board_whose_clock_is_slow_is_followed_in_its_own_time(monkeypatch: pytest.MonkeyPatch) -> None:
     # 5 percent over some seconds count as much as a resonator's 0.5 percent over a minute.
     monkeypatch.setattr("hexwire.emulator.board_path.POINT_TIME", 1.05e-4)
@@ -522,6 +538,7 @@ def test_a_board_whose_clock_is_slow_is_followed_in_its_own_time(monkeypatch: py
     assert not bench.targets
 
 
+@pytest.mark.slow
 def test_an_unplugged_board_comes_to_rest_and_is_there_again_stopped() -> None:
     bench = Timed()
     told = bench.go(seconds=6.0, by=0.8)
@@ -562,6 +579,7 @@ def smooth(bench: Timed) -> bool:
     return max(changes) < 0.45
 
 
+@pytest.mark.slow
 def test_over_a_slow_network_the_board_is_told_earlier() -> None:
     bench = Timed()
     robot = bench.owner.robot
@@ -596,6 +614,7 @@ def test_over_a_slow_network_the_board_is_told_earlier() -> None:
     assert bench.commands().count(Command.TRAJECTORY_ABORT) == 0
 
 
+@pytest.mark.slow
 def test_a_goal_right_after_a_hold_begins_at_rest() -> None:
     bench = Timed()
     bench.go(by=0.8)
@@ -609,6 +628,7 @@ def test_a_goal_right_after_a_hold_begins_at_rest() -> None:
     assert not bench.targets
 
 
+@pytest.mark.slow
 def test_goals_at_once_and_a_stall_before_the_first_began() -> None:
     bench = Timed()
     bench.go(by=0.4)
@@ -640,6 +660,7 @@ def test_a_change_that_comes_too_late_for_the_board_is_made_at_rest() -> None:
     assert not bench.targets
 
 
+@pytest.mark.slow
 def test_settled_it_is_at_rest_when_the_call_returns() -> None:
     bench = Timed()
     told = bench.go(seconds=6.0, by=0.8)
@@ -674,6 +695,7 @@ def test_a_lost_lease_brakes_at_once() -> None:
     assert bench.sent == []
 
 
+@pytest.mark.slow
 def test_after_a_halt_a_path_whose_lease_is_lost_is_not_continued() -> None:
     bench = SharedBench(lease=Lease(timeout=0.5))
     key = bench.take()
@@ -687,8 +709,7 @@ def test_after_a_halt_a_path_whose_lease_is_lost_is_not_continued() -> None:
     assert not bench.owner.group.busy
 
 
-@pytest.mark.parametrize("requests", range(6))
-@pytest.mark.parametrize("when", [0.0, 1.0, 1.05])
+@few("when, requests", product((0.0, 1.0, 1.05), range(6)), (0.0, 2), (1.0, 1), (1.05, 3))
 def test_a_lease_that_ends_between_two_requests_brakes_and_loses_no_connection(when: float, requests: int) -> None:
     bench = SharedBench(lease=Lease(timeout=0.5))
     key = bench.take()
@@ -736,6 +757,7 @@ def test_a_target_of_the_holder_replaces_a_path() -> None:
 # -- at awkward moments ------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_stop_and_a_reset_within_one_turn_end_the_path_and_nothing_after_it() -> None:
     bench = Timed()
     told = bench.go(by=0.8)
@@ -759,6 +781,7 @@ def test_a_stop_and_a_reset_within_one_turn_end_the_path_and_nothing_after_it() 
     assert not bench.targets
 
 
+@pytest.mark.slow
 def test_a_goal_right_after_the_motion_was_released_begins_at_rest() -> None:
     bench = Timed()
     told = bench.go(by=0.8)
@@ -771,6 +794,7 @@ def test_a_goal_right_after_the_motion_was_released_begins_at_rest() -> None:
     assert smooth(bench)
 
 
+@pytest.mark.slow
 def test_a_joint_gets_torque_again_while_the_others_come_to_rest() -> None:
     bench = Timed()
     bench.go(by=0.8)
@@ -787,6 +811,7 @@ def test_a_joint_gets_torque_again_while_the_others_come_to_rest() -> None:
     assert told.outcome == SUCCEEDED
 
 
+@pytest.mark.slow
 def test_a_target_does_not_revive_what_a_stop_from_elsewhere_has_ended() -> None:
     bench = Timed(controllers=SPLIT)
     arm_goal = TrajectoryGoal(NAMES[:6], (Point(2.0, (J1 + 0.5, *[HOME[name] for name in NAMES[1:6]])),))
@@ -808,6 +833,7 @@ def test_a_target_does_not_revive_what_a_stop_from_elsewhere_has_ended() -> None
     assert not bench.targets
 
 
+@pytest.mark.slow
 def test_a_start_that_comes_too_late_is_ordered_again_and_the_board_keeps_the_time(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -3,10 +3,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import product
 from typing import Any
 
 import pytest
 from tests.bus.bus_bench import make_bus
+from tests.few import few
 
 from hexwire.bus.servo_bus import ServoBus
 from hexwire.control.servo_wave import WaveEnd, WaveSample, and_back, bring_back, one_servo, run_wave, standing
@@ -57,8 +59,13 @@ class Bench:
         )
 
 
-@pytest.mark.parametrize("series", [Series.STS_SMS, Series.HLS, Series.SCS])
-@pytest.mark.parametrize("shape", ["sine", "step", "triangle", "sweep"])
+@few(
+    "series, shape",
+    product((Series.STS_SMS, Series.HLS, Series.SCS), ("sine", "step", "triangle", "sweep")),
+    (Series.STS_SMS, "sine"),
+    (Series.HLS, "step"),
+    (Series.SCS, "sweep"),
+)
 def test_the_servo_follows_and_the_bus_stays_open(series: Series, shape: str) -> None:
     bench = Bench(series=series)
     before = bench.servo.motion.position

@@ -39,6 +39,7 @@ def test_set_points_are_followed_also_far_ones() -> None:
     assert bench.where("J1") == pytest.approx(THERE["J1"], abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seen", [False, True], ids=["between two set-points", "for longer"])
 def test_a_stream_that_goes_on_through_a_stop_moves_nothing_after_the_reset(seen: bool) -> None:
     bench = make_bench()
@@ -109,6 +110,7 @@ def test_a_pause_is_as_long_as_the_command_timeout() -> None:
     stream.follow(THERE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("apart", [0.02, -0.02])
 def test_what_a_network_held_back_is_no_pause(apart: float) -> None:
     bench = make_bench()

@@ -192,6 +192,7 @@ def finish(table: Table, servos: Sequence[EmulatedServo]) -> None:
     assert "gripper" in plan.done
 
 
+@pytest.mark.slow
 def test_a_power_cut_at_any_packet_loses_no_servo() -> None:
     cuts = 0
     for at in range(1, 200):

@@ -89,6 +89,7 @@ def test_arms_whose_clocks_differ_begin_together() -> None:
     assert max(late) - min(late) <= bench.owner.command_period
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("confirm", [False, True], ids=["plain", "confirmed"])
 def test_the_board_has_the_motion_and_its_start_as_soon_as_it_is_accepted(confirm: bool) -> None:
     bench = Goals()
@@ -202,6 +203,7 @@ def test_a_start_in_the_past_is_refused_and_nothing_moves() -> None:
     assert not bench.owner.group.busy
 
 
+@pytest.mark.slow
 def test_a_motion_can_be_cancelled_before_and_after_its_start() -> None:
     bench = Goals()
     number = bench.follow(delay=1.0)

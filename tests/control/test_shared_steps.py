@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import product
 from typing import Any
 
 import pytest
 from tests.control.arm_bench import order
 from tests.control.shared_bench import SharedBench
 from tests.control.test_every_end import sample_steps, worst
+from tests.few import few
 from tests.motion.arms import EXCESS, HOME
 
 from hexwire.control.shared_steps import JointSteps, SteppedTargets
@@ -124,6 +126,7 @@ def test_the_steps_end_with_who_answers_for_them(end: str) -> None:
     assert not bench.owner.group.busy
 
 
+@pytest.mark.slow
 def test_a_resume_does_not_continue_them() -> None:
     bench, key = make()
     bench.move(key, 20.0, J1=AWAY)
@@ -138,6 +141,7 @@ def test_a_resume_does_not_continue_them() -> None:
     assert not bench.sent
 
 
+@pytest.mark.slow
 def test_a_new_target_ends_the_steps_of_its_joints_only_and_begins_where_they_were_led() -> None:
     bench, key = make()
     bench.move(key, 20.0, J1=AWAY, J4=AWAY)
@@ -153,6 +157,7 @@ def test_a_new_target_ends_the_steps_of_its_joints_only_and_begins_where_they_we
     assert len(four) > 3
 
 
+@pytest.mark.slow
 def test_a_trajectory_takes_over_from_the_steps() -> None:
     bench, key = make()
     bench.move(key, 20.0, J1=AWAY)
@@ -165,6 +170,7 @@ def test_a_trajectory_takes_over_from_the_steps() -> None:
     assert bench.owner.group.reason is None
 
 
+@pytest.mark.slow
 def test_the_steps_continue_after_a_holder_that_leaves_its_motion_running() -> None:
     bench, key = make()
     goal = bench.where("J1") + AWAY
@@ -254,8 +260,7 @@ CHANGES: dict[str, Callable[[SharedBench, int], object]] = {
 }
 
 
-@pytest.mark.parametrize("after", [0.2, 0.4, 0.6])
-@pytest.mark.parametrize("how", CHANGES)
+@few("how, after", product(CHANGES, (0.2, 0.4, 0.6)), *((how, 0.4) for how in CHANGES))
 def test_what_changes_a_far_target_on_its_way_keeps_all_limits(
     how: str, after: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:

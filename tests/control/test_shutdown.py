@@ -111,6 +111,7 @@ hangs()
     assert "in hangs" in child(code, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("trouble", ["sys.stderr = None; os.close(2)", "os.dup2(full(), 2)"])
 def test_a_hung_program_is_ended_even_if_it_cannot_say_where(trouble: str) -> None:
     code = f"""

@@ -5,10 +5,12 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import cycle, product
 
 import pytest
 from tests.control.arm_bench import STOPPED, Bench, Service, Told, make_bench, order
 from tests.control.shared_bench import SharedBench
+from tests.few import few
 from tests.motion.arms import HOME
 
 import hexwire.motion.follower
@@ -68,11 +70,9 @@ def reset(bench: Bench) -> None:
     bench.ask(bench.arm.reset)
 
 
-@pytest.mark.parametrize("stop", STOPS.values(), ids=STOPS)
-@pytest.mark.parametrize("host_timed", [True, False])
-def test_a_stop_is_sent_while_another_thread_has_the_lock(
-    stop: Callable[[Bench], object], host_timed: bool
-) -> None:
+@few("name, host_timed", product(STOPS, (True, False)), *zip(STOPS, cycle((False, True)), strict=False))
+def test_a_stop_is_sent_while_another_thread_has_the_lock(name: str, host_timed: bool) -> None:
+    stop = STOPS[name]
     bench = make_bench(host_timed=host_timed)
     told = Told()
     bench.arm.command("", order((5.0, {"J1": J1 + 0.6}), still=True), listener=told)

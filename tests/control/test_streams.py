@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import pytest
 from tests.control.test_sent_ahead import Timed
+from tests.few import few
 from tests.motion.arms import NAMES
 
 from hexwire.control.goals import Point, TrajectoryGoal
@@ -12,22 +15,32 @@ from hexwire.model.hex7bot import HEX7BOT
 SPEED, RATE, ENDS = 0.6, 50.0, 1.6
 
 
-@pytest.mark.parametrize("horizon", [0.05, 0.1, 0.2, 0.3, 0.4, 0.5])
-@pytest.mark.parametrize("velocities", [False, True])
-@pytest.mark.parametrize("host_timed", [False, True], ids=["kept by the board", "target by target"])
-def test_a_stream_is_followed_evenly_and_ends_at_rest(host_timed: bool, velocities: bool, horizon: float) -> None:
-    stream(host_timed, velocities, horizon, 1)
+KEPT, SENT = "kept by the board", "target by target"
 
 
-@pytest.mark.parametrize("horizon", [0.2, 0.3, 0.5])
-@pytest.mark.parametrize("velocities", [False, True])
-@pytest.mark.parametrize("host_timed", [False, True], ids=["kept by the board", "target by target"])
-def test_so_is_a_stream_of_trajectories_of_three_points(host_timed: bool, velocities: bool, horizon: float) -> None:
-    stream(host_timed, velocities, horizon, 3)
+@few(
+    "keeper, velocities, horizon",
+    product((KEPT, SENT), (False, True), (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)),
+    (KEPT, False, 0.1),
+    (KEPT, True, 0.4),
+    (SENT, False, 0.3),
+)
+def test_a_stream_is_followed_evenly_and_ends_at_rest(keeper: str, velocities: bool, horizon: float) -> None:
+    stream(keeper == SENT, velocities, horizon, 1)
+
+
+@few(
+    "keeper, velocities, horizon",
+    product((KEPT, SENT), (False, True), (0.2, 0.3, 0.5)),
+    (KEPT, False, 0.3),
+    (SENT, True, 0.2),
+)
+def test_so_is_a_stream_of_trajectories_of_three_points(keeper: str, velocities: bool, horizon: float) -> None:
+    stream(keeper == SENT, velocities, horizon, 3)
 
 
 def stream(host_timed: bool, velocities: bool, horizon: float, count: int) -> None:
-    """Follow a stream at an even speed whose trajectories have so many points."""
+    """Follow a stream at an even speed whose trajectories have so many points, the last one `horizon` s ahead."""
     bench = Timed(host_timed=host_timed)
     where, began, due = {name: bench.where(name) for name in NAMES}, bench.clock.time, bench.clock.time
     follower, joint = bench.controller.follower, HEX7BOT.joint("J1")

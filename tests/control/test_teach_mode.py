@@ -22,6 +22,7 @@ from hexwire.motion.waypoint_file import parse_waypoints
 J1 = HOME["J1"]
 
 
+@pytest.mark.slow
 def test_teaching_and_playing_back(tmp_path: Path) -> None:
     bench = make_bench(teach_directory=str(tmp_path))
     assert bench.ask(bench.arm.teach_start) == f"teaching {', '.join(NAMES)}; they have no torque"
@@ -71,6 +72,7 @@ def switch(bench: Bench, names: tuple[str, ...]) -> None:
         bench.ask(lambda: bench.owner.torque(True, names))
 
 
+@pytest.mark.slow
 def test_teach_mode_ends_holding_whatever_had_torque_before() -> None:
     """In every front: ROS 1, ROS 2 and the studio's desk call the arm, `hexwire teach` calls `record_by_hand`."""
 
@@ -228,6 +230,7 @@ def test_a_robot_that_is_lost_while_it_is_taught() -> None:
     assert free(bench)
 
 
+@pytest.mark.slow
 def test_a_part_of_what_was_taught() -> None:
     bench = make_bench(controllers=SPLIT)
     bench.ask(bench.arm.teach_start)

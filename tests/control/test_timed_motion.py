@@ -94,6 +94,7 @@ def test_legs_are_one_path() -> None:
     assert bench.at() == pytest.approx(there.start[0], abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_long_motion_is_sent_while_it_runs() -> None:
     bench = Timed()
     way = bench.way(seconds=9.0)
@@ -112,6 +113,7 @@ def test_a_stall_of_the_program_does_not_disturb_it() -> None:
     assert bench.arm.clock.time - began < 2.0 + 1.0
 
 
+@pytest.mark.slow
 def test_a_program_that_stalls_for_longer_finds_the_arm_at_rest_on_its_path() -> None:
     bench = Timed()
     # Longer than the points that the board has room for.
@@ -261,6 +263,7 @@ def test_a_motion_at_its_speed_limit_is_followed_by_the_board() -> None:
         assert result.timed
 
 
+@pytest.mark.slow
 def test_a_motion_through_points_at_full_speed_is_refilled_and_passes_them() -> None:
     bench = Timed()
     names = bench.robot.model.names
@@ -385,6 +388,7 @@ def test_a_stop_that_another_program_has_already_cleared_ends_it() -> None:
     assert bench.arm.clock.time - began < 2.0
 
 
+@pytest.mark.slow
 def test_a_board_whose_clock_is_slow_is_watched_in_its_own_time(monkeypatch: pytest.MonkeyPatch) -> None:
     # 5 percent over 16 s count as much as a resonator's 0.5 percent over some minutes.
     monkeypatch.setattr("hexwire.emulator.board_path.POINT_TIME", 1.05e-4)
@@ -396,6 +400,7 @@ def test_a_board_whose_clock_is_slow_is_watched_in_its_own_time(monkeypatch: pyt
     assert bench.state is PathState.DONE
 
 
+@pytest.mark.slow
 def test_the_board_is_done_when_the_call_returns(monkeypatch: pytest.MonkeyPatch) -> None:
     # Behind the program's clock, and near enough to have arrived: another motion would be refused.
     monkeypatch.setattr("hexwire.emulator.board_path.POINT_TIME", 1.2e-4)
@@ -406,6 +411,7 @@ def test_the_board_is_done_when_the_call_returns(monkeypatch: pytest.MonkeyPatch
         assert bench.state is PathState.DONE
 
 
+@pytest.mark.slow
 def test_a_slow_program_sends_enough_of_a_motion_with_corners() -> None:
     rows = [(0.02 * i, 0.2 * math.sin(0.02 * i) + (0.003 if i % 2 else 0.0)) for i in range(300)]
     rows[0] = (0.0, 0.0)
