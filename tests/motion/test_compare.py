@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from tests.few import few
 
 from hexwire.errors import UsageError
 from hexwire.motion.compare import best_lag, compare
@@ -45,7 +46,7 @@ def test_the_greatest_difference_has_its_time() -> None:
     assert joint.at == pytest.approx(4.0, abs=0.02)
 
 
-@pytest.mark.parametrize("lag", [-0.8, -0.013, 0.0, 0.37, 1.5])
+@few("lag", [-0.8, -0.013, 0.0, 0.37, 1.5], -0.8, 0.37)
 def test_the_best_lag_is_found_and_removes_the_difference(lag: float) -> None:
     first, second = _motion(), _motion(lag)
     found = best_lag(first, second)
@@ -80,7 +81,7 @@ def test_what_cannot_be_compared_is_refused() -> None:
         best_lag(_motion(), [])
 
 
-@pytest.mark.parametrize(("speed", "lag"), [(1.4, 0.3), (3.1, -0.417), (6.0, 0.233)])
+@few("speed, lag", [(1.4, 0.3), (3.1, -0.417), (6.0, 0.233)], (3.1, -0.417))
 def test_of_a_motion_that_repeats_itself_the_shortest_lag_is_found(speed: float, lag: float) -> None:
     def swing(lag: float) -> list[tuple[float, tuple[float, ...]]]:
         return [(i / 50, tuple(math.sin(speed * (i / 50 - lag) + k) for k in range(3))) for i in range(2000)]

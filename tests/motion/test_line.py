@@ -163,6 +163,7 @@ def test_usual_speeds() -> None:
     assert Line(A, START, Pose(here.position, turned)).duration == pytest.approx(0.6 / 1.0 + 0.1 / 0.5 + 0.1)
 
 
+@pytest.mark.slow
 def test_the_tip_stays_on_any_line() -> None:
     dice = random.Random(5)
     passed = 0

@@ -10,6 +10,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 import ruckig
+from tests.few import few
 from tests.motion.arms import ARMS, EXCESS, PERIOD, at_rest
 
 from hexwire.control.goals import Point, TrajectoryGoal
@@ -147,16 +148,28 @@ def one_attempt(arm: ArmModel, chance: random.Random, kind: str) -> float:
 KINDS = ("takeover", "cancel", "stream", "stream with velocities")
 
 
-@pytest.mark.parametrize("arm", ARMS, ids=lambda arm: arm.name)
-def test_ten_thousand_takeovers_cancels_and_streams_keep_all_limits(arm: ArmModel) -> None:
-    """2500 for each of four arms; pieces of constant jerk are sampled at 1 kHz all at once."""
+def attempts(arm: ArmModel, count: int) -> None:
+    """Pieces of constant jerk are sampled at 1 kHz all at once."""
     chance = random.Random(f"26 {arm.name}")
-    for i in range(2500):
+    for i in range(count):
         kind = KINDS[i % 4]
         worst = one_attempt(arm, chance, kind)
         assert worst <= EXCESS, (i, kind, worst)
 
 
+@pytest.mark.parametrize("arm", ARMS, ids=lambda arm: arm.name)
+def test_takeovers_cancels_and_streams_keep_all_limits(arm: ArmModel) -> None:
+    attempts(arm, 200)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arm", ARMS, ids=lambda arm: arm.name)
+def test_ten_thousand_takeovers_cancels_and_streams_keep_all_limits(arm: ArmModel) -> None:
+    """2500 for each of four arms."""
+    attempts(arm, 2500)
+
+
+@pytest.mark.slow
 def test_lines_keep_all_limits() -> None:
     chance, model = random.Random(26), Hex7BotModel()
     ran = slowed = 0
@@ -199,10 +212,10 @@ def lines(arm: ArmModel, chance: random.Random, count: int) -> list[tuple[dict[s
     return found
 
 
-@pytest.mark.parametrize("arm", ARMS, ids=lambda arm: arm.name)
-def test_lines_that_are_taken_over_cancelled_or_streamed_away_keep_all_limits(arm: ArmModel) -> None:
+@few("arm, count", [(arm, count) for count in (1, 5) for arm in ARMS], *((arm, 1) for arm in ARMS))
+def test_lines_that_are_taken_over_cancelled_or_streamed_away_keep_all_limits(arm: ArmModel, count: int) -> None:
     chance = random.Random(f"lines {arm.name}")
-    for where, path in lines(arm, chance, 5):
+    for where, path in lines(arm, chance, count):
         names = path.names
         done = np.array([path.sample(i * PERIOD).position for i in range(round(path.duration / PERIOD) + 50)])
         joints = [arm.joint(name) for name in names]

@@ -7,6 +7,7 @@ import random
 from itertools import pairwise
 
 import pytest
+from tests.few import few
 from tests.motion.arms import cubic_at
 
 from hexwire.motion.moving import reach
@@ -48,7 +49,7 @@ def cubics(
     return rows
 
 
-@pytest.mark.parametrize("curved", [False, True])
+@few("curved", [False, True], True)
 def test_from_every_place_of_a_path_a_brake_keeps_all_limits(curved: bool) -> None:
     draw, found = random.Random(17), 0
     for _ in range(300):

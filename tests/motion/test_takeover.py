@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
+from tests.few import few
 from tests.motion.arms import ARMS, EXCESS, HOME, PERIOD, at_rest, state
 
 from hexwire.control.goals import Point, TrajectoryGoal
@@ -101,8 +104,7 @@ def test_the_way_to_a_first_point_is_only_joined_where_it_keeps_the_limits() -> 
 HORIZONS = (0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
 
 
-@pytest.mark.parametrize("settled", [0.0, 0.12], ids=["target by target", "sent ahead"])
-@pytest.mark.parametrize("velocities", [False, True])
+@few("settled, velocities", product((0.0, 0.12), (False, True)), (0.12, False))
 def test_a_stream_of_one_point_trajectories_is_followed_smoothly(settled: float, velocities: bool) -> None:
     speed, start = 0.6, HOME["J1"] - 1.0
     for rate in (20.0, 50.0):
