@@ -146,6 +146,7 @@ def test_who_looks_for_boards_finds_those_of_others_too(bench: Bench) -> None:
     assert [status(a) for a in resumed] == [Status.BUSY, Status.OK, Status.OK]
 
 
+@pytest.mark.slow
 def test_who_looks_for_boards_or_stops_them_keeps_nobody_out(bench: Bench) -> None:
     """However often, and while it stays connected."""
     watcher, other = Other(bench), Other(bench)

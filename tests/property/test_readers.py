@@ -290,6 +290,7 @@ def test_a_file_cut_at_each_byte_gives_a_value_or_one_error(
         outcome(reader, path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in NAMES if "key" not in name and "cert" not in name])
 def test_each_value_made_another_one_gives_a_value_or_one_error(
     name: str, readers: dict[str, Reader], place: Path

@@ -10,12 +10,14 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import product
 from types import FrameType
 from typing import Any
 
 import pytest
 from tests.bus.bus_bench import make_bus
 from tests.drivers.arms import Arm
+from tests.few import few
 from tests.property.stop_bench import PATIENCE, bench, move, run
 from tests.property.stops import Judge, watch
 
@@ -133,8 +135,7 @@ def test_calls_that_wait_for_a_servo_bus_are_void_after_a_stop(deed: str) -> Non
 
 @pytest.mark.system
 @pytest.mark.timeout(600)  # the first one builds the firmware
-@pytest.mark.parametrize("kind", ["emulator", "core"])
-@pytest.mark.parametrize("dialect", [1, 2])
+@few("dialect, kind", product((1, 2), ("emulator", "core")), (2, "emulator"))
 def test_no_earlier_call_of_any_thread_acts_after_a_stop(dialect: int, kind: str) -> None:
     moved = seed = 0
     # A busy machine may let no move through for a while, and runs in which nothing moves prove nothing.
@@ -291,8 +292,13 @@ def fresh(kind: str) -> tuple[RobotDriver, Judge, Callable[[], int], Callable[[f
     return arm.driver, judge, lambda: servo.registers.get("target_position"), arm.wait
 
 
-@pytest.mark.parametrize("kind", ["1", "2", "bus"])
-@pytest.mark.parametrize("what", ["move", "torque", "resume"])
+@few(
+    "kind, what",
+    product(("1", "2", "bus"), ("move", "torque", "resume")),
+    ("1", "torque"),
+    ("2", "move"),
+    ("bus", "resume"),
+)
 def test_a_signal_handler_that_stops_voids_what_it_interrupts(kind: str, what: str) -> None:
     robot, judge, goal, _ = fresh(kind)
     count = AtLine(-1, lambda: None)

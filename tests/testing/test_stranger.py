@@ -52,6 +52,7 @@ def test_a_strangers_robots_and_link_pass(package: Path) -> None:
     assert "skipped" not in ended.stdout
 
 
+@pytest.mark.slow
 def test_a_stop_that_the_robot_forgets_fails_with_the_reason(package: Path) -> None:
     driver = package / "src/swing/driver.py"
     text = driver.read_text()
