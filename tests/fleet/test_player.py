@@ -1,24 +1,19 @@
-"""Motions of several arms: a common start, all or none, and one failure stops all."""
+"""Motions of several arms with their servers: a common start, all or none, and one failure stops all."""
 
 from __future__ import annotations
 
 import _thread
 import math
 import threading
-import time
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 import pytest
 
 import hexwire
-from hexwire.errors import HexwireError
-from hexwire.fleet import messages as m
 from hexwire.fleet import player
 from hexwire.fleet.player import Arm, FleetMotionError, Played, Report, attached_to, play_together
 from hexwire.fleet.remote import RemoteRobot
-from hexwire.model.state import JointFlag, JointState
 from hexwire.motion.waypoints import Spline, Waypoint
 
 from .conftest import Serve
@@ -56,24 +51,6 @@ def where(robots: dict[str, RemoteRobot]) -> list[float]:
 
 def stand_still(robots: dict[str, RemoteRobot], before: list[float]) -> bool:
     return all(abs(a - b) < STILL for a, b in zip(where(robots), before, strict=True))
-
-
-def test_a_missed_answer_before_a_motion_is_asked_for_again(
-    robots: dict[str, RemoteRobot], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As of a server whose computer was busy for a moment."""
-    read, missed = RemoteRobot.read, set()
-
-    def seldom(robot: RemoteRobot) -> JointState:
-        state = read(robot)
-        if robot.url in missed:
-            return state
-        missed.add(robot.url)
-        return replace(state, flags=(int(JointFlag.SILENT),) * len(state.names))
-
-    monkeypatch.setattr(RemoteRobot, "read", seldom)
-    assert play_together(arms(robots)).duration == 1.0
-    assert len(missed) == 2
 
 
 def test_arms_begin_together_and_arrive(robots: dict[str, RemoteRobot]) -> None:
@@ -126,98 +103,7 @@ def test_if_one_refuses_none_begins(robots: dict[str, RemoteRobot], monkeypatch:
     assert stand_still(robots, before)
 
 
-def test_a_clock_that_is_known_better_a_moment_later_is_waited_for(
-    robots: dict[str, RemoteRobot], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    poor = [0.2, 0.2]
-
-    def offset(robot: RemoteRobot) -> tuple[float, float]:
-        return 0.0, poor.pop() if poor else 0.001
-
-    monkeypatch.setattr(RemoteRobot, "clock_offset", property(offset))
-    assert play_together(arms(robots), dry_run=True).duration == 1.0
-    assert not poor
-
-
-def test_a_refusal_at_the_last_moment_cancels_the_others(
-    robots: dict[str, RemoteRobot], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    follow, refuses = RemoteRobot.follow, robots["lab/arm2"]
-
-    def refused(self: RemoteRobot, *args: Any, **options: Any) -> int:
-        if self is refuses:
-            raise HexwireError("not now")
-        return follow(self, *args, **options)
-
-    monkeypatch.setattr(RemoteRobot, "follow", refused)
-    before = where(robots)
-    with pytest.raises(FleetMotionError, match="no arm began: lab/arm2: not now"):
-        play_together(arms(robots))
-    assert stand_still(robots, before)
-    assert not any(robot.read().stopped for robot in robots.values())
-
-
-def test_the_start_is_confirmed_when_all_are_ready_and_a_refusal_then_calls_it_off(
-    robots: dict[str, RemoteRobot], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    refuses, ready = robots["lab/arm2"], list[bool]()
-    plain = RemoteRobot.confirm
-
-    def confirm(self: RemoteRobot, number: int) -> None:
-        ready.append(bool(self.goal(number).ready))
-        if self is refuses:
-            raise HexwireError("not now")
-        plain(self, number)
-
-    monkeypatch.setattr(RemoteRobot, "confirm", confirm)
-    before = where(robots)
-    with pytest.raises(FleetMotionError, match="no arm began: lab/arm2: not now"):
-        play_together(arms(robots))
-    assert ready == [True, True]
-    time.sleep(0.5)
-    assert stand_still(robots, before)
-    assert not robots["lab/arm1"].read().stopped
-
-
-def test_an_arm_whose_start_is_not_known_well_enough_is_refused(
-    robots: dict[str, RemoteRobot], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    plain = RemoteRobot.goal
-
-    def goal(self: RemoteRobot, number: int) -> m.Goal:
-        row = plain(self, number)
-        row.doubt += 0.05
-        return row
-
-    monkeypatch.setattr(RemoteRobot, "goal", goal)
-    with pytest.raises(
-        FleetMotionError, match=r"lab/arm1: its start is known to 5.\.. ms only, and 40\.0 ms"
-    ) as error:
-        play_together(arms(robots), most_doubt=0.04)
-    assert list(error.value.why) == ["lab/arm1"], "a server that keeps the time itself has another doubt"
-
-
-def test_an_arm_that_does_not_answer_in_time_is_stopped_and_none_begins(
-    robots: dict[str, RemoteRobot], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    follow, hangs, over = RemoteRobot.follow, robots["lab/arm2"], threading.Event()
-
-    def hanging(self: RemoteRobot, *args: Any, **options: Any) -> int:
-        number = follow(self, *args, **options)
-        if self is hangs:
-            over.wait(30.0)
-        return number
-
-    monkeypatch.setattr(RemoteRobot, "follow", hanging)
-    before = where(robots)
-    with pytest.raises(FleetMotionError, match="no arm began: lab/arm2: no answer in"):
-        play_together(arms(robots))
-    over.set()
-    assert stand_still(robots, before)
-    eventually(lambda: robots["lab/arm2"].read().stopped)
-    assert not robots["lab/arm1"].read().stopped
-
-
+@pytest.mark.slow
 def test_the_stop_of_one_arm_stops_all(robots: dict[str, RemoteRobot]) -> None:
     other = hexwire.connect("zenoh:lab/arm1")
     before = where(robots)
@@ -235,6 +121,7 @@ def test_the_stop_of_one_arm_stops_all(robots: dict[str, RemoteRobot]) -> None:
     other.detach()
 
 
+@pytest.mark.slow
 def test_an_arm_that_another_program_has_taken_is_left_to_it(robots: dict[str, RemoteRobot]) -> None:
     other, told = hexwire.connect("zenoh:lab/arm1"), list[str]()
     assert isinstance(other, RemoteRobot)
@@ -255,6 +142,7 @@ def test_an_arm_that_another_program_has_taken_is_left_to_it(robots: dict[str, R
     other.detach()
 
 
+@pytest.mark.slow
 def test_an_interruption_stops_all(robots: dict[str, RemoteRobot]) -> None:
     before, shields = where(robots), []
 
@@ -273,18 +161,6 @@ def test_an_interruption_stops_all(robots: dict[str, RemoteRobot]) -> None:
     interrupting.join()
     assert shields
     assert eventually(lambda: all(robot.read().stopped for robot in robots.values()))
-
-
-def test_another_holder_is_named_and_can_be_preempted(robots: dict[str, RemoteRobot]) -> None:
-    with hexwire.connect("zenoh:lab/arm2") as other:
-        other.torque(True)
-        with pytest.raises(FleetMotionError, match=r"no arm moved: lab/arm2: .* holds the lease"):
-            play_together(arms(robots))
-        # The lease of the first was given back.
-        eventually(lambda: not robots["lab/arm1"].holder)
-        with pytest.raises(FleetMotionError, match="holds the lease"):
-            play_together(arms(robots), take=True, dry_run=True)
-        play_together(arms(robots), take=True)
 
 
 def test_arms_that_cannot_be_reached_are_named(serve: Serve) -> None:
