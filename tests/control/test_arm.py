@@ -332,6 +332,7 @@ def test_a_stop_that_a_servo_does_not_confirm_is_no_success() -> None:
     assert bench.arm.facts().stopped == "test"
 
 
+@pytest.mark.slow
 def test_torque_off_aborts_and_on_again_begins_where_the_arm_is() -> None:
     bench = make_bench()
     told = bench.command(order((3.0, {"J1": J1 + 1.0})))
@@ -468,6 +469,7 @@ def _short() -> Spline:
     return Spline(NAMES, [Waypoint(0.0, home), Waypoint(0.01, home)])
 
 
+@pytest.mark.slow
 def test_if_one_controller_fails_the_others_hold() -> None:
     poses = {"both": {"J1": J1 + 1.0, "J7": 0.6}}
     bench = make_bench(
@@ -497,6 +499,7 @@ def test_the_paths_of_a_pose_are_checked_together() -> None:
     assert bench.ask(lambda: bench.arm.go_to("J2")) == "at J2", "alone it may go there"
 
 
+@pytest.mark.slow
 def test_the_desired_state_of_a_controller_at_a_time() -> None:
     bench = make_bench()
     at_rest = bench.arm.query("", 0.0)

@@ -499,6 +499,7 @@ def test_an_emulated_arm_turns_round_at_full_speed() -> None:
         assert abs(joint.counts_to_angle(b[0]) - joint.counts_to_angle(a[0])) < 1.1 * speed * (u - t) + 0.01
 
 
+@pytest.mark.slow
 def test_an_emulated_arm_that_meets_something() -> None:
     bench = enabled()
     told = bench.command(order((3.0, {"J5": 1.2})))

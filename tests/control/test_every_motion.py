@@ -284,7 +284,7 @@ FRONTS: dict[str, Callable[[Case], object]] = {
 }
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@few("robot", ROBOTS, "hex7bot", "so101")
 def test_every_front_refuses_a_motion_through_the_table(robot: str) -> None:
     model = load_driver(robot).from_url("tcp://127.0.0.1:1" if robot == "puma260" else "/dev/null").model
     for front, move in FRONTS.items():

@@ -58,6 +58,7 @@ def test_a_refused_motion_says_the_same_as_its_preview(bench: DeskBench) -> None
     assert str(caught.value) == refusal != ""
 
 
+@pytest.mark.slow
 def test_a_pose_is_saved_and_recalled(bench: DeskBench) -> None:
     assert bench.do(what="joints", goals={"J1": J1 + 0.5, "J7": 0.2}) == "succeeded"
     bench.desk.save_pose("here")

@@ -102,6 +102,7 @@ def test_a_robot_that_cannot_be_understood_is_told_to_stop_before_it_is_left() -
     assert bench.board.state.report_due is None
 
 
+@pytest.mark.slow
 def test_a_board_that_is_reset_during_a_motion_stops_the_arm() -> None:
     bench, told = moving()
     boot = bench.owner.probe.boot_id if bench.owner.probe else None

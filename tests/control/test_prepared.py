@@ -107,6 +107,7 @@ def test_what_is_never_planned_in_time_is_planned_with_the_lock_in_the_end(monke
     assert told.outcome == SUCCEEDED
 
 
+@pytest.mark.slow
 def test_what_else_is_begun_meanwhile_is_what_it_begins_from(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = moving()
     todo = [lambda: bench.arm.hold("", "a test")]

@@ -646,6 +646,7 @@ def test_goals_at_once_and_a_stall_before_the_first_began() -> None:
     assert not bench.targets
 
 
+@pytest.mark.slow
 def test_a_change_that_comes_too_late_for_the_board_is_made_at_rest() -> None:
     bench = Timed()
     bench.go(by=0.8, seconds=3.0)

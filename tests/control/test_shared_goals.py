@@ -48,6 +48,7 @@ class Goals(SharedBench):
         return self.report(number).outcome
 
 
+@pytest.mark.slow
 def test_a_motion_begins_at_its_time_and_not_before() -> None:
     bench = Goals()
     number = bench.follow(delay=1.0)

@@ -113,7 +113,7 @@ ENDS: dict[str, Callable[[SharedBench, int], object]] = {
 }
 
 
-@pytest.mark.parametrize("end", ENDS)
+@few("end", ENDS, "a stop", "silence", "the end of the server")
 def test_the_steps_end_with_who_answers_for_them(end: str) -> None:
     bench, key = make()
     bench.move(key, 20.0, J1=AWAY)

@@ -77,6 +77,7 @@ def test_from_every_place_of_a_path_a_brake_keeps_all_limits(curved: bool) -> No
     assert found > (100 if curved else 250), "elsewhere the board brakes on its path by its own law"
 
 
+@pytest.mark.slow
 def test_a_straight_motion_stays_straight_and_a_brake_near_its_path() -> None:
     draw, found = random.Random(5), 0
     for _ in range(100):

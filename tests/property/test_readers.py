@@ -279,6 +279,7 @@ def test_hostile_files_give_a_value_or_one_error(name: str, readers: dict[str, R
         outcome(readers[name], path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_file_cut_at_each_byte_gives_a_value_or_one_error(
     name: str, readers: dict[str, Reader], place: Path

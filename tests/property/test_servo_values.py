@@ -22,6 +22,7 @@ def test_no_value_is_wrong_under_any_combination_of_faults() -> None:
     assert total["right"] > 0.6 * total["asked"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("faults", "share"),
     [
