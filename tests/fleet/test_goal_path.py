@@ -150,6 +150,7 @@ def test_a_goal_that_waits_for_its_joints_is_done_and_one_that_was_replaced_is_g
     assert "there is no goal" in report.why
 
 
+@pytest.mark.slow
 def test_a_motion_of_a_client_is_followed_by_the_board(serve: Serve) -> None:
     serve("lab/arm1", lease=2.0, port="sim://hex7bot?name=goalpath")
     with hexwire.connect("zenoh:lab/arm1") as robot:

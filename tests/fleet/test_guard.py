@@ -47,6 +47,7 @@ def test_it_sees_the_own_name_with_the_certificate_of_an_arm_and_no_other(tmp_pa
             all_names.close()
 
 
+@pytest.mark.slow
 def test_it_tells_once_the_router_is_there_and_again_after_it_returns() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     network = Network(connect=(endpoint,))

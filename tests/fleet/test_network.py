@@ -182,6 +182,7 @@ def test_a_missing_peer_is_reported_at_once() -> None:
 # -- a connection that stands -----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_connection_ends_when_its_certificate_does(lab: Lab) -> None:
     lab.issue("long", Kind.OPERATOR, "lab/*", subject="of brief")
     with lab.routing(), lab.session("anna") as stays, contextlib.ExitStack() as stack:

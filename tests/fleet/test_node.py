@@ -35,10 +35,13 @@ def test_a_question_at_a_pattern_is_answered_for_the_own_key(runtime: Path) -> N
         with pytest.raises(NoAnswerError) as absent:
             client.ask("hexwire/a/other", b"", 5.0)
         assert absent.value.absent
-        server.answer("hexwire/a/silent", lambda question: threading.Timer(3.0, question.reply, (b"",)).start())
+        held: list[Question] = []
+        server.answer("hexwire/a/silent", held.append)
         with pytest.raises(NoAnswerError) as silent:
             client.ask("hexwire/a/silent", b"", 1.0)
         assert not silent.value.absent
+        (question,) = held
+        question.reply(b"")
         client.ask_neighbours(5.0)
         assert client.is_offered("hexwire/a/silent", 5.0)
         assert not client.is_offered("hexwire/a/other", 0.2)

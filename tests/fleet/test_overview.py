@@ -68,6 +68,7 @@ def test_an_arm_says_how_it_is(serve: Serve) -> None:
                 robot.write(JointTarget.of({"J1": 0.1}, 1.0))
 
 
+@pytest.mark.slow
 def test_an_arm_that_hangs_is_shown_as_silent_and_one_that_starts_too(runtime: Path) -> None:
     hung, starts = puppet("lab/hung", ask=None), puppet("lab/starts")
     with Roster() as roster:
@@ -130,6 +131,7 @@ def test_a_denied_torque_off_still_stops_the_arm(runtime: Path, monkeypatch: pyt
         node.close()
 
 
+@pytest.mark.slow
 def test_a_stop_does_not_wait_for_the_way_to_others(runtime: Path) -> None:
     """A server that hangs already when the stop is called is reported last, and as not confirmed."""
 

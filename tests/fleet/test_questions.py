@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from tests.few import few
 from tests.link.far_ends import free_port
 
 import hexwire
@@ -109,7 +110,7 @@ def command(robot: RobotDriver) -> None:
 # -- each right, and the error for a missing one ---------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["anna", "cora"])
+@few("name", ["anna", "cora"], "anna")
 def test_who_may_command_does(lab: Lab, served: Service, name: str) -> None:
     with connected(lab, "lab/arm1", name) as robot:
         command(robot)
@@ -128,7 +129,7 @@ def test_an_observer_reads_and_stops_but_may_not_command(lab: Lab, served: Servi
         assert robot.read().stopped
 
 
-@pytest.mark.parametrize("name", ["anna", "cora"])
+@few("name", ["anna", "cora"], "cora")
 def test_who_may_command_stops_with_torque_off(lab: Lab, served: Service, name: str) -> None:
     with connected(lab, "lab/arm1", name) as robot:
         robot.torque(True)
@@ -156,6 +157,7 @@ def test_torque_off_by_an_observer_stops_the_arm_which_holds(lab: Lab, served: S
         cora.resume()
 
 
+@pytest.mark.slow
 def test_with_an_older_access_file_torque_off_stops_the_arm_and_says_what_to_do(
     runtime: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -197,15 +199,21 @@ def test_a_role_above_that_of_the_certificate_is_denied_by_the_router_and_explai
     assert not served._arms[0].arm.owner.newest().torque_on
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
+BEN = ("ben", r"ben\.pem \(operator for hall/\*\) is not for this arm")
+STRANGER = ("stranger", r"the router does not know the certificate .*stranger\.pem \(operator for lab/\*\)")
+
+
+@few(
+    "name, words",
     [
-        ("ben", r"ben\.pem \(operator for hall/\*\) is not for this arm"),
+        BEN,
         ("arm1", r"arm1\.pem \(arm for lab/arm1\) is for a server, which may not read"),
         ("mute", r"mute\.pem \(arm for lab/mute\) is not for this arm"),
         ("plain", r"plain\.pem \(without a role\) does not allow a program to read; 'hexwire cert issue'"),
-        ("stranger", r"the router does not know the certificate .*stranger\.pem \(operator for lab/\*\)"),
+        STRANGER,
     ],
+    BEN,
+    STRANGER,
 )
 def test_a_certificate_that_gives_no_right_here_says_so(lab: Lab, served: Service, name: str, words: str) -> None:
     with pytest.raises(LinkPermissionError, match=words) as raised:
@@ -216,7 +224,7 @@ def test_a_certificate_that_gives_no_right_here_says_so(lab: Lab, served: Servic
 # -- no such arm, no way, no answer -----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["anna", "watcher", "cora"])
+@few("name", ["anna", "watcher", "cora"], "watcher")
 def test_there_is_no_such_arm(lab: Lab, served: Service, name: str) -> None:
     with pytest.raises(LinkNotFoundError, match="there is no arm lab/none") as raised:
         hexwire.connect(lab.url("lab/none", name))
@@ -237,6 +245,7 @@ def _ask_patiently(node: Node, address: Address, key: str) -> None:
             ask(node, address, key, m.Ask("clock"), 1.0)
 
 
+@pytest.mark.slow
 def test_an_arm_that_is_there_but_does_not_answer(lab: Lab, runtime: Path) -> None:
     keys = Keys("lab/mute")
     with lab.session("mute") as mute, lab.session("anna") as node:
@@ -252,6 +261,7 @@ def test_an_arm_that_is_there_but_does_not_answer(lab: Lab, runtime: Path) -> No
             why(raised.value)
 
 
+@pytest.mark.slow
 def test_an_arm_whose_rights_the_router_does_not_know_does_not_exist_for_others_and_says_so(
     lab: Lab, runtime: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -310,6 +320,7 @@ def test_a_connection_that_ends_while_the_reason_is_looked_for_is_lost(lab: Lab)
         ask(Ending(), address, Keys("lab/arm1").ask, m.Ask("clock"), 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.system
 def test_a_router_that_is_stopped_is_not_taken_for_an_arm_that_is_not_there(
     runtime: Path, monkeypatch: pytest.MonkeyPatch
@@ -355,6 +366,7 @@ def test_what_the_server_refuses_arrives_as_its_error(lab: Lab, served: Service)
 # -- without a router -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_server_that_is_reached_directly_enforces_the_same_rights(tmp_path: Path, runtime: Path) -> None:
     lab = Lab(tmp_path / "lab")
     lab.issue("arm1", Kind.ARM, "lab/arm1")

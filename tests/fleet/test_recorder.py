@@ -130,6 +130,7 @@ def test_an_arm_that_vanishes_while_it_is_found_does_not_end_the_recording(
         eventually(lambda: (far.send(), recorder.run(0.05), recorder.counts["lab/far"][0])[2])
 
 
+@pytest.mark.slow
 def test_arms_that_come_and_go_are_noted(far: Far, serve: Serve, tmp_path: Path) -> None:
     file, told = tmp_path / "a.mcap", []
     with RecordingWriter(file) as writer, FleetRecorder(writer, tell=told.append) as recorder:

@@ -77,6 +77,7 @@ def test_the_first_order_takes_the_lease_and_others_hear_who_has_it(connect: Cal
     assert bob.board_counters()["lease_without_lease"] == 0
 
 
+@pytest.mark.slow
 def test_a_read_after_an_order_is_never_older(connect: Callable[..., RemoteRobot]) -> None:
     robot = connect()
     for on in (True, False) * 10:
@@ -137,6 +138,7 @@ def test_taking_the_lease_again_has_no_effect(connect: Callable[..., RemoteRobot
     assert ann.board_counters()["lease_preempted"] == before + 2
 
 
+@pytest.mark.slow
 def test_a_silent_holder_loses_it_and_a_resume_takes_it_again(connect: Callable[..., RemoteRobot]) -> None:
     ann, bob = connect(), connect()
     ann.torque(True)
@@ -153,6 +155,7 @@ def test_a_silent_holder_loses_it_and_a_resume_takes_it_again(connect: Callable[
     wait_for(lambda: not bob.held)
 
 
+@pytest.mark.slow
 def test_a_heartbeat_keeps_it_for_a_program_that_does_nothing(connect: Callable[..., RemoteRobot]) -> None:
     ann, bob = connect(), connect()
     ann.torque(True)
@@ -181,6 +184,7 @@ def test_the_offset_of_the_owners_clock_has_an_uncertainty(connect: Callable[...
     assert before - 1.0 < state.stamp <= time.monotonic()
 
 
+@pytest.mark.slow
 def test_two_threads_of_a_program_order_one_after_the_other(connect: Callable[..., RemoteRobot]) -> None:
     robot = connect()
     robot.torque(True)
@@ -393,6 +397,7 @@ def test_a_lease_without_a_key_is_none(fake: tuple[RemoteRobot, FakeServer], val
     assert not node.orders()
 
 
+@pytest.mark.slow
 def test_whatever_a_program_passes_is_told_in_one_line(connect: Callable[..., RemoteRobot]) -> None:
     robot = connect()
     own = {"path": rest_to_rest(["J1"], [0.0], [0.1], 2.0), "start": 0.0}

@@ -143,7 +143,9 @@ def outcome(call: Callable[[RobotDriver], object], robot: RobotDriver) -> object
     return value
 
 
-@pytest.fixture(params=KINDS)
+@pytest.fixture(
+    params=[pytest.param(kind, marks=() if kind in ("dialect 2", "so101") else pytest.mark.slow) for kind in KINDS]
+)
 def kind(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
@@ -238,6 +240,7 @@ def test_velocities_are_there_although_short_reports_leave_them_out(robot: Robot
     eventually(lambda: all(abs(speed) < 10.0 for speed in robot.read().velocity))
 
 
+@pytest.mark.slow
 def test_a_stream_keeps_its_period_and_its_order(robot: RobotDriver) -> None:
     states = list(itertools.islice(robot.stream(0.1, slow=2.0), 5))
     stamps = [state.stamp for state in states]
@@ -265,6 +268,7 @@ def test_discarded_reports_are_not_read(robot: RobotDriver) -> None:
     assert newest(robot) > discarded
 
 
+@pytest.mark.slow
 def test_a_stream_ends_when_the_server_answers_but_has_no_states(shared: Service, robot: RobotDriver) -> None:
     (served,) = shared._arms
     assert served.server is not None
@@ -274,6 +278,7 @@ def test_a_stream_ends_when_the_server_answers_but_has_no_states(shared: Service
     assert len(list(states)) < 5
 
 
+@pytest.mark.slow
 def test_a_read_waits_as_long_as_the_robot_is_busy(shared: Service, robot: RobotDriver) -> None:
     owner = shared._arms[0].arm.owner
     busy, free = threading.Event(), threading.Event()
@@ -330,6 +335,7 @@ def test_without_a_motion_of_its_own_a_program_that_lost_its_lease_goes_on_readi
         assert robot.read().torque_on
 
 
+@pytest.mark.slow
 def test_a_motion_runs_to_its_end_after_the_program_has_left(shared: Service) -> None:
     with other() as second:
         with other() as first:

@@ -84,6 +84,7 @@ def test_an_arm_of_ones_own_is_of_the_kind_that_its_file_is_based_on(serve: Serv
         RemoteRobot.from_url("zenoh:lab/left", robot="so100")
 
 
+@pytest.mark.slow
 def test_states_that_stop_arriving_are_reported(serve: Serve, caplog: pytest.LogCaptureFixture) -> None:
     service = serve("lab/arm1", robot="sim")
     with hexwire.connect("zenoh:lab/arm1") as robot:

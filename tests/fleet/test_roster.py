@@ -63,6 +63,7 @@ def test_a_pattern_selects_arms(runtime: Path) -> None:
         Roster("lab/arm*")
 
 
+@pytest.mark.slow
 def test_a_server_that_hangs_is_named_and_delays_no_other(runtime: Path) -> None:
     path = local_socket("lab/hung")
     node = offer("lab/arm1")
@@ -92,6 +93,7 @@ def test_a_server_that_does_not_name_its_arm_in_time_is_named_as_silent(
     slow.close()
 
 
+@pytest.mark.slow
 def test_arms_behind_a_router_and_a_router_that_is_lost(runtime: Path) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     way = Network(connect=(endpoint,))

@@ -151,6 +151,7 @@ def _serve_for_ever(ready: object) -> None:
         time.sleep(600)
 
 
+@pytest.mark.slow
 def test_what_a_killed_server_leaves_does_not_disturb_the_next(serve: Serve, runtime: Path) -> None:
     context = multiprocessing.get_context("spawn")
     ready = context.Event()

@@ -109,6 +109,7 @@ def is_one_error(program: subprocess.Popen[str], words: str) -> None:
     assert words in said[0]
 
 
+@pytest.mark.slow
 @pytest.mark.system
 def test_of_two_that_start_at_the_same_time_one_is_refused(runtime: Path) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
@@ -127,6 +128,7 @@ def test_of_two_that_start_at_the_same_time_one_is_refused(runtime: Path) -> Non
         router.close()
 
 
+@pytest.mark.slow
 @pytest.mark.system
 def test_after_a_partition_the_one_started_later_gives_way(runtime: Path) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
