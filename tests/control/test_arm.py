@@ -425,6 +425,7 @@ def test_a_goal_takes_the_arm_from_a_pose() -> None:
     assert free(bench)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["stop", "lost", "shutdown", "off"])
 def test_whoever_waits_for_a_pose_hears_of_its_end(how: str) -> None:
     bench = make_bench(controllers=SPLIT)

@@ -139,6 +139,7 @@ def test_a_stream_must_begin_near_the_arm_and_may_go_on_anywhere() -> None:
     assert bench.controller.words == "stream"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("end", ["silence", "stop", "goal"])
 def test_a_stream_that_was_ended_must_begin_again_near_the_arm(end: str) -> None:
     bench = make_bench()

@@ -279,6 +279,7 @@ def test_a_closing_gripper_holds_what_it_meets_with_little_force(bench: RunBench
     assert 0.0 < told - bench.where("J7") < 0.12
 
 
+@pytest.mark.slow
 def test_the_effort_of_the_start_is_no_object(bench: RunBench) -> None:
     bench.until(grip(bench, 1.0))
     run = grip(bench, 0.0)
@@ -288,6 +289,7 @@ def test_the_effort_of_the_start_is_no_object(bench: RunBench) -> None:
     bench.until(run)
 
 
+@pytest.mark.slow
 def test_jaws_that_move_hold_nothing_whatever_velocity_is_reported(bench: RunBench) -> None:
     bench.until(grip(bench, 1.0))
     run = grip(bench, 0.0)

@@ -73,6 +73,7 @@ def test_the_watchdog_has_the_timeout_and_the_mode_that_are_asked_for(what: str)
     assert {timeout for timeout, _ in armed} == {0.0}
 
 
+@pytest.mark.slow
 def test_thresholds_of_the_caller_stop_a_path_where_the_usual_ones_do_not() -> None:
     for limits, kind in ((None, None), (SafetyLimits(following_error=0.03, lag=0.05), "following")):
         bench = Bench()

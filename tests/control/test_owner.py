@@ -81,6 +81,7 @@ def test_observers_have_a_state_before_anything_is_computed_from_it() -> None:
     assert all(before)
 
 
+@pytest.mark.slow
 def test_a_rate_above_what_a_board_reports_at_is_no_reason_to_lose_it() -> None:
     bench = BoardBench(publish_rate=1000.0)
     bench.owner.connect()
@@ -194,6 +195,7 @@ def test_a_target_lasts_beyond_the_next_one_or_a_late_cycle_would_be_a_pause() -
     assert min(spare) > 0.2 * bench.owner.command_period
 
 
+@pytest.mark.slow
 def test_a_slow_line_is_not_made_up_for_in_a_burst() -> None:
     bench = BoardBench()
     bench.owner.connect()
@@ -209,6 +211,7 @@ def test_a_slow_line_is_not_made_up_for_in_a_burst() -> None:
     assert min(gaps) > 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("error", "outcome"),
     [

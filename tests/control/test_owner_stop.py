@@ -148,6 +148,7 @@ def test_a_servo_that_falls_silent_at_rest_is_not_published() -> None:
     assert bench.owner.rate == pytest.approx(100, rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("when", ["before", "after"])
 def test_a_stop_while_a_reset_is_under_way_stays(when: str) -> None:
     bench, _ = moving()

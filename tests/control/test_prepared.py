@@ -69,6 +69,7 @@ def keeps_limits(bench: Bench) -> bool:
     return True
 
 
+@pytest.mark.slow
 def test_the_lock_is_free_while_a_way_is_planned(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = moving()
     planning = Planning(bench, monkeypatch, lambda: None)

@@ -231,6 +231,7 @@ def test_a_goal_for_later_begins_exactly_then() -> None:
     assert told.outcome == SUCCEEDED
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("before", [0.4, 0.1, 0.05])
 def test_a_goal_that_is_cancelled_before_its_time_moves_nothing(before: float) -> None:
     bench = Timed()
@@ -448,6 +449,7 @@ def test_controllers_that_begin_together_share_a_path_and_another_one_gets_targe
     assert {name for _, target in bench.targets for name, _ in target.positions} == {"J7"}
 
 
+@pytest.mark.slow
 def test_where_the_board_refuses_a_path_targets_are_sent(caplog: pytest.LogCaptureFixture) -> None:
     bench = Timed()
     limits = list(bench.owner.robot.limits())  # type: ignore[attr-defined]

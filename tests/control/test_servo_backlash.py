@@ -30,6 +30,7 @@ def loosen(servo: EmulatedServo, play: float) -> None:
     servo._present = present  # type: ignore[method-assign]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("torque", [0, 1])
 def test_a_new_servo_has_none_and_is_left_as_it_was(torque: int) -> None:
     bus, device = make_bus((1, 2, 3))

@@ -62,6 +62,7 @@ def test_a_stream_that_goes_on_through_a_stop_moves_nothing_after_the_reset(seen
     assert bench.where("J1") == pytest.approx(THERE["J1"], abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("prevent", "permit", "text"),
     [

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import pytest
 from tests.bus.bus_bench import BusLink
+from tests.few import few
 
 from hexwire.bus.servo_bus import ServoBus
 from hexwire.control.arm_setup import ArmSetup, StepKind
@@ -214,7 +215,7 @@ def test_a_power_cut_at_any_packet_loses_no_servo() -> None:
     assert cuts > 20
 
 
-@pytest.mark.parametrize("lost", range(1, 40, 3))
+@few("lost", range(1, 40, 3), 1, 13, 25)
 def test_a_servo_that_falls_silent_for_a_while_is_found_again(lost: int) -> None:
     table, plan, servo = Table(), ArmSetup(SO101, MILLION), new(baud=500_000)
     table.connect(servo)

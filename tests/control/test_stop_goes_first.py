@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from itertools import cycle, product
+from itertools import product
 
 import pytest
 from tests.control.arm_bench import STOPPED, Bench, Service, Told, make_bench, order
@@ -70,7 +70,7 @@ def reset(bench: Bench) -> None:
     bench.ask(bench.arm.reset)
 
 
-@few("name, host_timed", product(STOPS, (True, False)), *zip(STOPS, cycle((False, True)), strict=False))
+@few("name, host_timed", product(STOPS, (True, False)), ("owner", False), ("guard", False))
 def test_a_stop_is_sent_while_another_thread_has_the_lock(name: str, host_timed: bool) -> None:
     stop = STOPS[name]
     bench = make_bench(host_timed=host_timed)
@@ -148,6 +148,7 @@ def test_a_stop_of_a_shared_arm_is_sent_while_another_thread_has_the_lock() -> N
     assert not MOVES & set(after_stop(bench.bench))
 
 
+@pytest.mark.slow
 def test_a_program_ends_while_another_thread_has_the_lock() -> None:
     bench = make_bench()
     bench.command(order((5.0, {"J1": J1 + 0.6})))

@@ -110,6 +110,7 @@ def test_a_program_that_switches_torque_off_at_its_end_leaves_it_off_in_teach_mo
     assert not bench.arm.teach_mode.hand.active
 
 
+@pytest.mark.slow
 def test_a_moving_arm_is_not_taught() -> None:
     bench = make_bench()
     told = bench.command(order((1.0, {"J1": J1 + 0.3})))
