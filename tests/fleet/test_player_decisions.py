@@ -35,13 +35,15 @@ class Stage:
     Attributes:
         events: What was called, in order: arm and call.
         told: What was said.
+        shielded: Arms were stopped behind the shield.
+        over: Those that watch arms have been told that it is over.
     """
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now = 1000.0
         self.events: list[tuple[str, str]] = []
         self.told: list[str] = []
-        self.shielded = False
+        self.shielded = self.over = False
         self.arms = {name: FakeRobot(self, name) for name in NAMES}
         monkeypatch.setattr(module, "time", self)
         monkeypatch.setattr(module, "threading", SimpleNamespace(Event=lambda: self))
@@ -60,7 +62,7 @@ class Stage:
         return False
 
     def set(self) -> None:
-        pass
+        self.over = True
 
     def each_of(
         self, arms: Mapping[str, Any], call: Callable[[Any], Any], patience: float, *, together: bool = False
@@ -424,6 +426,7 @@ def test_the_stop_of_one_arm_stops_all(stage: Stage) -> None:
         stage.play()
     assert stage.called("stop own") == list(NAMES)
     assert stage.shielded
+    assert stage.over
     assert set(stage.called("release")) == set(NAMES)
 
 
