@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ctypes
 import fcntl
-import heapq
 import os
 import subprocess
 import tempfile
@@ -337,6 +336,11 @@ class ChipBoard(Machine):
             self._board = None
 
 
+def _ends(count: int, begin_us: float, byte_us: float) -> ctypes.Array[ctypes.c_uint64]:
+    """When each of some bytes in a row is over, microseconds."""
+    return (ctypes.c_uint64 * count)(*(round(begin_us + (i + 1) * byte_us) for i in range(count)))
+
+
 class CoreBoard(Machine):
     """The same core, compiled for this computer."""
 
@@ -349,12 +353,14 @@ class CoreBoard(Machine):
         lib = ctypes.CDLL(str(BUILD / "host/libhexwire.so"))
         board, u8p = ctypes.c_void_p, ctypes.POINTER(ctypes.c_uint8)
         lib.hexwire_new.restype, lib.hexwire_new.argtypes = board, []
-        lib.hexwire_poll.argtypes = [board, ctypes.c_uint64]
-        for name in ("hexwire_host_in", "hexwire_bus_in"):
+        u32, u64, u64p = ctypes.c_uint32, ctypes.c_uint64, ctypes.POINTER(ctypes.c_uint64)
+        lib.hexwire_run.restype = u64
+        lib.hexwire_run.argtypes = [board, u64, u64, u32, u8p, u64p, u32, ctypes.POINTER(u32)]
+        for name in ("hexwire_host_put", "hexwire_bus_put"):
             getattr(lib, name).restype = None
-            getattr(lib, name).argtypes = [board, ctypes.c_char_p, ctypes.c_uint32]
-        for name in ("hexwire_host_out", "hexwire_bus_out"):
-            getattr(lib, name).argtypes = [board, u8p, ctypes.c_uint32]
+            getattr(lib, name).argtypes = [board, ctypes.c_char_p, u64p, u32]
+        lib.hexwire_bus_out.argtypes = [board, u8p, u32]
+        lib.hexwire_line_rate.restype, lib.hexwire_line_rate.argtypes = None, [board, u32]
         lib.hexwire_bus_free.restype, lib.hexwire_bus_free.argtypes = ctypes.c_uint64, [board]
         lib.hexwire_storage.restype, lib.hexwire_storage.argtypes = u8p, [board]
         lib.hexwire_storage_writes.restype = ctypes.POINTER(ctypes.c_uint32)
@@ -370,11 +376,10 @@ class CoreBoard(Machine):
         self._us = 0
         self._boots = 0
         self._bytes = (ctypes.c_uint8 * 512)()
-        self._events: list[tuple[int, int, int, int]] = []  # time, order, line, byte
-        self._order = 0
+        self._ends = (ctypes.c_uint64 * 512)()
+        self._count = ctypes.c_uint32()
         self._in_free = 0
-        self._out_free = 0
-        self._rate = 115200
+        self.set_rate(115200)
         self.reset()
 
     @property
@@ -406,47 +411,29 @@ class CoreBoard(Machine):
 
     def set_rate(self, baud: int) -> None:
         self._rate = baud
-
-    def _passed(self, byte: int) -> int:
-        """A byte of the host line as the other end hears it."""
-        return byte if self._lib.hexwire_host_rate(self._board) == self._rate else byte ^ WRONG
-
-    def _schedule(self, line: int, data: bytes, begin_us: float) -> float:
-        for byte in data:
-            begin_us += 10e6 / (self._rate if line == HOST else 115200)
-            self._order += 1
-            heapq.heappush(self._events, (round(begin_us), self._order, line, byte))
-        return begin_us
+        self._lib.hexwire_line_rate(self._board, baud)
 
     def send(self, data: bytes) -> None:
-        self._in_free = round(self._schedule(HOST, data, max(self._us, self._in_free)))
+        begin, byte_us = max(self._us, self._in_free), 10e6 / self._rate
+        self._lib.hexwire_host_put(self._board, data, _ends(len(data), begin, byte_us), len(data))
+        self._in_free = round(begin + len(data) * byte_us)
 
     def _bus_put(self, data: bytes, begin: float) -> None:
-        self._schedule(BUS, data, begin * 1e6)
+        self._lib.hexwire_bus_put(self._board, data, _ends(len(data), begin * 1e6, 10e6 / 115200), len(data))
 
     def advance(self, seconds: float) -> None:
         end = self._us + round(seconds * 1e6)
         while self._us < end:
-            self._us = min(self._us + self._STEP_US, end)
-            due: tuple[bytearray, bytearray] = (bytearray(), bytearray())
-            while self._events and self._events[0][0] <= self._us:
-                _, _, line, byte = heapq.heappop(self._events)
-                due[line].append(self._passed(byte) if line == HOST else byte)
-            if due[HOST]:
-                self._lib.hexwire_host_in(self._board, bytes(due[HOST]), len(due[HOST]))
-            if due[BUS]:
-                self._lib.hexwire_bus_in(self._board, bytes(due[BUS]), len(due[BUS]))
-            self._lib.hexwire_poll(self._board, self._us)
+            self._us = self._lib.hexwire_run(
+                self._board, self._us, end, self._STEP_US, self._bytes, self._ends, 512, self._count
+            )
+            for i in range(self._count.value):
+                self.received.append(self._bytes[i])
+                self.stamps.append(self._ends[i] / 1e6)
             count = self._lib.hexwire_bus_out(self._board, self._bytes, 512)
             for i in range(count):
                 over = self._lib.hexwire_bus_free(self._board) / 1e6 - (count - 1 - i) * 87e-6
                 self.line.byte_sent(self._bytes[i], over)
-            # A byte at a time, so that the firmware sees its output ring drain as on the chip.
-            if self._us >= self._out_free and self._lib.hexwire_host_out(self._board, self._bytes, 1):
-                byte_us = round(10e6 / self._lib.hexwire_host_rate(self._board))
-                self.received.append(self._passed(self._bytes[0]))
-                self.stamps.append((self._us + byte_us) / 1e6)
-                self._out_free = self._us + byte_us
         self.wire.step(self.now)
 
     def leap(self, seconds: float) -> None:

@@ -9,12 +9,28 @@ namespace hexwire {
 namespace {
 
 const uint32_t kStorageByteUs = 3300;  // write time of the Mega's EEPROM
+const uint8_t kWrong = 0x5B;           // makes another byte of one that is heard at a wrong rate
 
 uint16_t take(std::vector<uint8_t>& from, uint8_t* into, uint16_t room) {
   const size_t count = std::min<size_t>(room, from.size());
   std::copy(from.begin(), from.begin() + static_cast<long>(count), into);
   from.erase(from.begin(), from.begin() + static_cast<long>(count));
   return static_cast<uint16_t>(count);
+}
+
+// A byte of the host line as the other end hears it.
+uint8_t passed(const HostBoard& b, uint8_t byte) { 
+  return b.host_rate == b.lines.host_rate ? byte : static_cast<uint8_t>(byte ^ kWrong);
+}
+
+void deliver(HostBoard& b, uint64_t now_us) {
+  auto &host = b.lines.to_board, &bus = b.lines.bus_to_board;
+  for (; !host.empty() && host.begin()->first <= now_us; host.erase(host.begin())) {
+    b.from_host.push_back(passed(b, host.begin()->second));
+  }
+  for (; !bus.empty() && bus.begin()->first <= now_us; bus.erase(bus.begin())) {
+    b.from_bus.push_back(bus.begin()->second);
+  }
 }
 
 }  // namespace
@@ -27,6 +43,7 @@ HostBoard::HostBoard()
       storage_broken(false),
       outputs(0),
       host_rate(115200),
+      lines(),
       storage(kStorageSize, 0xFF),
       storage_writes(kStorageSize, 0),
       board(*this) {}
@@ -64,32 +81,47 @@ void hexwire_begin(HostBoard* b, uint32_t boot_id, uint8_t reset_flags) {
   std::vector<uint32_t> writes = b->storage_writes;
   const uint64_t now = b->now_us;
   const uint32_t byte_us = b->bus_byte_us;
+  const hexwire::Lines lines = b->lines;
   b->~HostBoard();
   new (b) HostBoard;
   b->storage = storage;
   b->storage_writes = writes;
   b->now_us = now;
   b->bus_byte_us = byte_us;
+  b->lines = lines;
   b->board.begin(boot_id, reset_flags);
 }
 
-// One pass of the core at time `now_us`. True if it has nothing to do before the next byte or millisecond.
-int hexwire_poll(HostBoard* b, uint64_t now_us) {
-  b->now_us = now_us;
-  return b->board.poll();
+// Lets time pass to `end_us`, one pass of the core each `step_us`, or until the board sends on the bus. Returns the time
+// reached. `out` gets `*count` bytes that came on the host line and `ends` when each of them was over, as there is room.
+uint64_t hexwire_run(HostBoard* b, uint64_t now_us, uint64_t end_us, uint32_t step_us, uint8_t* out, uint64_t* ends,
+                     uint32_t room, uint32_t* count) {
+  for (*count = 0; now_us < end_us && b->to_bus.empty() && *count < room;) {
+    now_us = std::min(now_us + step_us, end_us);
+    hexwire::deliver(*b, now_us);
+    b->now_us = now_us;
+    b->board.poll();
+    // A byte at a time, so that the firmware sees its output ring drain as on the chip.
+    if (now_us < b->lines.free_us || !hexwire::take(b->to_host, &out[*count], 1)) continue;
+    b->lines.free_us = now_us + (10000000 + b->host_rate / 2) / b->host_rate;
+    out[*count] = hexwire::passed(*b, out[*count]);
+    ends[(*count)++] = b->lines.free_us;
+  }
+  return now_us;
 }
 
-void hexwire_host_in(HostBoard* b, const uint8_t* data, uint32_t size) {
-  b->from_host.insert(b->from_host.end(), data, data + size);
+// Puts bytes on the host line that are over at these times.
+void hexwire_host_put(HostBoard* b, const uint8_t* data, const uint64_t* ends, uint32_t size) {
+  for (uint32_t i = 0; i < size; ++i) b->lines.to_board.insert({ends[i], data[i]});
 }
 
-uint32_t hexwire_host_out(HostBoard* b, uint8_t* into, uint32_t room) {
-  return hexwire::take(b->to_host, into, static_cast<uint16_t>(room));
+// The same for the bus.
+void hexwire_bus_put(HostBoard* b, const uint8_t* data, const uint64_t* ends, uint32_t size) {
+  for (uint32_t i = 0; i < size; ++i) b->lines.bus_to_board.insert({ends[i], data[i]});
 }
 
-void hexwire_bus_in(HostBoard* b, const uint8_t* data, uint32_t size) {
-  b->from_bus.insert(b->from_bus.end(), data, data + size);
-}
+// The rate of the host's end of the host line.
+void hexwire_line_rate(HostBoard* b, uint32_t rate) { b->lines.host_rate = rate; }
 
 uint32_t hexwire_bus_out(HostBoard* b, uint8_t* into, uint32_t room) {
   return hexwire::take(b->to_bus, into, static_cast<uint16_t>(room));

@@ -5,11 +5,19 @@
 
 #include <stdint.h>
 
+#include <map>
 #include <vector>
 
 #include "board.h"
 
 namespace hexwire {
+
+// Bytes on their way over the two lines, by the microsecond at which each of them has come. A reset changes nothing here.
+struct Lines {
+  std::multimap<uint64_t, uint8_t> to_board, bus_to_board;
+  uint64_t free_us;    // when the board's last byte to the host is over
+  uint32_t host_rate;  // at any other rate of the board's every byte arrives as another one
+};
 
 class HostBoard final : public Platform {
  public:
@@ -41,6 +49,7 @@ class HostBoard final : public Platform {
   uint8_t outputs;
   uint32_t host_rate;
   std::vector<uint8_t> from_host, to_host, from_bus, to_bus;
+  Lines lines;
   std::vector<uint8_t> storage;
   std::vector<uint32_t> storage_writes;  // of each byte
   Board board;
