@@ -5,6 +5,9 @@ Owns what may differ between them, in one place: `comparable`. Everything else h
 
 from __future__ import annotations
 
+import math
+
+import pytest
 from tests.avr.client import Client
 from tests.avr.machines import WRONG, ChipBoard, CoreBoard, Machine
 
@@ -23,6 +26,7 @@ class EmulatorBoard(Machine):
     """The Python emulator with a paced servo line."""
 
     name = "emulator"
+    _STEP = 0.0005
 
     def __init__(self, faults: tuple[str, ...] = (), *, seed: int = 0) -> None:
         super().__init__(faults, seed=seed)
@@ -50,13 +54,19 @@ class EmulatorBoard(Machine):
     def advance(self, seconds: float) -> None:
         end = self._now + seconds
         while self._now < end:
-            self._now = min(self._now + 0.0005, end)
+            self._now = min(self._now + self._steps(end) * self._STEP, end)
             while self._incoming and self._incoming[0][0] <= self._now:
                 self._board.receive(self._passed(self._incoming.pop(0)[1]), self._now)
             self._board.step(self._now)
             data = self._passed(self._board.data_to_send())
             self.received += data
             self.stamps += [self._now] * len(data)
+
+    def _steps(self, end: float) -> int:
+        """Steps until something happens: at the others the board has nothing to do."""
+        due = self._board.next_event_time()
+        first = min(end, *(time for time, _ in self._incoming[:1]), *(() if due is None else (due,)))
+        return max(1, math.ceil((first - self._now) / self._STEP))
 
     def set_rate(self, baud: int) -> None:
         self._rate = baud
@@ -71,6 +81,9 @@ class EmulatorBoard(Machine):
 
 
 KINDS: dict[str, type[Machine]] = {kind.name: kind for kind in (EmulatorBoard, CoreBoard, ChipBoard)}
+
+EVERY_BOARD = ["emulator", "core", pytest.param("chip", marks=pytest.mark.slow)]
+"""Parameters of a fixture. The core proves in a tenth of the time what the chip does; `tests/avr` has the rest."""
 
 
 class BoardUnderTest:

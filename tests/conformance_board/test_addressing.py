@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from tests.conformance_board.adapter import KINDS, BoardUnderTest
+from tests.conformance_board.adapter import EVERY_BOARD, BoardUnderTest
 
 from hexwire.wire import tables
 from hexwire.wire.addresses import Broadcast, Multicast
@@ -36,7 +36,7 @@ FOR_SEVERAL = {
 }
 
 
-@pytest.fixture(params=list(KINDS))
+@pytest.fixture(params=EVERY_BOARD)
 def board(request: pytest.FixtureRequest) -> Iterator[BoardUnderTest]:
     made = BoardUnderTest(request.param)
     yield made

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import pytest
-from tests.conformance_board.adapter import KINDS, BoardUnderTest
+from tests.conformance_board.adapter import EVERY_BOARD, BoardUnderTest
 from tests.conformance_board.messages import MessageHost, Sent
 
 from hexwire.wire.board_trajectory import BeginRequest, PathFlag, PathPoint, PathStatus, PointsRequest
@@ -25,7 +25,7 @@ KP = 50
 Make = Callable[..., MessageHost]
 
 
-@pytest.fixture(params=list(KINDS))
+@pytest.fixture(params=EVERY_BOARD)
 def make(request: pytest.FixtureRequest) -> Iterator[Make]:
     made: list[MessageHost] = []
 

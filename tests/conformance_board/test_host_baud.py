@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from tests.conformance_board.adapter import KINDS, BoardUnderTest
+from tests.conformance_board.adapter import EVERY_BOARD, BoardUnderTest
 
 from hexwire.wire import tables
 from hexwire.wire.board_trajectory import BeginRequest, PathFlag, PathPoint, PointsRequest, StartRequest
@@ -59,7 +59,7 @@ class Line:
         assert self.answers()
 
 
-@pytest.fixture(params=KINDS)
+@pytest.fixture(params=EVERY_BOARD)
 def line(request: pytest.FixtureRequest) -> Iterator[Line]:
     made = Line(request.param)
     yield made

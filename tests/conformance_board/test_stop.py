@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import pytest
-from tests.conformance_board.adapter import KINDS, BoardUnderTest
+from tests.conformance_board.adapter import EVERY_BOARD, BoardUnderTest
 
 from hexwire.emulator.servo import EmulatedServo
 from hexwire.wire import tables
@@ -24,7 +24,7 @@ STOPPED, TRIPPED = tables.BOARD_FLAGS_STOPPED, tables.BOARD_FLAGS_WATCHDOG_TRIPP
 Make = Callable[..., BoardUnderTest]
 
 
-@pytest.fixture(params=list(KINDS))
+@pytest.fixture(params=EVERY_BOARD)
 def make(request: pytest.FixtureRequest) -> Iterator[Make]:
     made: list[BoardUnderTest] = []
 

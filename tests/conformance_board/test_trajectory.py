@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import pytest
-from tests.conformance_board.adapter import KINDS, BoardUnderTest
+from tests.conformance_board.adapter import EVERY_BOARD, BoardUnderTest
 
 from hexwire.emulator.faults import FaultPlan
 from hexwire.wire import tables
@@ -133,7 +133,7 @@ class Rider:
         assert self.shafts() == pytest.approx(before, abs=4)
 
 
-@pytest.fixture(params=list(KINDS))
+@pytest.fixture(params=EVERY_BOARD)
 def make(request: pytest.FixtureRequest) -> Iterator[Make]:
     made: list[Rider] = []
 
