@@ -475,6 +475,7 @@ def test_the_first_bytes_after_a_reset_are_not_lost(chip: Chip) -> None:
     assert status(client.ask(Command.IDENTIFY)) == Status.OK
 
 
+@pytest.mark.slow
 def test_the_host_line_at_500000(chip: Chip) -> None:
     _, client = chip(host_baud=500000)
     assert state(client, 0x3F).position == START

@@ -99,7 +99,7 @@ class ShakyBoard(ChipBoard):
         self.spoil(200 if baud > 115200 else 0)
 
 
-@pytest.mark.parametrize("rate", [500_000, 1_000_000])
+@pytest.mark.parametrize("rate", [500_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
 def test_the_rate_of_the_line_is_raised_and_put_back(rate: int, monkeypatch: pytest.MonkeyPatch) -> None:
     # A machine that stalls for longer than a check may take is no line that does not hold the rate.
     monkeypatch.setattr("hexwire.ipc.raised_line._CHECK", 20.0)
@@ -115,6 +115,7 @@ def test_the_rate_of_the_line_is_raised_and_put_back(rate: int, monkeypatch: pyt
         assert chip.overruns == 0
 
 
+@pytest.mark.slow
 def test_a_line_that_does_not_hold_the_rate() -> None:
     with on_pty(PtyBoard(ShakyBoard())) as board:
         probe = hexwire("probe", "--port", board.path, "--raise-baud", "1000000", "--json")
@@ -126,6 +127,7 @@ def test_a_line_that_does_not_hold_the_rate() -> None:
         assert "exchanges failed" in lines[0]
 
 
+@pytest.mark.slow
 def test_the_chapters_dialect_alone() -> None:
     with on_pty(PtyBoard(ChipBoard())) as board:
         probe = hexwire("probe", "--port", board.path, "--dialect", "1", "--json")

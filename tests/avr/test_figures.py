@@ -22,6 +22,7 @@ def test_reports_come_as_fast_as_the_servo_line_lets_them() -> None:
     assert bench.report_rate() >= 0.9 * BUS_HZ
 
 
+@pytest.mark.slow
 def test_moves_and_states_in_each_cycle() -> None:
     assert min(bench.move_rate()) >= 0.9 * MOVING_HZ
 
@@ -37,6 +38,7 @@ def test_a_stop_under_full_load() -> None:
     assert bench.stop_time(load=True) <= 0.015
 
 
+@pytest.mark.slow
 def test_a_faster_host_line_is_no_limit_any_more() -> None:
     slow, fast = bench.report_rate(115200, bench.EVERYTHING), bench.line_use(500000)
     assert slow < 0.85 * BUS_HZ
@@ -45,10 +47,12 @@ def test_a_faster_host_line_is_no_limit_any_more() -> None:
     assert fast.idle < 0.3
 
 
+@pytest.mark.slow
 def test_states_and_targets_while_a_trajectory_runs() -> None:
     assert min(bench_path.path_rate()) >= 0.92 * MOVING_HZ
 
 
+@pytest.mark.slow
 def test_a_trajectorys_targets_come_at_the_time_of_their_positions() -> None:
     for fed in (False, True):
         for error in bench_path.time_error(fed=fed):

@@ -68,16 +68,17 @@ def host() -> Iterator[Host]:
 
 
 @pytest.mark.parametrize("servo", [0, 3, 4, 6])
-@pytest.mark.parametrize(
-    ("first", "count"), [(0, 1), (9, 2), (0, 128), (0, 129), (0, 256), (100, 156), (63, 130), (255, 1), (1, 255)]
-)
-def test_registers_are_read_as_they_are(host: Host, servo: int, first: int, count: int) -> None:
-    status, data = host.read(servo, first, count)
-    assert (status, len(data)) == (Status.OK, count)
-    there = host.table(servo)[first : first + count]
-    # What a servo measures changes meanwhile.
-    settings = [i for i in range(count) if first + i < TORQUE or first + i > 80]
-    assert [data[i] for i in settings] == [there[i] for i in settings]
+def test_registers_are_read_as_they_are(host: Host, servo: int) -> None:
+    ends = ((0, 1), (9, 2), (0, 128), (0, 129), (0, 256), (100, 156), (63, 130), (255, 1), (1, 255))
+    for first, count in ends:
+        status, data = host.read(servo, first, count)
+        assert (status, len(data)) == (Status.OK, count), (first, count)
+        there = host.table(servo)[first : first + count]
+        # What a servo measures changes meanwhile.
+        settings = [i for i in range(count) if first + i < TORQUE or first + i > 80]
+        assert [data[i] for i in settings] == [there[i] for i in settings], (first, count)
+        # A long one was asked for again meanwhile; what answers that is none of the next one's.
+        host.client.run(1.5)
 
 
 def test_few_reads_for_many_registers(host: Host) -> None:
@@ -203,11 +204,11 @@ def test_a_repeat_of_a_long_read_is_executed_again(host: Host) -> None:
     assert len([p for p in host.packets(READ) if p[2] == 4 and p[6] == 64]) == 1
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_a_line_that_loses_frames_only_takes_longer(host: Host, seed: int) -> None:
-    dice = random.Random(seed)
-    host.messages.lost = lambda: dice.random() < 0.25
-    assert host.read(5, 0, 256)[1][: MIN_LIMIT + 4] == host.table(5)[: MIN_LIMIT + 4]
+def test_a_line_that_loses_frames_only_takes_longer(host: Host) -> None:
+    for seed in range(6):
+        dice = random.Random(seed)
+        host.messages.lost = lambda dice=dice: dice.random() < 0.25
+        assert host.read(5, 0, 256)[1][: MIN_LIMIT + 4] == host.table(5)[: MIN_LIMIT + 4], f"seed {seed}"
 
 
 def test_targets_of_a_trajectory_do_not_wait_for_a_table() -> None:

@@ -12,7 +12,7 @@ from hexwire.wire.commands import Identity
 
 
 @pytest.mark.parametrize("dialect", [1, 2])
-@pytest.mark.parametrize("baud", [0, 115200])
+@pytest.mark.parametrize("baud", [pytest.param(0, marks=pytest.mark.slow), 115200])
 def test_the_same_however_time_is_cut(dialect: int, baud: int) -> None:
     def story(slice: float) -> list[tuple[int, bytes]]:
         bench = Bench(dialect=dialect, baud=baud, faults=["bus.flip:0.02", "late:5:0.01:0.1"])

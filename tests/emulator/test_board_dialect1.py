@@ -77,9 +77,11 @@ def test_hexwires_board_verifies_the_answers_it_passes_on() -> None:
 
 
 @settings(max_examples=150, deadline=None)
-@given(st.lists(st.tuples(st.integers(0, 255), st.binary(max_size=80), st.sampled_from([1, 2])), max_size=6))
-@pytest.mark.parametrize("faults", [[], ["sketch"]])
-@pytest.mark.parametrize("dialect", [1, 2])
+@given(
+    st.sampled_from([1, 2]),
+    st.sampled_from([[], ["sketch"]]),
+    st.lists(st.tuples(st.integers(0, 255), st.binary(max_size=80), st.sampled_from([1, 2])), max_size=6),
+)
 def test_no_command_and_no_body_breaks_a_board(
     dialect: int, faults: list[str], commands: list[tuple[int, bytes, int]]
 ) -> None:
@@ -97,8 +99,7 @@ def test_no_command_and_no_body_breaks_a_board(
 
 
 @settings(max_examples=150, deadline=None)
-@given(st.lists(st.binary(min_size=1, max_size=300), max_size=8))
-@pytest.mark.parametrize("dialect", [1, 2])
+@given(st.sampled_from([1, 2]), st.lists(st.binary(min_size=1, max_size=300), max_size=8))
 def test_no_noise_breaks_a_board(dialect: int, noise: list[bytes]) -> None:
     bench = Bench(dialect=dialect)
     for data in noise:

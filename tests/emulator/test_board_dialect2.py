@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 
 import pytest
 from tests.emulator.boards import ALL, STOPPED_FLAG, Bench, u16
@@ -296,7 +297,7 @@ def test_a_move_with_a_silent_servo_moves_the_others_and_says_so() -> None:
 
 
 @BAUDS
-@pytest.mark.parametrize("ms", [800, 1500, 3000])
+@pytest.mark.parametrize("ms", [800, *(pytest.param(ms, marks=pytest.mark.slow) for ms in (1500, 3000))])
 def test_all_seven_joints_arrive_at_the_asked_time(baud: int, ms: int) -> None:
     bench = ready(baud=baud)
     targets = {i: START[i] + (700 if i % 2 else -700) for i in range(7)}
@@ -397,13 +398,28 @@ def sequences() -> list[tuple[str, list[tuple[int, bytes]]]]:
     ]
 
 
+FAULTS = [[], ["late:4:0.004:0.5", "silent:5:0.5"], ["bus.flip:0.1", "bus.drop:0.1"]]
+
+
+def test_nothing_gets_torque_or_moves_after_a_stop_whenever_it_comes() -> None:
+    for number, ((name, requests), faults) in enumerate(itertools.product(sequences(), FAULTS)):
+        _stop_after(name, requests, faults, number % 2, [0.0, 0.0041, 0.0246])
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", [0, 1])
-@pytest.mark.parametrize("faults", [[], ["late:4:0.004:0.5", "silent:5:0.5"], ["bus.flip:0.1", "bus.drop:0.1"]])
+@pytest.mark.parametrize("faults", FAULTS)
 @pytest.mark.parametrize(("name", "requests"), sequences())
-def test_nothing_gets_torque_or_moves_after_a_stop_whenever_it_comes(
+def test_nothing_gets_torque_or_moves_after_a_stop_at_any_moment(
     name: str, requests: list[tuple[int, bytes]], faults: list[str], mode: int
 ) -> None:
-    for delay in [i * 0.0041 for i in range(14)]:
+    _stop_after(name, requests, faults, mode, [i * 0.0041 for i in range(14)])
+
+
+def _stop_after(
+    name: str, requests: list[tuple[int, bytes]], faults: list[str], mode: int, delays: Sequence[float]
+) -> None:
+    for delay in delays:
         bench = ready(baud=115200, faults=faults)
         for cmd, body in requests:
             bench.send(cmd, body)
@@ -480,7 +496,7 @@ def test_a_watchdog_of_0_never_trips() -> None:
 
 
 @BAUDS
-@pytest.mark.parametrize("ms", [20, 50, 500])
+@pytest.mark.parametrize("ms", [20, *(pytest.param(ms, marks=pytest.mark.slow) for ms in (50, 500))])
 def test_reports_come_at_their_rate(baud: int, ms: int) -> None:
     bench = ready(baud=baud)
     bench.ask(Command.REPORT, u16(ms) + b"\x3f")

@@ -94,7 +94,7 @@ def test_each_servo_answers_at_its_own_rate_only() -> None:
     line = Line(RATES)
     found = []
     for line.rate in (*RATES, *reversed(RATES)):
-        answers = [line.ask(make_ping(servo_id), 0.01) for servo_id in range(254)]
+        answers = [line.ask(make_ping(servo_id), 0.01) for servo_id in range(12)]
         found += [(who, line.rate) for who, answer in enumerate(answers) if answer == make_status(who)]
     each = [(1 + place, rate) for place, rate in enumerate(RATES)]
     assert found == each + each[::-1]

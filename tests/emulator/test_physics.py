@@ -82,6 +82,7 @@ def test_weight_shows_as_load_and_sag_and_grows_with_the_payload(monkeypatch: py
     assert heavy.tip(loaded)[2] < height - 0.003, "and sags under it"
 
 
+@pytest.mark.slow
 def test_load_register_of_the_small_servos_shows_the_tools_weight(monkeypatch: pytest.MonkeyPatch) -> None:
     level = {"J5": -80.0}
     empty = Arm(monkeypatch).move(level)["J5"].load
@@ -122,6 +123,7 @@ def test_without_torque_a_heavy_arm_falls_onto_the_table(monkeypatch: pytest.Mon
     assert after < before - 0.05
 
 
+@pytest.mark.slow
 def test_obstacles_and_pushes_set_by_hand_work_as_with_the_usual_shafts(monkeypatch: pytest.MonkeyPatch) -> None:
     arm = Arm(monkeypatch)
     shaft = arm.board.wire.servos[0].motion

@@ -133,7 +133,7 @@ def picture(model: Any, data: Any, width: int = 160, height: int = 120) -> np.nd
         context.free()
 
 
-@pytest.mark.parametrize("robot", ["hex7bot", "so101"])
+@pytest.mark.parametrize("robot", ["hex7bot", pytest.param("so101", marks=pytest.mark.slow)])
 def test_the_camera_sees_the_whole_arm_in_colours(robot: str) -> None:
     shapes = shapes_of(robot)
     arm = HEX7BOT if robot == "hex7bot" else load_profile(robot).model

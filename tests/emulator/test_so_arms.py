@@ -56,7 +56,7 @@ def test_horns_anywhere_make_ranges_that_pass_the_end_of_the_turn() -> None:
     assert wrapped > 10
 
 
-@pytest.mark.parametrize("leader", [False, True])
+@pytest.mark.parametrize("leader", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_joints_end_at_stops_beyond_the_limits_of_the_profile(leader: bool) -> None:
     profile = load_profile("so101").model
     for joint in profile.joints:
