@@ -569,7 +569,7 @@ def test_giving_up_is_final() -> None:
 # --- a stop from another thread --------------------------------------------------------------------------------
 
 
-@DIALECTS
+@pytest.mark.parametrize("dialect", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_a_stop_from_another_thread_interrupts_a_request_to_a_silent_board(dialect: int) -> None:
     near, far = memory_pair()
     far.open()
@@ -629,12 +629,13 @@ NOISE = ("flip:0.02", "drop:0.02", "dup:0.02", "junk:0.02", "cut:0.02")
 BUS = tuple(f"bus.{fault}" for fault in NOISE)
 
 
-def test_thousands_of_reads_over_hostile_lines_give_no_wrong_value_and_count_every_loss() -> None:
+@pytest.mark.parametrize("reads", [250, pytest.param(2500, marks=pytest.mark.slow)])
+def test_reads_over_hostile_lines_give_no_wrong_value_and_count_every_loss(reads: int) -> None:
     arm = Arm(2, 0, (*NOISE, *BUS), seed=11, policy=RetryPolicy(attempts=12))
     arm.driver.torque(True)
     arm.driver.read()
     wrong = 0
-    for i in range(2500):
+    for i in range(reads):
         if i % 250 == 0:
             arm.driver.write(JointTarget.of({"J1": 0.3 if i % 500 else -0.3, "J5": 0.3 if i % 500 else -0.3}, 2.0))
         state = arm.driver.read()
@@ -647,12 +648,12 @@ def test_thousands_of_reads_over_hostile_lines_give_no_wrong_value_and_count_eve
         arm.wait(0.01)
     assert wrong == 0
     host = arm.driver.host_counters()
-    assert host["retries"] > 50
+    assert host["retries"] > reads / 50
     assert host["timeouts"] == 0
     stats = arm.driver.board_counters()
-    assert stats["bus_bad"] + stats["bus_timeouts"] > 100
-    assert stats["bad_frames"] + stats["resyncs"] > 50
-    assert stats["repeats"] > 20
+    assert stats["bus_bad"] + stats["bus_timeouts"] > reads / 25
+    assert stats["bad_frames"] + stats["resyncs"] > reads / 50
+    assert stats["repeats"] > reads / 125
     assert arm.board.faults.__class__ is FaultPlan
 
 

@@ -57,6 +57,7 @@ def test_the_robot_of_the_page_is_found(page: Path) -> None:
         connect("/dev/none", robot="swing")
 
 
+@pytest.mark.slow
 def test_a_robot_without_a_session_works_with_the_command_line(page: Path) -> None:
     install(page, "pretend = swing.driver:PretendDriver", drivers())
     run = CliRunner()

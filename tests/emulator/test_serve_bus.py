@@ -60,6 +60,7 @@ def test_servos_hear_only_at_their_own_rate() -> None:
         assert bus.timing.baud == 115200
 
 
+@pytest.mark.slow
 def test_rates_without_a_name_are_told_apart() -> None:
     """A terminal's settings have names for some rates only; 250000 and 128000 have none."""
     rates = (250_000, 128_000, 76_800)

@@ -181,6 +181,7 @@ class Heard:
         raise AssertionError("nobody resets it")
 
 
+@pytest.mark.slow
 def test_a_burst_does_not_outlast_its_host() -> None:
     device = Heard()
     server = TcpServer(device, "127.0.0.1", 0, baud=9600)

@@ -416,7 +416,7 @@ def test_the_retries_of_a_noisy_line_are_counted_and_nothing_wrong_gets_through(
 # --- threads ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("dialect", [1, 2])
+@pytest.mark.parametrize("dialect", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_an_urgent_request_interrupts_one_that_waits(dialect: int) -> None:
     with served(dialect) as (session, _, deaf):
         session.open()

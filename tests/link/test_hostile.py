@@ -135,6 +135,7 @@ def call(server: EchoServer) -> socket.socket:
 
 
 @pytest.mark.soak
+@pytest.mark.slow
 def test_thousands_of_callers_one_after_another(plain: EchoServer) -> None:
     reset = struct.pack("ii", 1, 0)
     half = frame(1)[:20]

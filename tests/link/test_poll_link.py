@@ -280,8 +280,17 @@ def test_a_signal_handler_may_close_the_link_it_interrupts(direction: str) -> No
     assert not link.is_open
 
 
+EACH_USE = pytest.mark.parametrize(
+    "use",
+    [
+        "link.exchange(b'x', 0.0)",
+        *(pytest.param(use, marks=pytest.mark.slow) for use in ("link.read(0.0)", "link.write(b'x', 0.0)")),
+    ],
+)
+
+
 @pytest.mark.soak
-@pytest.mark.parametrize("use", ["link.read(0.0)", "link.exchange(b'x', 0.0)", "link.write(b'x', 0.0)"])
+@EACH_USE
 def test_a_signal_handler_may_close_the_link_at_any_moment(use: str) -> None:
     """Also where a call has taken its turn this moment, or is about to give it back.
 
@@ -386,7 +395,7 @@ def test_ctrl_c_while_a_link_closes_leaves_the_rest_to_the_next_close(pending: b
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("use", ["link.read(0.0)", "link.exchange(b'x', 0.0)", "link.write(b'x', 0.0)"])
+@EACH_USE
 def test_a_signal_handler_may_raise_at_any_moment(use: str) -> None:
     """As Ctrl-C does: afterwards another thread can use the link, and close it."""
     code = f"""

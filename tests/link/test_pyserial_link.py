@@ -48,6 +48,7 @@ def test_what_was_written_goes_out_before_the_port_is_closed(device: str) -> Non
         assert read_bytes(line, len(data)) == data
 
 
+@pytest.mark.slow
 def test_closing_waits_for_a_slow_line(device: str) -> None:
     """At 9600 baud the bytes that wait need longer than the second that closing grants a port that is stuck."""
     data = ALL_BYTES * 60

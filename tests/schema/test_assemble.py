@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 WANTED = {
     "wireshark": {"hexwire.lua", "hexwire_tables.lua"},
@@ -46,6 +48,7 @@ def test_nothing_that_is_assembled_is_among_the_sources() -> None:
     assert not {"reading.py", "tables.py", "hexwire_tables.lua"} & names
 
 
+@pytest.mark.slow
 def test_make_writes_the_same_folders(tmp_path: Path) -> None:
     subprocess.run(["make", "--silent", "analyzers"], cwd=ROOT, check=True, capture_output=True, timeout=60)
     assemble(tmp_path)

@@ -77,6 +77,7 @@ def test_a_user_who_has_moved_the_folders() -> None:
     assert default_folder("saleae", system="win32", variables=moved) == Path("/l/hexwire/saleae")
 
 
+@pytest.mark.slow
 def test_wireshark_and_sigrok_look_into_these_folders(packed: Path, tmp_path: Path) -> None:
     told = subprocess.run(
         ["tshark", "-G", "folders"], capture_output=True, text=True, check=True, timeout=60

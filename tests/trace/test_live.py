@@ -144,6 +144,7 @@ def run(
 
 
 @pytest.mark.system
+@pytest.mark.slow
 def test_the_environment_traces_every_link_of_a_program_in_any_thread() -> None:
     done = run([sys.executable, "-c", PROGRAM], "1")
     assert (done.returncode, done.stdout) == (0, "arrived\n"), done.stderr

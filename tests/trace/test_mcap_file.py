@@ -129,7 +129,9 @@ BOMBS: dict[str, Callable[[], bytes]] = {
 }
 
 
-@pytest.mark.parametrize("name", BOMBS)
+@pytest.mark.parametrize(
+    "name", [name if name == "messages" else pytest.param(name, marks=pytest.mark.slow) for name in BOMBS]
+)
 def test_a_file_made_to_fill_a_memory_does_not(name: str, tmp_path: Path) -> None:
     path = tmp_path / "bomb.mcap"
     path.write_bytes(MAGIC + BOMBS[name]())

@@ -155,6 +155,7 @@ def test_a_disk_that_is_full_ends_the_recording_and_fills_no_memory(
     assert len(written) == 4
 
 
+@pytest.mark.slow
 def test_a_whole_recording_can_be_asked_for(tmp_path: Path) -> None:
     write(tmp_path / "a.mcap", 4000)
     assert len(list(read_joint_states(tmp_path / "a.mcap", whole=True))) == 4000

@@ -3,7 +3,7 @@ from __future__ import annotations
 import contextlib
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from hexwire.errors import RemoteProtocolError, UsageError
@@ -399,6 +399,8 @@ def test_noise_that_looks_like_another_servo_does_not_swallow_the_answer() -> No
 def test_find_takes_the_id_and_length_asked_for(case: tuple[StatusPacket, bytes], other: int, more: bytes) -> None:
     packet, data = case
     stranger = sp.make_status((packet.servo_id + 1) % 254, 0, more)
+    # Whoever scans finds what looks like a packet inside another one (PROTOCOL.md section 4): here no header is.
+    assume(b"\xff" not in stranger[2:] + data[2:])
     stream = stranger + data
     assert sp.find_status(stream, packet.servo_id, len(packet.params)) == (packet, len(stream))
     assert sp.find_status(stream, packet.servo_id, None) == (packet, len(stream))
