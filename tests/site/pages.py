@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -15,4 +16,15 @@ import make  # noqa: E402
 import pages  # noqa: E402
 from pages import blocks  # noqa: E402
 
-__all__ = ["ROOT", "blocks", "commands", "error_pages", "error_texts", "make", "pages"]
+__all__ = ["ROOT", "blocks", "commands", "error_pages", "error_texts", "make", "pages", "repository_pages"]
+
+HIDDEN = ("build", "node_modules")
+
+
+def repository_pages() -> list[Path]:
+    """Every page of the repository, from its root; what others have installed below it is not looked through."""
+    found = []
+    for folder, below, files in os.walk(ROOT):
+        below[:] = [name for name in below if name not in HIDDEN and not name.startswith(".")]
+        found += [(Path(folder) / name).relative_to(ROOT) for name in files if name.endswith(".md")]
+    return sorted(found)

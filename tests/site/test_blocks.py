@@ -12,7 +12,7 @@ from typing import NamedTuple
 import click
 import pytest
 from tests.emulator.terminals import serving
-from tests.site.pages import blocks
+from tests.site.pages import blocks, repository_pages
 from tests.site.shell import OTHERS, Shell, commands, parse_mentioned, split
 
 from hexwire.drivers.arm_file import load_arm_file
@@ -22,12 +22,7 @@ from hexwire.emulator.so_arms import make_so_arm
 from hexwire.ipc.conf import load_conf
 
 ROOT = Path(__file__).resolve().parents[2]
-HIDDEN = ("build", "node_modules")
-PAGES = sorted(
-    path.relative_to(ROOT).as_posix()
-    for path in ROOT.rglob("*.md")
-    if not any(part in HIDDEN or part.startswith(".") for part in path.relative_to(ROOT).parts)
-)
+PAGES = [page.as_posix() for page in repository_pages()]
 ALL = {page: list(blocks((ROOT / page).read_text(encoding="utf-8"))) for page in PAGES}
 OWN = {
     "docs/debugging.md": "tests/test_debugging_page.py",

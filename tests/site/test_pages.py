@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from tests.site.pages import ROOT, make, pages
+from tests.site.pages import ROOT, make, pages, repository_pages
 
 TEXT = """\
 # A page
@@ -97,12 +97,6 @@ def test_links_to_code_lead_to_the_reference_or_say_where_it_is(tree: Path) -> N
 
 
 # --- the pages of this repository ---------------------------------------------------------------------------------
-
-
-def repository_pages() -> list[Path]:
-    hidden = ("build", "node_modules")
-    found = [path.relative_to(ROOT) for path in ROOT.rglob("*.md")]
-    return sorted(path for path in found if not any(p in hidden or p.startswith(".") for p in path.parts))
 
 
 @pytest.mark.parametrize("page", repository_pages(), ids=str)
