@@ -68,6 +68,7 @@ def faults(text: str) -> set[str]:
     return found
 
 
+@pytest.mark.slow
 def test_no_front_asks_a_robot_what_it_is() -> None:
     assert faults("") == set()
     assert {"BusArm", "So101Arm", "Hex7BotDriver", "Puma260Driver"} <= set(_kinds(RobotDriver))

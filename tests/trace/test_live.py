@@ -170,7 +170,10 @@ def test_a_command_traces_the_same_and_once() -> None:
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("stderr", ["closed", "closed pipe", "full pipe", "/dev/full"])
+@pytest.mark.parametrize(
+    "stderr",
+    ["closed", "full pipe", *(pytest.param(how, marks=pytest.mark.slow) for how in ("closed pipe", "/dev/full"))],
+)
 def test_no_standard_error_harms_a_program(stderr: str) -> None:
     program = [sys.executable, "-c", PROGRAM]
     if stderr == "closed":
