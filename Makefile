@@ -115,7 +115,7 @@ docs: setup ## build the documentation site: build/site
 docs-serve: setup ## build the documentation site, and serve it on this machine
 	@$(BIN)/python docs/site/make.py --serve
 
-mutants: setup ## count the random faults in the code that the tests detect (a quarter of an hour)
+mutants: setup ## count the random faults in the code that the tests detect (hours; it goes on where it was stopped)
 	$(UV) sync --quiet --frozen --python '$(PYTHON)' $(addprefix --extra ,$(EXTRAS)) --group mutants </dev/null
 	@$(BIN)/python tests/mutation.py $(MUTANTS_ARGS)
 

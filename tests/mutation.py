@@ -1,62 +1,101 @@
 """How strong the tests are: a sample of mutants of each room, and how many of them a test notices.
 
-    python tests/mutation.py [--count 40] [--seed 1] [ROOM...]
+    python tests/mutation.py [--quick] [--count 40] [--seed 1 --seed 2] [--jobs N] [ROOM...]
 
-Owns which mutants count and the table at the end. mutmut makes them and runs each against the tests that call the
-function it is in. A mutant counts if it changes what code does; texts, `__repr__`, type hints and what a `raise`
-says do not count, and mutmut leaves out properties and a module's constants. A test that takes a minute hangs, and
-counts as one that fails; a run that takes too long as a whole is repeated alone.
+Owns which mutants count, which tests judge them, and the table at the end. mutmut makes them; `mutation_run.py`
+runs each against the tests that call the function it is in, the quickest first, for at most 30 s. A mutant counts
+if it changes what code does; texts, `__repr__`, type hints and what a `raise` says do not count, and mutmut leaves
+out properties and a module's constants. A test that takes ten times as long as without the mutant notices it.
 
 `mutation_survivors.toml` lists survivors that no test can notice or needs to, each with its reason. A mutant that
 no test notices but mypy refuses is noticed too, since `make test` runs mypy; the table counts these apart. Ends
-with status 1 if less than 95 % of a room's mutants are noticed, or a survivor has no reason.
+with status 1 if less than 95 % of a room's mutants are noticed by all tests, or less than 90 % by those that are
+not slow, or a survivor has no reason. `--quick` runs only those that are not slow, and asks only their 90 %.
+
+What is known is kept in build/mutants and is not found out again while a room's source and the tests that told it
+are the same, so a run may be stopped, and the next one goes on.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import contextlib
 import difflib
+import fcntl
 import hashlib
 import json
 import os
 import shutil
 import subprocess
 import sys
+import tempfile
 import textwrap
+import threading
 import tomllib
+import venv
 from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
+SOURCE = ROOT / "src/hexwire"
 WORK = ROOT / "build/mutants"
 REASONS = Path(__file__).with_name("mutation_survivors.toml")
-ROOMS = ("wire", "session", "link", "bus", "control", "motion")
-GENERATED = ("src/hexwire/wire/tables.py",)
-LEAST = 0.95
-# Exit codes of mutmut: no test calls it; a test noticed, that is, it failed, crashed or hung.
-_UNTESTED = 33
-_NOTICED = frozenset({1, 3, 24, 36, 152, 255, -9, -11, -24, -6})
-_HUNG = frozenset({24, 36, 152, -9, -24})
+ROOT_ROOM = "root"
+"""The modules that are in no room."""
+ROOMS = (
+    "wire",
+    "session",
+    "link",
+    "bus",
+    "control",
+    "motion",
+    "model",
+    "ipc",
+    "trace",
+    "drivers",
+    "gateway",
+    "joystick",
+    "testing",
+    "emulator",
+    "fleet",
+    "ros2",
+    "ros1",
+    "studio",
+    "cli",
+    ROOT_ROOM,
+)
+TESTS = {
+    ROOT_ROOM: tuple(
+        f"tests/test_{name}.py"
+        for name in (
+            "arguments",
+            "epochs",
+            "errors",
+            "extras",
+            "folders",
+            "inputs",
+            "main",
+            "new_file",
+            "system",
+            "units",
+        )
+    ),
+}
+"""What judges a room, if it is not the tests in the folder of its name."""
+GENERATED = ("wire/tables.py",)
+LEAST, LEAST_QUICK = 0.95, 0.90
+LIMIT = 30.0
+"""Seconds for the tests of a mutant."""
 # Takes minutes where every call of the link is counted: hundreds of signals have to hit it in the middle.
 _TOO_SLOW = "tests/link/test_poll_link.py::test_a_signal_handler_may_close_the_link_at_any_moment"
-# A test that takes ten times as long as the slowest one hangs, and fails: mutmut itself waits five times as long as
-# all tests of the function take, which may be minutes.
-_HANG = ["-o", "faulthandler_timeout=60", "-o", "faulthandler_exit_on_timeout=true"]
-
-CONFIG = """
-[tool.mutmut]
-source_paths = ["src"]
-only_mutate = ["src/hexwire/{room}/*.py"]
-do_not_mutate = {generated}
-also_copy = ["conftest.py", "vectors", "schema", "docs", "README.md", "PROTOCOL.md"]
-pytest_add_cli_args = ["-q", "-p", "no:cacheprovider", "--deselect", "{too_slow}", {hang}]
-pytest_add_cli_args_test_selection = ["tests/{room}"]
-timeout_multiplier = 5.0
-timeout_constant = 5.0
-use_setproctitle = false
-"""
+_NOTICED = frozenset({"failed", "hung", "crashed"})
+# Tests as quick as each other run in the order of their files, which share what takes long to start.
+_PACES = (0.05, 0.5, 2.0)
+# Rooms share what it remembers.
+_mypy = threading.Lock()
 
 
 @dataclass
@@ -64,23 +103,44 @@ class Mutant:
     """One change to one function.
 
     Attributes:
-        name: mutmut's.
+        name: mutmut's, after the module's.
         place: Module and function.
         change: The lines that differ, as in a diff.
-        exit_code: Of the tests; None if it was not run.
+        verdict: What came of the tests; empty if none was run.
+        by: The test that ended it.
+        slow: That test is marked slow.
+        seconds: That this took.
         typed: mypy refuses it; asked only if the tests let it live.
     """
 
     name: str
     place: str
     change: tuple[str, ...]
-    exit_code: int | None = None
+    verdict: str = ""
+    by: str = ""
+    slow: bool = False
+    seconds: float = 0.0
     typed: bool = False
 
     @property
     def killed(self) -> bool:
         """A test noticed it."""
-        return self.exit_code in _NOTICED
+        return self.verdict in _NOTICED
+
+    @property
+    def killed_quickly(self) -> bool:
+        """A test that is not slow noticed it."""
+        return self.killed and not self.slow
+
+
+@dataclass
+class Timed:
+    """What is known of a test: its time, whether it is slow, whether it passes, and what it calls."""
+
+    seconds: float
+    slow: bool
+    passed: bool
+    calls: frozenset[str]
 
 
 @dataclass
@@ -98,9 +158,27 @@ class Score:
         return sum(mutant.killed for mutant in self.mutants)
 
     @property
+    def killed_quickly(self) -> int:
+        """How many a test that is not slow noticed."""
+        return sum(mutant.killed_quickly for mutant in self.mutants)
+
+    @property
     def typed(self) -> int:
         """How many more mypy noticed."""
         return sum(mutant.typed for mutant in self.mutants)
+
+    @property
+    def share(self) -> float:
+        """Of those that all tests and mypy noticed."""
+        return (self.killed + self.typed) / len(self.mutants)
+
+    @property
+    def quick_share(self) -> float:
+        """Of those that the tests that are not slow and mypy noticed."""
+        return (self.killed_quickly + self.typed) / len(self.mutants)
+
+
+_Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
 class _Meaning(ast.NodeTransformer):
@@ -121,7 +199,7 @@ class _Meaning(ast.NodeTransformer):
             return ast.copy_location(ast.Constant(""), node)
         return self.generic_visit(node)
 
-    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
+    def visit_FunctionDef(self, node: _Function) -> ast.AST:
         flags = _flags(node)
         for part in (part for part in ast.walk(node) if isinstance(part, ast.Assign)):
             falsy = isinstance(part.value, ast.Constant) and not part.value.value
@@ -130,6 +208,8 @@ class _Meaning(ast.NodeTransformer):
         self.generic_visit(node)
         _return_at_the_end(node.body)
         return node
+
+    visit_AsyncFunctionDef = visit_FunctionDef  # noqa: N815
 
     def visit_Raise(self, node: ast.Raise) -> ast.AST:
         if isinstance(node.exc, ast.Call):
@@ -153,7 +233,7 @@ class _Meaning(ast.NodeTransformer):
         return self.generic_visit(node)
 
 
-def _flags(function: ast.FunctionDef) -> set[str]:
+def _flags(function: _Function) -> set[str]:
     """Local names of which is only asked whether they are true."""
     asked: set[int] = set()
 
@@ -220,9 +300,8 @@ def changed_lines(original: str, mutated: str) -> tuple[str, ...]:
     return tuple(line[0] + line[1:].strip() for line in diff if line[:1] in "+-" and line[:3] not in ("+++", "---"))
 
 
-def functions_of(path: Path) -> dict[str, str]:
+def functions_of(text: str) -> dict[str, str]:
     """Source of each function of a file that mutmut has written, by its name there, without that name."""
-    text = path.read_text()
     lines = text.splitlines(keepends=True)
     found: dict[str, str] = {}
     for node in _functions(ast.parse(text)):
@@ -232,10 +311,10 @@ def functions_of(path: Path) -> dict[str, str]:
     return found
 
 
-def _functions(tree: ast.Module) -> Iterator[ast.FunctionDef]:
+def _functions(tree: ast.Module) -> Iterator[_Function]:
     for node in tree.body:
         for inner in node.body if isinstance(node, ast.ClassDef) else [node]:
-            if isinstance(inner, ast.FunctionDef):
+            if isinstance(inner, _Function):
                 yield inner
 
 
@@ -243,54 +322,60 @@ def _plain_name(name: str) -> str:
     return name.partition("__mutmut_")[0].removeprefix("x_").rpartition("ǁ")[2]
 
 
-def prepare(room: str) -> Path:
-    """A folder of its own for a room, with the project as it is now."""
-    folder = WORK / room
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    for name in ("src", "tests", "vectors", "schema", "docs", "conftest.py", "README.md", "PROTOCOL.md"):
-        source = ROOT / name
-        if source.is_dir():
-            shutil.copytree(source, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
-        else:
-            shutil.copy(source, folder / name)
-    generated, hang = json.dumps(list(GENERATED)), json.dumps(_HANG)[1:-1]
-    config = CONFIG.format(room=room, generated=generated, too_slow=_TOO_SLOW, hang=hang)
-    (folder / "pyproject.toml").write_text((ROOT / "pyproject.toml").read_text() + config)
-    return folder
+def files_of(room: str) -> list[Path]:
+    """The modules of a room that have mutants."""
+    found = SOURCE.glob("*.py") if room == ROOT_ROOM else (SOURCE / room).rglob("*.py")
+    return sorted(path for path in found if path.relative_to(SOURCE).as_posix() not in GENERATED)
 
 
-def mutmut(folder: Path, names: Iterable[str], jobs: int) -> None:
-    """Run mutants, which first makes all of them; no names make them only."""
-    environment = os.environ | {"HYPOTHESIS_PROFILE": "ci", "PYTHONPATH": ""}
-    names = list(names)
-    command = [sys.executable, "-m", "mutmut", "run", "--max-children", str(jobs), *(names or ["none"])]
-    with (folder / "mutmut.log").open("w") as log:
-        done = subprocess.run(command, cwd=folder, env=environment, stdout=log, stderr=log, check=False)
-    # It refuses to run none, after it has made all.
-    if names and done.returncode != 0:
-        print((folder / "mutmut.log").read_text().replace("\r", "\n")[-2000:], file=sys.stderr)
-        raise SystemExit(f"mutmut failed in {folder}")
+def judges_of(room: str) -> tuple[str, ...]:
+    """The files and folders whose tests judge a room."""
+    return TESTS.get(room, (f"tests/{room}",))
 
 
-def find_mutants(folder: Path, room: str) -> tuple[int, list[Mutant]]:
-    """All mutants of a room, and those that count."""
+def mutated(path: Path) -> str:
+    """A module with all its mutants, as mutmut writes it; made once for each text of a module."""
+    text = path.read_text()
+    kept = WORK / "made" / (_digest(text) + ".py")
+    if not kept.is_file():
+        from mutmut.mutation.file_mutation import mutate_file_contents
+
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        new = kept.with_suffix(f".{os.getpid()}")
+        new.write_text(mutate_file_contents(str(path.relative_to(ROOT)), text).code)
+        new.replace(kept)
+    return kept.read_text()
+
+
+def find_mutants(path: Path) -> tuple[int, list[Mutant]]:
+    """All mutants of a module, and those that count."""
+    relative = path.relative_to(SOURCE)
+    module = module_of(relative)
+    functions = functions_of(mutated(path))
     total, found = 0, []
-    for path in sorted((folder / "mutants/src/hexwire" / room).glob("*.py")):
-        meta = path.with_name(path.name + ".meta")
-        codes = json.loads(meta.read_text())["exit_code_by_key"] if meta.is_file() else {}
-        if not codes:
+    for key, new in functions.items():
+        start, mark, number = key.partition("__mutmut_")
+        if not mark or number == "orig":
             continue
-        functions = functions_of(path)
-        for name in codes:
-            total += 1
-            key = name.rpartition(".")[2]
-            original = functions.get(key.partition("__mutmut_")[0] + "__mutmut_orig")
-            mutated = functions.get(key)
-            if original is not None and mutated is not None and is_meaningful(original, mutated):
-                place = f"{room}/{path.name}:{_plain_name(key)}"
-                found.append(Mutant(name, place, changed_lines(original, mutated)))
+        total += 1
+        original = functions[start + "__mutmut_orig"]
+        if is_meaningful(original, new):
+            place = f"{relative.as_posix()}:{_plain_name(key)}"
+            found.append(Mutant(f"{module}.{key}", place, changed_lines(original, new)))
     return total, found
+
+
+def module_of(relative: Path) -> str:
+    """What a file of the package is imported as."""
+    parts = ("hexwire", *relative.with_suffix("").parts)
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def function_of(name: str) -> str:
+    """The function of a mutant in its module, with its class."""
+    key = name.rpartition(".")[2]
+    owner = key.partition("ǁ")[2].partition("ǁ")[0]
+    return f"{owner}.{_plain_name(key)}" if owner else _plain_name(key)
 
 
 def draw(found: Iterable[Mutant], count: int, seed: int) -> list[Mutant]:
@@ -303,27 +388,6 @@ def draw(found: Iterable[Mutant], count: int, seed: int) -> list[Mutant]:
     return sorted(found, key=lot)[:count]
 
 
-def take_codes(folder: Path, room: str, mutants: Iterable[Mutant]) -> None:
-    """What came of them."""
-    codes: dict[str, int | None] = {}
-    for meta in (folder / "mutants/src/hexwire" / room).glob("*.py.meta"):
-        codes |= json.loads(meta.read_text())["exit_code_by_key"]
-    for mutant in mutants:
-        mutant.exit_code = codes[mutant.name]
-
-
-def ask_types(folder: Path, mutants: Iterable[Mutant]) -> None:
-    """Let mypy look at mutants, one at a time, in the unchanged copy of the source."""
-    for mutant in mutants:
-        module, _, key = mutant.name.rpartition(".")
-        relative = Path(*module.split(".")).with_suffix(".py")
-        path = folder / "src" / relative
-        before = path.read_text()
-        path.write_text(put_in(before, key, functions_of(folder / "mutants/src" / relative)[key]))
-        mutant.typed = _refused_by_mypy(folder)
-        path.write_text(before)
-
-
 def put_in(source: str, key: str, function: str) -> str:
     """A module with a mutated function in the place of its own."""
     place = key.partition("__mutmut_")[0].split("ǁ")
@@ -331,40 +395,339 @@ def put_in(source: str, key: str, function: str) -> str:
     if len(place) > 1:
         body = next(node.body for node in body if isinstance(node, ast.ClassDef) and node.name == place[1])
     name = _plain_name(key)
-    node = next(node for node in body if isinstance(node, ast.FunctionDef) and node.name == name)
+    node = next(node for node in body if isinstance(node, _Function) and node.name == name)
     lines = source.splitlines(keepends=True)
     lines[node.lineno - 1 : node.end_lineno] = [textwrap.indent(function, " " * node.col_offset).rstrip() + "\n"]
     return "".join(lines)
 
 
-def _refused_by_mypy(folder: Path) -> bool:
-    command = [sys.executable, "-m", "mypy", "--strict", "--cache-dir", str(WORK / "mypy"), "src"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    if done.returncode not in (0, 1):
-        raise SystemExit(f"mypy failed in {folder}: {done.stdout}{done.stderr}")
-    return done.returncode == 1
+class Copy:
+    """The project in a folder of its own, with an environment in which programs have its source, too.
+
+    Args:
+        folder: Where it is.
+        counted: Its functions of this room say that they are called; none if empty.
+    """
+
+    def __init__(self, folder: Path, counted: str = "") -> None:
+        self.folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+        changed = set(files_of(counted)) if counted else set()
+        for path in ROOT.iterdir():
+            target = folder / path.name
+            if path.name in ("src", "tests"):
+                _mirror(path, target, changed)
+            elif path.name in ("pyproject.toml", "conftest.py"):
+                _mirror_file(path, target)
+            elif path.name[0] != "." and path.name != "__pycache__":
+                target.unlink(missing_ok=True)
+                target.symlink_to(path)
+        if counted:
+            _mirror_file(ROOT / "tests/mutation_calls.py", folder / "src/mutation_calls.py")
+            (folder / "src/calls").unlink(missing_ok=True)
+        self._make_environment()
+
+    def _make_environment(self) -> None:
+        real, own = Path(sys.prefix), self.folder / ".venv"
+        if own.is_dir():
+            return
+        new = own.with_name(".venv.new")
+        venv.create(new, clear=True, symlinks=True)
+        packages = Path("lib", f"python{sys.version_info.major}.{sys.version_info.minor}", "site-packages")
+        # The first line precedes the source that is installed there.
+        lines = [str(self.folder / "src"), f"import site; site.addsitedir({str(real / packages)!r})"]
+        (new / packages / "copy.pth").write_text("\n".join(lines) + "\n")
+        for script in (real / "bin").iterdir():
+            target = new / "bin" / script.name
+            if not target.exists() and script.is_file() and script.read_bytes()[:2] == b"#!":
+                target.write_text(script.read_text().replace(f"{real}/bin/python", f"{own}/bin/python"))
+                target.chmod(0o755)
+        new.rename(own)
+
+    def run(self, orders: dict[str, object]) -> None:
+        """Let `mutation_run.py` do something; what it adds to a file is its result."""
+        path = self.folder / "orders.json"
+        path.write_text(json.dumps(orders))
+        with tempfile.TemporaryDirectory(prefix="mutants-") as scratch, (self.folder / "log").open("w") as log:
+            environment = {
+                **os.environ,
+                "HYPOTHESIS_PROFILE": "ci",
+                "TMPDIR": scratch,
+                "PATH": f"{self.folder / '.venv/bin'}:{os.environ['PATH']}",
+                # Python takes a compiled file for that of a source of the same second and length.
+                **({"PYTHONDONTWRITEBYTECODE": "1"} if "mutants" in orders else {}),
+            }
+            environment.pop("PYTHONPATH", None)
+            command = [str(self.folder / ".venv/bin/python"), "-m", "tests.mutation_run", str(path)]
+            done = subprocess.run(
+                command,
+                cwd=self.folder,
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                check=False,
+            )
+        # 1: tests failed; 5: all were known.
+        if done.returncode not in (0, 1, 5):
+            raise SystemExit(f"pytest failed with {done.returncode}: see {self.folder / 'log'}")
+
+    def refused_by_mypy(self) -> bool:
+        """Whether it refuses the source as it is in this copy."""
+        command = [sys.executable, "-m", "mypy", "--strict", "--cache-dir", str(WORK / "mypy"), "src"]
+        with _mypy:
+            done = subprocess.run(command, cwd=self.folder, capture_output=True, text=True, check=False)
+        if done.returncode not in (0, 1):
+            raise SystemExit(f"mypy failed in {self.folder}: {done.stdout}{done.stderr}")
+        return done.returncode == 1
 
 
-def judge(room: str, count: int, seed: int, jobs: int) -> Score:
-    """Make the mutants of a room and run a sample of those that count."""
-    folder = prepare(room)
-    mutmut(folder, [], jobs)
-    total, found = find_mutants(folder, room)
-    if not found:
-        raise SystemExit(f"mutmut made no mutants of {room}: see {folder / 'mutmut.log'}")
-    score = Score(room, total, len(found))
-    score.mutants = sorted(draw(found, count, seed), key=lambda m: m.name)
-    mutmut(folder, [mutant.name for mutant in score.mutants], jobs)
-    take_codes(folder, room, score.mutants)
-    hung = [mutant.name for mutant in score.mutants if mutant.exit_code in _HUNG]
-    if hung:
-        # On a busy machine a test may take too long without any fault: once more, one at a time.
-        mutmut(folder, hung, 1)
-        take_codes(folder, room, score.mutants)
-    living = [mutant for mutant in score.mutants if not mutant.killed]
-    if living and _refused_by_mypy(folder):
-        raise SystemExit("mypy refuses the source as it is: see `make types`")
-    ask_types(folder, living)
+def _mirror(source: Path, target: Path, counted: set[Path]) -> None:
+    """Make a folder like another one, except for the functions of some files, which note their calls."""
+    target.mkdir(exist_ok=True)
+    here = {path.name: path for path in source.iterdir() if path.name != "__pycache__"}
+    for path in target.iterdir():
+        if path.name not in here and path.name != "__pycache__":
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+    for path in here.values():
+        if path.is_dir():
+            _mirror(path, target / path.name, counted)
+        elif path in counted:
+            text = count_calls(path.read_text(), module_of(path.relative_to(SOURCE)))
+            _write_if_new(target / path.name, text)
+        else:
+            _mirror_file(path, target / path.name)
+
+
+def _mirror_file(source: Path, target: Path) -> None:
+    if not target.is_file() or target.read_bytes() != source.read_bytes():
+        shutil.copy(source, target)
+
+
+def _write_if_new(path: Path, text: str) -> None:
+    if not path.is_file() or path.read_text() != text:
+        path.write_text(text)
+
+
+def count_calls(text: str, module: str) -> str:
+    """A module whose functions and methods note that they are called."""
+    tree = ast.parse(text)
+    for node in tree.body:
+        for inner in node.body if isinstance(node, ast.ClassDef) else [node]:
+            if isinstance(inner, _Function):
+                owner = f"{node.name}." if isinstance(node, ast.ClassDef) else ""
+                call = ast.parse(f"_note_call({f'{module}:{owner}{inner.name}'!r})").body
+                inner.body[1 if ast.get_docstring(inner) is not None else 0 : 0] = call
+    after = 1 if ast.get_docstring(tree) is not None else 0
+    while after < len(tree.body) and getattr(tree.body[after], "module", None) == "__future__":
+        after += 1
+    tree.body[after:after] = ast.parse("from mutation_calls import note as _note_call").body
+    return ast.unparse(tree)
+
+
+class Room:
+    """One room: its mutants, its tests, and what is known of both.
+
+    Args:
+        name: One of `ROOMS`.
+        quick: Only the tests that are not slow.
+    """
+
+    def __init__(self, name: str, quick: bool) -> None:
+        self.name, self.quick = name, quick
+        self.folder = WORK / name
+        self.folder.mkdir(parents=True, exist_ok=True)
+        files = [path for path in SOURCE.rglob("*.py") if path in set(files_of(name))]
+        self.source = _digest("".join(path.read_text() for path in sorted(files)))
+        self._tests_now = {
+            path.relative_to(ROOT).as_posix(): _digest(path.read_text())
+            for start in judges_of(name)
+            for path in ([ROOT / start] if (ROOT / start).is_file() else sorted((ROOT / start).rglob("*.py")))
+        }
+        self.tests = _digest(json.dumps(self._tests_now))
+
+    def _select(self) -> list[str]:
+        marks = ["-m", "not slow"] if self.quick else []
+        return [*judges_of(self.name), *marks, "--deselect", _TOO_SLOW]
+
+    def _file_digest(self, test: str) -> str:
+        return self._tests_now.get(test.partition("::")[0], "")
+
+    def see(self) -> dict[str, Timed]:
+        """Run each test whose time and calls are not known: its file has changed, or the room's source."""
+        kept, done = self.folder / "seen.jsonl", self.folder / "seen.done"
+        state = f"{self.source} {self.tests} {self.quick}"
+        if not done.is_file() or done.read_text() != state:
+            copy = Copy(self.folder / "counted", self.name)
+            known = self._seen(kept)
+            new = self.folder / "seen.new"
+            with contextlib.suppress(FileNotFoundError):
+                # A run that was stopped: what it found was of the texts that it wrote beside.
+                self._add_seen(new, kept)
+                known = self._seen(kept)
+            (self.folder / "seen.of").write_text(json.dumps([self.source, self._tests_now]))
+            copy.run({"tests": self._select(), "known": sorted(known), "out": str(new), "limit": LIMIT})
+            self._add_seen(new, kept)
+            done.write_text(state)
+        return self._seen(kept)
+
+    def _add_seen(self, new: Path, kept: Path) -> None:
+        source, files = json.loads((self.folder / "seen.of").read_text())
+        with kept.open("a") as out:
+            for line in new.read_text().splitlines():
+                row = json.loads(line)
+                file = files.get(row["id"].partition("::")[0], "")
+                out.write(json.dumps(row | {"source": source, "file": file}) + "\n")
+        new.unlink()
+
+    def _seen(self, kept: Path) -> dict[str, Timed]:
+        found: dict[str, Timed] = {}
+        for row in _rows(kept):
+            if row["source"] == self.source and row["file"] == self._file_digest(row["id"]):
+                calls = frozenset(row["calls"])
+                found[row["id"]] = Timed(row["seconds"], row["slow"], row["passed"], calls)
+        return found
+
+    def recall(self, mutants: Iterable[Mutant]) -> list[Mutant]:
+        """Fill in the verdicts that are known, and return the mutants without one."""
+        known = {
+            row["key"]: row
+            for row in _rows(self.folder / "verdicts.jsonl")
+            if row["source"] == self.source and self._holds(row)
+        }
+        left = []
+        for mutant in mutants:
+            row = known.get(key_of(mutant))
+            if row is None:
+                left.append(mutant)
+                continue
+            mutant.verdict, mutant.by, mutant.seconds = row["verdict"], row["by"], row["seconds"]
+            mutant.slow, mutant.typed = row["slow"], row["typed"]
+        return left
+
+    def _holds(self, row: dict[str, object]) -> bool:
+        if row["verdict"] in _NOTICED and not row["slow"]:
+            return row["file"] == self._file_digest(str(row["by"]))
+        if row["quick"] and not self.quick:
+            return False
+        if row["verdict"] in _NOTICED and not self.quick:
+            return row["file"] == self._file_digest(str(row["by"]))
+        return row["tests"] == self.tests
+
+    def judge(self, mutants: list[Mutant]) -> None:
+        """Run the tests for mutants whose verdicts are not known."""
+        if not self.recall(mutants):
+            return
+        tests = self.see()
+        for name, test in sorted(tests.items()):
+            if not test.passed:
+                print(f"  {self.name}: {name} fails or takes {LIMIT:.0f} s without a mutant, and judges none")
+        copy = Copy(self.folder / "judged")
+        out = self.folder / "verdicts.new"
+        self._take_verdicts(copy, mutants, tests, out)
+        left, orders = self.recall(mutants), []
+        for mutant in left:
+            relative = Path(mutant.place.partition(":")[0])
+            key = mutant.name.rpartition(".")[2]
+            source = functions_of(mutated(SOURCE / relative))[key]
+            called = f"{module_of(relative)}:{function_of(mutant.name)}"
+            chosen = [name for name in choose(tests, called) if not (self.quick and tests[name].slow)]
+            orders.append(
+                {
+                    "key": key_of(mutant),
+                    "module": module_of(relative),
+                    "function": function_of(mutant.name),
+                    "source": source,
+                    "file": str(copy.folder / "src/hexwire" / relative),
+                    "text": put_in((SOURCE / relative).read_text(), key, source),
+                    "tests": [(name, tests[name].seconds) for name in chosen],
+                    "limit": LIMIT,
+                }
+            )
+        if orders:
+            (self.folder / "verdicts.of").write_text(
+                json.dumps([self.source, self.tests, self._tests_now, self.quick])
+            )
+            copy.run({"tests": self._select(), "mutants": orders, "out": str(out)})
+            self._take_verdicts(copy, mutants, tests, out)
+        self.recall(mutants)
+
+    def _take_verdicts(self, copy: Copy, mutants: list[Mutant], tests: dict[str, Timed], new: Path) -> None:
+        """Add what a run found to what is known; mypy is asked about what the tests let live."""
+        if not new.is_file():
+            return
+        source, whole, files, quick = json.loads((self.folder / "verdicts.of").read_text())
+        by_key = {key_of(mutant): mutant for mutant in mutants}
+        rows = [row for row in _rows(new) if row["key"] in by_key and source == self.source]
+        if any(row["verdict"] not in _NOTICED for row in rows) and copy.refused_by_mypy():
+            raise SystemExit("mypy refuses the source as it is: see `make types`")
+        with (self.folder / "verdicts.jsonl").open("a") as out:
+            for row in rows:
+                noticed, by = row["verdict"] in _NOTICED, row["by"]
+                more = {
+                    "source": source,
+                    "tests": whole,
+                    "quick": quick,
+                    "file": files.get(by.partition("::")[0], ""),
+                    "slow": noticed and by in tests and tests[by].slow,
+                    "typed": not noticed and self._is_refused(copy, by_key[row["key"]]),
+                }
+                out.write(json.dumps(row | more) + "\n")
+                out.flush()
+        new.unlink()
+
+    def _is_refused(self, copy: Copy, mutant: Mutant) -> bool:
+        """Let mypy look at a mutant in the copy of the source."""
+        relative = Path(mutant.place.partition(":")[0])
+        key = mutant.name.rpartition(".")[2]
+        path, before = copy.folder / "src/hexwire" / relative, (SOURCE / relative).read_text()
+        path.write_text(put_in(before, key, functions_of(mutated(SOURCE / relative))[key]))
+        try:
+            return copy.refused_by_mypy()
+        finally:
+            shutil.copy2(SOURCE / relative, path)
+
+
+def _rows(path: Path) -> Iterator[dict[str, object]]:
+    if path.is_file():
+        for line in path.read_text().splitlines():
+            # The last line of a run that was stopped may be half of one.
+            with contextlib.suppress(json.JSONDecodeError):
+                yield json.loads(line)
+
+
+def choose(tests: dict[str, Timed], called: str) -> list[str]:
+    """The tests that judge a function, in their order: those that are not slow first, and the quickest of them."""
+
+    def order(name: str) -> tuple[bool, int, str, float]:
+        test = tests[name]
+        return test.slow, sum(test.seconds > pace for pace in _PACES), name.partition("::")[0], test.seconds
+
+    return sorted((name for name, test in tests.items() if test.passed and called in test.calls), key=order)
+
+
+def key_of(mutant: Mutant) -> str:
+    """What a mutant is known by between two runs."""
+    return _digest(json.dumps([mutant.name, mutant.place, mutant.change]))
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def judge(name: str, count: int, seeds: Iterable[int], quick: bool) -> Score:
+    """Make the mutants of a room and run samples of those that count."""
+    room = Room(name, quick)
+    with (room.folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        total, found = 0, list[Mutant]()
+        for path in files_of(name):
+            more, those = find_mutants(path)
+            total += more
+            found += those
+        drawn = {mutant.name: mutant for seed in seeds for mutant in draw(found, count, seed)}
+        score = Score(name, total, len(found), [drawn[key] for key in sorted(drawn)])
+        room.judge(score.mutants)
     return score
 
 
@@ -376,34 +739,47 @@ def load_reasons() -> dict[tuple[str, tuple[str, ...]], str]:
     return {(row["place"], tuple(row["change"])): row["reason"] for row in rows}
 
 
+def report(score: Score, reasons: dict[tuple[str, tuple[str, ...]], str], quick: bool) -> bool:
+    """Print a room's line and its survivors, and return whether it is as it should be."""
+    good = score.quick_share >= LEAST_QUICK and (quick or score.share >= LEAST)
+    made = f"{score.total:>9}{score.meaningful:>12}{len(score.mutants):>6}"
+    seconds = sum(mutant.seconds for mutant in score.mutants) / len(score.mutants)
+    killed = f"{score.killed:>8}{score.killed_quickly:>9}{score.typed:>10}"
+    print(f"{score.room:<10}{made}{killed}{score.share:>8.1%}{score.quick_share:>9.1%}{seconds:>9.1f}", flush=True)
+    for mutant in score.mutants:
+        if mutant.killed or mutant.typed:
+            continue
+        reason = reasons.get((mutant.place, mutant.change))
+        good &= reason is not None
+        what = {"untested": "has no test", "late": f"lives for {LIMIT:.0f} s"}.get(mutant.verdict, "lives")
+        print(f"  {mutant.place} {what}: {reason or 'NO REASON'}")
+        for line in mutant.change:
+            print(f"      {line}")
+    return good
+
+
 def main() -> int:
     """Judge the rooms that are named, or all."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("rooms", nargs="*", metavar="ROOM", help=f"of {', '.join(ROOMS)}")
-    parser.add_argument("--count", type=int, default=40, help="mutants a room")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--count", type=int, default=40, help="mutants a room and seed")
+    parser.add_argument("--seed", type=int, action="append", help="may be given again; 1 and 2 if not at all")
+    parser.add_argument("--quick", action="store_true", help="run only the tests that are not slow")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="rooms at a time")
     arguments = parser.parse_args()
     if unknown := set(arguments.rooms) - set(ROOMS):
         parser.error(f"no room {', '.join(sorted(unknown))}; there are {', '.join(ROOMS)}")
-    reasons, bad = load_reasons(), False
-    print(f"{'room':<10}{'mutants':>9}{'that count':>12}{'run':>6}{'killed':>8}{'by types':>10}{'share':>8}")
-    for room in arguments.rooms or ROOMS:
-        score = judge(room, arguments.count, arguments.seed, arguments.jobs)
-        share = (score.killed + score.typed) / len(score.mutants)
-        bad |= share < LEAST
-        made = f"{score.total:>9}{score.meaningful:>12}{len(score.mutants):>6}"
-        print(f"{room:<10}{made}{score.killed:>8}{score.typed:>10}{share:>8.1%}", flush=True)
-        for mutant in score.mutants:
-            if mutant.killed or mutant.typed:
-                continue
-            reason = reasons.get((mutant.place, mutant.change))
-            bad |= reason is None
-            what = "has no test" if mutant.exit_code == _UNTESTED else "lives"
-            print(f"  {mutant.place} {what}: {reason or 'NO REASON'}")
-            for line in mutant.change:
-                print(f"      {line}")
-    return 1 if bad else 0
+    reasons, good = load_reasons(), True
+    killed = f"{'killed':>8}{'quickly':>9}{'by types':>10}"
+    print(f"{'room':<10}{'mutants':>9}{'that count':>12}{'run':>6}{killed}{'share':>8}{'quickly':>9}{'seconds':>9}")
+    with ThreadPoolExecutor(arguments.jobs) as pool:
+        runs = [
+            pool.submit(judge, room, arguments.count, arguments.seed or [1, 2], arguments.quick)
+            for room in arguments.rooms or ROOMS
+        ]
+        for run in runs:
+            good &= report(run.result(), reasons, arguments.quick)
+    return 0 if good else 1
 
 
 if __name__ == "__main__":
