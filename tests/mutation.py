@@ -631,6 +631,7 @@ class Room:
             key = mutant.name.rpartition(".")[2]
             source = functions_of(mutated(SOURCE / relative))[key]
             called = f"{module_of(relative)}:{function_of(mutant.name)}"
+            at_import = "" in tests and called in tests[""].calls
             chosen = [name for name in choose(tests, called) if not (self.quick and tests[name].slow)]
             orders.append(
                 {
@@ -641,6 +642,7 @@ class Room:
                     "file": str(copy.folder / "src/hexwire" / relative),
                     "text": put_in((SOURCE / relative).read_text(), key, source),
                     "tests": [(name, tests[name].seconds) for name in chosen],
+                    "all": [(name, tests[name].seconds) for name in choose(tests, "")] if at_import else [],
                     "limit": LIMIT,
                 }
             )
@@ -697,13 +699,14 @@ def _rows(path: Path) -> Iterator[dict[str, object]]:
 
 
 def choose(tests: dict[str, Timed], called: str) -> list[str]:
-    """The tests that judge a function, in their order: those that are not slow first, and the quickest of them."""
+    """The tests that judge a function, or all, in their order: not slow ones first, and of them the quickest."""
 
     def order(name: str) -> tuple[bool, int, str, float]:
         test = tests[name]
         return test.slow, sum(test.seconds > pace for pace in _PACES), name.partition("::")[0], test.seconds
 
-    return sorted((name for name, test in tests.items() if test.passed and called in test.calls), key=order)
+    able = [name for name, test in tests.items() if name and test.passed and (not called or called in test.calls)]
+    return sorted(able, key=order)
 
 
 def key_of(mutant: Mutant) -> str:

@@ -46,6 +46,8 @@ class See:
 
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         items[:] = [item for item in items if item.nodeid not in self._known]
+        # What is called before any test, that is, while modules are imported.
+        self._note("", 0.0, slow=False, passed=True)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         self._failed |= report.failed
@@ -58,41 +60,70 @@ class See:
         mutation_calls.take()
         start = time.monotonic()
         result = yield
-        line = {
-            "id": item.nodeid,
-            "seconds": round(time.monotonic() - start, 3),
-            "slow": item.get_closest_marker("slow") is not None,
-            "passed": not self._failed,
-            "calls": sorted(mutation_calls.take()),
-        }
-        self._out.write(json.dumps(line) + "\n")
-        self._out.flush()
+        seconds = round(time.monotonic() - start, 3)
+        slow = item.get_closest_marker("slow") is not None
+        self._note(item.nodeid, seconds, slow=slow, passed=not self._failed)
         return result
 
+    def _note(self, name: str, seconds: float, *, slow: bool, passed: bool) -> None:
+        import mutation_calls
 
-class Judge:
+        calls = sorted(mutation_calls.take())
+        line = {"id": name, "seconds": seconds, "slow": slow, "passed": passed, "calls": calls}
+        self._out.write(json.dumps(line) + "\n")
+        self._out.flush()
+
+
+class Report:
+    """Says which test begins and which fails.
+
+    Args:
+        say: A descriptor, to which lines are written.
+        names: Ids of the tests that run, in their order; all, if there are none.
+    """
+
+    def __init__(self, say: int, names: list[str]) -> None:
+        self._say, self._names = say, names
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        if self._names:
+            place = {name: i for i, name in enumerate(self._names)}
+            items[:] = sorted((item for item in items if item.nodeid in place), key=lambda item: place[item.nodeid])
+
+    def pytest_runtest_logstart(self, nodeid: str) -> None:
+        os.write(self._say, f"start {nodeid}\n".encode())
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.failed:
+            os.write(self._say, f"failed {report.nodeid}\n".encode())
+
+
+class Judge(Report):
     """Runs mutants instead of tests.
+
+    What is called while modules are imported was called before the fork: if the tests that call it notice nothing,
+    all of the room run in a new program.
 
     Args:
         mutants: Each with the ids and seconds of its tests, in their order, and a limit of seconds for all of them.
+        orders: Where the tests are.
         out: Where a line for each mutant is added.
     """
 
-    def __init__(self, mutants: list[dict[str, Any]], out: TextIO) -> None:
-        self._mutants, self._out = mutants, out
-        self._say = -1
+    def __init__(self, mutants: list[dict[str, Any]], orders: dict[str, Any], out: TextIO) -> None:
+        super().__init__(-1, [])
+        self._mutants, self._orders, self._out = mutants, orders, out
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtestloop(self, session: pytest.Session) -> bool | None:
         items = {item.nodeid: item for item in session.items}
         for mutant in self._mutants:
             tests = {name: seconds for name, seconds in mutant["tests"] if name in items}
-            if not tests:
-                self._note(mutant, "untested", "", 0.0)
-                continue
             start = time.monotonic()
             with _changed(Path(mutant["file"]), mutant["text"]):
-                tried = self._try(mutant, tests)
+                tried: tuple[str, str] | None = ("untested", "")
+                if tests:
+                    tried = self._try(mutant, tests)
                 if tried and tried[0] == "hung":
                     # On a busy machine a test may take long without any fault: once more, from that one on.
                     names = list(tests)
@@ -101,6 +132,8 @@ class Judge:
                 if tried is None:
                     session.items = [items[name] for name in tests]
                     return None
+                if tried[0] in ("lives", "late", "untested") and mutant["all"]:
+                    tried = self._try_anew(mutant)
             self._note(mutant, *tried, round(time.monotonic() - start, 1))
         return True
 
@@ -108,13 +141,6 @@ class Judge:
         line = {"key": mutant["key"], "verdict": verdict, "by": by, "seconds": seconds}
         self._out.write(json.dumps(line) + "\n")
         self._out.flush()
-
-    def pytest_runtest_logstart(self, nodeid: str) -> None:
-        os.write(self._say, f"start {nodeid}\n".encode())
-
-    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        if report.failed:
-            os.write(self._say, f"failed {report.nodeid}\n".encode())
 
     def _try(self, mutant: dict[str, Any], tests: dict[str, float]) -> tuple[str, str] | None:
         """What came of a mutant, and the test that ran at the end; None in the fork that has to run the tests."""
@@ -125,6 +151,22 @@ class Judge:
             _install(mutant)
             return None
         os.close(self._say)
+        try:
+            return self._watch(child, reading, tests, mutant["limit"])
+        finally:
+            os.close(reading)
+
+    def _try_anew(self, mutant: dict[str, Any]) -> tuple[str, str]:
+        reading, say = os.pipe()
+        os.set_inheritable(say, True)
+        tests = dict(mutant["all"])
+        path = Path(self._orders["out"] + ".anew")
+        path.write_text(json.dumps({**self._orders, "mutants": None, "run": list(tests), "say": say}))
+        child = os.fork()
+        if child == 0:
+            _part_from_others()
+            os.execv(sys.executable, [sys.executable, "-m", "tests.mutation_run", str(path)])
+        os.close(say)
         try:
             return self._watch(child, reading, tests, mutant["limit"])
         finally:
@@ -225,10 +267,13 @@ def main() -> int:
     """Do what the orders say."""
     orders = json.loads(Path(sys.argv[1]).read_text())
     with Path(orders["out"]).open("a") as out:
-        if "mutants" in orders:
+        if "run" in orders:
+            plugin: Any = Report(orders["say"], orders["run"])
+            more = ["-x"]
+        elif "mutants" in orders:
             # Programs of a test whose fork is gone become children of this process, not of the system's first.
             ctypes.CDLL(None).prctl(_SUBREAPER, 1, 0, 0, 0)
-            plugin: Any = Judge(orders["mutants"], out)
+            plugin = Judge(orders["mutants"], orders, out)
             more = ["-x"]
         else:
             plugin, more = See(set(orders["known"]), out), ["-o", f"timeout={orders['limit']:.0f}"]

@@ -207,6 +207,7 @@ def test_tests_that_are_not_slow_and_quick_ones_judge_first() -> None:
         "a::6": test(0.1, passed=False),
         "a::7": test(0.1, calls="g"),
     }
+    assert len(choose(tests | {"": test(0.0)}, "")) == 7
     assert choose(tests, "f") == ["a::2", "a::1", "b::1", "a::5", "a::3", "a::4"]
 
 
@@ -219,6 +220,11 @@ def two(x):
 
 def wait(x):
     return x
+
+def early(x):
+    return x
+
+ONE = early(1)
 
 class Pair(tuple):
     def __new__(cls, *values):
@@ -245,6 +251,9 @@ def test_wait():
     while five.wait(1) != 1:
         time.sleep(0.01)
 
+def test_early():
+    assert five.ONE == 1
+
 def test_pair():
     assert len(Pair.make()) == 2
 """
@@ -261,7 +270,8 @@ def test_a_mutant_is_judged_by_its_tests_until_one_notices(tmp_path: Path) -> No
     def mutant(key: str, function: str, change: tuple[str, str], new: str, *tests: str) -> dict[str, object]:
         limit = 1.0 if key == "for ever" else 30.0
         names = [(f"test_five.py::test_{test}", 0.01) for test in tests]
-        code = {"function": function, "source": new, "limit": limit, "text": FIVE.replace(*change)}
+        more = names if key == "import" else []
+        code = {"function": function, "source": new, "limit": limit, "text": FIVE.replace(*change), "all": more}
         return {"key": key, "module": "five", "file": str(source), "tests": names, **code}
 
     mutants = [
@@ -270,6 +280,7 @@ def test_a_mutant_is_judged_by_its_tests_until_one_notices(tmp_path: Path) -> No
         mutant("unseen", "two", ("return 2", "return 3"), "def two(x):\n    return 3\n", "one"),
         mutant("nowhere", "two", ("return 2", "return 3"), "def two(x):\n    return 3\n"),
         mutant("for ever", "wait", ("return x", "return None"), "def wait(x):\n    return None\n", "wait"),
+        mutant("import", "early", ("return x\n\nONE", "return 2\n\nONE"), "def early(x):\n    return 2\n", "early"),
         mutant("default", "Pair.make", ("=1", "=2"), "def make(cls, value=2):\n    return cls(value)\n", "pair"),
     ]
     orders = tmp_path / "orders.json"
@@ -286,6 +297,7 @@ def test_a_mutant_is_judged_by_its_tests_until_one_notices(tmp_path: Path) -> No
         ("unseen", "lives", "one"),
         ("nowhere", "untested", ""),
         ("for ever", "late", "wait"),
+        ("import", "failed", "early"),
         ("default", "failed", "pair"),
     ]
     assert source.read_text() == FIVE
