@@ -66,6 +66,26 @@ def test_an_empty_file_has_no_channels() -> None:
         assert parse_conf(text) == []
 
 
+def test_a_file_of_comments_only_has_no_channels(tmp_path: Path) -> None:
+    path = tmp_path / "ipc_msg.conf"
+    path.write_text("# nothing here\n\n")
+    assert load_conf(path) == []
+
+
+def test_what_is_written_names_its_columns() -> None:
+    header, row, *_ = to_conf([IO]).splitlines()
+    assert header.split() == [
+        "#",
+        "module_name",
+        "direction",
+        "destination_module",
+        "interface",
+        "address",
+        "[port]",
+    ]
+    assert len(header.split()) - 1 == len(row.split())
+
+
 @pytest.mark.parametrize("kind", ["TCP", "IPC_TCP_SOCKET"])
 @pytest.mark.parametrize("module", ["PUMA260_HOST_IO_TRX", "2", "02"])
 @pytest.mark.parametrize("destination", ["PUMA260_RBT_IO_SVR", "3"])

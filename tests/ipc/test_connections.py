@@ -44,3 +44,12 @@ def test_identify_is_repeated_eight_times_per_second() -> None:
         assert all(frame.cmd == Command.IDENTIFY for frame in frames)
         asked += len(frames)
     assert asked == 6
+
+
+def test_an_identify_is_not_repeated_by_itself() -> None:
+    ipc = IpcHandle.from_url("udp://127.0.0.1:5")
+    made, asking = host_connection(ipc, None, None, None, policy=RetryPolicy(), epoch=0.0), Introduction()
+    asking.ask(made, 0.0)
+    assert len(made.data_to_send()) == 1
+    made.handle_timeout(60.0)
+    assert made.data_to_send() == []

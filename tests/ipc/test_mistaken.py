@@ -180,3 +180,18 @@ def test_links_without_a_rate_are_left_alone() -> None:
     link.open()
     assert find_servos(link) == ()
     assert link.written == []
+
+
+def test_servos_that_are_heard_in_pieces_are_all_found() -> None:
+    link = bus_link((1, 2, 3))
+    rest, read = b"", link.read
+
+    def read_a_byte(deadline: float | None) -> bytes:
+        nonlocal rest
+        rest = rest or read(deadline)
+        piece, rest = rest[:1], rest[1:]
+        return piece
+
+    link.read = read_a_byte  # type: ignore[method-assign]
+    with link:
+        assert find_servos(link) == (1, 2, 3)

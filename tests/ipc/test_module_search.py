@@ -147,6 +147,20 @@ def test_it_only_asks() -> None:
     assert len(link.written) == 3
 
 
+def test_it_does_not_wait_for_ever_for_a_line_that_takes_nothing() -> None:
+    link, given = network("silent"), list[float | None]()
+    write = link.write
+
+    def note(data: bytes, deadline: float | None = None) -> None:
+        given.append(None if deadline is None else deadline - link.clock.time)
+        write(data, deadline)
+
+    link.write = note  # type: ignore[method-assign]
+    link.open()
+    find_robot(link, ModuleType.PUMA260_RBT_IO_SVR, pings=True)
+    assert [seconds is not None and 0.0 < seconds <= 1.0 for seconds in given] == [True] * 3, given
+
+
 def test_a_serial_line_is_not_kept_waiting_for_a_robot_that_it_cannot_have() -> None:
     link = board_link("boot:99")
     link.open()

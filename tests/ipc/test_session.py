@@ -576,3 +576,32 @@ def test_a_reply_that_came_while_nobody_read_answers_no_later_request() -> None:
         link.device.connection.reply_dialect1(make_status(4, 0, b"\x11\x22"), link.clock())
         link.clock.advance(1.0)
         assert session.request(Command.READ, request).body == other
+
+
+def test_a_request_is_sent_as_often_as_it_is_asked_for() -> None:
+    link = board_link()
+    with over(link) as session:
+        session.negotiate()
+        link.device = make_hex7bot_board(start=link.clock.time, faults=["boot:99"])
+        for attempts in (1, 2):
+            link.written.clear()
+            with pytest.raises(ReplyTimeoutError, match=f"after {attempts} attempt") as info:
+                session.request(Command.STATS, attempts=attempts)
+            assert (info.value.attempts, len(link.written)) == (attempts, attempts)
+
+
+def test_every_write_has_a_deadline() -> None:
+    link, given = board_link(), list[float | None]()
+    write = link.write
+
+    def note(data: bytes, deadline: float | None = None) -> None:
+        given.append(None if deadline is None else deadline - link.clock.time)
+        write(data, deadline)
+
+    link.write = note  # type: ignore[method-assign]
+    with over(link) as session:
+        session.negotiate()
+        session.request(Command.STATS)
+        session.send(Command.STATS)
+    assert len(given) >= 3
+    assert all(seconds is not None and 0.0 < seconds <= 2.0 for seconds in given), given

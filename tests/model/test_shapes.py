@@ -123,3 +123,38 @@ def test_an_arm_is_a_tree_of_named_parts(robot: str) -> None:
 def test_every_joint_of_an_arm_is_seen_in_its_colour(robot: str) -> None:
     shapes = make_shapes(make_kinematics(robot))
     assert {shape.joint for link in shapes.links for shape in link.shapes} - {""} == set(shapes.driven)
+
+
+SIZES = [("hex7bot", 0.6, 1.5), ("so100", 0.2, 0.9), ("so101", 0.2, 0.7), ("puma260", 4.0, 9.0)]
+"""Arms with about what the heaviest part weighs, and all together, kilograms."""
+
+
+@pytest.mark.parametrize(("robot", "part", "total"), SIZES)
+def test_parts_are_as_large_and_as_heavy_as_those_of_an_arm(robot: str, part: float, total: float) -> None:
+    shapes = make_shapes(make_kinematics(robot))
+    for link in shapes.links:
+        for shape in link.shapes:
+            assert max(shape.size) < 0.3, f"{link.name}/{shape.name}: {shape.size}"
+            assert max(map(abs, shape.place)) < 0.35, f"{link.name}/{shape.name}: {shape.place}"
+    masses = [link.inertia.mass for link in shapes.links if link.inertia]
+    assert 0.0 < min(masses) <= max(masses) <= part
+    assert total / 2 < sum(masses) < total
+
+
+def test_turret_and_upper_arm_are_the_same_on_both_sides() -> None:
+    for link in make_shapes(make_kinematics("hex7bot")).links:
+        parts = {shape.name: shape for shape in link.shapes if link.name in ("turret", "upper_arm")}
+        for name, left in parts.items():
+            if name.endswith("_left"):
+                right, (x, y, z) = parts[name.replace("left", "right")], left.place
+                assert right.place == pytest.approx((x, -y, z)), name
+                assert right.size == left.size, name
+
+
+def test_solids_hit_something_unless_they_are_only_there_to_be_seen() -> None:
+    origin = (0.0, 0.0, 0.0)
+    assert cylinder("c", "frame", 0.1, 0.2, origin).solid
+    assert not cylinder("c", "frame", 0.1, 0.2, origin, solid=False).solid
+    assert box("b", "frame", (0.1, 0.2, 0.3), origin).solid
+    assert rod("r", "frame", origin, (0.0, 0.0, 1.0), 0.1).solid
+    assert bar("b", "frame", origin, (0.0, 0.0, 1.0), 0.1, 0.1).solid

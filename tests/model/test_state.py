@@ -108,6 +108,8 @@ def test_invalid_targets_are_refused(positions: Any, duration: Any, reason: str)
 def test_a_target_of_a_mapping() -> None:
     assert JointTarget.of({"J3": 0.5, "J1": 0.0}, 2.0) == JointTarget((("J3", 0.5), ("J1", 0.0)), 2.0)
     assert JointTarget.of({"J1": 0.0}, 0.0).duration == 0.0
+    # Also where the values have to be converted.
+    assert [JointTarget.of({"J1": 0}, duration).duration for duration in (0, 0.5, LONGEST)] == [0.0, 0.5, LONGEST]
 
 
 def test_a_target_is_made_of_a_mapping_and_its_numbers_become_floats() -> None:
