@@ -175,3 +175,13 @@ def test_a_server_that_sends_targets_itself_gets_targets(serve: Serve) -> None:
         assert not robot.times_motion
         with pytest.raises(NotSupportedError):
             robot.path()
+
+
+def test_what_a_server_follows_is_reported_without_points_that_wait_for_room() -> None:
+    server = FakeServer()
+    path = server.path()
+    path.send(POINTS[:6])
+    assert path.report() == (PathState.LOADING, 6, 0, path.capacity - 6, 0, "", None)
+    path.send(POINTS[6:], first=6, last=True)
+    path.start()
+    assert path.report() == (PathState.WAITING, 11, 0, 0, 0, "", None)

@@ -147,3 +147,12 @@ def test_a_plain_router_asked_for_tls(lab: Lab) -> None:
         text = why_unreachable(f"tls/localhost:{server.getsockname()[1]}", of(lab, "anna"))
         thread.join()
     assert "no TLS" in text or "ends the connection" in text
+
+
+def test_what_is_no_tls_is_told_in_a_word(lab: Lab) -> None:
+    near, far = socket.socketpair()
+    with near, far:
+        far.sendall(b"this is no TLS at all" * 10)
+        near.settimeout(20.0)
+        text = reach._handshake(near, "localhost", of(lab, "anna"))
+    assert text == "no TLS (WRONG_VERSION_NUMBER); is it a router for tcp/ only?"

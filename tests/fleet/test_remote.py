@@ -424,3 +424,20 @@ def test_a_model_or_an_option_that_does_not_fit_is_refused() -> None:
         RemoteRobot(Address("lab/arm1"), facts)
     with pytest.raises(UsageError, match="has no option baud"):
         RemoteRobot.from_url("zenoh:lab/arm1", baud=3)
+
+
+def test_only_orders_that_take_no_time_are_answered_soon(
+    connect: Callable[..., RemoteRobot], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot, given = connect(), list[tuple[str, float]]()
+    exchange = robot._exchange
+
+    def note(key: str, message: Any, timeout: float) -> m.Answer:
+        if isinstance(message, m.Envelope):
+            given.append((type(message.order).__name__, timeout))
+        return exchange(key, message, timeout)
+
+    monkeypatch.setattr(robot, "_exchange", note)
+    robot.torque(True)
+    robot.write(near(robot))
+    assert given == [("Torque", 25.0), ("Write", 2.0)]

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from hexwire.errors import UsageError
+from hexwire.fleet import score
 from hexwire.fleet.score import assign, read_motions
 from hexwire.trace.recording import RecordingWriter, make_positions, topic_of
 
@@ -56,6 +57,15 @@ def test_a_recording_that_is_too_long_is_refused(tmp_path: Path) -> None:
             writer.joint_state(make_positions(("J1",), (t / 1e4,)), BEGIN + t)
     with pytest.raises(UsageError, match=r"1000 s, and 900 s of one can be played"):
         read_motions(str(tmp_path / "a.mcap"))
+
+
+def test_a_recording_with_too_many_angles_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = str(record(tmp_path / "a.mcap", {"": (0.0, 0.0)}, seconds=1.0))
+    monkeypatch.setattr(score, "_MOST_ANGLES", 200)
+    assert read_motions(file)
+    monkeypatch.setattr(score, "_MOST_ANGLES", 199)
+    with pytest.raises(UsageError, match="more than 199 angles: too many for one motion"):
+        read_motions(file)
 
 
 def test_waypoints_are_for_any_arm(tmp_path: Path) -> None:

@@ -644,3 +644,18 @@ def test_a_server_that_only_the_router_shows_counts_too(monkeypatch: pytest.Monk
     guard.on_token(KEYS.token(SOON), True)
     assert server.conflict
     server.close()
+
+
+def test_an_arm_that_somebody_else_stopped_is_said_to_be_stopped_without_a_reason(served: Served) -> None:
+    state = served.bench.robot.read()
+    assert served.server._message(state).stopped is False
+    message = served.server._message(replace(state, stopped=True))
+    assert (message.stopped, message.reason) == (True, "")
+    assert served.server._message(None).stopped is False
+    served.stop()
+    message = served.server._message(replace(state, stopped=False))
+    assert (message.stopped, message.reason) == (True, "Bob stopped it")
+
+
+def test_a_server_that_nobody_closes_does_not_keep_its_program(served: Served) -> None:
+    assert served.server._ticker.daemon
