@@ -295,3 +295,53 @@ def test_a_missing_chunk_of_a_reply_is_asked_for(line: BoardLine) -> None:
     assert due is not None
     line.handle_timeout(due)
     assert [f.body for f in sent(line, due)] == [serialize_missing(0x0105, (0,))]
+
+
+def test_what_is_asked_of_the_board_in_the_hosts_name_has_the_time_of_its_sending(line: BoardLine) -> None:
+    knows(line)
+    head = FragmentHead(0x0105, 1, 2, Command.SERVO_TABLE, 0x80).serialize()
+    line.receive(BOARD.build(2, Command.FRAGMENT, head + b"x", 0, 0.0), 12.5)
+    (asked,) = sent(line, 12.5)
+    assert (asked.time_sec, asked.time_nsec) == (12, 500_000_000)
+
+
+def test_a_board_that_has_not_said_that_it_takes_fragments_gets_none(line: BoardLine) -> None:
+    assert statuses(line.request(ask(Command.SERVO_TABLE, LONG, 1), 0.0)) == [(1, Status.NOT_SUPPORTED)]
+    knows(line)
+    assert line.request(ask(Command.SERVO_TABLE, LONG, 2), 0.0) == []
+    # Another board may be there when it is back.
+    line.lost()
+    line.back(1.0)
+    assert statuses(line.request(ask(Command.SERVO_TABLE, LONG, 3), 1.0)) == [(3, Status.NOT_SUPPORTED)]
+
+
+def test_messages_that_were_stopped_take_no_room(line: BoardLine) -> None:
+    knows(line)
+    for seq in range(100):
+        assert line.request(ask(Command.SERVO_TABLE, LONG, seq), 0.01 * seq) == [], seq
+        line.request(ask(Command.STOP, b"\0", 100 + seq), 0.01 * seq)
+        sent(line, 0.01 * seq)
+    assert line.counters.split == 100
+
+
+def test_frames_that_mean_nothing_are_counted(line: BoardLine) -> None:
+    for number in range(1, 4):
+        line.receive(BOARD.build(2, Command.FRAGMENT, b"?", number, 0.0), 0.0)
+        assert line.counters.strange == number
+
+
+@pytest.mark.parametrize(
+    ("cmd", "body", "mode"),
+    [
+        (Command.STOP, b"\0", 0),
+        (Command.STOP, b"\1", 1),
+        (Command.STOP, b"", 0),
+        (Command.ROBOT_SIGNAL, b"\1", 0),
+    ],
+)
+def test_who_is_not_the_host_stops_in_the_way_that_it_asks_for(
+    line: BoardLine, cmd: int, body: bytes, mode: int
+) -> None:
+    line.stop_for("somebody", ask(cmd, body, 9), 0.0)
+    (stop,) = sent(line, 0.0)
+    assert (stop.cmd, stop.body) == (Command.STOP, bytes((mode,)))

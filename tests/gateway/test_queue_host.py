@@ -180,3 +180,11 @@ def test_half_a_frame_is_not_continued_by_the_next_message(bench: QueueBench) ->
     bench.put(whole)
     bench.run()
     assert bench.stopped()[8]
+
+
+def test_as_many_answers_to_who_is_there_are_numbered_as_a_board_stores() -> None:
+    host = QueueHost("mq:///bench", [8], iter(range(1, 99)).__next__)
+    for seq in range(tables.STORED_REPLIES + 2):
+        frame = Frame(0, 0, seq + 1, 7, 8, 1, tables.PROTO_HEXWIRE, seq, Command.IDENTIFY, b"")
+        assert host.takes(frame, START)
+        assert len(host._asked) == min(seq + 1, tables.STORED_REPLIES)

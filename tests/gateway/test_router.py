@@ -9,11 +9,12 @@ from tests.gateway.bench import EVERYBODY, Bench
 
 from hexwire.gateway.line import GATEWAY_MODULE
 from hexwire.session.events import Reply, TimedOut
+from hexwire.session.fragments import FragmentSender
 from hexwire.session.several import To
 from hexwire.wire import tables
 from hexwire.wire.addresses import Broadcast, Multicast
 from hexwire.wire.board_trajectory import BeginRequest, PathFlag, PathPoint, PointsRequest, StartRequest
-from hexwire.wire.command_frame import Command, Frame, Status, parse_frame
+from hexwire.wire.command_frame import Command, Frame, Status, parse_frame, serialize_frame
 from hexwire.wire.commands import FragmentHead, Identity, JointReport
 from hexwire.wire.servo_table import ServoTable
 
@@ -328,3 +329,61 @@ def test_a_stop_overtakes_a_long_request_on_a_slow_line() -> None:
     assert [end.status for end in ends if isinstance(end, Reply)] == [Status.STOPPED, Status.OK]
     assert bench.boards[8].trajectory.path is not None
     assert bench.boards[8].trajectory.path.next == 0
+
+
+def test_a_request_that_its_host_has_split_reaches_the_board_whole(bench: Bench) -> None:
+    body = long_path(bench, 9)
+    frame = Frame(0, 0, 1, 7, 9, 1, tables.PROTO_HEXWIRE, 77, Command.FRAGMENT, b"")
+    sender = FragmentSender(100)
+    bodies = list(sender.send(0x0100 | 77, Command.TRAJECTORY_POINTS, 0, body, bench.now))
+    while bodies:
+        for chunk in bodies:
+            bench.gateway.receive_host(bench.side, serialize_frame(frame._replace(body=chunk)), bench.now)
+        answers = [parse_frame(data) for data in bench.gateway.host_frames(bench.side)]
+        asks = [answer.body for answer in answers if answer.cmd == Command.FRAGMENT_MISSING]
+        assert all((answer.src, answer.dst) == (9, 7) for answer in answers)
+        bodies = [chunk for asked in asks for chunk in sender.receive_missing(asked, bench.now)]
+    bench.run(1.0)
+    chunks = [frame.body for frame in bench.to_boards[9] if frame.cmd == Command.FRAGMENT]
+    parts = {FragmentHead.parse(chunk).number: chunk[8:] for chunk in chunks}
+    assert b"".join(parts[number] for number in sorted(parts)) == body
+    assert {FragmentHead.parse(chunk).message_id & 0xFF for chunk in chunks} == {77}, "the number of the request"
+    assert bench.gateway.lines[9].counters.split == 1
+    assert bench.gateway.counters.unknown == 0
+
+
+def chunk_of(message_id: int, number: int, chunks: int, cmd: int = Command.TRAJECTORY_POINTS) -> bytes:
+    return FragmentHead(message_id, number, chunks, cmd, 0).serialize() + bytes(50)
+
+
+def give(bench: Bench, cmd: int, body: bytes, module: int = 9) -> None:
+    frame = Frame(0, 0, 1, 7, module, 1, tables.PROTO_HEXWIRE, 5, cmd, body)
+    bench.gateway.receive_host(bench.side, serialize_frame(frame), bench.now)
+
+
+def test_a_chunk_of_the_host_that_is_missing_is_asked_for(bench: Bench) -> None:
+    give(bench, Command.FRAGMENT, chunk_of(0x0105, 1, 2))
+    bench.gateway.host_frames(bench.side)
+    due = bench.gateway.next_timeout()
+    assert due is not None
+    bench.gateway.handle_timeout(due)
+    (asked,) = [parse_frame(data) for data in bench.gateway.host_frames(bench.side)]
+    assert (asked.cmd, asked.src, asked.dst) == (Command.FRAGMENT_MISSING, 9, 7)
+
+
+def test_chunks_that_mean_nothing_are_counted(bench: Bench) -> None:
+    before = bench.gateway.counters.unknown
+    give(bench, Command.FRAGMENT, chunk_of(0x0105, 0, 2), module=99)
+    give(bench, Command.FRAGMENT, b"?")
+    give(bench, Command.FRAGMENT_MISSING, chunk_of(0x0105, 0, 2))
+    assert bench.gateway.counters.unknown == before + 3
+    assert bench.gateway.host_frames(bench.side) == []
+
+
+def test_chunks_in_chunks_are_no_request() -> None:
+    bench = Bench()
+    for cmd in (Command.FRAGMENT, Command.FRAGMENT_MISSING):
+        give(bench, Command.FRAGMENT, chunk_of(0x0100 + cmd, 0, 1, cmd))
+    bench.run(0.1)
+    assert bench.to_boards[9] == []
+    assert bench.gateway.held(bench.side) == []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import select
 import socket
 import struct
 import threading
@@ -208,3 +209,108 @@ def test_a_link_that_opens_while_the_gateway_ends_is_closed_again(monkeypatch: p
 def test_a_link_of_messages_is_refused(url: str) -> None:
     with pytest.raises(UsageError, match="serial or TCP"):
         GatewayService(Listener(), {8: make_link(url)}, local=8)
+
+
+class Talker:
+    """The link of a host that has sent several pieces, and is gone."""
+
+    peer = "somewhere"
+    closed = False
+
+    def __init__(self, pieces: list[bytes]) -> None:
+        self.pieces = pieces
+
+    def read(self, deadline: float | None) -> bytes:
+        return self.pieces.pop(0) if self.pieces else b""
+
+    def leftovers(self) -> Iterator[None]:
+        while self.pieces:
+            yield
+
+    def write(self, data: bytes, deadline: float | None = None) -> None:
+        raise LinkNotFoundError("it is gone")
+
+    def close(self) -> None:
+        self.closed = True
+
+    def fileno(self) -> int:
+        return 5
+
+
+@pytest.mark.parametrize("stale", [False, True])
+def test_all_that_a_host_has_sent_is_as_old_as_its_first_byte(monkeypatch: pytest.MonkeyPatch, stale: bool) -> None:
+    service = GatewayService(None, {8: make_link("tcp://127.0.0.1:1")}, local=8)
+    taken: list[tuple[bytes, bool]] = []
+    monkeypatch.setattr(
+        service.machine, "receive_host", lambda host, data, now, *, stale=False: taken.append((data, stale))
+    )
+    host = service.machine.host_came("a host")
+    guest = module._Guest(3, Talker([b"one", b"two"]), host)  # type: ignore[arg-type]
+    service._host_round(guest, stale=stale)
+    assert taken == [(b"one", stale), (b"two", stale)]
+
+
+def test_a_board_that_is_not_there_is_looked_for_again_after_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+    link = make_link("tcp://127.0.0.1:1")
+    service = GatewayService(None, {8: link}, local=8)
+    there, tries, back = [False], list[float](), list[float]()
+
+    def look() -> None:
+        tries.append(now)
+        if not there[0]:
+            raise LinkNotFoundError("it is not there yet")
+
+    monkeypatch.setattr(link, "open", look)
+    (board,) = service._boards.values()
+    monkeypatch.setattr(board.line, "back", back.append)
+    service._waker.open()
+    board.again_at, times = 5.0, [4.9, 5.0, 5.1, 5.2, 5.1 + module._OPEN_AGAIN, 6.0 + module._OPEN_AGAIN]
+    for now in times:
+        there[0] = now > 5.2
+        service._look_for(board, now)
+        if board.opener is not None:
+            board.opener.join(LONG)
+        assert bool(select.select([service._waker.fileno()], [], [], 0.0)[0]) == bool(tries), (
+            "it is told of the end"
+        )
+    service._waker.close()
+    # At the second time it is tried, at the third that has failed, and at the fifth it is tried again.
+    assert tries == [times[1], times[4]]
+    assert back == [times[5]]
+
+
+def test_a_host_that_cannot_be_answered_is_broken(monkeypatch: pytest.MonkeyPatch) -> None:
+    service = GatewayService(None, {8: make_link("tcp://127.0.0.1:1")}, local=8)
+    guests = {fd: module._Guest(fd, Talker([]), service.machine.host_came(str(fd))) for fd in (3, 4)}  # type: ignore[arg-type]
+    service._guests = dict(guests)
+    gone: list[tuple[str, bool]] = []
+    monkeypatch.setattr(
+        service.machine, "host_gone", lambda host, now, *, broken: gone.append((host.name, broken)) or []
+    )
+    monkeypatch.setattr(service.machine, "host_data", lambda host: b"x" if host.name == "3" else b"")
+    for guest in guests.values():
+        service._to_host(guest)
+    assert gone == [("3", True)]
+    assert list(service._guests) == [4]
+
+
+def test_one_host_too_many_takes_the_place_of_one_without_a_board(monkeypatch: pytest.MonkeyPatch) -> None:
+    service = GatewayService(None, {8: make_link("tcp://127.0.0.1:1")}, local=8)
+    links = {fd: Talker([]) for fd in (3, 4)}
+    service._guests = {
+        fd: module._Guest(fd, link, service.machine.host_came(str(fd)))  # type: ignore[arg-type]
+        for fd, link in links.items()
+    }
+    service.machine._held[8] = service._guests[3].host
+    monkeypatch.setattr(module, "_MOST_HOSTS", 2)
+    caller = Talker([])
+
+    class Door:
+        url = "tcp://127.0.0.1:2"
+
+        def accept(self, now: float) -> Talker:
+            return caller
+
+    service._let_in(Door())  # type: ignore[arg-type]
+    assert list(service._guests) == [3, 5]
+    assert (links[3].closed, links[4].closed, caller.closed) == (False, True, False)
