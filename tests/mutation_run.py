@@ -30,6 +30,7 @@ import pytest
 ARGUMENTS = ["-q", "--rootdir=.", "-p", "no:cacheprovider", "--disable-warnings", "--tb=no"]
 _HANG, _TIMES = 10.0, 10.0
 _SUBREAPER = 36
+_OWN_QUEUES = 0x08000000
 
 
 class See:
@@ -203,6 +204,8 @@ class Judge(Report):
 def _part_from_others() -> None:
     """Let a mutant find nothing of those before it: where hexwire keeps what its programs share is a folder."""
     os.setpgid(0, 0)
+    # A message queue outlives its program. Without the right to this they are those of the machine.
+    ctypes.CDLL(None).unshare(_OWN_QUEUES)
     shared = Path(os.environ["XDG_RUNTIME_DIR"], str(os.getpid()))
     shared.mkdir(mode=0o700)
     os.environ["XDG_RUNTIME_DIR"] = os.environ["XDG_CONFIG_HOME"] = str(shared)
