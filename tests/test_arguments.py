@@ -268,3 +268,19 @@ def test_a_checked_method_takes_its_arguments_in_any_way() -> None:
             wrapped(Thing(), *given, **named)
     with pytest.raises(TypeError, match="missing 1 required positional argument"):
         wrapped(Thing())
+
+
+def test_bytes_and_numbers_of_other_kinds_are_taken_as_pythons_own() -> None:
+    assert DATA.plain(memoryview(b"ab")) == b"ab"
+    assert type(DATA.plain(bytearray(b"ab"))) is bytes
+    words = memoryview(b"abcd").cast("H")
+    assert DATA.plain(words) is words, "not of bytes"
+    assert DATA.plain("ab") == "ab"
+
+    class Scalar:
+        ndim = 0
+
+        def item(self) -> int:
+            return 5
+
+    assert WHOLE.plain(Scalar()) == 5

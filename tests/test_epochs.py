@@ -164,3 +164,12 @@ def test_a_token_with_a_condition_is_refused_with_the_error_of_the_condition() -
         epochs.check(token, "a move")
     # A stop asks nobody.
     epochs.check(replace(token, urgent=True), "a stop")
+
+
+def test_a_stop_that_is_assumed_voids_what_was_begun_before() -> None:
+    epochs = Epochs()
+    token = epochs.token("motion")
+    epochs.assume_stopped()
+    assert not epochs.holds(token)
+    with pytest.raises(StoppedError):
+        epochs.check(token, "motion")

@@ -122,3 +122,14 @@ def test_an_error_that_quotes_a_file_is_one_printable_line_of_bounded_length() -
     assert str(error).endswith("y; known: a")
     assert str(error).isprintable()
     assert len(str(error)) < 1700
+
+
+def test_another_device_is_told_in_place_of_an_answer() -> None:
+    error = errors.WrongDeviceError("it is a servo bus")
+    assert (error.asked, error.attempts, error.instead) == ("who is there", 1, "it is a servo bus")
+    assert str(error) == "it is a servo bus"
+
+
+def test_what_can_be_printed_is_told_as_it_is() -> None:
+    assert str(errors.ConfigError("a\\b: µ – → \x1b")).endswith("a\\b: µ – → \\x1b")
+    assert str(errors.ConfigError("a\\b 'µ'")) == "a\\b 'µ'"

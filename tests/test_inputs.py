@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hexwire import inputs
 from hexwire.errors import ConfigError
 from hexwire.inputs import Faults, Item, decode_text, parse_json, parse_toml, read_bytes, read_stream, read_text
 
@@ -302,3 +303,40 @@ def test_any_bytes_are_parsed_or_refused_by_one_error(data: bytes) -> None:
         except ConfigError as error:
             words = str(error)
         assert words.startswith("f:")
+
+
+def test_only_faults_that_are_not_told_are_counted() -> None:
+    texts = [str(i) for i in range(inputs.MOST_FAULTS + 1)]
+    assert inputs.first_faults(texts[:-1]) == texts[:-1]
+    assert inputs.first_faults(texts) == [*texts[:-1], "and 1 more"]
+
+
+def test_a_text_has_its_least_and_its_most_characters() -> None:
+    item = parse_json(b'"abc"')
+    assert [item.text(3), item.text(least=3), item.text(3, least=3)] == ["abc"] * 3
+    for most, least in ((2, 0), (9, 4)):
+        with pytest.raises(ConfigError, match=f"has 3 characters, but must have {least} to {most}"):
+            item.text(most, least=least)
+
+
+@pytest.mark.parametrize(
+    ("number", "told"), [(10**15, "not 1000000000000000"), (10**20, "not a number with too many digits")]
+)
+def test_a_number_where_a_text_must_be_is_told_unless_it_is_endless(number: int, told: str) -> None:
+    with pytest.raises(ConfigError, match=f"must be text, {told}"):
+        Item(number).text()
+
+
+def test_a_message_that_is_too_large_is_not_parsed() -> None:
+    text = b'"' + b"a" * (inputs.LARGEST_MESSAGE - 2) + b'"'
+    assert len(inputs.parse_message(text, "a.mcap", "message 5").text(2**21)) == len(text) - 2
+    with pytest.raises(ConfigError, match=r"a.mcap: message 5 has 1048577 bytes; no message has more than 1 MiB"):
+        inputs.parse_message(b" " + text, "a.mcap", "message 5")
+
+
+def test_a_file_that_is_no_text_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.toml"
+    path.write_bytes(b"\xff")
+    with pytest.raises(ConfigError) as info:
+        read_text(path)
+    assert str(info.value).startswith(f"{path}:")

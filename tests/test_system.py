@@ -68,3 +68,7 @@ def test_waiting_for_nothing_takes_its_time(poll: system.Poll) -> None:
     start = time.monotonic()
     assert poll.poll(20.0) == []
     assert time.monotonic() - start >= 0.02
+
+
+def test_a_system_without_numbers_of_devices_gives_0() -> None:
+    assert system.device_number(object()) == 0  # type: ignore[arg-type]
