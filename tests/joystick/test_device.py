@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import struct
 from collections.abc import Iterator
@@ -13,7 +14,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.errors import LinkLostError, LinkNotFoundError, UsageError
+from hexwire.errors import (
+    LinkBusyError,
+    LinkError,
+    LinkLostError,
+    LinkNotFoundError,
+    LinkPermissionError,
+    UsageError,
+)
 from hexwire.joystick import device as joystick_device
 from hexwire.joystick.device import EvdevJoystick, JsJoystick, find_joysticks, open_joystick
 
@@ -205,3 +213,51 @@ def test_devices_are_found_and_opened(tmp_path: Path, monkeypatch: pytest.Monkey
     assert isinstance(stick, JsJoystick)
     stick.close()
     assert find_joysticks(tmp_path) == [str(tmp_path / "js0")]
+
+
+def test_the_only_joystick_is_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    os.mkfifo(tmp_path / "js0")
+    monkeypatch.setattr(joystick_device, "find_joysticks", lambda: [str(tmp_path / "js0")])
+    stick = open_joystick()
+    assert stick.path == str(tmp_path / "js0")
+    stick.close()
+
+
+@pytest.mark.parametrize(
+    ("number", "kind"),
+    [
+        (errno.EACCES, LinkPermissionError),
+        (errno.EPERM, LinkPermissionError),
+        (errno.ENODEV, LinkNotFoundError),
+        (errno.EBUSY, LinkBusyError),
+        (errno.EIO, LinkError),
+    ],
+)
+def test_why_a_joystick_does_not_open_is_told_with_its_path(number: int, kind: type[LinkError]) -> None:
+    error = joystick_device._explain(OSError(number, os.strerror(number)), "/dev/input/js0")
+    assert type(error) is kind
+    assert error.url == "/dev/input/js0"
+    assert str(error).startswith("/dev/input/js0")
+
+
+def test_an_axis_without_a_range_stays_in_the_middle() -> None:
+    assert joystick_device._normal(7, SimpleNamespace(min=5, max=5, flat=0)) == 0.0
+    assert joystick_device._normal(9, SimpleNamespace(min=5, max=9, flat=0)) == 1.0
+
+
+def test_a_device_without_buttons_has_none() -> None:
+    class Wheel:
+        def capabilities(self, absinfo: bool) -> dict[int, Any]:
+            return {}
+
+        def active_keys(self) -> list[int]:
+            return []
+
+        def close(self) -> None: ...
+
+    stick = EvdevJoystick("wheel", Wheel())
+    assert stick.fileno() == -1
+    stick.open()
+    assert (stick._axes, stick._button_of) == ([], {})
+    stick.close()
+    assert stick.fileno() == -1
