@@ -39,12 +39,6 @@ def _talks_to_people(tree: ast.Module) -> list[str]:
     return found
 
 
-def _mirror(module: str) -> Path:
-    """The test file of a module: wire/checksum.py has tests/wire/test_checksum.py."""
-    path = Path(module)
-    return ROOT / "tests" / path.parent / f"test_{path.stem.strip('_')}.py"
-
-
 def test_the_generated_files_exist() -> None:
     assert set(MODULES) >= GENERATED
 
@@ -87,12 +81,6 @@ def test_the_command_line_talks_through_the_one_place_that_cleans() -> None:
 def test_talk_would_be_seen() -> None:
     tree = ast.parse("def f():\n    print('x')\n    return sys.exit(1)\nlog.print('x')\n")
     assert _talks_to_people(tree) == ["print:2", "sys.exit:3"]
-
-
-def test_every_module_has_a_test_file() -> None:
-    modules = [module for module in MODULES if Path(module).name != "__init__.py" and module not in GENERATED]
-    missing = [str(_mirror(module).relative_to(ROOT)) for module in modules if not _mirror(module).is_file()]
-    assert not missing, f"not there: {', '.join(missing)}"
 
 
 def test_no_test_skips_itself() -> None:
