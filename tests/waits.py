@@ -1,4 +1,4 @@
-"""Whether another thread waits: benches in simulated time let time pass only then, not while it is slow."""
+"""How tests wait: for what they are about; in simulated time while another thread waits, not while it is slow."""
 
 from __future__ import annotations
 
@@ -6,10 +6,23 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from typing import TypeVar
 
+T = TypeVar("T")
+PATIENCE = 30.0
+"""Seconds that a test waits at most: these machines stall."""
 _WAIT = threading.Condition.wait.__code__
 # A thread that hangs at a lock does not show it. Time passes for it too, but slowly.
 _RARELY = 0.05
+
+
+def eventually(what: Callable[[], T]) -> T:
+    """The first true answer; fails if there is none for long."""
+    deadline = time.monotonic() + PATIENCE
+    while not (found := what()):
+        assert time.monotonic() < deadline, "it did not happen"
+        time.sleep(0.02)
+    return found
 
 
 def waits(thread: threading.Thread) -> bool:

@@ -13,7 +13,8 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 from tests.fleet.conftest import Serve, runtime, serve  # noqa: F401  # fixtures
-from tests.fleet.eventually import eventually, hexwire_program
+from tests.system.programs import hexwire_program
+from tests.waits import eventually
 
 import hexwire
 from hexwire.cli import fleet_ops

@@ -9,9 +9,9 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 from tests.fleet.conftest import Serve, runtime, serve  # noqa: F401  # fixtures
-from tests.fleet.eventually import eventually
 from tests.fleet.lab import LONG_AGO, Lab
 from tests.link.far_ends import free_port
+from tests.waits import eventually
 
 from hexwire.cli.main import cli
 from hexwire.fleet import endpoints

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 from tests.fleet.conftest import Serve, runtime, serve  # noqa: F401  # fixtures
-from tests.fleet.eventually import eventually, hexwire_program
 from tests.link.far_ends import free_port
+from tests.system.programs import hexwire_program
+from tests.waits import eventually
 
 import hexwire
 from hexwire.cli.main import cli

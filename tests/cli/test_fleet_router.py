@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
-from tests.fleet.eventually import hexwire_program
 from tests.link.far_ends import free_port
+from tests.system.programs import hexwire_program
 
 from hexwire.cli.main import cli
 from hexwire.fleet.network import Network, read_access

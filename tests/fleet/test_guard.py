@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from tests.link.far_ends import free_port
+from tests.waits import eventually
 
 from hexwire.fleet.guard import NameGuard
 from hexwire.fleet.names import Keys
@@ -18,13 +17,6 @@ from .lab import Lab
 
 PATIENCE = 20.0
 KEYS = Keys("lab/arm1")
-
-
-def eventually(what: Callable[[], object]) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not what():
-        assert time.monotonic() < deadline, "it did not happen"
-        time.sleep(0.02)
 
 
 def test_it_sees_the_own_name_with_the_certificate_of_an_arm_and_no_other(tmp_path: Path, runtime: Path) -> None:

@@ -7,14 +7,13 @@ import re
 import socket
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.link.far_ends import free_port
+from tests.waits import eventually
 
 from hexwire.errors import ConfigError, LinkNotFoundError, LinkPermissionError, UsageError
 from hexwire.fleet.network import Network, read_access
@@ -30,13 +29,6 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Lab:
     lab = Lab(tmp_path_factory.mktemp("lab"))
     lab.issue("anna", Kind.OPERATOR, "lab/*")
     return lab
-
-
-def eventually(what: Callable[[], object]) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not what():
-        assert time.monotonic() < deadline, "it did not happen"
-        time.sleep(0.02)
 
 
 # -- what it listens on -----------------------------------------------------------------------------------
@@ -182,7 +174,6 @@ def test_a_missing_peer_is_reported_at_once() -> None:
 # -- a connection that stands -----------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_a_connection_ends_when_its_certificate_does(lab: Lab) -> None:
     lab.issue("long", Kind.OPERATOR, "lab/*", subject="of brief")
     with lab.routing(), lab.session("anna") as stays, contextlib.ExitStack() as stack:

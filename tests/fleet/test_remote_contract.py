@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from tests.fleet.conftest import Serve
 from tests.fleet.emulated import KINDS, emulated
+from tests.waits import eventually
 
 import hexwire
 from hexwire.control.motions import MotionObserver, run_motion
@@ -41,13 +42,6 @@ def other(**options: str) -> RemoteRobot:
     robot = make_driver("zenoh:lab/arm1" + "".join(f"?{key}={value}" for key, value in options.items()))
     assert isinstance(robot, RemoteRobot)
     return robot
-
-
-def eventually(what: Callable[[], object]) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not what():
-        assert time.monotonic() < deadline, "it did not happen"
-        time.sleep(0.02)
 
 
 # -- the contract -----------------------------------------------------------------------------------------

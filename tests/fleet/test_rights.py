@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
 import zenoh
+from tests.waits import eventually
 
 from hexwire.errors import UsageError
 from hexwire.fleet.names import Keys, Role
@@ -169,13 +169,6 @@ def answers(node: Node, key: str) -> bool:
 def allowed(node: Node, name: str) -> list[str]:
     keys = Keys(name)
     return [key.removeprefix(f"{keys.base}/") for key in keys.answered() if answers(node, key)]
-
-
-def eventually(what: Callable[[], object]) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not what():
-        assert time.monotonic() < deadline, "it did not happen"
-        time.sleep(0.02)
 
 
 READ = ["ask", "stop"]

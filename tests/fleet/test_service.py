@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from tests.emulator.terminals import serving
 from tests.fleet.conftest import Serve
+from tests.waits import eventually
 
 import hexwire
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
@@ -25,13 +26,6 @@ from hexwire.fleet.service_file import ServedArm, read_arms
 from hexwire.model.state import JointTarget
 
 PATIENCE = 15.0
-
-
-def eventually(what: Callable[[], object]) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not what():
-        assert time.monotonic() < deadline, "it did not happen"
-        time.sleep(0.02)
 
 
 @contextlib.contextmanager

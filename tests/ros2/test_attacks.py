@@ -14,10 +14,11 @@ from typing import Any
 
 import pytest
 import zenoh
-from tests.fleet.eventually import eventually, hexwire_program
 from tests.link.far_ends import free_port
 from tests.ros2.tiny_types import HASH, Text, TextType, TinyTypes
 from tests.ros2.world import Router
+from tests.system.programs import hexwire_program
+from tests.waits import eventually
 
 from hexwire.ros2 import node as node_module
 from hexwire.ros2.attachment import Attachment

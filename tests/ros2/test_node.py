@@ -6,10 +6,10 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from tests.fleet.eventually import eventually
 from tests.link.far_ends import free_port
 from tests.ros2.tiny_types import HASH, Text, TinyTypes
 from tests.ros2.world import Router
+from tests.waits import eventually
 
 from hexwire.errors import LinkClosedError
 from hexwire.ros2.distributions import Distribution

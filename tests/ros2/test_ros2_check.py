@@ -15,8 +15,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from tests.fleet.eventually import eventually
 from tests.ros2.check_here import CHECK, load_check
+from tests.waits import eventually
 
 NODE = "/hardware_interface"
 FOLLOW = "control_msgs/action/FollowJointTrajectory"

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from tests.fleet.eventually import eventually
 from tests.ros2.tiny_types import HASH, Text, TextType
+from tests.waits import eventually
 
 from hexwire.errors import LinkTimeoutError
 from hexwire.ros2.attachment import Attachment

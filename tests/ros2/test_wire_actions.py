@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 from tests.control.arm_bench import Bench
-from tests.fleet.eventually import eventually
 from tests.motion.arms import HOME
 from tests.ros2.world import Router
+from tests.waits import eventually
 
 from hexwire.ros2.action_server import ActionServer, GoalHandle
 from hexwire.ros2.actions import FOLLOW_JOINT_TRAJECTORY, ActionGoals

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.fleet.eventually import eventually
 from tests.fleet.lab import Lab
 from tests.link.far_ends import free_port
 from tests.ros2.tiny_types import Text, TinyTypes
 from tests.ros2.world import Router
+from tests.waits import eventually
 
 from hexwire.errors import ConfigError, LinkClosedError, LinkNotFoundError, LinkPermissionError, UsageError
 from hexwire.fleet.rights import Kind

@@ -61,6 +61,23 @@ def start(*words: str) -> subprocess.Popen[str]:
     )
 
 
+@contextlib.contextmanager
+def hexwire_program(*words: object) -> Iterator[subprocess.Popen[str]]:
+    """`hexwire` with these words in a process of its own, which a failing test does not leave behind."""
+    with subprocess.Popen(
+        [*HEXWIRE, *map(str, words)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+    ) as program:
+        try:
+            yield program
+        except BaseException:
+            program.kill()
+            raise
+
+
 def read_until(stream: object, text: str | re.Pattern[str]) -> str:
     """Read lines of a pipe until one contains `text`, or a pattern is found; returns all of them."""
     lines = ""

@@ -19,9 +19,10 @@ from pathlib import Path
 
 import pytest
 from tests.beside import beside
-from tests.cli.shared_arm import Plug, eventually, ok, patient, patient_line
+from tests.cli.shared_arm import Plug, ok, patient, patient_line
 from tests.link.far_ends import free_port
 from tests.system.programs import PATIENCE, read_until
+from tests.waits import eventually
 
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.emulator.board import make_hex7bot_board

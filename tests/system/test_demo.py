@@ -10,9 +10,10 @@ import time
 
 import pytest
 from click.testing import CliRunner
-from tests.cli.shared_arm import Plug, eventually, ok, run
+from tests.cli.shared_arm import Plug, ok, run
 from tests.system import programs
 from tests.system.programs import ANSI, PATIENCE, Terminal, children_of, gone, hexwire, read_until, start
+from tests.waits import eventually
 
 from hexwire.cli.main import cli
 from hexwire.emulator.board import make_hex7bot_board

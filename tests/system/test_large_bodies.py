@@ -11,9 +11,9 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
-from tests.fleet.eventually import eventually
 from tests.link.far_ends import PtyEnd, free_port
 from tests.system.mirror import Mirror
+from tests.waits import eventually
 
 from hexwire.errors import DeviceError
 from hexwire.ipc.handle import IpcHandle

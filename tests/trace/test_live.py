@@ -17,6 +17,7 @@ from typing import TextIO
 import pytest
 from tests.drivers.puma_server import served_puma
 from tests.frames import frame_bytes
+from tests.waits import eventually
 
 from hexwire import connect
 from hexwire.link.base import Link
@@ -105,12 +106,13 @@ def test_every_robot_is_traced_by_connect() -> None:
             stream = io.StringIO()
             with connect(url, robot, trace=stream) as arm:
                 state, name = arm.read(), arm.model.name
+            # The end of the arm waits for what is printed, but only a second.
+            eventually(lambda: not [thread for thread in threading.enumerate() if thread.name == "trace"])
             passed = blocks(stream.getvalue())
             assert {each.direction for each in passed} == set(Direction), url
             if not url.startswith("tcp"):  # several lines, each of which has its own pairing
                 assert_one_frame_each(passed)
             assert f"{name}:: HW read (degree):\n{state.names[0]}=" in stream.getvalue(), url
-            assert not [thread for thread in threading.enumerate() if thread.name == "trace"], url
 
 
 # -- the whole program --------------------------------------------------------------------------------
