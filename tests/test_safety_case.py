@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import ast
-import functools
 import re
 from pathlib import Path
+
+from tests.few import all_tests, slow_tests
 
 ROOT = Path(__file__).resolve().parent.parent
 TEXT = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
@@ -37,23 +37,18 @@ def test_every_hazard_has_a_proof() -> None:
         assert cells[1] != "–" or cells[2] != "–", f"somebody must stop it: {row}"
 
 
-@functools.cache
-def _slow(file: str) -> frozenset[str]:
-    """The tests of a file that only `make test-all` runs."""
-    module = ast.parse((ROOT / file).read_text(encoding="utf-8"))
-    marks = [
-        node.value for node in module.body if isinstance(node, ast.Assign) and "pytestmark" in ast.unparse(node)
-    ]
-    tests = [node for node in module.body if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")]
-    everything = any("mark.slow" in ast.unparse(mark) for mark in marks)
-    return frozenset(
-        test.name
-        for test in tests
-        if everything or any("mark.slow" in ast.unparse(mark) for mark in test.decorator_list)
-    )
-
-
 def test_every_hazard_has_a_proof_in_make_test() -> None:
     for row in ROWS:
         proofs = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", row)
-        assert any(name not in _slow(file) for file, name in proofs), f"only `make test-all` proves: {row}"
+        assert any(name not in slow_tests(ROOT / file) for file, name in proofs), (
+            f"only `make test-all` proves: {row}"
+        )
+
+
+def test_make_test_passes_through_everything() -> None:
+    """Every room, the chip, a browser, clients of ROS 1 and 2, documentation: `make test` leaves none out."""
+    rooms = sorted(path.parent.name for path in (ROOT / "src" / "hexwire").glob("*/__init__.py"))
+    means = ["avr", "conformance_board", "property", "ros2/strict_client", "site", "studio/pages", "system"]
+    for folder in [*rooms, *means]:
+        files = sorted((ROOT / "tests" / folder).glob("test_*.py"))
+        assert any(all_tests(file) - slow_tests(file) for file in files), f"only `make test-all` tests {folder}"
