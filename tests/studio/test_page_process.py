@@ -41,9 +41,10 @@ def _pid(process: PageProcess) -> int:
 
 
 def _is_gone(pid: int) -> bool:
-    """It has ended, also if nobody has asked for its status."""
+    """It has ended with all its threads, also if nobody has asked for its status."""
     try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+        ended = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+        return ended and len(list(Path(f"/proc/{pid}/task").iterdir())) == 1
     except OSError:
         return True
 

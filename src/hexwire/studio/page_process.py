@@ -95,6 +95,10 @@ class PageProcess:
                     if not sign:
                         raise EOFError
                     kind, value = pickle.load(process.stdout)  # from a program of our own
+                if kind == "full":
+                    # It ends; the next order must not meet it on its way out.
+                    self._process = None
+                    _end(process)
             except (OSError, EOFError, ValueError, pickle.UnpicklingError):
                 self._process = None
                 status = _end(process)

@@ -263,7 +263,7 @@ def main() -> None:
             outcome = "os", (error.errno, error.strerror)
         except MemoryError:
             # What is in its memory goes with it.
-            answers.end("refused", f"this needs more than {_MEMORY >> 30} GiB of memory")
+            answers.end("full", f"this needs more than {_MEMORY >> 30} GiB of memory")
             return
         except Exception as error:  # noqa: BLE001  # logged and told as what it is
             _log.exception("%s failed", what)
