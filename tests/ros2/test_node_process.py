@@ -113,7 +113,7 @@ def test_a_stop_does_not_wait_until_long_messages_are_read(arm: Arm) -> None:
     query = f"/{CONTROLLER}/query_state", "control_msgs/srv/QueryTrajectoryState"
     arm.peer.call(*query)
     arm.trigger("stop")
-    long_trajectories(arm, 8, 100_000)
+    long_trajectories(arm, 24, 100_000)
     answers: list[Any] = []
     behind = threading.Thread(target=lambda: answers.append(arm.peer.call(*query)))
     behind.start()
