@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.waits import eventually
 
 import hexwire
 from hexwire.drivers.values import StopMode
@@ -24,7 +25,6 @@ from hexwire.fleet.roster import HUNG, Roster
 from hexwire.model.state import JointFlag, JointTarget
 
 from .conftest import Serve
-from .eventually import eventually
 
 
 def puppet(name: str, **answers: Any) -> Node:

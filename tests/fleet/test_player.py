@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from tests.waits import eventually
 
 import hexwire
 from hexwire.fleet import player
@@ -17,7 +18,6 @@ from hexwire.fleet.remote import RemoteRobot
 from hexwire.motion.waypoints import Spline, Waypoint
 
 from .conftest import Serve
-from .eventually import eventually
 
 NAMES = ("lab/arm1", "lab/arm2")
 STILL = 0.006

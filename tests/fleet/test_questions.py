@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 from tests.few import few
 from tests.link.far_ends import free_port
+from tests.waits import eventually
 
 import hexwire
 from hexwire.drivers.base import RobotDriver
@@ -42,7 +43,6 @@ from hexwire.fleet.service_file import read_arms
 from hexwire.link.certs import issue_certificate
 from hexwire.model.state import JointTarget
 
-from .eventually import eventually
 from .lab import Lab
 
 

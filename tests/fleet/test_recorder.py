@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.waits import eventually
 
 from hexwire.fleet import messages as m
 from hexwire.fleet.endpoints import endpoints_of, local_socket
@@ -22,7 +23,6 @@ from hexwire.trace.capture import read_messages
 from hexwire.trace.recording import RecordingWriter, read_joint_states, topic_of
 
 from .conftest import Serve
-from .eventually import eventually
 
 AHEAD = 1000.0
 """Seconds by which a far clock is ahead, and its wall clock behind."""

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.waits import eventually
 
 import hexwire
 from hexwire.errors import LinkNotFoundError, UsageError
@@ -14,7 +15,6 @@ from hexwire.fleet.node import Node
 from hexwire.fleet.remote import RemoteRobot
 
 from .conftest import Serve
-from .eventually import eventually
 
 
 @pytest.fixture

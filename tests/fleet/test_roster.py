@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from tests.few import few
 from tests.link.far_ends import free_port
+from tests.waits import eventually
 
 from hexwire.errors import UsageError
 from hexwire.fleet import roster as module
@@ -18,7 +19,6 @@ from hexwire.fleet.node import NoAnswerError, Node
 from hexwire.fleet.rights import Kind
 from hexwire.fleet.roster import HUNG, Roster
 
-from .eventually import eventually
 from .lab import Lab
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from tests.link.far_ends import free_port
+from tests.waits import eventually
 
 from hexwire.errors import DeviceError, UsageError
 from hexwire.fleet.names import Keys
@@ -20,7 +21,6 @@ from hexwire.fleet.rights import Kind
 from hexwire.fleet.service import Service
 from hexwire.fleet.service_file import read_arms
 
-from .eventually import eventually
 from .lab import Lab
 
 PATIENCE = 30.0
