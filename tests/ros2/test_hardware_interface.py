@@ -219,9 +219,9 @@ def test_set_points_of_a_forward_command_controller_are_followed(
 def test_set_points_that_go_on_through_a_stop_move_nothing_after_the_reset(
     front: Front, caplog: pytest.LogCaptureFixture
 ) -> None:
-    target = aside(front, 0.8)
+    target = aside(front, 1.1)
     start = front.positions
-    stream(front, target, 10)
+    stream(front, target, 6)
     assert not front.near(start, 0.05)
     front.trigger("stop")
     stood = front.still(0.5)
