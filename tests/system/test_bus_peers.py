@@ -53,7 +53,7 @@ def _seen(port: str, name: str) -> dict[int, int | None]:
 
 def _again(call: Callable[[], bool]) -> bool:
     """These clients take a stall of milliseconds for a lost answer: ask until the machine is quiet for once."""
-    deadline = time.monotonic() + 20.0
+    deadline = time.monotonic() + 30.0
 
     def tried() -> bool:
         try:
