@@ -16,6 +16,8 @@ from array import array
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from hexwire.trace.series import column_name
+
 if TYPE_CHECKING:
     from hexwire.control.history import Rows
     from hexwire.trace.series import Series
@@ -71,8 +73,7 @@ def history_columns(
         rows: The rows.
         endings: Only columns whose names end so.
     """
-    names = [f"{joint}.{signal}" if joint else signal for joint, signal in signals]
-    pairs = zip(names, transposed(rows), strict=True)
+    pairs = zip((column_name(*signal) for signal in signals), transposed(rows), strict=True)
     return serialize_columns(head, rows.times, [pair for pair in pairs if pair[0].endswith(endings)])
 
 

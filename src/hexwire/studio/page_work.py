@@ -24,7 +24,7 @@ from typing import IO, TYPE_CHECKING, Any
 from hexwire.errors import HexwireError, UsageError
 from hexwire.trace.library import Library
 from hexwire.trace.saving import saved_traffic
-from hexwire.trace.series import write_csv, write_mcap
+from hexwire.trace.series import column_name, write_csv, write_mcap
 
 from .columns import history_columns, series_columns
 from .geometry import make_geometry
@@ -77,8 +77,7 @@ class PageWork:
 
     def csv(self, path: str, columns: _Columns, wanted: Sequence[str], rows: Rows, offset: float) -> None:
         """Leave some columns as CSV."""
-        names = [f"{joint}.{name}" if joint else name for joint, name in columns]
-        places = [i for i, name in enumerate(names) if not wanted or name in wanted]
+        places = [i for i, column in enumerate(columns) if not wanted or column_name(*column) in wanted]
         chosen = ((at, [row[i] for i in places]) for at, row in rows)
         with Path(path).open("wb") as out:
             write_csv(out, [columns[i] for i in places], chosen, offset)

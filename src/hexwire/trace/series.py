@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .mcap_file import Readable
     from .recording import RecordedJoints
 
-__all__ = ["QUANTITIES", "Series", "TimedFile", "read_series", "write_csv", "write_mcap"]
+__all__ = ["QUANTITIES", "Series", "TimedFile", "column_name", "read_series", "write_csv", "write_mcap"]
 
 QUANTITIES = ("position", "goal", "velocity", "load", "current", "voltage", "temperature")
 """Numbers of a joint that a recording may have, in SI units."""
@@ -158,6 +158,11 @@ def read_series(file: Readable, name: str, *, topic: str | None = None, most: in
     return series
 
 
+def column_name(joint: str, quantity: str) -> str:
+    """Name of a column: ``joint.quantity``, or the quantity of the whole arm if there is no joint."""
+    return f"{joint}.{quantity}" if joint else quantity
+
+
 def write_csv(out: IO[bytes], columns: Sequence[tuple[str, str]], rows: Iterable[Row], offset: float = 0.0) -> int:
     """Write rows as CSV, as `hexwire record export` does: ``time``, then ``joint.quantity``.
 
@@ -174,7 +179,7 @@ def write_csv(out: IO[bytes], columns: Sequence[tuple[str, str]], rows: Iterable
     """
     text = io.TextIOWrapper(out, encoding="utf-8", newline="")
     writer, count = csv.writer(text), 0
-    writer.writerow(["time", *(f"{joint}.{quantity}" if joint else quantity for joint, quantity in columns)])
+    writer.writerow(["time", *(column_name(*column) for column in columns)])
     for at, values in rows:
         writer.writerow([f"{at + offset:.6f}", *(f"{v:.7g}" if math.isfinite(v) else "" for v in values)])
         count += 1
