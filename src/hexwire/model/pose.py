@@ -110,6 +110,11 @@ def column(m: Matrix, i: int) -> Vector:
     return (m[0][i], m[1][i], m[2][i])
 
 
+def dot(a: Sequence[float], b: Sequence[float]) -> float:
+    """Scalar product of two vectors of one length."""
+    return sum(x * y for x, y in zip(a, b, strict=True))
+
+
 def cross(a: Sequence[float], b: Sequence[float]) -> Vector:
     """Cross product."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
@@ -137,8 +142,8 @@ def rotation_from_numbers(numbers: Sequence[float]) -> Matrix:
     y: Vector = (numbers[1], numbers[4], numbers[7])
     z: Vector = (numbers[2], numbers[5], numbers[8])
     lengths = [math.hypot(*v) for v in (x, y, z)]
-    skew = max(abs(_dot(x, y)), abs(_dot(y, z)), abs(_dot(z, x)), *(abs(n - 1) for n in lengths))
-    if skew > 0.01 or _dot(cross(x, y), z) < 0:
+    skew = max(abs(dot(x, y)), abs(dot(y, z)), abs(dot(z, x)), *(abs(n - 1) for n in lengths))
+    if skew > 0.01 or dot(cross(x, y), z) < 0:
         raise UsageError(
             "these nine numbers are not a rotation: the columns must be perpendicular, right-handed and of length 1"
         )
@@ -154,16 +159,12 @@ def _closer_to_orthogonal(m: Matrix) -> Matrix:
     # right-handed matrix the rows of the latter are the cross products over the determinant.
     a, b, c = m
     bc, ca, ab = cross(b, c), cross(c, a), cross(a, b)
-    det = _dot(a, bc)
+    det = dot(a, bc)
     return (_mean(a, bc, det), _mean(b, ca, det), _mean(c, ab, det))
 
 
 def _mean(u: Vector, v: Vector, det: float) -> Vector:
     return (0.5 * (u[0] + v[0] / det), 0.5 * (u[1] + v[1] / det), 0.5 * (u[2] + v[2] / det))
-
-
-def _dot(a: Sequence[float], b: Sequence[float]) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def quaternion(m: Matrix) -> tuple[float, float, float, float]:

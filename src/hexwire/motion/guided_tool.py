@@ -16,7 +16,7 @@ from typing import NamedTuple
 from hexwire.errors import LimitError
 from hexwire.model.arm import ArmModel
 from hexwire.model.kinematics import KinematicModel
-from hexwire.model.pose import Pose, multiply, rotation_about
+from hexwire.model.pose import Pose, dot, multiply, rotation_about
 
 from .moving import State, change, joint_limits
 from .speed_profile import JointLimits
@@ -165,13 +165,13 @@ class GuidedTool:
         """
         rows = [list(row) for row in self._kinematics.jacobian(angles)]
         wrist = list(zip(*rows[_TURNS:], strict=True))[_TURNS:]
-        matrix = [*rows[:_TURNS], *([_dot(axis, c) for c in zip(*rows[_TURNS:], strict=True)] for axis in wrist)]
-        wanted = [[*v[:_TURNS], *(_dot(axis, v[_TURNS:]) for axis in wrist)] for v in of_tool]
+        matrix = [*rows[:_TURNS], *([dot(axis, c) for c in zip(*rows[_TURNS:], strict=True)] for axis in wrist)]
+        wanted = [[*v[:_TURNS], *(dot(axis, v[_TURNS:]) for axis in wrist)] for v in of_tool]
         columns = list(zip(*matrix, strict=True))
-        squares = [[_dot(a, b) for b in columns] for a in columns]
+        squares = [[dot(a, b) for b in columns] for a in columns]
         for i, row in enumerate(squares):
             row[i] += _DAMPING
-        found = _solved(squares, [[_dot(a, v) for v in wanted] for a in columns])
+        found = _solved(squares, [[dot(a, v) for v in wanted] for a in columns])
         return [
             [sign * x for sign, x in zip(self._signs, rates, strict=True)] for rates in zip(*found, strict=True)
         ]
@@ -205,10 +205,6 @@ def _moved(pose: Pose, ways: Sequence[float]) -> Pose:
         return Pose((x, y, z), pose.rotation)
     axis = (ways[3] / angle, ways[4] / angle, ways[5] / angle)
     return Pose((x, y, z), multiply(rotation_about(axis, angle), pose.rotation))
-
-
-def _dot(a: Sequence[float], b: Sequence[float]) -> float:
-    return sum(x * y for x, y in zip(a, b, strict=True))
 
 
 def _solved(rows: Sequence[Sequence[float]], sides: Sequence[Sequence[float]]) -> list[list[float]]:
