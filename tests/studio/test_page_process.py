@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -95,8 +96,10 @@ def test_after_it_was_killed_another_one_begins(process: PageProcess) -> None:
     assert _pid(process) != pid
 
 
-def test_killed_at_work_it_tells_whoever_waits(process: PageProcess, endless: Path) -> None:
-    pid, told = _pid(process), list[str]()
+@contextmanager
+def _asked_for_long(process: PageProcess, endless: Path) -> Iterator[list[str]]:
+    """Another thread has an order under way, which this block ends; what it is told."""
+    told = list[str]()
 
     def ask() -> None:
         with pytest.raises(HexwireError) as failed:
@@ -106,8 +109,14 @@ def test_killed_at_work_it_tells_whoever_waits(process: PageProcess, endless: Pa
     thread = threading.Thread(target=ask)
     thread.start()
     until(lambda: process._turn.locked(), "the order")
-    os.kill(pid, signal.SIGKILL)
+    yield told
     thread.join(20.0)
+
+
+def test_killed_at_work_it_tells_whoever_waits(process: PageProcess, endless: Path) -> None:
+    pid = _pid(process)
+    with _asked_for_long(process, endless) as told:
+        os.kill(pid, signal.SIGKILL)
     assert told == ["the process that reads and writes files for pages has ended with status -9; try again"]
     assert _pid(process) != pid
 
@@ -171,18 +180,9 @@ def test_it_ends_with_a_program_that_is_killed(busy: bool, endless: Path) -> Non
 
 
 def test_closing_ends_it_also_at_work(process: PageProcess, endless: Path) -> None:
-    pid, told = _pid(process), list[str]()
-
-    def ask() -> None:
-        with pytest.raises(HexwireError) as failed:
-            process.ask("wire_open", "tab", str(endless), "x", "board")
-        told.append(str(failed.value))
-
-    thread = threading.Thread(target=ask)
-    thread.start()
-    until(lambda: process._turn.locked(), "the order")
-    process.close()
-    thread.join(20.0)
+    pid = _pid(process)
+    with _asked_for_long(process, endless) as told:
+        process.close()
     assert told
     assert _is_gone(pid)
     with pytest.raises(HexwireError, match="the studio ends"):

@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import asyncio
 import math
-import tempfile
 import time
 from collections.abc import Awaitable, Callable
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from starlette.requests import Request
@@ -161,9 +159,8 @@ class _Files:
         if request.scope[SESSION].right < Right.OPERATE:
             raise _RefusedError(403, WATCHING_ONLY)
         name, most = _text(request, "name"), self._present().shelf.library.largest
-        with tempfile.TemporaryDirectory(prefix="hexwire-") as folder:
-            path = Path(folder) / "file"
-            if not await received(request, path, most):
+        async with received(request, most) as path:
+            if path is None:
                 raise _RefusedError(413, f"it is larger than {most >> 20} MiB")
             added, problem = await self._ask(request, lambda process: process.ask("add", name, str(path)))
         return JSONResponse({"name": added, "problem": problem}, headers=_PLAIN)

@@ -97,18 +97,15 @@ class PageProcess:
                     kind, value = pickle.load(process.stdout)  # from a program of our own
                 if kind == "full":
                     # It ends; the next order must not meet it on its way out.
-                    self._process = None
-                    _end(process)
+                    self._drop(process)
             except (OSError, EOFError, ValueError, pickle.UnpicklingError):
-                self._process = None
-                status = _end(process)
+                status = self._drop(process)
                 why = self._why or f"has ended with status {status}"
                 _log.error("the process that reads and writes files for pages %s", why)
                 raise HexwireError(f"the process that reads and writes files for pages {why}; try again") from None
             except BaseException:
                 # It may wait for the rest of an order.
-                self._process = None
-                _end(process)
+                self._drop(process)
                 raise
         if kind == "done":
             return value
@@ -116,6 +113,11 @@ class PageProcess:
             raise OSError(*value)
         text = str(value)
         raise HexwireError(text)
+
+    def _drop(self, process: subprocess.Popen[bytes]) -> int:
+        """End the process, so that the next order begins another one; its status."""
+        self._process = None
+        return _end(process)
 
     def _living(self) -> subprocess.Popen[bytes] | None:
         """The process, unless there is none or it has ended while it had nothing to do."""

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
@@ -51,11 +52,18 @@ async def made(make: Callable[[str], Awaitable[object]], kind: str, name: str = 
     return _Made(path, media_type=kind, headers=headers, background=task)
 
 
-async def received(request: Request, path: Path, most: int) -> bool:
-    """Write what a browser sends; False if it is more than `most` bytes.
+@asynccontextmanager
+async def received(request: Request, most: int) -> AsyncIterator[Path | None]:
+    """A file that a browser sends, for this block; None if it is more than `most` bytes.
 
     It is counted, since a length that is given may be wrong.
     """
+    with tempfile.TemporaryDirectory(prefix="hexwire-") as folder:
+        path = Path(folder) / "file"
+        yield path if await _written(request, path, most) else None
+
+
+async def _written(request: Request, path: Path, most: int) -> bool:
     size = 0
     with path.open("wb") as file:
         async for part in request.stream():

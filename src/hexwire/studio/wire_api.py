@@ -6,9 +6,7 @@ Must not know how traffic is read.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Awaitable, Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from starlette.requests import Request
@@ -101,9 +99,8 @@ async def _of_file(studio: Studio, tab: Tab, what: str, *args: object) -> Any:
 async def _open(studio: Studio, tab: Tab, request: Request) -> Any:
     name = request.query_params.get("name", "")[:_NAME] or "the file"
     series = request.query_params.get("series", "board")
-    with tempfile.TemporaryDirectory(prefix="hexwire-") as folder:
-        path = Path(folder) / "file"
-        if not await received(request, path, LARGEST_FILE):
+    async with received(request, LARGEST_FILE) as path:
+        if path is None:
             raise UsageError(f"the file is larger than {LARGEST_FILE >> 20} MiB")
         await studio.ask_files(
             tab.right, lambda process: process.ask("wire_open", tab.key, str(path), name, series)
