@@ -536,8 +536,7 @@ class Room:
         self.name, self.quick = name, quick
         self.folder = WORK / name
         self.folder.mkdir(parents=True, exist_ok=True)
-        files = [path for path in SOURCE.rglob("*.py") if path in set(files_of(name))]
-        self.source = _digest("".join(path.read_text() for path in sorted(files)))
+        self.source = _digest("".join(path.read_text() for path in files_of(name)))
         self._tests_now = {
             path.relative_to(ROOT).as_posix(): _digest(path.read_text())
             for start in judges_of(name)
@@ -605,13 +604,9 @@ class Room:
         return left
 
     def _holds(self, row: dict[str, object]) -> bool:
-        if row["verdict"] in _NOTICED and not row["slow"]:
+        if row["verdict"] in _NOTICED and not (self.quick and row["slow"]):
             return row["file"] == self._file_digest(str(row["by"]))
-        if row["quick"] and not self.quick:
-            return False
-        if row["verdict"] in _NOTICED and not self.quick:
-            return row["file"] == self._file_digest(str(row["by"]))
-        return row["tests"] == self.tests
+        return (self.quick or not row["quick"]) and row["tests"] == self.tests
 
     def judge(self, mutants: list[Mutant]) -> None:
         """Run the tests for mutants whose verdicts are not known."""
