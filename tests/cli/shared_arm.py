@@ -12,6 +12,7 @@ from contextlib import contextmanager
 
 import pytest
 from click.testing import CliRunner, Result
+from tests.waits import PATIENCE
 
 from hexwire.cli.main import cli
 from hexwire.control import motions
@@ -21,7 +22,6 @@ from hexwire.emulator.serve_pty import PtyServer
 from hexwire.motion.safety import SafetyLimits
 from hexwire.session.policy import RetryPolicy
 
-PATIENCE = 30.0
 ARM = "zenoh:lab/arm1"
 
 

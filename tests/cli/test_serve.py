@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from tests.cli.shared_arm import ARM, PATIENCE, Plug, ok, patient, plain, process, run
-from tests.waits import eventually
+from tests.cli.shared_arm import ARM, Plug, ok, patient, plain, process, run
+from tests.waits import PATIENCE, eventually
 
 import hexwire
 from hexwire.cli.exits import DEVICE, INTERRUPTED, USAGE

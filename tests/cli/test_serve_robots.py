@@ -18,12 +18,12 @@ from subprocess import Popen
 import pytest
 from click.testing import Result
 from tests.beside import beside
-from tests.cli.shared_arm import ARM, PATIENCE, patient, plain, process, run
+from tests.cli.shared_arm import ARM, patient, plain, process, run
 from tests.fleet.emulated import KINDS, emulated
 from tests.link.far_ends import free_port
 from tests.ros1.ros_world import PtyBoard, still
 from tests.system.test_dead_host import pushed_stick
-from tests.waits import eventually
+from tests.waits import PATIENCE, eventually
 
 import hexwire
 from hexwire.cli.exits import DEVICE, INTERRUPTED

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from tests.control.arm_bench import Told
 from tests.drivers.arms import Arm
-from tests.waits import turn_while_it_waits
+from tests.waits import eventually, turn_while_it_waits
 
 from hexwire.control.arrival import Tolerance
 from hexwire.control.controller import TrajectoryController
@@ -173,13 +173,6 @@ class Served:
         self._server.close()
 
 
-def wait_for(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + 30
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-
-
 class Threaded:
     """A node's owner with its thread, on a served board. Its watchdog is long: these machines stall."""
 
@@ -193,7 +186,7 @@ class Threaded:
     def newest(self) -> JointState:
         """The next state: those before may be too old if this machine stalls."""
         before = self.owner.state
-        wait_for(lambda: self.owner.state is not before)
+        eventually(lambda: self.owner.state is not before)
         state = self.owner.state
         assert state is not None
         return state
@@ -213,5 +206,5 @@ class Threaded:
         """Have a joint go so slowly that it is on its way for long; it moves when this returns."""
         start = self.newest()["J1"].position
         told = self.go("J1", 0.4, 20.0)
-        wait_for(lambda: self.newest()["J1"].position > start + 0.002)
+        eventually(lambda: self.newest()["J1"].position > start + 0.002)
         return told

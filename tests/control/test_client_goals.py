@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 from tests.control.arm_bench import SPLIT, Bench
-from tests.control.owner_bench import wait_for
 from tests.motion.arms import HOME, NAMES
+from tests.waits import eventually
 
 from hexwire.control.client_goals import ClientGoal, ClientGoals, Request
 from hexwire.control.goals import Component, ComponentTolerance, Point, TrajectoryGoal
@@ -86,11 +86,11 @@ def goals() -> Iterator[Goals]:
 def test_a_goal_is_accepted_and_reached(goals: Goals) -> None:
     goals.goals.start()
     client = goals.send({"J1": HOME["J1"] + 0.2})
-    wait_for(lambda: client.said == ["accepted"])
+    eventually(lambda: client.said == ["accepted"])
     assert goals.goals._worker.daemon, "a program that does not close it ends all the same"
     goal = goals.bench.controller.listener
     assert isinstance(goal, ClientGoal)
-    wait_for(lambda: goal.accepted)
+    eventually(lambda: goal.accepted)
     assert goal.client is client
     assert goals.goals.open
     goals.bench.until(lambda: client.over)
@@ -101,10 +101,10 @@ def test_a_goal_is_accepted_and_reached(goals: Goals) -> None:
 def test_a_goal_that_is_cancelled_during_its_path_check_is_held(goals: Goals) -> None:
     goals.goals.start()
     client = goals.send({"J1": HOME["J1"] + 0.5}, 5.0)
-    wait_for(lambda: client.said)
+    eventually(lambda: client.said)
     goals.bench.turn(1.0)
     goals.goals.cancel("", "one")
-    wait_for(lambda: client.over)
+    eventually(lambda: client.over)
     assert client.said == ["accepted", ("cancelled", "cancelled")]
 
 
@@ -125,7 +125,7 @@ def test_a_goal_that_is_cancelled_before_it_begins_never_does(
     if when == "before":
         goals.goals.cancel("", "one")
     goals.goals.start()
-    wait_for(lambda: client.over)
+    eventually(lambda: client.over)
     assert client.said == [("cancelled", "cancelled")]
     assert not controller.busy
     assert not goals.goals.open
@@ -154,9 +154,9 @@ def test_two_controllers_may_have_goals_of_one_key() -> None:
     whole = {name: HOME[name] + 0.2 * (name == "J1") for name in NAMES[:6]}
     first = goals.send(whole, 3.0, controller="arm")
     second = goals.send({"J7": HOME["J7"] + 0.1}, 3.0, controller="hand")
-    wait_for(lambda: first.said and second.said)
+    eventually(lambda: first.said and second.said)
     goals.goals.cancel("arm", "one")
-    wait_for(lambda: first.over)
+    eventually(lambda: first.over)
     assert first.said[-1] == ("cancelled", "cancelled")
     assert goals.goals.open
     goals.bench.until(lambda: second.over)
@@ -168,12 +168,12 @@ def test_the_end_of_a_goal_is_not_that_of_another_one_with_its_key(goals: Goals)
     first = goals.send({"elbow": 0.0})
     second = goals.send({"J1": HOME["J1"] + 0.5}, 5.0)
     goals.goals.start()
-    wait_for(lambda: first.over and second.said)
+    eventually(lambda: first.over and second.said)
     ((reason, text),) = first.said
     assert (reason, text.partition(";")[0]) == ("wrong joints", "joint_names: 'elbow' unknown")
     assert goals.goals.open
     goals.goals.cancel("", "one")
-    wait_for(lambda: second.over)
+    eventually(lambda: second.over)
     assert second.said[-1] == ("cancelled", "cancelled")
 
 
@@ -184,16 +184,16 @@ def test_a_programming_error_refuses_its_goal_and_no_other(
     with monkeypatch.context() as patch, caplog.at_level(logging.CRITICAL, logger="hexwire"):
         patch.setattr(goals.bench.controller, "check_path", lambda *_, **__: 1 / 0)
         broken = goals.send({"J1": HOME["J1"]})
-        wait_for(lambda: broken.over)
+        eventually(lambda: broken.over)
         unreadable = Client()
         goals.goals.send("", "two", unreadable, lambda: 1 / 0)  # type: ignore[arg-type,return-value]  # it fails
-        wait_for(lambda: unreadable.over)
+        eventually(lambda: unreadable.over)
     for client in (broken, unreadable):
         ((reason, text),) = client.said
         assert reason == "failed"
         assert text.startswith("the program failed: ZeroDivisionError")
     last = goals.send({"J1": HOME["J1"] + 0.1}, key="three")
-    wait_for(lambda: last.said == ["accepted"])
+    eventually(lambda: last.said == ["accepted"])
 
 
 def test_a_client_that_cannot_be_answered_is_logged_and_hinders_nobody(
@@ -204,7 +204,7 @@ def test_a_client_that_cannot_be_answered_is_logged_and_hinders_nobody(
     with caplog.at_level(logging.CRITICAL, logger="hexwire"):
         goals.send({"elbow": 0.0}, client=deaf)
         other = goals.send({"elbow": 0.0}, key="two")
-        wait_for(lambda: other.over)
+        eventually(lambda: other.over)
     assert deaf.said == []
     assert not goals.goals.open
 
@@ -212,7 +212,7 @@ def test_a_client_that_cannot_be_answered_is_logged_and_hinders_nobody(
 def test_a_stop_aborts_and_the_end_is_told_before_all_is_closed(goals: Goals) -> None:
     goals.goals.start()
     client = goals.send({"J1": HOME["J1"] + 0.5}, 5.0)
-    wait_for(lambda: client.said)
+    eventually(lambda: client.said)
     goals.bench.arm.stop("test")
     goals.goals.close()
     assert client.said == ["accepted", ("stopped", "stopped: test")]
@@ -222,7 +222,7 @@ def test_a_goal_that_another_one_replaces_is_not_one_that_its_client_cancels(goa
     goals.goals.start()
     first = goals.send({"J1": HOME["J1"] + 0.5}, 5.0)
     second = goals.send({"J1": HOME["J1"] - 0.1}, key="two")
-    wait_for(lambda: first.over and second.said)
+    eventually(lambda: first.over and second.said)
     assert first.said == ["accepted", ("replaced", "replaced by a new goal")]
     assert second.said == ["accepted"]
 
@@ -231,7 +231,7 @@ def test_the_log_says_why_in_the_words_of_the_front(caplog: pytest.LogCaptureFix
     goals = Goals(in_log=lambda reason, text: f"<{reason.name}> {text}")
     goals.goals.start()
     refused, stopped = goals.send({"elbow": 0.0}), goals.send({"J1": HOME["J1"] + 0.5}, 5.0, key="two")
-    wait_for(lambda: refused.over and stopped.said)
+    eventually(lambda: refused.over and stopped.said)
     goals.bench.arm.stop("test")
     goals.goals.close()
     assert stopped.over
@@ -245,7 +245,7 @@ def test_no_client_is_answered_before_its_time() -> None:
     goals.goals.start()
     sent = time.monotonic()
     client = goals.send({"J1": HOME["J1"] + 0.2})
-    wait_for(lambda: client.said)
+    eventually(lambda: client.said)
     assert client.when[0] - sent >= 0.03
     goals.goals.close()
 
@@ -257,9 +257,9 @@ def test_no_client_hears_the_end_before_its_time(wanted: float) -> None:
     sent = time.monotonic()
     client = goals.send({"J1": wanted})
     if math.isfinite(wanted):
-        wait_for(lambda: client.said)
+        eventually(lambda: client.said)
         goals.bench.arm.stop("by the test")
-    wait_for(lambda: client.over)
+    eventually(lambda: client.over)
     assert client.when[-1] - sent >= 0.03
     goals.goals.close()
 
@@ -293,9 +293,9 @@ def test_the_tolerances_of_a_goal_decide_how_it_ends(goals: Goals, own: dict[str
     goals.bench.jam("J1")
     client, order = Client(), TrajectoryGoal(("J1",), (Point(1.0, (HOME["J1"] + 0.1,)),))
     goals.goals.send("", "one", client, lambda: Request(order, **own))
-    wait_for(lambda: client.said)
+    eventually(lambda: client.said)
     goals.bench.until(lambda: goals.bench.controller.listener is None)
-    wait_for(lambda: client.over)
+    eventually(lambda: client.over)
     assert client.said[0] == "accepted"
     assert client.said[1][0] == reason
 
@@ -316,7 +316,7 @@ def test_a_machine_that_stood_still_answers_no_sooner(monkeypatch: pytest.Monkey
         answered_after: list[int] = []
         client = Client(lambda after=answered_after: after.append(looks))  # type: ignore[misc]
         goals.send({"elbow": 0.0}, key=key, client=client)
-        wait_for(lambda after=answered_after: after)
+        eventually(lambda after=answered_after: after)
         # The client had its turns of the processor, as often as a clock that runs on would have given it.
         assert answered_after[0] - looks_before >= 10
     goals.goals.close()
@@ -328,6 +328,6 @@ def test_a_goal_that_waited_during_a_stop_is_refused_after_the_reset(goals: Goal
     bench.ask(lambda: arm.stop("by the test"))
     bench.ask(arm.reset)
     goals.goals.start()
-    wait_for(lambda: client.over)
+    eventually(lambda: client.over)
     assert client.said == [("stopped", "the arm was stopped since it was asked for; ask again")]
     assert not bench.controller.busy

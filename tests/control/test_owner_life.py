@@ -6,7 +6,8 @@ import threading
 from collections.abc import Iterator
 
 import pytest
-from tests.control.owner_bench import BoardBench, Served, Threaded, moving, wait_for
+from tests.control.owner_bench import BoardBench, Served, Threaded, moving
+from tests.waits import eventually
 
 from hexwire.control import owner as module
 from hexwire.control.known_state import KnownState
@@ -193,7 +194,7 @@ def test_a_life_with_its_own_thread(served: Served) -> None:
     owner, names = node.owner, node.driver.model.names
     assert owner.torque(True, names) == names
     told = node.go("J1", 0.05, 1.0)
-    wait_for(lambda: told.ends)
+    eventually(lambda: told.ends)
     assert told.words.startswith("succeeded: ")
     told = node.go_slowly()
     assert owner.stop("a test") == names
@@ -231,7 +232,7 @@ def test_stops_from_several_threads_while_the_owner_waits(served: Served, publis
     assert owner.reconnects == 0
     # Reports go on, or soon again.
     before = owner.state
-    wait_for(lambda: owner.state is not before)
+    eventually(lambda: owner.state is not before)
     owner.reset()
     assert owner.torque(True, names) == names
     owner.shutdown()
@@ -247,7 +248,7 @@ def test_a_stop_of_a_board_that_says_nothing_fails_in_time_and_all_is_stopped(se
     with pytest.raises(HexwireError):
         node.owner.stop("a test")
     assert told.words == "aborted: stopped: a test"
-    wait_for(lambda: not node.owner.connected)
+    eventually(lambda: not node.owner.connected)
     with pytest.raises(LinkLostError):
         node.owner.reset()
     node.owner.shutdown()
@@ -269,7 +270,7 @@ def test_the_end_while_the_owner_looks_for_a_robot(served: Served) -> None:
     node = Threaded(served)
     node.driver._boot_window = 600.0
     served.muted.set()
-    wait_for(lambda: not node.owner.connected and node.driver.session.is_open)
+    eventually(lambda: not node.owner.connected and node.driver.session.is_open)
     node.owner.shutdown(torque_off=True)
     assert not node.owner.alive
     assert node.owner.crash is None
@@ -288,7 +289,7 @@ def test_a_programming_error_is_reported_and_stops_the_arm(served: Served) -> No
     owner.torque(True, node.driver.model.names)
     told = node.go("J1", 0.4, 20.0)
     broken.set()
-    wait_for(lambda: not owner.alive)
+    eventually(lambda: not owner.alive)
     assert isinstance(owner.crash, RuntimeError)
     assert told.words == "aborted: stopped: the program failed: a fault of the program"
     assert served.board.state.stopped
@@ -332,5 +333,5 @@ def test_an_owner_who_does_not_come_back_keeps_nobody_from_ending(
     assert served.board.state.stopped
     assert node.owner.alive
     free.set()
-    wait_for(lambda: not node.owner.alive)
+    eventually(lambda: not node.owner.alive)
     assert not node.driver.session.is_open

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import gc
 import threading
-import time
 from types import SimpleNamespace
 
 import pytest
+from tests.waits import eventually
 
 from hexwire.emulator import stalls
 from hexwire.emulator.stalls import Stalls
@@ -28,13 +28,6 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return Clock(monkeypatch)
-
-
-def until(true: object) -> None:
-    end = time.monotonic() + PATIENCE
-    while not true():  # type: ignore[operator]  # a function
-        assert time.monotonic() < end
-        time.sleep(0.001)
 
 
 def looking() -> bool:
@@ -73,7 +66,7 @@ def test_nobody_looks_for_nobody(clock: Clock) -> None:
         assert looking()
         found.close(two)
         found.close(two)
-        until(lambda: not looking())
+        eventually(lambda: not looking())
         clock.now += 5.0
         assert found.seconds(0.0) == 0.0
 
@@ -84,5 +77,5 @@ def test_an_arm_that_nobody_has_any_more_needs_no_looks(clock: Clock) -> None:
     assert looking()
     del user
     gc.collect()
-    until(lambda: not looking())
+    eventually(lambda: not looking())
     assert found.seconds(0.0) == 0.0

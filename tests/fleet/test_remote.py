@@ -14,6 +14,7 @@ from tests.fleet.conftest import Serve
 from tests.fleet.fake_server import FACTS, SENT, TARGET, FakeServer, attached
 from tests.motion.arms import rest_to_rest
 from tests.test_arguments import assert_told
+from tests.waits import eventually
 
 import hexwire
 from hexwire.errors import (
@@ -51,13 +52,6 @@ def connect(serve: Serve) -> Iterator[Callable[..., RemoteRobot]]:
 
 def near(robot: RemoteRobot, by: float = 0.02, seconds: float = 0.2) -> JointTarget:
     return JointTarget.of({"J1": robot.read()["J1"].position + by}, seconds)
-
-
-def wait_for(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + 30
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 def test_the_first_order_takes_the_lease_and_others_hear_who_has_it(connect: Callable[..., RemoteRobot]) -> None:
@@ -143,7 +137,7 @@ def test_a_silent_holder_loses_it_and_a_resume_takes_it_again(connect: Callable[
     ann, bob = connect(), connect()
     ann.torque(True)
     ann._ending.set()
-    wait_for(lambda: bob.held)
+    eventually(lambda: bob.held)
     assert "lost the lease after 2 s of silence" in bob.held
     assert bob.holder == ""
     with pytest.raises(LeaseError, match="lost the lease"):
@@ -152,7 +146,7 @@ def test_a_silent_holder_loses_it_and_a_resume_takes_it_again(connect: Callable[
         ann.write(near(ann))
     ann.resume()
     ann.write(near(ann))
-    wait_for(lambda: not bob.held)
+    eventually(lambda: not bob.held)
 
 
 @pytest.mark.slow

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 from tests.control.arm_bench import Bench
-from tests.control.owner_bench import wait_for
 from tests.motion.arms import HOME
+from tests.waits import eventually
 
 from hexwire.control.client_goals import ClientGoal
 from hexwire.ros1.actions import ActionGoals
@@ -88,10 +88,10 @@ def actions() -> Iterator[Actions]:
 def test_a_goal_is_accepted_and_reached(actions: Actions) -> None:
     actions.goals.start()
     handle = actions.send(Handle("one", {"J1": HOME["J1"] + 0.2}))
-    wait_for(lambda: handle.said == ["accepted"])
+    eventually(lambda: handle.said == ["accepted"])
     goal = actions.bench.controller.listener
     assert isinstance(goal, ClientGoal)
-    wait_for(lambda: goal.accepted)
+    eventually(lambda: goal.accepted)
     assert actions.goals.open
     actions.bench.until(lambda: handle.over)
     assert handle.said == ["accepted", ("succeeded", 0, "")]
@@ -101,10 +101,10 @@ def test_a_goal_is_accepted_and_reached(actions: Actions) -> None:
 def test_a_goal_that_is_cancelled_during_its_path_check_is_preempted(actions: Actions) -> None:
     actions.goals.start()
     handle = actions.send(Handle("one", {"J1": HOME["J1"] + 0.5}, 5.0))
-    wait_for(lambda: handle.said)
+    eventually(lambda: handle.said)
     actions.bench.turn(1.0)
     actions.goals.on_cancel("", Handle("one", {}))
-    wait_for(lambda: handle.over)
+    eventually(lambda: handle.over)
     assert handle.said == ["accepted", ("canceled", 0, "cancelled")]
 
 
@@ -112,7 +112,7 @@ def test_a_goal_that_is_recalled_never_begins(actions: Actions) -> None:
     handle = actions.send(Handle("one", {"J1": HOME["J1"] + 0.5}))
     actions.goals.on_cancel("", handle)
     actions.goals.start()
-    wait_for(lambda: handle.over)
+    eventually(lambda: handle.over)
     assert handle.said == [("canceled", 0, "cancelled")]
     assert not actions.bench.controller.busy
     assert not actions.goals.open
@@ -124,7 +124,7 @@ def test_a_goal_has_the_tolerances_that_its_message_asks_for(actions: Actions) -
     sent.goal_tolerance = [SimpleNamespace(name="elbow", position=0.1, velocity=0.0, acceleration=0.0)]
     actions.goals.start()
     actions.send(handle)
-    wait_for(lambda: handle.over)
+    eventually(lambda: handle.over)
     ((end, code, text),) = handle.said
     assert (end, code) == ("rejected", -2)
     assert text.startswith("goal_tolerance is for 'elbow'")
@@ -133,7 +133,7 @@ def test_a_goal_has_the_tolerances_that_its_message_asks_for(actions: Actions) -
 def test_a_refusal_has_its_code(actions: Actions) -> None:
     actions.goals.start()
     unknown = actions.send(Handle("one", {"elbow": 0.0}))
-    wait_for(lambda: unknown.over)
+    eventually(lambda: unknown.over)
     ((end, code, text),) = unknown.said
     assert (end, code) == ("rejected", -2)
     assert "elbow" in text
@@ -142,7 +142,7 @@ def test_a_refusal_has_its_code(actions: Actions) -> None:
 def test_a_stop_aborts_and_the_end_is_told_before_all_is_closed(actions: Actions) -> None:
     actions.goals.start()
     handle = actions.send(Handle("one", {"J1": HOME["J1"] + 0.5}, 5.0))
-    wait_for(lambda: handle.said)
+    eventually(lambda: handle.said)
     actions.bench.arm.shutdown()
     actions.goals.close()
     assert handle.said == ["accepted", ("aborted", -1, "stopped: the program ends")]
@@ -164,5 +164,5 @@ def test_no_client_is_answered_before_it_can_know_its_goal(actions: Actions, wan
     actions.goals.start()
     sent = time.monotonic()
     actions.send(Timed("one", {"J1": wanted}))
-    wait_for(lambda: said)
+    eventually(lambda: said)
     assert said[0] - sent >= least

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 from tests.control.arm_bench import SPLIT, Bench
-from tests.control.owner_bench import wait_for
 from tests.motion.arms import HOME, NAMES
 from tests.ros2.fake_node import Call, FakeNode
+from tests.waits import eventually
 
 from hexwire.control.client_goals import ClientGoal
 from hexwire.ros2.action_server import ActionServer
@@ -79,7 +79,7 @@ class Sent:
         return int(self.world.node.ask(f"{self.base}/cancel_goal", goal_info=info).return_code)
 
     def accepted(self) -> bool:
-        wait_for(lambda: self.call.response is not None)
+        eventually(lambda: self.call.response is not None)
         return bool(self.call.response.accepted)
 
     def over(self) -> bool:
@@ -87,7 +87,7 @@ class Sent:
 
     @property
     def end(self) -> tuple[GoalStatus, ErrorCode, str]:
-        wait_for(self.over)
+        eventually(self.over)
         response = self.wait.response
         return GoalStatus(response.status), ErrorCode(response.result.error_code), response.result.error_string
 
@@ -175,7 +175,7 @@ def test_a_goal_goes_on_when_nobody_asks_for_it_any_more(world: World) -> None:
     sent.wait = None  # type: ignore[assignment]
     world.bench.until(lambda: not world.bench.controller.busy)
     late = sent.get_result()
-    wait_for(lambda: late.response is not None)
+    eventually(lambda: late.response is not None)
     assert late.response.status == GoalStatus.SUCCEEDED
     assert world.bench.arm.owner.newest()["J1"].position == pytest.approx(J1 + 0.2, abs=0.05)
 

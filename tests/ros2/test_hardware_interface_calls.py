@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from tests.control.owner_bench import wait_for
+from tests.waits import eventually
 
 from hexwire.errors import UsageError
 from hexwire.ros2.hardware_interface import NAME, HardwareInterface
@@ -72,7 +72,7 @@ def answered(answer: Any) -> Any:
         return answer
     found: list[Any] = []
     answer.bind(found.append)
-    wait_for(lambda: found)
+    eventually(lambda: found)
     return found[0]
 
 
@@ -145,5 +145,5 @@ def test_trajectories_that_wait_are_bounded(
     assert "joint_trajectory refused: too many trajectories wait" in caplog.text
     arm.stops += 1
     arm.go.set()
-    wait_for(lambda: len(marks) >= 10)
+    eventually(lambda: len(marks) >= 10)
     assert set(marks) == {(5.0, 0)}

@@ -7,8 +7,8 @@ import threading
 from types import SimpleNamespace
 
 import pytest
-from tests.control.owner_bench import wait_for
 from tests.ros2.fake_node import Call, FakeNode
+from tests.waits import eventually
 
 from hexwire.errors import UsageError
 from hexwire.ros2.distributions import Distribution
@@ -70,7 +70,7 @@ class World:
 
     def change(self, number: int = 0, label: str = "") -> bool:
         call = self.begin(number, label)
-        wait_for(lambda: call.response is not None)
+        eventually(lambda: call.response is not None)
         return bool(call.response.success)
 
     def state(self) -> tuple[int, str]:
@@ -142,7 +142,7 @@ def test_whoever_asks_sees_the_present_state() -> None:
     present = State.ACTIVE
     deactivate = node.types.message("lifecycle_msgs/msg/Transition")(label="deactivate")
     call = node.call("/arm/change_state", transition=deactivate)
-    wait_for(lambda: call.response is not None)
+    eventually(lambda: call.response is not None)
     assert call.response.success
     lifecycle.mirror(State.FINALIZED)
     assert node.ask("/arm/get_state").current_state.label == "finalized", "for good"
@@ -215,11 +215,11 @@ def test_a_request_is_carried_out_by_its_id_or_label(world: World, number: int, 
     world.lifecycle.mirror(State.INACTIVE)
     world.go_on.clear()
     call = world.begin(number, label)
-    wait_for(lambda: world.asked)
+    eventually(lambda: world.asked)
     assert world.state()[1] == "activating"
     assert call.response is None
     world.go_on.set()
-    wait_for(lambda: call.response is not None)
+    eventually(lambda: call.response is not None)
     assert call.response.success
     assert world.asked == [Change.ACTIVATE]
     assert world.state()[1] == "active"
@@ -269,12 +269,12 @@ def test_nothing_begins_while_a_request_is_carried_out(world: World) -> None:
     world.lifecycle.mirror(State.INACTIVE)
     world.go_on.clear()
     call = world.begin(label="activate")
-    wait_for(lambda: world.asked)
+    eventually(lambda: world.asked)
     for label in ("activate", "cleanup", "shutdown", "transition_success"):
         assert not world.change(label=label)
     world.lifecycle.mirror(State.INACTIVE)
     world.go_on.set()
-    wait_for(lambda: call.response is not None)
+    eventually(lambda: call.response is not None)
     assert world.asked == [Change.ACTIVATE]
     assert world.state()[1] == "active", "what was mirrored meanwhile is older than the end of the request"
 
@@ -283,8 +283,8 @@ def test_the_end_of_the_node_is_shown_after_a_request_that_was_carried_out(world
     world.lifecycle.mirror(State.INACTIVE)
     world.go_on.clear()
     call = world.begin(label="activate")
-    wait_for(lambda: world.asked)
+    eventually(lambda: world.asked)
     world.lifecycle.mirror(State.FINALIZED)
     world.go_on.set()
-    wait_for(lambda: call.response is not None)
+    eventually(lambda: call.response is not None)
     assert world.state()[1] == "finalized"
