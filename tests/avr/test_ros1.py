@@ -20,9 +20,8 @@ def test_a_goal_from_ros_moves_the_firmwares_servos(tmp_path: Path) -> None:
         here = arm.position()
         # Less than what counts as off its way: on a loaded machine the chip runs slower than the clock.
         there = {**here, "J1": here["J1"] + 0.15, "J5": here["J5"] - 0.1}
-        arm.send("there", there, 2.0)
-        done = arm.result("there")
-        assert done["state"] == "SUCCEEDED", done
+        # Short, since a second of the chip may take many of the client's.
+        arm.moves("there", there, 1.0)
         assert near(there, arm.position())
         arm.send("back", here, 5.0)
         arm.client.wait_active(key="back")

@@ -6,7 +6,8 @@ import math
 import random
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from itertools import accumulate, pairwise
 from typing import Any
 
 import pytest
@@ -26,8 +27,11 @@ from hexwire.errors import (
     UsageError,
 )
 from hexwire.fleet import messages as m
+from hexwire.fleet import remote
 from hexwire.fleet.address import Address
+from hexwire.fleet.names import Role
 from hexwire.fleet.remote import RemoteRobot, whoami
+from hexwire.fleet.states import ArrivedStates
 from hexwire.model.state import JointTarget
 
 # -- over a socket ------------------------------------------------------------------------------------------------
@@ -435,3 +439,65 @@ def test_only_orders_that_take_no_time_are_answered_soon(
     robot.torque(True)
     robot.write(near(robot))
     assert given == [("Torque", 25.0), ("Write", 2.0)]
+
+
+# -- a stream, in simulated time -----------------------------------------------------------------------------------
+
+
+class Arrivals:
+    """States that arrive after gaps, and the clock that they move on; all that have arrived are there at once.
+
+    Args:
+        gaps: Seconds before each.
+    """
+
+    def __init__(self, gaps: Iterable[float]) -> None:
+        self.now = 1000.0
+        self._due = list(accumulate(gaps, initial=self.now))[1:]
+        self._sequence = 0
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def wait(self) -> bytes:
+        self.now = max(self.now, self._due[0])
+        payload = self.poll()
+        assert payload is not None
+        return payload
+
+    def poll(self) -> bytes | None:
+        if not self._due or self._due[0] > self.now:
+            return None
+        stamp, self._sequence = self._due.pop(0), self._sequence + 1
+        row = (0.0,)
+        values = (*(row,) * 6, (0,), row)
+        return m.encode(m.State(9, self._sequence, stamp, stamp, 0.0, ("J1",), *values, 0.0, False, False, False))
+
+    def wake(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize("stalls", [False, True])
+def test_a_stream_keeps_its_period_and_after_a_stall_makes_up_for_one(
+    monkeypatch: pytest.MonkeyPatch, stalls: bool
+) -> None:
+    draw = random.Random(3)
+    for period in (0.05, 0.1, 0.5):
+        robot = RemoteRobot(Address("lab/arm1", role=Role.OPERATOR), FACTS)
+        # As after `attach`, but without its thread.
+        robot._node = FakeServer()  # type: ignore[assignment]
+        gaps = (draw.uniform(0.1, 2.0) if stalls and draw.random() < 0.05 else 0.02 for _ in range(900))
+        arrivals = Arrivals(gaps)
+        monkeypatch.setattr(remote, "time", arrivals)
+        robot._states = ArrivedStates(robot.url, robot._clock, arrivals, now=arrivals.monotonic)
+        begun, times = arrivals.now, []
+        for _, _ in zip(range(int(15 / period)), robot.stream(period), strict=False):
+            times.append(arrivals.now)
+        steps = [b - a for a, b in pairwise(times)]
+        # A state that comes half a period early is in time.
+        assert min(steps) > 0.5 * period - 1e-9, (period, min(steps))
+        if not stalls:
+            assert max(steps) < period + 0.021, (period, max(steps))
+        # One that a stall delayed is made up for, not all that it left out.
+        assert len(times) <= (times[-1] - begun) / period + 2, period
+        assert len(times) > 20, period

@@ -10,6 +10,7 @@ import gc
 import json
 import math
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -37,6 +38,8 @@ T = TypeVar("T")
 
 PATIENCE = 40.0
 """Seconds after which what should have come by itself is said not to come."""
+_STALE = re.compile("no state from the robot|no answer from")
+"""Why a goal is refused for want of recent states."""
 ROS_PYTHON = "/usr/bin/python3"
 NODE = (sys.executable, "-m", "tests.patient_node", "ros1")
 HEXWIRE = (sys.executable, "-m", "hexwire.cli")
@@ -408,6 +411,26 @@ class Arm:
     def result(self, key: str) -> dict[str, Any]:
         result: dict[str, Any] = self.client.result(key=key)
         return result
+
+    def succeeded(self, key: str) -> None:
+        """Wait for the end of a goal, which must have reached its target."""
+        result = self.result(key)
+        assert result["state"] == "SUCCEEDED", f"{key}: {result['text']}\n{self.world.report()}"
+
+    def moves(self, key: str, targets: Mapping[str, float], seconds: float, *args: Any, **more: Any) -> None:
+        """Send a goal that must succeed.
+
+        An arm whose states are a second old refuses goals, as it must, and a busy machine may let its program or
+        its node wait for that long: then send the goal again.
+        """
+
+        def tried() -> bool:
+            self.send(key, targets, seconds, *args, **more)
+            result = self.result(key)
+            return not (result["state"] == "REJECTED" and _STALE.search(result["text"]))
+
+        until(tried, f"the arm takes the goal {key}", self.world.report)
+        self.succeeded(key)
 
     def position(self) -> dict[str, float]:
         """As it is published."""

@@ -82,8 +82,7 @@ def test_killed_during_a_move_the_arm_is_held_by_its_board(own_arm: Arm) -> None
     assert near(stood, still(lambda: arm.board.positions), 0.01)
     arm.diagnosed("board", 0, "ok")
     arm.enable()
-    arm.send("after", TARGET, 2.0)
-    assert arm.result("after")["state"] == "SUCCEEDED"
+    arm.moves("after", TARGET, 2.0)
     assert node.end() == 0
 
 
@@ -119,8 +118,7 @@ def test_newer_node_of_the_same_name_takes_over(own_arm: Arm) -> None:
     arm = Arm(own_arm.world, newer, own_arm.namespace, own_arm.board)
     arm.trigger("reset")
     arm.enable()
-    arm.send("after", TARGET, 2.0)
-    assert arm.result("after")["state"] == "SUCCEEDED"
+    arm.moves("after", TARGET, 2.0)
     assert newer.end() == 0
 
 
@@ -165,8 +163,7 @@ def test_unplugged_during_a_move_and_plugged_in_again(own_arm: Arm) -> None:
     arm.trigger("reset")
     assert near(stood, still(lambda: board.positions), 0.01)
     arm.enable()
-    arm.send("again", TARGET, 2.0)
-    assert arm.result("again")["state"] == "SUCCEEDED"
+    arm.moves("again", TARGET, 2.0)
 
 
 def _published(arm: Arm) -> set[str]:
@@ -190,8 +187,7 @@ def test_servo_lost_during_a_move_stops_the_arm(arm: Arm) -> None:
     until(lambda: _published(arm) == set(JOINTS), "J5 is back", arm.node.report)
     arm.trigger("reset")
     arm.enable()
-    arm.send("after", {"J5": here["J5"]}, 2.0)
-    assert arm.result("after")["state"] == "SUCCEEDED"
+    arm.moves("after", {"J5": here["J5"]}, 2.0)
 
 
 def test_servo_lost_at_rest_is_reported_and_the_others_continue(arm: Arm) -> None:
@@ -228,8 +224,7 @@ def test_board_that_restarts_is_watched_again(arm: Arm) -> None:
     arm.trigger("reset")
     arm.enable()
     here = arm.position()["J1"]
-    arm.send("after", {"J1": here - math.copysign(0.1, here)}, 1.0)
-    assert arm.result("after")["state"] == "SUCCEEDED"
+    arm.moves("after", {"J1": here - math.copysign(0.1, here)}, 1.0)
 
 
 # -- the start fails --------------------------------------------------------------------------------------------
@@ -245,8 +240,7 @@ def _one_line(text: str) -> str:
 def test_port_of_another_node_is_left_alone(arm: Arm) -> None:
     second = arm.world.run(*NODE, "__ns:=second", f"_port:={arm.board.port}", "_connect_timeout:=0.2", status=1)
     assert "another" in _one_line(second.err) or "in use" in second.err
-    arm.send("one", {"J1": arm.position()["J1"] + 0.05}, 0.5)
-    assert arm.result("one")["state"] == "SUCCEEDED"
+    arm.moves("one", {"J1": arm.position()["J1"] + 0.05}, 0.5)
 
 
 SOON = """
@@ -387,8 +381,7 @@ def test_master_that_hangs_dies_and_is_restarted(own_world: World) -> None:
         assert near(arm.position(), board.positions)
         arm.trigger("stop")
         arm.trigger("reset")
-        arm.send("back", {"J1": 0.3}, 1.0)
-        assert arm.result("back")["state"] == "SUCCEEDED"
+        arm.moves("back", {"J1": 0.3}, 1.0)
         assert node.end() == 0
     finally:
         board.close()

@@ -37,11 +37,9 @@ def test_names_and_not_their_order_count(arm: Arm) -> None:
     names = list(reversed(JOINTS))
     target = {**here, "J1": here["J1"] - math.copysign(0.1, here["J1"]), "J6": here["J6"] + 0.15}
     points = [{"t": 1.0, "positions": [target[name] for name in names]}]
-    arm.send("one", {}, 1.0, names=names, points=points)
-    assert arm.result("one")["state"] == "SUCCEEDED"
+    arm.moves("one", {}, 1.0, names=names, points=points)
     assert near(target, arm.board.positions)
-    arm.send("back", {"J6": here["J6"]}, 1.0)
-    assert arm.result("back")["state"] == "SUCCEEDED"
+    arm.moves("back", {"J6": here["J6"]}, 1.0)
 
 
 def test_cancelled_goal_is_preempted_and_the_arm_holds(arm: Arm) -> None:
@@ -53,8 +51,7 @@ def test_cancelled_goal_is_preempted_and_the_arm_holds(arm: Arm) -> None:
     stood = still(lambda: arm.board.positions)
     assert not near(target, stood)
     # It is no stop: what comes next needs no reset.
-    arm.send("two", {"J1": stood["J1"] + 0.05}, 1.0)
-    assert arm.result("two")["state"] == "SUCCEEDED"
+    arm.moves("two", {"J1": stood["J1"] + 0.05}, 1.0)
 
 
 @pytest.mark.slow
@@ -73,15 +70,14 @@ def test_new_goal_replaces_the_old_one(arm: Arm) -> None:
     arm.client.wait_active(key="old", feedback=4)
     arm.send("new", {"J1": start}, 1.5)
     assert arm.result("old")["state"] == "PREEMPTED"
-    assert arm.result("new")["state"] == "SUCCEEDED"
+    arm.succeeded("new")
     assert near({"J1": start}, arm.board.positions)
 
 
 @pytest.mark.slow
 def test_goal_may_begin_later(arm: Arm) -> None:
     target = _elsewhere(arm)
-    arm.send("one", target, 1.0, delay=1.0)
-    assert arm.result("one")["state"] == "SUCCEEDED"
+    arm.moves("one", target, 1.0, delay=1.0)
     assert near(target, arm.board.positions)
 
 
@@ -134,7 +130,7 @@ def test_wrong_goal_leaves_the_one_under_way_alone(arm: Arm) -> None:
     arm.client.wait_active(key="good", feedback=4)
     arm.send("bad", {"J1": 9.0}, 1.0)
     assert arm.result("bad")["state"] == "REJECTED"
-    assert arm.result("good")["state"] == "SUCCEEDED"
+    arm.succeeded("good")
     assert near(target, arm.board.positions)
 
 
@@ -169,8 +165,7 @@ def test_leaving_the_path_aborts_a_goal_and_the_arm_holds(arm: Arm) -> None:
     assert "J1" in result["text"]
     stood = still(lambda: arm.board.positions)
     assert not near(target, stood)
-    arm.send("two", {"J1": stood["J1"]}, 1.0)
-    assert arm.result("two")["state"] == "SUCCEEDED"
+    arm.moves("two", {"J1": stood["J1"]}, 1.0)
 
 
 @pytest.mark.slow
@@ -212,8 +207,7 @@ def test_stop_aborts_a_goal_and_refuses_others_until_reset(arm: Arm) -> None:
     assert "reset first" in result["text"]
     assert near(stood, arm.board.positions, 0.002)
     arm.trigger("reset")
-    arm.send("three", {"J1": stood["J1"] + 0.05}, 1.0)
-    assert arm.result("three")["state"] == "SUCCEEDED"
+    arm.moves("three", {"J1": stood["J1"] + 0.05}, 1.0)
 
 
 @pytest.mark.slow

@@ -35,9 +35,8 @@ def test_two_controllers_move_at_once(world: World) -> None:
     target = {**here, "J1": here["J1"] + 0.3, "J7": here["J7"] + 0.3}
     six = {name: angle for name, angle in target.items() if name != "J7"}
     arm.send("arm", six, 1.5, "arm_controller/")
-    arm.send("gripper", {"J7": target["J7"]}, 1.0, "gripper_controller/")
-    assert arm.result("gripper")["state"] == "SUCCEEDED"
-    assert arm.result("arm")["state"] == "SUCCEEDED"
+    arm.moves("gripper", {"J7": target["J7"]}, 1.0, "gripper_controller/")
+    arm.succeeded("arm")
     assert near(target, arm.position())
     # Neither takes the other's joints.
     arm.send("wrong", {"J1": 0.0}, 1.0, "gripper_controller/")
@@ -61,8 +60,7 @@ def test_puma_over_tcp(world: World) -> None:
     here = arm.position()
     assert list(here) == ["J1", "J2", "J3", "J4", "J5", "J6"]
     target = {**here, "J1": here["J1"] + 0.1, "J5": here["J5"] + 0.1}
-    arm.send("one", target, 2.0)
-    assert arm.result("one")["state"] == "SUCCEEDED"
+    arm.moves("one", target, 2.0)
     assert near(target, arm.position())
     arm.diagnosed("link", 0, "ok")
     assert node.end() == 0
@@ -101,8 +99,7 @@ def test_bus_arm(world: World) -> None:
     here = arm.position()
     assert list(here)[:2] == ["shoulder_pan", "shoulder_lift"]
     target = {"shoulder_pan": here["shoulder_pan"] + 0.2}
-    arm.send("one", target, 1.5)
-    assert arm.result("one")["state"] == "SUCCEEDED"
+    arm.moves("one", target, 1.5)
     assert near(target, arm.position())
     arm.diagnosed("board", 1, "no watchdog")
     assert node.end() == 0
@@ -116,8 +113,7 @@ def test_board_of_the_chapter_works_at_its_own_pace(world: World) -> None:
     here = arm.position()
     assert set(here) == set(JOINTS)
     target = {"J1": here["J1"] + 0.2}
-    arm.send("one", target, 3.0)
-    assert arm.result("one")["state"] == "SUCCEEDED"
+    arm.moves("one", target, 3.0)
     assert near(target, arm.position())
     arm.diagnosed("board", 1, "no watchdog, no limits on this board")
     assert node.end() == 0

@@ -107,7 +107,7 @@ def test_a_goal_is_followed_while_another_program_reads_and_is_refused_to_move(a
         refused = arm.world.run(*HEXWIRE, "move", "J1=0", "--port", PORT, status=1)
         assert f"process {arm.node.process.pid}" in refused.err
         assert refused.err.count("\n") == 1
-        assert arm.result("one")["state"] == "SUCCEEDED"
+        arm.succeeded("one")
         assert near(target, robot.read().positions)
 
 
@@ -139,8 +139,7 @@ def test_a_goal_ends_with_the_lease_and_only_a_reset_takes_it_again(arm: Arm) ->
         assert not robot.read().stopped
     assert near(where, still(lambda: arm.board.positions))
     until(lambda: arm.client.trigger(service=arm.service("reset"))[0] or None, "it is reset", arm.node.report)
-    arm.send("again", {"J1": where["J1"] + 0.1}, 1.0)
-    assert arm.result("again")["state"] == "SUCCEEDED"
+    arm.moves("again", {"J1": where["J1"] + 0.1}, 1.0)
 
 
 @pytest.mark.parametrize(

@@ -78,8 +78,7 @@ def test_rosservice_stops_and_resets(arm: Arm) -> None:
 def test_rosbag_plays_a_recorded_motion_back(arm: Arm, tmp_path: Path) -> None:
     world, bag = arm.world, tmp_path / "motion.bag"
     home, away = {"J1": -0.2, "J6": 0.0}, {"J1": 0.2, "J6": 0.2}
-    arm.send("home", home, 1.0)
-    assert arm.result("home")["state"] == "SUCCEEDED"
+    arm.moves("home", home, 1.0)
     record = world.start("rosbag", "record", "-O", str(bag), "/command", "/joint_states")
     points = [
         {"t": 1.0, "positions": list(away.values())},
@@ -112,8 +111,7 @@ def test_rosbag_plays_a_recorded_motion_back(arm: Arm, tmp_path: Path) -> None:
         *(f"_port:={port}", "_enable_on_start:=true", "_allow_partial_joints_goal:=true", "_watchdog:=4.0"),
     )
     other = Arm(world, node, "/played/")
-    other.send("home", home, 1.0)
-    assert other.result("home")["state"] == "SUCCEEDED"
+    other.moves("home", home, 1.0)
     world.client.watch(topic=others, kind="sensor_msgs/JointState")
     play = world.start(
         "rosbag", "play", "--quiet", "-d", "1", str(bag), "--topics", "/command", "/command:=/played/command"
@@ -134,8 +132,7 @@ def test_robot_state_publisher_puts_the_tool_where_the_model_does(arm: Arm) -> N
     arm.client.set_param(name="robot_description", value=urdf)
     publisher = arm.world.start("/usr/lib/robot_state_publisher/robot_state_publisher")
     try:
-        arm.send("pose", {"J1": -0.3, "J2": 1.1, "J3": 0.2, "J5": 0.4, "J6": 0.3}, 2.0)
-        assert arm.result("pose")["state"] == "SUCCEEDED"
+        arm.moves("pose", {"J1": -0.3, "J2": 1.1, "J3": 0.2, "J5": 0.4, "J6": 0.3}, 2.0)
         stood = still(lambda: arm.board.positions)
         model = make_kinematics("hex7bot", "A")
         wanted = model.forward(model.from_joints(stood))
