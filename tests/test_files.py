@@ -12,7 +12,6 @@ MODULES = sorted(str(path.relative_to(SRC)) for path in SRC.rglob("*.py"))
 
 # Written by schema/generate.py, whose own test covers them.
 GENERATED = {"wire/tables.py"}
-MAX_LINES = 500
 
 
 # What costs least comes first: to parse all of the source takes seconds.
@@ -47,15 +46,6 @@ def test_every_module_says_what_it_owns() -> None:
     unusual = [module for module in MODULES if not _DOCSTRING.match(_text(module))]
     silent = [module for module in unusual if not ast.get_docstring(_tree(module))]
     assert not silent, f"no docstring that says what it owns and what it must not know: {', '.join(silent)}"
-
-
-def test_modules_are_short_or_say_why_not() -> None:
-    long = []
-    for module in sorted(set(MODULES) - GENERATED):
-        lines = len(_text(module).splitlines())
-        if lines > MAX_LINES and f"{MAX_LINES} lines" not in (ast.get_docstring(_tree(module)) or ""):
-            long.append(f"{module} ({lines})")
-    assert not long, f"split them, or give the reason ('Over {MAX_LINES} lines because ...'): {', '.join(long)}"
 
 
 def test_only_the_command_line_talks_to_people() -> None:

@@ -2,8 +2,8 @@
 --
 -- Wireshark dissector for hexwire: session header, command frames of both dialects, servo packets.
 -- Dissects TCP, UDP and serial captures (link type USER0, 147). Names and layouts come from hexwire_tables.lua,
--- which `make analyzers` writes and which must stand beside this file. Over 500 lines, so that it is the only
--- other file to copy into the folder of Wireshark's plugins.
+-- which `make analyzers` writes and which must stand beside this file. It is the only other
+-- file to copy into the folder of Wireshark's plugins.
 
 local here = __DIR__ or (debug.getinfo(1, "S").source:match("^@(.*[/\\])") or "./")
 if not here:match("[/\\]$") then here = here .. "/" end

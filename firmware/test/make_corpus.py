@@ -2,7 +2,7 @@
 
 python firmware/test/make_corpus.py
 
-Over 500 lines, since it is one table: every attack that has ever succeeded.
+It is one table: every attack that has ever succeeded.
 """
 
 from __future__ import annotations

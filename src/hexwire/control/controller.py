@@ -1,8 +1,7 @@
 """A trajectory controller: moves joints along trajectories and set-points, and decides how goals end.
 
 Owns the life of a goal: accepted, replaced, cancelled, within its tolerances or not, ended. Time comes in as an
-argument, and goals as plain values. Must not know messages, robots, threads or clocks. Over 500 lines because every
-way to begin a goal is a way to end the one before.
+argument, and goals as plain values. Must not know messages, robots, threads or clocks.
 """
 
 from __future__ import annotations

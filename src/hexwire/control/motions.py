@@ -2,7 +2,6 @@
 
 Owns the order (path check, torque, watchdog, motion, arrival) and the result as a value. A trajectory is monitored
 for following error, load, faults and old states. Must not know terminals, nor where a motion comes from.
-Over 500 lines, since a target and a trajectory go through the same steps.
 """
 
 from __future__ import annotations

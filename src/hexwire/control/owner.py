@@ -2,8 +2,7 @@
 
 Owns the read-update-write cycle, the watchdog during it, and the reaction to a failure of the robot: everything
 stops and goals end. It runs in its own thread and reconnects, or in the caller's thread with a robot borrowed from
-the caller. Must not know who sends requests, nor how its reports are used. Over 500 lines, since every failure of a
-robot ends here.
+the caller. Must not know who sends requests, nor how its reports are used.
 """
 
 from __future__ import annotations

@@ -3,8 +3,6 @@
 Owns when a path of the robot begins, what of it is sent, replaced and given up, and what its ends mean for the
 controllers. The followers decide where the joints are to be at each time, as for any robot; here the robot is told
 earlier. One thread at a time makes all calls. Must not know connections, goals, nor how a robot follows a path.
-
-Over 500 lines because every end of a path concerns what was sent of it: one life, and one state.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """`RobotDriver`: the interface of every robot, whatever board, bus or program is behind it.
 
 Owns the contract between robots and fronts: the chapter's verbs, and what a robot without an ability answers. Must
-not know any particular robot, how bytes reach it, or who calls. Over 500 lines, since it is the whole contract.
+not know any particular robot, how bytes reach it, or who calls.
 """
 
 from __future__ import annotations

@@ -4,8 +4,7 @@ Owns the translation between joints and servo registers on a bus: one sync read 
 for a motion, torque, and a stop that the host keeps. Must not know links, packets or callers.
 
 A goal written to an STS servo switches its torque on, so goals for joints without torque are refused. Without a
-board nothing stops the arm if this program dies: the servos go to their last goal and hold it. Over 500 lines,
-since it is the whole contract of a robot for a bus.
+board nothing stops the arm if this program dies: the servos go to their last goal and hold it.
 """
 
 from __future__ import annotations

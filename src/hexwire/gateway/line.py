@@ -1,8 +1,7 @@
 """One board below a gateway: what waits for it, its messages in fragments, and what a stop voids.
 
 Owns the order in which frames reach the board, and at which pace, so that a stop never waits behind anything. No
-I/O; time comes in as `now`. Must not know the host's link, other boards, nor what moves a joint. Over 500 lines,
-since it is one machine: what waits, what a stop voids, and who is answered depend on each other.
+I/O; time comes in as `now`. Must not know the host's link, other boards, nor what moves a joint.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Owns the choice: the latest set-point wins, a new trajectory takes over from the running one within all limits, a
 hold brakes within them, lost set-points mean hold, a stop is latched. Time comes in as an argument. Must not know
-robots, clocks or threads. Over 500 lines because every way to a target changes the same few times of one state.
+robots, clocks or threads.
 """
 
 from __future__ import annotations

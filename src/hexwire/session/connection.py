@@ -2,7 +2,7 @@
 
 Owns frame numbers, sequence numbers, matching of replies, deadlines and retries, suppression of repeats, fragments.
 `receive` takes bytes, `next_event` returns events, `data_to_send` returns bytes to write; time comes in as `now`.
-Knows nothing of links, clocks, joints or servo registers. Over 500 lines because both roles take the same ways.
+Knows nothing of links, clocks, joints or servo registers.
 """
 
 from __future__ import annotations

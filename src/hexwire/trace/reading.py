@@ -4,7 +4,7 @@
 Owns finding frames in a stream, matching answers with requests, and the wording, which ``vectors/readings.jsonl``
 specifies. `make analyzers` copies this file into the analysers for sigrok and Logic 2, which run inside GPL
 programs. So it has both licences, and needs only the standard library of Python 3.8 and the tables that are passed
-to it (`reading_tables`). Never raises, for any bytes. Over 500 lines, so that one file has to be copied.
+to it (`reading_tables`). It is one file because it is copied. Never raises, for any bytes.
 """
 
 from __future__ import annotations
