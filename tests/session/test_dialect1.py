@@ -16,9 +16,9 @@ from hexwire.session.dialect1 import (
     SHORT_FRAME_PACKET,
     UNKNOWN_COMMAND_PACKET,
     Pending1,
-    clean_frame,
     match_reply,
 )
+from hexwire.session.frame_maker import clean_frame
 from hexwire.wire import servo_packet as sp
 from hexwire.wire.command_frame import Command, Frame, parse_frame, serialize_frame
 

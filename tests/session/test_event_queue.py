@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.frames import frame_bytes
 
-from hexwire.session.event_queue import EventQueue
-from hexwire.session.events import ConnectionCounters, Event, Garbage, Reply, Report, TimedOut
+from hexwire.session.events import ConnectionCounters, Event, EventQueue, Garbage, Reply, Report, TimedOut
 from hexwire.wire.command_frame import Frame, parse_frame
 
 

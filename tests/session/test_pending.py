@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hexwire.session.pending import Pending
+from hexwire.session.connection import Pending
 
 
 def test_each_attempt_has_its_window() -> None:

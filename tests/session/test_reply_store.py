@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.frames import frame_bytes
 
-from hexwire.session.reply_store import ReplyStore
+from hexwire.session.connection import ReplyStore
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command, Frame, parse_frame
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.session.servo_matching import Expected, expected_answer, match_answer
+from hexwire.session.servo_answers import Expected, expected_answer, match_answer
 from hexwire.wire import servo_packet as sp
 
 

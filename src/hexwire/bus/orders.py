@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from hexwire.errors import NotSupportedError, RemoteProtocolError
-from hexwire.session.servo_answers import AnswerCollector
-from hexwire.session.servo_matching import expected_answer
+from hexwire.session.servo_answers import AnswerCollector, expected_answer
 from hexwire.wire import servo_packet as packets
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import BROADCAST_ID

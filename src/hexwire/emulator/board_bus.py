@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterable
 
-from hexwire.session.servo_matching import expected_answer, match_answer
+from hexwire.session.servo_answers import expected_answer, match_answer
 from hexwire.wire import tables
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import (

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator
 from dataclasses import replace
 
-from hexwire.session.servo_matching import expected_answer
+from hexwire.session.servo_answers import expected_answer
 from hexwire.wire.board_trajectory import PathState
 from hexwire.wire.command_frame import Status
 from hexwire.wire.registers import Series

@@ -1,15 +1,18 @@
-"""Dialect 1 on the host: frames that an old board can process, and answers matched by servo id and length.
+"""The host's side of dialect 1: one outstanding request, pauses for an old board, and which bytes are answers.
 
-Owns the rules of PROTOCOL.md section 5 that protect an old board. No I/O and no time.
+Owns the queue of dialect-1 requests, their deadlines and retries, the quiet times in which arriving frames are
+stale, and the rules of PROTOCOL.md section 5 that protect an old board. No I/O; time comes in as `now`. Must not
+know dialect 2.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Collection
 from dataclasses import dataclass, field
 
 from hexwire.errors import LocalProtocolError, RemoteProtocolError
-from hexwire.wire.command_frame import BODY_OFFSET, Command, Frame, command_name, max_body, serialize_frame
+from hexwire.wire.command_frame import Command, Frame, Status, command_name, max_body
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import (
     BROADCAST_ID,
@@ -24,39 +27,37 @@ from hexwire.wire.servo_packet import (
 )
 from hexwire.wire.tables import (
     BOARD_ERRORS,
-    HEADER_FIELDS,
     LEGACY_HEADER,
     MAX_SERIAL_FRAME,
-    PROTO_CHAPTER,
     SERVO_HEADER,
     TAIL,
 )
 
-from .servo_answers import AnswerCollector
-from .servo_matching import Expected, expected_answer
+from .decoder import FrameDecoder
+from .events import EventQueue, Reply, TimedOut
+from .frame_maker import FrameMaker
+from .policy import RetryPolicy
+from .servo_answers import AnswerCollector, Expected, expected_answer
 
 __all__ = [
     "MAX_PACKET",
     "SHORT_FRAME_PACKET",
     "UNKNOWN_COMMAND_PACKET",
+    "ChapterHost",
     "Pending1",
-    "clean_frame",
     "match_reply",
 ]
 
 MAX_PACKET = 63
 """Longest servo packet of commands 01 and 02; a longer one hangs the chapter's sketch (63-byte ring buffer)."""
-
 SHORT_FRAME_PACKET = bytes.fromhex("FFF5FF0604F6")
 UNKNOWN_COMMAND_PACKET = bytes.fromhex("FFF5FF0607F3")
 _TARGET = Series.SEVEN_BOT.register("target_position").address
 _SYNC_WRITE_DATA = 4
 _READ_ANSWER = 8
 _EXCHANGED = 6
-_OFFSETS = {name: offset for name, _, offset in HEADER_FIELDS}
-_SEC, _NSEC, _SN, _SRC = (_OFFSETS[name] for name in ("time_sec", "time_nsec", "sn", "src"))
-_ATTEMPTS = 256
-"""Attempts to build a frame. The nanoseconds need at most 66 steps, every other field one."""
+_MOST_SENT = 64
+"""Packets whose echo the board may still pass on: it returns late bytes with the next answer."""
 
 
 @dataclass(slots=True)
@@ -140,10 +141,9 @@ def match_reply(body: bytes, pending: Pending1, sent: Collection[bytes] = ()) ->
     """Find the status packet in a dialect-1 reply that answers `pending`.
 
     The payload is everything that the board received on its bus, with noise, echoes and late answers. For command
-    02 and a legacy servo, the chapter's board has exchanged bytes 5 and 6 of it, whatever they are. So the payload
-    is searched
+    02 and a legacy servo, the board has exchanged bytes 5 and 6 of it, whatever they are. The payload is searched
     twice: with the exchange undone for a legacy servo's answer (FF F5), and unchanged for any other (FF FF).
-        `servo_answers` decides what counts as an answer.
+    `AnswerCollector` decides what counts as an answer.
 
     Args:
         body: The payload.
@@ -193,36 +193,151 @@ def _answer(data: bytes, pending: Pending1, header: bytes, params: int, sent: Co
     return packet if packet in data else make_legacy_ping_status(found.servo_id, found.error)
 
 
-def clean_frame(frame: Frame, max_frame: int) -> tuple[Frame, bytes]:
-    """Build a frame without 0D 0A in bytes 4..len-3, by changing fields that may change.
+class ChapterHost:
+    """Dialect-1 requests of one host connection.
 
-    These are the nanoseconds (in steps of 1 us), sn (to the next without the marker), and the seconds, which stay
-    at the last value without the marker, for 256 s at most on a clock of this century.
-
-    Returns:
-        The frame as it is sent, and its bytes.
-
-    Raises:
-        LocalProtocolError: 0D 0A is in the body or a module id, which may not change; or the frame is too long.
+    Args:
+        maker: Builds the frames, keeps them until they are written, and counts.
+        decoder: Decoder of the received bytes; it is reset when the window of an answer ends.
+        events: Queue for answers and time-outs.
+        policy: Deadlines and retries.
     """
-    body_end = BODY_OFFSET + len(frame.body)
-    step = 1000 if frame.time_nsec < 999_000_000 else -1000
-    for _ in range(_ATTEMPTS):
-        data = serialize_frame(frame, max_frame)
-        at = data.find(TAIL, 4, -2)
-        if at < 0:
-            return frame, data
-        if at < _NSEC - 1:
-            low = 8 * (at - _SEC)
-            frame = frame._replace(time_sec=(frame.time_sec >> low << low) - 1)
-        elif at < _SN - 1 or body_end - 1 <= at <= body_end:
-            # The check of dialect 2 too: it changes with the time.
-            frame = frame._replace(time_nsec=frame.time_nsec + step)
-        elif at < _SRC:
-            low = 8 * max(at - _SN, 0)
-            frame = frame._replace(sn=((frame.sn >> low) + 1 << low) & 0xFFFFFFFF)
+
+    def __init__(self, maker: FrameMaker, decoder: FrameDecoder, events: EventQueue, policy: RetryPolicy) -> None:
+        self._maker = maker
+        self._decoder = decoder
+        self._events = events
+        self._policy = policy
+        self._queue: deque[Pending1] = deque()
+        self._current: Pending1 | None = None
+        self._quiet_until = 0.0
+        self._posted: Pending1 | None = None
+        self._sent: dict[bytes, None] = {}
+
+    def request(
+        self,
+        ticket: int,
+        cmd: int,
+        body: bytes,
+        now: float,
+        window: float | None,
+        attempts: int,
+        urgent: bool,
+    ) -> None:
+        """Queue a request; see `Connection.request`."""
+        pending = Pending1(ticket, cmd, body, window or self._policy.dialect1_window, attempts)
+        pending.urgent = urgent
+        if urgent:
+            self._queue.appendleft(pending)
         else:
-            break
-    raise LocalProtocolError(
-        f"{command_name(frame.cmd)} has 0D 0A inside, where a dialect-{PROTO_CHAPTER} board would cut it"
-    )
+            self._queue.append(pending)
+        self._pump(now)
+
+    def receive(self, frame: Frame, now: float) -> bool:
+        """Process a dialect-1 frame; False if it does not answer the outstanding request."""
+        pending = self._current
+        packet = match_reply(frame.body, pending, self._sent) if pending is not None else None
+        if pending is None or packet is None:
+            return False
+        self._current = None
+        self._maker.counters.replies += 1
+        if pending.sent > 1:
+            # An answer to an earlier attempt may still arrive, and could be taken for that of the next request.
+            self._quiet_until = now + pending.window
+        rtt = now - pending.sent_at
+        self._events.add(Reply(pending.ticket, pending.cmd, Status.OK, packet, frame, rtt, pending.sent))
+        self._pump(now)
+        return True
+
+    def holds(self, ticket: int) -> bool:
+        """Whether a request is outstanding or queued."""
+        current = self._current
+        return (current is not None and current.ticket == ticket) or any(p.ticket == ticket for p in self._queue)
+
+    def abandon(self, ticket: int) -> bool:
+        """Forget a request. If it is outstanding, nothing is sent until the window of its answer ends.
+
+        Returns:
+            Whether it may have been sent; True for an unknown request.
+        """
+        left = not any(p.ticket == ticket for p in self._queue)
+        self._queue = deque(p for p in self._queue if p.ticket != ticket)
+        if self._current is not None and self._current.ticket == ticket:
+            left = self._give_up()
+        elif self._posted is not None and self._posted.ticket == ticket:
+            # A signal handler may have stopped the arm just before the frame was queued.
+            left = self._maker.withhold(self._posted.frame)
+        return left
+
+    def void(self) -> list[bytes]:
+        """Forget every request that is not urgent; returns the frame of an urgent outstanding one."""
+        self._queue = deque(p for p in self._queue if p.urgent)
+        if self._current is not None and self._current.urgent:
+            return [self._current.frame]
+        if self._current is not None:
+            self._give_up()
+        return []
+
+    def _give_up(self) -> bool:
+        pending, self._current = self._current, None
+        if pending is None:
+            return False
+        left = self._maker.withhold(pending.frame) or pending.sent > 1
+        if left:
+            self._quiet_until = pending.deadline
+        return left
+
+    def stay_quiet(self, until: float) -> None:
+        """Send nothing before this time."""
+        self._quiet_until = max(self._quiet_until, until)
+
+    def note(self, instead: str) -> None:
+        """Record what arrived instead of the answer."""
+        if self._current is not None:
+            self._current.instead = instead
+
+    def next_timeout(self) -> float | None:
+        """Time at which to call `handle_timeout`, or None."""
+        if self._current is not None:
+            return self._current.deadline
+        return self._quiet_until if self._queue else None
+
+    def handle_timeout(self, now: float) -> None:
+        """Repeat the request, give up, or send the next one in the queue."""
+        pending = self._current
+        counters = self._maker.counters
+        if pending is not None and pending.deadline <= now:
+            self._decoder.reset()
+            if pending.sent < pending.attempts:
+                counters.retries += 1
+                self._transmit(pending, now)
+            else:
+                self._current = None
+                self._quiet_until = now + pending.window
+                counters.timeouts += 1
+                self._events.add(TimedOut(pending.ticket, pending.cmd, pending.sent, pending.instead))
+        self._pump(now)
+
+    def _pump(self, now: float) -> None:
+        while self._current is None and now >= self._quiet_until:
+            try:
+                pending = self._queue.popleft()
+            except IndexError:
+                break  # no check before: a stop in a signal handler may empty the queue at any time
+            self._transmit(pending, now)
+            if pending.answered:
+                self._current = pending
+            else:
+                self._posted = pending
+                self._quiet_until = now + self._policy.dialect1_holdoff
+                self._events.add(Reply(pending.ticket, pending.cmd, Status.OK, b"", None, 0.0, 1))
+
+    def _transmit(self, pending: Pending1, now: float) -> None:
+        pending.frame = self._maker.send_chapter(pending.cmd, pending.body, now)
+        pending.sent += 1
+        pending.sent_at = now
+        pending.deadline = now + pending.window
+        self._sent.pop(pending.body, None)
+        self._sent[pending.body] = None
+        if len(self._sent) > _MOST_SENT:
+            del self._sent[next(iter(self._sent))]

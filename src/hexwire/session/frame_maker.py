@@ -8,20 +8,31 @@ from __future__ import annotations
 
 from enum import Enum
 
+from hexwire.errors import LocalProtocolError
 from hexwire.units import split_time
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Command, Frame, max_body, parse_frame, serialize_frame
+from hexwire.wire.command_frame import (
+    BODY_OFFSET,
+    Command,
+    Frame,
+    command_name,
+    max_body,
+    parse_frame,
+    serialize_frame,
+)
 from hexwire.wire.commands import FRAGMENT_HEAD_SIZE
-from hexwire.wire.tables import EXT_UNSOLICITED, PROTO_CHAPTER, PROTO_HEXWIRE
+from hexwire.wire.tables import EXT_UNSOLICITED, HEADER_FIELDS, PROTO_CHAPTER, PROTO_HEXWIRE, TAIL
 
 from .conversation import Conversation, Conversations, Numbers
-from .dialect1 import clean_frame
 from .events import ConnectionCounters
 from .fragments import WINDOW, FragmentSender
 
-__all__ = ["FrameMaker", "Role"]
+__all__ = ["FrameMaker", "Role", "clean_frame"]
 
-
+_OFFSETS = {name: offset for name, _, offset in HEADER_FIELDS}
+_SEC, _NSEC, _SN, _SRC = (_OFFSETS[name] for name in ("time_sec", "time_nsec", "sn", "src"))
+_ATTEMPTS = 256
+"""Attempts to build a frame. The nanoseconds need at most 66 steps, every other field one."""
 _SMALLEST_FRAME = 128
 """Smaller limits of a peer are ignored: the reply of a 16-joint board to IDENTIFY needs this size."""
 
@@ -200,3 +211,38 @@ class FrameMaker:
         # Who accepts short frames only has no room for a whole message either.
         first = first if max_frame <= tables.MAX_SERIAL_FRAME else WINDOW
         self._fragments_out = FragmentSender(self._max_body - FRAGMENT_HEAD_SIZE, first=first)
+
+
+def clean_frame(frame: Frame, max_frame: int) -> tuple[Frame, bytes]:
+    """Build a frame without 0D 0A in bytes 4..len-3, by changing fields that may change.
+
+    These are the nanoseconds (in steps of 1 us), sn (to the next without the marker), and the seconds, which stay
+    at the last value without the marker, for 256 s at most on a clock of this century.
+
+    Returns:
+        The frame as it is sent, and its bytes.
+
+    Raises:
+        LocalProtocolError: 0D 0A is in the body or a module id, which may not change; or the frame is too long.
+    """
+    body_end = BODY_OFFSET + len(frame.body)
+    step = 1000 if frame.time_nsec < 999_000_000 else -1000
+    for _ in range(_ATTEMPTS):
+        data = serialize_frame(frame, max_frame)
+        at = data.find(TAIL, 4, -2)
+        if at < 0:
+            return frame, data
+        if at < _NSEC - 1:
+            low = 8 * (at - _SEC)
+            frame = frame._replace(time_sec=(frame.time_sec >> low << low) - 1)
+        elif at < _SN - 1 or body_end - 1 <= at <= body_end:
+            # The check of dialect 2 too: it changes with the time.
+            frame = frame._replace(time_nsec=frame.time_nsec + step)
+        elif at < _SRC:
+            low = 8 * max(at - _SN, 0)
+            frame = frame._replace(sn=((frame.sn >> low) + 1 << low) & 0xFFFFFFFF)
+        else:
+            break
+    raise LocalProtocolError(
+        f"{command_name(frame.cmd)} has 0D 0A inside, where a dialect-{PROTO_CHAPTER} board would cut it"
+    )

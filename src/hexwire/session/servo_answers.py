@@ -1,7 +1,8 @@
-"""Collector of the answers to one request on a servo bus, with any bytes between them.
+"""The answers to one request on a half-duplex servo bus, with any bytes between them.
 
-Owns what counts as an answer, and when no more answers can arrive. No I/O; the caller passes bytes and keeps time.
-This is the careful path: the plans of `hexwire.bus` check the bytes of a healthy bus faster.
+Owns which servos answer a packet, what counts as an answer, and when no more answers can arrive. No I/O; the caller
+passes bytes and keeps time. This is the careful path: the plans of `hexwire.bus` check the bytes of a healthy bus
+faster.
 
 An answer is a status packet whose header, id, length and checksum fit, and
 
@@ -20,15 +21,16 @@ from collections.abc import Collection, Iterator, Sequence
 from enum import Enum
 from typing import NamedTuple
 
-from hexwire.wire.servo_packet import BROADCAST_ID, Instruction, StatusPacket, status_end
+from hexwire.wire.servo_packet import BROADCAST_ID, Instruction, ServoPacket, StatusPacket, status_end
 from hexwire.wire.tables import LEGACY_HEADER, MAX_SERVO_ID, SERVO_HEADER
 
-__all__ = ["AnswerCollector", "Outlook", "is_read_echo"]
+__all__ = ["AnswerCollector", "Expected", "Outlook", "expected_answer", "is_read_echo", "match_answer"]
 
 # More than one request can cause, with echo and a generous amount of noise; older bytes are dropped.
 _MAX_BUFFER = 16 * 1024
 _READ_PARAMS = 2
 _HEAD = 4
+_NO_ANSWER = frozenset({Instruction.SYNC_WRITE, Instruction.REBOOT})
 
 
 class Outlook(Enum):
@@ -220,3 +222,56 @@ class AnswerCollector:
         if as_answer and servo_id in self.servo_ids and length - 2 == self.params:
             self.copies.add(servo_id)
         return end
+
+
+class Expected(NamedTuple):
+    """The answer expected for a packet.
+
+    Attributes:
+        servo_ids: Ids of the servos that answer, in order; empty if none does.
+        params: Parameter bytes of each answer.
+    """
+
+    servo_ids: tuple[int, ...]
+    params: int
+
+    @property
+    def length(self) -> int:
+        """Bytes of all answers together."""
+        return len(self.servo_ids) * (6 + self.params)
+
+
+def expected_answer(packet: ServoPacket, *, acknowledges_writes: bool = True) -> Expected:
+    """Return the answer expected for a packet.
+
+    Args:
+        packet: The request.
+        acknowledges_writes: Whether the servo answers writes too (status level 1); legacy servos do not.
+    """
+    instruction = packet.instruction
+    if instruction == Instruction.SYNC_READ:
+        return Expected(tuple(packet.params[2:]), packet.params[1] if len(packet.params) > 1 else 0)
+    if instruction == Instruction.PING:
+        return Expected((packet.servo_id,), 0)
+    if packet.servo_id == BROADCAST_ID or instruction in _NO_ANSWER:
+        return Expected((), 0)
+    if instruction == Instruction.READ:
+        return Expected((packet.servo_id,), packet.params[1] if len(packet.params) > 1 else 0)
+    return Expected((packet.servo_id,) if acknowledges_writes else (), 0)
+
+
+def match_answer(data: bytes, request: bytes, expected: Expected) -> StatusPacket | None:
+    """Find the status packet that answers `request` in received bytes. Never raises.
+
+    An answer followed by noise counts too, since a board does not repeat
+    the request in another form.
+
+    Returns:
+        The packet, or None if it has not arrived.
+    """
+    if not expected.servo_ids:
+        return None
+    servo_id = expected.servo_ids[0]
+    collector = AnswerCollector(request, (servo_id,), expected.params)
+    collector.receive(data)
+    return collector.answers.get(servo_id) or collector.murky.get(servo_id)

@@ -16,8 +16,7 @@ from hexwire.wire.command_frame import Command, Frame, Status, command_name
 from hexwire.wire.tables import EXT_STATUS_MASK, PROTO_CHAPTER, PROTO_HEXWIRE
 
 from .conversation import Conversations
-from .event_queue import EventQueue
-from .events import Answers, ConnectionCounters, Reply
+from .events import Answers, ConnectionCounters, EventQueue, Reply
 from .policy import RetryPolicy
 
 __all__ = ["SeveralRequests", "To"]
