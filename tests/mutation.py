@@ -82,6 +82,8 @@ TESTS = {
         "tests/test_units.py",
         "tests/ipc/test_session.py",
     ),
+    # A link of each kind passes the suite for links.
+    "testing": ("tests/testing", "tests/link/test_memory.py"),
 }
 """What judges a room, if it is not the tests in the folder of its name."""
 GENERATED = ("wire/tables.py",)

@@ -148,6 +148,54 @@ def test_a_stop_that_does_not_hold_is_found(pretend: Any, monkeypatch: pytest.Mo
             question(pretend)
 
 
+def test_a_robot_has_five_seconds_to_get_there(pretend: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    suite = Suite()
+    waited = 0.0
+
+    def wait(robot: RobotDriver, seconds: float) -> None:
+        nonlocal waited
+        waited += seconds
+        if waited >= arrival:
+            pretend._angles["J1"] = 0.1
+
+    monkeypatch.setattr(suite, "wait", wait)
+    for arrival, arrives in ((4.9, True), (5.1, False)):
+        waited, pretend._angles["J1"] = 0.0, 0.0
+        assert suite.arrives(pretend, "J1", 0.1) is arrives, arrival
+        assert waited == pytest.approx(min(arrival, 5.0), abs=0.051)
+
+
+def test_how_long_a_robot_is_watched_that_should_stay(pretend: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A suite on a real arm takes this time."""
+    suite = Suite()
+    suite._model = pretend.model
+    waits: list[float] = []
+    monkeypatch.setattr(suite, "wait", lambda robot, seconds: waits.append(seconds))
+    suite.test_torque_moves_nothing(pretend)
+    assert sum(waits) == pytest.approx(0.2)
+    pretend.torque(True)
+    waits.clear()
+    suite.test_a_stop_holds_until_resume(pretend)
+    assert sum(waits) == pytest.approx(0.7)
+    waits.clear()
+    suite.test_a_stop_in_motion_ends_the_motion(pretend)
+    assert sum(waits) == pytest.approx(0.6)
+
+
+def test_the_joint_that_moves_has_room_for_two_steps_on_both_sides(pretend: Any) -> None:
+    suite = Suite()
+    suite._model = pretend.model
+    joint = pretend.model.joints[0]
+    for position in (joint.minimum + 2.5 * suite.step, joint.maximum - 2.5 * suite.step):
+        pretend._angles[joint.name] = position
+        assert suite.choose(pretend.read()) == joint.name
+    for position in (joint.minimum + 1.5 * suite.step, joint.maximum - 1.5 * suite.step):
+        pretend._angles.update({name: pretend.model.joint(name).maximum for name in pretend._angles})
+        pretend._angles[joint.name] = position
+        with pytest.raises(AssertionError, match="no joint has room"):
+            suite.choose(pretend.read())
+
+
 def test_the_suite_of_a_robot_needs_its_robot(tmp_path: Path) -> None:
     with pytest.raises(NotImplementedError):
         RobotConformance().make_robot(tmp_path)
