@@ -173,3 +173,27 @@ def test_a_stop_that_is_assumed_voids_what_was_begun_before() -> None:
     assert not epochs.holds(token)
     with pytest.raises(StoppedError):
         epochs.check(token, "motion")
+
+
+def test_each_stop_that_is_assumed_voids_what_was_begun_before_it() -> None:
+    epochs = Epochs()
+    epochs.assume_stopped()
+    token = epochs.token("motion")
+    assert epochs.holds(token)
+    epochs.assume_stopped()
+    assert not epochs.holds(token)
+
+
+def test_a_stop_that_fails_as_it_begins_is_not_confirmed_and_no_longer_under_way() -> None:
+    epochs = Epochs()
+
+    def fail() -> None:
+        raise OSError("no descriptor")
+
+    epochs.on_stop(fail)
+    with pytest.raises(OSError, match="no descriptor"), epochs.stopping():
+        raise AssertionError("the stop began")
+    assert epochs.failed
+    with pytest.raises(StoppedError, match="not confirmed"):
+        epochs.token("a move")
+    epochs.token("resume", freeing=True)

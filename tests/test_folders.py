@@ -67,6 +67,15 @@ def test_a_folder_that_is_missing_or_a_file(tmp_path: Path, way: str) -> None:
         make_folder(tmp_path / "file" / "x")
 
 
+def test_others_may_look_into_a_folder_that_is_made_and_not_change_it(tmp_path: Path, way: str) -> None:
+    before = os.umask(0)
+    try:
+        make_folder(tmp_path / "a")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "a").stat().st_mode) == 0o755
+
+
 def test_a_private_folder_is_closed_to_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "a" / "b"
     for _ in range(2):

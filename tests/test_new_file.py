@@ -128,6 +128,16 @@ def test_a_file_of_another_user_in_a_shared_folder_is_not_overwritten(
     assert planted.read_bytes() == b"planted"
 
 
+def test_a_file_of_another_user_in_ones_own_folder_is_overwritten(tmp_path: Path, belongs_to: BelongsTo) -> None:
+    path = tmp_path / "run.csv"
+    path.write_bytes(b"old")
+    belongs_to(path, STRANGER)
+    with pytest.raises(UsageError, match="already exists"):
+        write(path)
+    write(path, force=True)
+    assert path.read_bytes() == b"new"
+
+
 def test_a_folder_of_a_stranger_where_all_may_write(tmp_path: Path, belongs_to: BelongsTo) -> None:
     shared = tmp_path / "shared"
     shared.mkdir()
