@@ -5,7 +5,8 @@
 Owns which mutants count, which tests judge them, and the table at the end. mutmut makes them; `mutation_run.py`
 runs each against the tests that call the function it is in, the quickest first, for at most 30 s. A mutant counts
 if it changes what code does; texts, `__repr__`, type hints and what a `raise` says do not count, and mutmut leaves
-out properties and a module's constants. A test that takes ten times as long as without the mutant notices it.
+out properties and a module's constants. A test that takes ten times as long as without the mutant notices it, if it
+does so twice, and then ends without the mutant.
 
 `mutation_survivors.toml` lists survivors that no test can notice or needs to, each with its reason. A mutant that
 no test notices but mypy refuses is noticed too, since `make test` runs mypy; the table counts these apart. Ends

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import ast
+import io
 import json
 import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from tests import mutation
@@ -31,6 +33,7 @@ from tests.mutation import (
     module_of,
     put_in,
 )
+from tests.mutation_run import Judge
 
 BEFORE = """
 def f(x):
@@ -301,6 +304,38 @@ def test_a_mutant_is_judged_by_its_tests_until_one_notices(tmp_path: Path) -> No
         ("default", "failed", "pair"),
     ]
     assert source.read_text() == FIVE
+
+
+@pytest.mark.parametrize(
+    ("tries", "verdict"),
+    [
+        (["hung", "hung", "lives"], "hung"),
+        (["hung", "hung", "hung"], "late"),
+        (["hung", "lives"], "lives"),
+        (["hung", "failed"], "failed"),
+    ],
+)
+def test_what_a_busy_machine_delays_is_not_taken_for_a_mutant_that_hangs(
+    tries: list[str], verdict: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "a.py"
+    file.write_text("whole")
+    mutant = {"key": "m", "file": str(file), "text": "mutated", "tests": [("a", 0.1), ("b", 0.1)], "all": []}
+    out = io.StringIO()
+    judge = Judge([mutant], {}, out)
+    seen = []
+
+    def tell(mutant: object, tests: dict[str, float], *, install: bool = True) -> tuple[str, str]:
+        seen.append((list(tests), install, file.read_text()))
+        return tries[len(seen) - 1], "b"
+
+    monkeypatch.setattr(judge, "_try", tell)
+    items = [SimpleNamespace(nodeid="a"), SimpleNamespace(nodeid="b")]
+    assert judge.pytest_runtestloop(SimpleNamespace(items=items))  # type: ignore[arg-type]
+    line = json.loads(out.getvalue())
+    assert (line["verdict"], line["by"]) == (verdict, "b")
+    attempts = [(["a", "b"], True, "mutated"), (["b"], True, "mutated"), (["b"], False, "whole")]
+    assert seen == attempts[: len(tries)], "the last one is without the mutant"
 
 
 def test_a_verdict_holds_as_long_as_the_source_and_the_tests_that_told_it(
