@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexwire.errors import ConfigError
-from hexwire.ipc.conf import parse_conf, to_conf
-from hexwire.ipc.conf_toml import parse_toml, to_toml
+from hexwire.ipc.conf import parse_conf, parse_toml, to_conf, to_toml
 
 BOTH = """\
 ARM_7BOT_SERIAL_TRX CLIENT_TRX ARM_7BOT_ARDUINO_TRX SERIAL /dev/serial/by-id/usb"é"\\x 1000000

@@ -20,7 +20,7 @@ from hexwire.emulator.serve import BoardLink, FakeClock, ServedDevice
 from hexwire.emulator.so_arms import make_so_arm
 from hexwire.errors import ReplyTimeoutError, WrongDeviceError
 from hexwire.ipc.handle import IpcHandle
-from hexwire.ipc.module_search import find_robot
+from hexwire.ipc.mistaken import find_robot
 from hexwire.ipc.session import Session
 from hexwire.link.base import Link
 from hexwire.wire.modules import ModuleType

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hexwire.errors import ConfigError, UsageError
-from hexwire.ipc import own_modules
+from hexwire.ipc import channel as channels
 from hexwire.ipc.conf import parse_conf, to_conf
 from hexwire.ipc.handle import IpcHandle
 from hexwire.wire.modules import module_name
@@ -28,13 +28,13 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install
         info = tmp_path / f"{name}-1.0.dist-info"
         info.mkdir()
         (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
-        (info / "entry_points.txt").write_text(f"[{own_modules.ENTRY_POINT_GROUP}]\nall = {name}:{attribute}\n")
+        (info / "entry_points.txt").write_text(f"[{channels.ENTRY_POINT_GROUP}]\nall = {name}:{attribute}\n")
         (tmp_path / f"{name}.py").write_text(code)
-        own_modules._load.cache_clear()
+        channels._load_modules.cache_clear()
 
     yield put
     sys.modules.pop("own_modules_a", None)
-    own_modules._load.cache_clear()
+    channels._load_modules.cache_clear()
 
 
 def test_an_enumeration_of_another_package(install: Install) -> None:
@@ -50,7 +50,7 @@ def test_an_enumeration_of_another_package(install: Install) -> None:
 
 def test_a_mapping_of_another_package(install: Install) -> None:
     install("own_modules_b", "IDS = {'SCALE_TX': 26}\n", "IDS")
-    own_modules.load_own_modules()
+    channels.load_own_modules()
     assert module_name(26) == "SCALE_TX"
 
 
@@ -70,4 +70,4 @@ def test_a_destination_behind_a_gateway(install: Install) -> None:
 def test_a_package_that_is_wrong(install: Install, name: str, code: str, words: str) -> None:
     install(name, code, "IDS")
     with pytest.raises(UsageError, match=words):
-        own_modules.load_own_modules()
+        channels.load_own_modules()

@@ -10,20 +10,17 @@ import pytest
 from tests.frames import frame_bytes
 
 from hexwire.errors import LinkLostError
-from hexwire.ipc.connections import host_connection
 from hexwire.ipc.handle import IpcHandle
-from hexwire.ipc.session_line import SessionLine
+from hexwire.ipc.session import Session
 from hexwire.link.base import Link
 from hexwire.link.memory import memory_pair
-from hexwire.session.policy import RetryPolicy
 from hexwire.testing.link import PATIENCE, soon
 from hexwire.wire.command_frame import Command
 
 
-class Line(SessionLine):
+class Line(Session):
     def __init__(self, link: Link) -> None:
-        super().__init__(IpcHandle.from_link(link), time.monotonic)
-        self.connection = host_connection(self.ipc, None, None, None, policy=RetryPolicy(), epoch=0.0)
+        super().__init__(IpcHandle.from_link(link))
         self.opened = 0
 
     def _reopen(self, lost: LinkLostError) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, BinaryIO
 import click
 
 from hexwire.inputs import read_stream
-from hexwire.ipc.own_modules import load_own_modules
+from hexwire.ipc.channel import load_own_modules
 from hexwire.link.tap import Direction, wrap_new_links
 from hexwire.trace.explain import Explained, Explainer
 from hexwire.trace.live import Tracer, explained_lines

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 from hexwire.errors import DeviceError, WrongDeviceError
 
 from .handle import IpcHandle
-from .mistaken import is_board
-from .module_search import find_robot
+from .mistaken import find_robot, is_board
 from .session import Session
 
 if TYPE_CHECKING:

@@ -1,7 +1,8 @@
 """One channel of `ipc_msg.conf`: its fields, their validation, and the link it needs.
 
-Owns the meaning shared by both formats of the file, and the wording of its errors. Must not know the file formats,
-nor open a link.
+Owns the meaning shared by both formats of the file, the wording of its errors, and the module types that other
+packages add through the entry-point group ``hexwire.modules``: the value of an entry point is an `IntEnum`, or a
+mapping from name to id. Must not know the file formats, nor open a link.
 """
 
 from __future__ import annotations
@@ -9,34 +10,63 @@ from __future__ import annotations
 import enum
 import ipaddress
 import re
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from urllib.parse import quote
 
-from hexwire.errors import ConfigError
+from hexwire.errors import ConfigError, UsageError
 from hexwire.link.url import is_loopback
-from hexwire.wire.modules import MAX_MODULE, IpcType, ModuleType, known_modules, module_named
-
-from .own_modules import load_own_modules
+from hexwire.wire.modules import MAX_MODULE, IpcType, ModuleType, known_modules, module_named, register_module
 
 __all__ = [
+    "ENTRY_POINT_GROUP",
     "Cell",
     "ChannelConf",
     "Direction",
     "Record",
     "interface_named",
     "link_url",
+    "load_own_modules",
     "make_channels",
     "module_by_text",
     "rows_of",
 ]
 
+ENTRY_POINT_GROUP = "hexwire.modules"
 DEFAULT_BAUD = 115200
 COLUMNS = ("module_name", "direction", "destination_module", "interface", "address", "port", "peer")
 NEEDED = 5
 _HOST = re.compile(r"(?!-)[A-Za-z0-9_-]{1,63}(?:\.(?!-)[A-Za-z0-9_-]{1,63})*")
 _QUEUE = re.compile(r"/?[A-Za-z0-9_.-]{1,200}")
 _USER = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,31}")
+
+
+def load_own_modules() -> None:
+    """Register the modules of all installed packages. It takes time only at the first call.
+
+    Raises:
+        UsageError: A package names something else, or an id or a name that another module has.
+    """
+    _load_modules(tuple(sys.path))
+
+
+@cache
+def _load_modules(path: tuple[str, ...]) -> None:
+    # Imported late: it takes longer than everything else here.
+    from importlib.metadata import entry_points
+
+    for point in entry_points(group=ENTRY_POINT_GROUP):
+        found = point.load()
+        if isinstance(found, type) and issubclass(found, enum.Enum):
+            found = {name: member.value for name, member in found.__members__.items()}
+        if not isinstance(found, Mapping):
+            raise UsageError(
+                f"entry point {point.value!r} of {ENTRY_POINT_GROUP} is neither an enumeration nor a mapping"
+            )
+        for name, number in found.items():
+            register_module(str(name), number)
 
 
 def module_by_text(text: str) -> ModuleType | None:

@@ -90,7 +90,7 @@ class IpcHandle(Openable):
         if _TO in parts.query:
             from hexwire.wire.addresses import module_id
 
-            from .own_modules import load_own_modules
+            from .channel import load_own_modules
 
             load_own_modules()
             destination = ModuleType(module_id(parts.query[_TO]))

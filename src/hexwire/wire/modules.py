@@ -1,7 +1,7 @@
 """Module ids and channel kinds of the chapter, with their strings; module types of one's own.
 
 Owns the two enumerations and the names of registered modules. Knows nothing of configuration files or links, nor
-where other packages keep their modules (`hexwire.ipc.own_modules`).
+where other packages keep their modules (`hexwire.ipc.channel`).
 """
 
 from __future__ import annotations
