@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from hexwire.cli.main import cli
-from hexwire.link.cert_facts import read_certificate
+from hexwire.link.certs import read_certificate
 from hexwire.link.open import make_link
 
 

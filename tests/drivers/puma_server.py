@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from hexwire.emulator.puma import EmulatedPuma
 from hexwire.emulator.serve_puma import serve_puma
 from hexwire.link.listener import Listener
-from hexwire.link.udp_server import UdpServer
+from hexwire.link.udp import UdpServer
 
 
 @dataclass

@@ -14,8 +14,7 @@ from tests.link.far_ends import free_port
 from hexwire.fleet.network import Network
 from hexwire.fleet.node import Node
 from hexwire.fleet.rights import Kind, Rights, access_control
-from hexwire.link.cert_facts import read_certificate
-from hexwire.link.certs import issue_certificate, make_authority
+from hexwire.link.certs import issue_certificate, make_authority, read_certificate
 
 LONG_AGO = datetime(2020, 1, 1, tzinfo=UTC)
 

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from hexwire.errors import UsageError
-from hexwire.link.cert_facts import check_usable, read_certificate
-from hexwire.link.certs import issue_certificate, make_authority
+from hexwire.link.certs import check_usable, issue_certificate, make_authority, read_certificate
 from hexwire.link.tls import TlsFiles
 
 NOW = datetime(2026, 5, 1, tzinfo=UTC)

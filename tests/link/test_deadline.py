@@ -6,7 +6,7 @@ import select
 import threading
 import time
 
-from hexwire.link.deadline import LONGEST_POLL, lock_timeout, poll_timeout
+from hexwire.link.base import LONGEST_POLL, lock_timeout, poll_timeout
 
 
 def test_no_deadline_is_no_end() -> None:

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
-from hexwire.link.find_port import PortFinder
-from hexwire.link.ports import PortInfo
+from hexwire.link.ports import PortFinder, PortInfo
 
 A, B, C = (PortInfo(f"/dev/ttyACM{i}") for i in range(3))
 

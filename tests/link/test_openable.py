@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hexwire.link.openable import Openable
+from hexwire.link.base import Openable
 
 
 class Door(Openable):

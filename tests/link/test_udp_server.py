@@ -8,8 +8,7 @@ import socket
 import pytest
 
 from hexwire.errors import LinkBusyError, LinkClosedError, LinkNotFoundError, UsageError
-from hexwire.link.udp import MAX_DATAGRAM
-from hexwire.link.udp_server import Peer, UdpServer
+from hexwire.link.udp import MAX_DATAGRAM, Peer, UdpServer
 from hexwire.testing.link import PATIENCE
 
 

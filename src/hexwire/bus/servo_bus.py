@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Self
 
-from hexwire.link.openable import Openable
+from hexwire.link.base import Openable
 from hexwire.wire import servo_packet as packets
 from hexwire.wire.registers import Register, Series
 from hexwire.wire.servo_packet import BROADCAST_ID

@@ -22,7 +22,7 @@ from .output import say
 if TYPE_CHECKING:
     from hexwire.control.shutdown import Shutdown
     from hexwire.fleet.node import Node
-    from hexwire.link.cert_facts import CertFacts
+    from hexwire.link.certs import CertFacts
 
 __all__ = ["config", "router"]
 
@@ -166,7 +166,7 @@ def _read(paths: list[Path], ca: Path, *, named: bool) -> list[CertFacts]:
     """
     from datetime import UTC, datetime
 
-    from hexwire.link.cert_facts import read_certificate
+    from hexwire.link.certs import read_certificate
 
     found = []
     for path in paths:

@@ -132,8 +132,7 @@ def _unplugged(timeout: float) -> list[PortInfo]:
         LinkNotFoundError: Nothing came in time.
     """
     from hexwire.errors import LinkNotFoundError
-    from hexwire.link.find_port import PortFinder
-    from hexwire.link.ports import list_ports
+    from hexwire.link.ports import PortFinder, list_ports
 
     finder, said = PortFinder(list_ports()), ""
     end = time.monotonic() + timeout

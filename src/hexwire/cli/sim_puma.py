@@ -59,7 +59,7 @@ def puma260(
     from hexwire.errors import UsageError
     from hexwire.link.listener import Listener
     from hexwire.link.tls import TlsFiles
-    from hexwire.link.udp_server import UdpServer
+    from hexwire.link.udp import UdpServer
     from hexwire.link.url import is_loopback
 
     if peer and not udp:

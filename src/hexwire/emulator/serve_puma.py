@@ -1,6 +1,6 @@
 """The emulated PUMA 260 behind TCP and UDP, for any number of hosts, and behind a POSIX queue for one.
 
-Owns the loop over listener, links, UDP peers and queue, and disconnects hosts that lose their seat. What the robot
+Owns the loop over listener, links, UDP peers and queue, and disconnects hosts that lose their slot. What the robot
 does belongs to `puma`.
 """
 
@@ -11,12 +11,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from hexwire.emulator.client_slots import ClientSlots
 from hexwire.errors import LinkError, LinkTimeoutError
 from hexwire.ipc.connections import random_number
 from hexwire.link.listener import Listener
 from hexwire.link.poll_link import PollLink
-from hexwire.link.seats import Seats
-from hexwire.link.udp_server import Peer, UdpServer
+from hexwire.link.udp import Peer, UdpServer
 from hexwire.system import READABLE, make_poll
 
 from .puma import EmulatedPuma, PumaPeer
@@ -39,13 +39,13 @@ class _Caller:
 
 @dataclass(slots=True)
 class _Hosts:
-    """Connected hosts, their seats (TCP and UDP hosts cannot displace each other), and when what they sent came."""
+    """Connected hosts, their slots (TCP and UDP hosts cannot displace each other), and when what they sent came."""
 
     callers: dict[int, _Caller] = field(default_factory=dict)
     peers: dict[Peer, PumaPeer] = field(default_factory=dict)
     queue: _Caller | None = None
-    tcp_seats: Seats[int] = field(default_factory=Seats)
-    udp_seats: Seats[Peer] = field(default_factory=Seats)
+    tcp_slots: ClientSlots[int] = field(default_factory=ClientSlots)
+    udp_slots: ClientSlots[Peer] = field(default_factory=ClientSlots)
     arrivals: Arrivals = field(default_factory=Arrivals)
 
     def next_event_time(self) -> float | None:
@@ -139,7 +139,7 @@ def _hear_callers(hosts: _Hosts, ready: set[int]) -> None:
         try:
             if fd in ready and (data := caller.link.read(now)):
                 caller.peer.receive(data, now)
-                _note(hosts.tcp_seats, fd, caller.peer, now)
+                _note(hosts.tcp_slots, fd, caller.peer, now)
         except LinkError:
             _hang_up(hosts, fd)
 
@@ -179,7 +179,7 @@ def _let_in(robot: EmulatedPuma, listener: Listener, hosts: _Hosts) -> None:
         if link is None:
             return
         fd = link.fileno()
-        admitted, out = hosts.tcp_seats.admit(fd, link.peer.rpartition(":")[0], now)
+        admitted, out = hosts.tcp_slots.admit(fd, link.peer.rpartition(":")[0], now)
         if out is not None:
             _hang_up(hosts, out)
         if admitted:
@@ -189,7 +189,7 @@ def _let_in(robot: EmulatedPuma, listener: Listener, hosts: _Hosts) -> None:
 
 
 def _hang_up(hosts: _Hosts, fd: int) -> None:
-    hosts.tcp_seats.leave(fd)
+    hosts.tcp_slots.leave(fd)
     hosts.callers.pop(fd).link.close()
 
 
@@ -203,7 +203,7 @@ def _hear_peers(robot: EmulatedPuma, udp: UdpServer, hosts: _Hosts) -> None:
         peer = hosts.peers.get(sender) or _seat(robot, hosts, sender, now)
         if peer is not None:
             peer.receive(data, now, end_of_message=True)
-            _note(hosts.udp_seats, sender, peer, now)
+            _note(hosts.udp_slots, sender, peer, now)
 
 
 def _answer_peers(udp: UdpServer, hosts: _Hosts, now: float) -> None:
@@ -214,7 +214,7 @@ def _answer_peers(udp: UdpServer, hosts: _Hosts, now: float) -> None:
 
 
 def _seat(robot: EmulatedPuma, hosts: _Hosts, sender: Peer, now: float) -> PumaPeer | None:
-    admitted, out = hosts.udp_seats.admit(sender, str(sender[0]), now)
+    admitted, out = hosts.udp_slots.admit(sender, str(sender[0]), now)
     if out is not None:
         del hosts.peers[out]
     if not admitted:
@@ -223,6 +223,6 @@ def _seat(robot: EmulatedPuma, hosts: _Hosts, sender: Peer, now: float) -> PumaP
     return peer
 
 
-def _note(seats: Seats[int] | Seats[Peer], key: int | Peer, peer: PumaPeer, now: float) -> None:
+def _note(slots: ClientSlots[int] | ClientSlots[Peer], key: int | Peer, peer: PumaPeer, now: float) -> None:
     if peer.heard == now:
-        seats.heard(key, now, commanded=peer.commanded == now)  # type: ignore[arg-type]  # each key is of its seats
+        slots.heard(key, now, commanded=peer.commanded == now)  # type: ignore[arg-type]  # each key is of its slots

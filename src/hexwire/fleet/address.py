@@ -14,7 +14,7 @@ from urllib.parse import parse_qsl, urlencode
 
 from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.inputs import parse_toml, read_text
-from hexwire.link.cert_facts import check_usable, read_certificate
+from hexwire.link.certs import check_usable, read_certificate
 
 from .endpoints import endpoints_of, is_served, local_name, local_socket, local_sockets
 from .names import SCHEME, Role, check_name

@@ -22,7 +22,7 @@ from hexwire.errors import (
     UsageError,
 )
 from hexwire.inputs import LARGEST_DATA, parse_json, read_text
-from hexwire.link.cert_facts import check_usable
+from hexwire.link.certs import check_usable
 from hexwire.link.tls import TlsFiles
 
 from .endpoints import (

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from hexwire.errors import ConfigError, UsageError
-from hexwire.link.base import Link, LinkKind
-from hexwire.link.openable import Openable
+from hexwire.link.base import Link, LinkKind, Openable
 from hexwire.wire.modules import IpcType, ModuleType, module_name
 
 if TYPE_CHECKING:

@@ -30,7 +30,7 @@ from hexwire.errors import (
     PreemptedError,
     ReplyTimeoutError,
 )
-from hexwire.link.openable import Openable
+from hexwire.link.base import Openable
 from hexwire.session.connection import Connection, Role
 from hexwire.session.effects import Effect, effect_of
 from hexwire.session.events import Answers, Event, Reply, Report, Request, TimedOut

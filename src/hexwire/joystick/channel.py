@@ -18,8 +18,7 @@ from hexwire.errors import LinkError, LinkLostError, LinkTimeoutError, RemotePro
 from hexwire.ipc.connections import module_identity, random_number
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
-from hexwire.link.base import LinkKind
-from hexwire.link.openable import Openable
+from hexwire.link.base import LinkKind, Openable
 from hexwire.session.connection import Connection, Role
 from hexwire.session.events import Request
 from hexwire.wire import tables

@@ -23,7 +23,7 @@ from hexwire.errors import (
     LinkPermissionError,
     UsageError,
 )
-from hexwire.link.openable import Openable
+from hexwire.link.base import Openable
 from hexwire.system import READABLE, make_poll
 from hexwire.wire.robot_bodies import JoystickState
 

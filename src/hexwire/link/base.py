@@ -1,6 +1,7 @@
 """The byte link: the interface of every line between host and board.
 
-Owns the contract, `Link`. Most links implement it through `hexwire.link.poll_link`. Must not know frames, sessions
+Owns the contract, `Link`, the rule of what is opened and closed (``with thing:``), and how a deadline becomes the
+timeout of a system call. Most links implement it through `hexwire.link.poll_link`. Must not know frames, sessions
 or the meaning of the bytes.
 
 A **stream** link (serial, TCP) delivers bytes in order and preserves no boundaries: a read may return part of a
@@ -11,19 +12,39 @@ write, or several writes together. A **datagram** link (UDP, message queue) deli
 from __future__ import annotations
 
 import enum
-from abc import abstractmethod
+import threading
+from abc import ABC, abstractmethod
 from time import monotonic
-from typing import TYPE_CHECKING
-
-from .openable import Openable
+from typing import TYPE_CHECKING, Self
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["WRITE_TIME", "Link", "LinkKind"]
+__all__ = ["LONGEST_POLL", "WRITE_TIME", "Link", "LinkKind", "Openable", "lock_timeout", "poll_timeout"]
 
+# poll() takes milliseconds as a C int; longer waits are split into parts of this many seconds.
+LONGEST_POLL = 1_000_000.0
 # Seconds after which `exchange` abandons a request that the line does not accept.
 WRITE_TIME = 1.0
+
+
+class Openable(ABC):
+    """Has `open` and `close`, and is open inside ``with``."""
+
+    @abstractmethod
+    def open(self) -> None:
+        """Open it."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close it; what is closed stays closed."""
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
 
 class LinkKind(enum.Enum):
@@ -31,6 +52,16 @@ class LinkKind(enum.Enum):
 
     STREAM = "stream"
     DATAGRAM = "datagram"
+
+
+def poll_timeout(deadline: float | None) -> float | None:
+    """For `poll`: milliseconds. `poll` rounds them up, so that nothing returns early."""
+    return None if deadline is None else max(0.0, min(deadline - monotonic(), LONGEST_POLL)) * 1000.0
+
+
+def lock_timeout(deadline: float | None) -> float:
+    """For `Lock.acquire`: seconds, -1 for no limit."""
+    return -1.0 if deadline is None else max(0.0, min(deadline - monotonic(), threading.TIMEOUT_MAX))
 
 
 def _clock_of(link: Link) -> Callable[[], float]:

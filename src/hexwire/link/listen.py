@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 
 from hexwire.errors import LinkBusyError, LinkClosedError, LinkLostError, LinkTimeoutError
 
-from .base import Link, LinkKind
-from .deadline import lock_timeout
+from .base import Link, LinkKind, lock_timeout
 from .listener import LOOPBACK, Listener, listen_address
 from .tcp import PeerLink
 from .url import LinkUrl

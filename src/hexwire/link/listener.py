@@ -1,32 +1,26 @@
 """The listening side of TCP, for servers with many clients.
 
-Owns the listening socket, the running TLS handshakes, and the admission of clients. Must not know what the bytes
-mean. Binds to loopback by default.
+Owns the listening socket, the running TLS handshakes, the admission of clients, and the poller of all these: epoll,
+or what other systems have. Must not know what the bytes mean. Binds to loopback by default.
 """
 
 from __future__ import annotations
 
 import contextlib
 import errno
+import select
 import socket
+import sys
 import threading
 from collections import Counter
 from dataclasses import dataclass, replace
 from time import monotonic, sleep
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
-from hexwire.errors import (
-    LinkBusyError,
-    LinkClosedError,
-    LinkError,
-    LinkNotFoundError,
-    LinkPermissionError,
-)
-from hexwire.system import READABLE
+from hexwire.errors import LinkBusyError, LinkClosedError, LinkError, LinkNotFoundError, LinkPermissionError
+from hexwire.system import READABLE, make_poll
 
-from .deadline import lock_timeout, poll_timeout
-from .doors import Doors, make_doors
-from .openable import Openable
+from .base import Openable, lock_timeout, poll_timeout
 from .tcp import PeerLink, PlainStream, Stream, find_addresses, host_and_port, prepare
 from .url import LinkUrl
 from .waker import Waker
@@ -37,7 +31,7 @@ if TYPE_CHECKING:
 
     from .tls import TlsFiles, TlsStream
 
-__all__ = ["LOOPBACK", "Listener", "explain_bind", "listen_address"]
+__all__ = ["LOOPBACK", "Listener", "PlainPoller", "Poller", "explain_bind", "listen_address", "make_poller"]
 
 LOOPBACK = "127.0.0.1"
 # Clients that may connect while another is being accepted; the kernel makes others retry a second later.
@@ -94,7 +88,7 @@ class Listener(Openable):
         self._handshakes: dict[int, _Handshake] = {}
         self._socket: socket.socket | None = None
         # The socket and the running handshakes, as one descriptor that others can watch as well.
-        self._doors: Doors | None = None
+        self._poller: Poller | None = None
         self._waker = Waker()
         self._closing = False
         self._close_pending = False
@@ -124,20 +118,20 @@ class Listener(Openable):
             try:
                 undo.callback(self._waker.close)
                 self._waker.open()
-                doors = make_doors(self._waker.fileno())
-                undo.callback(doors.close)
+                poller = make_poller(self._waker.fileno())
+                undo.callback(poller.close)
                 listening = socket.socket(family)
                 undo.callback(listening.close)
                 listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
                 listening.setblocking(False)
                 listening.bind(address)
                 listening.listen(_BACKLOG)
-                doors.register(listening.fileno(), READABLE)
+                poller.register(listening.fileno(), READABLE)
             except OSError as error:
                 raise explain_bind(error, self.url) from error
             undo.pop_all()
         self._context = context
-        self._doors = doors
+        self._poller = poller
         self.port = listening.getsockname()[1]
         self._closing = False
         self._socket = listening
@@ -154,10 +148,10 @@ class Listener(Openable):
             for handshake in self._handshakes.values():
                 handshake.stream.close()
             self._handshakes.clear()
-            if self._socket is not None and self._doors is not None:
-                self._doors.close()
+            if self._socket is not None and self._poller is not None:
+                self._poller.close()
                 self._socket.close()
-                self._doors = self._socket = None
+                self._poller = self._socket = None
             self._waker.close()
 
     def fileno(self) -> int:
@@ -165,9 +159,9 @@ class Listener(Openable):
 
         Under TLS that includes running handshakes, so `accept` may return without a client.
         """
-        if self._doors is None:
+        if self._poller is None:
             raise self._closed()
-        return self._doors.fileno()
+        return self._poller.fileno()
 
     def wake(self) -> None:
         """Make the waiting `accept`, or otherwise the next one, return None. Allowed from any thread."""
@@ -195,11 +189,11 @@ class Listener(Openable):
         self._accepter = threading.get_ident()
         woken = False
         try:
-            while self._socket is not None and self._doors is not None and not self._closing:
+            while self._socket is not None and self._poller is not None and not self._closing:
                 if woken:
                     self._waker.clear()
                     return None
-                peer, woken = self._step(self._socket, self._doors, deadline, watched)
+                peer, woken = self._step(self._socket, self._poller, deadline, watched)
                 if peer is not None:
                     return peer
                 # Woken by wake(), or because the listener was closed: look again.
@@ -229,7 +223,7 @@ class Listener(Openable):
     def _step(
         self,
         listening: socket.socket,
-        doors: Doors,
+        poller: Poller,
         deadline: float | None,
         watched: Callable[[], dict[int, Callable[[], None]]],
     ) -> tuple[PeerLink | None, bool]:
@@ -237,7 +231,7 @@ class Listener(Openable):
         until = [handshake.deadline for handshake in self._handshakes.values()]
         if deadline is not None:
             until.append(deadline)
-        ready = doors.wait(poll_timeout(min(until, default=None)))
+        ready = poller.wait(poll_timeout(min(until, default=None)))
         woken = self._waker.fileno() in ready
         if self._closing:
             return None, woken
@@ -247,17 +241,17 @@ class Listener(Openable):
             if fd == listening.fileno():
                 called = True
             elif peer is None and fd in self._handshakes:
-                peer = self._shake(fd, doors, watched)
+                peer = self._shake(fd, poller, watched)
         for fd in [fd for fd, shake in self._handshakes.items() if shake.deadline <= monotonic()]:
             self._drop(fd, "no TLS handshake in time")
         if called and peer is None:
-            peer = self._greet(listening, doors, watched)
+            peer = self._greet(listening, poller, watched)
         return peer, woken
 
     def _greet(
         self,
         listening: socket.socket,
-        doors: Doors,
+        poller: Poller,
         watched: Callable[[], dict[int, Callable[[], None]]],
     ) -> PeerLink | None:
         """Accept a new client: as a link, or under TLS into the handshake."""
@@ -284,22 +278,22 @@ class Listener(Openable):
             self._drop(self._most_pressing(), "too many TLS handshakes at once")
         stream = TlsStream(caller, self._context)
         self._handshakes[caller.fileno()] = _Handshake(stream, peer, monotonic() + self._handshake_timeout)
-        doors.register(caller.fileno(), stream.wants)
-        return self._shake(caller.fileno(), doors, watched)
+        poller.register(caller.fileno(), stream.wants)
+        return self._shake(caller.fileno(), poller, watched)
 
     def _shake(
-        self, fd: int, doors: Doors, watched: Callable[[], dict[int, Callable[[], None]]]
+        self, fd: int, poller: Poller, watched: Callable[[], dict[int, Callable[[], None]]]
     ) -> PeerLink | None:
         """Advance a handshake by one step."""
         handshake = self._handshakes[fd]
         try:
             if not handshake.stream.handshake():
-                doors.modify(fd, handshake.stream.wants)
+                poller.modify(fd, handshake.stream.wants)
                 return None
         except OSError as error:
             self._drop(fd, str(error))
             return None
-        doors.unregister(fd)
+        poller.unregister(fd)
         del self._handshakes[fd]
         return self._admit(handshake.stream, handshake.peer, watched)
 
@@ -321,8 +315,8 @@ class Listener(Openable):
         handshake = self._handshakes.pop(fd)
         # A client that has gone may be out of it already.
         with contextlib.suppress(OSError):
-            if self._doors is not None:
-                self._doors.unregister(fd)
+            if self._poller is not None:
+                self._poller.unregister(fd)
         handshake.stream.close()
         self._refuse(f"{handshake.peer}: {why}")
 
@@ -363,3 +357,96 @@ def explain_bind(error: OSError, url: str) -> LinkError:
     if error.errno in (errno.EACCES, errno.EPERM):
         return LinkPermissionError(f"{url}: this user may not use that port; choose one above 1023", url=url)
     return LinkError(f"{url} cannot be opened: {error.strerror or error}", url=url)
+
+
+class Poller(Protocol):
+    """Descriptors with the events that are waited for, and a waker."""
+
+    def fileno(self) -> int:
+        """A descriptor that becomes readable when one of them is ready, for programs that watch many servers.
+
+        Of `PlainPoller` it is the first one, so only asking shows what a client has sent that is still connecting.
+        """
+
+    def register(self, fd: int, eventmask: int, /) -> None:
+        """Add a descriptor."""
+
+    def modify(self, fd: int, eventmask: int, /) -> None:
+        """Change the events of a descriptor."""
+
+    def unregister(self, fd: int, /) -> None:
+        """Remove a descriptor, before it is closed."""
+
+    def wait(self, timeout: float | None) -> list[int]:
+        """Wait at most `timeout` milliseconds, forever if None; returns what is ready, the waker included."""
+
+    def close(self) -> None:
+        """Free what the system holds for it; the descriptors stay open."""
+
+
+class PlainPoller:
+    """For systems without epoll.
+
+    Args:
+        waker: Descriptor of the waker.
+    """
+
+    def __init__(self, waker: int) -> None:
+        self._waker = waker
+        self._events: dict[int, int] = {}
+
+    def fileno(self) -> int:
+        return next(iter(self._events), -1)
+
+    def register(self, fd: int, eventmask: int) -> None:
+        self._events[fd] = eventmask
+
+    def modify(self, fd: int, eventmask: int) -> None:
+        self._events[fd] = eventmask
+
+    def unregister(self, fd: int) -> None:
+        del self._events[fd]
+
+    def wait(self, timeout: float | None) -> list[int]:
+        poll = make_poll()
+        for fd, events in ((self._waker, READABLE), *self._events.items()):
+            poll.register(fd, events)
+        return [fd for fd, _ in poll.poll(timeout)]
+
+    def close(self) -> None:
+        self._events.clear()
+
+
+if sys.platform == "linux" and hasattr(select, "epoll"):
+
+    class _EpollPoller:
+        def __init__(self, waker: int) -> None:
+            self._all = select.epoll()
+            self.register, self.modify, self.unregister = self._all.register, self._all.modify, self._all.unregister
+            self._poll = make_poll()
+            self._poll.register(self._all.fileno(), READABLE)
+            self._poll.register(waker, READABLE)
+
+        def fileno(self) -> int:
+            return self._all.fileno()
+
+        def wait(self, timeout: float | None) -> list[int]:
+            ready = [fd for fd, _ in self._poll.poll(timeout)]
+            if self._all.fileno() not in ready:
+                return ready
+            ready.remove(self._all.fileno())
+            return ready + [fd for fd, _ in self._all.poll(0.0)]
+
+        def close(self) -> None:
+            self._all.close()
+
+
+def make_poller(waker: int) -> Poller:
+    """Nothing but a waker's descriptor.
+
+    Raises:
+        OSError: The system has no descriptor left.
+    """
+    if sys.platform == "linux" and hasattr(select, "epoll"):
+        return _EpollPoller(waker)
+    return PlainPoller(waker)

@@ -23,9 +23,8 @@ from hexwire.errors import (
 )
 from hexwire.system import READABLE, WRITABLE, make_poll
 
-from .base import WRITE_TIME, Link
+from .base import LONGEST_POLL, WRITE_TIME, Link, lock_timeout, poll_timeout
 from .call_turn import CallTurn
-from .deadline import LONGEST_POLL, lock_timeout, poll_timeout
 from .waker import Waker
 
 if TYPE_CHECKING:

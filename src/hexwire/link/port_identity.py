@@ -32,7 +32,7 @@ class UsbDevice:
 
     Attributes:
         vendor: Vendor id, four hexadecimal digits.
-        product: Product id, likewise.
+        product: Product id, four hexadecimal digits.
         serial: Its serial number; empty if it has none.
     """
 

@@ -1,16 +1,18 @@
-"""The serial ports of this machine and the devices they probably belong to.
+"""The serial ports of this machine, the devices they probably belong to, and which one a cable is at.
 
-Owns the table of USB identities. Opens no port. Must not know the protocol on a port.
+Owns the table of USB identities, and what it means when a port goes and comes back as its cable is unplugged. Opens
+no port. Must not know the protocol on a port.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from hexwire.errors import LinkNotFoundError, UsageError
 
-__all__ = ["PortInfo", "find_only_board", "find_port", "list_ports"]
+__all__ = ["PortFinder", "PortInfo", "find_only_board", "find_port", "list_ports"]
 
 # VID:PID -> probable device, whether likely a controller board, whether likely a servo bus adapter.
 # Arduino's boards.txt for the genuine boards; converter chips by their vendors' ids.
@@ -33,6 +35,8 @@ _IDENTITIES: dict[tuple[int, int], tuple[str, bool, bool]] = {
     (0x0403, 0x6001): ("FTDI FT232: a board clone or a serial converter", True, True),
     (0x10C4, 0xEA60): ("CP210x: a board clone or a serial converter", True, True),
 }
+_QUIET = 0.5
+"""Seconds after a change in which further ports of the same device come or go."""
 
 
 @dataclass(frozen=True)
@@ -138,3 +142,50 @@ def ports_in_words() -> str:
 def _in_words(ports: list[PortInfo]) -> str:
     names = ", ".join(str(port) for port in ports[:8])
     return f"{names} and {len(ports) - 8} more" if len(ports) > 8 else names
+
+
+class PortFinder:
+    """Compares lists of ports.
+
+    A device that is unplugged takes all its ports with it, and they may have other names when it is back. A device
+    that is plugged in for the first time is found too.
+
+    Args:
+        ports: The ports at the beginning.
+
+    Attributes:
+        gone: The ports that have gone, once one has.
+        found: The ports of the device, at the end.
+        over: They are known.
+    """
+
+    def __init__(self, ports: Sequence[PortInfo]) -> None:
+        self._known = {port.device: port for port in ports}
+        self._here = dict(self._known)
+        self._changed_at: float | None = None
+        self.gone: tuple[PortInfo, ...] = ()
+        self.found: tuple[PortInfo, ...] = ()
+        self.over = False
+
+    def receive(self, ports: Sequence[PortInfo], now: float) -> None:
+        """Take the ports that are here at a time, in seconds."""
+        here = {port.device: port for port in ports}
+        if here.keys() != self._here.keys():
+            self._changed_at = now
+        self._here = here
+        self.gone = tuple(port for name, port in self._known.items() if name not in here) or self.gone
+        free = {port.device for port in self.gone}
+        came = tuple(port for name, port in here.items() if name not in self._known or name in free)
+        settled = self._changed_at is not None and now - self._changed_at >= _QUIET
+        if came and settled:
+            self.found, self.over = came, True
+
+    @property
+    def asks(self) -> str:
+        """What to do next; empty at the end."""
+        if self.over:
+            return ""
+        if self.gone:
+            names = ", ".join(port.device for port in self.gone)
+            return f"{names} is gone: plug it in again"
+        return "unplug the USB cable of the arm; or plug it in, if it is not yet"

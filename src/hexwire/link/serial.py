@@ -91,7 +91,7 @@ class SerialLink(PollLink):
 
     Attributes:
         baud: The present rate.
-        raise_to: As given.
+        raise_to: Rate to which a session shall raise the line; 0 leaves it.
     """
 
     kind = LinkKind.STREAM

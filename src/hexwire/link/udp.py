@@ -1,6 +1,8 @@
-"""UDP links: whole messages, each of which may be lost, duplicated or late, from the peer only.
+"""UDP links: whole messages, each of which may be lost, duplicated or late, from the peer only; and a server.
 
-Owns the sockets and the rule that selects the peer. Must not know what the bytes mean. The session detects losses.
+Owns the sockets, the rule that selects the peer, and for a server the choice of accepted hosts: there each address
+and port is a separate peer. Must not know what the bytes mean, nor which clients may stay. The session detects
+losses.
 """
 
 from __future__ import annotations
@@ -11,18 +13,29 @@ import socket
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from hexwire.errors import LinkNotFoundError, LinkTimeoutError, UsageError
+from hexwire.errors import LinkBusyError, LinkClosedError, LinkNotFoundError, LinkTimeoutError, UsageError
 
-from .base import LinkKind
+from .base import LinkKind, Openable
 from .listener import LOOPBACK, explain_bind, listen_address
 from .poll_link import PollLink
 from .tcp import find_addresses, host_and_port
 from .url import LinkUrl, is_loopback, split_host_port
 
 if TYPE_CHECKING:
+    import socket
     from collections.abc import Callable
 
-__all__ = ["MAX_DATAGRAM", "UdpLink", "UdpListenLink", "bind_udp", "check_peer", "heard_hosts", "is_away"]
+__all__ = [
+    "MAX_DATAGRAM",
+    "Peer",
+    "UdpLink",
+    "UdpListenLink",
+    "UdpServer",
+    "bind_udp",
+    "check_peer",
+    "heard_hosts",
+    "is_away",
+]
 
 # The longest frame on a network link (PROTOCOL.md, command frame).
 MAX_DATAGRAM = 8192
@@ -30,6 +43,8 @@ MAX_DATAGRAM = 8192
 _RECEIVE_BUFFER = 1 << 20
 # Network errors about an earlier datagram when the peer is temporarily absent.
 _AWAY = (errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH, errno.EHOSTDOWN, errno.ETIMEDOUT)
+Peer = tuple[object, ...]
+"""Address and port of a client, as the system gives them."""
 
 
 def bind_udp(host: str, port: int, url: str, family: int | None = None) -> socket.socket:
@@ -259,3 +274,85 @@ class UdpListenLink(_UdpBase):
         assert self._socket is not None
         assert self._caller is not None
         return self._socket.sendto(data, self._caller)
+
+
+class UdpServer(Openable):
+    """Receives datagrams with their senders; sends each answer only to its peer.
+
+    Args:
+        host: Own address; loopback by default.
+        port: Own port; 0 lets the system choose, see `port` after `open`.
+        peer: The accepted host; loopback if the own address is.
+
+    Attributes:
+        dropped: Datagrams from other hosts, or too long.
+
+    Raises:
+        UsageError: Others can reach the own address, and no host is named.
+    """
+
+    def __init__(self, host: str = LOOPBACK, port: int = 0, *, peer: str = "") -> None:
+        self._peer = check_peer(host, port, peer)
+        self.port = port
+        self.dropped = 0
+        self._host = host
+        self._wanted_port = port
+        self._heard: set[str] = set()
+        self._socket: socket.socket | None = None
+
+    @property
+    def url(self) -> str:
+        """Address of the server, with the actual port."""
+        return f"udp-listen://{host_and_port(self._host, self.port)}?peer={self._peer}"
+
+    def open(self) -> None:
+        """Bind.
+
+        Raises:
+            LinkError: As `Link.open`.
+        """
+        if self._socket is not None:
+            raise LinkBusyError(f"{self.url} is already listening", url=self.url)
+        self._heard = heard_hosts(self._peer, self.url)
+        self._socket = bind_udp(self._host, self._wanted_port, self.url)
+        self.port = self._socket.getsockname()[1]
+
+    def close(self) -> None:
+        """Close the socket. Harmless if closed."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def fileno(self) -> int:
+        """Descriptor that becomes readable when a datagram has arrived."""
+        return self._open_socket().fileno()
+
+    def receive(self) -> tuple[Peer, bytes] | None:
+        """The next datagram and its sender; None if there is none, or it is not accepted."""
+        try:
+            data, sender = self._open_socket().recvfrom(MAX_DATAGRAM + 1)
+        except BlockingIOError:
+            return None
+        except OSError as error:
+            if not is_away(error):
+                raise
+            return None
+        if sender[0] not in self._heard or len(data) > MAX_DATAGRAM or not data:
+            self.dropped += 1
+            return None
+        return sender, data
+
+    def send(self, peer: Peer, data: bytes) -> bool:
+        """Send a datagram; False if it could not be sent, which has the same effect as a loss."""
+        try:
+            self._open_socket().sendto(data, peer)
+        except OSError as error:
+            if error.errno in (errno.EAGAIN, errno.ENOBUFS, errno.EPERM, errno.EMSGSIZE) or is_away(error):
+                return False
+            raise
+        return True
+
+    def _open_socket(self) -> socket.socket:
+        if self._socket is None:
+            raise LinkClosedError(f"{self.url} is closed", url=self.url)
+        return self._socket

@@ -29,7 +29,7 @@ from hexwire.fleet.endpoints import check_endpoint
 from hexwire.fleet.network import tls_settings
 from hexwire.fleet.reach import why_unreachable
 from hexwire.inputs import read_text
-from hexwire.link.cert_facts import check_usable
+from hexwire.link.certs import check_usable
 from hexwire.link.tls import TlsFiles
 
 from .qos import History, Qos, Reliability

@@ -1,6 +1,6 @@
-"""The places of a server: which clients may stay when there are more than the server accepts.
+"""The slots of a server: which clients may stay when there are more than the server accepts.
 
-Owns the places and the order in which they are taken away: the commanding client never loses its place. Pure: time
+Owns the slots and the order in which they are taken away: the commanding client never loses its slot. Pure: time
 comes in as `now`. Must not know sockets, nor what makes a request valid.
 """
 
@@ -10,7 +10,7 @@ from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-__all__ = ["Seats"]
+__all__ = ["ClientSlots"]
 
 K = TypeVar("K", bound=Hashable)
 
@@ -26,24 +26,24 @@ class _Guest:
     commanded: float | None = None
 
 
-class Seats(Generic[K]):
-    """The places of a server.
+class ClientSlots(Generic[K]):
+    """The slots of a server.
 
-    When no place is left, in total or for one host, one is taken from, in this order:
+    When no slot is left, in total or for one host, one is taken from, in this order:
 
     1. a client that has never sent a valid request, the oldest first, whatever bytes it has sent;
     2. a client that has sent none for `idle` seconds, the longest silent first, unless it or another client on its
        host commanded last: quiet channels of a robot belong to the host that moves it;
-    3. where the new client's host has all its places: one of its clients that has sent none for `own_idle` seconds,
+    3. where the new client's host has all its slots: one of its clients that has sent none for `own_idle` seconds,
        the longest silent first, but neither the one that commanded last nor those that came together with it. Over
-       datagrams nobody is seen to leave, so a host would fill its places with programs that have ended.
+       datagrams nobody is seen to leave, so a host would fill its slots with programs that have ended.
 
     If there is no such client, the new one is refused.
 
     Args:
-        most: Total number of places.
+        most: Total number of slots.
         per_host: Places for one host; a host beyond that loses one of its own.
-        idle: Seconds without a valid request after which a client may lose its place.
+        idle: Seconds without a valid request after which a client may lose its slot.
         own_idle: The same, for a new client of the same host.
     """
 
@@ -59,10 +59,10 @@ class Seats(Generic[K]):
         return len(self._guests)
 
     def admit(self, key: K, host: str, now: float) -> tuple[bool, K | None]:
-        """Give a new client a place.
+        """Give a new client a slot.
 
         Returns:
-            Whether it has one, and the client that loses its place for it.
+            Whether it has one, and the client that loses its slot for it.
         """
         out = None
         mine = [k for k, guest in self._guests.items() if guest.host == host]
@@ -87,7 +87,7 @@ class Seats(Generic[K]):
                 guest.commanded = now
 
     def leave(self, key: K) -> None:
-        """A client has left. Harmless if it has no place."""
+        """A client has left. Harmless if it has no slot."""
         self._guests.pop(key, None)
 
     def _weakest(self, keys: list[K], now: float) -> K | None:

@@ -6,13 +6,12 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from hexwire.link import listener as listener_module
-from hexwire.link.doors import Doors, PlainDoors, make_doors
-from hexwire.link.listener import Listener
+from hexwire.link.listener import Listener, PlainPoller, Poller, make_poller
 from hexwire.link.tcp import TcpLink
 from hexwire.link.waker import Waker
 from hexwire.system import READABLE, WRITABLE
 
-Make = Callable[[int], Doors]
+Make = Callable[[int], Poller]
 PATIENCE = 10_000.0
 
 
@@ -32,29 +31,29 @@ def pair() -> Iterator[tuple[socket.socket, socket.socket]]:
         end.close()
 
 
-@pytest.mark.parametrize("make", [make_doors, PlainDoors])
+@pytest.mark.parametrize("make", [make_poller, PlainPoller])
 def test_what_is_ready_is_reported(make: Make, waker: Waker, pair: tuple[socket.socket, socket.socket]) -> None:
     near, far = pair
-    doors = make(waker.fileno())
+    poller = make(waker.fileno())
     try:
-        doors.register(near.fileno(), READABLE)
-        assert doors.wait(0.0) == []
+        poller.register(near.fileno(), READABLE)
+        assert poller.wait(0.0) == []
         far.send(b"x")
-        assert doors.wait(PATIENCE) == [near.fileno()]
+        assert poller.wait(PATIENCE) == [near.fileno()]
         waker.set()
-        assert sorted(doors.wait(PATIENCE)) == sorted([near.fileno(), waker.fileno()])
+        assert sorted(poller.wait(PATIENCE)) == sorted([near.fileno(), waker.fileno()])
         waker.clear()
         near.recv(1)
-        doors.modify(near.fileno(), WRITABLE)
-        assert doors.wait(PATIENCE) == [near.fileno()]
-        doors.unregister(near.fileno())
-        assert doors.wait(0.0) == []
+        poller.modify(near.fileno(), WRITABLE)
+        assert poller.wait(PATIENCE) == [near.fileno()]
+        poller.unregister(near.fileno())
+        assert poller.wait(0.0) == []
     finally:
-        doors.close()
+        poller.close()
 
 
 def test_a_server_without_epoll_lets_clients_in(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(listener_module, "make_doors", PlainDoors)
+    monkeypatch.setattr(listener_module, "make_poller", PlainPoller)
     with Listener() as listener:
         url = f"tcp://127.0.0.1:{listener.port}"
         for _ in range(2):
