@@ -23,7 +23,7 @@ from hexwire.errors import (
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointTarget
 from hexwire.wire import servo_packet as sp
-from hexwire.wire.command_frame import Command
+from hexwire.wire.command_frame import Command, parse_frame
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import parse_packet, parse_sync_write
 
@@ -304,6 +304,27 @@ def test_ping_and_transact() -> None:
     assert arm.driver.transact(sp.make_read(4, 56, 2), 8)[:5] == bytes.fromhex("FF FF 04 04 00")
     with pytest.raises(NotSupportedError, match="2 bytes"):
         arm.driver.transact(sp.make_read(4, 56, 15), 21)
+
+
+def test_an_answer_that_nobody_wants_is_not_returned() -> None:
+    driver = Arm(1).driver
+    assert len(driver.transact(sp.make_ping(4), 6)) == 6
+    assert driver.transact(sp.make_ping(4), 0) == b""
+
+
+def test_a_ping_that_the_line_loses_is_asked_again() -> None:
+    arm = Arm(1, 115200)
+    write, lost = arm.link.write, []
+
+    def lose_one(data: bytes, deadline: float | None = None) -> None:
+        if not lost and parse_frame(data).cmd == Command.PING:
+            lost.append(data)
+        else:
+            write(data, deadline)
+
+    arm.link.write = lose_one  # type: ignore[method-assign]
+    assert arm.driver.ping(0) == 0
+    assert len(lost) == 1
 
 
 @pytest.mark.parametrize("call", ["stream", "watchdog", "limits", "store_limits", "offsets"])

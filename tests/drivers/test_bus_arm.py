@@ -121,6 +121,31 @@ def test_torque_on_holds_where_the_joint_is(monkeypatch: pytest.MonkeyPatch) -> 
     assert device.wire[1].motion.position == pytest.approx(1800, abs=3)
 
 
+def test_a_stop_that_another_program_left_holds_after_attach(
+    arm: BusArm, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    arm.detach()
+    kept = {"stop"}
+
+    class Kept:
+        """What programs of this user remember of the port."""
+
+        kept_by = "user"
+        stopped = property(lambda self: bool(kept))
+        remember = staticmethod(lambda: kept.add("stop"))
+        forget = staticmethod(kept.clear)
+
+    monkeypatch.setattr(arm, "_memory", Kept())
+    arm.attach()
+    assert arm.read().stopped
+    arm.resume()
+    assert not kept
+    assert not arm.read().stopped
+    arm.detach()
+    arm.attach()
+    assert not arm.read().stopped
+
+
 def test_stop_holds_latches_and_resumes(arm: BusArm) -> None:
     names = arm.model.names
     arm.torque(True)

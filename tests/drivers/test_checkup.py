@@ -163,6 +163,7 @@ def test_a_silent_joint_is_missing_and_nothing_else_is_said_of_it() -> None:
     joints = probes(elbow={"present": False})
     (missing,) = bad(judge_probe(report(joints)))
     assert missing.text == "elbow (servo 1) does not answer"
+    assert "the cable after the last servo that answers" in missing.advice
     assert judge_probe(report(joints), missing=False) == []
     stale = state((7.4, NAN, 7.4), (28, 99, 28), (0, JointFlag.SILENT | JointFlag.OVERLOAD, 0))
     assert not any("elbow" in f.about + f.text for f in judge_state(stale, joints))

@@ -93,6 +93,21 @@ def test_a_clock_of_the_host_that_was_set_begins_anew() -> None:
     assert relation.host_time(16.0).time == pytest.approx(5000.005, abs=1e-6)
 
 
+def test_two_exchanges_that_contradict_each_other_leave_the_newer_one() -> None:
+    relation = ClockRelation()
+    relation.add(10.0, 10.01, 3.0)
+    relation.add(5000.0, 5000.02, 4.0)
+    assert relation.host_time(4.0) == pytest.approx((5000.01, 0.01), abs=1e-6)
+
+
+def test_of_exchanges_close_together_the_shortest_is_kept() -> None:
+    for at in (5.2, 5.4):
+        relation = ClockRelation()
+        for board in (0.0, 5.0, 5.2, 5.4, 5.6):
+            relation.add(100.0 + board, 100.0 + board + (0.002 if board == at else 0.5), board)
+        assert relation.host_time(at).uncertainty == pytest.approx(0.001, abs=1e-6), at
+
+
 def test_its_memory_is_bounded() -> None:
     relation = ClockRelation()
     run(relation, drift=0.0, seconds=30.0, dice=random.Random(4), every=0.05)

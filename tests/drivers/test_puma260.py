@@ -16,7 +16,7 @@ from tests.drivers.puma_server import Served, served_puma
 from hexwire.drivers.base import Signal, StopMode
 from hexwire.drivers.puma260 import Puma260Driver, Puma260Mode
 from hexwire.drivers.registry import connect, load_driver, robot_names
-from hexwire.emulator.puma import EmulatedPuma
+from hexwire.emulator.puma import _REST_EFFORT, EmulatedPuma
 from hexwire.emulator.serve import BoardLink, FakeClock
 from hexwire.errors import (
     CommandRefusedError,
@@ -191,6 +191,20 @@ def test_every_field_of_joint_commands_arrives(bench: Bench) -> None:
     )  # fmt: skip
     driver.command(commands)
     assert list(robot.executed) == [commands]
+
+
+def test_a_load_is_a_share_of_the_most_torque(bench: Bench) -> None:
+    driver, _, _, _ = bench
+    assert driver.read().load == (0.0,) * 6
+    driver.torque(True)
+    assert driver.read().load == pytest.approx((_REST_EFFORT,) * 6)
+
+
+def test_joint_commands_are_sent_with_the_joints_own_names(bench: Bench) -> None:
+    driver, robot, _, _ = bench
+    driver.torque(True)
+    driver.command(JointCommands(("j2",), position=(0.1,)))
+    assert list(robot.executed) == [JointCommands(("J2",), position=(0.1,))]
 
 
 def test_a_long_trajectory_goes_in_fragments_and_is_followed(bench: Bench) -> None:

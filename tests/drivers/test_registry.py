@@ -102,3 +102,20 @@ def test_an_observer_gets_every_state_that_the_robot_reads_and_no_other_robots()
 )
 def test_an_emulated_arm_is_named_by_its_address(port: str | None, robot: str) -> None:
     assert registry.robot_at(port) == robot
+
+
+def test_options_of_a_robot_reach_its_driver(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[str, str, dict[str, object]]] = []
+
+    class Recorded(Guarded):
+        @classmethod
+        def from_url(cls, port: str, **options: Any) -> Any:
+            asked.append((cls.__name__, port, options))
+            return cls()
+
+    monkeypatch.setattr(registry, "load_driver", lambda name: Recorded)
+    registry.make_driver("/dev/ttyUSB0", "swing", baud=9600, timeout=0.5)
+    prepared = type("Prepared", (Recorded,), {})
+    registry.make_driver("/dev/ttyUSB0", "swing", prepare=lambda driver: prepared)
+    options = {"baud": 9600, "timeout": 0.5}
+    assert asked == [("Recorded", "/dev/ttyUSB0", options), ("Prepared", "/dev/ttyUSB0", {})]

@@ -130,6 +130,17 @@ def test_the_blocks_that_go_to_each_series() -> None:
     ]
 
 
+def test_a_servo_that_is_not_in_position_mode_gets_no_torque() -> None:
+    """With it the servo would turn at once."""
+    bench = Bench()
+    bench.run(0.3)
+    bench.board.wire[5].registers.put("mode", 1)
+    reply = bench.torque()
+    assert reply.status == Status.SERVO_FAULT
+    assert int.from_bytes(reply.body[1:], "little") == ALL & ~(1 << 5)
+    assert bench.torques() == [i != 5 for i in range(7)]
+
+
 def test_a_torque_write_that_got_lost_is_sent_again() -> None:
     missed = 0
     for seed in range(30):

@@ -10,7 +10,7 @@ from tests.frames import frame_bytes
 
 from hexwire.wire.board_trajectory import BeginRequest, PathPoint, PointsRequest
 from hexwire.wire.command_frame import Command, Frame, Status
-from hexwire.wire.commands import FragmentHead, parse_missing, serialize_missing
+from hexwire.wire.commands import FRAGMENT_HEAD_SIZE, FragmentHead, parse_missing, serialize_missing
 from hexwire.wire.servo_table import ServoTable
 
 POINTS = Command.TRAJECTORY_POINTS
@@ -54,6 +54,11 @@ def test_a_message_of_another_host_is_busy_until_the_first_is_over(bench: Bench)
     assert asked(put(bench, 1)) == []
     bench.run(2.2)
     assert asked(put(bench, 0, src=6)) == [(1, 2)]
+
+
+def test_a_chunk_without_its_head_is_refused(bench: Bench) -> None:
+    for length in (0, 1, FRAGMENT_HEAD_SIZE - 1):
+        assert bench.ask(Command.FRAGMENT, bytes(length)).status == Status.BAD_LENGTH, length
 
 
 def test_another_message_of_the_same_host_takes_the_place_of_the_first(bench: Bench) -> None:

@@ -117,6 +117,14 @@ def test_an_unfinished_packet_does_not_swallow_the_next(junk: str) -> None:
     assert line.ask(make_ping(1)) == make_status(1)
 
 
+def test_two_packets_behind_noise_that_looks_like_one_are_both_heard() -> None:
+    line = Line([1_000_000, 1_000_000])
+    # It begins as a packet of servo 1, and its checksum is wrong.
+    spoilt = bytes.fromhex("FF FF 01 02 01 00")
+    heard = line.ask(spoilt + make_ping(1) + make_ping(2))
+    assert [status.servo_id for status in iter_status(heard)] == [1, 2]
+
+
 def test_a_packet_may_come_in_pieces_with_pauses() -> None:
     line = Line([1_000_000])
     request = make_read(1, 56, 2)

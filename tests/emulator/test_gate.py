@@ -50,7 +50,15 @@ def packets(gate: Gate, packet: bytes) -> tuple[bytes, ...]:
 
 
 @pytest.mark.parametrize("gate", [OPEN, CHAPTER, UPKEEP, Gate(JOINTS, stopped=True)])
-@pytest.mark.parametrize("packet", [sp.make_ping(0), sp.make_read(9, 0x38, 2), sp.make_sync_read(0x38, 15, [4, 5])])
+@pytest.mark.parametrize(
+    "packet",
+    [
+        sp.make_ping(0),
+        sp.make_read(9, 0x38, 2),
+        sp.make_sync_read(0x38, 15, [4, 5]),
+        sp.make_sync_read(0x38, 14, list(range(6))),
+    ],
+)
 def test_packets_that_change_nothing_always_pass(gate: Gate, packet: bytes) -> None:
     assert packets(gate, packet) == (packet,)
 
@@ -63,6 +71,7 @@ def test_packets_that_change_nothing_always_pass(gate: Gate, packet: bytes) -> N
         sp.make_packet(0, sp.Instruction.READ, b"\x38\xff"),
         sp.make_packet(0xFE, sp.Instruction.SYNC_READ, b"\x38\2"),
         sp.make_packet(0xFE, sp.Instruction.SYNC_READ, b"\x38\xff\4\5"),
+        sp.make_sync_read(0x38, 15, list(range(6))),
         sp.make_packet(4, sp.Instruction.WRITE, b""),
         sp.make_packet(4, sp.Instruction.WRITE, b"\x28"),
         sp.make_packet(4, sp.Instruction.WRITE, b"\xff\0\0"),
@@ -213,6 +222,8 @@ def test_a_joint_that_moves_may_be_further_away() -> None:
     assert time_needed(LEGACY, 2500) == 500
     assert time_needed(replace(LEGACY, late_ms=30), 2500) == 530
     assert time_needed(replace(LEGACY, speed=1), 1000) == 0xFFFF
+    assert time_needed(replace(LEGACY, speed=1), 2007) == 7000
+    assert time_needed(replace(LEGACY, speed=0), 2007) == 7000
     assert [speed_cap(limit) for limit in (1, 49, 50, 99, 4096)] == [1, 1, 1, 1, 81]
 
 

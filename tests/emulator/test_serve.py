@@ -17,6 +17,12 @@ from hexwire.wire.command_frame import Command, Frame, serialize_frame
 # --- PacedLine -------------------------------------------------------------------------------------------------
 
 
+def test_who_sleeps_in_simulated_time_lets_it_pass() -> None:
+    clock = FakeClock(5.0)
+    clock.sleep(1.5)
+    assert clock() == 6.5
+
+
 def test_a_line_is_not_stopped_by_nothing() -> None:
     """A burst at another rate may be heard as no byte at all."""
     line = PacedLine(115200)

@@ -160,6 +160,25 @@ def test_what_a_killed_emulator_left_is_removed_and_its_name_can_be_taken(folder
         find_arm(None)
 
 
+def test_what_a_killed_emulator_left_may_be_removed_by_two_programs_at_once(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with serving("pts-7", runs=False):
+        left = folder / "left"
+        os.link(folder / "pts-7.hand", left)
+    left.rename(folder / "pts-7.hand")
+    unlink = Path.unlink
+
+    def second(path: Path, missing_ok: bool = False) -> None:
+        unlink(path)
+        unlink(path, missing_ok)
+
+    monkeypatch.setattr(Path, "unlink", second)
+    with pytest.raises(LinkNotFoundError, match="no emulated arm of this user is running"):
+        find_arm(None)
+    assert list(folder.iterdir()) == []
+
+
 def test_without_a_folder_the_arm_works_but_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -142,6 +142,16 @@ def test_an_obstacle_stops_the_shaft_and_raises_the_torque_to_the_ceiling() -> N
     assert not motion.blocked
 
 
+def test_a_shaft_that_is_held_up_near_its_target_presses_only_a_little() -> None:
+    for away in (16.0, 32.0):
+        motion = Motion(FAST, 0.0)
+        motion.obstacle = (None, 300.0)
+        move_to(motion, 300.0 + away, ceiling=0.9)
+        while not motion.blocked:
+            motion.tick()
+        assert motion.torque == pytest.approx(away / 64, abs=0.05)
+
+
 def test_an_obstacle_works_downward_too() -> None:
     motion = Motion(FAST, 1000.0)
     motion.obstacle = (700.0, None)
