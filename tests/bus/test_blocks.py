@@ -5,7 +5,7 @@ from itertools import islice
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.bus.blocks import BlockAnswers, places
+from hexwire.bus.questions import BlockAnswers, places
 from hexwire.session.servo_answers import AnswerCollector
 from hexwire.wire.servo_packet import make_read, make_status
 

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from hexwire.bus.counters import BusCounters
+from hexwire.bus.machine import BusCounters
 
 
 def test_counters_start_at_0_and_have_names() -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from hexwire.bus.health import HealthFinding, Rank, ServoSamples, judge_health
 from hexwire.bus.live_values import LiveValues
-from hexwire.bus.servo_facts import Remark
+from hexwire.bus.survey import Remark
 
 
 def live(

@@ -3,8 +3,7 @@ from __future__ import annotations
 import pytest
 from tests.bus.bus_bench import make_bus
 
-from hexwire.bus.health import Rank, judge_health
-from hexwire.bus.health_check import check_health
+from hexwire.bus.health import Rank, check_health, judge_health
 from hexwire.emulator.faults import FaultPlan
 from hexwire.wire.registers import Series
 

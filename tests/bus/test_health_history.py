@@ -3,7 +3,7 @@ from __future__ import annotations
 import math
 import tracemalloc
 
-from hexwire.bus.health_history import HealthHistory, HealthRow
+from hexwire.bus.health import HealthHistory, HealthRow
 from hexwire.bus.live_values import LiveValues
 
 NAN = math.nan

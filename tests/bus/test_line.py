@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 from tests.bus.bus_bench import BusLink, exchange_by, make_bus
 
-from hexwire.bus.counters import BusCounters
+from hexwire.bus.machine import BusCounters
 from hexwire.bus.servo_bus import ServoBus
 from hexwire.errors import StoppedError, UsageError
 from hexwire.link.memory import memory_pair
@@ -263,8 +263,8 @@ def test_an_interrupted_fast_read_is_in_doubt_from_that_moment() -> None:
     with pytest.raises(KeyboardInterrupt):
         bus.sync_read("present_position", (1, 2))
     for servo_id in (1, 2):
-        assert bus._machine.doubts.late(servo_id, 2) == bus.now()
-        assert bus._machine.doubts.holds(servo_id, 2, bus.now())
+        assert bus._machine.late_replies.late(servo_id, 2) == bus.now()
+        assert bus._machine.late_replies.holds(servo_id, 2, bus.now())
 
 
 @pytest.mark.parametrize("packet", [make_write(1, 41, b"\x01"), make_sync_write(42, {1: b"\0\0"})])

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.bus.conversations import Play, make_machine
 
-from hexwire.bus.doubts import LATEST
+from hexwire.bus.late_replies import LATEST
 from hexwire.bus.machine import ADAPTER_TIME, BusMachine, Heard, Interrupted, Listen, Send
 from hexwire.session.servo_answers import AnswerCollector
 from hexwire.wire.registers import Series
@@ -45,7 +45,7 @@ def test_the_wait_is_line_time_and_allowance_and_what_the_line_has_to_carry_firs
     machine.posted(packet, machine.now)
     machine.posted(packet, machine.now)
     assert machine.backlog(machine.now) == pytest.approx(2 * len(packet) * 10e-6)
-    machine.doubts.clear()
+    machine.late_replies.clear()
     collect(machine, play)
     step = play.steps[-1]
     assert isinstance(step, Send)
@@ -143,8 +143,8 @@ def test_an_interrupted_wait_leaves_a_doubt_from_that_moment() -> None:
     assert isinstance(next(conversation), Send)
     with pytest.raises(Interrupted):
         conversation.throw(Interrupted(105.0))
-    assert machine.doubts.holds(1, 2, 105.0 + LATEST - 0.001)
-    assert not machine.doubts.holds(1, 2, 105.0 + LATEST)
+    assert machine.late_replies.holds(1, 2, 105.0 + LATEST - 0.001)
+    assert not machine.late_replies.holds(1, 2, 105.0 + LATEST)
 
 
 def test_an_unsent_request_leaves_no_doubt() -> None:
@@ -241,7 +241,7 @@ def test_what_happened_is_counted() -> None:
     machine = make_machine()
     play = Play(machine, lambda _: [(0.001, ANSWER + b"xy")])
     for k in range(1, 4):
-        machine.doubts.clear()
+        machine.late_replies.clear()
         collect(machine, play)
         counters = machine.counters
         assert (counters.requests, counters.careful) == (k, k)
@@ -307,15 +307,15 @@ def test_a_line_is_emptied_with_a_pause_only_after_a_rest() -> None:
         machine.now = 100.1
         assert not play(machine.doubted(1, 2))
         assert play.steps == [Listen(pytest.approx(100.1 + pause))]
-        assert not machine.doubts.ended
+        assert not machine.late_replies.ended
 
 
 def test_what_was_asked_is_late_from_when_it_was_sent() -> None:
     machine = make_machine()
     play = Play(machine, lambda _: [])
     collect(machine, play)
-    assert machine.doubts.late(1, 2) == 100.0
-    assert machine.doubts.holds(1, 2, machine.now + LATEST - 0.001)
+    assert machine.late_replies.late(1, 2) == 100.0
+    assert machine.late_replies.holds(1, 2, machine.now + LATEST - 0.001)
 
 
 def test_after_the_last_answer_a_line_is_looked_at_a_few_times_only() -> None:

@@ -67,7 +67,7 @@ def test_orders_are_these_packets_and_only_some_are_repeated() -> None:
         (lambda: bus.calibrate(1, 1000), packets.make_calibrate(1, b"\xe8\x03"), 1),
         (lambda: bus.action(1), packets.make_action(1), 1),
     ):
-        bus._machine.doubts.clear()
+        bus._machine.late_replies.clear()
         before = len(bus.link.written)
         assert call().error
         assert bus.link.written[before:] == [packet] * times
@@ -102,7 +102,7 @@ def test_several_servos_answer_a_packet_made_by_hand() -> None:
 
 def test_what_is_sent_by_hand_and_not_waited_for_is_in_doubt_by_its_length() -> None:
     bus, _ = make_bus((1, 2))
-    doubts = bus._machine.doubts
+    doubts = bus._machine.late_replies
     bus.raw(packets.make_sync_read(56, 4, (1, 2)))
     assert set(doubts.servos) == {1, 2}
     assert all(doubts.holds(i, 4, bus.now()) and not doubts.holds(i, 2, bus.now()) for i in (1, 2))

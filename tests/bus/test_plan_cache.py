@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from hexwire.bus.plan_cache import PlanCache, writable
+from hexwire.bus.plan import PlanCache, writable
 from hexwire.bus.servos import KnownServos
 from hexwire.bus.timing import RETURN_DELAY, LineTiming
 from hexwire.errors import UsageError

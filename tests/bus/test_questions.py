@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from tests.bus.conversations import Play, make_machine
 
 from hexwire.bus import questions
-from hexwire.bus.doubts import AFTERMATH, LATEST
+from hexwire.bus.late_replies import AFTERMATH, LATEST
 from hexwire.bus.machine import BusMachine
 from hexwire.errors import UsageError
 from hexwire.wire.registers import Series
@@ -181,7 +181,7 @@ def test_a_request_of_one_length_is_repeated_and_then_given_up() -> None:
         assert (counters.repeats, counters.given_up, counters.lost) == (retries, 1, 1 + retries)
         assert machine.silent[1] > machine.now
         # An answer takes it back.
-        machine.doubts.clear()
+        machine.late_replies.clear()
         play.answering = Servos(1)
         asking = questions.ask_one(machine, 1, request, 0, base=0.001, header=None, retries=retries)
         found, _ = play(asking)
@@ -241,7 +241,7 @@ def test_each_servo_is_asked_as_its_own_series_wants() -> None:
     assert servos.asked[-2:] == [(7, 56, 2), (7, 58, 2)]
     # An answer in the other kind's header is none.
     servos.legacy = False
-    machine.doubts.clear()
+    machine.late_replies.clear()
     assert Play(machine, servos)(questions.ask_block(machine, 7, 56, 2))[0] is None
 
 
@@ -258,8 +258,8 @@ def test_settling_needs_an_answer_and_marks_servos_without_one() -> None:
         doubt(machine, servo_id, 0)
         doubt(machine, servo_id, 5)
         assert Play(machine, servos)(questions.settle(machine, servo_id, 0)) is there
-        assert machine.doubts.holds(servo_id, 0, machine.now) is not there
-        assert machine.doubts.holds(servo_id, 5, machine.now), "only the length that was asked about"
+        assert machine.late_replies.holds(servo_id, 0, machine.now) is not there
+        assert machine.late_replies.holds(servo_id, 5, machine.now), "only the length that was asked about"
         assert (servo_id in machine.silent) is not there
 
 
@@ -287,7 +287,7 @@ def test_a_legacy_servo_in_doubt_is_not_settled_by_an_answer_of_the_other_kind()
     machine, servos = make_machine(Series.SEVEN_BOT), Servos(1)
     doubt(machine, 1, 2)
     assert not Play(machine, servos)(questions.settle(machine, 1, 2))
-    assert machine.doubts.holds(1, 2, machine.now)
+    assert machine.late_replies.holds(1, 2, machine.now)
 
 
 def test_a_servo_silent_in_a_sync_read_is_not_asked_again_for_half_a_second() -> None:
@@ -298,14 +298,14 @@ def test_a_servo_silent_in_a_sync_read_is_not_asked_again_for_half_a_second() ->
     assert [row[:-2] for row in servos.asked] == [(1, 2, 3), (3,)]
     assert machine.counters.given_up == 1
     until = machine.silent[3]
-    machine.doubts.clear()
+    machine.late_replies.clear()
     servos.asked.clear()
     assert set(play(questions.ask_many(machine, plan, None))) == {1, 2}
     assert [row[:-2] for row in servos.asked] == [(3, 1, 2)]
     assert machine.silent[3] == until, "the rest is not prolonged"
     machine.now = until
     servos.ids, servos.asked = (1, 2, 3), []
-    machine.doubts.clear()
+    machine.late_replies.clear()
     assert set(play(questions.ask_many(machine, plan, None))) == {1, 2, 3}
     assert not machine.silent
     assert machine.counters.given_up == 2

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 from hexwire.bus.plan import ReadPlan
-from hexwire.bus.recent import RecentValues
+from hexwire.bus.servo_bus import RecentValues
 from hexwire.bus.values import Readings
 from hexwire.wire.registers import Series
 

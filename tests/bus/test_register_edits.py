@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 from tests.bus.bus_bench import make_bus
 
-from hexwire.bus.register_edits import MOVING, Edit, RegisterEdits, parse_value, why_not
+from hexwire.bus.registers import MOVING, Edit, RegisterEdits, parse_value, why_not
 from hexwire.errors import ServoError, UsageError
 from hexwire.wire.registers import Series
 

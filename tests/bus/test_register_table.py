@@ -5,7 +5,7 @@ import math
 import pytest
 from tests.bus.bus_bench import make_bus
 
-from hexwire.bus.register_table import make_table, people_unit, read_table
+from hexwire.bus.registers import make_table, people_unit, read_table
 from hexwire.errors import ServoError
 from hexwire.wire.registers import Series
 

@@ -570,7 +570,7 @@ def test_the_careful_path_gives_what_the_fast_one_gives(series: Series) -> None:
         assert careful.value == quick.value
         assert list(slow) == list(both)
         assert slow.values == both.values
-        bus._machine.doubts.clear()
+        bus._machine.late_replies.clear()
     assert bus.counters.settled
 
 

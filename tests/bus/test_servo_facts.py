@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from hexwire.bus.servo_facts import Remark, remarks, voltage_class
 from hexwire.bus.setup import ServoInfo
+from hexwire.bus.survey import Remark, remarks, voltage_class
 from hexwire.wire.registers import Series
 
 

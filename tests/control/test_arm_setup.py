@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from hexwire.bus.servo_facts import Remark
 from hexwire.bus.setup import ServoInfo
+from hexwire.bus.survey import Remark
 from hexwire.control.arm_setup import ArmSetup, SeenServo, StepKind, label, picture
 from hexwire.drivers.arm_file import load_profile
 from hexwire.errors import UsageError

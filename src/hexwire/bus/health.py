@@ -1,7 +1,7 @@
-"""The health of the servos on a bus, judged from samples and put in words.
+"""The health of the servos on a bus: read, judged from samples, put in words, and kept for ten minutes.
 
-Owns what counts as healthy, and what a pattern of lost answers along the chain means. Pure: values come in. Must
-not know how they are read or shown; `health_check` reads them.
+Owns which registers are read for it and how often, what counts as healthy, what a pattern of lost answers along the
+chain means, and the samples in bounded memory. Nothing is written and nothing moves. Must not know who shows it.
 
 The servos are listed in the order of the chain, from the adapter on: a bad plug or cable spoils the answers of
 every servo behind it.
@@ -10,15 +10,30 @@ every servo behind it.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
-from .live_values import LiveValues
-from .servo_facts import Remark
+from hexwire.wire.registers import Series
+
+from .live_values import LiveValues, read_live
+from .servo_bus import ServoBus
+from .setup import Found, identify, shares_id
+from .survey import Remark, survey
 from .values import fault_words
 
-__all__ = ["HealthFinding", "Rank", "ServoSamples", "judge_health"]
+__all__ = [
+    "HealthFinding",
+    "HealthHistory",
+    "HealthRow",
+    "HealthSummary",
+    "Rank",
+    "ServoSamples",
+    "check_health",
+    "judge_health",
+]
 
 _HOT = 10.0
 """Degrees below a servo's own limit from which it is warm."""
@@ -45,6 +60,11 @@ _ADVICE = {
     "current": "free the joint",
     "overload": "free the joint, hold the arm, then `hexwire bus recover`",
 }
+_READS = 200
+"""Reads of each servo for its lost answers."""
+_SAMPLES, _PERIOD = 20, 0.05
+_PATIENCE = 0.03
+"""Seconds allowed for the adapter and this computer."""
 
 
 class Rank(Enum):
@@ -311,3 +331,220 @@ def _finite(values: Sequence[float]) -> list[float]:
 def _most(servo: ServoSamples, value: Callable[[LiveValues], float]) -> float:
     """Largest value of a servo; NaN if it reports none."""
     return max(_finite([value(row) for row in servo.live]), default=math.nan)
+
+
+def check_health(
+    bus: ServoBus,
+    servo_ids: Sequence[int],
+    *,
+    reads: int = _READS,
+    go_on: Callable[[], bool] = lambda: True,
+) -> list[ServoSamples]:
+    """Read all servos for about a second, then each of them again and again.
+
+    Args:
+        bus: The open bus.
+        servo_ids: In the order of the chain, from the adapter on.
+        reads: Reads of each servo, without repeats, that count lost answers.
+        go_on: Asked between two reads; what is there is returned as soon as it returns False.
+
+    Raises:
+        LinkError: The line has a fault.
+    """
+    infos = {servo_id: identify(bus, servo_id) for servo_id in servo_ids}
+    here = [servo_id for servo_id, info in infos.items() if info is not None]
+    found = [Found(infos[servo_id], servo_id, bus.timing.baud, shares_id(bus, servo_id)) for servo_id in here]
+    known = {row.found.servo_id: row for row in survey(bus, found)}
+    settings = {servo_id: dict(known[servo_id].settings) for servo_id in here}
+    torque: dict[int, bool | None] = {}
+    for servo_id in here:
+        registers = bus.series_of(servo_id).registers
+        if "max_temperature" in registers:
+            settings[servo_id]["max_temperature"] = bus.read(servo_id, "max_temperature").value
+        on = bus.read(servo_id, "torque_enable").raw if "torque_enable" in registers else None
+        torque[servo_id] = None if on is None else bool(on)
+    live: dict[int, list[LiveValues]] = {servo_id: [] for servo_id in here}
+    for _ in range(_SAMPLES if here else 0):
+        if not go_on():
+            break
+        for row in read_live(bus, here):
+            if not row.error:
+                live[row.servo_id].append(row)
+        bus.pause(_PERIOD)
+    counts = _count_losses(bus, here, reads, go_on)
+    return [
+        ServoSamples(
+            servo_id,
+            servo_id in here,
+            tuple(known[servo_id].remarks) if servo_id in known else (),
+            settings.get(servo_id),
+            torque.get(servo_id),
+            tuple(live.get(servo_id, ())),
+            *counts.get(servo_id, (0, 0)),
+        )
+        for servo_id in servo_ids
+    ]
+
+
+def _count_losses(
+    bus: ServoBus, servo_ids: Sequence[int], reads: int, go_on: Callable[[], bool]
+) -> dict[int, tuple[int, int]]:
+    """Number of reads and of lost answers of each servo; in turns, so that a disturbance meets all of them."""
+    asked, lost = dict.fromkeys(servo_ids, 0), dict.fromkeys(servo_ids, 0)
+    retries = bus.retries
+    try:
+        bus.retries = 0
+        for _ in range(reads):
+            if not go_on():
+                break
+            for servo_id in servo_ids:
+                asked[servo_id] += 1
+                # A legacy servo answers short reads only.
+                count = 2 if bus.series_of(servo_id) is Series.SEVEN_BOT else 15
+                # An answer that is late because this computer stalls says nothing about cables.
+                bus.timing.allowance = max(bus.timing.allowance, _PATIENCE)
+                lost[servo_id] += bool(bus.read_block(servo_id, 56, count).error)
+    finally:
+        bus.retries = retries
+    return {servo_id: (asked[servo_id], lost[servo_id]) for servo_id in servo_ids}
+
+
+class HealthRow(NamedTuple):
+    """One second of one servo. NaN where it did not answer.
+
+    Attributes:
+        t: Its last sample, seconds.
+        voltage: Lowest supply, volts: a short drop must be seen.
+        temperature: Highest, degrees Celsius.
+        current: Largest magnitude, amperes.
+        load: Largest magnitude, fraction of full load.
+        status: All fault bits that were set.
+        lost: Answers that are missing.
+    """
+
+    t: float
+    voltage: float
+    temperature: float
+    current: float
+    load: float
+    status: int
+    lost: int
+
+
+class HealthSummary(NamedTuple):
+    """What is worst of all samples that are kept; NaN without any.
+
+    Attributes:
+        lowest_voltage: Volts.
+        highest_voltage: Volts; of the lowest in each second.
+        hottest: Degrees Celsius.
+        most_current: Amperes.
+        most_load: Fraction of full load.
+        status: All fault bits that were set.
+        lost: Answers that are missing.
+        asked: Answers that were asked for, since the servo is watched.
+    """
+
+    lowest_voltage: float
+    highest_voltage: float
+    hottest: float
+    most_current: float
+    most_load: float
+    status: int
+    lost: int
+    asked: int
+
+
+class HealthHistory:
+    """Samples of any number of servos.
+
+    Args:
+        seconds: How long they are kept.
+        period: Seconds that become one row, however often the servos are read.
+        most: Number of servos that are kept; further ones are ignored.
+    """
+
+    def __init__(self, *, seconds: float = 600.0, period: float = 1.0, most: int = 64) -> None:
+        self._period, self._most = period, most
+        self._kept = math.ceil(seconds / period)
+        self._rows: dict[int, deque[HealthRow]] = {}
+        self._now: dict[int, HealthRow] = {}
+        self._second: dict[int, int] = {}
+        self._asked: dict[int, int] = {}
+
+    @property
+    def servo_ids(self) -> tuple[int, ...]:
+        """The servos of which there are samples."""
+        return tuple(self._rows)
+
+    def add(self, now: float, values: Sequence[LiveValues]) -> None:
+        """Add what servos measured at a time, seconds."""
+        for row in values:
+            servo_id = row.servo_id
+            if servo_id not in self._rows:
+                if len(self._rows) >= self._most:
+                    continue
+                self._rows[servo_id] = deque(maxlen=self._kept)
+                self._asked[servo_id] = 0
+            self._asked[servo_id] += 1
+            fresh, second = _row(now, row), math.floor(now / self._period)
+            former = self._now.get(servo_id)
+            if former is not None and self._second[servo_id] == second:
+                self._now[servo_id] = _merged(former, fresh)
+                continue
+            if former is not None:
+                self._rows[servo_id].append(former)
+            self._now[servo_id], self._second[servo_id] = fresh, second
+
+    def rows(self, servo_id: int, since: float = -math.inf) -> list[HealthRow]:
+        """The rows of a servo after a time, oldest first, without that of the present second."""
+        return [row for row in self._rows.get(servo_id, ()) if row.t > since]
+
+    def summary(self, servo_id: int) -> HealthSummary:
+        """What is worst of the rows of a servo, the present second included."""
+        rows = [*self._rows.get(servo_id, ())]
+        if servo_id in self._now:
+            rows.append(self._now[servo_id])
+        status = 0
+        for row in rows:
+            status |= row.status
+        return HealthSummary(
+            _least([row.voltage for row in rows]),
+            _largest([row.voltage for row in rows]),
+            _largest([row.temperature for row in rows]),
+            _largest([row.current for row in rows]),
+            _largest([row.load for row in rows]),
+            status,
+            sum(row.lost for row in rows),
+            self._asked.get(servo_id, 0),
+        )
+
+    def forget(self, servo_id: int) -> None:
+        """Forget a servo, such as one with a new id."""
+        for kept in (self._rows, self._now, self._second, self._asked):
+            kept.pop(servo_id, None)
+
+
+def _row(now: float, row: LiveValues) -> HealthRow:
+    current, load = abs(row.current), abs(row.load)
+    return HealthRow(now, row.voltage, row.temperature, current, load, row.status, int(bool(row.error)))
+
+
+def _merged(one: HealthRow, other: HealthRow) -> HealthRow:
+    return HealthRow(
+        other.t,
+        _least([one.voltage, other.voltage]),
+        _largest([one.temperature, other.temperature]),
+        _largest([one.current, other.current]),
+        _largest([one.load, other.load]),
+        one.status | other.status,
+        one.lost + other.lost,
+    )
+
+
+def _least(values: Sequence[float]) -> float:
+    return min((value for value in values if not math.isnan(value)), default=math.nan)
+
+
+def _largest(values: Sequence[float]) -> float:
+    return max((value for value in values if not math.isnan(value)), default=math.nan)

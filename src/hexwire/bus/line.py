@@ -130,7 +130,7 @@ class BusLine:
             The result of the conversation.
 
         Raises:
-            LinkError: The line has a fault. An answer may still arrive, which is recorded as a doubt.
+            LinkError: The line has a fault. An answer may still arrive, which is recorded as a late reply.
             StoppedError: The arm was stopped after the call; nothing more of it was sent.
         """
         clock = self.clock

@@ -1,31 +1,29 @@
 """The machine of a servo bus: outstanding requests, rules for answers, and measured answer times.
 
-Owns one request and its answers, and the state between requests: doubts, recently sent packets, silent servos, the
-measured answer time, counters. It does no I/O and reads no clock. A **conversation** is a generator: it yields
-`Send` or `Listen` and is resumed with `Heard`, the received bytes and the time. `questions` builds longer
+Owns one request and its answers, and the state between requests: late replies, recently sent packets, silent
+servos, the measured answer time, counters. It does no I/O and reads no clock. A **conversation** is a generator: it
+yields `Send` or `Listen` and is resumed with `Heard`, the received bytes and the time. `questions` builds longer
 conversations from those here; `line` runs them on a link. Must not know registers by name.
 
-A **doubt** is a late answer that may still arrive; `doubts` has the rule.
+A **late reply** is an answer to an abandoned request that may still arrive; `late_replies` has the rule.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Generator, Sequence
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from typing import NamedTuple, TypeVar
 
 from hexwire.session.servo_answers import AnswerCollector, Outlook
 from hexwire.wire.registers import Register, Series
 from hexwire.wire.servo_packet import BROADCAST_ID
 
-from .counters import BusCounters
-from .doubts import Doubts, SentLately
-from .plan import ReadPlan, SyncReadPlan, WritePlan
-from .plan_cache import PlanCache
+from .late_replies import LateReplies, SentLately
+from .plan import PlanCache, ReadPlan, SyncReadPlan, WritePlan
 from .servos import KnownServos
 from .timing import LineTiming
 
-__all__ = ["ADAPTER_TIME", "BusMachine", "Conversation", "Heard", "Interrupted", "Listen", "Send"]
+__all__ = ["ADAPTER_TIME", "BusCounters", "BusMachine", "Conversation", "Heard", "Interrupted", "Listen", "Send"]
 
 ADAPTER_TIME = 0.02
 """Seconds after which an adapter has forwarded its bytes: FTDI's timer of 16 ms, and a margin."""
@@ -42,6 +40,38 @@ _MOST_DRAINED = 1 << 16
 _IDLE = 0.1
 """Seconds without a transaction after which the host may have stalled, and the adapter may hold bytes."""
 _TO_ALL = bytes((BROADCAST_ID,))
+_T = TypeVar("_T")
+
+
+@dataclass(slots=True)
+class BusCounters:
+    """Counters of a bus since it was opened.
+
+    Attributes:
+        requests: Packets sent that expect an answer.
+        answers: Status packets accepted.
+        repeats: Requests repeated, to the servos without an answer only.
+        lost: Answers that were late or damaged.
+        given_up: Requests without an answer after all repeats.
+        careful: Transactions that took the careful path.
+        echoes: Echoes of requests.
+        settled: Answers to another form of a request, used where a late answer could be taken for the new one.
+        stray_bytes: Bytes that belonged to no answer.
+    """
+
+    requests: int = 0
+    answers: int = 0
+    repeats: int = 0
+    lost: int = 0
+    given_up: int = 0
+    careful: int = 0
+    echoes: int = 0
+    settled: int = 0
+    stray_bytes: int = 0
+
+    def as_dict(self) -> dict[str, int]:
+        """Return the counters by name."""
+        return asdict(self)
 
 
 class Send(NamedTuple):
@@ -76,7 +106,6 @@ class Interrupted(Exception):  # noqa: N818 (an event, thrown into a conversatio
         self.now = now
 
 
-_T = TypeVar("_T")
 Conversation = Generator[Send | Listen, Heard, _T]
 """Steps on the line that end with a result. To close one at a `Send` means that the packet was not sent."""
 
@@ -97,8 +126,8 @@ class BusMachine:
         plans: Prepared requests.
         count: Counters of the careful path; `counters` adds the fast path.
         echo: Whether the adapter echoes what is sent; None until it is known.
-        doubts: Late answers that may still arrive.
-        doubtful: Servos with doubts; empty if there are none. Always the same object.
+        doubts: Those that may still arrive.
+        doubtful: Servos of which a late reply may arrive; empty if there are none. Always the same object.
         sent: Packets whose echo may still arrive.
         silent: Servos that did not answer, with the time until which single requests to them are not repeated.
         learning: Whether to time every transaction.
@@ -119,8 +148,8 @@ class BusMachine:
         self.plans = PlanCache(servos, self.timing)
         self.count = BusCounters()
         self.echo: bool | None = None
-        self.doubts = Doubts()
-        self.doubtful = self.doubts.servos
+        self.late_replies = LateReplies()
+        self.doubtful = self.late_replies.servos
         self.sent = SentLately()
         self.silent: dict[int, float] = {}
         self.learning = True
@@ -150,7 +179,7 @@ class BusMachine:
         if baud != self.timing.baud:
             self.timing = LineTiming(baud)
             self.learning = True
-        self.doubts.clear()
+        self.late_replies.clear()
         self.silent.clear()
         self.forget_plans()
 
@@ -219,7 +248,7 @@ class BusMachine:
             now: Present time.
         """
         for servo_id in servo_ids:
-            self.doubts.add(servo_id, params, request, asked, now)
+            self.late_replies.add(servo_id, params, request, asked, now)
 
     def interrupted(self, now: float) -> None:
         """Record that an error or Ctrl-C ended a conversation, perhaps while it recorded an outcome."""
@@ -232,15 +261,15 @@ class BusMachine:
     def doubted(self, servo_id: int, params: int, request: bytes = b"") -> Conversation[bool]:
         """Whether an answer of that length may be a late one, to another request.
 
-        If a doubt has expired, drains the line first.
+        If the time of a late reply is over, drains the line first.
         """
         if not self.doubtful:
             return False
-        doubts, now = self.doubts, self.now
-        held = doubts.holds(servo_id, params, now, request)
+        late, now = self.late_replies, self.now
+        held = late.holds(servo_id, params, now, request)
         idle, self._looked_at = now - self._looked_at, now
-        if doubts.ended:
-            doubts.ended = False
+        if late.ended:
+            late.ended = False
             yield from self.drain(ADAPTER_TIME if idle > _IDLE else 0.0)
         return held
 
@@ -357,7 +386,7 @@ class BusMachine:
             outlook = collector.receive(data)
 
     def _take(self, collector: AnswerCollector, now: float) -> None:
-        """Count the received bytes, and update echo and doubts."""
+        """Count the received bytes, and update the echo and the late replies."""
         count, params = self.count, collector.params
         if collector.echoed:
             count.echoes += 1
@@ -370,13 +399,13 @@ class BusMachine:
         count.stray_bytes += max(0, collector.size - sound)
         if self.doubtful:
             for servo_id in collector.answers:
-                self.doubts.answered(servo_id, params, now)
+                self.late_replies.answered(servo_id, params, now)
             self._notice(collector, now)
 
     def _notice(self, collector: AnswerCollector, now: float) -> None:
         """Measure answer times from late answers."""
         for status in collector.strays:
             params = len(status.params)
-            asked = self.doubts.late(status.servo_id, params)
+            asked = self.late_replies.late(status.servo_id, params)
             if asked is not None:
                 self.timing.late(now - asked, 14 + params)

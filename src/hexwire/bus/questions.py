@@ -1,8 +1,8 @@
 """Requests to servos: repeats them, and uses another request where an answer would be ambiguous.
 
-Owns repeats, and which answers are trusted. A register is read with its neighbours, in a length that no late answer
+Owns repeats, and which answers are trusted. A register is read with its neighbours, in a length that no late reply
 has. A request with only one possible length (a ping, an acknowledgement, a legacy servo's two bytes) waits until
-another request to the same servo is answered: a link keeps the order of bytes, so late answers have arrived by
+another request to the same servo is answered: a link keeps the order of bytes, so late replies have arrived by
 then.
 
 Each function is a conversation of a `BusMachine`; see there. No I/O and no clock. Must not know registers by name.
@@ -10,21 +10,81 @@ Each function is a conversation of a `BusMachine`; see there. No I/O and no cloc
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING
 
 from hexwire.session.servo_answers import AnswerCollector
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import StatusPacket, make_ping, make_read
 
-from .blocks import BlockAnswers, places
 from .machine import ADAPTER_TIME, BusMachine, Conversation
-from .plan import SyncReadPlan
-from .plan_cache import LEGACY_READ
+from .plan import LEGACY_READ, SyncReadPlan
 
-__all__ = ["ask_block", "ask_many", "ask_one", "ask_registers", "is_there", "settle"]
+if TYPE_CHECKING:
+    from hexwire.session.servo_answers import AnswerCollector
+    from hexwire.wire.servo_packet import StatusPacket
+
+__all__ = ["BlockAnswers", "ask_block", "ask_many", "ask_one", "ask_registers", "is_there", "places", "settle"]
 
 _ANY_REGISTER = Series.STS_SMS.register("present_temperature").address
 """Register to read when only the answer matters: at the same address, one byte wide, in every series."""
+
+
+def places(address: int, count: int, end: int, most: int) -> Iterator[tuple[int, int]]:
+    """Yield blocks of registers that contain `count` bytes from `address`, shortest first, one of each length.
+
+    Args:
+        address: First register address.
+        count: Bytes wanted.
+        end: Address after the last register.
+        most: Most bytes in the answer to one read.
+
+    Yields:
+        First address and length of each. The first block is the one wanted.
+    """
+    yield address, count
+    end = max(end, address + count)
+    for length in range(count + 1, min(most, end) + 1):
+        yield min(address, end - length), length
+
+
+class BlockAnswers:
+    """Answers to the attempts of one call to read registers.
+
+    An answer to any attempt counts: no other answer of that length was outstanding from that servo.
+
+    Args:
+        address: First register address.
+        count: Bytes wanted.
+    """
+
+    def __init__(self, address: int, count: int) -> None:
+        self._address = address
+        self._count = count
+        self._tried: dict[tuple[int, int], int] = {}
+        self._heard: dict[int, bytes] = {}
+
+    def take(self, collector: AnswerCollector, place: tuple[int, int]) -> dict[int, StatusPacket]:
+        """Return the answers that are trusted after an attempt, cut to the bytes wanted."""
+        found: dict[int, StatusPacket] = {}
+        for (servo_id, length), status in collector.others.items():
+            if (servo_id, length) in self._tried:
+                found[servo_id] = self._cut(status, self._tried[servo_id, length])
+        for servo_id, status in collector.murky.items():
+            cut = self._cut(status, place[0])
+            # The same answer twice, followed by invalid bytes: for example, an adapter that adds a byte.
+            if self._heard.get(servo_id) == cut.params:
+                found[servo_id] = cut
+            self._heard[servo_id] = cut.params
+        for servo_id, status in collector.answers.items():
+            found[servo_id] = self._cut(status, place[0])
+        for servo_id in collector.servo_ids:
+            self._tried[servo_id, place[1]] = place[0]
+        return found
+
+    def _cut(self, status: StatusPacket, first: int) -> StatusPacket:
+        skip = self._address - first
+        return status._replace(params=status.params[skip : skip + self._count])
 
 
 def ask_one(
@@ -222,7 +282,7 @@ def settle(machine: BusMachine, servo_id: int, params: int) -> Conversation[bool
         found, _ = yield from is_there(machine, servo_id)
         settled = found is not None
     if settled:
-        machine.doubts.settled(servo_id, params)
+        machine.late_replies.settled(servo_id, params)
     else:
         machine.mark_silent(servo_id, machine.now)
     return settled

@@ -1,8 +1,8 @@
 """`ServoBus`: bus servos on any byte link, without a board in between.
 
-Owns registers by name in SI units or raw counts, and the fast path of reads and writes. It has a `BusLine`, which
-sends plans and runs conversations; `questions` and `writes` handle slow and unusual cases, `setup` sets servos up.
-Must not know arms or joints.
+Owns registers by name in SI units or raw counts, the instructions that name no register, and the fast path of reads
+and writes. It has a `BusLine`, which sends plans and runs conversations; `questions` and `writes` handle slow and
+unusual cases, `setup` sets servos up. Must not know arms or joints.
 
 A missing or faulty servo is data, not an exception: results carry status, age and error, and their `check()`
 raises. Only faults of the link raise directly.
@@ -13,29 +13,66 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Self
 
+from hexwire.errors import NotSupportedError, RemoteProtocolError
 from hexwire.link.base import Openable
+from hexwire.session.servo_answers import AnswerCollector, expected_answer
 from hexwire.wire import servo_packet as packets
 from hexwire.wire.registers import Register, Series
 from hexwire.wire.servo_packet import BROADCAST_ID
+from hexwire.wire.tables import LEGACY_HEADER, MAX_SERVO_ID
 
-from . import block_reads, orders, questions, writes
+from . import questions
 from .line import BusLine
-from .plan import ReadPlan, SyncReadPlan, WritePlan
-from .plan_cache import writable
-from .recent import RecentValues
+from .plan import ReadPlan, SyncReadPlan, WritePlan, writable
 from .servos import KnownServos, as_series
-from .values import Answer, Reading, Readings, ServoBlock, why
+from .values import SILENT, Answer, Reading, Readings, ServoBlock, why
+from .writes import acknowledged, in_range, order, sync_write_each, write_register
 
 if TYPE_CHECKING:
     from hexwire.epochs import Epochs
     from hexwire.link.base import Link
 
-    from .counters import BusCounters
+    from .machine import BusCounters, BusMachine, Conversation
     from .timing import LineTiming
 
 __all__ = ["ServoBus"]
 
+_PING_BYTES = 6
 _new = tuple.__new__
+
+
+class RecentValues:
+    """Newest values of registers. Values of the fast path stay in its plans and results, which are searched here.
+
+    Attributes:
+        syncs: Newest result of a sync read, by register name; set by the user of this object.
+    """
+
+    def __init__(self) -> None:
+        self.syncs: dict[str, Readings] = {}
+        self._single: dict[tuple[str, int], tuple[int, float]] = {}
+
+    def keep(self, name: str, servo_id: int, raw: int, stamp: float) -> None:
+        """Store a value and its time."""
+        self._single[name, servo_id] = (raw, stamp)
+
+    def last(self, name: str, servo_id: int, plan: ReadPlan | None) -> tuple[int, float] | None:
+        """Return the newest value of a register of a servo and its time; None if it was never read.
+
+        Args:
+            name: Register name.
+            servo_id: The servo.
+            plan: The plan of a single read of it, if there is one; it holds the last value.
+        """
+        last = self._single.get((name, servo_id))
+        if plan is not None and plan.latest is not None and (last is None or plan.stamp > last[1]):
+            last = plan.latest, plan.stamp
+        newest = self.syncs.get(name)
+        if newest is not None and servo_id in newest.ids:
+            raw = newest.raw[newest.ids.index(servo_id)]
+            if raw is not None and (last is None or newest.stamp > last[1]):
+                return raw, newest.stamp
+        return last
 
 
 class ServoBus(Openable):
@@ -245,7 +282,9 @@ class ServoBus(Openable):
             UsageError: The block is invalid.
             LinkError: The line has a fault.
         """
-        return block_reads.read_block(self._line, servo_id, address, count)
+        with self._lock:
+            data, error = self._line.run(questions.ask_registers(self._machine, servo_id, address, count))
+        return ServoBlock(servo_id, address, data, error, "" if data else SILENT)
 
     def sync_read(self, name: str, servo_ids: Iterable[int]) -> Readings:
         """Read the same register of several servos: by one request where they support it, else by single reads.
@@ -296,7 +335,32 @@ class ServoBus(Openable):
             UsageError: The block is invalid.
             LinkError: The line has a fault.
         """
-        return block_reads.sync_read_blocks(self._line, address, count, tuple(servo_ids))
+        ids = tuple(servo_ids)
+        able = tuple(i for i in ids if self.series_of(i).sync_read)
+        found = self._read_together(address, count, able) if able else {}
+        for servo_id in ids:
+            if servo_id not in found:
+                found[servo_id] = self.read_block(servo_id, address, count)
+        return [found[servo_id] for servo_id in ids]
+
+    def _read_together(self, address: int, count: int, ids: tuple[int, ...]) -> dict[int, ServoBlock]:
+        """Read one block per servo, by id. All of the servos support sync read."""
+        line, machine = self._line, self._machine
+        plan = machine.plans.block(address, count, ids)
+        with self._lock:
+            if machine.silent or line.doubted(ids, count):
+                return self._blocks_carefully(plan, None)
+            try:
+                data = line.transact(plan, timed=True)
+                rows = plan.blocks(data)
+                if rows is None:
+                    return self._blocks_carefully(plan, data)
+            except BaseException:
+                line.gave_up(plan)
+                raise
+            machine.learn_time(plan, line.clock())
+            machine.extra_answers += len(ids) - 1
+            return {i: ServoBlock(i, address, row) for i, row in zip(ids, rows, strict=True)}
 
     # --- writing -----------------------------------------------------------------------------------------------
 
@@ -308,23 +372,23 @@ class ServoBus(Openable):
             LinkError: The line has a fault.
         """
         register = writable(self.series_of(servo_id), servo_id, name)
-        return writes.write_register(self._line, servo_id, register, register.from_si(value))
+        return write_register(self._line, servo_id, register, register.from_si(value))
 
     def write_raw(self, servo_id: int, name: str, raw: int) -> Answer:
         """Write the raw value of a register. See `write`."""
-        return writes.write_register(self._line, servo_id, writable(self.series_of(servo_id), servo_id, name), raw)
+        return write_register(self._line, servo_id, writable(self.series_of(servo_id), servo_id, name), raw)
 
     def write_bytes(self, servo_id: int, address: int, data: bytes) -> Answer:
         """Write neighbouring registers. Only the size of the packet is checked."""
         plan = WritePlan(servo_id, self.series_of(servo_id), address, data)
-        return writes.acknowledged(self._line, plan, f"a write at {address}")
+        return acknowledged(self._line, plan, f"a write at {address}")
 
     def reg_write(self, servo_id: int, name: str, value: float) -> Answer:
         """Write a register in its SI unit; the value takes effect at `action`. Raises as `write`."""
         register = writable(self.series_of(servo_id), servo_id, name)
-        raw = writes.in_range(servo_id, register, register.from_si(value))
+        raw = in_range(servo_id, register, register.from_si(value))
         request = packets.make_reg_write(servo_id, register.address, register.encode(raw))
-        return writes.order(self._line, servo_id, request, f"a delayed write of {name}")
+        return order(self._line, servo_id, request, f"a delayed write of {name}")
 
     def sync_write(self, name: str, values: Mapping[int, float]) -> None:
         """Write a register of several servos in its SI unit, by one unacknowledged packet per series.
@@ -343,7 +407,7 @@ class ServoBus(Openable):
         if plan is None or plan.ids != ids:
             plan = self._plans.sync_writes.get((name, ids)) or self._plans.sync_write(name, ids)
             if plan is None:
-                return writes.sync_write_each(self._line, name, values)
+                return sync_write_each(self._line, name, values)
             self._newest_write[name] = plan
         packet = plan.serialize(tuple(values.values()))
         line = self._line
@@ -365,7 +429,11 @@ class ServoBus(Openable):
 
     def ping(self, servo_id: int) -> Answer:
         """Ping a servo."""
-        return orders.ping(self._line, servo_id)
+        with self._lock:
+            status, collector = self._line.run(_ping(self._machine, servo_id))
+        if status is None:
+            return Answer(servo_id, "ping", 0, why(collector.in_words()), False)
+        return Answer(servo_id, "ping", status.error)
 
     def broadcast_ping(self, most: int = 254) -> tuple[tuple[int, ...], int]:
         """Ping all servos at once. Only the answer of a single servo is reliable: several answer at the same time.
@@ -376,7 +444,22 @@ class ServoBus(Openable):
         Returns:
             Ids received, and the number of invalid bytes (such as from a collision).
         """
-        return orders.broadcast_ping(self._line, most)
+        line, machine = self._line, self._machine
+        with self._lock:
+            request = packets.make_ping(BROADCAST_ID)
+            base = machine.base(_PING_BYTES * (1 + most), range(min(most, 8)))
+            line.link.flush_input()
+            data = line.exchange(request, base + machine.timing.allowance)
+            now = line.clock()
+            while more := line.link.read(now + base):
+                data += more
+            heard = AnswerCollector(request, range(MAX_SERVO_ID + 1), 0, sent=machine.sent.packets(now))
+            heard.receive(data)
+            found = set(heard.answers) | set(heard.murky)
+            # An answer that may be the echo of an earlier ping: ping the servo alone.
+            found |= {servo_id for servo_id in heard.copies - found if not self.ping(servo_id).error}
+        data = packets.strip_echo(data, request)
+        return tuple(sorted(found)), max(0, len(data) - _PING_BYTES * len(found))
 
     def restore(self, servo_id: int) -> Answer:
         """Restore factory settings; Feetech servos keep their id.
@@ -384,7 +467,10 @@ class ServoBus(Openable):
         Raises:
             NotSupportedError: A legacy servo would lose its id; see `setup.factory_reset`.
         """
-        return orders.restore(self._line, servo_id)
+        self._must_know(servo_id, "RESTORE")
+        if self.series_of(servo_id) is Series.SEVEN_BOT:
+            raise NotSupportedError(f"servo {servo_id} is a legacy servo: a factory reset would change its id to 1")
+        return order(self._line, servo_id, packets.make_restore(servo_id), "factory reset", repeat=False)
 
     def reboot(self, servo_id: int) -> None:
         """Restart a servo, without an acknowledgement. It is silent for 0.8 s, and its torque is off.
@@ -392,15 +478,18 @@ class ServoBus(Openable):
         Raises:
             NotSupportedError: Its series has no such instruction.
         """
-        orders.reboot(self._line, servo_id)
+        self._must_know(servo_id, "REBOOT")
+        self._line.send(packets.make_reboot(servo_id))
 
     def backup(self, servo_id: int) -> Answer:
         """Make a servo store its present settings as those of `restore`. Raises as `reboot`."""
-        return orders.backup(self._line, servo_id)
+        self._must_know(servo_id, "BACKUP")
+        return order(self._line, servo_id, packets.make_backup(servo_id), "backup")
 
     def reset_turns(self, servo_id: int) -> Answer:
         """Clear a servo's turn counter. Raises as `reboot`."""
-        return orders.reset_turns(self._line, servo_id)
+        self._must_know(servo_id, "RESET_STATE")
+        return order(self._line, servo_id, packets.make_reset_state(servo_id), "reset of turns")
 
     def calibrate(self, servo_id: int, position: int | None = None) -> Answer:
         """Make the present position 2048, or the given count if the firmware accepts one. Nothing moves.
@@ -408,11 +497,24 @@ class ServoBus(Openable):
         Raises:
             NotSupportedError: The series has no such instruction.
         """
-        return orders.calibrate(self._line, servo_id, position)
+        self._must_know(servo_id, "CALIBRATE")
+        register = self.series_of(servo_id).register("goal_position")
+        data = None if position is None else register.encode(position)
+        return order(self._line, servo_id, packets.make_calibrate(servo_id, data), "calibration", repeat=False)
 
     def action(self, servo_id: int = BROADCAST_ID) -> Answer | None:
         """Apply values of `reg_write`, in one servo or, without an acknowledgement, in all."""
-        return orders.action(self._line, servo_id)
+        if servo_id == BROADCAST_ID:
+            self._line.send(packets.make_action())
+            return None
+        return order(self._line, servo_id, packets.make_action(servo_id), "action", repeat=False)
+
+    def _must_know(self, servo_id: int, instruction: str) -> None:
+        series = self.series_of(servo_id)
+        if instruction not in series.instructions:
+            raise NotSupportedError(
+                f"servo {servo_id} is a {series.value} servo, which has no {instruction.lower()}"
+            )
 
     def ask(self, request: bytes, servo_id: int, params: int) -> tuple[packets.StatusPacket | None, str]:
         """Send any packet once and receive the answer of one servo.
@@ -425,7 +527,13 @@ class ServoBus(Openable):
         Returns:
             The status packet or None, and in words what arrived instead; empty if nothing arrived.
         """
-        return orders.ask(self._line, request, servo_id, params)
+        line, machine = self._line, self._machine
+        with line.calling(request), self._lock:
+            if line.run(_in_doubt(machine, request, servo_id, params)):
+                return None, ""
+            base = machine.base(len(request) + 6 + params, (servo_id,))
+            collector = line.run(machine.collect(request, (servo_id,), params, base, header=None))
+        return collector.answers.get(servo_id), collector.in_words()
 
     def raw(self, request: bytes, servo_ids: Sequence[int] = (), params: int = 0) -> dict[int, bytes]:
         """Send any packet and return the parameters of the answers by servo id.
@@ -435,11 +543,26 @@ class ServoBus(Openable):
             servo_ids: Ids of the answering servos, in order; if empty, the call does not wait.
             params: Parameter bytes of each answer.
         """
-        return orders.raw(self._line, request, servo_ids, params)
+        line, machine = self._line, self._machine
+        with line.calling(request), self._lock:
+            if not servo_ids:
+                line.post(request, line.epochs.of_this_call)
+                now = line.clock()
+                for servo_id, length in _answers_of(request):
+                    machine.gave_up((servo_id,), length, request, now, now)
+                return {}
+            sure = [i for i in servo_ids if not line.run(_in_doubt(machine, request, i, params))]
+            base = machine.base(len(request) + len(servo_ids) * (6 + params), servo_ids)
+            collector = line.run(machine.collect(request, servo_ids, params, base, header=None))
+        return {servo_id: status.params for servo_id, status in collector.answers.items() if servo_id in sure}
 
     def pause(self, seconds: float) -> None:
         """Wait, and discard bytes that arrive meanwhile."""
-        orders.pause(self._line, seconds)
+        line = self._line
+        with self._lock:
+            end = line.clock() + seconds
+            while line.clock() < end:
+                line.link.read(end)
 
     # --- careful path ------------------------------------------------------------------------------------------
 
@@ -485,6 +608,12 @@ class ServoBus(Openable):
         self._newest[name] = readings
         return readings
 
+    def _blocks_carefully(self, plan: SyncReadPlan, data: bytes | None) -> dict[int, ServoBlock]:
+        found = {i: ServoBlock(i, plan.address, b"", 0, SILENT) for i in plan.ids}
+        for i, status in self._line.run(questions.ask_many(self._machine, plan, data)).items():
+            found[i] = ServoBlock(i, plan.address, status.params, status.error)
+        return found
+
     def _read_mixed(self, name: str, ids: tuple[int, ...]) -> Readings:
         """Use one sync read per series that supports it, and single reads for the other servos."""
         groups: dict[Series, list[int]] = {}
@@ -497,3 +626,39 @@ class ServoBus(Openable):
             else:
                 found.update((servo_id, self.read(servo_id, name)) for servo_id in members)
         return Readings.joined([found[servo_id] for servo_id in ids], self.now())
+
+
+def _ping(machine: BusMachine, servo_id: int) -> Conversation[tuple[packets.StatusPacket | None, AnswerCollector]]:
+    legacy = machine.servos.series_of(servo_id) is Series.SEVEN_BOT
+    if not legacy and (yield from machine.doubted(servo_id, 0)):
+        return (yield from questions.is_there(machine, servo_id))
+    status, collector = yield from questions.ask_one(
+        machine,
+        servo_id,
+        packets.make_ping(servo_id),
+        0,
+        base=machine.base(2 * _PING_BYTES, (servo_id,)),
+        # An unknown servo may be of either kind.
+        header=LEGACY_HEADER if legacy else None,
+        retries=machine.retries,
+    )
+    if status is None and not legacy and servo_id in collector.copies:
+        # The answer of a servo with low supply voltage equals its ping.
+        return (yield from questions.is_there(machine, servo_id))
+    return status, collector
+
+
+def _in_doubt(machine: BusMachine, request: bytes, servo_id: int, params: int) -> Conversation[bool]:
+    """Whether the answer to a request could be a late one, and no further request can exclude that."""
+    if not (yield from machine.doubted(servo_id, params, request)):
+        return False
+    return not (yield from questions.settle(machine, servo_id, params))
+
+
+def _answers_of(request: bytes) -> list[tuple[int, int]]:
+    """Return the servos that answer a packet, and their numbers of parameter bytes; empty for an invalid packet."""
+    try:
+        expected = expected_answer(packets.parse_packet(request))
+    except RemoteProtocolError:
+        return []
+    return [(servo_id, expected.params) for servo_id in expected.servo_ids]

@@ -12,8 +12,7 @@ from hexwire.errors import UsageError
 from hexwire.wire.servo_packet import BROADCAST_ID, make_sync_write
 
 from . import questions
-from .plan import WritePlan
-from .plan_cache import writable
+from .plan import WritePlan, writable
 from .values import SILENT, Answer, why
 
 if TYPE_CHECKING:

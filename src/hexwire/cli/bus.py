@@ -247,7 +247,7 @@ def write(servo_id: int, name: str, value: str, si: bool, yes: bool, options: Bu
 @json_option
 def table(servo_id: int, options: BusOptions, as_json: bool) -> None:
     """Show every register of a servo; a * marks stored settings that differ from the factory settings."""
-    from hexwire.bus.register_table import read_table
+    from hexwire.bus.registers import read_table
 
     rows = []
     data = []

@@ -42,8 +42,7 @@ def health(ids: str, backlash: bool, yes: bool, options: BusOptions, as_json: bo
 
     The exit status is 0 if nothing is BAD, 1 if something is. Hints do not count.
     """
-    from hexwire.bus.health import Rank, judge_health
-    from hexwire.bus.health_check import check_health
+    from hexwire.bus.health import Rank, check_health, judge_health
 
     wanted = parse_ids(ids)
     if options.series:

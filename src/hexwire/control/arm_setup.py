@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple
 
-from hexwire.bus.servo_facts import Remark
+from hexwire.bus.survey import Remark
 from hexwire.model.so_arm_links import is_so_arm
 
 if TYPE_CHECKING:

@@ -10,9 +10,8 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 from hexwire.bus.identity import change_identity
-from hexwire.bus.servo_facts import remarks
 from hexwire.bus.setup import identify, scan, shares_id
-from hexwire.bus.survey import survey
+from hexwire.bus.survey import remarks, survey
 from hexwire.errors import NotSupportedError, ServoError, UsageError
 
 from .arm_setup import SeenServo, StepKind

@@ -14,9 +14,9 @@ import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, cast
 
-from hexwire.bus.health_history import HealthHistory
+from hexwire.bus.health import HealthHistory
 from hexwire.bus.live_values import LiveValues, read_live
-from hexwire.bus.register_edits import RegisterEdits
+from hexwire.bus.registers import RegisterEdits
 from hexwire.bus.setup import Found, identify, scan, shares_id
 from hexwire.bus.survey import Surveyed, survey
 from hexwire.control.known_state import KNOWN_FOR

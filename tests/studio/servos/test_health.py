@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from tests.studio.servos.conftest import servo_of
 
-from hexwire.bus.health_check import check_health
+from hexwire.bus.health import check_health
 from hexwire.studio.servos import health
 
 

@@ -7,7 +7,7 @@ from tests.studio.running import until
 from tests.studio.servos.conftest import Bench, servo_of
 
 from hexwire.bus.backup import take_backup
-from hexwire.bus.register_table import make_table
+from hexwire.bus.registers import make_table
 from hexwire.errors import StoppedError, UsageError
 from hexwire.studio.servos import registers
 from hexwire.wire.registers import Series

@@ -9,8 +9,7 @@ import math
 import time
 from html import escape
 
-from hexwire.bus.health import HealthFinding, Rank, judge_health
-from hexwire.bus.health_check import check_health
+from hexwire.bus.health import HealthFinding, Rank, check_health, judge_health
 from hexwire.bus.values import fault_words
 from hexwire.studio.app import FAILED
 from hexwire.studio.layout import mount

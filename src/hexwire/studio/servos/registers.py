@@ -1,6 +1,6 @@
 """The register table of a servo: values, ranges, what differs; edit with check and undo.
 
-Owns the table's columns and filter, and the questions before an edit; `bus.register_edits` says what may be edited.
+Owns the table's columns and filter, and the questions before an edit; `bus.registers` says what may be edited.
 """
 
 from __future__ import annotations
@@ -8,8 +8,7 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from hexwire.bus.register_edits import Edit, why_not
-from hexwire.bus.register_table import TableRow, read_table
+from hexwire.bus.registers import Edit, TableRow, read_table, why_not
 from hexwire.studio.layout import mount
 from hexwire.units import decimal
 

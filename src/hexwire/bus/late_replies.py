@@ -1,6 +1,6 @@
-"""Late answers that may still arrive on a servo bus, and recently sent packets.
+"""Late replies that may still arrive on a servo bus, and recently sent packets.
 
-Owns the two records that prevent wrong values: `Doubts`, of requests that were given up, and `SentLately`, of
+Owns the two records that prevent wrong values: `LateReplies`, of requests that were given up, and `SentLately`, of
 packets that an adapter may echo late, twice or damaged. No I/O; time comes in as `now`.
 
 **The rule.** An answer identifies only its servo and its length. So while a late answer of some length may still
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["AFTERMATH", "LATEST", "Doubts", "SentLately"]
+__all__ = ["AFTERMATH", "LATEST", "LateReplies", "SentLately"]
 
 LATEST = 1.0
 """Seconds after which no late answer can arrive: no adapter delays bytes that long."""
@@ -24,25 +24,24 @@ _LAST_SENT = 64
 
 
 @dataclass(slots=True)
-class _Doubt:
+class _LateReply:
     asked: float
     until: float
     request: bytes
 
 
-class Doubts:
+class LateReplies:
     """Late answers that may still arrive, by servo and by number of parameter bytes.
 
     Attributes:
-        servos: Servos with doubts; empty if there are none. Always the same object, so that checking it needs
-            no call.
-        ended: A doubt has expired since this was last reset. Its answer may have arrived unread: drain the
-            line.
+        servos: Servos of which one may arrive; empty if there are none. Always the same object, so that checking it
+            needs no call.
+        ended: The time of one is over since this was last reset. It may have arrived unread: drain the line.
     """
 
     def __init__(self) -> None:
         self.ended = False
-        self.servos: dict[int, dict[int, _Doubt]] = {}
+        self.servos: dict[int, dict[int, _LateReply]] = {}
 
     def add(self, servo_id: int, params: int, request: bytes, asked: float, now: float) -> None:
         """Record a request that was given up.
@@ -58,42 +57,42 @@ class Doubts:
         before = lengths.get(params)
         if before is not None and before.request != request:
             request = b""
-        lengths[params] = _Doubt(asked, now + LATEST, request)
+        lengths[params] = _LateReply(asked, now + LATEST, request)
 
     def holds(self, servo_id: int, params: int, now: float, request: bytes = b"") -> bool:
         """Whether an answer of that length may belong to an earlier request, and to another than `request`."""
         self._expire(servo_id, now)
-        doubt = self.servos.get(servo_id, {}).get(params)
-        return doubt is not None and (not request or doubt.request != request)
+        reply = self.servos.get(servo_id, {}).get(params)
+        return reply is not None and (not request or reply.request != request)
 
     def answered(self, servo_id: int, params: int, now: float) -> None:
-        """Record an answer of this length to a request after those in doubt."""
-        for length, doubt in self.servos.get(servo_id, {}).items():
+        """Record an answer of this length to a request after those that were given up."""
+        for length, reply in self.servos.get(servo_id, {}).items():
             # An answer of the same length may be that of the earlier request; the later one's may still arrive.
             if length != params:
-                doubt.until = min(doubt.until, now + AFTERMATH)
+                reply.until = min(reply.until, now + AFTERMATH)
 
     def late(self, servo_id: int, params: int) -> float | None:
         """Return the time of the request that a late answer belongs to; None without one."""
-        doubt = self.servos.get(servo_id, {}).get(params)
-        return None if doubt is None else doubt.asked
+        reply = self.servos.get(servo_id, {}).get(params)
+        return None if reply is None else reply.asked
 
     def settled(self, servo_id: int, params: int) -> None:
-        """End the doubt about a length: the servo has answered another request since."""
+        """Expect no late reply of a length any more: the servo has answered another request since."""
         lengths = self.servos.get(servo_id, {})
         lengths.pop(params, None)
         if not lengths:
             self.servos.pop(servo_id, None)
 
     def clear(self) -> None:
-        """End all doubts."""
+        """Expect no late reply any more."""
         self.servos.clear()
 
     def _expire(self, servo_id: int, now: float) -> None:
         lengths = self.servos.get(servo_id)
         if lengths is None:
             return
-        for params in [n for n, doubt in lengths.items() if doubt.until <= now]:
+        for params in [n for n, reply in lengths.items() if reply.until <= now]:
             del lengths[params]
             self.ended = True
         if not lengths:

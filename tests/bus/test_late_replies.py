@@ -1,63 +1,63 @@
 from __future__ import annotations
 
-from hexwire.bus.doubts import AFTERMATH, LATEST, Doubts, SentLately
+from hexwire.bus.late_replies import AFTERMATH, LATEST, LateReplies, SentLately
 from hexwire.wire.servo_packet import make_ping, make_read, make_write
 
 READ = make_read(1, 56, 2)
 
 
 def test_an_unanswered_request_is_in_doubt_by_servo_and_length_until_its_time_is_over() -> None:
-    doubts = Doubts()
-    assert not doubts.servos
-    doubts.add(1, 2, READ, 9.9, 10.0)
-    assert doubts.servos
-    assert doubts.holds(1, 2, 10.0)
-    assert not doubts.holds(1, 3, 10.0)
-    assert not doubts.holds(2, 2, 10.0)
-    assert doubts.holds(1, 2, 10.0 + LATEST - 0.001)
-    assert not doubts.ended
-    assert not doubts.holds(1, 2, 10.0 + LATEST)
-    assert doubts.ended
-    assert not doubts.servos
+    late = LateReplies()
+    assert not late.servos
+    late.add(1, 2, READ, 9.9, 10.0)
+    assert late.servos
+    assert late.holds(1, 2, 10.0)
+    assert not late.holds(1, 3, 10.0)
+    assert not late.holds(2, 2, 10.0)
+    assert late.holds(1, 2, 10.0 + LATEST - 0.001)
+    assert not late.ended
+    assert not late.holds(1, 2, 10.0 + LATEST)
+    assert late.ended
+    assert not late.servos
 
 
 def test_the_same_request_again_is_not_in_doubt_of_itself() -> None:
-    doubts = Doubts()
-    doubts.add(1, 2, READ, 10.0, 10.0)
-    assert not doubts.holds(1, 2, 10.0, READ)
-    doubts.add(1, 2, make_read(1, 42, 2), 10.1, 10.1)
-    assert doubts.holds(1, 2, 10.2, READ)
+    late = LateReplies()
+    late.add(1, 2, READ, 10.0, 10.0)
+    assert not late.holds(1, 2, 10.0, READ)
+    late.add(1, 2, make_read(1, 42, 2), 10.1, 10.1)
+    assert late.holds(1, 2, 10.2, READ)
 
 
 def test_an_answer_in_another_length_shortens_the_doubt_but_one_in_the_same_does_not() -> None:
-    doubts = Doubts()
-    doubts.add(1, 2, READ, 10.0, 10.0)
-    doubts.answered(1, 2, 10.1)
-    assert doubts.holds(1, 2, 10.1 + AFTERMATH)
-    doubts.answered(1, 3, 10.1)
-    assert doubts.holds(1, 2, 10.1 + AFTERMATH - 0.001)
-    assert not doubts.holds(1, 2, 10.1 + AFTERMATH)
+    late = LateReplies()
+    late.add(1, 2, READ, 10.0, 10.0)
+    late.answered(1, 2, 10.1)
+    assert late.holds(1, 2, 10.1 + AFTERMATH)
+    late.answered(1, 3, 10.1)
+    assert late.holds(1, 2, 10.1 + AFTERMATH - 0.001)
+    assert not late.holds(1, 2, 10.1 + AFTERMATH)
 
 
 def test_a_settled_length_leaves_the_others() -> None:
-    doubts = Doubts()
-    doubts.add(1, 2, READ, 10.0, 10.0)
-    doubts.add(1, 0, make_ping(1), 10.0, 10.0)
-    doubts.settled(1, 0)
-    assert not doubts.holds(1, 0, 10.0)
-    assert doubts.holds(1, 2, 10.0)
-    doubts.settled(1, 2)
-    assert not doubts.servos
-    doubts.settled(7, 0)
+    late = LateReplies()
+    late.add(1, 2, READ, 10.0, 10.0)
+    late.add(1, 0, make_ping(1), 10.0, 10.0)
+    late.settled(1, 0)
+    assert not late.holds(1, 0, 10.0)
+    assert late.holds(1, 2, 10.0)
+    late.settled(1, 2)
+    assert not late.servos
+    late.settled(7, 0)
 
 
 def test_a_late_answer_tells_when_it_was_asked_for() -> None:
-    doubts = Doubts()
-    doubts.add(1, 2, READ, 9.5, 10.0)
-    assert doubts.late(1, 2) == 9.5
-    assert doubts.late(1, 3) is None
-    doubts.clear()
-    assert doubts.late(1, 2) is None
+    late = LateReplies()
+    late.add(1, 2, READ, 9.5, 10.0)
+    assert late.late(1, 2) == 9.5
+    assert late.late(1, 3) is None
+    late.clear()
+    assert late.late(1, 2) is None
 
 
 def test_recent_requests_are_remembered_and_memory_is_bounded() -> None:
@@ -82,24 +82,24 @@ def test_the_last_packets_are_known_however_long_the_host_stood_still() -> None:
 
 
 def test_an_answer_never_lengthens_a_doubt() -> None:
-    doubts = Doubts()
-    doubts.add(1, 2, READ, 10.0, 10.0)
-    doubts.answered(1, 3, 10.0 + LATEST - 0.01)
-    assert not doubts.holds(1, 2, 10.0 + LATEST)
-    doubts.answered(2, 3, 10.0)
+    late = LateReplies()
+    late.add(1, 2, READ, 10.0, 10.0)
+    late.answered(1, 3, 10.0 + LATEST - 0.01)
+    assert not late.holds(1, 2, 10.0 + LATEST)
+    late.answered(2, 3, 10.0)
 
 
 def test_a_doubt_given_up_twice_lasts_from_the_second_time() -> None:
-    doubts = Doubts()
-    doubts.add(1, 2, READ, 9.0, 10.0)
-    doubts.add(1, 2, READ, 9.5, 10.5)
-    assert doubts.late(1, 2) == 9.5
-    assert doubts.holds(1, 2, 10.5 + LATEST - 0.01)
-    assert not doubts.holds(1, 2, 10.6, READ), "the same request is in doubt with others only"
-    doubts.add(1, 3, READ, 10.0, 11.0)
-    assert not doubts.holds(1, 2, 10.5 + LATEST)
-    assert doubts.holds(1, 3, 10.5 + LATEST)
-    assert doubts.ended
+    late = LateReplies()
+    late.add(1, 2, READ, 9.0, 10.0)
+    late.add(1, 2, READ, 9.5, 10.5)
+    assert late.late(1, 2) == 9.5
+    assert late.holds(1, 2, 10.5 + LATEST - 0.01)
+    assert not late.holds(1, 2, 10.6, READ), "the same request is in doubt with others only"
+    late.add(1, 3, READ, 10.0, 11.0)
+    assert not late.holds(1, 2, 10.5 + LATEST)
+    assert late.holds(1, 3, 10.5 + LATEST)
+    assert late.ended
 
 
 def test_of_many_packets_the_recent_and_the_last_are_kept() -> None:
