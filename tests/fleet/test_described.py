@@ -8,21 +8,17 @@ import msgspec
 import pytest
 
 from hexwire.fleet import messages as m
-from hexwire.fleet.described import Described
+from hexwire.fleet.remote import RemoteRobot
 
 FACTS = m.Facts("own", (), 50.0, 12.0, 0.25, 0.5, "a program", "tcp://robot:1", "", "", 0.0, "lab-pc")
 
 
-class Client(Described):
+class Client(RemoteRobot):
     """Knows nothing but what a server says."""
 
     def __init__(self, **facts: Any) -> None:
-        super().__init__()
+        super(RemoteRobot, self).__init__()
         self._facts = msgspec.structs.replace(FACTS, **facts)
-
-
-# What it does not need.
-Client.__abstractmethods__ = frozenset()  # type: ignore[attr-defined]
 
 
 def test_a_server_watches_and_reports_for_every_robot() -> None:

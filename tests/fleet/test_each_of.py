@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 
-from hexwire.fleet.each_of import each_of
+from hexwire.fleet.player import each_of
 
 
 def test_calls_for_all_do_not_wait_for_the_one_that_hangs() -> None:

@@ -11,17 +11,18 @@ import pytest
 from hexwire.errors import RemoteProtocolError
 from hexwire.fleet import messages as m
 from hexwire.fleet.clock import ClockOffset
-from hexwire.fleet.following import Following
+from hexwire.fleet.remote import RemoteRobot
 from hexwire.motion.waypoints import Spline, Waypoint
 
 AHEAD = 1000.0
 PATH = Spline(("J1",), (Waypoint(0.0, (0.0,)), Waypoint(1.0, (0.1,))))
 
 
-class Client(Following):
+class Client(RemoteRobot):
     """Sends nothing, and answers what the test says."""
 
     def __init__(self, value: Any) -> None:
+        super(RemoteRobot, self).__init__()
         self._clock = ClockOffset()
         now = time.monotonic()
         self._clock.add(now, now + AHEAD, now)
@@ -31,10 +32,6 @@ class Client(Following):
     def _order(self, what: str, order: m.Order, *, freeing: bool = False, slow: bool = False) -> Any:
         self.orders.append(order)
         return self.value
-
-    @property
-    def clock_offset(self) -> tuple[float, float]:
-        return self._clock.at(time.monotonic())
 
     def _asked(self, question: m.Ask) -> m.Answer:
         self.orders.append(question)

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from hexwire.fleet.identity import whoami
+from hexwire.fleet.remote import whoami
 
 
 def test_it_names_user_computer_program_and_process(monkeypatch: pytest.MonkeyPatch) -> None:

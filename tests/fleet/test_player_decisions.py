@@ -14,8 +14,7 @@ from tests.motion.arms import HOME, at_rest
 from hexwire.errors import DeviceError, HexwireError, LeaseError, LinkLostError, ServoError, UsageError
 from hexwire.fleet import messages as m
 from hexwire.fleet import player as module
-from hexwire.fleet.each_of import SilentError
-from hexwire.fleet.player import Arm, FleetMotionError, Report, play_together
+from hexwire.fleet.player import Arm, FleetMotionError, Report, SilentError, play_together
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointFlag, JointState
 from hexwire.motion.waypoints import Spline, Waypoint

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from hexwire.fleet.silence import Silence
+from hexwire.fleet.remote import Silence
 
 NEVER = -math.inf
 

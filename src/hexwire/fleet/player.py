@@ -1,8 +1,8 @@
 """Plays motions on several arms with a common start time.
 
 Owns the order of things: clocks, leases, path checks, torque, a slow approach, the motion; that either all arms
-begin or none; and that all stop when one fails. The arms' servers follow the motions themselves. Must not know
-files and terminals.
+begin or none; that all stop when one fails; and the calls for all arms at the same time, with who did not answer.
+The arms' servers follow the motions themselves. Must not know files and terminals.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from itertools import permutations
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from hexwire.control.power import give_torque
 from hexwire.control.reader import read_known
@@ -24,15 +24,13 @@ from hexwire.motion.teach import approach
 from hexwire.motion.waypoints import Spline, Trajectory, Waypoint
 
 from . import messages as m
-from .each_of import SilentError, each_of
 from .remote import RemoteRobot
 
-__all__ = ["Arm", "FleetMotionError", "Played", "Report", "attached_to", "play_together"]
+__all__ = ["Arm", "FleetMotionError", "Played", "Report", "SilentError", "attached_to", "each_of", "play_together"]
 
 _T = TypeVar("_T")
-
+_A = TypeVar("_A")
 Shield = Callable[[], AbstractContextManager[object]]
-
 MOST_DOUBT = 0.010
 """Default greatest uncertainty of an arm's clock, seconds."""
 _CLOCKS = 3.0
@@ -59,6 +57,61 @@ _WATCHDOG = 1.0
 _PATIENCE = 30.0
 """Seconds for a step that needs the arm's line."""
 _RESTING = 1e-6
+
+
+class SilentError(HexwireError):
+    """There was no result in time."""
+
+
+def each_of(
+    arms: Mapping[str, _A], call: Callable[[_A], _T], patience: float, *, together: bool = False
+) -> tuple[dict[str, _T], dict[str, HexwireError]]:
+    """Call for all arms at the same time, so that none delays another.
+
+    Args:
+        arms: The arms by name.
+        call: What to do.
+        patience: Seconds to wait; an interruption ends the wait at once.
+        together: The first failure ends the wait.
+
+    Returns:
+        Results and errors by name.
+    """
+    done: dict[str, _T] = {}
+    failed: dict[str, HexwireError] = {}
+    changed = threading.Condition()
+
+    def run(name: str, arm: _A) -> None:
+        result: Any = None
+        error: HexwireError | None = None
+        try:
+            result = call(arm)
+        except HexwireError as problem:
+            error = problem
+        except Exception as problem:  # noqa: BLE001  # the other arms must learn of it
+            error = DeviceError(f"the program failed: {problem}")
+        with changed:
+            if error is not None:
+                failed[name] = error
+            else:
+                done[name] = result
+            changed.notify_all()
+
+    for name, arm in arms.items():
+        threading.Thread(target=run, args=(name, arm), name=f"play {name}", daemon=True).start()
+    deadline = time.monotonic() + patience
+    with changed:
+        while len(done) + len(failed) < len(arms) and not (together and failed):
+            left = deadline - time.monotonic()
+            if left <= 0:
+                break
+            changed.wait(min(left, 0.5))
+        errors = dict(failed)
+        if not together or not errors:
+            for name in arms:
+                if name not in done and name not in errors:
+                    errors[name] = SilentError(f"no answer in {patience:.1f} s")
+        return dict(done), errors
 
 
 class FleetMotionError(DeviceError):

@@ -1,45 +1,64 @@
 """`RemoteRobot`: a shared arm as a `RobotDriver`.
 
-Owns what a client keeps: the newest state, the lease and its heartbeat, the offset of the owner's clock. Must not
-know what is behind the arm, nor the bytes of a robot.
+Owns what a client keeps: the newest state, the lease and its heartbeat, the offset of the owner's clock, the
+trajectories that the arm's server follows for it, and a warning when states stop arriving. Must not know what is
+behind the arm, nor the bytes of a robot.
 """
 
 from __future__ import annotations
 
+import getpass
+import logging
 import math
+import os
+import socket
+import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from typing import Any, Self
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
+from hexwire.arguments import FLAG, SECONDS, WHOLE, Wanted, one_of
+from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.values import ProbeReport, StopCause, StopLatch, StopMode
 from hexwire.errors import (
     HexwireError,
     LeaseError,
     LinkLostError,
     LinkPermissionError,
+    NotSupportedError,
     RemoteProtocolError,
     UsageError,
 )
 from hexwire.model.state import JointState, JointTarget, SentTarget
+from hexwire.motion.waypoints import Spline
+from hexwire.system import user_id
 
 from . import messages as m
 from .address import Address
 from .clock import ClockOffset
-from .described import Described
 from .failures import restore
-from .following import Following
-from .identity import whoami
+from .goal_path import GoalPath
 from .names import Keys, Role
 from .node import NoAnswerError, Node
 from .questions import Questions, ask, decoded
 from .rows import arm_model, as_probe_report, joint_names, sent_target
-from .silence import Silence
 from .states import ArrivedStates
+from .trajectories import follow_message
 
-__all__ = ["RemoteRobot", "whoami"]
+if TYPE_CHECKING:
+    from hexwire.link.diagnose import Finding
 
+
+__all__ = ["RemoteRobot", "Silence", "whoami"]
+
+_log = logging.getLogger(__name__)
+_QUIET = 0.8
+"""Seconds without a state before the warning: a server sends at least one every 0.4 s."""
+_STALLED = 0.5
+"""A longer time between two calls of `look`, in seconds, means that this program itself was halted."""
 _TIMEOUT = 2.0
 """Seconds for an answer that does not need the arm's line."""
 _SLOW = 25.0
@@ -56,7 +75,50 @@ _SILENCE = 1.0
 """Seconds without a state after which `read` asks for the reason; as long as the server answers, it waits on."""
 
 
-class RemoteRobot(Following, Described):
+def whoami() -> str:
+    """This program, for display at other computers."""
+    try:
+        user = getpass.getuser()
+    except (KeyError, OSError):
+        user = f"user {user_id()}"
+    program = Path(sys.argv[0] or "python").name
+    text = f"{user}@{socket.gethostname()} ({program}, process {os.getpid()})"
+    # A name out of a file system may have bytes that are no text.
+    return text.encode(errors="replace").decode()
+
+
+class Silence:
+    """Logs a warning when the states of an arm stop arriving, once for each pause.
+
+    Args:
+        url: Address of the arm, for the text.
+        since: When the first state could have come, seconds of this program's monotonic clock.
+    """
+
+    def __init__(self, url: str, since: float) -> None:
+        self._url, self._since = url, since
+        self._looked, self._told = since, False
+
+    def look(self, now: float, arrived: float) -> None:
+        """Check for a pause; to be called several times a second.
+
+        Args:
+            now: Seconds of this program's monotonic clock.
+            arrived: When the newest state arrived; minus infinity if none has.
+        """
+        stalled, self._looked = now - self._looked > _STALLED, now
+        silent = now - max(arrived, self._since)
+        if silent < _QUIET:
+            if self._told:
+                _log.warning("%s: its states arrive again", self._url)
+            self._told = False
+        elif not self._told and not stalled:
+            self._told = True
+            none = "no state has arrived" if arrived == -math.inf else "its states have stopped arriving"
+            _log.warning("%s: %s for %.1f s; is its server halted, or the network down?", self._url, none, silent)
+
+
+class RemoteRobot(RobotDriver):
     """An arm that `hexwire serve` shares.
 
     Reading needs no lease. The first order takes it; a lease that was lost is not taken again by itself, but by
@@ -66,6 +128,14 @@ class RemoteRobot(Following, Described):
         address: Where it is.
         facts: What its server says of it.
     """
+
+    _arguments: ClassVar[dict[str, dict[str, Wanted]]] = {
+        "follow": {"path": one_of(Spline), "start": SECONDS, "anywhere": FLAG, "confirm": FLAG},
+        "check_path": {"path": one_of(Spline)},
+        "goal": {"number": WHOLE},
+        "confirm": {"number": WHOLE},
+        "cancel": {"number": WHOLE},
+    }
 
     def __init__(self, address: Address, facts: m.Facts) -> None:
         super().__init__()
@@ -134,6 +204,36 @@ class RemoteRobot(Following, Described):
     @property
     def watchdog_armed(self) -> bool:
         return self._watchdog > 0
+
+    @property
+    def command_rate(self) -> float:
+        return self._facts.command_rate
+
+    @property
+    def has_watchdog(self) -> bool:
+        return True
+
+    @property
+    def has_own_watchdog(self) -> bool:
+        return self._facts.watchdog
+
+    @property
+    def reports_states(self) -> bool:
+        return True
+
+    @property
+    def stop_kept_by(self) -> str:
+        return "board" if self._facts.kept == "board" else "server"
+
+    @property
+    def times_motion(self) -> bool:
+        """Whether the arm's board keeps the time, so that neither its server nor this program disturbs a motion."""
+        return self._facts.times_motion
+
+    @property
+    def refills_paths(self) -> bool:
+        """The server takes a trajectory whole."""
+        return False
 
     @property
     def round_trips(self) -> Sequence[float]:
@@ -428,6 +528,80 @@ class RemoteRobot(Following, Described):
         self._use()
         return self._exchange(self._keys.ask, question, _TIMEOUT)
 
+    # -- trajectories that the server follows --------------------------------------------------------
+
+    def follow(self, path: Spline, start: float, *, anywhere: bool = False, confirm: bool = False) -> int:
+        """Have the arm's server follow a trajectory from a time on, so that the network cannot disturb it.
+
+        The server checks it, and refuses one that cannot begin in time. It ends, and the joints hold, when this
+        program loses the lease.
+
+        Args:
+            path: Begins where the joints are.
+            start: When it begins, seconds of this program's monotonic clock.
+            anywhere: Lead the joints from where they are to its second point, and not only from its first one.
+            confirm: It begins only if `confirm` is called before the start (see `control.shared_goals.CONFIRM`).
+
+        Returns:
+            Its number, for `goal`, `confirm` and `cancel`.
+
+        Raises:
+            GoalError: It is refused; nothing moves.
+        """
+        offset, _ = self._clock.at(time.monotonic())
+        value = self._order(
+            "a trajectory", follow_message(path, start + offset, anywhere=anywhere, confirm=confirm), slow=True
+        )
+        if not isinstance(value, int):
+            raise RemoteProtocolError("not the number of a trajectory")
+        return value
+
+    def path(
+        self,
+        joints: Sequence[str] | None = None,
+        *,
+        smooth: bool = True,
+        brake: float | None = None,
+        outlives: bool = False,
+    ) -> GoalPath:
+        """Begin a path that the arm's server follows; see `RobotDriver.path`. The braking time is the server's.
+
+        Raises:
+            NotSupportedError: The arm's board keeps no time.
+            UsageError: `outlives` is asked for: a motion ends with the lease.
+        """
+        if not self.times_motion:
+            raise NotSupportedError(f"{self.model.name} follows no path in its own time")
+        if outlives:
+            raise UsageError("a motion of a shared arm does not go on without the program that began it")
+        names = self.model.names if joints is None else [self.model.joint(name).name for name in joints]
+        return GoalPath(self, names)
+
+    def check_path(self, path: Spline) -> None:
+        """Have the arm's server check a trajectory from its first point on; nothing moves. Needs the lease.
+
+        Raises:
+            GoalError: It is not allowed.
+        """
+        self._order("the check of a trajectory", follow_message(path, check=True), slow=True)
+
+    def goal(self, number: int) -> m.Goal:
+        """What became of a trajectory; times are of the owner's clock (see `clock_offset`)."""
+        row: m.Goal = decoded(self._asked(m.Ask("goal", number)), m.Goal)
+        return row
+
+    def confirm(self, number: int) -> None:
+        """Let a trajectory begin that waits for it.
+
+        Raises:
+            GoalError: It will not begin: it is not ready, has ended, or it is too late.
+        """
+        self._order("the start of a trajectory", m.Confirm(number))
+
+    def cancel(self, number: int) -> None:
+        """End a trajectory, before or after its start; the joints hold."""
+        self._order("the end of a trajectory", m.Cancel(number))
+
     # -- questions ------------------------------------------------------------------------------------
 
     def probe(self) -> ProbeReport:
@@ -438,6 +612,14 @@ class RemoteRobot(Following, Described):
         if value is None or isinstance(value, int):
             return value
         raise RemoteProtocolError("not an error byte")
+
+    def examine(self) -> list[Finding]:
+        from hexwire.link.diagnose import Finding, Level
+
+        # Its line is busy with the arm, which may be moving.
+        text = f"{self._facts.port} at {self._facts.host or 'its server'} is not examined through the server"
+        advice = "if in doubt, end the server and run 'hexwire doctor' there"
+        return [*super().examine(), Finding(Level.UNKNOWN, "port", text, advice)]
 
     def _question(self, question: m.Ask) -> Any:
         self._use()

@@ -138,8 +138,8 @@ class FleetWatch:
         return begun
 
     def _stop_now(self, names: Collection[str] | None, who: str) -> list[Stopped]:
-        from hexwire.fleet.identity import whoami
         from hexwire.fleet.overview import stop_all
+        from hexwire.fleet.remote import whoami
 
         with contextlib.ExitStack() as stack:
             roster = self._roster or stack.enter_context(self._open())
