@@ -33,6 +33,7 @@ def _module(file: Path) -> ast.Module:
     return ast.parse(file.read_text(encoding="utf-8"))
 
 
+@functools.cache
 def _tests(file: Path) -> list[ast.FunctionDef]:
     return [
         node
@@ -46,6 +47,7 @@ def all_tests(file: Path) -> frozenset[str]:
     return frozenset(test.name for test in _tests(file))
 
 
+@functools.cache
 def slow_tests(file: Path) -> frozenset[str]:
     """Those of them that only `make test-all` runs."""
     assigned = [node for node in _module(file).body if isinstance(node, ast.Assign)]

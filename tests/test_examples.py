@@ -105,6 +105,7 @@ def test_record_and_plot(said_here: Callable[[str], str], bench: Bench, tmp_path
     bench.ok("play", "motion.mcap", "--dry-run")
 
 
+@pytest.mark.slow
 def test_leader_follower(tmp_path: Path) -> None:
     env = environment(tmp_path)
     command = [sys.executable, "-u", str(EXAMPLES / "leader_follower.py")]

@@ -182,6 +182,7 @@ def test_programs_of_users_pass_pyright(installed: Path, programs: Path) -> None
     assert not faults, "\n".join(faults)
 
 
+@pytest.mark.slow
 def test_pyright_finds_what_is_not_there(installed: Path, tmp_path: Path) -> None:
     text = "import hexwire\n\nwith hexwire.connect() as arm:\n    arm.watchdg(0.5)\n    arm.watchdog('soon')\n"
     (tmp_path / "misspelt.py").write_text(text, encoding="utf-8")

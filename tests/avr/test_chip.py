@@ -147,6 +147,7 @@ def test_the_watchdog_leaves_a_working_program_alone(chip: Chip) -> None:
     assert board.resets == before
 
 
+@pytest.mark.slow
 def test_it_sleeps_when_it_has_nothing_to_do(chip: Chip) -> None:
     board, _ = chip(settle=3.0)
     asleep = 0
@@ -201,6 +202,7 @@ def test_noise_on_the_servo_line_spoils_nothing(chip: Chip, faults: tuple[str, .
     assert counted["bus_retries"] > 5
 
 
+@pytest.mark.slow
 def test_a_silent_servo_costs_the_others_little(chip: Chip) -> None:
     board, client = chip("silent:2", settle=0.6)
     report = state(client)
@@ -276,6 +278,7 @@ def test_babble_after_every_answer_delays_but_does_not_stop(chip: Chip) -> None:
     assert any(p[4:7] == b"\x83\x28\x01" for _, p in board.line.sent)
 
 
+@pytest.mark.slow
 def test_an_adapter_that_echoes(chip: Chip) -> None:
     _, client = chip("bus.echo", settle=0.3)
     assert state(client).position == START

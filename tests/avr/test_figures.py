@@ -18,6 +18,7 @@ def test_the_limits_are_those_of_the_wire() -> None:
     assert 64 < MOVING_HZ < 65
 
 
+@pytest.mark.slow
 def test_reports_come_as_fast_as_the_servo_line_lets_them() -> None:
     assert bench.report_rate() >= 0.9 * BUS_HZ
 
@@ -33,6 +34,7 @@ def test_a_read_in_the_chapters_dialect() -> None:
     assert bench.read_time(busy=True) <= 0.012 + bench.SYNC_READ
 
 
+@pytest.mark.slow
 def test_a_stop_under_full_load() -> None:
     assert bench.stop_time(load=False) <= 0.015
     assert bench.stop_time(load=True) <= 0.015

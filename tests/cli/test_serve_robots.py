@@ -304,6 +304,7 @@ def long(folder: Path) -> str:
     return str(file)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
     [

@@ -50,6 +50,7 @@ def test_demo_prints_both_addresses_and_ends_at_ctrl_c() -> None:
     assert errors == "the studio has ended\n"
 
 
+@pytest.mark.slow
 def test_the_arm_is_opened_when_the_server_has_started_and_not_after_its_end(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -23,6 +23,7 @@ def _aside(arm: Arm, angle: float = 0.2) -> float:
 # -- joint_states and controller state ---------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_joint_states_have_the_stamps_of_their_samples(arm: Arm) -> None:
     messages = arm.client.collect(topic="/joint_states", kind="sensor_msgs/JointState", count=150)
     assert all(tuple(message["name"]) == JOINTS for message in messages)

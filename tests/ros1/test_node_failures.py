@@ -311,6 +311,7 @@ def test_wrong_port_ends_with_a_line(world: World) -> None:
     assert port in _one_line(program.err)
 
 
+@pytest.mark.slow
 def test_all_wrong_parameters_are_reported_at_once(world: World) -> None:
     program = world.run(
         *NODE,

@@ -167,6 +167,7 @@ def _pose(links: dict[str, Any], tip: str) -> Pose:
     return Pose(at, multiply(parent.rotation, turn))
 
 
+@pytest.mark.slow
 def test_rosnode_finds_the_node(arm: Arm) -> None:
     assert "/hardware_interface" in arm.world.run("rosnode", "list").out.split()
     info = arm.world.run("rosnode", "info", "/hardware_interface").out

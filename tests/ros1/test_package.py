@@ -252,6 +252,7 @@ def test_every_launch_file_is_among_the_tested_ones() -> None:
     assert LAUNCH == ["display.launch", "hardware.launch", "moveit_hardware.launch"]
 
 
+@pytest.mark.slow
 def test_emulated_board_and_node_have_the_same_port(ros: Ros) -> None:
     command = ros.launch("--args", BOARD, "hexwire", "hardware.launch", "sim:=true", "port:=/tmp/a b")
     assert "scripts/emulated_board hex7bot /tmp/a b " in command

@@ -83,6 +83,7 @@ def test_names_are_those_that_the_node_offers(arm: Arm) -> None:
     assert len(full) == 15
 
 
+@pytest.mark.slow
 def test_the_program_of_the_first_move_moves_the_arm(arm: Arm, tmp_path: Path) -> None:
     (program,) = re.findall(r"```python notest\n(.*?)```", _section("First move"), re.DOTALL)
     file = tmp_path / "first_move.py"

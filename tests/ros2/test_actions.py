@@ -134,6 +134,7 @@ def test_a_new_goal_aborts_the_old_one(world: World) -> None:
     assert second.end[0] is GoalStatus.SUCCEEDED
 
 
+@pytest.mark.slow
 def test_a_refused_goal_leaves_the_old_one_alone(world: World) -> None:
     first = world.send({"J1": J1 + 0.3}, 3.0)
     assert first.accepted()
@@ -267,6 +268,7 @@ def test_a_stop_aborts_and_the_end_is_told_before_all_is_closed(world: World) ->
     assert sent.end == (GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, "stopped: the program ends")
 
 
+@pytest.mark.slow
 def test_two_controllers_have_goals_of_their_own() -> None:
     world = World(controllers=SPLIT)
     world.goals.start()

@@ -72,6 +72,7 @@ def test_zeros_of_a_plug_in_without_an_active_controller_move_nothing(
     assert front.near(before, 0.002)
 
 
+@pytest.mark.slow
 def test_silence_because_nothing_changes_is_no_fault(front: Front) -> None:
     manager = TopicBasedSystem(InProcess(front), NAMES, threshold=0.05)
     target = aside(front, 0.3)
@@ -95,6 +96,7 @@ def _lost(front: Front) -> int:
     return int(values["set points lost"])
 
 
+@pytest.mark.slow
 def test_a_manager_that_dies_in_the_middle_leaves_an_arm_that_holds(
     front: Front, manager: TopicBasedSystem, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -173,6 +175,7 @@ def test_without_torque_or_in_teach_mode_nothing_is_followed(
     front.refused("teach/stop")
 
 
+@pytest.mark.slow
 def test_a_part_of_the_joints_may_be_commanded(front: Front) -> None:
     manager, target = TopicBasedSystem(InProcess(front), ("J1",)), aside(front, 0.2)
     manager.activate()

@@ -75,6 +75,7 @@ def test_the_stamp_of_a_state_is_that_of_its_newest_sample(front: Front) -> None
         assert stamp == pytest.approx(WALL + state.stamp - age, abs=1e-3), f"{age} s old"
 
 
+@pytest.mark.slow
 def test_nothing_is_made_that_nobody_reads(front: Front) -> None:
     states, other = front.topic("/joint_states"), front.topic("/robot_joint_states")
     states.has_readers = False
@@ -89,6 +90,7 @@ def test_nothing_is_made_that_nobody_reads(front: Front) -> None:
     assert len(controller.sent) == before
 
 
+@pytest.mark.slow
 def test_the_state_of_the_controller_says_what_is_wanted_and_what_is(front: Front) -> None:
     goal = Goal(front, (2.0, aside(front, 0.5)))
     assert goal.accepted
@@ -156,6 +158,7 @@ def test_a_trajectory_moves_the_arm_and_an_empty_one_holds_it(front: Front) -> N
     assert front.near({"J1": stood["J1"] - 0.1})
 
 
+@pytest.mark.slow
 def test_a_wrong_trajectory_is_logged_and_moves_nothing(front: Front, caplog: pytest.LogCaptureFixture) -> None:
     before = front.positions
     for angles, text in (
@@ -172,6 +175,7 @@ def test_a_wrong_trajectory_is_logged_and_moves_nothing(front: Front, caplog: py
     assert front.near(before, 0.002)
 
 
+@pytest.mark.slow
 def test_query_state_says_where_the_arm_is_meant_to_be(front: Front) -> None:
     at_rest = front.call(f"{AT}/query_state")
     assert at_rest.success
@@ -299,6 +303,7 @@ def test_a_stop_aborts_a_goal_and_refuses_others_until_reset(front: Front) -> No
 # -- services ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_stop_voids_what_was_sent_before_it_and_is_read_after_it(
     front: Front, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -341,6 +346,7 @@ def test_a_message_that_is_only_read_after_the_stop_is_void(front: Front) -> Non
     assert front.near(before, 0.05)
 
 
+@pytest.mark.slow
 def test_a_pose_is_answered_on_arrival(front: Front) -> None:
     front.trajectory((1.0, aside(front, 0.3)))
     front.turn(1.5)
@@ -354,6 +360,7 @@ def test_torque_is_switched_by_service(front: Front) -> None:
         assert front.torques() == [on] * len(NAMES)
 
 
+@pytest.mark.slow
 def test_a_taught_motion_is_latched_saved_and_played(tmp_path: Path) -> None:
     with running(teach_directory=str(tmp_path)) as front:
         front.enable()
@@ -406,6 +413,7 @@ def test_every_parameter_is_listed_with_its_value_and_what_it_is_for(front: Fron
     assert "silence after which the board stops the arm" in watchdog.description
 
 
+@pytest.mark.slow
 def test_a_parameter_takes_effect_and_a_wrong_value_is_refused_with_the_reason(front: Front) -> None:
     assert set_parameter(front, "frame_id", "base_link") == ""
     assert front.newest("/joint_states").header.frame_id == "base_link"
@@ -467,6 +475,7 @@ def test_names_follow_namespace_and_remappings() -> None:
         assert front.call("/halt").success
 
 
+@pytest.mark.slow
 def test_several_controllers_have_topics_of_their_own() -> None:
     shares = {"controllers__arm__joints": list(NAMES[:6]), "controllers__hand__joints": ["J7"]}
     with running(**shares) as front:

@@ -85,6 +85,7 @@ def test_suspended_during_a_move_the_arm_is_held_by_its_board(own_arm: Arm) -> N
     assert near(stood, still(lambda: own_arm.board.positions), 0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "how", ["SIGTERM", *(pytest.param(each, marks=pytest.mark.slow) for each in ("SIGINT", "SIGHUP"))]
 )

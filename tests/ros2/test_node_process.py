@@ -34,6 +34,7 @@ def aside(arm: Arm, angle: float = 0.2) -> float:
     return here - math.copysign(angle, here)
 
 
+@pytest.mark.slow
 def test_the_example_moves_the_arm(arm: Arm) -> None:
     before = arm.position()["J1"]
     program = arm.world.start(sys.executable, str(ROOT / "examples" / "ros2_client.py"))

@@ -119,6 +119,7 @@ def test_every_register_is_listed(site: Path) -> None:
         assert all(f"<code>{row['name']}</code>" in text for row in series["registers"])
 
 
+@pytest.mark.slow
 def test_a_link_that_leads_nowhere_ends_the_build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pages = {"index.md": "# Home\n\n[gone](index.md#gone)\n"}
     monkeypatch.setattr(make, "generated", dict)

@@ -37,6 +37,12 @@ _SERVERS_OWN = re.compile(
 _VIEWPORT: ViewportSize = {"width": 1440, "height": 900}
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put first what needs the server: workers take over tests from the end, so one starts a browser, not four."""
+    items.sort(key=lambda item: "served" not in getattr(item, "fixturenames", ()))
+
+
 @pytest.fixture(autouse=True)
 def _no_thread_left() -> Iterator[None]:
     """As for all tests, but for the threads of the server."""

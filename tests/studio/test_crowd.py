@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.few import few
 from tests.studio.held import Held
 from tests.studio.running import PATIENCE, RunningStudio, Visitor, fill_history
 
@@ -218,7 +219,7 @@ def test_no_work_for_a_page_holds_the_interpreter_for_long(studio: RunningStudio
 # --- the process for files ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("killed", [True, False])
+@few("killed", [True, False], True)
 def test_a_stop_needs_no_process_for_files_and_pages_hear_of_its_end(
     studio: RunningStudio, killed: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -129,6 +129,7 @@ def test_pages_are_accessible_and_never_wider_than_the_screen(operator: Page) ->
     assert not wrong, "\n".join(wrong)
 
 
+@pytest.mark.slow
 def test_a_page_without_an_arm_is_readable_in_the_dark_and_leads_on(served: RunningStudio, blank: Page) -> None:
     blank.goto(served.operate_url.replace("/?", "/arm?"))
     blank.get_by_text("No arm is open.").wait_for()

@@ -130,6 +130,7 @@ _TELL_OF_THE_ARM = """() => [
     })"""
 
 
+@pytest.mark.slow
 def test_no_button_of_the_arm_moves_when_something_is_told(studio: RunningStudio, blank: Page) -> None:
     blank.goto(studio.operate_url.replace("/?", "/arm?"))
     ready(blank)
@@ -245,6 +246,7 @@ _KEEP_THE_NUMBER = """
 """
 
 
+@pytest.mark.slow
 def test_a_stop_is_sent_again_with_its_number(page: Page) -> None:
     page.evaluate(_KEEP_THE_NUMBER)
     page.evaluate(

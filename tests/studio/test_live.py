@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from tests.studio.running import RunningStudio
 
 
+@pytest.mark.slow
 def test_frames_arrive_with_every_joint(page: Page) -> None:
     names = page.evaluate("hexwire.frame.joints")
     assert names == ["J1", "J2", "J3", "J4", "J5", "J6", "J7"]

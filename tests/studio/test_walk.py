@@ -173,6 +173,7 @@ def test_everything_is_reached_and_seen_by_tab(operator: Page) -> None:
     assert not wrong, "\n".join(wrong)
 
 
+@pytest.mark.slow
 def test_an_arm_is_moved_and_stopped_by_keyboard_only(studio: RunningStudio, page: Page) -> None:
     page.locator("body").press("Tab")
     for name in ("Take control", "Torque on"):

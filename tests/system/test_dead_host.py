@@ -215,6 +215,7 @@ def test_teleop_that_stalls_stays_stopped_when_it_continues_with_the_stick_pushe
         check_held(arm)
 
 
+@pytest.mark.slow
 @pytest.mark.system
 def test_a_suspended_command_that_continues_says_why_the_arm_is_stopped(arm: Plug) -> None:
     with suspended(arm, 2, "move", "J4=70", "--duration", "8", "--wait") as process:

@@ -67,6 +67,7 @@ def test_without_a_terminal_it_prints_plain_lines(options: list[str]) -> None:
     assert SUMMARY.search(lines[-1])
 
 
+@pytest.mark.slow
 def test_on_a_terminal_it_draws_a_table_and_a_bar() -> None:
     with Terminal("demo", "--duration", "2") as terminal:
         assert terminal.wait() == 0

@@ -6,6 +6,7 @@ import math
 
 import pytest
 from tests.drivers.arms import Arm, check_old_board_survives
+from tests.few import few
 
 from hexwire.drivers.base import StopMode
 from hexwire.errors import DeviceError, HexwireError, LinkError, StoppedError
@@ -41,7 +42,7 @@ def angle(i: int) -> float:
 
 
 @pytest.mark.parametrize("baud", [0, pytest.param(115200, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("faults", STORIES, ids="+".join)
+@few("faults", [(story,) for story in STORIES], *((story,) for story in STORIES[::3]))
 def test_a_day_in_the_life(faults: tuple[str, ...], baud: int) -> None:
     """Every state is true or says that it is not known; every error is one of ours; nothing hangs."""
     for dialect in (1, 2):

@@ -192,6 +192,7 @@ class Soak:
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("requests", [SAMPLE, pytest.param(REQUESTS, marks=pytest.mark.slow)])
 def test_dialect_2_lets_nothing_wrong_through(requests: int) -> None:
     soak = Soak(dialect=2)
@@ -250,6 +251,7 @@ class _Burst:
         return frame[: end - 3] + self.random.randbytes(3) + frame[end:]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("dialect", "share"),
     [pytest.param(1, 1 / 256, marks=pytest.mark.slow, id="1"), pytest.param(2, 1 / 65536, id="2")],

@@ -41,6 +41,7 @@ def run_tests(package: Path, *which: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 def test_a_strangers_robots_and_link_pass(package: Path) -> None:
     assert len(CHECKS) == 2
     ended = run_tests(package)

@@ -54,6 +54,7 @@ def named(package: Path, name: str) -> dict[str, float]:
     return {row.attrib["name"]: float(row.attrib["value"]) for row in state}
 
 
+@pytest.mark.slow
 def test_a_controller_manager_brings_the_arm_to_named_poses(arm: Arm, package: Path) -> None:
     tag = ET.parse(package / f"urdf/{ROBOT}.urdf").find("ros2_control")
     assert tag is not None

@@ -18,6 +18,7 @@ FEEDBACK = "control_msgs/action/FollowJointTrajectory_FeedbackMessage"
 STATE = "control_msgs/msg/JointTrajectoryControllerState"
 
 
+@pytest.mark.slow
 def test_a_namespace_a_domain_and_files_of_parameters_and_of_the_session(tmp_path: Path) -> None:
     """ZENOH_SESSION_CONFIG_URI, as rmw_zenoh_cpp has it; the other tests use ZENOH_CONFIG_OVERRIDE."""
     file = tmp_path / "arm.yaml"

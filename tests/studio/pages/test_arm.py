@@ -237,7 +237,8 @@ def test_a_goal_is_previewed_and_reached_a_pose_recalled_a_motion_taught(
     expect(page.get_by_text("No arm is open.")).to_be_visible()
 
 
-@pytest.mark.parametrize("end", ["arrived", pytest.param("out of reach", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("end", ["arrived", "out of reach"])
 def test_the_next_goal_stays_when_the_motion_to_the_last_one_ends(
     studio: RunningStudio, operator: Page, end: str
 ) -> None:

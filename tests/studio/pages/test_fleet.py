@@ -27,6 +27,7 @@ def fleet_page(runtime: Path, studio: RunningStudio, page: Page) -> Iterator[Pag
     studio.studio.fleet.rest()
 
 
+@pytest.mark.slow
 def test_without_shared_arms_all_arms_are_what_is_open_here(fleet_page: Page, studio: RunningStudio) -> None:
     fleet_page.get_by_text("start 'hexwire serve --name lab/arm1'").wait_for()
     fleet_page.get_by_text("1 arm on this machine").wait_for()

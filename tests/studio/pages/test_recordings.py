@@ -47,6 +47,7 @@ def test_the_session_is_recorded_and_plays_on_the_arm(operator: Page, folder: Pa
     assert "off the recording by" in operator.locator(".rc-said").inner_text()
 
 
+@pytest.mark.slow
 def test_playing_without_control_is_refused_in_words(page: Page, folder: Path) -> None:
     record(folder, "swing.mcap")
     _open(page)

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from tests.studio.servos.conftest import Bench
 
 
+@pytest.mark.slow
 def test_a_wave_lasts_while_its_button_is_held(bench: Bench) -> None:
     page, servo = bench.page, bench.servo(1)
     bench.part("Wave")
