@@ -5,20 +5,24 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Callable
-from itertools import pairwise, product
+from itertools import product
 
 import pytest
 from tests.conformance_board.trajectory_pairs import _targets
 from tests.control.arm_bench import order
+from tests.control.path_ends import rested
 from tests.control.test_sent_ahead import Timed
 from tests.few import few
-from tests.motion.arms import HOME, cubic_at
+from tests.motion.arms import HOME, NAMES
 
+from hexwire.control.goals import Point, TrajectoryGoal
 from hexwire.control.path_brake import PathBrake
 from hexwire.drivers.timed_path import PathState, TimedPoint
 from hexwire.emulator.board_trajectory import LEAD_MS
 from hexwire.model.hex7bot import HEX7BOT
+from hexwire.motion.through import arm_path
 from hexwire.motion.waypoints import Trajectory
+from hexwire.wire.command_frame import Command
 
 MOST = 1.001
 STEP = 0.001
@@ -65,32 +69,6 @@ class Line:
                     return rested(plan, begin, points, names), names, end
         whole = ahead._on_robot
         return (lambda t: list(zip(*whole.sample(t), strict=True))), whole.names, whole.duration
-
-
-def rested(
-    plan: Trajectory, begin: float, points: list[TimedPoint], names: tuple[str, ...]
-) -> Callable[[float], list[tuple[float, float, float]]]:
-    """A plan up to a time, and then the cubics of a brake."""
-    order_of = [plan.names.index(name) for name in names]
-    here = plan.sample(begin)
-    first = TimedPoint(begin, tuple(here.position[i] for i in order_of), tuple(here.velocity[i] for i in order_of))
-
-    def at(t: float) -> list[tuple[float, float, float]]:
-        if t <= begin:
-            sample = plan.sample(t)
-            return [(sample.position[i], sample.velocity[i], sample.acceleration[i]) for i in order_of]
-        for a, b in pairwise((first, *points)):
-            if t <= b.time or b is points[-1]:
-                h, u = b.time - a.time, min(t, b.time) - a.time
-                rows = []
-                for p, q, v, w in zip(
-                    a.positions, b.positions, a.velocities or (), b.velocities or (), strict=True
-                ):
-                    rows.append(cubic_at(p, q, v, w, h, u)[:3])
-                return rows
-        raise AssertionError
-
-    return at
 
 
 @few("how, seed", product(("cancelled", "held", "silent"), range(2)), ("cancelled", 0), ("silent", 1))
@@ -145,3 +123,43 @@ def test_a_path_ends_within_all_limits_however_it_ends(
             assert abs(ideal) <= ROUNDING, (name, time - start, ideal)
             told_counts += 1
     assert told_counts > 100
+
+
+@few("how, seed", product(("held", "settled"), range(12)), ("held", 2), ("settled", 9))
+def test_on_a_curve_at_its_limits_the_host_ends_a_path_and_not_the_board(how: str, seed: int) -> None:
+    """The law of the board exceeds the limits there; it is neither asked for, nor does it run out of points."""
+    draw = random.Random(seed)
+    names = draw.sample(("J1", "J3", "J4", "J5", "J6"), draw.choice((1, 2, 4)))
+    joints = [HEX7BOT.joint(name) for name in names]
+    rows = [[HOME[name] for name in names]]
+    for _ in range(draw.choice((2, 3, 5))):
+        row = [HOME[name] + draw.uniform(-0.8, 0.8) for name in names]
+        rows.append([min(max(p, j.minimum + 0.02), j.maximum - 0.02) for p, j in zip(row, joints, strict=True)])
+    # The servos of this arm follow no faster motion.
+    fast = arm_path(HEX7BOT, names, rows, speed=0.6)
+    bench = Timed(watchdog=0.0)
+    told = bench.command(_goal(fast, 0.5))
+    bench.turn(0.5 + draw.uniform(0.1, 0.9) * fast.duration)
+    assert bench.state is PathState.RUNNING
+    path = bench.board.trajectory.path
+    if how == "held":
+        bench.arm.hold("", "a test")
+    else:
+        bench.ask(lambda: bench.owner.settle("a jog was begun"))
+    bench.until(lambda: bench.state is not PathState.RUNNING and told.ends)
+    assert Command.TRAJECTORY_ABORT not in bench.commands()
+    assert bench.state is PathState.DONE
+    assert not (path and path.dry)
+
+
+def _goal(path: Trajectory, begins: float) -> TrajectoryGoal:
+    """A client's points of a path, close together."""
+    points, count = [], round(path.duration / 0.03)
+    for i in range(count + 1):
+        sample = path.sample(path.duration * i / count)
+        place, speed, more = dict(HOME), dict.fromkeys(NAMES, 0.0), dict.fromkeys(NAMES, 0.0)
+        for column, values in zip((place, speed, more), sample, strict=True):
+            column.update(zip(path.names, values, strict=True))
+        rows = [tuple(column[name] for name in NAMES) for column in (place, speed, more)]
+        points.append(Point(begins + path.duration * i / count, *rows))
+    return TrajectoryGoal(NAMES, tuple(points), 0.0)

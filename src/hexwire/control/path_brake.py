@@ -7,11 +7,12 @@ boards, controllers, nor why a path ends.
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from hexwire.drivers.timed_path import TimedPath, TimedPoint
 from hexwire.errors import CommandRefusedError, StoppedError, UsageError
+from hexwire.motion.eased import LONGEST, ease_out
 from hexwire.motion.moving import joint_limits
 from hexwire.motion.path_points import path_points
 from hexwire.motion.path_rest import path_rest
@@ -25,6 +26,13 @@ __all__ = ["PathBrake", "plan_points"]
 
 _PLACES = 12
 """Points of a path from which a brake is tried."""
+_CLOSE, _FAR = 0.02, 0.1
+"""Seconds between two points of a path that slows down. Those of one request must last for longer than the robot
+needs to brake by itself: otherwise it does, before the next request has come."""
+_SPARE = 16
+"""Points of a path that may still be on the robot before those that slow it down."""
+_SEARCH, _TRIES = 0.02, 3
+"""Seconds that the search for a way to rest may take; twice as long in the next try, if it took longer."""
 _TICK = 1e-4
 
 
@@ -85,32 +93,63 @@ class PathBrake:
         ]
 
     def end(
-        self, path: TimedPath, plan: Trajectory, times: Sequence[float], oldest: int, settled: float
+        self,
+        path: TimedPath,
+        plan: Trajectory,
+        times: Sequence[float],
+        oldest: int,
+        settled: Callable[[], float],
     ) -> tuple[int, list[TimedPoint]] | None:
-        """Replace what is left of a path by a brake, as early as possible.
+        """Replace what is left of a path by a brake, or by the path as it slows down, whichever is over sooner.
 
         Args:
             path: On the robot, which follows it.
             plan: What it follows.
             times: Of the points that the robot has, from index `oldest` on.
             oldest: Index of the first of them.
-            settled: Time of the plan up to which nothing can be changed any more.
+            settled: Returns the time of the plan up to which nothing can be changed any more.
 
         Returns:
-            How many points of `times` still count, and those of the brake; None if the robot has taken none.
+            How many points of `times` still count, and those that were sent; None if the robot has taken none.
 
         Raises:
             StoppedError: A stop ended the path.
         """
-        begin = bisect_right(times, settled)
-        for n in range(begin, min(begin + _PLACES, len(times))):
-            if not (points := self.after(plan, times[n])):
+        for i in range(_TRIES):
+            found = self._soonest(path, plan, times, bisect_right(times, settled() + 2.0**i * _SEARCH))
+            if found is None:
+                return None
+            n, points = found
+            if times[n] <= settled():
                 continue
             try:
-                path.send(points, last=True, first=oldest + n + 1)
+                if path.send(points, last=True, first=oldest + n + 1) < len(points):
+                    return None
             except StoppedError:
                 raise
             except (CommandRefusedError, UsageError):
-                return None
+                # Perhaps it came too late.
+                continue
             return n + 1, points
         return None
+
+    def _soonest(
+        self, path: TimedPath, plan: Trajectory, times: Sequence[float], begin: int
+    ) -> tuple[int, list[TimedPoint]] | None:
+        """After which point of the plan the joints can come to rest soonest, and how."""
+        found = None
+        for n in range(begin, min(begin + _PLACES, len(times))):
+            if points := self.after(plan, times[n]):
+                found = n, points
+                break
+        if begin == len(times) or (found is not None and found[0] == begin):
+            return found
+        longest = LONGEST if found is None else min(LONGEST, found[1][-1].time - times[begin])
+        slowed = ease_out(Tail(plan, times[begin]), joint_limits(self._model, plan.names), longest)
+        if slowed is None:
+            return found
+        points = [
+            point._replace(time=round((times[begin] + point.time) / _TICK) * _TICK)
+            for point in plan_points(self._model, self._joints, slowed, 0.0, _CLOSE, _FAR)
+        ]
+        return (begin, points[1:]) if len(points) <= path.capacity - _SPARE else found

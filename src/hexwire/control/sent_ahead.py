@@ -42,7 +42,7 @@ _TICK = 1e-4
 """Seconds: all times of points are multiples of it."""
 _LOOK, _LONGER = 0.1, 0.5
 """Seconds between two questions where the path is; the second if there is a change to send."""
-_WAIT, _REST = 0.01, 3.0
+_WAIT, _REST = 0.01, 5.0
 """Seconds between two looks whether the joints are at rest, and the most until they are."""
 _DONE_BY_OTHERS = {
     PathState.ABORTED: "another program has ended the path on the board",
@@ -411,7 +411,7 @@ class SentAhead:
         elif found is PathState.FAULT:
             return self._see_fault(report, state)
         elif found is PathState.DRY:  # this program was suspended for longer than the points lasted
-            self._note_rest(path, self._sent[-1].time, report.rest)
+            self._note_rest(path, self._sent[-1].time, report.rest, self._brakes_for)
             self._settle()
         elif found is PathState.ABORTED and self._leaving:
             self._settle()
@@ -488,22 +488,26 @@ class SentAhead:
     def _brake(self, path: TimedPath) -> bool:
         """Send the planned brake in place of what is left of the path; whether that was possible."""
         brake, times = PathBrake(self._robot.model, path.joints), [point.time for point in self._sent]
-        settled = self._clock() - self._origin + path.lead + self._pace.transit
+
+        def settled() -> float:
+            return self._clock() - self._origin + path.lead + self._pace.transit
+
         found = brake.end(path, self._on_robot, times, self._oldest, settled)
         if found is None:
             return False
         count, points = found
         del self._sent[count:]
-        self._note_rest(path, self._sent[-1].time, points[-1].positions)
+        left, last = self._sent[-1].time, points[-1]
+        self._note_rest(path, left, last.positions, last.time - left)
         return True
 
-    def _note_rest(self, path: TimedPath, left: float, place: tuple[float, ...] | None) -> None:
-        """The joints leave the path at a time of it, and come to rest at a place beside it, or there."""
+    def _note_rest(self, path: TimedPath, left: float, place: tuple[float, ...] | None, seconds: float) -> None:
+        """The joints leave the path at a time of it, and come to rest at a place of or beside its next seconds."""
         self._rest, self._stands = left, None
         if place is not None:
             self._stands = dict(zip(path.joints, place, strict=True))
             place = tuple([self._stands[name] for name in self._on_robot.names])
-            self._rest = nearest_time(self._on_robot, left, self._brakes_for, place)
+            self._rest = nearest_time(self._on_robot, left, seconds, place)
 
     def _settle(self) -> None:
         """The robot is at rest: those that want to move go on from there."""

@@ -39,7 +39,7 @@ _AHEAD = 2.0
 """Turns for which the points on the robot must last."""
 _LOOK = 0.1
 """Seconds between two questions where the path is, when all points are sent."""
-_REST = 3.0
+_REST = 5.0
 """Most seconds that a path needs to come to rest."""
 _TRANSIT = 0.04
 """Seconds until points that are sent now count: an exchange, and what the clocks may be apart."""
@@ -214,8 +214,11 @@ class PathFeed:
 
     def _come_to_rest(self, path: TimedPath) -> bool:
         """Send the planned brake in place of what is left of the path; whether that was possible."""
-        settled = self._robot.now() - self.start.time + path.lead + _TRANSIT
-        if self._brakes is None or settled < path.lead:
+
+        def settled() -> float:
+            return self._robot.now() - self.start.time + path.lead + _TRANSIT
+
+        if self._brakes is None or settled() < path.lead:
             return False
         times = self._times[: path.report().sent]
         try:

@@ -19,6 +19,7 @@ from hexwire.model.arm import ArmModel
 from hexwire.model.state import JointState, JointTarget
 from hexwire.units import decimal
 
+from .eased import ease_out
 from .limits import resting_inside
 from .moving import Pieces, brake, joint_limits
 from .safety import Guard, SafetyLimits, StopReason
@@ -365,9 +366,9 @@ class Follower:
         """How joints leave what is planned, and when; None if that is over as soon.
 
         A brake is the shortest way. Where it leads beyond what is allowed, they come to rest on their path, which
-        was checked: at once if the limits allow that, else soon, and in any case within a bounded time.
+        was checked, within the limits if that is possible soon, and in any case within a bounded time.
         """
-        limits, last = joint_limits(self.arm, names), None
+        limits = joint_limits(self.arm, names)
         for i in range(_PLACES):
             begins = due + i * _LATER
             if begins >= self._ends:
@@ -375,13 +376,9 @@ class Follower:
             stop = brake(names, self.here(names, begins), limits)
             if not self._wrong(stop):
                 return stop, begins
-            slowed, keeps = slow_down(_rest_of(self._chain, begins), limits)
-            if begins + slowed.duration >= self._ends:
-                return None
-            last = last or (slowed, begins)
-            if keeps:
-                return slowed, begins
-        return last
+            if i == 0 and (slowed := ease_out(_rest_of(self._chain, due), limits)) is not None:
+                return slowed, due
+        return slow_down(_rest_of(self._chain, due), limits), due
 
     def _leave_stream(self) -> None:
         """Brake from the speed of the set-points, unless that leads where nothing may go."""

@@ -32,6 +32,8 @@ _NEAR = 0.02
 """Radians by which a joint may leave the path: less than servos lag behind at speed."""
 _GRID = 24
 """Places of the path with which a brake is compared."""
+_APART = 0.04
+"""Seconds between two of them, at most, where a time of the path is looked for."""
 _SLACK = 1e-3
 _SOON = 0.45
 """Seconds before its end from which on a path itself may be the way to rest."""
@@ -125,7 +127,8 @@ def nearest_time(path: Trajectory, t: float, seconds: float, position: Sequence[
         seconds: Nor so much later.
         position: Of its joints, radians.
     """
-    times = [min(path.duration, t + seconds * i / _GRID) for i in range(_GRID + 1)]
+    count = max(_GRID, math.ceil(seconds / _APART))
+    times = [min(path.duration, t + seconds * i / count) for i in range(count + 1)]
 
     def off(time: float) -> float:
         return math.dist(path.sample(time).position, position)

@@ -6,16 +6,16 @@ arm may go: it goes where the trajectory goes, which was checked.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TypeVar
+from bisect import bisect_right
+from collections.abc import Sequence
+from itertools import accumulate
+from typing import NamedTuple
 
 from .moving import braking_time
 from .speed_profile import JointLimits
 from .waypoints import Sample, Trajectory
 
-__all__ = ["Slowed", "slow_down", "start_on"]
-
-_T = TypeVar("_T", bound=Trajectory)
+__all__ = ["Slowed", "Stage", "slow_down", "start_on"]
 
 _FACTORS = (1.25, 1.6, 2.0, 2.5, 3.2, 5.0)
 """How much longer than a brake that may leave the trajectory it may take."""
@@ -27,23 +27,56 @@ _KEPT = 0.95
 """Share of a limit that counts as kept: samples miss the peaks at both ends."""
 
 
+class Stage(NamedTuple):
+    """A part of a time whose rate changes smoothly.
+
+    Attributes:
+        seconds: How long.
+        begin: The rate at its begin.
+        end: And at its end.
+    """
+
+    seconds: float
+    begin: float
+    end: float
+
+    @property
+    def way(self) -> float:
+        """Seconds that pass on the trajectory."""
+        return 0.5 * self.seconds * (self.begin + self.end)
+
+    def place(self, u: float) -> float:
+        """Those of them that have passed when a part `u` of the stage is over, 0..1."""
+        return self.seconds * u * (self.begin + (self.end - self.begin) * u * u * (1.0 - 0.5 * u))
+
+    def rates(self, u: float) -> tuple[float, float, float]:
+        """The rate then, and its first and second derivative."""
+        # The rate is flat at both ends, so the acceleration does not jump.
+        change, seconds = self.end - self.begin, self.seconds
+        rate = self.begin + change * u * u * (3.0 - 2.0 * u)
+        return rate, 6.0 * change * u * (1.0 - u) / seconds, 6.0 * change * (1.0 - 2.0 * u) / (seconds * seconds)
+
+
 class Slowed(Trajectory):
-    """A trajectory whose time slows down until it stands still.
+    """A trajectory whose time slows down until it stands still, or is at its end.
 
     Args:
         path: The trajectory.
-        seconds: In which it comes to rest; half of them pass on the trajectory.
+        stages: At least one; each begins with the rate with which the one before ends, the first with 1.
     """
 
-    def __init__(self, path: Trajectory, seconds: float) -> None:
-        self.names, self.duration, self._path = path.names, seconds, path
+    def __init__(self, path: Trajectory, stages: Sequence[Stage]) -> None:
+        self.names, self._path, self._stages = path.names, path, tuple(stages)
+        self._begins = (0.0, *accumulate(stage.seconds for stage in stages))
+        self._places = (0.0, *accumulate(stage.way for stage in stages))
+        self.duration = self._begins[-1]
 
     def at(self, t: float) -> Sample:
-        u = min(1.0, max(0.0, t / self.duration))
-        # The rate falls from 1 to 0 and is flat at both ends, so the acceleration does not jump.
-        rate, slope = 1.0 - u * u * (3.0 - 2.0 * u), -6.0 * u * (1.0 - u) / self.duration
-        place = self.duration * u * (1.0 - u * u * (1.0 - 0.5 * u))
-        return _at_rate(self._path.sample(place), rate, slope)
+        i = min(max(0, bisect_right(self._begins, t) - 1), len(self._stages) - 1)
+        stage = self._stages[i]
+        u = min(1.0, max(0.0, (t - self._begins[i]) / stage.seconds))
+        rate, slope, _ = stage.rates(u)
+        return _at_rate(self._path.sample(self._places[i] + stage.place(u)), rate, slope)
 
 
 class _Started(Trajectory):
@@ -76,38 +109,41 @@ def _at_rate(place: Sample, rate: float, slope: float) -> Sample:
     )
 
 
-def slow_down(path: Trajectory, limits: Sequence[JointLimits]) -> tuple[Slowed, bool]:
-    """Bring joints to rest on a trajectory.
+def slow_down(path: Trajectory, limits: Sequence[JointLimits]) -> Slowed:
+    """Bring joints to rest on a trajectory in a bounded time, also where that cannot keep the limits.
 
     Args:
         path: What they follow, from now on.
-        limits: Of the joints.
-
-    Returns:
-        How they do, in the shortest of some times that keeps the limits as well as the trajectory does; and False
-        if none of them does: then the longest.
+        limits: Of the joints: five times as long as they would need for a brake that may leave the trajectory.
     """
-    return _shortest(Slowed, path, limits)
+    return Slowed(path, (Stage(_FACTORS[-1] * _least(path, limits), 1.0, 0.0),))
 
 
 def start_on(path: Trajectory, limits: Sequence[JointLimits]) -> Trajectory:
-    """Begin in the middle of a trajectory, from rest; arguments and time as of `slow_down`."""
-    return _shortest(_Started, path, limits)[0]
+    """Begin in the middle of a trajectory, from rest.
 
+    Args:
+        path: What they are to follow.
+        limits: Of the joints.
 
-def _shortest(
-    make: Callable[[Trajectory, float], _T], path: Trajectory, limits: Sequence[JointLimits]
-) -> tuple[_T, bool]:
-    least = max(_LEAST, braking_time(path.sample(0.0), limits))
+    Returns:
+        How they do, in the shortest of some times that keeps the limits as well as the trajectory does, or the
+        longest of them.
+    """
+    least = _least(path, limits)
     # Where the trajectory itself goes beyond a limit, somebody asked for that.
     own = _shares(path, min(path.duration, 0.5 * _FACTORS[-1] * least), limits)
     most = [max(_KEPT, share) for share in own]
-    for factor in _FACTORS:
-        found = make(path, factor * least)
+    for factor in _FACTORS[:-1]:
+        found = _Started(path, factor * least)
         shares = _shares(found, factor * least, limits)
         if all(share <= allowed for share, allowed in zip(shares, most, strict=True)):
-            return found, True
-    return make(path, _FACTORS[-1] * least), False
+            return found
+    return _Started(path, _FACTORS[-1] * least)
+
+
+def _least(path: Trajectory, limits: Sequence[JointLimits]) -> float:
+    return max(_LEAST, braking_time(path.sample(0.0), limits))
 
 
 def _shares(path: Trajectory, seconds: float, limits: Sequence[JointLimits]) -> tuple[float, float, float]:
