@@ -11,7 +11,7 @@ import pytest
 from tests.gateway.tcp_boards import Running, connect_to, tcp_boards, wait
 
 from hexwire.drivers.hex7bot import Hex7BotDriver
-from hexwire.errors import LinkBusyError, UsageError
+from hexwire.errors import LinkBusyError, LinkError, UsageError
 from hexwire.gateway.service import GatewayService
 from hexwire.ipc.connections import random_number
 from hexwire.ipc.session import Session
@@ -120,6 +120,56 @@ def test_a_second_host_is_told_why_it_may_not_enter(gateway: Running, queues: li
     two.close()
 
 
+def test_two_drivers_of_one_queue_have_a_board_each() -> None:
+    with tcp_boards(2) as boards:
+        queue = make_queue()
+        running = Running(boards, [queue, queue.make_further(2)])
+        try:
+            assert running.service.urls.count(f"mq://{queue.name}") == 1
+            nine = Hex7BotDriver.from_url(url(queue, 9))
+            eight = Hex7BotDriver.from_url(url(queue, 8))
+            with nine, eight:
+                before = [arm.read()["J4"].position for arm in (eight, nine)]
+                for arm, place in zip((eight, nine), before, strict=True):
+                    arm.torque(True)
+                    arm.write(JointTarget.of({"J4": place + 0.2}, duration=0.3))
+                for arm, place in zip((eight, nine), before, strict=True):
+                    wait(lambda arm=arm, place=place: round(arm.read()["J4"].position - place, 1) == 0.2)  # type: ignore[misc]
+                with pytest.raises(LinkBusyError, match=f"{queue.name} already has a client: this program"):
+                    connect_to(url(queue, 8))
+                nine.session.request(Command.WATCHDOG, A_MINUTE)
+                nine.session.close()
+                # The end of one is not that of the other, and makes room for the next.
+                boards.wait_until_stopped(1)
+                assert boards.stopped() == [False, True]
+                with pytest.raises(
+                    LinkBusyError, match=rf"module 8 has another host, mq://{queue.name}, this program"
+                ):
+                    connect_to(url(queue, 8))
+                session = connect_to(url(queue, 9))
+                assert session.request(Command.RESUME).status == Status.OK
+                session.close()
+        finally:
+            running.end()
+
+
+def test_a_further_line_without_a_server_is_not_taken() -> None:
+    queue = make_queue()
+    left = queue.make_further(2)
+    with queue, QueueLink(queue.name):
+        left.open()
+        with QueueLink(queue.name):
+            pass
+        # As after a server that was killed: its queues stay.
+        left._unlink = False
+        left.close()
+        with pytest.raises(LinkBusyError, match="already has a client"):
+            QueueLink(queue.name).open()
+        left._unlink = True
+        with left:
+            pass
+
+
 class Ended:
     """The server's end of a queue whose host ends at a moment of the test's choice."""
 
@@ -133,6 +183,23 @@ class Ended:
         """Everything that it has sent is there before it is seen to have gone."""
         self._end()
         return self._link.other_end()
+
+
+def test_where_the_system_has_no_room_a_queue_has_fewer_lines(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    queue = make_queue()
+    further = queue.make_further(2)
+
+    def full() -> None:
+        raise LinkError("this user's memory for queues is used up (ulimit -q)", url=further.url)
+
+    monkeypatch.setattr(further, "_open", full)
+    with tcp_boards(1) as boards:
+        running = Running(boards, [queue, further])
+        connect_to(url(queue, 8)).close()
+        running.end()
+    assert "fewer hosts at once: this user's memory for queues is used up" in caplog.text
 
 
 def test_what_a_host_has_sent_before_its_end_still_counts() -> None:

@@ -93,12 +93,17 @@ def test_a_host_of_a_gateway_that_is_killed_stops_its_board() -> None:
             ) as host:
                 assert host.stdout is not None
                 assert host.stdout.readline() == "ready\n"
-                done = CliRunner().invoke(cli, ["state", "--port", f"{url}?to=8"])
-                assert f"(pid {host.pid}); close that first" in done.stderr
+                # Another board is another program's at the same time; this one is told who has it.
+                run("resume", "--port", f"{url}?to=8")
+                assert "arrived" in run("move", "J1=5", "--wait", "--port", f"{url}?to=8")
+                done = CliRunner().invoke(cli, ["state", "--port", f"{url}?to=9"])
+                assert done.exit_code != 0
+                assert f"module 9 has another host, {url}, " in done.stderr
+                assert f"(pid {host.pid})" in done.stderr
                 host.kill()
             boards.wait_until_stopped(1)
             run("resume", "--port", f"{url}?to=9")
-            assert boards.stopped() == [True, False]
+            assert boards.stopped() == [False, False]
 
 
 def test_a_queue_excludes_what_a_port_has() -> None:

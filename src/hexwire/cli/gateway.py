@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from hexwire.gateway.service import HostQueue
     from hexwire.link.base import Link
     from hexwire.link.listener import Listener
+    from hexwire.link.mqueue import QueueLink
 
 __all__ = ["gateway"]
 
@@ -33,8 +34,8 @@ _LISTEN = "tcp://127.0.0.1:15040"
     multiple=True,
     default=(_LISTEN,),
     show_default=True,
-    help="Where hosts connect: tcp://HOST:PORT, tcps://HOST:PORT?ca=FILE&cert=FILE&key=FILE, or mq:///NAME for one "
-    "program of this user. Give it once per queue; there is one port.",
+    help="Where hosts connect: tcp://HOST:PORT, tcps://HOST:PORT?ca=FILE&cert=FILE&key=FILE, or mq:///NAME for "
+    "programs of this user. Give it once per queue; there is one port.",
 )
 @click.option(
     "--board",
@@ -59,8 +60,8 @@ def gateway(doors: tuple[str, ...], boards: tuple[str, ...]) -> None:
 
     port = next((door for door in doors if not _is_queue(door)), None)
     listener = None if port is None else _listener(port)
-    queues = _queues(doors, port)
     links = _links(boards)
+    queues = _queues(doors, port, len(links))
     if listener is not None and listener.url.startswith("tcp-") and not is_loopback(listener.host):
         note(f"warning: anyone who reaches TCP on {listener.host} can command these boards; tcps:// prevents that")
     warned: set[str] = set()
@@ -94,12 +95,18 @@ def _is_queue(door: str) -> bool:
     return door.lower().startswith("mq:")
 
 
-def _queues(doors: tuple[str, ...], port: str | None) -> list[HostQueue]:
-    """The servers' ends of the queues among the addresses, which have one port at most."""
+def _queues(doors: tuple[str, ...], port: str | None, hosts: int) -> list[HostQueue]:
+    """The servers' ends of the queues among the addresses, which have one port at most.
+
+    Args:
+        doors: The addresses.
+        port: The one that is no queue, or None.
+        hosts: How many each queue is for at once: each board may have one.
+    """
     from hexwire.errors import UsageError
     from hexwire.link.open import build_link
 
-    queues: list[HostQueue] = []
+    queues: list[QueueLink] = []
     for door in doors:
         if not _is_queue(door):
             if door is not port:
@@ -109,8 +116,10 @@ def _queues(doors: tuple[str, ...], port: str | None) -> list[HostQueue]:
         link = build_link(f"{door}{'&' if '?' in door else '?'}{added}")
         if any(link.url == queue.url for queue in queues):
             raise UsageError(f"--listen {door} is given twice")
-        queues.append(cast("HostQueue", link))
-    return queues
+        queues.append(cast("QueueLink", link))
+    # Further lines last: where memory for queues is scarce, every queue has its first.
+    further = [queue.make_further(number) for number in range(2, hosts + 1) for queue in queues]
+    return [*queues, *further]
 
 
 def _listener(text: str) -> Listener:

@@ -51,10 +51,17 @@ _MOST_MESSAGES = 256
 
 
 class HostQueue(Protocol):
-    """The server's end of a queue, of which a host has the other."""
+    """The server's end of a queue, of which a host has the other.
+
+    Attributes:
+        url: Its address.
+        max_message: Bytes that a message may have.
+        further: It is a further line of another one, for one more host.
+    """
 
     url: str
     max_message: int | None
+    further: bool
 
     def open(self) -> None:
         """Open it."""
@@ -108,7 +115,8 @@ class GatewayService:
         boards: The link of each board by the module id that hosts use for it; opened and closed here.
         local: Module id of each board on its own line.
         before_open: Called with a board's link before each attempt to open it.
-        queues: The server's ends of queues, each for one host at a time; opened and closed here.
+        queues: The server's ends of queues, each for one host at a time; opened and closed here. One that is
+            `further` is left out where the system has no room for it.
         numbers: Source of random numbers for conversations, as `Connection` takes it; needed for queues.
 
     Raises:
@@ -151,7 +159,7 @@ class GatewayService:
     def urls(self) -> list[str]:
         """Where hosts connect, once that is open."""
         port = [] if self._listener is None else [self._listener.url]
-        return [*port, *(_address(queue.link) for queue in self._queues)]
+        return [*port, *(_address(queue.link) for queue in self._queues if not queue.link.further)]
 
     def open(self) -> None:
         """Open port, queues and every board's link; a board that is not there is looked for again and again.
@@ -163,8 +171,15 @@ class GatewayService:
         self._waker.open()
         if self._listener is not None:
             self._listener.open()
-        for queue in self._queues:
-            queue.link.open()
+        for queue in list(self._queues):
+            try:
+                queue.link.open()
+            except LinkError as error:
+                if not queue.link.further:
+                    raise
+                _log.warning("fewer hosts at once: %s", error)
+                self._queues.remove(queue)
+                continue
             room = queue.link.max_message
             if room is not None and room < MAX_NETWORK_FRAME:
                 raise UsageError(

@@ -1,6 +1,7 @@
 """POSIX message queues as a link between two programs on one machine.
 
-A line has two queues: the client writes ``/name.tx`` and reads ``/name.rx``, the server does the reverse. Owns
+A line has two queues: the client writes ``/name.tx`` and reads ``/name.rx``, the server does the reverse. A server
+may have further lines for further clients, ``/name+2.tx`` and so on: a client takes the first that is free. Owns
 their names, the system's limits, and the search for abandoned queues; nothing is removed unless requested. Must not
 know what the bytes mean.
 
@@ -23,6 +24,7 @@ import os
 import pwd
 import re
 from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 from time import sleep
 from typing import TYPE_CHECKING
@@ -48,6 +50,7 @@ __all__ = ["QueueLink"]
 # Allowed by Linux with its default settings.
 DEFAULT_DEPTH = 10
 DEFAULT_SIZE = 8192
+FURTHER_DEPTH = 3
 _NAME = re.compile(r"/?[A-Za-z0-9_.-]{1,200}")
 _INSTANT = 0.002
 """Seconds after which a queue that seemed to have an owner is looked at again."""
@@ -72,9 +75,11 @@ class QueueLink(PollLink):
 
     Attributes:
         dropped: Old messages dropped at the last opening.
+        further: A server's end of a further line; see `make_further`.
     """
 
     kind = LinkKind.DATAGRAM
+    further = False
 
     def __init__(
         self,
@@ -116,19 +121,56 @@ class QueueLink(PollLink):
             trust=[user for user in url.query.get("trust", "").split(",") if user],
         )
 
+    def make_further(self, number: int) -> QueueLink:
+        """A server's end for one more client of the same name, with a few messages: memory for queues is scarce.
+
+        Args:
+            number: Of the line, from 2 on without a gap.
+        """
+        depth = min(self._depth, FURTHER_DEPTH)
+        link = QueueLink(self.name, server=True, depth=depth, size=self._size, unlink=True, trust=self._trust)
+        link.name, link.further = _further_name(self.name, number), True
+        return link
+
     def _open(self) -> None:
         self._full_or_empty = _posix_ipc().BusyError
-        self._inbox = self._queue(self.name + (".tx" if self._server else ".rx"), reads=True)
+        try:
+            self._open_line(self.name)
+        except LinkBusyError:
+            if self._server or not self._open_further():
+                raise
+
+    def _open_further(self) -> bool:
+        """Whether a server has a further line that is free, which is open then."""
+        for number in count(2):
+            name = _further_name(self.name, number)
+            try:
+                queue = _posix_ipc().MessageQueue(name + ".tx", 0, read=False)
+            except (_posix_ipc().Error, OSError):
+                return False
+            # One that is abandoned is nobody's.
+            served = _holder(queue.mqd)
+            queue.close()
+            if served:
+                with contextlib.suppress(LinkBusyError):
+                    self._open_line(name)
+                    return True
+        return False
+
+    def _open_line(self, name: str) -> None:
+        self._inbox = self._queue(name + (".tx" if self._server else ".rx"), reads=True)
         try:
             # The reader is the owner of a queue; its lock ends with the process, whatever happens to the queue.
             self._lock(self._inbox.mqd)
         except BlockingIOError as error:
             who = lock_owner(os.fstat(self._inbox.mqd)) or "another program"
+            self._inbox.close()
+            self._inbox = None
             role = "server" if self._server else "client"
             raise LinkBusyError(
                 f"{self.url} already has a {role}: {who}; close that first", url=self.url
             ) from error
-        self._outbox = self._queue(self.name + (".rx" if self._server else ".tx"), reads=False)
+        self._outbox = self._queue(name + (".rx" if self._server else ".tx"), reads=False)
         self.max_message = self._outbox.max_message_size
         self.dropped = 0
         # At most one full queue: a peer that never stops writing must not block this end.
@@ -153,13 +195,7 @@ class QueueLink(PollLink):
         """
         if self._outbox is None:
             raise self._refusal()
-        descriptor = int(self._outbox.mqd)
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return lock_owner(os.fstat(descriptor)) or "another program"
-        fcntl.flock(descriptor, fcntl.LOCK_UN)
-        return ""
+        return _holder(int(self._outbox.mqd))
 
     def _queue(self, name: str, *, reads: bool) -> posix_ipc.MessageQueue:
         ipc = _posix_ipc()
@@ -275,6 +311,21 @@ class QueueLink(PollLink):
                 url=self.url,
             )
         return LinkError(f"{self.url} cannot be opened: {error}", url=self.url)
+
+
+def _further_name(name: str, number: int) -> str:
+    # No name of an address has a plus sign.
+    return f"{name}+{number}"
+
+
+def _holder(descriptor: int) -> str:
+    """Who reads from a queue; empty if nobody."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return lock_owner(os.fstat(descriptor)) or "another program"
+    fcntl.flock(descriptor, fcntl.LOCK_UN)
+    return ""
 
 
 def _posix_ipc() -> posix_ipc:
