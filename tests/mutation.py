@@ -24,6 +24,7 @@ import ast
 import contextlib
 import difflib
 import fcntl
+import functools
 import hashlib
 import json
 import os
@@ -302,6 +303,8 @@ def changed_lines(original: str, mutated: str) -> tuple[str, ...]:
     return tuple(line[0] + line[1:].strip() for line in diff if line[:1] in "+-" and line[:3] not in ("+++", "---"))
 
 
+# A module with all its mutants has megabytes; a sample asks for one mutant of it after the other.
+@functools.lru_cache(maxsize=2)
 def functions_of(text: str) -> dict[str, str]:
     """Source of each function of a file that mutmut has written, by its name there, without that name."""
     lines = text.splitlines(keepends=True)

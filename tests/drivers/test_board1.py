@@ -15,6 +15,7 @@ from hexwire.emulator.faults import FaultPlan
 from hexwire.errors import (
     CommandRefusedError,
     LimitError,
+    LinkLostError,
     NotSupportedError,
     PreemptedError,
     StoppedError,
@@ -312,13 +313,17 @@ def test_an_answer_that_nobody_wants_is_not_returned() -> None:
     assert driver.transact(sp.make_ping(4), 0) == b""
 
 
-def test_a_ping_that_the_line_loses_is_asked_again() -> None:
+@pytest.mark.parametrize("gone", [False, True], ids=["a ping", "the port"])
+def test_a_ping_is_asked_again_after_a_loss(gone: bool) -> None:
     arm = Arm(1, 115200)
     write, lost = arm.link.write, []
 
     def lose_one(data: bytes, deadline: float | None = None) -> None:
         if not lost and parse_frame(data).cmd == Command.PING:
             lost.append(data)
+            if gone:
+                arm.link.close()
+                raise LinkLostError("unplugged", url=arm.link.url)
         else:
             write(data, deadline)
 
