@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -23,6 +24,7 @@ def test_monitor_prints_and_saves(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     table, plot = tmp_path / "m.csv", tmp_path / "m.svg"
     output = bus.ok("monitor", "1-3", "--seconds", "1", "--csv", str(table), "--plot", str(plot))
     assert "position deg" in output
+    assert len(re.findall(r"^ *[123] .*\bok *$", output, re.MULTILINE)) >= 27
     rows = list(csv.DictReader(table.read_text().splitlines()))
     assert {row["id"] for row in rows} == {"1.0", "2.0", "3.0"}
     assert len(rows) >= 27

@@ -4,6 +4,7 @@ import contextlib
 import math
 import re
 from collections.abc import Iterator, Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -52,6 +53,16 @@ def test_it_goes_through_every_phase_and_sums_up(emulated: Any) -> None:
     assert summary[1] == "120"
     assert float(summary[2]) == pytest.approx(20.0, rel=0.01)
     assert 1.0 < float(summary[5]) <= float(summary[6]) < 50.0
+
+
+def test_what_both_sides_dropped_is_summed_up() -> None:
+    host = {"requests": 100, "retries": 7, "bad_frames": 1, "stale_frames": 20, "sent": 5}
+    new = SimpleNamespace(
+        host_counters=lambda: host, board_counters=lambda: {"bad_checks": 300, "bad_frames": 4000}
+    )
+    assert demo_module._counters(new) == {"requests": 100, "retries": 7, "dropped": 4321}  # type: ignore[arg-type]
+    old = SimpleNamespace(host_counters=lambda: host, board_counters=dict)
+    assert demo_module._counters(old)["dropped"] == 21  # type: ignore[arg-type]
 
 
 def test_all_seven_joints_go_there_and_come_back(emulated: Any) -> None:

@@ -55,6 +55,8 @@ def test_a_faulty_row_is_red() -> None:
     one, two = [line for line in text.splitlines() if "J" in line]
     assert "\x1b[1;31m" not in one
     assert "\x1b[1;31m" in two
+    assert "\x1b[1;36mJ1" in one, "the name stands out"
+    assert one.count("\x1b[1;36m") == 1
 
 
 def test_the_demo_shows_target_position_error_load_and_age() -> None:

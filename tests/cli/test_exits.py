@@ -5,10 +5,12 @@ import logging
 import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import click
 import pytest
 
+from hexwire.cli import __main__ as start
 from hexwire.cli import exits
 from hexwire.errors import ConfigError, DeviceError, LimitError, LinkNotFoundError, ReplyTimeoutError
 
@@ -157,3 +159,20 @@ def test_work_that_must_not_be_interrupted_is_asked_to_end(number: signal.Signal
         signal.raise_signal(number)
         assert ended()
     assert signal.getsignal(number) is before
+
+
+def test_only_a_program_that_has_loaded_zenoh_ends_without_the_interpreters_shutdown(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(start.importlib, "import_module", lambda name: SimpleNamespace(main=lambda: sys.exit(3)))
+    at_once: list[object] = []
+    monkeypatch.setattr(start, "_end_at_once", at_once.append)
+    for loaded in (False, True):
+        with monkeypatch.context() as patch:
+            patch.delitem(sys.modules, "zenoh", raising=False)
+            if loaded:
+                patch.setitem(sys.modules, "zenoh", SimpleNamespace())  # type: ignore[arg-type]
+            with pytest.raises(SystemExit) as end:
+                start._start("main")
+        assert end.value.code == 3
+        assert at_once == [3] * loaded

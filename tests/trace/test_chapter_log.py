@@ -50,6 +50,14 @@ def test_the_chapters_own_text_is_read() -> None:
     assert transfers[0] == Passed(Direction.SENT, REQUEST, 0.0, "")
 
 
+def test_rows_of_bytes_that_belong_to_no_transfer_are_ignored() -> None:
+    row = "AA BB CC DD"
+    before, behind = f"{row}\n{CHAPTER}", CHAPTER.replace('14 22 0D 0A | "', f'14 22 0D 0A | "\n{row}\n{row}')
+    assert behind != CHAPTER
+    for text in (before, behind):
+        assert list(parse_log(text.splitlines())) == list(parse_log(CHAPTER.splitlines()))
+
+
 def test_missing_bytes_are_reported_and_the_rest_is_read() -> None:
     text = CHAPTER.replace("14 22 0D 0A", "14 22 0D")
     remark, transfer, *_ = parse_log(text.splitlines())

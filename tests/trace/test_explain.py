@@ -56,6 +56,12 @@ def test_a_dialect_2_reply_is_paired_by_seq_and_its_check_judged() -> None:
     assert "position 2047" in answered.layers[2].text
 
 
+def test_bytes_that_are_no_frame_have_their_time_and_way() -> None:
+    (noise,) = explain((RECEIVED, b"noise", 2.5))
+    assert (noise.direction, noise.time, noise.data) == (RECEIVED, 2.5, b"noise")
+    assert noise.problem
+
+
 def test_the_flags_of_a_board_have_names() -> None:
     report = frame(2, Command.JOINT_STATE, JointReport(0, 3, (2047,), (0,)).serialize(), src=8, ext=0x40)
     maintenance = frame(2, Command.MAINTENANCE, bytes([1, 0x48]), src=8, ext=0x80)
