@@ -72,7 +72,6 @@ def test_zeros_of_a_plug_in_without_an_active_controller_move_nothing(
     assert front.near(before, 0.002)
 
 
-@pytest.mark.slow
 def test_silence_because_nothing_changes_is_no_fault(front: Front) -> None:
     manager = TopicBasedSystem(InProcess(front), NAMES, threshold=0.05)
     target = aside(front, 0.3)
