@@ -12,10 +12,10 @@ import threading
 import time
 from typing import Any
 
-from hexwire.ros2.node import Node, NodeOptions
-from hexwire.ros2.qos import DEFAULT
-from hexwire.ros2.types import Types
-from hexwire.ros2.zenoh_session import ZenohSettings
+from hexwire.ros2.rmw.node import Node, NodeOptions
+from hexwire.ros2.rmw.qos import DEFAULT
+from hexwire.ros2.rmw.types import Types
+from hexwire.ros2.rmw.zenoh_session import ZenohSettings
 
 types = Types()
 JointTrajectory = types.message("trajectory_msgs/msg/JointTrajectory")

@@ -109,7 +109,7 @@ def _importers(source: Path, name: str) -> list[str]:
 
 
 def test_one_module_of_a_room_imports_zenoh() -> None:
-    assert _importers(Path(hexwire.__file__).parent, "zenoh") == ["fleet/node.py", "ros2/zenoh_session.py"]
+    assert _importers(Path(hexwire.__file__).parent, "zenoh") == ["fleet/node.py", "ros2/rmw/zenoh_session.py"]
 
 
 def test_import_hexwire_loads_nothing_heavy() -> None:

@@ -10,8 +10,8 @@ import zenoh
 from tests.ros2.tiny_types import TinyTypes
 from tests.ros2.world import Router
 
-from hexwire.ros2.node import Node, NodeOptions
-from hexwire.ros2.zenoh_session import ZenohSettings
+from hexwire.ros2.rmw.node import Node, NodeOptions
+from hexwire.ros2.rmw.zenoh_session import ZenohSettings
 
 
 @pytest.fixture

@@ -6,12 +6,12 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
-from hexwire.ros2.graph import Graph
-from hexwire.ros2.keys import Endpoint, Role
-from hexwire.ros2.names import Kind, remap_node, resolve
-from hexwire.ros2.node import Deferred, NodeOptions
-from hexwire.ros2.qos import DEFAULT, SERVICES, Qos
-from hexwire.ros2.types import Types
+from hexwire.ros2.rmw.graph import Graph
+from hexwire.ros2.rmw.keys import Endpoint, Role
+from hexwire.ros2.rmw.names import Kind, remap_node, resolve
+from hexwire.ros2.rmw.node import Deferred, NodeOptions
+from hexwire.ros2.rmw.qos import DEFAULT, SERVICES, Qos
+from hexwire.ros2.rmw.types import Types
 
 
 class FakePublisher:

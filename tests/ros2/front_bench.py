@@ -23,7 +23,7 @@ from tests.waits import turn_while_it_waits
 from hexwire.control.arm import Arm
 from hexwire.ros2 import hardware_interface
 from hexwire.ros2.hardware_interface import NAME, HardwareInterface
-from hexwire.ros2.node import NodeOptions
+from hexwire.ros2.rmw.node import NodeOptions
 from hexwire.ros2.settings import load_settings
 
 WALL = 1_700_000_000.0

@@ -9,8 +9,8 @@ import numpy as np
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from hexwire.ros2.definitions import PRIMITIVES, Field, FieldType, Kind, parse_message
-from hexwire.ros2.types import MessageType, Types
+from hexwire.ros2.rmw.definitions import PRIMITIVES, Field, FieldType, Kind, parse_message
+from hexwire.ros2.rmw.types import MessageType, Types
 
 TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
 ASCII = st.text(st.characters(codec="ascii"), max_size=8)

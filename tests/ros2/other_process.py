@@ -15,9 +15,9 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from tests.ros2.tiny_types import TinyTypes
 
 from hexwire.errors import LinkTimeoutError
-from hexwire.ros2.node import Node, NodeOptions
-from hexwire.ros2.qos import DEFAULT
-from hexwire.ros2.zenoh_session import ZenohSettings
+from hexwire.ros2.rmw.node import Node, NodeOptions
+from hexwire.ros2.rmw.qos import DEFAULT
+from hexwire.ros2.rmw.zenoh_session import ZenohSettings
 
 
 def main() -> None:

@@ -8,13 +8,13 @@ from typing import Any
 import pytest
 from tests.ros2.fake_node import Call, FakeNode
 
-from hexwire.ros2.action_server import ActionServer, GoalHandle, default_result_timeout
-from hexwire.ros2.distributions import Distribution
-from hexwire.ros2.goals import CancelCode, GoalStatus
-from hexwire.ros2.names import parse_remap
-from hexwire.ros2.node import Deferred, NodeOptions
-from hexwire.ros2.qos import Durability, Qos, Reliability
-from hexwire.ros2.types import Types
+from hexwire.ros2.rmw.action_server import ActionServer, GoalHandle, default_result_timeout
+from hexwire.ros2.rmw.distributions import Distribution
+from hexwire.ros2.rmw.goals import CancelCode, GoalStatus
+from hexwire.ros2.rmw.names import parse_remap
+from hexwire.ros2.rmw.node import Deferred, NodeOptions
+from hexwire.ros2.rmw.qos import Durability, Qos, Reliability
+from hexwire.ros2.rmw.types import Types
 
 ACTION = "control_msgs/action/FollowJointTrajectory"
 BASE = "/lab/arm_controller/follow_joint_trajectory/_action"

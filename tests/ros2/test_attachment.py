@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexwire.errors import RemoteProtocolError
-from hexwire.ros2.attachment import Attachment
+from hexwire.ros2.rmw.attachment import Attachment
 
 BIG = st.integers(0, 2**63 - 1)
 

@@ -20,11 +20,11 @@ from tests.ros2.world import Router
 from tests.system.programs import hexwire_program
 from tests.waits import eventually
 
-from hexwire.ros2 import node as node_module
-from hexwire.ros2.attachment import Attachment
-from hexwire.ros2.node import Deferred, Node, NodeOptions
-from hexwire.ros2.qos import DEFAULT
-from hexwire.ros2.zenoh_session import ZenohSettings
+from hexwire.ros2.rmw import node as node_module
+from hexwire.ros2.rmw.attachment import Attachment
+from hexwire.ros2.rmw.node import Deferred, Node, NodeOptions
+from hexwire.ros2.rmw.qos import DEFAULT
+from hexwire.ros2.rmw.zenoh_session import ZenohSettings
 
 pytestmark = pytest.mark.system
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from hexwire.ros2.callbacks import Callbacks
+from hexwire.ros2.rmw.callbacks import Callbacks
 
 
 @pytest.fixture

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hexwire.errors import LocalProtocolError, RemoteProtocolError
-from hexwire.ros2.cdr import MOST_BYTES
-from hexwire.ros2.types import Types
+from hexwire.ros2.rmw.cdr import MOST_BYTES
+from hexwire.ros2.rmw.types import Types
 
 from .messages import Rosbags, messages, with_type
 

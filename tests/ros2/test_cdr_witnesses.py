@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, note, settings
 from hypothesis import strategies as st
 
-from hexwire.ros2.types import MessageType, Types
+from hexwire.ros2.rmw.types import MessageType, Types
 
 from .foxglove import Foxglove
 from .messages import ASCII, Rosbags, messages

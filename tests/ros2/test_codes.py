@@ -4,7 +4,7 @@ import pytest
 
 from hexwire.control.outcomes import Reason
 from hexwire.ros2.codes import CODES, ErrorCode, in_log
-from hexwire.ros2.types import Types
+from hexwire.ros2.rmw.types import Types
 
 
 def test_the_codes_are_those_of_the_action() -> None:

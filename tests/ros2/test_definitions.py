@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexwire.errors import UsageError
-from hexwire.ros2.definitions import (
+from hexwire.ros2.rmw.definitions import (
     Constant,
     Field,
     FieldType,

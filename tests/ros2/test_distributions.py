@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from hexwire.ros2.distributions import Distribution
-from hexwire.ros2.types import Types
+from hexwire.ros2.rmw.distributions import Distribution
+from hexwire.ros2.rmw.types import Types
 
 STATE = "control_msgs/msg/JointTrajectoryControllerState"
 FEEDBACK = "control_msgs/action/FollowJointTrajectory_Feedback"

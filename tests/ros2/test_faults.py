@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from hexwire.ros2.faults import find_fault
-from hexwire.ros2.types import Types
+from hexwire.ros2.rmw.faults import find_fault
+from hexwire.ros2.rmw.types import Types
 
 TYPES = Types()
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexwire.errors import UsageError
-from hexwire.ros2.goals import MOST_GOALS, CancelCode, Goal, Goals, GoalStatus
+from hexwire.ros2.rmw.goals import MOST_GOALS, CancelCode, Goal, Goals, GoalStatus
 
 TIMEOUT = 10.0
 END = (GoalStatus.SUCCEEDED, GoalStatus.CANCELED, GoalStatus.ABORTED)

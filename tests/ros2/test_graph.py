@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from hexwire.ros2 import graph as module
-from hexwire.ros2.graph import Graph
-from hexwire.ros2.keys import Role
+from hexwire.ros2.rmw import graph as module
+from hexwire.ros2.rmw.graph import Graph
+from hexwire.ros2.rmw.keys import Role
 
 TOKEN = "@ros2_lv/0/ab/0/{}/MS/%/%/node/%chatter/T_/H/::,10:,:,:,,"
 

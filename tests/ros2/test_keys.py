@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexwire.errors import RemoteProtocolError
-from hexwire.ros2.keys import Endpoint, Role, data_key, gid_of, parse_token
-from hexwire.ros2.qos import DEFAULT
+from hexwire.ros2.rmw.keys import Endpoint, Role, data_key, gid_of, parse_token
+from hexwire.ros2.rmw.qos import DEFAULT
 
 # As in the design document of rmw_zenoh, with the form of the quality of service that it has now.
 PUBLISHER = (

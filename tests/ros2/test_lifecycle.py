@@ -11,10 +11,10 @@ from tests.ros2.fake_node import Call, FakeNode
 from tests.waits import eventually
 
 from hexwire.errors import UsageError
-from hexwire.ros2.distributions import Distribution
-from hexwire.ros2.lifecycle import TRANSITIONS, Change, Lifecycle, State
-from hexwire.ros2.qos import Qos
-from hexwire.ros2.types import Types
+from hexwire.ros2.rmw.distributions import Distribution
+from hexwire.ros2.rmw.lifecycle import TRANSITIONS, Change, Lifecycle, State
+from hexwire.ros2.rmw.qos import Qos
+from hexwire.ros2.rmw.types import Types
 
 # Id, label, start, goal, in the order of rcl_lifecycle/default_state_machine.c.
 GRAPH = """
@@ -117,7 +117,9 @@ def test_names_types_and_quality_of_service_are_those_of_a_managed_node(world: W
 def test_from_lyrical_on_an_event_has_its_transition_and_time(
     distribution: Distribution, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hexwire.ros2.lifecycle.time", SimpleNamespace(time_ns=lambda: 1_795_000_000_000_000_007))
+    monkeypatch.setattr(
+        "hexwire.ros2.rmw.lifecycle.time", SimpleNamespace(time_ns=lambda: 1_795_000_000_000_000_007)
+    )
     node = FakeNode(Types(distribution))
     Lifecycle(node, node.types, lambda _: None).mirror(State.INACTIVE)  # type: ignore[arg-type]
     sent = node.publishers["/arm/transition_event"].sent

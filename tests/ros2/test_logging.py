@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from hexwire.ros2.logging import LOG, TIME, RosoutHandler
-from hexwire.ros2.types import Types
+from hexwire.ros2.rmw.logging import LOG, TIME, RosoutHandler
+from hexwire.ros2.rmw.types import Types
 
 
 class Published:

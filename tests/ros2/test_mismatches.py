@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from hexwire.ros2.keys import Endpoint, Role
-from hexwire.ros2.mismatches import describe_mismatch
-from hexwire.ros2.qos import DEFAULT, LATCHED, SENSOR_DATA, Qos
+from hexwire.ros2.rmw.keys import Endpoint, Role
+from hexwire.ros2.rmw.mismatches import describe_mismatch
+from hexwire.ros2.rmw.qos import DEFAULT, LATCHED, SENSOR_DATA, Qos
 
 
 def endpoint(role: Role, qos: Qos = DEFAULT, **fields: str) -> Endpoint:

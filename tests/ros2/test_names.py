@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from hexwire.errors import UsageError
-from hexwire.ros2.names import Kind, Remap, expand, logger_name, parse_remap, remap_node, resolve
+from hexwire.ros2.rmw.names import Kind, Remap, expand, logger_name, parse_remap, remap_node, resolve
 
 
 @pytest.mark.parametrize(

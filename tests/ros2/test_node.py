@@ -12,12 +12,12 @@ from tests.ros2.world import Router
 from tests.waits import eventually
 
 from hexwire.errors import LinkClosedError
-from hexwire.ros2.distributions import Distribution
-from hexwire.ros2.keys import Role
-from hexwire.ros2.node import Node, NodeOptions
-from hexwire.ros2.qos import LATCHED, ROSOUT
-from hexwire.ros2.types import Types
-from hexwire.ros2.zenoh_session import ZenohSettings
+from hexwire.ros2.rmw.distributions import Distribution
+from hexwire.ros2.rmw.keys import Role
+from hexwire.ros2.rmw.node import Node, NodeOptions
+from hexwire.ros2.rmw.qos import LATCHED, ROSOUT
+from hexwire.ros2.rmw.types import Types
+from hexwire.ros2.rmw.zenoh_session import ZenohSettings
 
 pytestmark = pytest.mark.system
 

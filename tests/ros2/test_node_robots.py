@@ -14,8 +14,8 @@ from tests.ros2.node_fixtures import SETTINGS, world
 from tests.ros2.node_world import JOINTS, SUCCEEDED, Arm, Goal, PtyBoard, World, near, until
 
 import hexwire
-from hexwire.ros2.distributions import Distribution
-from hexwire.ros2.qos import LATCHED
+from hexwire.ros2.rmw.distributions import Distribution
+from hexwire.ros2.rmw.qos import LATCHED
 from hexwire.wire.robot_bodies import JointCommands
 
 __all__ = ["world"]

@@ -13,10 +13,10 @@ from tests.ros2.fake_node import FakeNode
 from hexwire.control.setting import Setting
 from hexwire.control.settings import SETTINGS
 from hexwire.errors import UsageError
-from hexwire.ros2.distributions import Distribution
-from hexwire.ros2.parameters import Descriptor, ParameterServer, ParameterType, Value, descriptor_of, type_of
-from hexwire.ros2.qos import Qos
-from hexwire.ros2.types import Types
+from hexwire.ros2.rmw.distributions import Distribution
+from hexwire.ros2.rmw.parameters import Descriptor, ParameterServer, ParameterType, Value, descriptor_of, type_of
+from hexwire.ros2.rmw.qos import Qos
+from hexwire.ros2.rmw.types import Types
 
 NOW = 1_700_000_000_000_000_007
 OF_ROS: dict[str, Value] = {"start_type_description_service": True}

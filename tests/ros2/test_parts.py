@@ -3,8 +3,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from hexwire.ros2.keys import Endpoint, gid_of, parse_token
-from hexwire.ros2.parts import Part
+from hexwire.ros2.rmw.keys import Endpoint, gid_of, parse_token
+from hexwire.ros2.rmw.parts import Part
 
 TOKEN = "@ros2_lv/0/ab/0/1/MP/%/%/node/%chatter/T_/H/::,10:,:,:,,"
 

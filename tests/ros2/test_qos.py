@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexwire.errors import RemoteProtocolError
-from hexwire.ros2.qos import (
+from hexwire.ros2.rmw.qos import (
     ACTION_STATUS,
     DEFAULT,
     PARAMETERS,

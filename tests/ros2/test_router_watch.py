@@ -4,8 +4,8 @@ import logging
 
 import pytest
 
-from hexwire.ros2 import router_watch
-from hexwire.ros2.router_watch import RouterWatch
+from hexwire.ros2.rmw import router_watch
+from hexwire.ros2.rmw.router_watch import RouterWatch
 
 LOG = logging.getLogger("test_router_watch")
 

@@ -9,8 +9,8 @@ from tests.ros2.tiny_types import HASH, Text, TextType
 from tests.waits import eventually
 
 from hexwire.errors import LinkTimeoutError
-from hexwire.ros2.attachment import Attachment
-from hexwire.ros2.node import Deferred, Node
+from hexwire.ros2.rmw.attachment import Attachment
+from hexwire.ros2.rmw.node import Deferred, Node
 
 pytestmark = pytest.mark.system
 

@@ -12,7 +12,7 @@ from hexwire.control.setting import Setting
 from hexwire.drivers import registry
 from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.link import ports
-from hexwire.ros2.distributions import Distribution
+from hexwire.ros2.rmw.distributions import Distribution
 from hexwire.ros2.settings import FOREIGN, OWN, PARAMETERS, NodeSettings, changed, load_settings
 
 PORT = {"port": "/dev/ttyUSB0"}

@@ -11,8 +11,8 @@ import pytest
 from hexwire.errors import UsageError
 from hexwire.ros2 import start
 from hexwire.ros2.arguments import parse_arguments
+from hexwire.ros2.rmw.zenoh_session import ZenohSettings
 from hexwire.ros2.start import _console, _zenoh
-from hexwire.ros2.zenoh_session import ZenohSettings
 
 
 @pytest.mark.parametrize(

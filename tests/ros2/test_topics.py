@@ -8,10 +8,10 @@ import pytest
 from tests.ros2.tiny_types import HASH, Text, TextType
 from tests.waits import eventually
 
-from hexwire.ros2.attachment import Attachment
-from hexwire.ros2.keys import gid_of
-from hexwire.ros2.node import Node
-from hexwire.ros2.qos import DEFAULT, LATCHED
+from hexwire.ros2.rmw.attachment import Attachment
+from hexwire.ros2.rmw.keys import gid_of
+from hexwire.ros2.rmw.node import Node
+from hexwire.ros2.rmw.qos import DEFAULT, LATCHED
 
 pytestmark = pytest.mark.system
 

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
-from hexwire.ros2.type_descriptions import TYPE, make_answer
-from hexwire.ros2.types import Types
+from hexwire.ros2.rmw.type_descriptions import TYPE, make_answer
+from hexwire.ros2.rmw.types import Types
 
 TYPES = Types()
 SERVICE = TYPES.service(TYPE)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from hexwire.ros2.definitions import Definition, ServiceDefinition, parse_action, parse_service
-from hexwire.ros2.distributions import Distribution
-from hexwire.ros2.type_hash import IndividualDescription, describe, individual_of, type_hash
-from hexwire.ros2.types import Types
+from hexwire.ros2.rmw.definitions import Definition, ServiceDefinition, parse_action, parse_service
+from hexwire.ros2.rmw.distributions import Distribution
+from hexwire.ros2.rmw.type_hash import IndividualDescription, describe, individual_of, type_hash
+from hexwire.ros2.rmw.types import Types
 
 # From what ROS 2 itself prints (`ros2 topic info --verbose`), from the design document of rmw_zenoh, and from the
 # tests of other implementations.

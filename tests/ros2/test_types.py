@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-import hexwire.ros2.types
+import hexwire.ros2.rmw.types
 from hexwire.errors import UsageError
-from hexwire.ros2.distributions import Distribution
-from hexwire.ros2.types import Types
+from hexwire.ros2.rmw.distributions import Distribution
+from hexwire.ros2.rmw.types import Types
 
-INTERFACES = Path(hexwire.ros2.types.__file__).parent / "interfaces"
+INTERFACES = Path(hexwire.ros2.rmw.types.__file__).parent / "interfaces"
 NAMES = sorted(
     "/".join((*path.relative_to(INTERFACES).parts[:2], path.stem))
     for path in INTERFACES.rglob("*.*")

@@ -8,7 +8,7 @@ import pytest
 
 from hexwire.control.client_goals import Request
 from hexwire.control.goals import ComponentTolerance, Point, TrajectoryGoal
-from hexwire.ros2.types import Types
+from hexwire.ros2.rmw.types import Types
 from hexwire.ros2.values import nanoseconds_of, request_of, seconds_of, trajectory_of
 
 TYPES = Types()

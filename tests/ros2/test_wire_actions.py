@@ -16,14 +16,14 @@ from tests.motion.arms import HOME
 from tests.ros2.world import Router
 from tests.waits import eventually
 
-from hexwire.ros2.action_server import ActionServer, GoalHandle
 from hexwire.ros2.actions import FOLLOW_JOINT_TRAJECTORY, ActionGoals
-from hexwire.ros2.goals import CancelCode, GoalStatus
-from hexwire.ros2.lifecycle import Lifecycle, State
-from hexwire.ros2.node import Node
-from hexwire.ros2.parameters import ParameterServer
-from hexwire.ros2.qos import ACTION_STATUS, DEFAULT
-from hexwire.ros2.types import Types
+from hexwire.ros2.rmw.action_server import ActionServer, GoalHandle
+from hexwire.ros2.rmw.goals import CancelCode, GoalStatus
+from hexwire.ros2.rmw.lifecycle import Lifecycle, State
+from hexwire.ros2.rmw.node import Node
+from hexwire.ros2.rmw.parameters import ParameterServer
+from hexwire.ros2.rmw.qos import ACTION_STATUS, DEFAULT
+from hexwire.ros2.rmw.types import Types
 
 pytestmark = pytest.mark.system
 
@@ -150,8 +150,8 @@ def test_a_late_client_sees_the_goals_and_may_cancel_them(make: Callable[..., No
 
 DYING = """
 import os, sys, threading
-from hexwire.ros2.node import Node, NodeOptions
-from hexwire.ros2.zenoh_session import ZenohSettings
+from hexwire.ros2.rmw.node import Node, NodeOptions
+from hexwire.ros2.rmw.zenoh_session import ZenohSettings
 from tests.ros2.test_wire_actions import TYPES, Client, goal, uuid
 
 node = Node(NodeOptions("dying", zenoh=ZenohSettings(connect=(sys.argv[1],))), TYPES)

@@ -14,10 +14,10 @@ from tests.waits import eventually
 
 from hexwire.errors import ConfigError, LinkClosedError, LinkNotFoundError, LinkPermissionError, UsageError
 from hexwire.fleet.rights import Kind
-from hexwire.ros2.keys import Role
-from hexwire.ros2.node import Node, NodeOptions
-from hexwire.ros2.qos import LATCHED
-from hexwire.ros2.zenoh_session import ZenohSettings
+from hexwire.ros2.rmw.keys import Role
+from hexwire.ros2.rmw.node import Node, NodeOptions
+from hexwire.ros2.rmw.qos import LATCHED
+from hexwire.ros2.rmw.zenoh_session import ZenohSettings
 
 STRING = "std_msgs/msg/String"
 ECHO = "tiny_msgs/srv/Echo"

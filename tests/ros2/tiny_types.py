@@ -1,4 +1,4 @@
-"""Two types with a codec of their own, for tests of the wire that do not depend on `hexwire.ros2.types`."""
+"""Two types with a codec of their own, for tests of the wire that do not depend on `hexwire.ros2.rmw.types`."""
 
 from __future__ import annotations
 

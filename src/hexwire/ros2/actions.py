@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from hexwire.control.arm import Arm
     from hexwire.control.outcomes import Ended
 
-    from .action_server import GoalHandle
+    from .rmw.action_server import GoalHandle
 
 __all__ = ["FOLLOW_JOINT_TRAJECTORY", "ActionClient", "ActionGoals"]
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from hexwire.control.readiness import Readiness, activate, deactivate, readiness
 from hexwire.errors import UsageError
 
-from .lifecycle import Change, State
+from .rmw.lifecycle import Change, State
 
 if TYPE_CHECKING:
     from hexwire.control.arm import Arm

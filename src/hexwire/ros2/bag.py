@@ -21,13 +21,13 @@ from hexwire.errors import UsageError
 from hexwire.new_file import OutputFile
 from hexwire.trace.mcap_file import load_mcap
 
-from .distributions import NO_TYPE_HASH
-from .qos import DEFAULT, Qos
+from .rmw.distributions import NO_TYPE_HASH
+from .rmw.qos import DEFAULT, Qos
 
 if TYPE_CHECKING:
     from types import TracebackType
 
-    from .types import MessageType, Types
+    from .rmw.types import MessageType, Types
 
 __all__ = ["BagWriter"]
 

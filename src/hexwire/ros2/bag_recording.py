@@ -29,8 +29,8 @@ from hexwire.trace.capture import BYTES, Message, read_messages
 from hexwire.trace.recording import JOINT_STATES, nanoseconds, parse_joints
 
 from .bag import BagWriter
-from .qos import LATCHED
-from .types import Types
+from .rmw.qos import LATCHED
+from .rmw.types import Types
 
 __all__ = ["DYNAMIC", "BagRecording", "convert", "ros_topic"]
 

@@ -29,18 +29,18 @@ from hexwire.model.geometry import make_shapes
 from hexwire.model.urdf import make_urdf
 
 from . import arm_lifecycle
-from .action_server import ActionServer
 from .actions import FOLLOW_JOINT_TRAJECTORY, ActionClient, ActionGoals
-from .keys import Role
-from .lifecycle import Lifecycle, State
-from .node import Deferred, Node
-from .parameters import Descriptor, ParameterServer, descriptor_of
-from .qos import DEFAULT, LATCHED, Qos
 from .reports import CONTROLLER_STATE, DIAGNOSTICS, JOINT_STATE, TRAJECTORY, Reports
+from .rmw.action_server import ActionServer
+from .rmw.keys import Role
+from .rmw.lifecycle import Lifecycle, State
+from .rmw.node import Deferred, Node
+from .rmw.parameters import Descriptor, ParameterServer, descriptor_of
+from .rmw.qos import DEFAULT, LATCHED, Qos
+from .rmw.types import Types
 from .set_points import ARRAY, of_array, of_joint_state
 from .settings import changed
 from .transforms import TRANSFORMS, Transforms
-from .types import Types
 from .values import nanoseconds_of, trajectory_of
 
 if TYPE_CHECKING:
@@ -51,8 +51,8 @@ if TYPE_CHECKING:
     from hexwire.model.state import JointState
     from hexwire.motion.teach import Taught
 
-    from .callbacks import Inbox
-    from .node import NodeOptions, Publisher
+    from .rmw.callbacks import Inbox
+    from .rmw.node import NodeOptions, Publisher
     from .settings import NodeSettings
 
 __all__ = ["NAME", "HardwareInterface"]

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.motion.teach import Taught
 
-    from .types import Types
+    from .rmw.types import Types
 
 __all__ = ["CONTROLLER_STATE", "DIAGNOSTICS", "JOINT_STATE", "TRAJECTORY", "Reports"]
 

@@ -19,8 +19,8 @@ from hexwire.control.settings_reader import read_settings, reread
 from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.link.ports import find_only_board
 
-from . import type_descriptions
-from .distributions import Distribution
+from .rmw import type_descriptions
+from .rmw.distributions import Distribution
 
 if TYPE_CHECKING:
     from hexwire.control.settings import ControllerSettings, Settings

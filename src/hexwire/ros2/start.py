@@ -17,10 +17,10 @@ from hexwire.errors import UsageError
 
 from .arguments import LEVELS, RosArguments, domain_of, parse_arguments
 from .hardware_interface import NAME, HardwareInterface
-from .names import full_name, logger_name, remap_node
-from .node import NodeOptions
+from .rmw.names import full_name, logger_name, remap_node
+from .rmw.node import NodeOptions
+from .rmw.zenoh_session import ZenohSettings, load_zenoh
 from .settings import load_settings
-from .zenoh_session import ZenohSettings, load_zenoh
 
 __all__ = ["run"]
 

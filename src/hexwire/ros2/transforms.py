@@ -13,7 +13,7 @@ from hexwire.model.pose import multiply, quaternion, rotation_about, rotation_fr
 if TYPE_CHECKING:
     from hexwire.model.shapes import ArmShapes, ShapeJoint
 
-    from .types import Types
+    from .rmw.types import Types
 
 __all__ = ["TRANSFORMS", "Transforms"]
 

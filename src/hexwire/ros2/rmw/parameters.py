@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, Any
 from hexwire.control.setting import Setting
 from hexwire.errors import HexwireError, UsageError
 
+from ..values import time_fields
 from . import type_descriptions
 from .distributions import Distribution
 from .qos import PARAMETER_EVENTS, PARAMETERS
-from .values import time_fields
 
 if TYPE_CHECKING:
     from .node import Node
