@@ -14,9 +14,10 @@ from hexwire.control.setting import Setting
 from hexwire.control.settings import SETTINGS
 from hexwire.errors import UsageError
 from hexwire.ros2.rmw.distributions import Distribution
-from hexwire.ros2.rmw.parameters import Descriptor, ParameterServer, ParameterType, Value, descriptor_of, type_of
+from hexwire.ros2.rmw.parameters import Descriptor, ParameterServer, ParameterType, Value, type_of
 from hexwire.ros2.rmw.qos import Qos
 from hexwire.ros2.rmw.types import Types
+from hexwire.ros2.settings import descriptor_of
 
 NOW = 1_700_000_000_000_000_007
 OF_ROS: dict[str, Value] = {"start_type_description_service": True}

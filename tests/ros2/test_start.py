@@ -11,7 +11,7 @@ import pytest
 from hexwire.errors import UsageError
 from hexwire.ros2 import start
 from hexwire.ros2.arguments import parse_arguments
-from hexwire.ros2.rmw.zenoh_session import ZenohSettings
+from hexwire.ros2.secure_settings import SecureSettings
 from hexwire.ros2.start import _console, _zenoh
 
 
@@ -68,7 +68,7 @@ def test_the_log_of_a_node_in_a_namespace_has_the_name_of_its_logger(
 
 
 def test_the_router_is_the_usual_one_unless_it_is_named() -> None:
-    assert _zenoh([], {}) == ZenohSettings()
+    assert _zenoh([], {}) == SecureSettings()
     override = {"ZENOH_CONFIG_OVERRIDE": 'connect/endpoints=["tcp/robot:7447"]'}
     assert _zenoh([], override).overrides == (("connect/endpoints", '["tcp/robot:7447"]'),)
     files = ["--ca", "ca.pem", "--cert=arm.pem", "--key", "arm.key"]

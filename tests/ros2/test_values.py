@@ -8,8 +8,9 @@ import pytest
 
 from hexwire.control.client_goals import Request
 from hexwire.control.goals import ComponentTolerance, Point, TrajectoryGoal
+from hexwire.ros2.rmw.times import nanoseconds_of, seconds_of
 from hexwire.ros2.rmw.types import Types
-from hexwire.ros2.values import nanoseconds_of, request_of, seconds_of, trajectory_of
+from hexwire.ros2.values import request_of, trajectory_of
 
 TYPES = Types()
 NOW = 1_700_000_000_500_000_000

@@ -38,13 +38,13 @@ from hexwire.control.arm import Arm
 from hexwire.control.client_goals import ClientGoal
 from hexwire.control.diagnostics import ChangeWatch, Level, Row, diagnose
 from hexwire.control.joint_commands import JointCommandStream
-from hexwire.control.log_limiter import LogLimiter
 from hexwire.control.rate import Periodic
 from hexwire.control.shutdown import Shutdown
 from hexwire.control.stamps import StampClock
 from hexwire.control.teaching import to_points, tolerance_of
 from hexwire.control.workers import Together
 from hexwire.errors import DeviceError, HexwireError, UsageError
+from hexwire.log_limiter import LogLimiter
 
 from .actions import ActionGoals
 from .messages import control_msgs, control_srvs, osrf_msgs

@@ -18,13 +18,13 @@ from hexwire.control.arm import Arm
 from hexwire.control.client_goals import ClientGoal
 from hexwire.control.diagnostics import ChangeWatch, diagnose
 from hexwire.control.joint_commands import JointCommandStream
-from hexwire.control.log_limiter import LogLimiter
 from hexwire.control.rate import Periodic
 from hexwire.control.set_point_stream import SetPointStream
 from hexwire.control.shutdown import Shutdown
 from hexwire.control.stamps import StampClock
 from hexwire.control.workers import Together, Worker
 from hexwire.errors import DeviceError, HexwireError
+from hexwire.log_limiter import LogLimiter
 from hexwire.model.geometry import make_shapes
 from hexwire.model.urdf import make_urdf
 
@@ -35,13 +35,14 @@ from .rmw.action_server import ActionServer
 from .rmw.keys import Role
 from .rmw.lifecycle import Lifecycle, State
 from .rmw.node import Deferred, Node
-from .rmw.parameters import Descriptor, ParameterServer, descriptor_of
+from .rmw.parameters import Descriptor, ParameterServer
 from .rmw.qos import DEFAULT, LATCHED, Qos
+from .rmw.times import nanoseconds_of
 from .rmw.types import Types
 from .set_points import ARRAY, of_array, of_joint_state
-from .settings import changed
+from .settings import changed, descriptor_of
 from .transforms import TRANSFORMS, Transforms
-from .values import nanoseconds_of, trajectory_of
+from .values import trajectory_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from hexwire.control.teaching import to_points, tolerance_of
 
-from .values import seconds_of, time_fields
+from .rmw.times import seconds_of, time_fields
 
 if TYPE_CHECKING:
     from hexwire.control.diagnostics import Row

@@ -8,6 +8,7 @@ know messages, services or Zenoh.
 from __future__ import annotations
 
 import logging
+import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -21,12 +22,22 @@ from hexwire.link.ports import find_only_board
 
 from .rmw import type_descriptions
 from .rmw.distributions import Distribution
+from .rmw.parameters import Descriptor
 
 if TYPE_CHECKING:
     from hexwire.control.settings import ControllerSettings, Settings
     from hexwire.drivers.base import RobotDriver
 
-__all__ = ["DISTRIBUTION_VARIABLE", "FOREIGN", "OWN", "PARAMETERS", "NodeSettings", "changed", "load_settings"]
+__all__ = [
+    "DISTRIBUTION_VARIABLE",
+    "FOREIGN",
+    "OWN",
+    "PARAMETERS",
+    "NodeSettings",
+    "changed",
+    "descriptor_of",
+    "load_settings",
+]
 
 _log = logging.getLogger(__name__)
 
@@ -342,3 +353,18 @@ def _find_port() -> str:
         raise LinkNotFoundError(str(error).replace("--port", "-p port:=PORT")) from None
     except UsageError as error:
         raise UsageError(f"1 parameter is wrong: port: {str(error).replace('--port', '-p port:=PORT')}") from None
+
+
+def descriptor_of(row: Setting, *, read_only: bool) -> Descriptor:
+    """The descriptor of a setting."""
+    unit = f", {row.unit}" if row.unit else ""
+    bounds = f"{row.bounds}{f' {row.unit}' if row.unit else ''}" if row.bounds else ""
+    # A range includes both ends, and has two of them.
+    ranged = not row.zero and not row.above
+    return Descriptor(
+        f"{row.help}{unit}",
+        "" if ranged and math.isfinite(row.low) and math.isfinite(row.high) else bounds,
+        read_only,
+        row.low if ranged else -math.inf,
+        row.high if ranged else math.inf,
+    )

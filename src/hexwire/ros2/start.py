@@ -19,7 +19,8 @@ from .arguments import LEVELS, RosArguments, domain_of, parse_arguments
 from .hardware_interface import NAME, HardwareInterface
 from .rmw.names import full_name, logger_name, remap_node
 from .rmw.node import NodeOptions
-from .rmw.zenoh_session import ZenohSettings, load_zenoh
+from .rmw.zenoh_session import load_zenoh
+from .secure_settings import SecureSettings
 from .settings import load_settings
 
 __all__ = ["run"]
@@ -67,7 +68,7 @@ def run(words: Sequence[str], environ: Mapping[str, str]) -> int:
         return HardwareInterface(options, settings, robot).run()
 
 
-def _zenoh(words: Sequence[str], environ: Mapping[str, str]) -> ZenohSettings:
+def _zenoh(words: Sequence[str], environ: Mapping[str, str]) -> SecureSettings:
     """How the node reaches its router, from its own options and `rmw_zenoh`'s environment variables."""
     given: dict[str, list[str]] = {}
     rest = list(words)
@@ -87,7 +88,7 @@ def _zenoh(words: Sequence[str], environ: Mapping[str, str]) -> ZenohSettings:
         more["connect"] = tuple(routers)
     if more and environ.get(_FILE):
         raise UsageError(f"{_FILE} names the router and its certificates; leave out the options for them")
-    return ZenohSettings.from_environment(environ, **more)
+    return SecureSettings.from_environment(environ, **more)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Converts between ROS 2 messages and plain values: trajectories, goals, times.
+"""Makes plain values of ROS 2 messages: trajectories and goals.
 
 Owns which field is which value. Must not know which values are valid.
 """
@@ -11,23 +11,9 @@ from hexwire.control.client_goals import Request
 from hexwire.control.goal_fields import component_rows, tolerance_rows, trajectory_goal
 from hexwire.control.goals import TrajectoryGoal
 
-__all__ = ["nanoseconds_of", "request_of", "seconds_of", "time_fields", "trajectory_of"]
+from .rmw.times import nanoseconds_of, seconds_of
 
-
-def nanoseconds_of(time: Any) -> int:
-    """A builtin_interfaces Time or Duration in nanoseconds."""
-    return int(time.sec) * 1_000_000_000 + int(time.nanosec)
-
-
-def time_fields(nanoseconds: int) -> dict[str, int]:
-    """The fields of a builtin_interfaces Time or Duration."""
-    seconds, rest = divmod(nanoseconds, 1_000_000_000)
-    return {"sec": seconds, "nanosec": rest}
-
-
-def seconds_of(time: Any) -> float:
-    """A builtin_interfaces Time or Duration in seconds."""
-    return nanoseconds_of(time) / 1e9
+__all__ = ["request_of", "trajectory_of"]
 
 
 def trajectory_of(message: Any, now: int, multi_dof: Any = None) -> TrajectoryGoal:

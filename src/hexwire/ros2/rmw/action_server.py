@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any
 
 from hexwire.errors import UsageError
 
-from ..values import nanoseconds_of, time_fields
 from .distributions import Distribution
 from .goals import Goal, Goals, GoalStatus
 from .node import Deferred
 from .qos import ACTION_STATUS, DEFAULT
+from .times import nanoseconds_of, time_fields
 
 if TYPE_CHECKING:
     from .node import Node

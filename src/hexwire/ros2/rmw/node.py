@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from hexwire.control.log_limiter import LogLimiter
 from hexwire.errors import LinkClosedError, UsageError
+from hexwire.log_limiter import LogLimiter
 
 from . import type_descriptions
 from .callbacks import Callbacks, Inbox

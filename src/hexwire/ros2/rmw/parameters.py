@@ -15,19 +15,18 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
-from hexwire.control.setting import Setting
 from hexwire.errors import HexwireError, UsageError
 
-from ..values import time_fields
 from . import type_descriptions
 from .distributions import Distribution
 from .qos import PARAMETER_EVENTS, PARAMETERS
+from .times import time_fields
 
 if TYPE_CHECKING:
     from .node import Node
     from .types import Types
 
-__all__ = ["Descriptor", "ParameterServer", "ParameterType", "Value", "descriptor_of", "type_of"]
+__all__ = ["Descriptor", "ParameterServer", "ParameterType", "Value", "type_of"]
 
 Value = bool | int | float | str | bytes | Sequence[bool] | Sequence[int] | Sequence[float] | Sequence[str]
 
@@ -125,21 +124,6 @@ class Descriptor:
     def ranged(self) -> bool:
         """It has a range with both ends."""
         return math.isfinite(self.low) and math.isfinite(self.high)
-
-
-def descriptor_of(row: Setting, *, read_only: bool) -> Descriptor:
-    """The descriptor of a setting."""
-    unit = f", {row.unit}" if row.unit else ""
-    bounds = f"{row.bounds}{f' {row.unit}' if row.unit else ''}" if row.bounds else ""
-    # A range includes both ends, and has two of them.
-    ranged = not row.zero and not row.above
-    return Descriptor(
-        f"{row.help}{unit}",
-        "" if ranged and math.isfinite(row.low) and math.isfinite(row.high) else bounds,
-        read_only,
-        row.low if ranged else -math.inf,
-        row.high if ranged else math.inf,
-    )
 
 
 @dataclass(slots=True)

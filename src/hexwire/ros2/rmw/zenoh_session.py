@@ -15,7 +15,7 @@ import time
 import weakref
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 from hexwire.errors import (
     ConfigError,
@@ -25,16 +25,11 @@ from hexwire.errors import (
     NotSupportedError,
     UsageError,
 )
-from hexwire.fleet.endpoints import check_endpoint
-from hexwire.fleet.network import tls_settings
-from hexwire.fleet.reach import why_unreachable
 from hexwire.inputs import read_text
-from hexwire.link.certs import check_usable
-from hexwire.link.tls import TlsFiles
 
 from .qos import History, Qos, Reliability
 
-__all__ = ["Request", "Session", "ZenohSettings", "load_zenoh"]
+__all__ = ["LISTEN", "Request", "Session", "ZenohSettings", "endpoints_in", "load_zenoh"]
 
 _log = logging.getLogger(__name__)
 
@@ -42,7 +37,9 @@ _HEARTBEAT = 0.5
 """Seconds between two checks for lost samples, as in `rmw_zenoh`."""
 _RETRY = {"period_init_ms": 250, "period_max_ms": 1000, "period_increase_factor": 2}
 _ROUTER = "tcp/localhost:7447"
-_LISTEN = "tcp/localhost:0"
+LISTEN = "tcp/localhost:0"
+"""Where a node of a machine waits for others of it: any port."""
+_HERE = re.compile(r"(tcp|udp)/(localhost|127(\.[0-9]{1,3}){3}|\[::1\]):[0-9]+|unixsock-stream/.*", re.ASCII)
 _STUCK = 20.0
 """Seconds for which an answer waits for a client that takes nothing; then its connection is closed. One that is
 silent for 10 s ends before: the other side notices that and connects again, while it never would otherwise."""
@@ -83,17 +80,15 @@ class ZenohSettings:
     """How a session is set up.
 
     Nodes of this machine learn of each other from the router and connect directly, as with `rmw_zenoh`. Where the
-    router is another machine's, or certificates are used, all passes through it.
+    router is another machine's, all passes through it.
+
+    A subclass may add settings of its own in `rows`, and look at more before a session is opened.
 
     Attributes:
         connect: Endpoints of routers.
         listen: Where other nodes of this machine may connect.
         attempts: Seconds to wait for a router, as ZENOH_ROUTER_CHECK_ATTEMPTS: 0 for no limit, less for not even
             looking for one. None: a second if the router is this machine's, which may come later; else no limit.
-        ca: Certificate of the lab's authority; empty for no certificates.
-        cert: Own certificate.
-        key: Its key.
-        reachable_without_certificates: Allow endpoints beyond this machine without TLS.
         config_file: Settings of Zenoh in JSON5 that replace all of these, as ZENOH_SESSION_CONFIG_URI.
         overrides: Single settings of Zenoh and their values in JSON5, as ZENOH_CONFIG_OVERRIDE.
     """
@@ -101,28 +96,11 @@ class ZenohSettings:
     connect: tuple[str, ...] = (_ROUTER,)
     listen: tuple[str, ...] | None = None
     attempts: int | None = None
-    ca: str = ""
-    cert: str = ""
-    key: str = ""
-    reachable_without_certificates: bool = False
     config_file: str = ""
     overrides: tuple[tuple[str, str], ...] = ()
 
-    def __post_init__(self) -> None:
-        given = [bool(self.ca), bool(self.cert), bool(self.key)]
-        if any(given) and not all(given):
-            raise UsageError("TLS needs all of ca, cert and key; 'hexwire cert' creates the files")
-        for field in ("connect", "listen"):
-            object.__setattr__(self, field, self._checked(getattr(self, field)))
-
-    def _checked(self, endpoints: tuple[str, ...] | None) -> tuple[str, ...] | None:
-        options = {"certificates": bool(self.ca), "anywhere": self.reachable_without_certificates}
-        if endpoints is None:
-            return None
-        return tuple(each if each == _LISTEN else check_endpoint(each, **options) for each in endpoints)
-
     @classmethod
-    def from_environment(cls, environment: Mapping[str, str], **more: Any) -> ZenohSettings:
+    def from_environment(cls, environment: Mapping[str, str], **more: Any) -> Self:
         """The settings that `rmw_zenoh` takes from environment variables.
 
         Args:
@@ -147,26 +125,14 @@ class ZenohSettings:
         return cls(config_file=file, overrides=tuple(overrides), **more)
 
     @property
-    def files(self) -> TlsFiles | None:
-        """The certificates; None for none."""
-        return TlsFiles(self.ca, self.cert, self.key) if self.ca else None
-
-    @property
     def is_local(self) -> bool:
-        """Whether it connects to routers of this machine only, without certificates."""
-        if self.ca:
-            return False
-        try:
-            for each in self.connect:
-                check_endpoint(each, certificates=False, anywhere=False)
-        except UsageError:
-            return False
-        return True
+        """Whether it connects to routers of this machine only."""
+        return all(_HERE.fullmatch(each) for each in self.connect)
 
     def rows(self) -> dict[str, Any]:
         """Zenoh's settings: `rmw_zenoh`'s defaults with these."""
-        listen = self.listen if self.listen is not None else (_LISTEN,) if self.is_local else ()
-        rows = {
+        listen = self.listen if self.listen is not None else (LISTEN,) if self.is_local else ()
+        return {
             # A router relays nothing between peers.
             "mode": "peer" if self.is_local else "client",
             "connect/endpoints": list(self.connect),
@@ -188,7 +154,6 @@ class ZenohSettings:
             "transport/link/tx/queue/congestion_control/block/wait_before_close": round(1e6 * _STUCK),
             "transport/link/rx/max_message_size": _LARGEST,
         }
-        return rows | (tls_settings(self.files) if self.files is not None else {})
 
     def open(self, missing: Callable[[str], object] = lambda why: None) -> Session:
         """Open a session. With a router of this machine it connects in the background; always again after a loss.
@@ -201,18 +166,17 @@ class ZenohSettings:
             LinkNotFoundError: There is no router in the given time.
             LinkPermissionError: It cannot listen.
             NotSupportedError: Zenoh is not installed.
-            UsageError: Zenoh refuses a setting, or the certificates cannot be used.
+            UsageError: Zenoh or `check` refuses a setting.
         """
         zenoh = load_zenoh()
         zenoh.init_log_from_env_or("off")
-        if self.files is not None:
-            check_usable(self.files)
+        self.check()
         config = self._config(zenoh)
         tries = 0
         while True:
             try:
                 # Zenoh changes the settings that it opens.
-                return Session(zenoh.open(self._config(zenoh)), _endpoints(config, "connect"))
+                return Session(zenoh.open(self._config(zenoh)), endpoints_in(config, "connect"))
             except zenoh.ZError as error:
                 if json.loads(config.get_json("mode")) != "client":
                     raise LinkPermissionError(f"cannot open a Zenoh session: {_first_line(error)}") from None
@@ -223,8 +187,26 @@ class ZenohSettings:
                 missing(self._why_unreachable(config))
             time.sleep(_AGAIN)
 
+    def check(self) -> None:
+        """Check what Zenoh would not, before a session is opened; nothing here.
+
+        Raises:
+            UsageError: A setting cannot be used.
+        """
+
+    def why_unreachable(self, endpoint: str) -> str:
+        """Why the router at an endpoint cannot be reached, in one line."""
+        return f"nobody answers at {endpoint}; is the router running, and the address right?"
+
+    def check_replaced(self, config: Any) -> None:
+        """Look at the settings that `config_file` and `overrides` have made; nothing here.
+
+        Args:
+            config: A ``zenoh.Config``.
+        """
+
     def _why_unreachable(self, config: Any) -> str:
-        return "; ".join(why_unreachable(each, self.files) for each in _endpoints(config, "connect"))
+        return "; ".join(self.why_unreachable(each) for each in endpoints_in(config, "connect"))
 
     def _config(self, zenoh: Any) -> Any:
         rows = [(key, json.dumps(value)) for key, value in self.rows().items()]
@@ -245,12 +227,17 @@ class ZenohSettings:
                 why = "its value is not JSON5" if "Json5Err" in str(error) else _first_line(error)
                 raise UsageError(f"{where}{key[:80]} is not a setting of Zenoh: {why}") from None
         if self.config_file or self.overrides:
-            _warn_of_open_doors(config)
+            self.check_replaced(config)
         return config
 
 
-def _endpoints(config: Any, kind: str) -> tuple[str, ...]:
-    """All endpoints in Zenoh's settings, whose form depends on who wrote them."""
+def endpoints_in(config: Any, kind: str) -> tuple[str, ...]:
+    """All endpoints in Zenoh's settings, whose form depends on who wrote them.
+
+    Args:
+        config: A ``zenoh.Config``.
+        kind: ``connect`` or ``listen``.
+    """
 
     def flat(value: Any) -> Iterator[str]:
         if isinstance(value, str):
@@ -260,17 +247,6 @@ def _endpoints(config: Any, kind: str) -> tuple[str, ...]:
                 yield from flat(each)
 
     return tuple(flat(json.loads(config.get_json(f"{kind}/endpoints"))))
-
-
-def _warn_of_open_doors(config: Any) -> None:
-    for kind in ("listen", "connect"):
-        for endpoint in _endpoints(config, kind):
-            if endpoint == _LISTEN:
-                continue
-            with contextlib.suppress(UsageError):
-                check_endpoint(endpoint, certificates=True, anywhere=False)
-                continue
-            _log.warning("Zenoh's settings %s to %s, where anybody may move the arm", kind, endpoint[:200])
 
 
 def _first_line(error: Exception) -> str:

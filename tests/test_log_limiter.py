@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from hexwire.control.log_limiter import LogLimiter
+from hexwire.log_limiter import LogLimiter
 
 
 def test_same_text_is_logged_again_after_its_period() -> None:
