@@ -43,6 +43,19 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     return saved
 
 
+def test_the_tip_is_seen_from_above_and_from_the_side(tmp_path: Path, figures: list[Any]) -> None:
+    plot = MotionPlot(("J1",))
+    plot.planned = [(0.0, (0.0,)), (1.0, (1.0,))]
+    plot.path = [(0.1, 0.2, 0.3), (0.11, 0.22, 0.33)]
+    plot.draw(open_picture(str(tmp_path / "a.png"), force=False))
+    x, y, z = [100.0, 110.0], [200.0, 220.0], [300.0, 330.0]
+    views = {(axes.get_xlabel(), axes.get_ylabel()): axes.lines[0].get_data() for axes in figures[0].axes[1:]}
+    assert {names: [list(values) for values in data] for names, data in views.items()} == {
+        ("x, mm", "y, mm"): [pytest.approx(x), pytest.approx(y)],
+        ("y, mm", "z, mm"): [pytest.approx(y), pytest.approx(z)],
+    }
+
+
 def test_without_a_path_there_are_no_empty_axes(tmp_path: Path, figures: list[Any]) -> None:
     plot = MotionPlot(("J1",))
     plot.planned = [(0.0, (0.0,)), (1.0, (1.0,))]

@@ -55,6 +55,11 @@ def test_its_form_in_a_token_is_that_of_rmw_zenoh(qos: Qos, key: str) -> None:
     assert parse_qos(key) == qos
 
 
+def test_what_a_later_version_adds_to_the_form_is_ignored() -> None:
+    for longer in ("::,10,9:,:,:3,1,5", "::,10:,,9:,,9:3,1,5", "::,10:,:,:3,1,5,9", "::,10:,:,:3,1,5:9"):
+        assert parse_qos(longer) == parse_qos("::,10:,:,:3,1,5"), longer
+
+
 @given(QOS)
 def test_the_form_is_read_back(qos: Qos) -> None:
     assert parse_qos(qos.key) == qos

@@ -60,6 +60,15 @@ def test_node_takes_another_link_set() -> None:
     assert settings.arm.kinematics.links.name == "V1"  # type: ignore[attr-defined]
 
 
+def test_a_gripper_that_closes_on_something_has_arrived(arm: PackageArm) -> None:
+    file = read(arm, "config/ros2_controllers.yaml")
+    assert ("gripper_action_controller" in file) is (arm.jaws is not None)
+    if arm.jaws is not None:
+        settings = file["gripper_action_controller"]["ros__parameters"]
+        assert settings["joint"] == arm.jaws.joint
+        assert settings["allow_stalling"] is True
+
+
 @pytest.mark.parametrize("name", RELEASES)
 def test_each_joint_has_one_started_controller_and_is_in_the_description(arm: PackageArm, name: str) -> None:
     file = read(arm, "config/ros2_controllers.yaml", name)
