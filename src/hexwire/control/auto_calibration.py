@@ -73,6 +73,10 @@ _PATIENCE = 3.0
 _LONGEST_CYCLE = 0.06
 _LOOK_BACK, _TOO_SLOW = 5.0, 0.3
 """Seconds before a fault that count, and how many of them this computer must have lost to be its cause."""
+_NO_SERVO = (
+    "no servo answers any more: check the adapter, the first cable and the supply; "
+    "or the program of an emulated arm was suspended, or had no processor time"
+)
 _INSET = 6
 """Counts from a mechanical stop to the end of the calibrated range: a joint at its end does not push."""
 
@@ -287,6 +291,8 @@ class AutoCalibration(SingleMotion):
             if fault := _reported(joint):
                 return f"{joint.name} {fault}"
         fault = next((f"{joint.name} {fault}" for joint in state if (fault := self._take(joint, now))), "")
+        if fault and len(self._pushes) > 1 and all(push.missed for push in self._pushes.values()):
+            fault = _NO_SERVO
         if not fault and (task := self._task) is not None:
             held = (push for name, push in self._pushes.items() if name not in task.joints)
             moved = [push.joint.name for push in held if abs(push.position - push.aim) > _DRIFT + push.lead]
