@@ -16,6 +16,7 @@ from tests.motion.arms import HOME, NAMES
 from hexwire.control.goals import Point, TrajectoryGoal
 from hexwire.control.lease import Lease
 from hexwire.control.outcomes import Outcome, Reason
+from hexwire.control.path_brake import PathBrake
 from hexwire.drivers.board2_path import Board2Path
 from hexwire.drivers.timed_path import PathState, TimedPath, TimedPoint
 from hexwire.errors import LeaseError, StoppedError
@@ -645,6 +646,17 @@ def test_goals_at_once_and_a_stall_before_the_first_began() -> None:
     assert last.outcome == SUCCEEDED
     assert at(bench) == pytest.approx(0.3, abs=0.01)
     assert smooth(bench)
+    assert not bench.targets
+
+
+def test_a_path_on_which_no_brake_is_possible_begins_with_enough_points_to_start(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(PathBrake, "after", lambda brake, plan, time: [])
+    bench = Timed()
+    told = bench.go(seconds=3.0)
+    bench.until(lambda: told.ends)
+    assert told.outcome == SUCCEEDED
     assert not bench.targets
 
 

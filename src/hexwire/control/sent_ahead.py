@@ -38,6 +38,8 @@ _log = logging.getLogger(__name__)
 
 _FIRST = 12
 """Points that are sent before the start, at least."""
+_ENOUGH = 0.1
+"""Seconds that a path which nothing ends must last for longer than the robot needs to brake, when it starts."""
 _TICK = 1e-4
 """Seconds: all times of points are multiples of it."""
 _LOOK, _LONGER = 0.1, 0.5
@@ -273,7 +275,15 @@ class SentAhead:
         self._sent, self._oldest, self._replaced = [], 0, None
         self._make_points(path, 0.0)
         self._stands = None
-        self._send(path, min(max(_FIRST, self._pace.most(path.capacity)), path.capacity - REST_POINTS))
+        most, brake = max(_FIRST, self._pace.most(path.capacity)), PathBrake(self._robot.model, path.joints)
+        self._send(path, min(most, path.capacity - REST_POINTS))
+        # A path that has no brake at its end must last for longer than the robot's own, or it does not start.
+        enough = 0.5 * self._brakes_for + _ENOUGH
+        while not (self._complete or self._sent[-1].time > enough or brake.after(plan, self._sent[-1].time)):
+            room, before = path.capacity - REST_POINTS - len(self._sent), len(self._sent)
+            self._send(path, min(most, room))
+            if len(self._sent) == before:
+                break
         self._path, self._leaving, self._unfit, self._origin = path, False, False, begins
         self._looked = self._clock()
         self._shift(self.start.give(path, begins))
