@@ -166,9 +166,9 @@ def _compare(a: TimedPoint, b: TimedPoint, meant: Trajectory, begin: float, scal
 
 
 def test_a_search_that_took_too_long_is_made_again_for_a_later_place() -> None:
-    brake, path, times = PathBrake(HEX7BOT, ("J1", "J2")), Path(), iter((0.30, 0.40, 0.40, 0.41))
+    brake, path, times = PathBrake(HEX7BOT, ("J1", "J2")), Path(), iter((0.30, 0.36, 0.40, 0.41))
     found = brake.end(path, plan(), TIMES, 0, lambda: next(times))
     assert found is not None
     # Asked at 0.30 s it was the point at 0.35 s, and that was passed meanwhile.
-    assert TIMES[found[0] - 1] == pytest.approx(0.45)
+    assert TIMES[found[0] - 1] == pytest.approx(0.55)
     assert len(path.sent) == 1

@@ -32,7 +32,7 @@ needs to brake by itself: otherwise it does, before the next request has come.""
 _SPARE = 16
 """Points of a path that may still be on the robot before those that slow it down."""
 _SEARCH, _TRIES = 0.02, 3
-"""Seconds that the search for a way to rest may take; twice as long in the next try, if it took longer."""
+"""Seconds that the search for a way to rest may take, at first; if it took longer, twice that in the next try."""
 _TICK = 1e-4
 
 
@@ -115,12 +115,15 @@ class PathBrake:
         Raises:
             StoppedError: A stop ended the path.
         """
-        for i in range(_TRIES):
-            found = self._soonest(path, plan, times, bisect_right(times, settled() + 2.0**i * _SEARCH))
+        search = _SEARCH
+        for _ in range(_TRIES):
+            begin = settled()
+            found = self._soonest(path, plan, times, bisect_right(times, begin + search))
             if found is None:
                 return None
-            n, points = found
-            if times[n] <= settled():
+            (n, points), end = found, settled()
+            if times[n] <= end:
+                search = 2.0 * (end - begin)
                 continue
             try:
                 if path.send(points, last=True, first=oldest + n + 1) < len(points):

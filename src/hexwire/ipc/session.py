@@ -217,8 +217,8 @@ class Session(Openable):
     def open(self) -> None:
         """Open the channel. Nothing is sent to the board; see `negotiate`.
 
-        The opening of a serial port may reset a board, whose firmware, if it is the chapter's, then drives the arm to
-        its middle pose. Drivers warn of that; for a session, `hexwire.drivers.board_reset.warn_of_reset` does.
+        The opening of a serial port may reset a board, whose firmware, if it is the chapter's, then drives the arm
+        to its middle pose. Drivers warn of that; for a session, `hexwire.drivers.board_reset.warn_of_reset` does.
 
         Raises:
             LinkError: As `Link.open`.
