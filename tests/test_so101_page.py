@@ -139,7 +139,7 @@ class Table:
                 acts.append("y")
         for servo in servos:
             servo.registers.put_stored("id", 1)
-        self.monkeypatch.setattr("hexwire.cli.bus_arm_setup.sys", SimpleNamespace(stdin=Person(*acts)))
+        self.monkeypatch.setattr("hexwire.cli.bus_setup.sys", SimpleNamespace(stdin=Person(*acts)))
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from hexwire.cli import analyzers as command
+from hexwire.cli import trace as command
 from hexwire.cli.main import cli
 from hexwire.trace.analyzers import PROGRAMS
 

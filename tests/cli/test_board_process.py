@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from hexwire.cli import board_process as module
-from hexwire.cli.board_process import board_process
+from hexwire.cli import demo as module
+from hexwire.cli.demo import board_process
 from hexwire.errors import DeviceError, UsageError
 
 pytestmark = pytest.mark.system

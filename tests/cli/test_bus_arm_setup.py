@@ -49,7 +49,7 @@ class SetupCli:
 
     def run(self, person: Person, *words: str) -> Result:
         # The runner replaces the standard input; this is inside of it.
-        self.monkeypatch.setattr("hexwire.cli.bus_arm_setup.sys", SimpleNamespace(stdin=person))
+        self.monkeypatch.setattr("hexwire.cli.bus_setup.sys", SimpleNamespace(stdin=person))
         return CliRunner().invoke(cli, ["bus", "setup", *words, "--port", "/dev/ttyTEST"])
 
 

@@ -3,8 +3,8 @@ from __future__ import annotations
 import pytest
 from click.testing import CliRunner
 
-from hexwire.cli.bus_group import with_unit
 from hexwire.cli.main import cli
+from hexwire.cli.output import with_unit
 from hexwire.link import ports
 
 

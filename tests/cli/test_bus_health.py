@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 from tests.cli.bus_cli import BusCli
 
-from hexwire.cli import bus_health
+from hexwire.cli import bus as bus_health
 from hexwire.drivers.stop_memory import StopMemory
 
 

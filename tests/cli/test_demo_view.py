@@ -3,7 +3,8 @@ from __future__ import annotations
 import pytest
 from tests.model.states import make_state
 
-from hexwire.cli.demo_view import PlainView, Sample
+from hexwire.cli.demo import PlainView
+from hexwire.cli.draw import Sample
 
 
 def test_the_plain_view_prints_a_line_a_second(capsys: pytest.CaptureFixture[str]) -> None:

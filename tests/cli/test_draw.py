@@ -7,8 +7,7 @@ from rich.console import Console
 from rich.text import Text
 from tests.model.states import make_state
 
-from hexwire.cli.demo_view import Sample
-from hexwire.cli.draw import JointTable, LiveView, SafeConsole, progress
+from hexwire.cli.draw import JointTable, LiveView, SafeConsole, Sample, progress
 from hexwire.model.state import JointFlag, JointState
 
 NAN = math.nan

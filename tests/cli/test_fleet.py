@@ -5,19 +5,20 @@ from __future__ import annotations
 import pytest
 from click.testing import CliRunner
 
-from hexwire.cli.fleet import COMMANDS
+from hexwire.cli.fleet import fleet
 from hexwire.cli.main import cli
 
 
 def test_the_group_lists_its_commands() -> None:
     result = CliRunner().invoke(cli, ["fleet", "--help"])
     assert result.exit_code == 0
-    for name, (_, text) in COMMANDS.items():
+    for name, command in fleet.commands.items():
         assert name in result.stdout
-        assert text in result.stdout
+        assert command.short_help
+        assert command.short_help in result.stdout
 
 
-@pytest.mark.parametrize("name", sorted(COMMANDS))
+@pytest.mark.parametrize("name", sorted(fleet.commands))
 def test_each_command_has_help(name: str) -> None:
     result = CliRunner().invoke(cli, ["fleet", name, "--help"])
     assert result.exit_code == 0, result.output

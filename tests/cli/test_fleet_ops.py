@@ -17,7 +17,7 @@ from tests.system.programs import hexwire_program
 from tests.waits import eventually
 
 import hexwire
-from hexwire.cli import fleet_ops
+from hexwire.cli import fleet as fleet_ops
 from hexwire.cli.main import cli
 from hexwire.fleet import overview
 from hexwire.fleet.endpoints import local_socket

@@ -14,7 +14,7 @@ from tests.system.programs import hexwire_program
 from tests.waits import eventually
 
 import hexwire
-from hexwire.cli.fleet_play import _tell
+from hexwire.cli.fleet import _tell
 from hexwire.cli.main import cli
 from hexwire.fleet import player
 from hexwire.trace.recording import RecordingWriter, make_positions, topic_of

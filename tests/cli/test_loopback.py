@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import pytest
 from click.testing import CliRunner
 
-from hexwire.cli.loopback import loopback
+from hexwire.cli.doctor import loopback
 from hexwire.errors import LinkError, UsageError
 
 

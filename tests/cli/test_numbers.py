@@ -3,7 +3,7 @@ from __future__ import annotations
 import click
 import pytest
 
-from hexwire.cli.numbers import FiniteFloat
+from hexwire.cli.options import FiniteFloat
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "-inf", "x", "", "1,5", "-1"])

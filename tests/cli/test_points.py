@@ -17,7 +17,7 @@ from tests.motion.arms import HOME
 
 import hexwire
 from hexwire.cli.main import cli
-from hexwire.cli.points import Point, ToolAim, points_argument, pose_options, to_points
+from hexwire.cli.motion import Point, ToolAim, points_argument, pose_options, to_points
 from hexwire.control.pose_file import PoseFile, home_pose
 from hexwire.control.via import Place
 from hexwire.drivers.registry import make_driver

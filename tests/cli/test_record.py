@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner, Result
 from tests.analyzers.lines import assembled
 
-from hexwire.cli.board_process import board_process
+from hexwire.cli.demo import board_process
 from hexwire.cli.main import cli
 from hexwire.trace.capture import BYTES, FRAMES
 from hexwire.trace.recording import JOINT_STATES, RecordingWriter, make_positions

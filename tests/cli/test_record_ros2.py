@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from hexwire.cli.board_process import board_process
+from hexwire.cli.demo import board_process
 from hexwire.cli.main import cli
 from hexwire.trace.recording import RecordingWriter, make_positions
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from tests.drivers.test_base import Guarded
 
-from hexwire.cli.common import observed_driver
-from hexwire.cli.recording import capturing, recording
+from hexwire.cli.options import observed_driver
+from hexwire.cli.record import capturing, recording
 from hexwire.drivers.base import RobotDriver
 from hexwire.errors import UsageError
 from hexwire.link.memory import memory_pair

@@ -11,7 +11,7 @@ import pytest
 from tests.cli.bus_cli import BusCli
 
 from hexwire.bus.servo_bus import ServoBus
-from hexwire.cli.samples import SampleFiles, saving
+from hexwire.cli.bus_live import SampleFiles, saving
 from hexwire.drivers.bus_arm import BusArm
 from hexwire.errors import LinkLostError, UsageError
 from hexwire.model.state import JointFlag, JointState

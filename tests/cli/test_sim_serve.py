@@ -6,7 +6,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from hexwire.cli.main import cli
-from hexwire.cli.sim_serve import parse_address
+from hexwire.cli.sim import parse_address
 from hexwire.errors import UsageError
 
 DEVICES = (["sim", "board"], ["sim", "bus"])

@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from hexwire.cli.main import cli
-from hexwire.cli.sim_view import shown
+from hexwire.cli.sim import shown
 from hexwire.emulator import serve_view
 from hexwire.errors import UsageError
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from hexwire.cli.state import condition
+from hexwire.cli.look import condition
 from hexwire.model.state import JointFlag, JointReading
 
 

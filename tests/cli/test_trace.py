@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from hexwire.cli.lazy import LazyGroup
-from hexwire.cli.main import cli
+from hexwire.cli.main import LazyGroup, cli
 from hexwire.cli.trace import trace, tracing
 from hexwire.link.open import make_link
 from hexwire.link.tap import TapLink

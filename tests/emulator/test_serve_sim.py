@@ -11,7 +11,7 @@ from types import ModuleType, SimpleNamespace
 import pytest
 
 from hexwire.bus.servo_bus import ServoBus
-from hexwire.cli.state import _remarks
+from hexwire.cli.look import _remarks
 from hexwire.control.diagnostics import Facts, _stop_reason
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.checkup import judge_state

@@ -147,7 +147,7 @@ def test_names_that_pages_import_are_in_the_reference() -> None:
         *(module for modules in MODULES.values() for module in modules),
     }
     # Of the repository, not of the package: how these pages start an emulated board.
-    known |= {"hexwire.cli.board_process"}
+    known |= {"hexwire.cli.demo"}
     for page in pages.sources().values():
         for block in pages.blocks(page.read_text(encoding="utf-8")):
             if block.language == "python":

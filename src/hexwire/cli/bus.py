@@ -1,31 +1,178 @@
-"""`bus`: find, read and write servos on a bus adapter, without a board in between.
+"""`bus`: servos on a bus adapter, without a board in between.
 
-Owns these commands and the list of the modules with the others: those that set servos up are in `bus_setup`, those
-that run for a while in `bus_live`, calibration is in `bus_calibrate`, the set-up of an arm in
-`bus_arm_setup`, their condition in `bus_health`. Must not know packets.
+Owns the options of a bus and its opening, and the commands that find, read, write and judge servos. Those that set
+servos up are in `bus_setup`, those that run for a while in `bus_live`, calibration is in `bus_calibrate`. Must not
+know packets, nor what is healthy: `hexwire.bus.health` judges.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import functools
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from hexwire.bus.ids import parse_ids
-from hexwire.errors import ServoError, UsageError
+from hexwire.errors import ServoError, StoppedError, UsageError
 
-from . import bus_arm_setup, bus_calibrate, bus_health, bus_live, bus_setup  # noqa: F401  # their commands join the group on import
-from .bus_group import BusOptions, bus, bus_options, known_servo, open_bus, refuse_if_stopped, with_unit
-from .common import confirm, json_option, on_terminal
-from .exits import note
-from .numbers import NumbersCommand
-from .output import answer, print_json, say, say_table
+from .exits import note, shielded
+from .main import LazyGroup
+from .options import NumbersCommand, confirm, group_port_option, json_option, on_terminal, port_option, resolve_url
+from .output import answer, print_json, say, say_table, with_unit
 
 if TYPE_CHECKING:
+    from hexwire.bus.health import HealthFinding, ServoSamples
     from hexwire.bus.servo_bus import ServoBus
     from hexwire.bus.setup import Found, ServoInfo
 
-__all__ = ["bus"]
+__all__ = ["BusOptions", "bus", "bus_options", "bus_url", "health", "known_servo", "open_bus", "refuse_if_stopped"]
+
+
+@dataclass(frozen=True, slots=True)
+class BusOptions:
+    """Which bus, and which servos are on it.
+
+    Attributes:
+        port: URL or path; the only likely adapter if None.
+        series: Series of every servo; the servos are asked if None.
+        baud: Line rate; the series' default if None and the URL names none.
+    """
+
+    port: str | None
+    series: str | None
+    baud: int | None
+
+
+def bus_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """``--port``, ``--series`` and ``--baud``; the command gets them as ``options: BusOptions``."""
+
+    @functools.wraps(command)
+    def packed(*args: Any, port: str | None, series: str | None, baud: int | None, **rest: Any) -> Any:
+        return command(*args, options=BusOptions(port, series, baud), **rest)
+
+    baud_option = click.option(
+        "--baud", type=click.IntRange(min=1), metavar="N", help="Line rate (1000000; 115200 for seven_bot)."
+    )
+    series_option = click.option(
+        "--series", metavar="S", help="sts, sms, scs, hls or seven_bot. Optional: hexwire asks the servos."
+    )
+    return port_option(series_option(baud_option(packed)))
+
+
+@contextmanager
+def open_bus(options: BusOptions) -> Iterator[ServoBus]:
+    """Open the bus that the options name.
+
+    Raises:
+        UsageError: The port or series is invalid.
+        LinkError: The port cannot be opened.
+        WrongDeviceError: No servo answered in this context, because the device is a controller board, or
+            another robot.
+    """
+    from hexwire.bus.servo_bus import ServoBus
+    from hexwire.bus.servos import as_series
+    from hexwire.drivers.board_reset import note_servos, warn_of_reset
+    from hexwire.ipc.board_search import explain_no_servo
+    from hexwire.wire.registers import Series
+
+    series = as_series(options.series) if options.series else Series.STS_SMS
+    wire = ServoBus.from_url(bus_url(options), series=series)
+    # A controller board may be there by mistake.
+    warn_of_reset(wire.link)
+    with wire as opened:
+        try:
+            yield opened
+        except ServoError:
+            wrong = None if opened.counters.answers else explain_no_servo(opened.link)
+            if wrong is not None:
+                raise wrong from None
+            raise
+        finally:
+            note_servos(opened)
+        _warn_of_latency(opened)
+
+
+def bus_url(options: BusOptions) -> str:
+    """The URL of the bus that the options name, or of the only likely adapter.
+
+    Raises:
+        UsageError: The port is invalid, or there are several adapters.
+        LinkNotFoundError: No port is named, and there is no adapter.
+    """
+    return resolve_url(options.port or _only_adapter(), options.baud)
+
+
+def refuse_if_stopped(opened: ServoBus, what: str) -> None:
+    """Apply this user's stop: a bus cannot latch one, and a single write can move a servo.
+
+    Raises:
+        StoppedError: The arm on this bus is stopped.
+    """
+    from hexwire.drivers.stop_memory import StopMemory
+    from hexwire.wire.command_frame import Status
+
+    if StopMemory(opened.link.url).stopped:
+        raise StoppedError.unsent(what, Status.STOPPED, "the arm is stopped; `hexwire resume` ends that")
+
+
+def _only_adapter() -> str:
+    from hexwire.errors import LinkNotFoundError
+    from hexwire.link.ports import list_ports
+
+    found = [port for port in list_ports() if port.likely_adapter]
+    if len(found) == 1:
+        return found[0].device
+    if found:
+        raise UsageError(f"several likely adapters: {', '.join(map(str, found))}; name one with --port")
+    raise LinkNotFoundError("no likely servo adapter found: plug it in, or name a port with --port")
+
+
+def _warn_of_latency(opened: ServoBus) -> None:
+    from hexwire.link.adapter import inspect_adapter
+
+    device = getattr(opened.link, "device", None)
+    if isinstance(device, str):
+        report = inspect_adapter(device, opened.timing.overhead, opened.timing.holds_back)
+        if report.advice:
+            note(f"warning: {report.advice}")
+
+
+def known_servo(opened: ServoBus, servo_id: int, options: BusOptions) -> None:
+    """Ask a servo for its series, unless the user gave it.
+
+    Raises:
+        ServoError: It does not answer.
+    """
+    if options.series:
+        return
+    from hexwire.bus.setup import identify
+
+    if identify(opened, servo_id) is None:
+        raise ServoError(
+            f"servo {servo_id} does not answer: check cable, power, id and --baud; `hexwire bus scan` searches "
+            "all ids",
+            servo_id=servo_id,
+        )
+
+
+_ELSEWHERE = {
+    **dict.fromkeys(("set-id", "set-baud", "center", "recover", "backup", "restore", "diff", "setup"), "bus_setup"),
+    **dict.fromkeys(("monitor", "wave", "stress"), "bus_live"),
+    "calibrate": "bus_calibrate",
+}
+
+
+@click.group(
+    cls=LazyGroup,
+    locations={name: f"hexwire.cli.{module}:{name.replace('-', '_')}" for name, module in _ELSEWHERE.items()},
+)
+@group_port_option
+def bus(port: str | None) -> None:
+    """Talk to bus servos through an adapter: find, read, write, set up, watch, test."""
 
 
 @bus.command()
@@ -274,3 +421,83 @@ def table(servo_id: int, options: BusOptions, as_json: bool) -> None:
         print_json(data)
     else:
         say_table(("", "at", "register", "raw", "value", "default", "access", "area"), rows, keys=3)
+
+
+_MARKS = {"ok": "ok   ", "hint": "hint ", "bad": "BAD  "}
+
+
+@bus.command()
+@click.argument("ids")
+@click.option("--backlash", is_flag=True, help="Measure the backlash too: each servo moves by 3 degrees!")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@bus_options
+@json_option
+def health(ids: str, backlash: bool, yes: bool, options: BusOptions, as_json: bool) -> None:
+    """Say how servos are, as in `health 1-6`, in the order of the chain from the adapter on.
+
+    Judges faults, supply against voltage class, temperature, current at rest, firmware with known problems, and
+    lost answers by their place in the chain. Put the arm down first. Nothing moves without --backlash.
+
+    The exit status is 0 if nothing is BAD, 1 if something is. Hints do not count.
+    """
+    from hexwire.bus.health import Rank, check_health, judge_health
+
+    wanted = parse_ids(ids)
+    if options.series:
+        raise UsageError("--series does not apply: the servos are asked")
+    with open_bus(options) as opened:
+        if backlash:
+            refuse_if_stopped(opened, "a motion")
+            confirm("Each servo moves by 3 deg to either side. Is the arm put down and free to move?", yes)
+        servos = check_health(opened, wanted)
+        if backlash:
+            servos = [_with_backlash(opened, servo) for servo in servos]
+        findings = judge_health(servos)
+        if as_json:
+            print_json({"healthy": _healthy(findings), "findings": [_finding_json(row) for row in findings]})
+        else:
+            _say_findings(findings)
+        if not _healthy(findings):
+            bad = sum(row.rank is Rank.BAD for row in findings)
+            raise ServoError(f"{bad} problem{'s' if bad > 1 else ''} found, marked BAD above")
+
+
+def _healthy(findings: list[HealthFinding]) -> bool:
+    from hexwire.bus.health import Rank
+
+    return all(row.rank is not Rank.BAD for row in findings)
+
+
+def _finding_json(row: HealthFinding) -> dict[str, object]:
+    return {
+        "level": row.rank.value,
+        "ids": row.servo_ids,
+        "topic": row.topic,
+        "text": row.text,
+        "advice": row.advice,
+    }
+
+
+def _say_findings(findings: list[HealthFinding]) -> None:
+    from hexwire.bus.health import Rank
+
+    for row in findings:
+        who = ", ".join(map(str, row.servo_ids))
+        about = f"servo {who}: " if row.rank is not Rank.OK and who and not row.text.startswith("no ") else ""
+        say(f"{_MARKS[row.rank.value]} {row.topic:12} {about}{row.text}")
+        if row.advice:
+            say(f"      -> {row.advice}")
+
+
+def _with_backlash(opened: ServoBus, servo: ServoSamples) -> ServoSamples:
+    from hexwire.control.servo_backlash import measure_backlash
+
+    if not servo.answers:
+        return servo
+    note(f"servo {servo.servo_id} moves")
+    try:
+        found = measure_backlash(opened, servo.servo_id, clock=time.monotonic, sleep=time.sleep, shield=shielded)
+    except UsageError as error:
+        note(f"warning: its backlash is unknown: {error}")
+        return servo
+    return replace(servo, backlash=found)

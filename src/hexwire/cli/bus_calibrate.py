@@ -20,9 +20,9 @@ import click
 from hexwire.errors import StoppedError, UsageError
 from hexwire.new_file import OutputFile
 
-from .bus_group import BusOptions, bus, bus_options, bus_url
-from .common import confirm, force_option, json_option, on_terminal
+from .bus import BusOptions, bus_options, bus_url
 from .exits import note, shielded
+from .options import confirm, force_option, json_option, on_terminal
 from .output import answer, format_table, line_width, plain
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def _now() -> str:
     return datetime.datetime.now().astimezone().isoformat(timespec="seconds")
 
 
-@bus.command()
+@click.command()
 @click.argument("robot")
 @click.argument("file", type=click.Path(dir_okay=False), required=False)
 @click.option("--auto", is_flag=True, help="Let the arm find its stops itself. It moves!")

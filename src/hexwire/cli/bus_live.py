@@ -2,30 +2,34 @@
 
 Owns what they show and save, and the loops of those that only read; `hexwire.control` moves the servo of a wave.
 A wave is confirmed first, bounded by the servo's own limits, stopped by any key, and ends at its starting position.
+Samples are saved however the sampling ends.
 """
 
 from __future__ import annotations
 
+import csv
+import functools
+import io
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import asdict
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from hexwire.bus.ids import parse_ids
 from hexwire.errors import HexwireError, ServoError
 from hexwire.model.state import JointFlag
+from hexwire.new_file import OutputFile
 
-from .bus_group import BusOptions, bus, bus_options, known_servo, open_bus, with_unit
-from .common import confirm, json_option, on_terminal
+from .bus import BusOptions, bus_options, known_servo, open_bus
 from .exits import note, shielded
-from .numbers import FiniteFloat, number_option
-from .output import answer, format_table, line_width, plain, print_json, say, say_table
-from .samples import Row, SampleFiles, file_options, saving
+from .options import FiniteFloat, confirm, force_option, json_option, number_option, on_terminal, refuse_idle_force
+from .output import answer, format_table, line_width, plain, print_json, say, say_table, with_unit
+from .plot import TimePlot, open_picture
 
 if TYPE_CHECKING:
     from hexwire.bus.latency import Bins
@@ -34,14 +38,107 @@ if TYPE_CHECKING:
     from hexwire.drivers.bus_arm import BusArm
     from hexwire.model.state import JointReading
 
-__all__ = ["histogram"]
+__all__ = ["Row", "SampleFiles", "file_options", "histogram", "saving"]
+
+Row = tuple[float, ...]
+"""One sample: one number per column."""
+
+
+@dataclass(frozen=True, slots=True)
+class SampleFiles:
+    """Output files for samples, as typed."""
+
+    csv: str | None
+    plot: str | None
+    force: bool
+
+
+def file_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """``--csv``, ``--plot`` and ``--force``; the command gets ``files: SampleFiles``."""
+
+    @functools.wraps(command)
+    def given(*args: Any, csv_file: str | None, plot: str | None, force: bool, **rest: Any) -> Any:
+        return command(*args, files=SampleFiles(csv_file, plot, force), **rest)
+
+    packed: Callable[..., Any] = given
+    for option in (
+        force_option,
+        click.option("--csv", "csv_file", metavar="FILE", help="Save the samples to this file."),
+        click.option("--plot", metavar="FILE", help="Plot the samples to this file (.png, .svg or .pdf)."),
+    ):
+        packed = option(packed)
+    return packed
+
+
+@contextmanager
+def saving(files: SampleFiles, head: Sequence[str], what: str) -> Iterator[list[Row]]:
+    """Samples that are saved at the end, even after an error; their files are created before the first sample.
+
+    Args:
+        files: As typed.
+        head: Names of the columns; the first two are time and id.
+        what: The column to plot; a column named target is plotted with it.
+
+    Raises:
+        UsageError: A file cannot be created, or matplotlib is not installed.
+    """
+    if files.csv is None and files.plot is None:
+        refuse_idle_force(files.force, "the files of --csv and --plot")
+    with ExitStack() as stack:
+        table = picture = None
+        if files.csv is not None:
+            table = stack.enter_context(OutputFile(files.csv, force=files.force))
+        if files.plot is not None:
+            picture = stack.enter_context(open_picture(files.plot, force=files.force))
+        samples: list[Row] = []
+        try:
+            yield samples
+        except BaseException:
+            if samples:
+                with shielded():
+                    _save(samples, head, table, picture, what)
+            raise
+        _save(samples, head, table, picture, what)
+
+
+def _save(
+    samples: Sequence[Row], head: Sequence[str], table: OutputFile | None, picture: OutputFile | None, what: str
+) -> None:
+    if table is not None:
+        text = io.TextIOWrapper(table.file, encoding="utf-8", newline="")
+        writer = csv.writer(text)
+        writer.writerow(head)
+        writer.writerows(samples)
+        text.detach()
+        table.keep()
+        note(f"{len(samples)} samples saved to {table.path}")
+    if picture is not None:
+        _plot(samples, head, picture, what)
+        note(f"plotted to {picture.path}")
+
+
+def _plot(samples: Sequence[Row], head: Sequence[str], picture: OutputFile, what: str) -> None:
+    servos, words = sorted({row[1] for row in samples}), what.replace("_", " ")
+    plot = TimePlot(
+        f"{words} of servo{'' if len(servos) == 1 else 's'} {', '.join(f'{one:.0f}' for one in servos)}"
+    )
+    for i, servo_id in enumerate(servos):
+        rows = [row for row in samples if row[1] == servo_id]
+        times = [row[0] for row in rows]
+        for column, name, dashed in ((what, "", False), ("target", ", target", True)):
+            if column in head:
+                place = head.index(column)
+                values = [math.degrees(row[place]) for row in rows]
+                plot.add(f"{words}, deg", f"servo {servo_id:.0f}{name}", i, times, values, dashed=dashed)
+    plot.draw(picture)
+
 
 _SHOWN = ("present_position", "present_speed", "present_load", "present_voltage", "present_temperature")
 _HEAD = ("id", "position deg", "speed deg/s", "load %", "V", "degC", "mA", "condition")
 _MOST_ROWS = 1_000_000
 
 
-@bus.command()
+@click.command()
 @click.argument("ids")
 @number_option("--rate", "HZ", "Sample rate.", above=0, default=10.0)
 @number_option("--seconds", "S", "Duration; until Ctrl-C if not given.", above=0)
@@ -123,7 +220,7 @@ def _screen(as_json: bool) -> Iterator[Callable[[list[tuple[tuple[str, ...], Row
 # --- wave ------------------------------------------------------------------------------------------------------
 
 
-@bus.command()
+@click.command()
 @click.argument("servo_id", type=click.IntRange(0, 253), metavar="ID")
 @click.option(
     "--shape",
@@ -285,7 +382,7 @@ def _any_key() -> Iterator[Callable[[], bool]]:
 # --- stress ----------------------------------------------------------------------------------------------------
 
 
-@bus.command()
+@click.command()
 @click.argument("ids")
 @click.option("-n", "--count", type=click.IntRange(min=1), default=1000, show_default=True, metavar="N")
 @click.option("--register", "name", default="present_position", show_default=True, metavar="REGISTER")

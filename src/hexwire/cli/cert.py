@@ -13,8 +13,7 @@ from typing import Any, TypeVar
 
 import click
 
-from .common import json_option
-from .numbers import number_option
+from .options import json_option, number_option
 from .output import answer
 
 __all__ = ["cert"]

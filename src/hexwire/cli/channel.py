@@ -1,26 +1,33 @@
-"""`--all`: one frame to every board of a channel, such as those behind a gateway.
+"""Channels and what goes over them past a driver: `conf`, `--all` to every board of a channel, and `ioctl`.
 
-Owns what is printed for each module, and when a module counts as missing. Must not know how frames travel.
+Owns the presentation of channels, when a board of several counts as missing, and how a user types a special
+command. Must not know how frames travel, nor what a command does.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import RobotOptions, resolve_url
-from .output import answer
+from hexwire.errors import UsageError
+from hexwire.new_file import OutputFile
+
+from .options import RobotOptions, confirm, force_option, json_option, open_robot, resolve_url, robot_options
+from .output import answer, print_json, say, say_document, say_table
 
 if TYPE_CHECKING:
     from hexwire.control.power import Torques
+    from hexwire.ipc.channel import ChannelConf
     from hexwire.ipc.session import Session
     from hexwire.session.events import Answers, Reply
 
-__all__ = ["all_option", "probe_all", "resume_all", "stop_all"]
+__all__ = ["all_option", "conf", "ioctl", "probe_all", "resume_all", "stop_all"]
 
 _LOOK, _LOOKS = 0.3, 2
 """Seconds for all to answer who they are, and how often they are asked."""
@@ -226,3 +233,124 @@ def _check_all(
     missing = [module for module in sorted(replies) if done is not None and not done[module]]
     if missing:
         raise ServoError(f"not confirmed by every joint of modules {', '.join(map(str, missing))}")
+
+
+@click.group()
+def conf() -> None:
+    """Check and convert channel configuration files: ipc_msg.conf, or the same in TOML."""
+
+
+@conf.command()
+@click.argument("file", metavar="FILE")
+@json_option
+def check(file: str, as_json: bool) -> None:
+    """Show the channels in a file; errors name file, line and column."""
+    from hexwire.ipc.conf import link_url, load_conf
+
+    channels = load_conf(file)
+    if as_json:
+        print_json([_channel_json(channel) | {"url": link_url(channel)} for channel in channels])
+        return
+    if channels:
+        _say_table(channels)
+        say()
+    say(f"{file}: {len(channels)} channel{'s' if len(channels) != 1 else ''}, no error")
+
+
+@conf.command()
+@click.argument("source", metavar="IN")
+@click.argument("target", metavar="OUT")
+@force_option
+def convert(source: str, target: str, force: bool) -> None:
+    """Write the channels of IN to OUT: TOML if OUT ends in .toml, the chapter's format otherwise.
+
+    Comments are lost. OUT may be - for standard output, which gets the format that IN does not have.
+    """
+    from hexwire.ipc.conf import load_conf, to_conf, to_toml
+
+    channels = load_conf(source)
+    wanted = Path(target).suffix if target != "-" else ("" if Path(source).suffix == ".toml" else ".toml")
+    text = to_toml(channels) if wanted == ".toml" else to_conf(channels)
+    if target == "-":
+        say_document(text)
+        return
+    with OutputFile(target, force=force) as out:
+        out.file.write(text.encode())
+
+
+def _say_table(channels: Sequence[ChannelConf]) -> None:
+    from hexwire.ipc.conf import link_url
+
+    rows = [
+        (str(c.line or "-"), c.module.name, c.direction.value, c.destination.name, c.interface.name, link_url(c))
+        for c in channels
+    ]
+    say_table(("line", "module", "direction", "destination", "interface", "opens"), rows)
+
+
+def _channel_json(channel: ChannelConf) -> dict[str, object]:
+    fields = asdict(channel)
+    return fields | {
+        "module": channel.module.name,
+        "direction": channel.direction.value,
+        "destination": channel.destination.name,
+        "interface": channel.interface.name,
+        "peer": channel.peer or None,
+        "line": channel.line or None,
+    }
+
+
+_LARGEST = 0xFF
+_LONGEST = 8192
+"""Most bytes of a body: no frame has more."""
+
+
+@click.command()
+@click.argument("sub_cmd", metavar="COMMAND")
+@click.argument("data", metavar="[HEX]...", nargs=-1)
+@click.option("--yes", is_flag=True, help="Do not ask before a command that may move the arm.")
+@robot_options
+@json_option
+def ioctl(sub_cmd: str, data: tuple[str, ...], yes: bool, options: RobotOptions, as_json: bool) -> None:
+    """Send a special command to the robot, and print the body of its reply in hex.
+
+    COMMAND is a name or number of PROTOCOL.md, section 6.1, such as STATS or 0x1B; HEX is its body. The chapter's
+    board knows PING, READ and SYNC_WRITE (section 5), each with a servo packet. Nothing is
+    checked on the host: no limit, no path, no watchdog. Commands that may move the arm ask first.
+    """
+    from hexwire.trace.chapter_log import hex_rows
+    from hexwire.wire.command_frame import command_name
+
+    number, body = _number(sub_cmd), _body(data)
+    with open_robot(options) as robot:
+        if robot.may_move(number, body):
+            danger = f"{command_name(number)} may move {robot.model.name}, and nothing checks where to"
+            confirm(f"{danger}. Send it?", yes, alone=f"{danger}; --yes sends it")
+        reply = robot.ioctl(number, body)
+    if as_json:
+        print_json({"command": command_name(number), "code": number, "body": body.hex(), "reply": reply.hex()})
+    else:
+        say(*(hex_rows(reply) if reply else ("the reply has no body",)))
+
+
+def _number(text: str) -> int:
+    from hexwire.wire.command_frame import Command
+
+    name = text.upper().replace("-", "_")
+    if name in Command.__members__:
+        return Command[name]
+    if re.fullmatch(r"0[Xx][0-9A-Fa-f]{1,2}", text):
+        return int(text, 16)
+    if re.fullmatch(r"[0-9]{1,3}", text) and int(text) <= _LARGEST:
+        return int(text)
+    known = ", ".join(Command.__members__)
+    raise UsageError(f"no command {text[:40]!r}; there are numbers from 0 to {_LARGEST} (0xFF) and {known}")
+
+
+def _body(words: tuple[str, ...]) -> bytes:
+    text = "".join(words).replace(" ", "")
+    if not re.fullmatch(r"(?:[0-9A-Fa-f]{2})*", text):
+        raise UsageError(f"the body {' '.join(words)[:60]!r} is not hex: two digits a byte are needed, as in 00 1F")
+    if len(text) > 2 * _LONGEST:
+        raise UsageError(f"a body of {len(text) // 2} bytes is too long; the most are {_LONGEST}")
+    return bytes.fromhex(text)

@@ -1,34 +1,158 @@
 """`demo`: the whole chain, from a joint command to a moving servo and back, on an emulated arm.
 
-Owns the order of the phases, and that the arm is always safe at the end. Must not know how it is drawn.
+Owns the order of the phases, that the arm is always safe at the end, and the emulated board in a separate process:
+it reads a pipe that only this program holds open, so it ends however this program ends. Must not know how a
+terminal is drawn.
 """
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+import select
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, Protocol
 
 import click
 
-from hexwire.errors import HexwireError, ServoError, UsageError
+from hexwire.errors import DeviceError, HexwireError, ServoError, UsageError
 
-from .board_process import board_process
-from .common import attached, early_port, is_typed, observed_driver, on_terminal, raise_if_silent, resolve_url
-from .demo_view import PlainView, Sample, View, in_degrees
-from .exits import note, shielded
-from .numbers import number_option
+from .exits import USAGE, note, shielded
+from .look import raise_if_silent
+from .options import attached, early_port, is_typed, number_option, observed_driver, on_terminal, resolve_url
+from .output import say
 
 if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
     from hexwire.control.loop import LoopCounters, RateLoop
     from hexwire.drivers.hex7bot import Hex7BotDriver
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState
 
-__all__ = ["demo", "turning_pose"]
+    from .draw import Sample
+
+__all__ = ["PlainView", "View", "board_process", "demo", "in_degrees", "turning_pose"]
+
+_START_TIMEOUT = 30.0
+_END_TIMEOUT = 5.0
+
+
+@contextmanager
+def board_process(
+    *, baud: int = 115200, dialect: int = 2, faults: Sequence[str] = (), physics: bool = False
+) -> Iterator[str]:
+    """Run `hexwire sim board` and yield the path of its terminal.
+
+    Args:
+        baud: Line rate; 0 is unpaced.
+        dialect: Dialect of the board.
+        faults: Fault specifications.
+        physics: Simulate weight, sag and a table.
+
+    Raises:
+        UsageError: The emulator does not know a fault, or MuJoCo is not installed.
+        DeviceError: The board did not start.
+    """
+    # -P: a file in the present folder must not stand in for a module.
+    command = [sys.executable, "-P", "-m", "hexwire.cli", "sim", "board", "--until-eof"]
+    command += ["--baud", str(baud), "--dialect", str(dialect), *(f"--fault={fault}" for fault in faults)]
+    if sys.platform != "linux":
+        command.append("--tcp=127.0.0.1:0")
+    command += ["--physics"] if physics else []
+    with tempfile.TemporaryFile() as errors:
+        # A separate session: Ctrl-C must reach only this program, which needs the board to make the arm safe.
+        process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, start_new_session=True
+        )
+        try:
+            yield _read_path(process, errors)
+        finally:
+            with shielded():
+                _end(process)
+
+
+def _read_path(process: subprocess.Popen[bytes], errors: IO[bytes]) -> str:
+    assert process.stdout is not None
+    deadline = time.monotonic() + _START_TIMEOUT
+    line = b""
+    while not line.endswith(b"\n"):
+        # Windows waits for sockets only; there the read waits until the board starts or ends.
+        pipes = [] if sys.platform == "win32" else [process.stdout]
+        if pipes and not select.select(pipes, [], [], max(deadline - time.monotonic(), 0))[0]:
+            raise DeviceError(f"the emulated board did not start within {_START_TIMEOUT:g} s")
+        byte = process.stdout.read1(256)  # type: ignore[attr-defined]  # a BufferedReader, says the documentation
+        if not byte:
+            status = process.wait()
+            errors.seek(0)
+            said = errors.read().decode(errors="replace").strip().splitlines() or [f"exit status {status}"]
+            raise (UsageError if status == USAGE else DeviceError)(
+                f"the emulated board did not start: {said[-1].removeprefix('error: ')}"
+            )
+        line += byte
+    return line.decode().strip()
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    for pipe in (process.stdin, process.stdout):
+        if pipe is not None:
+            # It may be gone already.
+            with contextlib.suppress(BrokenPipeError):
+                pipe.close()
+    for last_resort in (process.terminate, process.kill, None):
+        try:
+            process.wait(_END_TIMEOUT)
+            return
+        except subprocess.TimeoutExpired:
+            if last_resort is not None:
+                last_resort()
+
+
+class View(Protocol):
+    """Shows the progress of the demo."""
+
+    def say(self, phase: str, text: str) -> None:
+        """Show the result of a phase."""
+
+    def moving(self) -> AbstractContextManager[object]:
+        """A context for the time in which the arm moves."""
+
+    def show(self, sample: Sample) -> None:
+        """Show a cycle."""
+
+
+class PlainView:
+    """Prints plain lines for a log: one per phase, and one per second while the arm moves."""
+
+    def __init__(self) -> None:
+        self._next = 0.0
+
+    def say(self, phase: str, text: str) -> None:
+        say(f"{phase}: {text}", flush=True)
+
+    def moving(self) -> AbstractContextManager[object]:
+        return nullcontext()
+
+    def show(self, sample: Sample) -> None:
+        if sample.time < self._next:
+            return
+        self._next = math.floor(sample.time) + 1.0
+        error = max(abs(a - b) for a, b in zip(sample.state.position, sample.target, strict=True))
+        pose = in_degrees(sample.state)
+        self.say(f"{sample.time:5.1f} s", f"{pose} deg, off by at most {math.degrees(error):.1f}")
+
+
+def in_degrees(state: JointState) -> str:
+    """The position of each joint in degrees, on one line."""
+    return "  ".join(f"{joint.name} {math.degrees(joint.position):.1f}" for joint in state)
+
 
 _SWING = math.radians(30.0)
 _WATCHDOG = 1.0
@@ -150,6 +274,8 @@ def _move(
     from hexwire.motion.safety import SafetyLimits
     from hexwire.motion.trajectory import Quintic
     from hexwire.motion.waypoints import Spline, Waypoint
+
+    from .draw import Sample
 
     names = robot.model.names
     leg = max(duration / 2, Quintic.shortest_duration(start, goal, [j.max_speed for j in robot.model.joints]))

@@ -1,34 +1,39 @@
-"""`hexwire doctor`: checks for all known problems, in order, each with a remedy.
+"""`doctor` and `loopback`: checks for all known problems, each with a remedy, and of a cable at several rates.
 
 Owns the choice of ports, the order and the printing. Read-only unless --fix is given, which writes a udev rule and
-nothing else. The findings come from `link.diagnose`, `RobotDriver.examine` and `RobotDriver.explain_silence`.
+nothing else. The findings come from `link.diagnose`, `RobotDriver.examine` and `RobotDriver.explain_silence`, the
+test of a cable is `link.loopback`.
 """
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from hexwire.errors import (
-    DeviceError,
-    HexwireError,
-    LinkError,
-    ReplyTimeoutError,
-    UsageError,
-    WrongDeviceError,
-)
+from hexwire.errors import DeviceError, HexwireError, LinkError, ReplyTimeoutError, UsageError, WrongDeviceError
 from hexwire.link.diagnose import Finding, Level
 
-from .common import RobotOptions, attached, json_option, make_robot, robot_options
-from .output import print_json, say, say_document
+from .exits import note
+from .options import (
+    RobotOptions,
+    attached,
+    json_option,
+    make_robot,
+    on_terminal,
+    port_option,
+    resolve_url,
+    robot_options,
+)
+from .output import print_json, say, say_document, say_table
 
 if TYPE_CHECKING:
     from hexwire.link.ports import PortInfo
 
-__all__ = ["doctor"]
+__all__ = ["doctor", "loopback"]
 
 _MARKS = {Level.OK: "ok  ", Level.HINT: "hint", Level.BAD: "BAD ", Level.UNKNOWN: "?   "}
 
@@ -146,3 +151,61 @@ def _ask(options: RobotOptions) -> list[Finding]:
         return [Finding(Level.BAD, "link", str(error))]
     except HexwireError as error:
         return [Finding(Level.BAD, "board", str(error))]
+
+
+@click.command()
+@port_option
+@click.option(
+    "--baud",
+    "rates",
+    type=click.IntRange(min=300),
+    multiple=True,
+    metavar="N",
+    help="Test only this rate; repeatable.",
+)
+@click.option("--bytes", "count", type=click.IntRange(64, 10_000_000), default=2048, show_default=True)
+@json_option
+def loopback(port: str | None, rates: tuple[int, ...], count: int, as_json: bool) -> None:
+    """Test a cable and adapter: connect TX to RX, and every byte must come back.
+
+    Tries the rates that servos and boards use, slowest first. Exit status 1 if one of them fails.
+    """
+    from hexwire.drivers.board_reset import warn_of_reset
+    from hexwire.drivers.bus_checkup import SERVO_RATES
+    from hexwire.link.loopback import try_loopback
+    from hexwire.link.open import make_link
+    from hexwire.link.url import parse_url
+
+    url = resolve_url(port)
+    if parse_url(url).scheme != "serial":
+        raise UsageError(f"a loopback test needs a serial port, not {url}")
+    if "baud=" in url:
+        raise UsageError("give the rate with --baud, not in the port")
+    warn_of_reset(make_link(url))
+    results = []
+    for baud in sorted(set(rates or SERVO_RATES)):
+        if on_terminal() and not as_json:
+            note(f"{baud} baud ...")
+        with make_link(f"{url}{'&' if '?' in url else '?'}baud={baud}") as link:
+            results.append(try_loopback(link, baud, count, time.monotonic))
+    if as_json:
+        print_json(
+            [
+                {
+                    "baud": r.baud,
+                    "sent": r.sent,
+                    "returned": r.returned,
+                    "wrong": r.wrong,
+                    "wrong_bits": r.wrong_bits,
+                    "good": r.good,
+                    "seconds": r.seconds,
+                }
+                for r in results
+            ]
+        )
+    else:
+        rows = [[str(r.baud), str(r.sent), str(r.returned), str(r.wrong), r.verdict] for r in results]
+        say_table(["baud", "sent", "back", "wrong", "verdict"], rows)
+    bad = [str(r.baud) for r in results if not r.good]
+    if bad:
+        raise LinkError(f"the loopback fails at {', '.join(bad)} baud", url=url)

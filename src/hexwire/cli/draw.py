@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from rich import box
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
@@ -21,9 +21,9 @@ from rich.text import Text
 from .output import plain, shown, split_columns
 
 if TYPE_CHECKING:
-    from .demo_view import Sample
+    from hexwire.model.state import JointState
 
-__all__ = ["JointTable", "LiveView", "SafeConsole", "live", "progress"]
+__all__ = ["JointTable", "LiveView", "SafeConsole", "Sample", "live", "progress"]
 
 _REDRAWS = 12
 """Redraws per second: enough for a smooth view."""
@@ -103,6 +103,28 @@ def _cell(cell: str | Text, column: int, bad: bool) -> Text:
         return cell
     style = "bold red" if bad else "bold cyan" if column == 0 else "dim" if cell == "-" else ""
     return Text(shown(cell), style=style)
+
+
+class Sample(NamedTuple):
+    """One cycle, for the view. Angles in radians, loads as fractions, times in seconds.
+
+    Attributes:
+        time: Time since the start of the motion.
+        duration: Duration of the whole motion.
+        state: State of the joints.
+        target: Desired positions at that time.
+        rate: Achieved cycles per second.
+        round_trip: Round trip of the last request.
+        retries: Retries since the start of the motion.
+    """
+
+    time: float
+    duration: float
+    state: JointState
+    target: tuple[float, ...]
+    rate: float
+    round_trip: float
+    retries: int
 
 
 class LiveView:

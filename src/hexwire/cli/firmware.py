@@ -13,7 +13,8 @@ import click
 
 from hexwire.drivers.firmware import HOST_RATES
 
-from .common import (
+from .exits import note
+from .options import (
     RobotOptions,
     attached,
     group_port_option,
@@ -22,7 +23,6 @@ from .common import (
     resolve_url,
     robot_options,
 )
-from .exits import note
 from .output import print_json, say, say_document
 
 __all__ = ["firmware"]

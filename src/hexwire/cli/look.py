@@ -1,11 +1,13 @@
-"""`ping`, `probe` and `ports`: which devices answer. Nothing moves.
+"""`ping`, `probe`, `ports`, `state` and `registers`: what answers, and how it is. Nothing moves.
 
 Owns the presentation of the answers. Must not know how they are obtained.
 """
 
 from __future__ import annotations
 
+import math
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
@@ -14,16 +16,17 @@ import click
 from hexwire.errors import UsageError
 
 from .channel import all_option, probe_all
-from .common import RobotOptions, fault_names, is_typed, json_option, open_robot, raise_if_silent, robot_options
 from .exits import note
-from .numbers import number_option
-from .output import print_json, say, say_table
+from .options import RobotOptions, is_typed, json_option, number_option, on_terminal, open_robot, robot_options
+from .output import plain, print_json, say, say_table, with_unit
 
 if TYPE_CHECKING:
-    from hexwire.drivers.base import ProbeReport
+    from hexwire.drivers.base import ProbeReport, RobotDriver
     from hexwire.link.ports import PortInfo
+    from hexwire.model.arm import ArmModel
+    from hexwire.model.state import JointReading, JointState
 
-__all__ = ["ping", "ports", "probe"]
+__all__ = ["condition", "ping", "ports", "probe", "registers", "state", "state_json"]
 
 _LOOK = 0.25
 """Seconds between two looks at the ports."""
@@ -144,3 +147,185 @@ def _unplugged(timeout: float) -> list[PortInfo]:
         time.sleep(_LOOK)
         finder.receive(list_ports(), time.monotonic())
     return list(finder.found)
+
+
+_HEAD = ("joint", "deg", "deg/s", "load %", "mA", "V", "degC", "age ms", "torque", "condition")
+
+
+@click.command()
+@click.option("--watch", is_flag=True, help="Update until interrupted.")
+@number_option("--rate", "HZ", "With --watch, the update rate.", above=0, default=5.0)
+@robot_options
+@json_option
+def state(watch: bool, rate: float, options: RobotOptions, as_json: bool) -> None:
+    """Show all joints, once or live."""
+    with open_robot(options) as robot:
+        if watch:
+            _watch(robot, rate, as_json)
+        else:
+            joints = robot.read()
+            if as_json:
+                print_json(state_json(joints, robot.model))
+            else:
+                say_table(_HEAD, [_cells(joint) for joint in joints])
+                for line in _remarks(joints):
+                    say(line)
+            raise_if_silent([(robot.model.joint(name).servo_id, name) for name in joints.silent])
+
+
+def joint_json(joint: JointReading, model: ArmModel) -> dict[str, object]:
+    """One joint for JSON, each key with its unit."""
+    from hexwire.model.state import JointFlag
+
+    return {
+        "name": joint.name,
+        "servo_id": model.joint(joint.name).servo_id,
+        "position_rad": joint.position,
+        "position_deg": math.degrees(joint.position),
+        "velocity_rad_per_s": joint.velocity,
+        "velocity_deg_per_s": math.degrees(joint.velocity),
+        "load_fraction": joint.load,
+        "current_a": joint.current,
+        "voltage_v": joint.voltage,
+        "temperature_degc": joint.temperature,
+        "age_s": joint.age,
+        "torque_on": None if joint.flags & JointFlag.TORQUE_UNKNOWN else bool(joint.flags & JointFlag.TORQUE_ON),
+        "silent": bool(joint.flags & JointFlag.SILENT),
+        "clamped": bool(joint.flags & JointFlag.CLAMPED),
+        "faults": fault_names(joint.flags),
+    }
+
+
+def fault_names(flags: int) -> list[str]:
+    """Names of a servo's faults, such as ``overload``; silence does not count as a fault."""
+    from hexwire.model.state import JointFlag
+
+    return [flag.name.lower() for flag in JointFlag(flags).faults & ~JointFlag.SILENT if flag.name]
+
+
+def raise_if_silent(servos: Sequence[tuple[int, str | None]]) -> None:
+    """Raise an error that names the servos (pairs of id and joint) that did not answer, if there are any."""
+    from hexwire.errors import ServoError
+
+    if servos:
+        names = ", ".join(f"{servo_id} ({joint})" if joint else f"{servo_id}" for servo_id, joint in servos)
+        several = len(servos) > 1
+        raise ServoError(
+            f"servo{'s' if several else ''} {names} {'do' if several else 'does'} not answer: "
+            "check cable, power and id",
+            servo_id=servos[0][0],
+        )
+
+
+def state_json(state: JointState, model: ArmModel) -> dict[str, object]:
+    """A joint state for JSON, each key with its unit."""
+    from hexwire.drivers.robot_state import RobotState
+
+    return {
+        "robot": model.name,
+        "state": RobotState.of(state).name.lower(),
+        "stopped": state.stopped,
+        "watchdog_tripped": state.watchdog_tripped,
+        "maintenance": state.maintenance,
+        "board_time_s": state.board_time,
+        "joints": [joint_json(joint, model) for joint in state],
+    }
+
+
+def condition(joint: JointReading) -> str:
+    """Condition of a joint: ``ok``, ``no answer`` or its faults."""
+    from hexwire.model.state import JointFlag
+
+    if joint.flags & JointFlag.SILENT:
+        return "no answer"
+    words = fault_names(joint.flags)
+    if joint.flags & JointFlag.CLAMPED:
+        words.append("clamped to its limit")
+    return ", ".join(words) or "ok"
+
+
+def _watch(robot: RobotDriver, rate: float, as_json: bool) -> None:
+    from hexwire.control.loop import RateLoop
+
+    ticks = RateLoop(rate).ticks()
+    if as_json:
+        for _ in ticks:
+            print_json(state_json(robot.read(), robot.model), one_line=True)
+    elif not on_terminal():
+        for seconds in ticks:
+            joints = robot.read()
+            angles = "  ".join(f"{j.name} {plain(math.degrees(j.position), 2)}" for j in joints)
+            odd = [f"{j.name} {condition(j)}" for j in joints if condition(j) != "ok"]
+            say("; ".join([f"{seconds:8.1f} s  {angles} deg", *odd, *_remarks(joints)]), flush=True)
+    else:
+        from rich.console import Group
+        from rich.text import Text
+
+        from .draw import JointTable, live
+
+        with live() as screen:
+            for _ in ticks:
+                joints = robot.read()
+                faulty = [condition(joint) != "ok" for joint in joints]
+                remarks = [Text(line, style="bold red") for line in _remarks(joints)]
+                foot = Text(f"{robot.url}, {rate:g} Hz; Ctrl-C ends", style="dim")
+                table = JointTable(_HEAD, [_cells(joint) for joint in joints], faulty)
+                screen.update(Group(table, *remarks, foot), refresh=True)
+
+
+def _remarks(state: JointState) -> list[str]:
+    if state.watchdog_tripped:
+        return [f"stopped by the board's watchdog, because {state.trip_reason}; 'hexwire resume' ends the stop"]
+    if state.maintenance:
+        return ["in maintenance: servo settings may be written, nothing moves"]
+    return ["stopped; 'hexwire resume' ends the stop"] if state.stopped else []
+
+
+def _cells(joint: JointReading) -> tuple[str, ...]:
+    from hexwire.model.state import JointFlag
+
+    return (
+        joint.name,
+        plain(math.degrees(joint.position), 2),
+        plain(math.degrees(joint.velocity), 1),
+        plain(100 * joint.load, 1),
+        plain(1000 * joint.current, 0),
+        plain(joint.voltage, 1),
+        plain(joint.temperature, 0),
+        plain(1000 * joint.age, 0),
+        "-" if joint.flags & JointFlag.TORQUE_UNKNOWN else "on" if joint.flags & JointFlag.TORQUE_ON else "off",
+        condition(joint),
+    )
+
+
+@click.command()
+@click.argument("joint", metavar="JOINT")
+@click.argument("names", metavar="[REGISTER]...", nargs=-1)
+@robot_options
+@json_option
+def registers(joint: str, names: tuple[str, ...], options: RobotOptions, as_json: bool) -> None:
+    """Show the registers of a joint's servo behind a board: all of them, or those that are named.
+
+    The board reads the whole table by one request. For servos on a bus adapter use 'hexwire bus read'.
+    """
+    from hexwire.wire.registers import Series
+
+    with open_robot(options) as robot:
+        row = robot.model.joint(joint)
+        series = Series(row.series)
+        wanted = [series.register(name) for name in names] or list(series.registers.values())
+        first = min(register.address for register in wanted)
+        end = max(register.address + register.size for register in wanted)
+        table = robot.read_table(row.name, first, end - first)
+    data, rows = [], []
+    for register in wanted:
+        at = register.address - first
+        raw = register.decode(table[at : at + register.size])
+        value = register.to_si(raw)
+        data.append({"register": register.name, "address": register.address, "raw": raw, "value": value})
+        data[-1]["unit"] = register.si_unit
+        rows.append((str(register.address), register.name, str(raw), with_unit(value, register.si_unit)))
+    if as_json:
+        print_json({"joint": row.name, "servo": row.servo_id, "series": series.value, "registers": data})
+    else:
+        say_table(("address", "register", "raw", "value"), rows, keys=2)

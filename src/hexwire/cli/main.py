@@ -7,47 +7,73 @@ imported when the command is used. Must not know what a command does.
 from __future__ import annotations
 
 import difflib
+import importlib
 import itertools
 import sys
+from collections.abc import Mapping
 from typing import Any
 
 import click
 
 from .exits import INTERRUPTED, ends_like_ctrl_c, fill_standard_streams, note, run, show_more, warnings_shown
-from .lazy import LazyGroup
 
-__all__ = ["COMMANDS", "cli", "main"]
+__all__ = ["COMMANDS", "LazyGroup", "cli", "main"]
+
+
+class LazyGroup(click.Group):
+    """A group some of whose commands are imported when they are used.
+
+    Args:
+        *args: As for `click.Group`.
+        locations: Name -> location of the command (module:attribute) of those.
+        **options: As for `click.Group`.
+    """
+
+    def __init__(self, *args: Any, locations: Mapping[str, str], **options: Any) -> None:
+        super().__init__(*args, **options)
+        self._locations = locations
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted({*self._locations, *self.commands})
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in self._locations:
+            return super().get_command(ctx, cmd_name)
+        module, _, attribute = self._locations[cmd_name].partition(":")
+        command: click.Command = getattr(importlib.import_module(module), attribute)
+        return command
+
 
 COMMANDS: dict[str, tuple[str, str]] = {
-    "analyzers": ("hexwire.cli.analyzers:analyzers", "Install plug-ins for Wireshark, sigrok and Logic 2."),
+    "analyzers": ("hexwire.cli.trace:analyzers", "Install plug-ins for Wireshark, sigrok and Logic 2."),
     "bus": ("hexwire.cli.bus:bus", "Talk to bus servos through an adapter, without a board."),
     "cert": ("hexwire.cli.cert:cert", "Create certificates for TLS links in a lab."),
-    "conf": ("hexwire.cli.conf:conf", "Check and convert channel configuration files (ipc_msg.conf)."),
+    "conf": ("hexwire.cli.channel:conf", "Check and convert channel configuration files (ipc_msg.conf)."),
     "demo": ("hexwire.cli.demo:demo", "Move an emulated arm there and back, with a live table."),
     "firmware": ("hexwire.cli.firmware:firmware", "Build, flash and identify the board's firmware."),
-    "follow": ("hexwire.cli.follow:follow", "Let an arm follow another one that is moved by hand."),
+    "follow": ("hexwire.cli.teleop:follow", "Let an arm follow another one that is moved by hand."),
     "doctor": ("hexwire.cli.doctor:doctor", "Diagnose problems, from the USB port to the servos."),
     "fleet": ("hexwire.cli.fleet:fleet", "See, stop, record and play many shared arms; router and rights."),
     "gateway": ("hexwire.cli.gateway:gateway", "Put several boards behind one TCP port."),
     "goto": ("hexwire.cli.motion:goto", "Move the tool tip to a position, as fast as allowed."),
-    "grip": ("hexwire.cli.tool:grip", "Open or close the gripper."),
-    "ioctl": ("hexwire.cli.ioctl:ioctl", "Send one special command to the robot, byte for byte."),
+    "grip": ("hexwire.cli.power:grip", "Open or close the gripper."),
+    "ioctl": ("hexwire.cli.channel:ioctl", "Send one special command to the robot, byte for byte."),
     "joystick": ("hexwire.cli.teleop:joystick", "Read a joystick, or send its state over a channel."),
     "line": ("hexwire.cli.motion:line", "Move the tool tip on a straight line."),
-    "loopback": ("hexwire.cli.loopback:loopback", "Test a cable and adapter, with TX wired to RX."),
+    "loopback": ("hexwire.cli.doctor:loopback", "Test a cable and adapter, with TX wired to RX."),
     "model": ("hexwire.cli.model:model", "Compute with the arm's geometry; no robot needed."),
     "move": ("hexwire.cli.move:move", "Move joints to angles in degrees."),
     "ping": ("hexwire.cli.look:ping", "Check which servos answer."),
     "play": ("hexwire.cli.motion:play", "Play a recording or waypoints."),
     "ports": ("hexwire.cli.look:ports", "List serial ports and the devices they probably belong to."),
     "probe": ("hexwire.cli.look:probe", "Show the identity and condition of the board and its servos."),
-    "pump": ("hexwire.cli.tool:pump", "Control the suction cup: hold, release, off."),
+    "pump": ("hexwire.cli.power:pump", "Control the suction cup: hold, release, off."),
     "record": ("hexwire.cli.record:record", "Inspect, convert and repair recordings."),
-    "registers": ("hexwire.cli.registers:registers", "Show the registers of a servo behind a board."),
+    "registers": ("hexwire.cli.look:registers", "Show the registers of a servo behind a board."),
     "resume": ("hexwire.cli.power:resume", "End a stop; the arm does not move."),
     "serve": ("hexwire.cli.serve:serve", "Share an arm with other programs and machines."),
     "sim": ("hexwire.cli.sim:sim", "Emulate a board on a pseudo-terminal."),
-    "state": ("hexwire.cli.state:state", "Show all joints, once or live."),
+    "state": ("hexwire.cli.look:state", "Show all joints, once or live."),
     "stop": ("hexwire.cli.power:stop", "Stop the arm and keep it stopped."),
     "studio": ("hexwire.cli.studio:studio", "Show the arm, its servos and its wire in a browser."),
     "teach": ("hexwire.cli.motion:teach", "Record a motion made by moving the arm by hand."),
@@ -66,7 +92,12 @@ class _Program(LazyGroup):
     """The group of all commands, run as a program."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
-        super().__init__(*args, table=COMMANDS, **options)
+        super().__init__(*args, locations={name: at for name, (at, _) in COMMANDS.items()}, **options)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        # Not from the commands, which would all be imported.
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, COMMANDS[name][1]) for name in self.list_commands(ctx)])
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         # Users type `hexwire state --trace`, so these options are accepted at any position.
@@ -157,11 +188,11 @@ def cli(
     # A failing recording must not prevent a stop.
     optional = ctx.invoked_subcommand == "stop"
     if record is not None:
-        from .recording import recording
+        from .record import recording
 
         ctx.with_resource(recording(record, force=force, optional=optional))
     elif record_ros2 is not None:
-        from .record_ros2 import bag_recording
+        from .record import bag_recording
 
         ctx.with_resource(bag_recording(record_ros2, force=force, optional=optional))
     elif force:

@@ -23,8 +23,17 @@ from hexwire.model.geometry import ROBOTS, kinematics_for, make_kinematics
 from hexwire.new_file import OutputFile
 from hexwire.units import decimal
 
-from .common import DEFAULT_ROBOT, RobotOptions, force_option, json_option, make_robot, refuse_idle_force
-from .numbers import FiniteFloat, NumbersCommand
+from .options import (
+    DEFAULT_ROBOT,
+    FiniteFloat,
+    NumbersCommand,
+    RobotOptions,
+    force_option,
+    json_option,
+    links_option,
+    make_robot,
+    refuse_idle_force,
+)
 from .output import line_width, plain, print_json, say, say_document, say_table
 
 if TYPE_CHECKING:
@@ -32,7 +41,7 @@ if TYPE_CHECKING:
     from hexwire.model.kinematics import KinematicModel, Solution
     from hexwire.model.pose import Vector
 
-__all__ = ["links_option", "make_robot_with", "model"]
+__all__ = ["make_robot_with", "model"]
 
 DEGREES = FiniteFloat("degrees")
 _OFF = math.radians(1.0)
@@ -40,17 +49,6 @@ _OFF = math.radians(1.0)
 _MOST = 1e6
 """Millimetres beyond the reach of any arm."""
 _ANGLES = "T0 T1 T2 T3 T4 [T5]"
-
-
-def links_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """``--links``: the link set of the 7Bot."""
-    return click.option(
-        "--links",
-        default="A",
-        show_default=True,
-        metavar="A|B|V1|FILE",
-        help="Link set of the 7Bot: a published one, or a TOML file with your own.",
-    )(command)
 
 
 def make_robot_with(links: str, options: RobotOptions) -> RobotDriver:

@@ -16,6 +16,8 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from typing import IO
 
+from hexwire.units import decimal
+
 __all__ = [
     "answer",
     "folded",
@@ -28,6 +30,7 @@ __all__ = [
     "say_table",
     "shown",
     "split_columns",
+    "with_unit",
     "write",
 ]
 
@@ -62,6 +65,13 @@ def _code(number: int) -> str:
 def plain(value: float, digits: int, *, sign: bool = False) -> str:
     """A number with `digits` decimals, without exponent and negative zero; ``-`` if it is unknown."""
     return f"{round(value, digits) + 0.0:{'+' if sign else ''}.{digits}f}" if math.isfinite(value) else "-"
+
+
+def with_unit(value: float, unit: str) -> str:
+    """A value for display: angles in degrees, everything else in SI."""
+    if unit.startswith("rad"):
+        return f"{decimal(math.degrees(value))} deg{unit[3:]}"
+    return f"{decimal(value)} {unit}".rstrip() if unit != "fraction" else f"{plain(100 * value, 1)}%"
 
 
 def write(stream: IO[str], text: str, *, flush: bool = False) -> None:

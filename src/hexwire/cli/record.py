@@ -1,6 +1,7 @@
-"""`hexwire record`: inspect, convert and repair recordings.
+"""Recordings: `--record` and `--record-ros2` of any command, and `record`, which inspects and converts them.
 
-Owns arguments and printing. `hexwire.trace` owns the contents of a recording.
+Owns arguments and printing, the relation of the wall clock to the links' clock, which arm's description a bag gets,
+and what happens if a recording fails. `hexwire.trace` and `hexwire.ros2` own the contents.
 """
 
 from __future__ import annotations
@@ -11,28 +12,120 @@ import json
 import math
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, TextIO
+from weakref import WeakKeyDictionary
 
 import click
 
 from hexwire.errors import UsageError
 from hexwire.inputs import open_file, parse_message
-from hexwire.link.tap import Passed
+from hexwire.link.base import Link
+from hexwire.link.tap import Missed, Passed, TapLink, wrap_new_links
+from hexwire.model.geometry import ROBOTS, make_kinematics
 from hexwire.new_file import OutputFile
 
-from .common import arm_option, force_option, json_option
-from .exits import note
-from .input_file import InputFile, name_of
+from .exits import note, tell_missed
+from .options import InputFile, arm_option, force_option, json_option, name_of, observing_states
 from .output import answer, print_json, say, say_document, say_table
-from .record_ros2 import ros2
-from .sim_serve import serve_device, tcp_option
+from .sim import serve_device, tcp_option
 
 if TYPE_CHECKING:
-    from hexwire.trace.capture import Message
+    from hexwire.drivers.base import RobotDriver
+    from hexwire.model.state import JointState
+    from hexwire.ros2.bag_recording import BagRecording
+    from hexwire.trace.capture import Message, Writer
 
-__all__ = ["record"]
+__all__ = ["bag_recording", "capturing", "record", "record_as", "recording", "ros2", "topic_for"]
+
+_arms: WeakKeyDictionary[RobotDriver, str] = WeakKeyDictionary()
+"""Names of the robots that have a topic of their own."""
+
+
+def record_as(robot: RobotDriver, arm: str) -> None:
+    """Record the states of a robot on a topic of their own: a command with several arms names each."""
+    _arms[robot] = arm
+
+
+def topic_for(robot: RobotDriver) -> str:
+    """The topic of a robot's states in a recording."""
+    from hexwire.trace.recording import JOINT_STATES, topic_of
+
+    arm = _arms.get(robot)
+    return JOINT_STATES if arm is None else topic_of(arm)
+
+
+@contextmanager
+def recording(path: str, *, force: bool, optional: bool = False) -> Iterator[None]:
+    """In this context, traffic and joint states are recorded.
+
+    A recording that cannot be started is an error before anything happens. Later write errors are counted and
+    reported at the end, in one line; the command continues.
+
+    Args:
+        path: The file.
+        force: Overwrite an existing file.
+        optional: Continue without a recording: a stop must not fail because a disk is full.
+
+    Raises:
+        UsageError: The file cannot be created, or the package for recordings is not installed.
+    """
+    with capturing(path, lambda: path, force=force, optional=optional):
+        yield
+
+
+@contextmanager
+def capturing(
+    path: str,
+    make_writer: Callable[[], str | Writer],
+    *,
+    force: bool = False,
+    optional: bool = False,
+    observe: Callable[[RobotDriver], object] = lambda _: None,
+) -> Iterator[None]:
+    """As `recording`, in any format.
+
+    Args:
+        path: Its name in messages.
+        make_writer: Makes what writes it, or gives the file of a recording.
+        force: For the file of a recording.
+        optional: As for `recording`.
+        observe: Gets the robot, before each of its states is recorded.
+    """
+    from hexwire.trace.capture import Capture
+
+    missed = Missed()
+    try:
+        capture = Capture(make_writer(), offset=time.time() - time.monotonic(), force=force)
+    except (OSError, UsageError) as error:
+        if not optional:
+            raise
+        missed.add(error)
+        try:
+            yield
+        finally:
+            tell_missed(f"the recording {path}", missed)
+        return
+
+    def state(robot: RobotDriver, joints: JointState) -> None:
+        observe(robot)
+        capture.joint_state(joints, time.time(), topic_for(robot))
+
+    def tap(link: Link) -> Link:
+        return TapLink(link, missed.guard(capture.passed))
+
+    try:
+        with wrap_new_links(tap), observing_states(missed.guard(state)):
+            yield
+    except BaseException:
+        missed.guard(capture.abandon)()
+        raise
+    finally:
+        missed.guard(capture.close)()
+        tell_missed(f"the recording {path}", missed)
+
 
 _MOST_REPLAYED = 64 * 1024 * 1024
 """Largest number of bytes of traffic for a replayed board."""
@@ -47,9 +140,6 @@ def record() -> None:
 
     `hexwire --record FILE.mcap ...` records any command.
     """
-
-
-record.add_command(ros2)
 
 
 @record.command()
@@ -271,3 +361,67 @@ def _finite_or_null(value: object) -> object:
     if isinstance(value, list):
         return [_finite_or_null(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+@contextmanager
+def bag_recording(folder: str, *, force: bool, optional: bool = False) -> Iterator[None]:
+    """In this context, traffic and joint states are recorded in a bag of ROS 2.
+
+    Arguments and errors are those of `hexwire.cli.record.recording`. The bag gets the URDF of each robot
+    whose states are read, if it has a geometry.
+    """
+    from hexwire.ros2.bag_recording import BagRecording
+    from hexwire.ros2.rmw.types import Types
+
+    made: list[BagRecording] = []
+
+    def make_writer() -> BagRecording:
+        made.append(BagRecording(folder, Types(), force=force))
+        return made[0]
+
+    def observe(robot: RobotDriver) -> None:
+        topic = topic_for(robot)
+        if topic not in made[0].urdfs:
+            made[0].urdfs[topic] = _urdf_of(robot)
+
+    with capturing(folder, make_writer, optional=optional, observe=observe):
+        yield
+
+
+def _urdf_of(robot: RobotDriver) -> str:
+    from hexwire.model.urdf import make_urdf
+
+    return "" if robot.kinematics is None else make_urdf(robot.kinematics)
+
+
+@record.command()
+@click.argument("file", type=InputFile())
+@click.argument("folder")
+@click.option("--robot", metavar="NAME", help=f"Arm whose URDF the bag gets: {', '.join(ROBOTS)}.")
+@force_option
+@json_option
+def ros2(file: BinaryIO, folder: str, robot: str | None, force: bool, as_json: bool) -> None:
+    """Convert FILE to FOLDER, a bag of ROS 2.
+
+    `ros2 bag` plays FOLDER; Foxglove and PlotJuggler open the MCAP file in it.
+    """
+    from hexwire.model.urdf import make_urdf
+    from hexwire.ros2.bag_recording import BagRecording, convert
+    from hexwire.ros2.rmw.types import Types
+
+    robot = robot or click.get_current_context().find_root().params.get("robot")
+    if robot is not None and robot not in ROBOTS:
+        raise UsageError(f"no geometry is known for {robot!r}; choose one of {', '.join(ROBOTS)}")
+    urdf = "" if robot is None else make_urdf(make_kinematics(robot))
+    recording = BagRecording(folder, Types(), force=force)
+    recording.urdf = urdf
+    try:
+        left_out = convert(file, name_of(file), recording, note=note)
+    except BaseException:
+        recording.discard()
+        raise
+    recording.close()
+    for schema, count in sorted(left_out.items()):
+        note(f"left out: {count} messages of {schema}, which has no counterpart in ROS 2")
+    words = f"{recording.count} messages written to {folder}"
+    answer(as_json, {"count": recording.count, "folder": folder, "left_out": left_out}, words)

@@ -12,11 +12,17 @@ import click
 
 from hexwire.errors import UsageError
 
-from .common import DEFAULT_ROBOT, early_port, host_timed_option, is_typed, table_options
 from .exits import note
-from .fleet_options import certificate_options
-from .model import links_option
-from .numbers import number_option
+from .options import (
+    DEFAULT_ROBOT,
+    certificate_options,
+    early_port,
+    host_timed_option,
+    is_typed,
+    links_option,
+    number_option,
+    table_options,
+)
 from .output import say
 
 if TYPE_CHECKING:

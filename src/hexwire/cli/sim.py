@@ -1,29 +1,183 @@
-"""`sim`: emulated hardware for other programs.
+"""`sim`: emulated hardware for other programs: a board, servos on a bus, a PUMA 260, and a hand that moves them.
 
-Owns the options of the emulator and when it ends. Must not know how a board works.
+Owns the options of the emulator, how a device is offered to other programs, and when it ends. Must not know how a
+device works.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import sys
 import threading
 import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, NoReturn
 
 import click
 
+from hexwire.bus.ids import parse_ids
 from hexwire.errors import UsageError
+from hexwire.units import decimal
 
 from .exits import note
-from .numbers import number_option
-from .output import say_document
-from .sim_bus import bus
-from .sim_hand import hand
-from .sim_puma import puma260
-from .sim_serve import queue_link, queue_option, serve_device, tcp_option
-from .sim_view import shown, view_option
+from .options import FiniteFloat, NumbersCommand, early_port, is_typed, json_option, number_option, resolve_url
+from .output import answer, say_document
 
-__all__ = ["sim"]
+if TYPE_CHECKING:
+    from hexwire.emulator.hand import Hands
+    from hexwire.emulator.physics import PhysicsTwin
+    from hexwire.emulator.serve import ServedDevice
+    from hexwire.emulator.serve_view import TwinView
+    from hexwire.emulator.servo import EmulatedServo
+    from hexwire.link.poll_link import PollLink
+    from hexwire.model.arm import ArmModel
+
+__all__ = [
+    "bus",
+    "hand",
+    "no_terminals",
+    "parse_address",
+    "puma260",
+    "queue_link",
+    "queue_option",
+    "serve_device",
+    "serve_on_tcp",
+    "shown",
+    "sim",
+    "tcp_option",
+    "view_option",
+]
+
+tcp_option = click.option(
+    "--tcp", metavar="HOST:PORT", help="Offer a TCP port instead of a terminal; port 0 selects a free one."
+)
+
+queue_option = click.option(
+    "--queue", metavar="NAME", help="Offer the POSIX message queue mq:///NAME to a program of this user."
+)
+
+
+def queue_link(name: str) -> PollLink:
+    """The server's end of a queue, not open yet; raises UsageError if this system has none, or for a bad name."""
+    from hexwire.link.open import build_link
+    from hexwire.link.poll_link import PollLink
+
+    link = build_link(f"mq:///{name.removeprefix('/')}?role=server&unlink=1")
+    assert isinstance(link, PollLink)
+    return link
+
+
+def parse_address(text: str) -> tuple[str, int]:
+    """Parse ``host:port`` or ``:port``; the default host is the loopback address.
+
+    Raises:
+        UsageError: The text is malformed.
+    """
+    from hexwire.link.listener import LOOPBACK
+    from hexwire.link.url import split_host_port
+
+    host, port = split_host_port(f"{LOOPBACK}{text}" if text.startswith(":") else text, text)
+    return host, port
+
+
+def serve_device(
+    device: ServedDevice,
+    *,
+    tcp: str | None,
+    link: str | None,
+    baud: int,
+    reset_on_open: bool = False,
+    hands: Hands | None = None,
+    rate: Callable[[], int] | None = None,
+    stop: Callable[[], bool],
+    announce: Callable[[str], None],
+) -> None:
+    """Serve a device until told to stop; arguments as of `serve_board` and `serve_tcp`.
+
+    Raises:
+        UsageError: Options that exclude each other, or this system has no pseudo-terminals for it.
+    """
+    if tcp is not None:
+        serve_on_tcp(device, tcp, link=link, baud=baud, reset_on_open=reset_on_open, stop=stop, announce=announce)
+        return
+    try:
+        from hexwire.emulator.serve_pty import serve_board
+    except ImportError:
+        no_terminals()
+    serve_board(
+        device,
+        link=link,
+        baud=baud,
+        reset_on_open=reset_on_open,
+        hands=hands,
+        rate=rate,
+        stop=stop,
+        announce=announce,
+    )
+
+
+def serve_on_tcp(
+    device: ServedDevice,
+    tcp: str,
+    *,
+    link: str | None,
+    baud: int,
+    reset_on_open: bool = False,
+    stop: Callable[[], bool],
+    announce: Callable[[str], None],
+) -> None:
+    """Serve a device on a TCP port; arguments and errors as of `serve_device`."""
+    from hexwire.emulator.serve_tcp import serve_tcp
+    from hexwire.link.url import is_loopback
+
+    if link is not None:
+        raise UsageError("--link names a terminal, and --tcp makes none; leave out one of them")
+    host, port = parse_address(tcp)
+    if not is_loopback(host):
+        note(f"warning: anyone who reaches TCP on {host} can command this emulated arm")
+    serve_tcp(device, host, port, baud=baud, reset_on_open=reset_on_open, stop=stop, announce=announce)
+
+
+def no_terminals() -> NoReturn:
+    """Say that this system lacks the terminals that emulated arms use; raises UsageError."""
+    raise UsageError(f"no pseudo-terminals for emulated arms on {sys.platform}; add --tcp 127.0.0.1:0") from None
+
+
+view_option = click.option(
+    "--view", is_flag=True, help="With --physics, show the arm in a window; closing it ends the emulator."
+)
+
+
+@contextmanager
+def shown(
+    twin: PhysicsTwin | None, servos: Sequence[EmulatedServo], stop: Callable[[], bool], *, view: bool
+) -> Iterator[tuple[TwinView | None, Callable[[], bool]]]:
+    """The window of a twin while the block runs, if `view`, and what tells the emulator to stop.
+
+    Args:
+        twin: None if there are no physics.
+        servos: The servos of the twin.
+        stop: What else tells the emulator to stop.
+        view: Show a window.
+
+    Raises:
+        UsageError: There are no physics to show, or no window can be opened.
+    """
+    if not view:
+        yield None, stop
+        return
+    if twin is None:
+        raise UsageError("--view needs --physics")
+    from hexwire.emulator.serve_view import TwinView
+
+    window = TwinView(twin, servos)
+    try:
+        yield window, lambda: stop() or not window.step(time.monotonic())
+    finally:
+        window.close()
+
 
 _SERVO_BAUD = 115200
 """Rate of the emulated servo bus if the line is paced, as set by the chapter's sketch."""
@@ -32,11 +186,6 @@ _SERVO_BAUD = 115200
 @click.group()
 def sim() -> None:
     """Emulate hardware for other programs."""
-
-
-sim.add_command(bus)
-sim.add_command(hand)
-sim.add_command(puma260)
 
 
 @sim.command()
@@ -122,7 +271,7 @@ def board(
     with shown(twin, device.wire.servos, ended.is_set, view=view) as (window, stop):
         served = device if window is None else window.with_device(device)
         if messages is not None:
-            serve_queue(served, messages, stop=stop, announce=_announce)
+            serve_queue(served, messages, stop=stop, announce=_announce_board)
             return
         serve_device(
             served,
@@ -133,11 +282,11 @@ def board(
             hands=Hands(device.wire.servos, HEX7BOT),
             rate=(lambda: device.host_rate) if device.host_rate else None,
             stop=stop,
-            announce=_announce,
+            announce=_announce_board,
         )
 
 
-def _announce(path: str) -> None:
+def _announce_board(path: str) -> None:
     say_document(path)
     if sys.stdout.isatty():
         note(f"try 'hexwire state --port {path}' in another terminal; Ctrl-C ends the board")
@@ -148,3 +297,271 @@ def _wait_for_eof(ended: threading.Event) -> None:
     while os.read(0, 4096):
         pass
     ended.set()
+
+
+_ARM_BAUD = 1_000_000
+"""Factory setting of the servos of an arm."""
+_NUMBER = "[0-9]{1,9}"
+_SHOWN = 40
+"""Number of typed characters that an error text repeats."""
+
+
+def _parse_rates(text: str) -> list[int]:
+    parts = [part.strip() for part in text.split(",")]
+    if not all(re.fullmatch(_NUMBER, part) for part in parts):
+        raise UsageError(
+            f"{text[:_SHOWN]!r} is not a list of rates: write 1000000, or 1000000,500000 with one for each id"
+        )
+    rates = [int(part) for part in parts]
+    if 0 in rates and len(rates) > 1:
+        raise UsageError("a rate of 0 matches any rate: give it alone, for all servos")
+    return rates
+
+
+@sim.command()
+@click.option(
+    "--arm",
+    type=click.Choice(("so100", "so101")),
+    help="The six servos of this arm, assembled but not calibrated, with its mechanical stops.",
+)
+@click.option("--leader", is_flag=True, help="With --arm, a leader arm, whose gears a hand moves easily.")
+@click.option("--physics", is_flag=True, help="With --arm, simulate weight, friction and a table with MuJoCo.")
+@view_option
+@click.option(
+    "--series",
+    default="sts_sms",
+    show_default=True,
+    metavar="S[,S...]",
+    help="sts, sms, scs, hls or seven_bot: one for all, or one for each id.",
+)
+@click.option(
+    "--ids", default="1-6", show_default=True, metavar="IDS", help="Such as 1-6 or 1,2,9; duplicate ids collide."
+)
+@click.option(
+    "--baud",
+    default="1000000",
+    show_default=True,
+    metavar="N[,N...]|0",
+    help="Rate of the servos: one for all, or one for each id; 0 takes no time and matches any rate.",
+)
+@click.option(
+    "--fault", "faults", multiple=True, metavar="SPEC", help="Fault to inject, such as silent:4; repeatable."
+)
+@click.option("--echo", is_flag=True, help="The adapter echoes what it sends.")
+@click.option("--seed", type=int, default=1, metavar="N", help="Seed of the random generator.")
+@tcp_option
+@click.option("--link", metavar="PATH", help="Create a symbolic link to the terminal, as a fixed name.")
+@click.option(
+    "--until-eof", is_flag=True, help="End at the end of standard input, so that the bus does not outlive its user."
+)
+def bus(
+    arm: str | None,
+    leader: bool,
+    physics: bool,
+    view: bool,
+    series: str,
+    ids: str,
+    baud: str,
+    faults: tuple[str, ...],
+    echo: bool,
+    seed: int,
+    tcp: str | None,
+    link: str | None,
+    until_eof: bool,
+) -> None:
+    """Emulate servos on a bus adapter: prints the port to open, and runs until stopped.
+
+    'hexwire sim hand' moves them by hand.
+    """
+    from hexwire.bus.servos import as_series
+    from hexwire.emulator.bus_device import BusDevice, make_servos
+    from hexwire.emulator.faults import FaultPlan
+    from hexwire.emulator.so_arms import make_so_arm
+
+    rates = _parse_rates(baud)
+    model: ArmModel | None = None
+    twin = None
+    if arm is not None:
+        if wrong := [f"--{name}" for name in ("series", "ids") if is_typed(name)]:
+            raise UsageError(f"the servos of {arm} are known; leave out {' and '.join(wrong)}")
+        if rates not in ([0], [_ARM_BAUD]):
+            raise UsageError(f"the servos of {arm} are set to {_ARM_BAUD} baud; leave out --baud, or make it 0")
+        made = make_so_arm(arm, leader=leader, seed=seed, start=time.monotonic())
+        servos, model = made.servos, made.model
+        if physics:
+            from hexwire.emulator.physics import PhysicsTwin
+
+            twin = PhysicsTwin(servos, model)
+    elif leader or physics:
+        raise UsageError(f"{'--leader' if leader else '--physics'} needs --arm")
+    else:
+        kinds = [as_series(name.strip()) for name in series.split(",")]
+        servos = make_servos(kinds, parse_ids(ids), baud=rates, seed=seed, start=time.monotonic())
+    plan = FaultPlan.for_bus(faults, seed=seed, start=time.monotonic())
+    ended = threading.Event()
+    if until_eof:
+        threading.Thread(target=_wait_for_eof, args=(ended,), daemon=True).start()
+    with shown(twin, servos, ended.is_set, view=view) as (_, stop):
+        if tcp is not None:
+            device = BusDevice(servos, paced=bool(rates[0]), faults=plan, echo=echo)
+            serve_on_tcp(device, tcp, link=link, baud=0, stop=stop, announce=_announce_bus)
+            return
+        try:
+            from hexwire.emulator.serve_bus import serve_bus
+        except ImportError:
+            no_terminals()
+        serve_bus(
+            servos,
+            baud=rates[0],
+            stop=stop,
+            announce=_announce_bus,
+            link=link,
+            faults=plan,
+            echo=echo,
+            arm=model,
+        )
+
+
+def _announce_bus(path: str) -> None:
+    say_document(path)
+    if sys.stdout.isatty():
+        note(f"try 'hexwire bus scan --port {path}' in another terminal; Ctrl-C ends the bus")
+
+
+_ALL_THE_WAY = 1.0
+"""Degrees within which the joint has gone all the way."""
+
+
+@sim.command(cls=NumbersCommand)
+@click.argument("joint", metavar="JOINT|ID")
+@click.argument("degrees", metavar="±DEGREES", type=FiniteFloat("degrees"))
+@number_option("--duration", "SECONDS", "Duration of the motion (60 degrees a second).", above=0)
+@number_option("--hold", "SECONDS", "Time to hold the joint at the end of the motion.", minimum=0, default=0.0)
+@number_option(
+    "--strength", "PERCENT", "Torque of the hand, as a percentage of the servo's maximum.", above=0, default=60.0
+)
+@click.option(
+    "--port",
+    metavar="URL",
+    envvar="HEXWIRE_PORT",
+    show_envvar=True,
+    help="Port or address of the emulated arm. Optional if only one runs.",
+)
+@json_option
+def hand(
+    joint: str,
+    degrees: float,
+    duration: float | None,
+    hold: float,
+    strength: float,
+    port: str | None,
+    as_json: bool,
+) -> None:
+    """Move a joint of an emulated arm by hand, while other programs use the arm.
+
+    A joint without torque follows; one with torque gives way a little and returns. It ends at the mechanical
+    stops of the arm. JOINT is a name such as elbow_flex or J2, or a servo's id.
+
+    --port is the port of 'hexwire sim board' or 'hexwire sim bus', or an address such as sim://so101 that another
+    program of yours has open and reads, such as 'hexwire serve'. If several do, give each a name, as in
+    sim://so101?name=left.
+    """
+    from hexwire.emulator.hand import HandOrder, usual_seconds
+    from hexwire.emulator.serve_hand import move_by_hand
+
+    port = early_port(port)
+    if port is not None:
+        port = resolve_url(port)
+    seconds = usual_seconds(degrees) if duration is None else duration
+    result = move_by_hand(port, HandOrder(joint, degrees, seconds, hold, strength / 100))
+    moved = f"{decimal(result.moved)} deg"
+    if result.torque:
+        words = f"has torque: it gave way by {moved} and returns"
+    elif result.blocked:
+        words = f"moved by {moved}, to its stop"
+    elif abs(result.moved - degrees) > _ALL_THE_WAY:
+        words = f"moved by {moved}, not {decimal(degrees)}: the hand is too weak or too fast"
+    else:
+        words = f"moved by {moved}"
+    row = {"joint": result.joint, "moved_deg": result.moved, "torque": result.torque, "blocked": result.blocked}
+    answer(as_json, row, f"{result.joint} {words}")
+
+
+_PUMA_PORT = 15030
+"""The port in the chapter."""
+
+
+@sim.command()
+@click.option(
+    "--tcp",
+    metavar="HOST:PORT",
+    default=f"127.0.0.1:{_PUMA_PORT}",
+    show_default=True,
+    help="Address for TCP hosts; port 0 selects a free port.",
+)
+@click.option("--ca", metavar="FILE", help="TLS: certificate authority of the clients; needs --cert and --key.")
+@click.option(
+    "--cert", metavar="FILE", help="TLS: certificate of this server; 'hexwire cert new' creates the three files."
+)
+@click.option("--key", metavar="FILE", help="TLS: private key of this server.")
+@click.option("--udp", metavar="HOST:PORT", help="Address for UDP hosts.")
+@click.option(
+    "--peer", metavar="HOST", help="The only host accepted; needed with --udp on an address that others reach."
+)
+@click.option(
+    "--queue", metavar="NAME", help="Offer the POSIX message queue mq:///NAME to one program of this user, too."
+)
+def puma260(
+    tcp: str,
+    ca: str | None,
+    cert: str | None,
+    key: str | None,
+    udp: str | None,
+    peer: str | None,
+    queue: str | None,
+) -> None:
+    """Emulate a PUMA 260 controller: prints its URLs, and runs until stopped.
+
+    It serves the four channels of the chapter's configuration file on one port, for several dozen hosts at once. On
+    an address that others reach, and without TLS, it obeys anyone who connects.
+    """
+    from hexwire.emulator.puma import EmulatedPuma
+    from hexwire.emulator.serve_puma import serve_puma
+    from hexwire.errors import UsageError
+    from hexwire.link.listener import Listener
+    from hexwire.link.tls import TlsFiles
+    from hexwire.link.udp import UdpServer
+    from hexwire.link.url import is_loopback
+
+    if peer and not udp:
+        raise UsageError("--peer needs --udp")
+    tls = None
+    if ca or cert or key:
+        if not (ca and cert and key):
+            raise UsageError("TLS needs --ca, --cert and --key together; 'hexwire cert new' creates the files")
+        tls = TlsFiles(ca, cert, key)
+    host, port = parse_address(tcp)
+    listener = Listener(host, port, tls=tls)
+    link = UdpServer(*parse_address(udp), peer=peer or "") if udp else None
+    if tls is None and not is_loopback(host):
+        note(
+            f"warning: anyone who reaches TCP on {host} can command this robot; --ca, --cert and --key prevent that"
+        )
+    if udp and not is_loopback(parse_address(udp)[0]):
+        note(f"warning: over UDP anyone can pretend to be {peer}; TCP with --ca, --cert and --key prevents that")
+    serve_puma(
+        EmulatedPuma(start=time.monotonic()),
+        listener=listener,
+        udp=link,
+        queue=None if queue is None else queue_link(queue),
+        stop=lambda: False,
+        announce=_announce_puma,
+    )
+
+
+def _announce_puma(url: str) -> None:
+    # From the address to listen on to the address to connect to.
+    url = url.replace("-listen://", "://").partition("?")[0]
+    say_document(url)
+    if sys.stdout.isatty():
+        note(f"try 'hexwire --robot puma260 state --port {url}' in another terminal; Ctrl-C ends it")

@@ -22,9 +22,8 @@ import click
 
 from hexwire.errors import HexwireError, UsageError
 
-from .common import early_port, host_timed_option, is_typed, table_options
 from .exits import note
-from .model import links_option
+from .options import early_port, host_timed_option, is_typed, links_option, table_options
 from .output import say
 
 if TYPE_CHECKING:
@@ -180,7 +179,7 @@ def _run(
         imported = _Imported("hexwire.studio.server")
         stack.callback(imported.end)
         if demo is not _Demo.NONE:
-            from .board_process import board_process
+            from .demo import board_process
 
             port = stack.enter_context(board_process(physics=demo is _Demo.PHYSICS))
             made.demo = (port, demo.value)

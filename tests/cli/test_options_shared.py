@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from hexwire.cli import common
-from hexwire.cli.common import RobotOptions, make_robot, resolve_url
+from hexwire.cli import look, output
+from hexwire.cli.options import RobotOptions, make_robot, resolve_url
 from hexwire.errors import LinkNotFoundError, ServoError, UsageError
 from hexwire.link import ports
 from hexwire.model.hex7bot import HEX7BOT
@@ -114,7 +114,7 @@ def test_the_link_is_closed_after_an_error(make_bench: Any) -> None:
 
 
 def test_json_has_no_nan(capsys: pytest.CaptureFixture[str]) -> None:
-    common.print_json({"a": [math.nan, (1.5, math.inf)], "b": {"c": -math.inf, "d": True, "e": "ö"}}, one_line=True)
+    output.print_json({"a": [math.nan, (1.5, math.inf)], "b": {"c": -math.inf, "d": True, "e": "ö"}}, one_line=True)
     text = capsys.readouterr().out
     assert text.count("\n") == 1
     assert json.loads(text) == {"a": [None, [1.5, None]], "b": {"c": None, "d": True, "e": "ö"}}
@@ -123,7 +123,7 @@ def test_json_has_no_nan(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_joint_as_json() -> None:
     flags = JointFlag.TORQUE_ON | JointFlag.OVERLOAD | JointFlag.CLAMPED
     joint = JointReading("J5", math.pi, 0.5, 0.25, 0.1, 7.4, 31.0, flags, 0.01)
-    row = common.joint_json(joint, HEX7BOT)
+    row = look.joint_json(joint, HEX7BOT)
     assert row["servo_id"] == 4
     assert row["position_rad"] == math.pi
     assert row["position_deg"] == pytest.approx(180.0)
@@ -132,21 +132,21 @@ def test_a_joint_as_json() -> None:
 
 
 def test_silence_is_not_among_the_faults() -> None:
-    assert common.fault_names(JointFlag.SILENT | JointFlag.TORQUE_ON) == []
-    assert common.fault_names(JointFlag.VOLTAGE | JointFlag.CURRENT) == ["voltage", "current"]
+    assert look.fault_names(JointFlag.SILENT | JointFlag.TORQUE_ON) == []
+    assert look.fault_names(JointFlag.VOLTAGE | JointFlag.CURRENT) == ["voltage", "current"]
 
 
 def test_silent_servos_are_named() -> None:
-    common.raise_if_silent([])
+    look.raise_if_silent([])
     with pytest.raises(ServoError, match=r"servo 4 \(J5\) does not answer") as caught:
-        common.raise_if_silent([(4, "J5")])
+        look.raise_if_silent([(4, "J5")])
     assert caught.value.servo_id == 4
     with pytest.raises(ServoError, match=r"servos 4 \(J5\), 9 do not answer"):
-        common.raise_if_silent([(4, "J5"), (9, None)])
+        look.raise_if_silent([(4, "J5"), (9, None)])
 
 
 def test_a_table_is_aligned_numbers_to_the_right() -> None:
     rows = [("J1", "-4.5", "ok"), ("J10", "123.0", "-"), ("J2", "-", "hot")]
-    assert common.format_table(("joint", "deg", "condition"), rows) == (
+    assert output.format_table(("joint", "deg", "condition"), rows) == (
         "joint    deg  condition\nJ1      -4.5  ok\nJ10    123.0  -\nJ2         -  hot"
     )

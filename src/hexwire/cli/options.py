@@ -1,6 +1,7 @@
-"""Shared parts of the commands: options, opening a robot, JSON and aligned text.
+"""What several commands share: options and arguments, and opening the robot that they name.
 
-Owns the options that select a robot, and the format of the output. Must not know any one command.
+Owns the kinds and bounds of arguments, the options that select a robot, a router or a file, and the questions
+before something happens. Must not know any one command.
 """
 
 from __future__ import annotations
@@ -9,57 +10,157 @@ import functools
 import math
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import IO, TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from hexwire.errors import UsageError
+from hexwire.inputs import open_file
 
 from .exits import note
-from .numbers import number_option
-from .output import format_table, print_json
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
-    from hexwire.model.arm import ArmModel
-    from hexwire.model.state import JointReading, JointState
+    from hexwire.model.state import JointState
 
 __all__ = [
+    "FiniteFloat",
+    "InputFile",
+    "NumbersCommand",
     "RobotOptions",
     "arm_option",
     "attached",
+    "certificate_options",
     "confirm",
     "early_port",
-    "fault_names",
     "force_option",
-    "format_table",
     "group_port_option",
     "host_timed_option",
+    "is_number",
     "is_typed",
-    "joint_json",
     "json_option",
     "line_options",
     "make_robot",
+    "name_of",
+    "number_option",
+    "numbers_argument",
     "observed_driver",
     "observing_states",
     "on_terminal",
     "open_robot",
     "port_option",
-    "print_json",
-    "raise_if_silent",
     "refuse_idle_force",
     "refuse_idle_table",
     "resolve_url",
     "robot_at_port",
     "robot_options",
+    "router_options",
     "table_options",
 ]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
+
+
+class NumbersCommand(click.Command):
+    """A command some of whose arguments may be negative: -30 is a number there, and any other -word an option."""
+
+    ignore_unknown_options = True
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        options = {
+            name: param
+            for param in self.get_params(ctx)
+            if isinstance(param, click.Option)
+            for name in (*param.opts, *param.secondary_opts)
+        }
+        words = iter(args[: args.index("--")] if "--" in args else args)
+        for word in words:
+            if not word.startswith("-") or word == "-" or is_number(word):
+                continue
+            name, given, _ = word.partition("=")
+            option = options.get(name)
+            if option is None:
+                raise click.NoSuchOption(name, possibilities=options, ctx=ctx)
+            if not given and not option.is_flag:
+                for _ in range(option.nargs):
+                    next(words, None)
+        return super().parse_args(ctx, args)
+
+
+def is_number(word: str) -> bool:
+    """Whether a word is a number, be it infinite or NaN."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+class FiniteFloat(click.ParamType[float]):
+    """A number that is neither infinite nor NaN, with bounds.
+
+    Args:
+        name: Name in the help text, such as ``SECONDS``.
+        minimum: Smallest value.
+        above: Exclusive lower bound.
+    """
+
+    def __init__(self, name: str, *, minimum: float = -math.inf, above: float = -math.inf) -> None:
+        self.name = name
+        self._minimum = minimum
+        self._above = above
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a number", param, ctx)
+        if number < self._minimum:
+            self.fail(f"{value} is less than {self._minimum:g}", param, ctx)
+        if number <= self._above:
+            self.fail(f"{value} is not above {self._above:g}", param, ctx)
+        return number
+
+
+def number_option(
+    name: str,
+    metavar: str,
+    help_text: str,
+    *,
+    minimum: float = -math.inf,
+    above: float = -math.inf,
+    default: float | None = None,
+) -> Callable[[_F], _F]:
+    """An option that takes a finite number within bounds; a default stands in its help."""
+    kind = FiniteFloat(metavar.lower(), minimum=minimum, above=above)
+    shown = default is not None
+    return click.option(name, type=kind, default=default, show_default=shown, metavar=metavar, help=help_text)
+
+
+def numbers_argument(name: str, metavar: str, kind: FiniteFloat) -> Callable[[_F], _F]:
+    """An argument of several numbers, named by its metavar in usage and errors.
+
+    Args:
+        name: Name of the command's parameter.
+        metavar: One word per number, such as ``X Y Z``.
+        kind: Type of each number.
+    """
+    count = len(metavar.split())
+
+    def check(ctx: click.Context, param: click.Parameter, value: tuple[float, ...]) -> tuple[float, ...]:
+        if len(value) != count:
+            raise click.UsageError(f"{metavar} takes {count} values, not {len(value)}", ctx)
+        return value
+
+    return click.argument(name, nargs=-1, required=True, type=kind, metavar=metavar, callback=check)
+
+
 _R = TypeVar("_R", bound="RobotDriver")
 
 DEFAULT_ROBOT = "hex7bot"
@@ -206,6 +307,17 @@ def table_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return height(
         click.option("--no-table", is_flag=True, help="Do not check for collisions with a table.")(packed)
     )
+
+
+def links_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """``--links``: the link set of the 7Bot."""
+    return click.option(
+        "--links",
+        default="A",
+        show_default=True,
+        metavar="A|B|V1|FILE",
+        help="Link set of the 7Bot: a published one, or a TOML file with your own.",
+    )(command)
 
 
 def is_typed(option: str) -> bool:
@@ -429,45 +541,83 @@ def on_terminal() -> bool:
     return sys.stdout.isatty() and os.environ.get("TERM", "dumb") != "dumb"
 
 
-def joint_json(joint: JointReading, model: ArmModel) -> dict[str, object]:
-    """One joint for JSON, each key with its unit."""
-    from hexwire.model.state import JointFlag
+class InputFile(click.File):
+    """A file to read, opened once and closed at the end of the command; ``-`` is standard input, perhaps a pipe.
 
-    return {
-        "name": joint.name,
-        "servo_id": model.joint(joint.name).servo_id,
-        "position_rad": joint.position,
-        "position_deg": math.degrees(joint.position),
-        "velocity_rad_per_s": joint.velocity,
-        "velocity_deg_per_s": math.degrees(joint.velocity),
-        "load_fraction": joint.load,
-        "current_a": joint.current,
-        "voltage_v": joint.voltage,
-        "temperature_degc": joint.temperature,
-        "age_s": joint.age,
-        "torque_on": None if joint.flags & JointFlag.TORQUE_UNKNOWN else bool(joint.flags & JointFlag.TORQUE_ON),
-        "silent": bool(joint.flags & JointFlag.SILENT),
-        "clamped": bool(joint.flags & JointFlag.CLAMPED),
-        "faults": fault_names(joint.flags),
-    }
+    It is opened with the other arguments: nothing else has been opened, written or moved when it is refused.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("rb")
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> IO[Any]:
+        """Open it; raises as `open_file`."""
+        if value == "-":
+            return sys.stdin.buffer
+        file = open_file(value)
+        if ctx is not None:
+            ctx.call_on_close(file.close)
+        return file
 
 
-def fault_names(flags: int) -> list[str]:
-    """Names of a servo's faults, such as ``overload``; silence does not count as a fault."""
-    from hexwire.model.state import JointFlag
+def name_of(file: IO[bytes]) -> str:
+    """Name for error texts of an `InputFile`."""
+    name = getattr(file, "name", None)
+    return name if isinstance(name, str) and name != "<stdin>" else "standard input"
 
-    return [flag.name.lower() for flag in JointFlag(flags).faults & ~JointFlag.SILENT if flag.name]
+
+def certificate_options(owner: str) -> Callable[[_F], _F]:
+    """``--ca``, ``--cert``, ``--key`` and ``--reachable-without-certificates``, under these names.
+
+    Args:
+        owner: Owner of the certificate, for the help.
+    """
+    files = (
+        ("--ca", "Certificate of the lab's authority, for tls endpoints."),
+        ("--cert", f"Certificate of {owner}."),
+        ("--key", "Its key."),
+    )
+
+    def add(command: _F) -> _F:
+        command = click.option(
+            "--reachable-without-certificates",
+            is_flag=True,
+            help="Allow tcp endpoints beyond this machine: anybody there can then move the arms.",
+        )(command)
+        for name, words in reversed(files):
+            command = click.option(name, default="", metavar="FILE", help=words)(command)
+        return command
+
+    return add
 
 
-def raise_if_silent(servos: Sequence[tuple[int, str | None]]) -> None:
-    """Raise an error that names the servos (pairs of id and joint) that did not answer, if there are any."""
-    from hexwire.errors import ServoError
+def router_options(command: Callable[..., Any], *, stops: bool = False) -> Callable[..., Any]:
+    """``--router`` and `certificate_options`; the command gets ``router``, a Network or None.
 
-    if servos:
-        names = ", ".join(f"{servo_id} ({joint})" if joint else f"{servo_id}" for servo_id, joint in servos)
-        several = len(servos) > 1
-        raise ServoError(
-            f"servo{'s' if several else ''} {names} {'do' if several else 'does'} not answer: "
-            "check cable, power and id",
-            servo_id=servos[0][0],
-        )
+    What is not typed comes from the file in HEXWIRE_FLEET.
+
+    Args:
+        command: The command.
+        stops: It stops arms: certificates that cannot be used keep no stop from the arms of this machine.
+    """
+
+    @functools.wraps(command)
+    def packed(
+        *args: Any, router: str, ca: str, cert: str, key: str, reachable_without_certificates: bool, **rest: Any
+    ) -> Any:
+        from hexwire.fleet.address import router_network
+
+        plain = reachable_without_certificates
+        try:
+            network = router_network(router, ca=ca, cert=cert, key=key, without_certificates=plain, check=not stops)
+        except UsageError as error:
+            raise UsageError(f"nothing was stopped: {error}") if stops else error from None
+        return command(*args, router=network, **rest)
+
+    with_certificates = certificate_options("this program")(packed)
+    return click.option(
+        "--router",
+        default="",
+        metavar="ENDPOINT",
+        help="Router of the fleet, as in tls/lab-pc:7447.  [env var: HEXWIRE_FLEET]",
+    )(with_certificates)
