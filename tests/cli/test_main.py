@@ -11,7 +11,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from hexwire.cli.main import COMMANDS, cli
+from hexwire.cli.main import COMMANDS, GROUPS, cli
 
 SRC = Path(__file__).parents[2] / "src"
 
@@ -35,9 +35,23 @@ def test_every_row_of_the_table_leads_to_a_command_that_explains_itself(name: st
     assert "\n  " + (command.help or "").splitlines()[0][:40] in out
 
 
-def test_help_lists_every_command_with_its_line() -> None:
+def test_help_fits_a_screen_and_names_every_command_once_in_its_group(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
     status, out, _ = run("--help")
     assert status == 0
+    assert sorted(name for names in GROUPS.values() for name in names) == sorted(COMMANDS)
+    lines = out.splitlines()
+    words = [line.split() for line in lines]
+    for title, names in GROUPS.items():
+        assert [*title.split(), *names] in words
+    assert len(lines) <= 25
+    assert max(map(len, lines)) < 80
+
+
+def test_help_in_detail_has_a_line_for_every_command() -> None:
+    status, out, _ = run("-v", "--help")
+    assert status == 0
+    assert "'hexwire sim board'" in out
     for name, (_, line) in COMMANDS.items():
         assert f"  {name} " in out
         assert line in out

@@ -83,7 +83,17 @@ COMMANDS: dict[str, tuple[str, str]] = {
 }
 """Name -> location of the command (module:attribute) and its one-line help."""
 
+GROUPS: dict[str, tuple[str, ...]] = {
+    "without an arm": ("demo", "sim", "studio", "model"),
+    "look": ("ports", "probe", "ping", "state", "registers"),
+    "move": ("move", "goto", "line", "play", "teach", "grip", "pump", "joystick", "teleop", "follow"),
+    "stop, power": ("stop", "resume", "torque"),
+    "share": ("serve", "fleet", "gateway", "cert", "conf"),
+    "set up, mend": ("bus", "firmware", "doctor", "loopback", "trace", "record", "ioctl", "analyzers"),
+}
+"""Every command once, by what it is for, as the help names them."""
 
+_WITHOUT_HARDWARE = "To try it without hardware, run 'hexwire sim board'; it prints the port of an emulated arm."
 _ANYWHERE = ("--trace", "--explain")
 _RECORD = ("--record", "--record-ros2")
 
@@ -95,9 +105,16 @@ class _Program(LazyGroup):
         super().__init__(*args, locations={name: at for name, (at, _) in COMMANDS.items()}, **options)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        # Not from the commands, which would all be imported.
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, COMMANDS[name][1]) for name in self.list_commands(ctx)])
+        # Not from the commands, which would all be imported. Their lines do not fit one screen.
+        if ctx.params.get("verbose"):
+            for title, names in GROUPS.items():
+                with formatter.section(title.capitalize()):
+                    formatter.write_dl([(name, COMMANDS[name][1]) for name in names])
+            formatter.write_paragraph()
+            formatter.write_text(_WITHOUT_HARDWARE)
+        else:
+            with formatter.section("Commands ('hexwire -v --help' has a line for each)"):
+                formatter.write_dl([(title, " ".join(names)) for title, names in GROUPS.items()])
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         # Users type `hexwire state --trace`, so these options are accepted at any position.
@@ -145,20 +162,15 @@ class _Program(LazyGroup):
     cls=_Program,
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    epilog="To try it without hardware, run 'hexwire sim board'; it prints the port of an emulated arm.",
 )
-@click.option("-v", "--verbose", count=True, help="Report events on the line; give it twice for all details.")
+@click.option("-v", "--verbose", count=True, is_eager=True, help="Report events on the line; twice: all details.")
 @click.option("--trace", is_flag=True, envvar="HEXWIRE_TRACE", help="Print every byte that goes over the line.")
-@click.option("--explain", is_flag=True, help="The same, with the meaning of each byte, layer by layer.")
-@click.option(
-    "--record",
-    metavar="FILE",
-    help="Record all traffic, decoded frames and joint states to FILE.mcap.",
-)
-@click.option("--record-ros2", metavar="FOLDER", help="The same to FOLDER, a bag of ROS 2, with the arm's URDF.")
-@click.option("--force", is_flag=True, help="With --record or --record-ros2, overwrite what exists.")
-@click.option("--robot", metavar="NAME", help="Name of the robot, for every command that takes --robot.")
-@click.option("--port", metavar="URL", help="Port of the robot, for every command that takes --port.")
+@click.option("--explain", is_flag=True, help="The same, with the meaning of each byte.")
+@click.option("--record", metavar="FILE", help="Record traffic, frames and joint states to FILE.mcap.")
+@click.option("--record-ros2", metavar="FOLDER", help="The same to a bag of ROS 2, with the arm's URDF.")
+@click.option("--force", is_flag=True, help="With --record or --record-ros2, overwrite.")
+@click.option("--robot", metavar="NAME", help="Robot, for every command that takes --robot.")
+@click.option("--port", metavar="URL", help="Its port, for every command that takes --port.")
 @click.version_option(None, "-V", "--version", package_name="hexwire", message="%(prog)s %(version)s")
 @click.pass_context
 def cli(
@@ -174,7 +186,7 @@ def cli(
 ) -> None:
     """Control a robot arm, from joint commands down to the bytes on the wire.
 
-    Exit status: 0 success, 1 device or line error, 2 usage error, 130 interrupted.
+    Exit status: 0 success, 1 device or line, 2 usage, 130 interrupted.
     """
     show_more(verbose)
     if trace or explain:
