@@ -86,6 +86,7 @@ def best(low: float, high: float, error: Callable[[float], float]) -> float:
     return middle
 
 
+@pytest.mark.parametrize("rider", ["core", pytest.param("chip", marks=pytest.mark.slow)], indirect=True)
 def test_the_chip_comes_to_rest_as_the_host_has_planned(rider: Rider) -> None:
     """The points end with a brake from full speed, and the host is silent: nobody is needed for it."""
     plan, points, left = way(), [], 0.0

@@ -7,9 +7,11 @@ while it still obeys, or only one packet is lost.
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import product
 
 import pytest
 from tests.bus.bus_bench import make_bus
+from tests.few import few
 
 from hexwire.bus import setup
 from hexwire.bus.identity import change_identity, find_again
@@ -97,9 +99,12 @@ def run_cut(series: Series, after: int, kind: str) -> tuple[ServoBus, EmulatedSe
     return bus, servo, error
 
 
-@pytest.mark.parametrize("series", BOTH)
-@pytest.mark.parametrize("kind", ["power", "dumb", "once", "deaf"])
-def test_a_servo_cut_off_at_any_packet_is_found_and_the_change_is_completed(series: Series, kind: str) -> None:
+@few(
+    "kind, series",
+    product(("power", "dumb", "once", "deaf"), BOTH),
+    *zip(("power", "dumb", "once", "deaf"), (*BOTH, *BOTH), strict=True),
+)
+def test_a_servo_cut_off_at_any_packet_is_found_and_the_change_is_completed(kind: str, series: Series) -> None:
     steps = packets_of_a_change(series)
     assert steps > 15
     ends = set()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from itertools import product
 
 import numpy as np
 import pytest
@@ -73,9 +74,11 @@ def test_the_joints_have_the_velocities_and_accelerations_of_the_tool(arm: ArmMo
     assert np.abs((v[2:] - v[:-2]) / 0.02 - a[1:-1]).max() < 60.0 * 0.01
 
 
-@few("jogs", (40, 6), 6)
-@pytest.mark.parametrize("mode", JogMode)
-@pytest.mark.parametrize("arm", ARMS, ids=lambda arm: arm.name)
+@few(
+    "arm, mode, jogs",
+    product(ARMS, JogMode, (40, 6)),
+    *((arm, list(JogMode)[i % len(JogMode)], 6) for i, arm in enumerate(ARMS)),
+)
 def test_a_jog_keeps_all_limits_while_it_begins_changes_and_ends(arm: ArmModel, mode: JogMode, jogs: int) -> None:
     chance = random.Random(f"jog {arm.name} {mode.value}")
     moved = 0

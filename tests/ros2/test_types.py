@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.few import few
 
 import hexwire.ros2.rmw.types
 from hexwire.errors import UsageError
@@ -32,7 +33,7 @@ def messages_of(types: Types, name: str) -> list[Any]:
     return [action.goal, action.result, action.feedback, *(each.event for each in services)]
 
 
-@pytest.mark.parametrize("distribution", Distribution)
+@few("distribution", Distribution, *list(Distribution)[::4])
 def test_every_type_has_default_messages(distribution: Distribution) -> None:
     types = Types(distribution)
     assert len(NAMES) > 100

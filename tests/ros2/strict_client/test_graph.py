@@ -57,23 +57,22 @@ ENDPOINTS = [
     ("SS", f"{NODE}/teach/play", TRIGGER, SERVICES),
     ("SS", f"{CONTROLLER}/query_state", "control_msgs/srv/QueryTrajectoryState", SERVICES),
 ]
-IDS = [f"{kind} {name}" for kind, name, _, _ in ENDPOINTS]
 
 
 def mine(arm: Arm) -> list[Token]:
     return [token for token in arm.me.graph.tokens() if token.full_node == NODE]
 
 
-@pytest.mark.parametrize(("kind", "name", "type_name", "qos"), ENDPOINTS, ids=IDS)
-def test_endpoint(arm: Arm, kind: str, name: str, type_name: str, qos: str | None) -> None:
-    token = arm.me.graph.one(kind=kind, topic=name, full_node=NODE)
-    assert token.type == dds_name(type_name)
-    assert token.hash == HASHES[type_name]
-    if qos is None:
-        assert token.qos.startswith("::,"), "reliable and volatile"
-        assert token.qos.endswith(":,:,:,,")
-    else:
-        assert token.qos == qos
+def test_every_endpoint_is_there_with_its_type_and_quality(arm: Arm) -> None:
+    for kind, name, type_name, qos in ENDPOINTS:
+        token = arm.me.graph.one(kind=kind, topic=name, full_node=NODE)
+        assert token.type == dds_name(type_name), (kind, name)
+        assert token.hash == HASHES[type_name], (kind, name)
+        if qos is None:
+            assert token.qos.startswith("::,"), f"{kind} {name}: reliable and volatile"
+            assert token.qos.endswith(":,:,:,,"), (kind, name)
+        else:
+            assert token.qos == qos, (kind, name)
 
 
 def test_every_token_is_canonical(arm: Arm) -> None:
