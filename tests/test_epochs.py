@@ -129,7 +129,7 @@ def test_calls_between_two_stops_share_their_token_and_no_stop_keeps_it() -> Non
     epochs.resumed(held)
     after = epochs.token("a move")
     assert after is not first
-    assert after == Token(held.epoch, False)
+    assert after == Token(held.epoch, False, voided=held.voided)
     assert epochs.holds(after)
     assert not epochs.holds(first)
     assert not epochs.holds(held)
@@ -197,3 +197,42 @@ def test_a_stop_that_fails_as_it_begins_is_not_confirmed_and_no_longer_under_way
     with pytest.raises(StoppedError, match="not confirmed"):
         epochs.token("a move")
     epochs.token("resume", freeing=True)
+
+
+def test_a_stop_that_no_call_made_voids_what_was_asked_for_before_it_and_begins_no_epoch() -> None:
+    epochs = Epochs()
+    before, marked = epochs.token("a move"), epochs.mark()
+    epochs.void()
+    assert not epochs.stopped
+    for token in (before, marked):
+        assert not epochs.holds(token)
+        for check in (epochs.check, epochs.check_leaving):
+            with pytest.raises(StoppedError, match="a stop came after the call"):
+                check(token, "a move")
+    after = epochs.token("a move")
+    epochs.check_leaving(after, "a move")
+    assert epochs.token("a move") is after, "until the next stop"
+    # A stop of the host that is under way, or that nobody has resumed yet, is not ended by it.
+    with epochs.stopping():
+        epochs.void()
+        assert epochs.stopped
+        assert epochs.holds(epochs.token("the stop itself"))
+    assert epochs.stopped
+    waits = epochs.token("torque off", freeing=True)
+    epochs.void()
+    assert not epochs.holds(waits)
+    epochs.resumed(epochs.token("resume", freeing=True))
+    assert not epochs.stopped
+
+
+def test_each_stop_has_another_number() -> None:
+    epochs = Epochs()
+    numbers = [epochs.number]
+    with epochs.stopping():
+        numbers.append(epochs.number)
+    for stop in (epochs.void, epochs.assume_stopped, epochs.void):
+        stop()
+        numbers.append(epochs.number)
+    epochs.forget()
+    assert numbers == [0, 1, 2, 3, 4]
+    assert epochs.number == 4

@@ -4,12 +4,16 @@ Owns the epochs of one arm, and the call that each thread executes. Must not kno
 Every stop begins an epoch at the moment it is called. A call belongs to the epoch in which it was made, however
 long it waits for the line, for a reconnection or for a read, and however many requests it sends.
 
+What stops an arm without a call of this host (its board's latch, the path check, the loss of the robot) voids what
+was asked for before it as well, but begins no epoch: nobody has to resume from it here.
+
 Nothing here locks, because a signal handler may stop the arm at any line of this file. An epoch is a unique object,
 and every change is a single assignment.
 """
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 from collections.abc import Callable
@@ -42,6 +46,7 @@ class Token:
             epoch is checked, so also right before the bytes leave. Must not block.
         late: As `refusal`, but called only right before the first bytes of a request that acts leave.
             Must not wait for the line.
+        voided: The last stop before the call that no call of this host made.
     """
 
     epoch: object
@@ -49,6 +54,7 @@ class Token:
     urgent: bool = False
     refusal: Callable[[], HexwireError | None] | None = None
     late: Callable[[], HexwireError | None] | None = None
+    voided: object = None
 
 
 class _Local(threading.local):
@@ -56,13 +62,20 @@ class _Local(threading.local):
 
 
 class Epochs:
-    """The stops of one arm, shared by all its sessions, buses and drivers."""
+    """The stops of one arm, shared by all its sessions, buses and drivers.
+
+    Attributes:
+        number: Another one after each stop; for those to whom a token cannot be given, such as pages.
+    """
 
     def __init__(self) -> None:
         self._current: object = object()
         self._ended: object = self._current
         self._failed: object = None
-        self._unstopped = Token(self._current, False)
+        self._voided: object = object()
+        self._unstopped = Token(self._current, False, voided=self._voided)
+        self.number = 0
+        self._numbers = itertools.count(1)
         self._under_way: set[object] = set()
         self._stopper = 0
         self._local = _Local()
@@ -101,6 +114,12 @@ class Epochs:
     def assume_stopped(self) -> None:
         """Assume that a stop of another program holds."""
         self._current = object()
+        self.number = next(self._numbers)
+
+    def void(self) -> None:
+        """Void what was asked for before now: the arm was stopped, but not by a call of this host."""
+        self._voided = object()
+        self.number = next(self._numbers)
 
     # -- calls ----------------------------------------------------------------------------------------
 
@@ -119,20 +138,20 @@ class Epochs:
             return mine
         if self._under_way:
             raise StoppedError.unsent(what, _STOPPED, _UNDER_WAY)
-        current = self._current
+        current, voided = self._current, self._voided
         if self._ended is current:
             # The same object until the next stop: a control loop makes a call a millisecond.
             token = self._unstopped
-            if token.epoch is not current:
-                self._unstopped = token = Token(current, False)
+            if token.epoch is not current or token.voided is not voided:
+                self._unstopped = token = Token(current, False, voided=voided)
             return token
         if self._failed is current and not freeing:
             raise StoppedError.unsent(what, _STOPPED, _UNCONFIRMED)
-        return Token(current, True)
+        return Token(current, True, voided=voided)
 
     def mark(self) -> Token:
         """Return a token of the present: the next stop cancels it, even if the arm is stopped now."""
-        return Token(self._current, False)
+        return Token(self._current, False, voided=self._voided)
 
     @property
     def of_this_call(self) -> Token | None:
@@ -146,7 +165,9 @@ class Epochs:
         return self._epoch_holds(token) and (token.refusal is None or token.refusal() is None)
 
     def _epoch_holds(self, token: Token) -> bool:
-        return token.epoch is self._current and not (token.stopped and self._ended is token.epoch)
+        if token.epoch is not self._current or token.voided is not self._voided:
+            return False
+        return not (token.stopped and self._ended is token.epoch)
 
     def check(self, token: Token, what: str) -> None:
         """Refuse a call made before a stop; call this while holding the line, right before the bytes leave.
@@ -158,7 +179,8 @@ class Epochs:
         if token.urgent:
             return
         if not self._epoch_holds(token):
-            raise StoppedError.unsent(what, _STOPPED, _CAME if token.epoch is not self._current else _RESUMED)
+            resumed = token.stopped and self._ended is token.epoch is self._current
+            raise StoppedError.unsent(what, _STOPPED, _RESUMED if resumed else _CAME)
         if token.refusal is not None and (error := token.refusal()) is not None:
             raise error
 
@@ -169,7 +191,12 @@ class Epochs:
             StoppedError: The arm was stopped after the call.
             HexwireError: The refusal of the token.
         """
-        if token.epoch is self._current and not token.stopped and token.refusal is token.late is None:
+        if (
+            token.epoch is self._current
+            and token.voided is self._voided
+            and not token.stopped
+            and token.refusal is token.late is None
+        ):
             return  # the usual case; it must be fast, since the line is idle meanwhile
         self.check(token, what)
         if token.late is not None and (error := token.late()) is not None:
@@ -197,6 +224,7 @@ class Epochs:
         """Cancel the calls made before this stop."""
         self._under_way.add(stop)
         self._current = stop
+        self.number = next(self._numbers)
         self._stopper = threading.get_ident()
         for wake in tuple(self._wakes):
             wake()

@@ -111,7 +111,7 @@ def test_a_pose_whose_check_was_under_way_at_a_stop_does_not_begin_after_the_res
     def slow(self: PathCheck, *args: Any, **options: Any) -> None:
         check(self, *args, **options)
         bench.owner.group.stop(StopReason("asked", "by the test"))
-        bench.owner.group.reset(bench.owner.group.stops)
+        bench.owner.group.reset(bench.owner.group.epochs.mark())
 
     monkeypatch.setattr(PathCheck, "trajectory", slow)
     with pytest.raises(GoalError, match="was stopped since"):

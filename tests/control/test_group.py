@@ -70,7 +70,7 @@ def test_no_controllers_do_nothing() -> None:
     assert (group.busy, group.moving, group.reason, group.blamed) == (False, False, None, frozenset())
     group.stop(StopReason("asked", "a test"))
     group.release("a test")
-    assert group.reset(group.stops)
+    assert group.reset(group.epochs.mark())
 
 
 def test_targets_of_all_controllers_are_one() -> None:
@@ -131,7 +131,7 @@ def test_a_stop_of_one_is_a_stop_of_all() -> None:
     assert group.cycle(bad, STILL, 0.1, 0.1, due=True) is None
     with pytest.raises(GoalError, match="J6 reports overload"):
         go(group, 0, "J1", 0.1)
-    assert group.reset(group.stops)
+    assert group.reset(group.epochs.mark())
     assert not group.blamed
     go(group, 0, "J1", 0.1)
 
@@ -139,11 +139,11 @@ def test_a_stop_of_one_is_a_stop_of_all() -> None:
 def test_a_reset_ends_no_stop_but_those_it_was_asked_for() -> None:
     group = make_group()
     group.stop(StopReason("asked", "first"))
-    asked = group.stops
+    asked = group.epochs.mark()
     group.stop(StopReason("asked", "second"))
     assert not group.reset(asked)
     assert group.reason is not None
-    assert group.reset(group.stops)
+    assert group.reset(group.epochs.mark())
     assert group.reason is None
 
 
@@ -189,7 +189,7 @@ def test_joints_of_two_that_fold_the_arm_together_stop_it() -> None:
 def test_every_stop_is_counted() -> None:
     group = make_group()
     for count in range(3):
-        assert group.stops == count
+        assert group.epochs.number == count
         group.stop(StopReason("asked", "enough"))
     assert str(group.reason) == "enough"
 

@@ -11,6 +11,7 @@ from tests.motion.arms import rest_to_rest
 
 from hexwire.control.group import ControllerGroup
 from hexwire.control.output import Output
+from hexwire.epochs import Token
 from hexwire.errors import CommandRefusedError, LeaseError, StoppedError, UsageError
 from hexwire.model.state import JointTarget, SentTarget
 from hexwire.motion.safety import StopReason
@@ -24,7 +25,7 @@ class Bench:
         self.robot = self.arm.driver
         self.robot.torque(True)
         self.controller = make_controller(self.robot.model)
-        self.group = ControllerGroup((self.controller,))
+        self.group = ControllerGroup((self.controller,), epochs=self.robot.epochs)
         self.sent: list[SentTarget] = []
         self.looks = 0
         self.armed_after: list[int] = []
@@ -142,12 +143,12 @@ def test_a_stop_is_ended_unless_another_one_came(caplog: pytest.LogCaptureFixtur
     with caplog.at_level(logging.ERROR):
         bench.output.stop(StopReason("asked", "the test"))
     assert caplog.messages == ["stopped: the test"]
-    stops = bench.group.stops
+    before = bench.robot.epochs.mark()
     bench.group.stop(StopReason("asked", "again"))
     with pytest.raises(UsageError, match="stopped again"):
-        bench.output.reset(stops)
+        bench.output.reset(before)
     assert bench.arm.board.state.stopped
-    bench.output.reset(bench.group.stops)
+    bench.output.reset(bench.robot.epochs.mark())
     assert not bench.arm.board.state.stopped
     assert bench.group.reason is None
     bench.output.stop(StopReason("asked", "the test"))
@@ -157,17 +158,19 @@ def test_a_stop_is_ended_unless_another_one_came(caplog: pytest.LogCaptureFixtur
 
 def test_a_target_that_meets_a_stop_does_not_make_it_another_one() -> None:
     bench = Bench(borrowed=False)
-    write = bench.robot.write
+    write, after = bench.robot.write, list[Token]()
 
     def stopped_write(target: JointTarget) -> SentTarget:
         bench.output.stop(StopReason("asked", "the test"))
+        after.append(bench.robot.epochs.mark())
         return write(target)
 
     bench.robot.write = stopped_write  # type: ignore[method-assign]  # a stop from another thread, right before
     bench.update()
     assert not bench.sent
-    assert bench.group.stops == 1
-    bench.output.reset(1)
+    (asked,) = after
+    assert bench.robot.epochs.holds(asked)
+    bench.output.reset(asked)
     assert bench.group.reason is None
 
 

@@ -19,6 +19,7 @@ from hexwire.control.outcomes import Outcome, Reason
 from hexwire.control.path_brake import PathBrake
 from hexwire.drivers.board2_path import Board2Path
 from hexwire.drivers.timed_path import PathState, TimedPath, TimedPoint
+from hexwire.epochs import Token
 from hexwire.errors import LeaseError, StoppedError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointState, JointTarget
@@ -269,16 +270,18 @@ def test_a_stop_that_a_path_tells_of_is_not_another_one() -> None:
     bench.turn(0.7)
     ahead = bench.owner._output._ahead
     assert ahead is not None
+    after: list[Token] = []
 
     def stopped(path: TimedPath, state: JointState) -> StopReason | None:
         bench.arm.stop("somebody asks")
+        after.append(bench.arm.mark())
         return ahead._see_end(path.report().state)
 
     ahead._follow = stopped  # type: ignore[method-assign]  # from another thread, meanwhile
     bench.until(lambda: told.ends)
     assert told.outcome == STOPPED
-    assert bench.owner.group.stops == 1
-    bench.ask(lambda: bench.arm.reset(1))
+    assert bench.arm.mark() == after[0]
+    bench.ask(lambda: bench.arm.reset(after[0]))
     assert bench.owner.group.reason is None
 
 
@@ -782,7 +785,7 @@ def test_a_stop_and_a_reset_within_one_turn_end_the_path_and_nothing_after_it() 
     def both() -> None:
         bench.owner._calls.run = run  # type: ignore[method-assign]
         bench.arm.stop("somebody asks")
-        bench.owner._output.reset(bench.owner.group.stops)
+        bench.owner._output.reset(bench.owner.group.epochs.mark())
 
     bench.owner._calls.run = both  # type: ignore[method-assign]  # the owner has no turn between them
     bench.turn(0.011)

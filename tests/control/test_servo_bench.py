@@ -66,7 +66,7 @@ def test_a_stop_reaches_every_servo(mode: StopMode) -> None:
         assert servo.motion.position == pytest.approx(position, abs=30)
         held = servo.servo_id != 3 and mode is StopMode.HOLD
         assert servo.torque_on is held
-    assert (bench.stopped, bench.why_stopped, bench.stops >= 1) == (True, "enough", True)
+    assert (bench.stopped, bench.why_stopped, bench.bus.epochs.number >= 1) == (True, "enough", True)
     assert not device.wire[3].torque_on, "a stop gives no servo torque"
 
 

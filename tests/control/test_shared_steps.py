@@ -196,7 +196,7 @@ def test_a_stop_between_the_first_step_and_the_next_leaves_no_steps() -> None:
             bench.robot.stop()
             if again:
                 bench.robot.resume()
-                bench.owner.group.reset(bench.owner.group.stops)
+                bench.owner.group.reset(bench.owner.group.epochs.mark())
             return sent
 
         bench._write = stopped  # type: ignore[method-assign]

@@ -190,9 +190,9 @@ def test_the_reason_never_disappears_between_the_announcement_and_the_controller
     members.stop(first)
     assert seen == [first]
     assert members.reason == first
-    assert members.stops == 2
+    assert members.epochs.number == 2
     # A stop that comes in the middle of a reset stays.
     one.then = lambda: members.announce(second)
-    members.reset(2)
+    members.reset(members.epochs.mark())
     assert one.reason == second
     assert members.reason == second

@@ -443,6 +443,18 @@ def test_an_urgent_request_interrupts_one_that_waits(dialect: int) -> None:
         assert isinstance(outcome[0], PreemptedError)
 
 
+def test_a_stop_that_no_call_made_voids_what_acts_and_not_a_read_under_way() -> None:
+    with served() as (session, _, _deaf):
+        session.open()
+        session.negotiate()
+        # Right before its bytes leave, as the path check or the board's latch may stop the arm in another thread.
+        void = session.epochs.void
+        assert session.request(Command.STATS, guard=void).status == Status.OK
+        with pytest.raises(StoppedError, match="a stop came after the call"):
+            session.request(Command.TORQUE, b"\1\x7f\0", guard=void)
+        assert session.request(Command.TORQUE, b"\1\x7f\0").status == Status.OK
+
+
 def test_many_threads_each_get_their_own_answers() -> None:
     with served() as (session, _, _deaf):
         session.open()

@@ -179,7 +179,7 @@ def test_a_resume_from_before_a_stop_does_not_end_it(studio: RunningStudio, oper
     owner, workers, free = studio.arm.owner, studio.studio._workers[Right.OPERATE], threading.Event()
     operator.keyboard.press("Escape")
     operator.get_by_role("button", name="Resume").wait_for()
-    stops = owner.group.stops
+    number = owner.group.epochs.number
     try:
         # All are busy, as with previews of long motions: the order has to wait.
         for _ in range(workers._max_workers):
@@ -187,7 +187,7 @@ def test_a_resume_from_before_a_stop_does_not_end_it(studio: RunningStudio, oper
         operator.get_by_role("button", name="Resume").click()
         studio.until(workers._work_queue.qsize, "the order to resume")
         operator.keyboard.press("Escape")
-        studio.until(lambda: owner.group.stops > stops, "the second stop")
+        studio.until(lambda: owner.group.epochs.number > number, "the second stop")
     finally:
         free.set()
     operator.get_by_text("a stop came after the call").wait_for()

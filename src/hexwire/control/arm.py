@@ -32,6 +32,7 @@ from .waiting import TryLock, Waiter
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
+    from hexwire.epochs import Token
     from hexwire.model.control_law import Laws
     from hexwire.model.state import JointState, SentTarget
     from hexwire.motion.teach import Taught
@@ -84,7 +85,7 @@ class Arm:
     ) -> None:
         self.settings, self._monitored = settings, monitored
         # The mark right after `readiness.deactivate`; None before.
-        self.deactivated: int | None = None
+        self.deactivated: Token | None = None
         self._check = PathCheck(settings.model, settings.kinematics, settings.table)
         self.owner = RobotOwner(
             robot,
@@ -139,13 +140,13 @@ class Arm:
         self.teach_mode.shutdown(hold=not self.settings.torque_off_at_exit)
         self.owner.shutdown(torque_off=self.settings.torque_off_at_exit)
 
-    def mark(self) -> int:
+    def mark(self) -> Token:
         """A mark of now, for requests that are carried out later: a stop voids those with an earlier mark."""
-        return self.owner.group.stops
+        return self.owner.robot.epochs.mark()
 
     def void(self) -> None:
         """Void what has been asked for: a stop went ahead of requests that had not got their `mark` yet."""
-        self.owner.group.void()
+        self.owner.robot.epochs.void()
 
     def adopt(self, settings: Settings) -> None:
         """Use changed settings, as `settings_reader.reread` makes them; a goal that is followed keeps its own."""
@@ -166,7 +167,7 @@ class Arm:
         wanted: Callable[[], bool] = lambda: True,
         accepting: Callable[[], object] = lambda: None,
         received: float | None = None,
-        asked: int | None = None,
+        asked: Token | None = None,
     ) -> None:
         """Let a controller follow a trajectory; a trajectory without points means hold.
 
@@ -238,7 +239,12 @@ class Arm:
         self.owner.group.deliver()
 
     def set_points(
-        self, positions: Mapping[str, float], *, near: float = math.inf, asked: int | None = None, laws: Laws = None
+        self,
+        positions: Mapping[str, float],
+        *,
+        near: float = math.inf,
+        asked: Token | None = None,
+        laws: Laws = None,
     ) -> None:
         """Follow set-points: all of them, or none.
 
@@ -304,7 +310,7 @@ class Arm:
         """Raise a GoalError if the arm is stopped."""
         self._check.stop_latch(self.owner.group.reason)
 
-    def reset(self, asked: int | None = None) -> str:
+    def reset(self, asked: Token | None = None) -> str:
         """Clear a latched stop. Nothing moves.
 
         Args:
@@ -313,12 +319,12 @@ class Arm:
         Raises:
             HexwireError: Its cause persists, or the robot refuses.
         """
-        if asked is not None and asked != self.mark():
+        if asked is not None and not self.owner.robot.epochs.holds(asked):
             raise UsageError("the arm was stopped again; reset it again")
         self.owner.reset(asked)
         return "reset; nothing moves until the next command"
 
-    def enable(self, on: bool, asked: int | None = None) -> str:
+    def enable(self, on: bool, asked: Token | None = None) -> str:
         """Switch torque of all controlled joints on, at the present position, or off.
 
         Args:
@@ -337,7 +343,7 @@ class Arm:
 
     # -- poses and teaching -----------------------------------------------------------------------------
 
-    def go_to(self, pose: str, asked: int | None = None) -> str:
+    def go_to(self, pose: str, asked: Token | None = None) -> str:
         """Move to a named pose, and wait for the arrival. Replaces the running motion.
 
         Args:
@@ -355,7 +361,7 @@ class Arm:
             off = self._move_to(goals, f"replaced by a motion to {pose}", asked)
         return ", ".join((f"at {pose}", *off))
 
-    def teach_start(self, asked: int | None = None) -> str:
+    def teach_start(self, asked: Token | None = None) -> str:
         """Start teach mode: switch torque off and record the motion of the arm. Somebody must hold the arm.
 
         Args:
@@ -380,7 +386,7 @@ class Arm:
         with TryLock(self._busy):
             return self.teach_mode.stop()
 
-    def teach_play(self, asked: int | None = None) -> str:
+    def teach_play(self, asked: Token | None = None) -> str:
         """Move to the start of the taught motion, play it, and wait for its end.
 
         Args:
@@ -437,15 +443,15 @@ class Arm:
         paths = [c.follower.ahead(when) for name, c in self.controllers.items() if name not in names]
         return [path for path in paths if path is not None]
 
-    def _refuse_void(self, asked: int) -> None:
+    def _refuse_void(self, asked: Token) -> None:
         """Refuse what was asked for before a stop; under the lock of the controllers, or to refuse it early."""
-        if asked != self.owner.group.stops:
+        if not self.owner.robot.epochs.holds(asked):
             raise GoalError("the arm was stopped since it was asked for; ask again", reason=Reason.STOPPED)
 
     def _all_joints(self) -> tuple[str, ...]:
         return tuple(name for controller in self.controllers.values() for name in controller.joints)
 
-    def _move_to(self, goals: Mapping[str, float], why: str, asked: int) -> tuple[str, ...]:
+    def _move_to(self, goals: Mapping[str, float], why: str, asked: Token) -> tuple[str, ...]:
         """Hold, then move slowly to positions, and wait for the arrival; returns as `_run`."""
         lost = [name for name in goals if name not in self._all_joints()]
         if lost:
@@ -466,7 +472,7 @@ class Arm:
         self.owner.group.deliver()
         return self._run(paths, asked)
 
-    def _run(self, paths: Mapping[str, Trajectory], asked: int) -> tuple[str, ...]:
+    def _run(self, paths: Mapping[str, Trajectory], asked: Token) -> tuple[str, ...]:
         """Check and follow trajectories, one per controller, to their end; returns how far off joints are then."""
         owner = self.owner
         state = owner.newest()

@@ -21,6 +21,8 @@ from hexwire.errors import GoalError
 from .outcomes import Outcome, Reason
 
 if TYPE_CHECKING:
+    from hexwire.epochs import Token
+
     from .arm import Arm
     from .goals import ComponentTolerance, TrajectoryGoal
     from .outcomes import Ended
@@ -89,7 +91,7 @@ class ClientGoal(Generic[_C]):
     """
 
     def __init__(
-        self, controller: str, key: str, client: _C, asked: int, on_end: Callable[[ClientGoal[_C], Ended], object]
+        self, controller: str, key: str, client: _C, asked: Token, on_end: Callable[[ClientGoal[_C], Ended], object]
     ) -> None:
         self.controller, self.key, self.client, self.asked = controller, key, client, asked
         self.accepted = self.cancelled = False

@@ -12,10 +12,12 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Protocol
 
+from hexwire.epochs import Epochs
 from hexwire.model.state import JointTarget
 from hexwire.motion.safety import StopReason
 
 if TYPE_CHECKING:
+    from hexwire.epochs import Token
     from hexwire.model.state import JointState
 
     from .outcomes import Ended, GoalListener
@@ -121,14 +123,16 @@ class ControllerGroup:
         members: The controllers; no joint belongs to two of them.
         lock: Guards them. Do not block or call listeners while holding it.
         check: Checks the combined targets of all controllers; None for no check.
-        stops: Number of stops, including those while one was latched.
+        epochs: The stops of the arm: one that the controllers learn of voids what was asked for before it.
     """
 
-    def __init__(self, members: Sequence[Controller] = (), check: PathCheck | None = None) -> None:
+    def __init__(
+        self, members: Sequence[Controller] = (), check: PathCheck | None = None, epochs: Epochs | None = None
+    ) -> None:
         self.members = members
         self.lock = ControllerLock(self._reach)
         self.check = check
-        self.stops = 0
+        self.epochs = epochs or Epochs()
         # Held for moments only, so a stop never waits for it; re-entrant, since a signal handler may stop the arm.
         self._announcing = threading.RLock()
         # The reason of a stop that was announced and has not reached the controllers yet.
@@ -202,7 +206,7 @@ class ControllerGroup:
     def announce(self, reason: StopReason) -> None:
         """Announce a stop: it voids what was asked for before. Waits for nobody; `settle` must follow."""
         with self._announcing:
-            self.stops += 1
+            self.epochs.void()
             if self._announced is None:
                 self._announced = reason
 
@@ -229,17 +233,17 @@ class ControllerGroup:
                 self._stop(reason)
         self.deliver()
 
-    def reset(self, stops: int) -> bool:
+    def reset(self, asked: Token) -> bool:
         """Clear the stop of all controllers, unless there was another one.
 
         Args:
-            stops: `stops` at the time of the request.
+            asked: The time of the request, a mark of `epochs`.
 
         Returns:
             False if there was another stop since; it stays latched.
         """
         with self.lock:
-            if self.stops != stops:
+            if not self.epochs.holds(asked):
                 return False
             for controller in self.members:
                 controller.reset()
@@ -274,11 +278,6 @@ class ControllerGroup:
                 self._forget()
         self.deliver()
         return frozenset(name for joints in braking for name in joints)
-
-    def void(self) -> None:
-        """Count a stop that has been carried out already, so that it voids what was asked for since."""
-        with self._announcing:
-            self.stops += 1
 
     def deliver(self) -> None:
         """Notify the listeners of ended goals; without the lock, since a listener may take other locks."""

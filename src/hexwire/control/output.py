@@ -152,6 +152,8 @@ class Output:
             # A borrowed robot runs one motion: a stop ends it even if nothing of it was sent yet.
             if (self._group.moving or self._borrowed) and self._group.reason is None:
                 self._group.stop(StopReason("board", "the arm was stopped by another caller"))
+                # Which voids what was asked for before; nothing has been decided yet.
+                asked = self._robot.epochs.mark()
         # The states of a borrowed robot are read once per period.
         due = self._periodic.due(now, period) or self._borrowed
         order = self._group.cycle(state, speeds, now, lead, due=due)
@@ -284,11 +286,11 @@ class Output:
             self._on_sent(sent)
             return sent
 
-    def reset(self, stops: int) -> None:
+    def reset(self, asked: Token) -> None:
         """Clear a stop, unless its cause persists or there was another stop.
 
         Args:
-            stops: `ControllerGroup.stops` at the time of the request.
+            asked: The time of the request, a mark of the robot's stops.
 
         Raises:
             UsageError: The stop was not cleared.
@@ -310,7 +312,7 @@ class Output:
             self._robot.resume()
         except StoppedError as error:
             raise UsageError("the arm was stopped again; reset it again") from error
-        if not self._group.reset(stops):
+        if not self._group.reset(asked):
             # The latest stop must stay in effect.
             self._robot.stop()
             raise UsageError("the arm was stopped again; reset it again")

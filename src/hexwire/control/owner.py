@@ -134,7 +134,7 @@ class RobotOwner:
     ) -> None:
         self.robot = robot
         self._read = read
-        self.group = ControllerGroup(check=check or PathCheck.of(robot))
+        self.group = ControllerGroup(check=check or PathCheck.of(robot), epochs=robot.epochs)
         self.connected, self.error, self.waits_for = False, "not connected yet", ""
         self.reconnects = 0
         self.probe: ProbeReport | None = None
@@ -482,18 +482,18 @@ class RobotOwner:
         finally:
             self.group.settle()
 
-    def reset(self, asked: int | None = None) -> None:
+    def reset(self, asked: Token | None = None) -> None:
         """Clear a latched stop. Nothing moves.
 
         Args:
-            asked: Number of stops when it was asked for; a later stop is not cleared. Now if None.
+            asked: When it was asked for, a mark of the robot's stops; a later stop is not cleared. Now if None.
 
         Raises:
             UsageError: Its cause persists, or the arm was stopped again.
             HexwireError: The robot refuses.
         """
-        stops = self.group.stops if asked is None else asked
-        self.call(lambda: self._output.reset(stops))
+        when = self.robot.epochs.mark() if asked is None else asked
+        self.call(lambda: self._output.reset(when))
 
     def torque(self, on: bool, names: Sequence[str]) -> tuple[str, ...]:
         """Switch torque on, at the present position, or off; a motion of the switched joints ends.

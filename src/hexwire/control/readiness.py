@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 from hexwire.errors import UsageError
 
 if TYPE_CHECKING:
+    from hexwire.epochs import Token
+
     from .arm import Arm
 
 __all__ = ["Readiness", "activate", "deactivate", "readiness"]
@@ -47,7 +49,7 @@ def readiness(arm: Arm) -> Readiness:
 def activate(
     arm: Arm,
     *,
-    asked: int,
+    asked: Token,
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], object] = time.sleep,
 ) -> None:

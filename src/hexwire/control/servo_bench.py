@@ -105,8 +105,6 @@ class ServoBench:
         self._alone = False
         self._at_home = threading.Event()
         self._at_home.set()
-        self._stops = 0
-        bus.epochs.on_stop(self._count_stop)
         if self._memory.stopped:
             bus.epochs.assume_stopped()
             self.why_stopped = "stopped by another program of this user"
@@ -172,11 +170,6 @@ class ServoBench:
     def stopped(self) -> bool:
         """Whether nothing may move or be written until `resume`."""
         return self.bus.epochs.stopped
-
-    @property
-    def stops(self) -> int:
-        """Number of stops so far."""
-        return self._stops
 
     @contextmanager
     def working(
@@ -315,7 +308,3 @@ class ServoBench:
         job = self._job
         if job is not None:
             job.cancel(why)
-
-    def _count_stop(self) -> None:
-        # May run in a signal handler: nothing here locks.
-        self._stops += 1

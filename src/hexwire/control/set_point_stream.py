@@ -14,6 +14,7 @@ from hexwire.errors import GoalError, HexwireError, UsageError
 from .outcomes import Reason
 
 if TYPE_CHECKING:
+    from hexwire.epochs import Token
     from hexwire.model.control_law import Laws
 
     from .arm import Arm
@@ -37,7 +38,7 @@ class SetPointStream:
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
-        self._asked: int | None = None
+        self._asked: Token | None = None
         self._heard, self._sent = -math.inf, -math.inf
 
     def follow(

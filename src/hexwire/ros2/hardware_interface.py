@@ -49,6 +49,7 @@ if TYPE_CHECKING:
 
     from hexwire.control.known_state import KnownState
     from hexwire.drivers.base import RobotDriver
+    from hexwire.epochs import Token
     from hexwire.model.state import JointState
     from hexwire.motion.teach import Taught
 
@@ -273,7 +274,7 @@ class HardwareInterface:
 
     def _offer_services(self) -> None:
         arm, node = self._arm, self._node
-        calls: dict[str, Callable[[int], str]] = {
+        calls: dict[str, Callable[[Token], str]] = {
             "~/reset": arm.reset,
             "~/teach/start": arm.teach_start,
             "~/teach/stop": lambda asked: arm.teach_stop(),
@@ -294,7 +295,7 @@ class HardwareInterface:
         busy = "so many stop the arm that this is not answered; it is being stopped"
         return self._in_turn(response, stopped.result, self._stop_calls, busy)
 
-    def _on_trigger(self, call: Callable[[int], str], request: Any) -> Any:
+    def _on_trigger(self, call: Callable[[Token], str], request: Any) -> Any:
         response = self._types.service(TRIGGER).response
         return self._in_turn(response, partial(call, self._arm.mark()))
 

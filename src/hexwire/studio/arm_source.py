@@ -90,12 +90,10 @@ class ArmSource:
         self.attended = Attended(silence=silence, clock=owner.now)
         self.jog = JogController(settings.model, settings.kinematics, self.shared.path_check, silence=silence)
         self.desk = MotionDesk(self.shared, PoseFile(settings.model))
-        self._stops = 0
         self._asking = threading.Lock()
         self._answers: dict[str, tuple[float, Any, HexwireError | None]] = {}
         # Ends what was held, so that no thread that hears of an end waits for the line.
         self._ender = ThreadPoolExecutor(1, "end of a hold")
-        driver.epochs.on_stop(self._on_stop)
 
     def _sent(self, sent: SentTarget) -> None:
         self.goals.update(sent.positions)
@@ -106,14 +104,10 @@ class ArmSource:
         for listener in self.listeners:
             listener(state, self.goals)
 
-    def _on_stop(self) -> None:
-        # May run in a signal handler: nothing here locks.
-        self._stops += 1
-
     @property
     def stops(self) -> int:
-        """Number of stops so far, by anybody."""
-        return self._stops + self.arm.owner.group.stops
+        """The number of the last stop, by anybody; see `Epochs.number`."""
+        return self.driver.epochs.number
 
     def start(self) -> None:
         """Connect and start; raises as `Arm.connect`."""

@@ -111,8 +111,8 @@ class BusSource:
 
     @property
     def stops(self) -> int:
-        """Number of stops so far."""
-        return self.bench.stops
+        """The number of the last stop; see `Epochs.number`."""
+        return self.bus.epochs.number
 
     def mark(self) -> Token:
         """The time of an order, relative to stops."""

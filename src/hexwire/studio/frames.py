@@ -2,8 +2,8 @@
 
 Owns the layout, which `static/live.js` reads. Pure. Must not know sockets, pages or robots.
 
-Little-endian. Head: version (u8), number of joints (u8), bits of `FrameBit` (u16), number of stops (u32), time of
-the sample in seconds of the server's clock (f64). Then nine columns, each with a value per joint: position,
+Little-endian. Head: version (u8), number of joints (u8), bits of `FrameBit` (u16), number of the last stop (u32),
+time of the sample in seconds of the server's clock (f64). Then nine columns, each with a value per joint: position,
 velocity, load, current, voltage, temperature, goal, age (f32 each), flags (u32). Unknown values are NaN.
 """
 
@@ -43,7 +43,7 @@ def serialize_frame(state: JointState, goals: Mapping[str, float], bits: FrameBi
         state: The state.
         goals: The last set-point of each joint, radians; those that are missing are unknown.
         bits: What is true of the whole arm.
-        stops: Number of stops so far; a page sends it back with an order, so that one from before a stop is void.
+        stops: Number of the last stop; a page sends it back with an order, so that one from before a stop is void.
     """
     n = len(state.names)
     head = _HEAD.pack(VERSION, n, int(bits), stops & 0xFFFFFFFF, state.stamp)
