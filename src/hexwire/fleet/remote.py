@@ -82,9 +82,9 @@ def whoami() -> str:
     except (KeyError, OSError):
         user = f"user {user_id()}"
     program = Path(sys.argv[0] or "python").name
-    text = f"{user}@{socket.gethostname()} ({program}, process {os.getpid()})"
+    shown = f"{user}@{socket.gethostname()} ({program}, process {os.getpid()})"
     # A name out of a file system may have bytes that are no text.
-    return text.encode(errors="replace").decode()
+    return shown.encode(errors="replace").decode()
 
 
 class Silence:
@@ -617,9 +617,9 @@ class RemoteRobot(RobotDriver):
         from hexwire.link.diagnose import Finding, Level
 
         # Its line is busy with the arm, which may be moving.
-        text = f"{self._facts.port} at {self._facts.host or 'its server'} is not examined through the server"
+        said = f"{self._facts.port} at {self._facts.host or 'its server'} is not examined through the server"
         advice = "if in doubt, end the server and run 'hexwire doctor' there"
-        return [*super().examine(), Finding(Level.UNKNOWN, "port", text, advice)]
+        return [*super().examine(), Finding(Level.UNKNOWN, "port", said, advice)]
 
     def _question(self, question: m.Ask) -> Any:
         self._use()
