@@ -286,6 +286,44 @@ def test_refused_command_line_is_forgotten_by_the_master(world: World) -> None:
     world.run(*node, status=1)
 
 
+OF_A_COMMAND_LINE = """
+from hexwire.cli import ros1
+ros1._find_ros()
+from hexwire.ros1 import node
+node.rospy.delete_param = print
+node._delete_params(["_rate:=5", "__ns:=left", "joint_states:=js", "_poses:={"])
+"""
+
+
+def test_only_parameters_of_a_refused_command_line_are_deleted(world: World) -> None:
+    """Names of the node and remappings are none."""
+    assert world.run("env", sys.executable, "-c", OF_A_COMMAND_LINE).out.split() == ["~rate", "~poses"]
+
+
+LEVELS = """
+import logging
+from functools import partial
+from hexwire.cli import ros1
+ros1._find_ros()
+from hexwire.ros1 import node
+handler = node._ToRos()
+handler._LEVELS = [(level, partial(print, log.__name__)) for level, log in handler._LEVELS]
+node.rospy.logdebug = partial(print, "logdebug")
+for level in (logging.CRITICAL, logging.ERROR, logging.WARNING, logging.INFO, logging.DEBUG):
+    handler.emit(logging.LogRecord("hexwire", level, "", 0, logging.getLevelName(level), (), None))
+"""
+
+
+def test_a_record_has_the_same_level_in_the_log_of_ros(world: World) -> None:
+    assert world.run("env", sys.executable, "-c", LEVELS).out.splitlines() == [
+        "logerr %s CRITICAL",
+        "logerr %s ERROR",
+        "logwarn %s WARNING",
+        "loginfo %s INFO",
+        "logdebug %s DEBUG",
+    ]
+
+
 @pytest.mark.slow
 def test_an_address_of_another_machine_is_reported(world: World) -> None:
     port = world.folder / "elsewhere"
