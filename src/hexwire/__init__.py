@@ -17,22 +17,24 @@ from hexwire.errors import HexwireError
 
 if TYPE_CHECKING:
     # Re-exported for type checkers and editors; at run time `__getattr__` below does it. Keep both alike.
+    from hexwire.arm.verbs import Arm, connect
     from hexwire.bus.servo_bus import ServoBus
     from hexwire.drivers.base import RobotDriver, Signal, StopMode
     from hexwire.drivers.bus_arm import BusArm
     from hexwire.drivers.hex7bot import Hex7BotDriver
-    from hexwire.drivers.registry import connect
     from hexwire.drivers.robot_state import RobotState
     from hexwire.ipc.handle import IpcHandle
     from hexwire.ipc.session import Session
     from hexwire.model.hex7bot_kinematics import Hex7BotModel
     from hexwire.model.puma260 import Puma260Model
     from hexwire.model.state import JointState, JointTarget, SentTarget
+    from hexwire.units import deg, mm
     from hexwire.wire.modules import ModuleType
 
     __version__: str
 
 __all__ = [
+    "Arm",
     "BusArm",
     "Hex7BotDriver",
     "Hex7BotModel",
@@ -51,9 +53,12 @@ __all__ = [
     "StopMode",
     "__version__",
     "connect",
+    "deg",
+    "mm",
 ]
 
 _LAZY: dict[str, str] = {
+    "Arm": "hexwire.arm.verbs",
     "BusArm": "hexwire.drivers.bus_arm",
     "Hex7BotDriver": "hexwire.drivers.hex7bot",
     "Hex7BotModel": "hexwire.model.hex7bot_kinematics",
@@ -69,7 +74,9 @@ _LAZY: dict[str, str] = {
     "Session": "hexwire.ipc.session",
     "Signal": "hexwire.drivers.base",
     "StopMode": "hexwire.drivers.base",
-    "connect": "hexwire.drivers.registry",
+    "connect": "hexwire.arm.verbs",
+    "deg": "hexwire.units",
+    "mm": "hexwire.units",
 }
 """Public name -> module that defines it."""
 

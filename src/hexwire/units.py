@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["CHAPTER_RADIANS_PER_COUNT", "NSEC", "decimal", "degrees", "radians", "split_time"]
+__all__ = ["CHAPTER_RADIANS_PER_COUNT", "NSEC", "decimal", "deg", "degrees", "mm", "radians", "split_time"]
 
 NSEC = 1_000_000_000
 
@@ -21,6 +21,16 @@ _LONG = 1e15
 
 degrees = math.degrees
 radians = math.radians
+
+
+def deg(angle: float) -> float:
+    """An angle in degrees, in radians."""
+    return math.radians(angle)
+
+
+def mm(length: float) -> float:
+    """A length in millimetres, in metres."""
+    return length / 1000
 
 
 def decimal(value: float, digits: int = 4) -> str:

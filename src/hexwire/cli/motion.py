@@ -241,13 +241,6 @@ def _unit(robot: str) -> float:
     return 1.0 if robot == "puma260" else 1e-3
 
 
-_MOST_STATES = 500_000
-"""Most joint states of a recording to play: several hours."""
-_MOST_ANGLES = 16 * _MOST_STATES
-"""Most angles in all of them: enough for 16 joints."""
-_MOST_SETS = 1000
-"""Most different sets of joints in the states; seven joints have 127."""
-
 
 def _motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """``--table``, ``--plot``, ``--dry-run`` and ``--rate``; the command gets them as ``run: RunOptions``."""
@@ -460,7 +453,9 @@ def play(
     elif fastest:
         raise UsageError("--fastest is for waypoints; a recording has its own times, --speed changes them")
     else:
-        taught = _read_taught(file, arm)
+        from hexwire.arm.recorded import read_taught
+
+        taught = read_taught(file, arm)
         if begin or end is not None:
             taught = taught.trimmed(begin, math.inf if end is None else end)
         if trim:
@@ -574,33 +569,6 @@ def _where(robot: RobotDriver, joints: Sequence[str], *, dry_run: bool) -> dict[
     if state.silent:
         raise ServoError(position_unknown(state.silent))
     return resting_inside(robot.model, state.positions)
-
-
-def _read_taught(file: str, arm: str | None) -> Taught:
-    from hexwire.motion.teach import Taught
-    from hexwire.trace.recording import read_joint_states, topic_of
-
-    # A row may lack joints, for example of a silent servo. Rows are kept by their set of joints, with times and
-    # positions only: whole states take many times the memory.
-    by_names: dict[tuple[str, ...], list[tuple[float, tuple[float, ...]]]] = {}
-    angles = 0
-    topic = None if arm is None else topic_of(arm)
-    for count, row in enumerate(read_joint_states(file, whole=True, topic=topic)):
-        if count == _MOST_STATES:
-            raise UsageError(f"{file} has more than {_MOST_STATES} joint states: too many for one motion")
-        angles += len(row.position)
-        if angles > _MOST_ANGLES:
-            raise UsageError(f"{file} has more than {_MOST_ANGLES} angles: too many for one motion")
-        by_names.setdefault(row.names, []).append((row.time, row.position))
-        if len(by_names) > _MOST_SETS:
-            raise UsageError(f"{file} has joint states of more than {_MOST_SETS} different sets of joints")
-    if not by_names:
-        raise UsageError(f"{file} has no joint states" + (f" of {arm}" if arm is not None else ""))
-    names = max(by_names, key=len)
-    try:
-        return Taught.of(names, by_names[names])
-    except UsageError as error:
-        raise UsageError(f"{file}: {error}") from None
 
 
 def _save(taught: Taught, file: str, save: str, force: bool, as_json: bool) -> None:

@@ -35,10 +35,8 @@ from .output import print_json, say
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from hexwire.control.path_check import PathCheck
     from hexwire.control.teleop import Stick
     from hexwire.drivers.base import RobotDriver
-    from hexwire.motion.following import Following
 
 __all__ = ["follow", "joystick", "teleop"]
 
@@ -201,10 +199,6 @@ def _stick(device: str | None, url: str | None, conf: str | None) -> Iterator[St
         yield now
 
 
-_FACING = ("shoulder_pan", "wrist_roll", "J1", "J4", "J6")
-"""Joints that turn the other way when two arms face each other."""
-
-
 @click.command()
 @click.argument("arms", metavar="LEADER FOLLOWER [LEADER FOLLOWER]...", nargs=-1, required=True)
 @click.option("--robot", metavar="NAME", help="Type of the arms on servo buses, such as so101.")
@@ -230,7 +224,7 @@ def follow(
     address of a shared arm, such as zenoh:lab/arm1, does for both. The leader has no torque: hold it. The follower
     first meets it slowly. It holds when the leader falls silent, and at the end.
     """
-    from hexwire.control.following import Pair, run_following
+    from hexwire.control.following import Pair, following_rules, run_following
     from hexwire.control.path_check import PathCheck
     from hexwire.drivers.registry import is_address
 
@@ -258,7 +252,7 @@ def follow(
             leader, follower = made[place], made[place + 1]
             refuse_idle_table(follower)
             check = PathCheck.of(follower, table)
-            rules = _rules(leader, follower, mirror, meet, grip / 100, check)
+            rules = following_rules(leader, follower, check, mirror=mirror, meet=meet, force=grip / 100)
             ahead = is_address(leader.url)
             pairs.append(Pair(leader, follower, rules, _teller(arms[place + 1], len(made) > 2), ahead, check))
         for driver in made:
@@ -301,24 +295,6 @@ def _tell_apart(followers: Sequence[RobotDriver]) -> None:
             name = f"{first}_{number}"
         taken.add(name)
         record_as(driver, name)
-
-
-def _rules(
-    leader: RobotDriver, follower: RobotDriver, mirror: bool, meet: float, force: float, check: PathCheck
-) -> Following:
-    from hexwire.model.gripper import jaws_of
-    from hexwire.motion.following import Following, GripForce
-
-    model = follower.model
-    jaws = jaws_of(model)
-    return Following(
-        leader.model,
-        model,
-        mirror=frozenset(name for name in _FACING if name in model.names) if mirror else frozenset(),
-        share=meet,
-        grip=None if jaws is None or force >= 1.0 else GripForce(jaws, force),
-        check=check.posture,
-    )
 
 
 def _teller(follower: str, several: bool) -> Callable[[object], None]:

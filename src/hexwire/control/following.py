@@ -11,10 +11,12 @@ import threading
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING
 
-from hexwire.errors import HexwireError, UsageError
+from hexwire.errors import UsageError
+from hexwire.model.gripper import jaws_of
 from hexwire.model.state import JointTarget
+from hexwire.motion.following import Following, GripForce
 from hexwire.motion.safety import StopReason, board_stop
 from hexwire.motion.teleop import Action
 
@@ -26,13 +28,22 @@ from .teleop import hold_at_end
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.state import JointState
-    from hexwire.motion.following import Following
 
     from .path_check import PathCheck
 
 
-__all__ = ["BriefReader", "FollowController", "FollowCounters", "Pair", "ReadAhead", "run_following"]
+__all__ = [
+    "BriefReader",
+    "FollowController",
+    "FollowCounters",
+    "Pair",
+    "ReadAhead",
+    "following_rules",
+    "run_following",
+]
 
+_FACING = ("shoulder_pan", "wrist_roll", "J1", "J4", "J6")
+"""Joints that turn the other way when two arms face each other."""
 _STALL = 0.5
 """Seconds without a cycle, as when the program was suspended, after which the follower meets the leader again."""
 _LOADS_EVERY = 0.019
@@ -213,14 +224,46 @@ class Pair:
     check: PathCheck | None = None
 
 
+def following_rules(
+    leader: RobotDriver,
+    follower: RobotDriver,
+    check: PathCheck,
+    *,
+    mirror: bool = False,
+    meet: float = 0.2,
+    force: float = 0.35,
+) -> Following:
+    """How an arm follows another one.
+
+    Args:
+        leader: The arm that a hand moves.
+        follower: The arm that follows it.
+        check: Checks the follower's postures.
+        mirror: The arms face each other: base and wrist turn the other way.
+        meet: Share of the speed limits until it has met the leader.
+        force: Load, as a fraction of full scale, at which its gripper stops closing; 1 for no limit.
+    """
+    model = follower.model
+    jaws = jaws_of(model)
+    return Following(
+        leader.model,
+        model,
+        mirror=frozenset(name for name in _FACING if name in model.names) if mirror else frozenset(),
+        share=meet,
+        grip=None if jaws is None or force >= 1.0 else GripForce(jaws, force),
+        check=check.posture,
+    )
+
+
 def run_following(
     pairs: Sequence[Pair],
     rate: float,
     *,
     on_ready: Callable[[], object] = lambda: None,
     shield: Callable[[], AbstractContextManager[object]] = nullcontext,
+    ended: threading.Event | None = None,
     sleep: Callable[[float], object] | None = None,
-) -> NoReturn:
+) -> None:
     """Let followers follow until an exception, such as KeyboardInterrupt, ends it; then all of them hold.
 
     The first pair runs in the caller's thread, each other one in its own. A fault of one pair ends all.
@@ -230,6 +273,7 @@ def run_following(
         rate: Cycles per second.
         on_ready: Called once, when the followers have torque and before anything can move.
         shield: Put around the hold at the end; keeps signals from interrupting it.
+        ended: Ends it, too, when it is set.
         sleep: As in `RobotOwner`.
 
     Raises:
@@ -242,7 +286,8 @@ def run_following(
         if missing := [name for name in pair.rules.arm.names if name not in on]:
             raise UsageError(f"the follower {pair.follower.url} does not confirm torque of {', '.join(missing)}")
     on_ready()
-    ended, faults = threading.Event(), list[BaseException]()
+    ended = threading.Event() if ended is None else ended
+    faults: list[BaseException] = []
 
     def follow(pair: Pair, shielded: Callable[[], AbstractContextManager[object]]) -> None:
         read = pair.leader.read_positions
@@ -289,8 +334,8 @@ def run_following(
                 # One that Ctrl-C kept from starting has no end either.
                 if thread.ident is not None:
                     thread.join()
-    # Only another pair's end leads here.
-    raise faults[0] if faults else HexwireError("another follower has ended")
+    if faults:
+        raise faults[0]
 
 
 def _release(leader: RobotDriver) -> None:

@@ -18,6 +18,8 @@ from .loop import LoopCounters
 if TYPE_CHECKING:
     from hexwire.model.state import JointState, SentTarget
 
+    from .rest import Rest
+
 __all__ = ["MotionResult"]
 
 
@@ -38,6 +40,7 @@ class MotionResult:
         timing: Timing of the cycles.
         timed: The robot kept the time of the motion itself.
         ended: Why it gave up its path to a target, although it was not stopped; or empty.
+        rest: Where the arm came to rest beside its goal, if that was waited for.
     """
 
     arrived: bool | None
@@ -52,6 +55,7 @@ class MotionResult:
     timing: LoopCounters = field(default_factory=LoopCounters)
     timed: bool = False
     ended: str = ""
+    rest: Rest | None = None
 
     @property
     def why(self) -> str:

@@ -123,6 +123,7 @@ def run_motion(
     until: Until | None = None,
     observer: MotionObserver | None = None,
     safe: AbstractContextManager[object] | None = None,
+    asked: Token | None = None,
 ) -> MotionResult:
     """Run one motion: check its path, switch torque on, arm the watchdog, monitor it, and check the arrival.
 
@@ -140,6 +141,7 @@ def run_motion(
         observer: Is called at the events of the motion.
         safe: Entered before anything moves, and left while the watchdog is still armed, whatever ends the motion.
             It makes the arm safe instead of the stop on an exception; not used without `wait`.
+        asked: When it was asked for, as `robot.epochs.mark` returned it; now if None. A stop since then voids it.
 
     Returns:
         How the motion ended.
@@ -152,7 +154,7 @@ def run_motion(
     """
     check("run_motion", "robot", _ROBOT, robot)
     # From here on a stop voids the motion, however long the steps before it take.
-    asked = robot.epochs.mark()
+    asked = robot.epochs.mark() if asked is None else asked
     options = MotionOptions() if options is None else wanted_options(options)
     observer = observer or MotionObserver()
     wait = bool(check("run_motion", "wait", FLAG, wait))

@@ -174,6 +174,7 @@ def record_by_hand(
     duration: float = math.inf,
     torque_off_at_end: bool = False,
     on_start: Callable[[], object] = lambda: None,
+    ended: Callable[[], bool] = lambda: False,
     sleep: Callable[[float], object] = time.sleep,
 ) -> None:
     """Switch an arm's torque off, record its states for a time or until Ctrl-C, then hold the arm.
@@ -188,6 +189,7 @@ def record_by_hand(
         torque_off_at_end: Leave the torque off at the end. Otherwise all joints hold their position then, also
             those that had no torque before.
         on_start: Called once the arm has no torque.
+        ended: Called after each state: whether the recording ends.
         sleep: Waits for so many seconds.
 
     Raises:
@@ -206,20 +208,20 @@ def record_by_hand(
         try:
             on_start()
             with suppress(KeyboardInterrupt):
-                _turn_for(owner, duration)
+                _turn_for(owner, duration, ended)
         finally:
             # A robot that failed may answer again.
             owner.connect()
             guiding.stop(passing.stop, hold=not torque_off_at_end)
 
 
-def _turn_for(owner: RobotOwner, duration: float) -> None:
-    """Run the owner's loop for so many seconds, at least one turn."""
+def _turn_for(owner: RobotOwner, duration: float, ended: Callable[[], bool]) -> None:
+    """Run the owner's loop for so many seconds or until it is ended, at least one turn."""
     timing = owner.timing
     _turn_guided(owner)
     # Slightly less, so that 0.3 s of 0.1 s periods are three states and not four.
     end = timing.due + duration - (1.0 + 1e-6) * timing.period
-    while timing.due < end:
+    while timing.due < end and not ended():
         _turn_guided(owner)
 
 

@@ -82,7 +82,8 @@ def joint_points(
                     raise
                 raise LimitError(f"point {number}: {error}") from None
         else:
-            goal = {arm.joint(name).name: finite(angle, f"the goal of {name}") for name, angle in point.items()}
+            joints = {arm.joint(name): finite(angle, f"the goal of {name}") for name, angle in point.items()}
+            goal = {joint.name: joint.inside(angle) for joint, angle in joints.items()}
         now |= goal
         moved |= goal.keys()
         postures.append(dict(now))

@@ -71,15 +71,22 @@ class JointModel:
         b = self.sign * (self.maximum - self.offset) / self.scale + self.neutral
         return math.ceil(min(a, b)), math.floor(max(a, b))
 
+    def inside(self, angle: float) -> float:
+        """An angle that `check` allows, half a count outside, at its limit: a board takes no point beyond it."""
+        return min(max(angle, self.minimum), self.maximum) if self._allows(angle) else angle
+
+    def _allows(self, angle: float) -> bool:
+        # A tolerance of half a count, so that the limit itself can be given in rounded degrees.
+        grace = 0.5 * self.scale
+        return self.minimum - grace <= angle <= self.maximum + grace
+
     def check(self, angle: float) -> None:
         """Refuse an angle outside the limits.
 
         Raises:
             LimitError: The text has the joint, the angle and the limits in degrees.
         """
-        # A tolerance of half a count, so that the limit itself can be given in rounded degrees.
-        grace = 0.5 * self.scale
-        if not self.minimum - grace <= angle <= self.maximum + grace:
+        if not self._allows(angle):
             low, high = math.degrees(self.minimum), math.degrees(self.maximum)
             raise LimitError(
                 f"{self.name}={decimal(math.degrees(angle))} deg is outside its limits {decimal(low)} to "

@@ -272,10 +272,12 @@ class Follower:
             return next(filter(None, (self._wrong(part, allowed) for part in parts)), "")
         if not isinstance(plan, Pieces):
             return ""
-        for name, (low, high) in zip(plan.names, plan.ranges(), strict=True):
+        for name, (low, high), *ends in zip(plan.names, plan.ranges(), plan.start, plan.goal, strict=True):
             joint = self.arm.joint(name)
-            if low < joint.minimum - _ROUNDING or high > joint.maximum + _ROUNDING:
-                far = math.degrees(low if low < joint.minimum else high)
+            # A goal may be half a count outside: see `JointModel.check`.
+            least, most = min(joint.minimum, *ends) - _ROUNDING, max(joint.maximum, *ends) + _ROUNDING
+            if not least <= low <= high <= most:
+                far = math.degrees(low if low < least else high)
                 return f"{joint.name} would swing to {decimal(far, 3)} deg, beyond its limit"
         return (allowed or self._allowed)(plan, {} if self._state is None else self._state.positions)
 
