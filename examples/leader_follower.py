@@ -10,19 +10,12 @@ Without addresses both are emulated SO-101. Move the leader from another termina
 import sys
 
 import hexwire
-from hexwire.control.following import Pair, run_following
-from hexwire.motion.following import Following
 
 ports = sys.argv[1:3] if len(sys.argv) > 2 else ("sim://so101?leader=1&name=leader", "sim://so101?name=follower")
 
-with (
-    hexwire.connect(ports[0], robot="so101") as leader,
-    hexwire.connect(ports[1], robot="so101") as follower,
-):
+with hexwire.connect(ports[0], "so101") as leader, hexwire.connect(ports[1], "so101") as follower:
     # The follower first meets the leader, slowly; it holds when this program ends.
-    pair = Pair(leader, follower, Following(leader.model, follower.model), on_note=print)
-    try:
-        run_following([pair], rate=100.0, on_ready=lambda: print("move the leader", flush=True))
-    except KeyboardInterrupt:
-        off = max(abs(leader.read().positions[name] - angle) for name, angle in follower.read().positions.items())
-        print(f"the follower holds, {off:.3f} rad from the leader at most")
+    print("move the leader", flush=True)
+    follower.follow(leader)
+    off = max(abs(leader.read().positions[name] - angle) for name, angle in follower.read().positions.items())
+    print(f"the follower holds, {off:.3f} rad from the leader at most")

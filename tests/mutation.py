@@ -52,6 +52,7 @@ ROOMS = (
     "session",
     "link",
     "bus",
+    "arm",
     "control",
     "motion",
     "model",

@@ -19,7 +19,7 @@ BLOCK = re.compile(r"```python([^\n]*)\n(.*?)```", re.DOTALL)
 
 OWN = """
 import hexwire
-from hexwire import JointTarget, RobotDriver, ServoBus, Session, StopMode
+from hexwire import JointTarget, MotionHandle, MotionResult, RobotDriver, ServoBus, Session, StopMode, deg, mm
 from hexwire.errors import HexwireError, LimitError, StoppedError
 
 
@@ -57,11 +57,15 @@ def main() -> int:
     print(version)
     try:
         with hexwire.connect("/dev/ttyUSB0", robot="hex7bot") as arm:
-            names: tuple[str, ...] = nod(arm, 0.1)
-            print(names, angles(arm), arm.probe().missing)
+            names: tuple[str, ...] = nod(arm.driver, 0.1)
+            print(names, angles(arm.driver), arm.driver.probe().missing)
         with hexwire.connect() as arm:
-            arm.watchdog(0.5)
-            follow(arm)
+            arm.driver.watchdog(0.5)
+            follow(arm.driver)
+            went: MotionResult = arm.goto((0.0, mm(200), 0.1), "home", down=True, speed=0.2)
+            under_way: MotionHandle[MotionResult] = arm.move(J1=deg(10), wait=False)
+            held: bool = arm.close(force=0.3).holds
+            print(went.rest, under_way.cancel().cut, held, arm.poses["home"], arm.limits["J1"].maximum)
     except HexwireError as error:
         print(error)
         return 1
@@ -184,7 +188,7 @@ def test_programs_of_users_pass_pyright(installed: Path, programs: Path) -> None
 
 @pytest.mark.slow
 def test_pyright_finds_what_is_not_there(installed: Path, tmp_path: Path) -> None:
-    text = "import hexwire\n\nwith hexwire.connect() as arm:\n    arm.watchdg(0.5)\n    arm.watchdog('soon')\n"
+    text = "import hexwire\n\nwith hexwire.connect() as arm:\n    arm.hoome()\n    arm.goto('home', speed='fast')\n"
     (tmp_path / "misspelt.py").write_text(text, encoding="utf-8")
     faults = pyright(installed, tmp_path)
     assert any("misspelt.py:4: reportAttributeAccessIssue" in fault for fault in faults)

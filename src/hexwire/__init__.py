@@ -17,8 +17,11 @@ from hexwire.errors import HexwireError
 
 if TYPE_CHECKING:
     # Re-exported for type checkers and editors; at run time `__getattr__` below does it. Keep both alike.
+    from hexwire.arm.handle import MotionHandle
     from hexwire.arm.verbs import Arm, connect
     from hexwire.bus.servo_bus import ServoBus
+    from hexwire.control.gripping import GripResult
+    from hexwire.control.motion_result import MotionResult
     from hexwire.drivers.base import RobotDriver, Signal, StopMode
     from hexwire.drivers.bus_arm import BusArm
     from hexwire.drivers.hex7bot import Hex7BotDriver
@@ -36,6 +39,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Arm",
     "BusArm",
+    "GripResult",
     "Hex7BotDriver",
     "Hex7BotModel",
     "HexwireError",
@@ -43,6 +47,8 @@ __all__ = [
     "JointState",
     "JointTarget",
     "ModuleType",
+    "MotionHandle",
+    "MotionResult",
     "Puma260Model",
     "RobotDriver",
     "RobotState",
@@ -58,6 +64,9 @@ __all__ = [
 ]
 
 _LAZY: dict[str, str] = {
+    "MotionResult": "hexwire.control.motion_result",
+    "MotionHandle": "hexwire.arm.handle",
+    "GripResult": "hexwire.control.gripping",
     "Arm": "hexwire.arm.verbs",
     "BusArm": "hexwire.drivers.bus_arm",
     "Hex7BotDriver": "hexwire.drivers.hex7bot",

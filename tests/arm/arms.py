@@ -12,8 +12,7 @@ from tests.fleet.emulated import emulated
 
 import hexwire
 from hexwire import Arm
-from hexwire.arm import verbs
-from hexwire.control import gripping
+from hexwire.control import motions
 from hexwire.control.motions import MotionOptions
 from hexwire.ipc import session
 from hexwire.motion.safety import SafetyLimits
@@ -43,8 +42,7 @@ def connected(kind: str, folder: Path) -> Iterator[Arm]:
         for variable in ("XDG_RUNTIME_DIR", "XDG_STATE_HOME", "XDG_CONFIG_HOME"):
             patch.setenv(variable, str(folder))
         patch.setattr(session, "RetryPolicy", partial(RetryPolicy, window=1.0))
-        for module in (verbs, gripping):
-            patch.setattr(module, "MotionOptions", PATIENT)
+        patch.setattr(motions, "MotionOptions", PATIENT)
         settings = stack.enter_context(emulated(KINDS[kind]))
         if kind.startswith("shared"):
             from hexwire.fleet.service import Service

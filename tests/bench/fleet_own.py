@@ -17,10 +17,10 @@ sys.path.insert(0, str(HERE))
 
 import fleet_worker as w  # noqa: E402
 
-import hexwire  # noqa: E402
 from hexwire.control.arm import Arm  # noqa: E402
 from hexwire.control.lease import Lease  # noqa: E402
 from hexwire.control.shared import Order, SharedArm  # noqa: E402
+from hexwire.drivers import registry  # noqa: E402
 from hexwire.drivers.base import RobotDriver  # noqa: E402
 from hexwire.drivers.values import ProbeReport, StopMode  # noqa: E402
 from hexwire.emulator.board import make_hex7bot_board  # noqa: E402
@@ -130,7 +130,7 @@ def client(url: str) -> Iterator[w.Worker]:
     """Programs that read an arm, and one that commands it."""
 
     def open_one() -> tuple[Callable[[], float], Callable[[], object]]:
-        robot = hexwire.connect(url)
+        robot = registry.connect(url)
 
         def following() -> float:
             robot.read()
@@ -147,7 +147,7 @@ def client(url: str) -> Iterator[w.Worker]:
             return {"size": _size(url)}
         if what != "write":
             return readers(what, **options)
-        with hexwire.connect(url) as robot:
+        with registry.connect(url) as robot:
             return _write(robot.write, robot, options["seconds"])
 
     yield work
@@ -181,7 +181,7 @@ def _write(send: Callable[[JointTarget], object], robot: RobotDriver, seconds: f
 @contextmanager
 def driver(port: str) -> Iterator[w.Worker]:
     """A driver that one program has for itself."""
-    with hexwire.connect(port) as robot:
+    with registry.connect(port) as robot:
         yield lambda what, seconds: _write(robot.write, robot, seconds)
 
 

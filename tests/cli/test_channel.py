@@ -10,8 +10,8 @@ from click.testing import CliRunner, Result
 from tests.drivers.puma_server import served_puma
 from tests.gateway.tcp_boards import Running, tcp_boards, wait
 
-import hexwire
 from hexwire.cli.main import cli
+from hexwire.drivers import registry
 from hexwire.link.listener import Listener
 
 
@@ -135,7 +135,7 @@ def test_a_board_without_a_gateway_is_a_channel_too() -> None:
 @pytest.mark.slow
 @pytest.mark.system
 def test_a_board_of_another_host_is_not_called_resumed(gateway: Running) -> None:
-    with hexwire.connect(f"{gateway.url}?to=9") as other:
+    with registry.connect(f"{gateway.url}?to=9") as other:
         assert run("stop", "--all", "--port", gateway.url).exit_code == 0
         assert other.read().stopped
         for words in ((), ("--json",)):

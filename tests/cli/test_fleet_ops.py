@@ -16,9 +16,9 @@ from tests.fleet.conftest import Serve, runtime, serve  # noqa: F401  # fixtures
 from tests.system.programs import hexwire_program
 from tests.waits import eventually
 
-import hexwire
 from hexwire.cli import fleet as fleet_ops
 from hexwire.cli.main import cli
+from hexwire.drivers import registry
 from hexwire.fleet import overview
 from hexwire.fleet.endpoints import local_socket
 from hexwire.fleet.names import Role
@@ -48,7 +48,7 @@ def test_arms_are_listed_with_their_condition(serve: Serve) -> None:
     assert head.split()[:5] == ["arm", "robot", "host", "holder", "torque"]
     assert [row.split()[:2] for row in rows] == [["lab/arm1", "hex7bot"], ["lab/arm2", "hex7bot"]]
     assert all(row.endswith("ok") for row in rows)
-    with hexwire.connect("zenoh:hall") as robot:
+    with registry.connect("zenoh:hall") as robot:
         robot.torque(True)
         eventually(lambda: robot.holder)
         (row,) = json.loads(run("list", "hall", "--json").stdout)
@@ -61,7 +61,7 @@ def test_arms_are_listed_with_their_condition(serve: Serve) -> None:
 def test_a_stop_stops_what_it_names_and_nothing_else(serve: Serve) -> None:
     for name in ("lab/arm1", "lab/arm2", "hall"):
         serve(name, robot="sim")
-    with hexwire.connect("zenoh:lab/arm1") as robot:
+    with registry.connect("zenoh:lab/arm1") as robot:
         robot.torque(True, ["J2"])
     result = run("stop", "lab/*")
     assert result.exit_code == 0, result.stderr
@@ -80,7 +80,7 @@ def test_a_stop_that_holds_instead_of_switching_torque_off_says_so(
     serve: Serve, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     serve("lab/arm1", robot="sim")
-    with hexwire.connect("zenoh:lab/arm1") as robot:
+    with registry.connect("zenoh:lab/arm1") as robot:
         robot.torque(True)
     monkeypatch.setattr(overview, "role_of", lambda cert: Role.OBSERVER)
     result = run("stop", "lab/*", "--torque-off")

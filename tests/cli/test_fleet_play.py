@@ -13,9 +13,9 @@ from tests.link.far_ends import free_port
 from tests.system.programs import hexwire_program
 from tests.waits import eventually
 
-import hexwire
 from hexwire.cli.fleet import _tell
 from hexwire.cli.main import cli
+from hexwire.drivers import registry
 from hexwire.fleet import player
 from hexwire.trace.recording import RecordingWriter, make_positions, topic_of
 
@@ -120,7 +120,7 @@ def test_motions_are_mapped_to_arms(serve: Serve, taught: Path) -> None:
     done = json.loads(result.stdout)
     assert [row["name"] for row in done["arms"]] == ["lab/arm1", "lab/arm2"]
     assert done["duration_s"] == pytest.approx(59 / 60, abs=0.01)
-    with hexwire.connect("zenoh:lab/arm1") as one, hexwire.connect("zenoh:lab/arm2") as two:
+    with registry.connect("zenoh:lab/arm1") as one, registry.connect("zenoh:lab/arm2") as two:
         assert one.read().positions["J1"] > 0.05
         assert two.read().positions["J1"] < -0.05
 
@@ -164,7 +164,7 @@ def test_nothing_is_left_of_a_recording_of_nobody(runtime: Path, tmp_path: Path)
 def test_ctrl_c_stops_all_arms(serve: Serve, taught: Path) -> None:
     for name in ("lab/arm1", "lab/arm2"):
         serve(name, robot="sim", lease=LEASE)
-    with hexwire.connect("zenoh:lab/arm1") as robot:
+    with registry.connect("zenoh:lab/arm1") as robot:
         words = ["fleet", "play", taught, "--map", "lab/arm1=lab/arm1", "--map", "lab/arm1=lab/arm2"]
         before = robot.read().positions["J2"]
         with hexwire_program(*words, "--speed", "0.1") as program:
@@ -175,7 +175,7 @@ def test_ctrl_c_stops_all_arms(serve: Serve, taught: Path) -> None:
         assert program.returncode == 130
         assert "stop sent to all arms" in said
         eventually(lambda: robot.read().stopped)
-    with hexwire.connect("zenoh:lab/arm2") as other:
+    with registry.connect("zenoh:lab/arm2") as other:
         eventually(lambda: other.read().stopped)
 
 

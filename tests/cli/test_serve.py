@@ -17,10 +17,10 @@ from click.testing import CliRunner
 from tests.cli.shared_arm import ARM, Plug, ok, patient, plain, process, run
 from tests.waits import PATIENCE, eventually
 
-import hexwire
 from hexwire.cli.exits import DEVICE, INTERRUPTED, USAGE
 from hexwire.cli.main import cli
 from hexwire.control.motions import run_motion
+from hexwire.drivers import registry
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.errors import DeviceError, HexwireError
 from hexwire.fleet.service import Service
@@ -185,7 +185,7 @@ class Mover:
     """Another program that moves the arm for twenty seconds, unless something ends it."""
 
     def __init__(self) -> None:
-        self.robot = hexwire.connect(ARM)
+        self.robot = registry.connect(ARM)
         self.robot.torque(True)
         self.error: HexwireError | None = None
         self.why = ""
@@ -205,7 +205,7 @@ class Mover:
 
 
 def test_one_moves_another_is_refused_a_third_stops_and_a_fourth_watches(shared: Service) -> None:
-    with hexwire.connect(ARM) as watcher:
+    with registry.connect(ARM) as watcher:
         states = watcher.stream(0.05)
         mover = Mover()
         refused = run("move", "J1=0")
@@ -236,7 +236,7 @@ def test_take_takes_the_arm_from_the_one_that_moves_it(shared: Service) -> None:
 
 @pytest.mark.slow
 def test_a_move_without_wait_runs_to_its_end_after_the_command(shared: Service) -> None:
-    with hexwire.connect(ARM) as robot:
+    with registry.connect(ARM) as robot:
         ok("move", "J1=20", "--duration", "2")
         assert robot.read().positions["J1"] < 0.3
         eventually(lambda: abs(robot.read().positions["J1"] - 0.349) < 0.02)
@@ -247,7 +247,7 @@ def test_a_move_without_wait_runs_to_its_end_after_the_command(shared: Service) 
 
 def test_ctrl_c_stops_the_arm(shared: Service) -> None:
     with (
-        hexwire.connect(ARM) as robot,
+        registry.connect(ARM) as robot,
         process("move", "--wait", "J1=60", "--duration", "20", "--port", ARM) as moving,
     ):
         eventually(lambda: robot.read().velocity[0] > 0.02)
@@ -262,7 +262,7 @@ def test_ctrl_c_stops_the_arm(shared: Service) -> None:
 @pytest.mark.parametrize("shared", [0.5], indirect=True)
 def test_a_frozen_program_loses_the_arm_which_holds_and_the_program_says_so(shared: Service) -> None:
     with (
-        hexwire.connect(ARM) as robot,
+        registry.connect(ARM) as robot,
         process("move", "--wait", "J1=60", "--duration", "20", "--port", ARM) as moving,
     ):
         eventually(lambda: robot.read().velocity[0] > 0.02)
@@ -282,7 +282,7 @@ def test_a_frozen_program_loses_the_arm_which_holds_and_the_program_says_so(shar
 @pytest.mark.parametrize("shared", [0.5], indirect=True)
 def test_a_killed_program_loses_the_arm_which_holds(shared: Service) -> None:
     with (
-        hexwire.connect(ARM) as robot,
+        registry.connect(ARM) as robot,
         process("move", "--wait", "J1=60", "--duration", "20", "--port", ARM) as moving,
     ):
         eventually(lambda: robot.read().velocity[0] > 0.02)
@@ -307,7 +307,7 @@ def test_every_signal_ends_the_server_with_a_stopped_arm(runtime: Path, plug: Pl
     with process("serve", "--config", str(runtime / "one.toml")) as server:
         assert server.stdout is not None
         assert server.stdout.readline().startswith("lab/arm1: serial://")
-        with hexwire.connect(ARM) as robot:
+        with registry.connect(ARM) as robot:
             robot.torque(True)
             robot.write(JointTarget.of({"J1": 1.0}, 20.0))
             for _ in range(3):
@@ -315,7 +315,7 @@ def test_every_signal_ends_the_server_with_a_stopped_arm(runtime: Path, plug: Pl
                 server.send_signal(number)
             _, said = server.communicate(timeout=PATIENCE)
         assert (server.returncode, said) == (0, "the arms are no longer shared\n")
-    with hexwire.connect(plug.path) as robot:
+    with registry.connect(plug.path) as robot:
         state = robot.read()
         assert (state.stopped, state.watchdog_tripped, state.torque_on) == (True, False, robot.model.names)
 
@@ -333,13 +333,13 @@ def test_the_boards_watchdog_stops_the_arm_of_a_killed_server(runtime: Path, plu
     with process("serve", "--port", plug.path, "--name", "lab/arm1") as server:
         assert server.stdout is not None
         server.stdout.readline()
-        with hexwire.connect(ARM) as robot:
+        with registry.connect(ARM) as robot:
             robot.torque(True)
             robot.write(JointTarget.of({"J1": 1.0}, 20.0))
             server.kill()
             server.wait()
     eventually(lambda: plug.board.state.watchdog_tripped)
-    with hexwire.connect(plug.path) as robot:
+    with registry.connect(plug.path) as robot:
         state = robot.read()
         assert (state.stopped, state.watchdog_tripped, state.torque_on) == (True, True, robot.model.names)
         assert state.positions["J1"] < 0.9
@@ -351,7 +351,7 @@ def test_of_an_arm_without_a_watchdog_only_a_short_step_remains_when_its_server_
         with process("serve", "--port", plug.path, "--name", "lab/arm1") as server:
             assert server.stdout is not None
             server.stdout.readline()
-            with hexwire.connect(ARM) as robot:
+            with registry.connect(ARM) as robot:
                 robot.torque(True)
                 sent = robot.write(JointTarget.of({"J1": 1.0}, 30.0))
                 assert (dict(sent.positions), sent.duration) == ({"J1": 1.0}, 30.0)
@@ -371,7 +371,7 @@ def test_if_the_line_hangs_the_end_says_so_and_the_arm_is_stopped(
     service = Service(read_arms({"lab/arm1": {"port": plug.path}}))
     service.start()
     service.wait_until_shared()
-    robot = hexwire.connect(ARM)
+    robot = registry.connect(ARM)
     robot.torque(True)
     robot.write(JointTarget.of({"J1": 1.0}, 20.0))
     plug.hang()
@@ -379,7 +379,7 @@ def test_if_the_line_hangs_the_end_says_so_and_the_arm_is_stopped(
         service.close()
     robot.abort()
     plug.go_on()
-    with hexwire.connect(plug.path) as robot:
+    with registry.connect(plug.path) as robot:
         state = robot.read()
         assert (state.stopped, state.torque_on) == (True, robot.model.names)
 

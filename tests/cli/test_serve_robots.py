@@ -25,8 +25,8 @@ from tests.ros1.ros_world import PtyBoard, still
 from tests.system.test_dead_host import pushed_stick
 from tests.waits import PATIENCE, eventually
 
-import hexwire
 from hexwire.cli.exits import DEVICE, INTERRUPTED
+from hexwire.drivers import registry
 from hexwire.drivers.base import RobotDriver
 from hexwire.fleet.service import Service
 from hexwire.fleet.service_file import read_arms, read_service_file
@@ -150,7 +150,7 @@ def says(output: str) -> list[str]:
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "dialect 2"])
 def test_each_command_says_and_returns_the_same_for_each_robot(folder: Path, kind: str) -> None:
     with emulated(kind) as own, emulated(kind) as behind, service({"lab/arm1": behind}):
-        with hexwire.connect(ARM) as robot:
+        with registry.connect(ARM) as robot:
             joint, step = robot.model.names[0], "0 0.01 0" if kind == "puma260" else "0 10 0"
         waypoints = {
             "joint_names": [joint],
@@ -200,7 +200,7 @@ def test_one_file_shares_every_kind_of_robot(folder: Path) -> None:
         )
         stack.enter_context(Service(read_service_file(str(folder / "lab.toml"))[0]))
         for kind, row in rows.items():
-            with hexwire.connect(f"zenoh:lab/{kind.replace(' ', '-')}") as robot:
+            with registry.connect(f"zenoh:lab/{kind.replace(' ', '-')}") as robot:
                 assert robot.model.name == row["robot"]
                 assert not robot.read().silent
 
@@ -212,7 +212,7 @@ def test_one_file_shares_every_kind_of_robot(folder: Path) -> None:
 def test_a_motion_that_is_taught_by_hand_is_recorded_and_played(board: PtyBoard, folder: Path) -> None:
     file, port = str(folder / "hand.mcap"), BOARD
     assert at_board("torque", "on").exit_code == 0
-    with hexwire.connect(port) as robot:
+    with registry.connect(port) as robot:
         begin = robot.read().positions["J1"]
 
         def lead() -> None:
@@ -240,7 +240,7 @@ def test_hand_guiding_ends_with_an_error_when_another_program_takes_the_arm(boar
     file, port = folder / "taken.mcap", BOARD
     # So that the torque goes only when the teaching begins.
     assert at_board("torque", "on").exit_code == 0
-    with hexwire.connect(f"{port}?take=1") as other:
+    with registry.connect(f"{port}?take=1") as other:
 
         def take() -> None:
             eventually(lambda: not other.read().torque_on)
@@ -270,7 +270,7 @@ def teleop(robot: RobotDriver) -> Iterator[Popen[str]]:
 @pytest.mark.slow
 def test_teleop_moves_the_arm_until_ctrl_c_or_until_another_program_takes_it(board: PtyBoard) -> None:
     at_board("move", "J1=0", "--wait", "--duration", "0.3")
-    with hexwire.connect(BOARD) as robot:
+    with registry.connect(BOARD) as robot:
         with teleop(robot) as program:
             program.send_signal(signal.SIGINT)
             _, said = program.communicate(timeout=PATIENCE)
@@ -319,7 +319,7 @@ def test_ctrl_c_in_a_command_that_moves_stops_the_arm(board: PtyBoard, long: str
     assert at_board("torque", "on").exit_code == 0
     assert at_board("move", "J1=0", "--wait", "--duration", "0.3").exit_code == 0
 
-    with hexwire.connect(BOARD) as robot:
+    with registry.connect(BOARD) as robot:
         begin = robot.read().positions
         with ctrl_c_after(lambda: eventually(lambda: max(robot.read().distances(begin).values()) > 0.03)):
             ended = at_board(*command.replace("LONG", long).split())
@@ -353,7 +353,7 @@ def test_each_command_ends_in_one_line_when_its_server_is_killed(folder: Path, l
         for program in programs:
             assert program.stdout is not None
         programs[-1].stdout.readline()  # type: ignore[union-attr]  # it is a pipe
-        with hexwire.connect("zenoh:c") as robot:
+        with registry.connect("zenoh:c") as robot:
             eventually(lambda: robot.read().torque_on)
         eventually(lambda: (folder / "k.mcap").exists())
         server.kill()

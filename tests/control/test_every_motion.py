@@ -16,7 +16,6 @@ import pytest
 from tests.few import few
 from tests.motion.arms import FakeTime, rest_to_rest
 
-import hexwire
 from hexwire.control.arm import Arm
 from hexwire.control.following import Pair, run_following
 from hexwire.control.goals import Point, TrajectoryGoal
@@ -28,6 +27,7 @@ from hexwire.control.setting import Faults
 from hexwire.control.settings_reader import read_settings
 from hexwire.control.shared import Order, SharedArm
 from hexwire.control.teleop import TeleopController, run_teleop
+from hexwire.drivers import registry
 from hexwire.drivers.base import ProbeReport, RobotDriver
 from hexwire.drivers.registry import load_driver
 from hexwire.drivers.values import StopMode
@@ -371,7 +371,7 @@ WRONG: dict[str, tuple[Callable[[Any], object], str]] = {
     ),
     "target of a dict": (lambda robot: JointTarget({"J1": 0.1}), "takes a mapping"),  # type: ignore[arg-type]
     "target of names": (lambda robot: JointTarget(("J1", "J2")), "takes a mapping"),  # type: ignore[arg-type]
-    "connect": (lambda robot: hexwire.connect(7), "a port is text"),  # type: ignore[arg-type]
+    "connect": (lambda robot: registry.connect(7), "a port is text"),  # type: ignore[arg-type]
 }
 
 

@@ -6,8 +6,8 @@ import pytest
 from tests.fleet.conftest import Serve
 from tests.motion.arms import rest_to_rest
 
-import hexwire
 from hexwire.control.motions import MotionOptions, run_motion
+from hexwire.drivers import registry
 from hexwire.drivers.timed_path import PathState, TimedPoint
 from hexwire.errors import GoalError, NotSupportedError, UsageError
 from hexwire.fleet import messages as m
@@ -153,7 +153,7 @@ def test_a_goal_that_waits_for_its_joints_is_done_and_one_that_was_replaced_is_g
 @pytest.mark.slow
 def test_a_motion_of_a_client_is_followed_by_the_board(serve: Serve) -> None:
     serve("lab/arm1", lease=2.0, port="sim://hex7bot?name=goalpath")
-    with hexwire.connect("zenoh:lab/arm1") as robot:
+    with registry.connect("zenoh:lab/arm1") as robot:
         assert isinstance(robot, RemoteRobot)
         assert robot.times_motion
         assert not robot.refills_paths
@@ -171,7 +171,7 @@ def test_a_motion_of_a_client_is_followed_by_the_board(serve: Serve) -> None:
 
 def test_a_server_that_sends_targets_itself_gets_targets(serve: Serve) -> None:
     serve("lab/arm1", lease=2.0, port="sim://hex7bot?name=goalhost", host_timed=True)
-    with hexwire.connect("zenoh:lab/arm1") as robot:
+    with registry.connect("zenoh:lab/arm1") as robot:
         assert not robot.times_motion
         with pytest.raises(NotSupportedError):
             robot.path()

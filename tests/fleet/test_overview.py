@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from tests.waits import eventually
 
-import hexwire
+from hexwire.drivers import registry
 from hexwire.drivers.values import StopMode
 from hexwire.errors import LinkLostError, StoppedError
 from hexwire.fleet import messages as m
@@ -53,7 +53,7 @@ def test_an_arm_says_how_it_is(serve: Serve) -> None:
         assert [row.stopped, row.silent] == [False, False]
         assert row.host
         assert row.age is not None
-        with hexwire.connect("zenoh:lab/arm1") as robot:
+        with registry.connect("zenoh:lab/arm1") as robot:
             robot.torque(True, ["J1", "J2"])
             eventually(lambda: f"process {os.getpid()}" in look(roster, 2.0)[0].holder)
             eventually(lambda: look(roster, 2.0)[0].torque == "J1 J2")

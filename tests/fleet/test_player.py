@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from tests.waits import eventually
 
-import hexwire
+from hexwire.drivers import registry
 from hexwire.fleet import player
 from hexwire.fleet.player import Arm, FleetMotionError, Played, Report, attached_to, play_together
 from hexwire.fleet.remote import RemoteRobot
@@ -108,7 +108,7 @@ def test_if_one_refuses_none_begins(robots: dict[str, RemoteRobot], monkeypatch:
 
 @pytest.mark.slow
 def test_the_stop_of_one_arm_stops_all(robots: dict[str, RemoteRobot]) -> None:
-    other = hexwire.connect("zenoh:lab/arm1")
+    other = registry.connect("zenoh:lab/arm1")
     before = where(robots)
 
     def stop() -> None:
@@ -126,7 +126,7 @@ def test_the_stop_of_one_arm_stops_all(robots: dict[str, RemoteRobot]) -> None:
 
 @pytest.mark.slow
 def test_an_arm_that_another_program_has_taken_is_left_to_it(robots: dict[str, RemoteRobot]) -> None:
-    other, told = hexwire.connect("zenoh:lab/arm1"), list[str]()
+    other, told = registry.connect("zenoh:lab/arm1"), list[str]()
     assert isinstance(other, RemoteRobot)
     before = where(robots)
 

@@ -17,7 +17,7 @@ from tests.few import few
 from tests.link.far_ends import free_port
 from tests.waits import eventually
 
-import hexwire
+from hexwire.drivers import registry
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.values import StopMode
 from hexwire.errors import (
@@ -90,7 +90,7 @@ def served(lab: Lab, runtime: Path, tmp_path: Path) -> Iterator[Service]:
 
 @contextmanager
 def connected(lab: Lab, arm: str, name: str, more: str = "") -> Iterator[RobotDriver]:
-    robot = hexwire.connect(lab.url(arm, name, more))
+    robot = registry.connect(lab.url(arm, name, more))
     with robot:
         yield robot
 
@@ -217,7 +217,7 @@ STRANGER = ("stranger", r"the router does not know the certificate .*stranger\.p
 )
 def test_a_certificate_that_gives_no_right_here_says_so(lab: Lab, served: Service, name: str, words: str) -> None:
     with pytest.raises(LinkPermissionError, match=words) as raised:
-        hexwire.connect(lab.url("lab/arm1", name))
+        registry.connect(lab.url("lab/arm1", name))
     why(raised.value)
 
 
@@ -227,14 +227,14 @@ def test_a_certificate_that_gives_no_right_here_says_so(lab: Lab, served: Servic
 @few("name", ["anna", "watcher", "cora"], "watcher")
 def test_there_is_no_such_arm(lab: Lab, served: Service, name: str) -> None:
     with pytest.raises(LinkNotFoundError, match="there is no arm lab/none") as raised:
-        hexwire.connect(lab.url("lab/none", name))
+        registry.connect(lab.url("lab/none", name))
     why(raised.value)
 
 
 def test_nobody_is_at_the_address_of_the_router(lab: Lab, runtime: Path) -> None:
     url = lab.url("lab/arm1", "anna").replace(lab.endpoint, f"tls/localhost:{free_port()}")
     with pytest.raises(LinkNotFoundError, match="nobody answers at tls/localhost") as raised:
-        hexwire.connect(url)
+        registry.connect(url)
     why(raised.value)
 
 
@@ -378,7 +378,7 @@ def test_a_server_that_is_reached_directly_enforces_the_same_rights(tmp_path: Pa
     network = Network(listen=(lab.endpoint,), **lab.files("arm1"), access=lab.access())
     (tmp_path / "away").mkdir()
     with Service(arms, network):
-        with hexwire.connect("zenoh:lab/arm1") as here:
+        with registry.connect("zenoh:lab/arm1") as here:
             command(here)
         with elsewhere(tmp_path / "away"):
             with connected(lab, "lab/arm1", "anna") as robot:
@@ -393,9 +393,9 @@ def test_a_server_that_is_reached_directly_enforces_the_same_rights(tmp_path: Pa
                 command(robot)
             for name, words in (("ben", "is not for this arm"), ("stranger", "the router does not know")):
                 with pytest.raises(LinkPermissionError, match=words):
-                    hexwire.connect(lab.url("lab/arm1", name))
+                    registry.connect(lab.url("lab/arm1", name))
             with pytest.raises(LinkNotFoundError, match="there is no arm lab/arm2"):
-                hexwire.connect(lab.url("lab/arm2", "anna"))
+                registry.connect(lab.url("lab/arm2", "anna"))
 
 
 def test_a_short_absence_of_the_server_is_not_reported_as_a_missing_right(

@@ -17,7 +17,7 @@ from tests.motion.arms import rest_to_rest
 from tests.test_arguments import assert_told
 from tests.waits import eventually
 
-import hexwire
+from hexwire.drivers import registry
 from hexwire.errors import (
     HexwireError,
     LeaseError,
@@ -44,7 +44,7 @@ def connect(serve: Serve) -> Iterator[Callable[..., RemoteRobot]]:
     robots: list[RemoteRobot] = []
 
     def connected(options: str = "") -> RemoteRobot:
-        robot = hexwire.connect(f"zenoh:lab/arm1{options}")
+        robot = registry.connect(f"zenoh:lab/arm1{options}")
         assert isinstance(robot, RemoteRobot)
         robots.append(robot)
         return robot

@@ -13,8 +13,8 @@ from tests.fleet.conftest import Serve
 from tests.fleet.emulated import KINDS, emulated
 from tests.waits import eventually
 
-import hexwire
 from hexwire.control.motions import MotionObserver, run_motion
+from hexwire.drivers import registry
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.registry import make_driver
 from hexwire.drivers.values import Signal, StopCause, StopMode
@@ -33,7 +33,7 @@ def shared(serve: Serve) -> Service:
 
 @pytest.fixture
 def robot(shared: Service) -> Iterator[RobotDriver]:
-    with hexwire.connect("zenoh:lab/arm1") as robot:
+    with registry.connect("zenoh:lab/arm1") as robot:
         yield robot
 
 
@@ -154,7 +154,7 @@ def robots(kind: str, serve: Serve) -> Iterator[tuple[RobotDriver, RobotDriver]]
     """A robot at its port, and another one of its kind that is shared."""
     with emulated(kind) as own, emulated(kind) as behind:
         service = serve("lab/arm1", **behind)
-        direct, remote = hexwire.connect(str(own["port"]), str(own["robot"])), hexwire.connect("zenoh:lab/arm1")
+        direct, remote = registry.connect(str(own["port"]), str(own["robot"])), registry.connect("zenoh:lab/arm1")
         with direct, remote:
             yield direct, remote
         # While there is a robot to be made safe.
@@ -193,17 +193,17 @@ def test_a_motion_arrives_and_tells_what_remains_if_the_server_dies(
 
 def test_the_address_may_come_from_the_environment(shared: Service, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HEXWIRE_PORT", "zenoh:lab/arm1")
-    with hexwire.connect() as robot:
+    with registry.connect() as robot:
         assert (robot.url, robot.model.name) == ("zenoh:lab/arm1", "hex7bot")
 
 
 def test_what_an_address_cannot_be_given_is_refused(shared: Service) -> None:
     with pytest.raises(UsageError, match="is a hex7bot, not a so101"):
-        hexwire.connect("zenoh:lab/arm1", "so101")
+        registry.connect("zenoh:lab/arm1", "so101")
     with pytest.raises(UsageError, match="no option dialect"):
-        hexwire.connect("zenoh:lab/arm1", dialect=2)
+        registry.connect("zenoh:lab/arm1", dialect=2)
     with pytest.raises(LinkNotFoundError, match="no arm lab/arm2 is served"):
-        hexwire.connect("zenoh:lab/arm2")
+        registry.connect("zenoh:lab/arm2")
     make_driver("zenoh:lab/arm1", "hex7bot")
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from tests.waits import eventually
 
-import hexwire
+from hexwire.drivers import registry
 from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.fleet.network import Network
 from hexwire.fleet.node import Node
@@ -34,7 +34,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[Node]:
 def test_one_session_serves_what_is_asked_before_and_what_follows(serve: Serve, opened: list[Node]) -> None:
     serve("lab/arm1", robot="sim")
     del opened[:]
-    with hexwire.connect("zenoh:lab/arm1") as robot:
+    with registry.connect("zenoh:lab/arm1") as robot:
         assert robot.read().names == robot.model.names
         (node,) = opened
         robot.detach()
@@ -87,7 +87,7 @@ def test_an_arm_of_ones_own_is_of_the_kind_that_its_file_is_based_on(serve: Serv
 @pytest.mark.slow
 def test_states_that_stop_arriving_are_reported(serve: Serve, caplog: pytest.LogCaptureFixture) -> None:
     service = serve("lab/arm1", robot="sim")
-    with hexwire.connect("zenoh:lab/arm1") as robot:
+    with registry.connect("zenoh:lab/arm1") as robot:
         robot.read()
         assert caplog.messages == []
         # As if the network was cut.

@@ -17,7 +17,7 @@ from tests.emulator.terminals import serving
 from tests.fleet.conftest import Serve
 from tests.waits import eventually
 
-import hexwire
+from hexwire.drivers import registry
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
 from hexwire.emulator.serve_pty import PtyServer
 from hexwire.errors import DeviceError, LinkError, LinkNotFoundError, StoppedError, UsageError
@@ -56,12 +56,12 @@ def test_it_shares_arms_and_says_so_once(runtime: Path) -> None:
             "lab/arm2: sim://hex7bot as zenoh:lab/arm2",
         ]
         assert service.news() == []
-        with hexwire.connect("zenoh:lab/arm1") as one, hexwire.connect("zenoh:lab/arm2") as two:
+        with registry.connect("zenoh:lab/arm1") as one, registry.connect("zenoh:lab/arm2") as two:
             one.torque(True)
             assert one.read().torque_on
             assert not two.read().torque_on
     with pytest.raises(LinkNotFoundError, match="no arm lab/arm1 is served"):
-        hexwire.connect("zenoh:lab/arm1")
+        registry.connect("zenoh:lab/arm1")
 
 
 def test_a_name_is_served_once(serve: Serve) -> None:
@@ -91,7 +91,7 @@ def test_an_arm_that_waits_for_its_port_delays_no_other(runtime: Path) -> None:
         with plugged_in(new_board(), port):
             service.wait_until_shared()
             assert [line.startswith("a: serial://") for line in service.news()] == [True]
-            with hexwire.connect("zenoh:a") as robot:
+            with registry.connect("zenoh:a") as robot:
                 assert not robot.read().stopped
             service.close()
     finally:
@@ -129,7 +129,7 @@ def test_without_a_runtime_folder_the_state_folder_is_used(
     serve()
     assert local_socket("lab/arm1").parent == runtime / "hexwire" / "arms"
     assert local_socket("lab/arm1").parent.stat().st_mode & 0o077 == 0
-    with hexwire.connect("zenoh:lab/arm1") as robot:
+    with registry.connect("zenoh:lab/arm1") as robot:
         robot.read()
 
 
@@ -154,7 +154,7 @@ def test_what_a_killed_server_leaves_does_not_disturb_the_next(serve: Serve, run
     process.start()
     assert ready.wait(60.0)
     assert process.pid is not None
-    with hexwire.connect("zenoh:lab/arm1") as robot:
+    with registry.connect("zenoh:lab/arm1") as robot:
         robot.read()
         os.kill(process.pid, signal.SIGKILL)
         process.join()
@@ -163,9 +163,9 @@ def test_what_a_killed_server_leaves_does_not_disturb_the_next(serve: Serve, run
         assert "\n" not in str(caught.value)
     assert local_socket("lab/arm1").exists()
     with pytest.raises(LinkNotFoundError, match="no arm lab/arm1 is served"):
-        hexwire.connect("zenoh:lab/arm1")
+        registry.connect("zenoh:lab/arm1")
     serve("lab/arm1")
-    with hexwire.connect("zenoh:lab/arm1") as robot:
+    with registry.connect("zenoh:lab/arm1") as robot:
         robot.read()
 
 
@@ -191,7 +191,7 @@ def test_an_unplugged_arm_stays_shared_and_returns_stopped(
     board, port = new_board(), runtime / "port"
     with plugged_in(board, port):
         serve("a", port=str(port))
-        robot = hexwire.connect("zenoh:a")
+        robot = registry.connect("zenoh:a")
         robot.torque(True)
         robot.write(JointTarget.of({"J1": 1.0}, 20.0))
         caplog.clear()
@@ -222,11 +222,11 @@ def test_an_unplugged_arm_stays_shared_and_returns_stopped(
 def test_the_end_stops_a_motion_and_keeps_torque(serve: Serve, runtime: Path) -> None:
     board, port = new_board(), runtime / "port"
     with plugged_in(board, port):
-        with Service(patient(port)), hexwire.connect("zenoh:a") as robot:
+        with Service(patient(port)), registry.connect("zenoh:a") as robot:
             robot.torque(True)
             # Begun by a program that has left: nobody else would stop it.
             robot.write(JointTarget.of({"J1": 1.0}, 20.0))
-        with hexwire.connect(str(port)) as robot:
+        with registry.connect(str(port)) as robot:
             state = robot.read()
             assert (state.stopped, state.watchdog_tripped) == (True, False)
             assert state.torque_on == robot.model.names
@@ -238,9 +238,9 @@ def test_the_end_stops_a_motion_and_keeps_torque(serve: Serve, runtime: Path) ->
 def test_the_end_does_not_stop_an_arm_that_does_not_move(runtime: Path) -> None:
     board, port = new_board(), runtime / "port"
     with plugged_in(board, port):
-        with Service(patient(port)), hexwire.connect("zenoh:a") as robot:
+        with Service(patient(port)), registry.connect("zenoh:a") as robot:
             robot.torque(True)
-        with hexwire.connect(str(port)) as robot:
+        with registry.connect(str(port)) as robot:
             state = robot.read()
             assert (state.stopped, state.torque_on) == (False, robot.model.names)
 
@@ -265,7 +265,7 @@ def test_loss_and_return_of_the_router_are_logged_once(runtime: Path, caplog: py
         router = Network(listen=(endpoint,), router=True).open()
         try:
             eventually(said("connected to the router"))
-            with hexwire.connect(f"zenoh:a?router={endpoint}") as robot:
+            with registry.connect(f"zenoh:a?router={endpoint}") as robot:
                 robot.read()
         finally:
             router.close()
@@ -274,5 +274,5 @@ def test_loss_and_return_of_the_router_are_logged_once(runtime: Path, caplog: py
         for _ in range(3):
             service.check()
         assert len(caplog.records) == 1
-        with hexwire.connect("zenoh:a") as robot:
+        with registry.connect("zenoh:a") as robot:
             assert not robot.read().stopped

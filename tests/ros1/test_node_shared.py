@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 from tests.ros1.ros_world import HEXWIRE, NODE, Arm, PtyBoard, World, made, near, serving_patiently, still, until
 
-import hexwire
+from hexwire.drivers import registry
 from hexwire.fleet.remote import RemoteRobot
 from hexwire.model.hex7bot import HEX7BOT
 
@@ -47,7 +47,7 @@ def shared(world: World) -> Iterator[Arm]:
 
 
 def other(take: bool = False) -> RemoteRobot:
-    robot = hexwire.connect(PORT + ("?take=1" if take else ""))
+    robot = registry.connect(PORT + ("?take=1" if take else ""))
     assert isinstance(robot, RemoteRobot)
     return robot
 

@@ -13,7 +13,7 @@ from tests.ros1.ros_world import HEXWIRE, serving_patiently
 from tests.ros2.node_fixtures import SETTINGS, world
 from tests.ros2.node_world import JOINTS, SUCCEEDED, Arm, Goal, PtyBoard, World, near, until
 
-import hexwire
+from hexwire.drivers import registry
 from hexwire.ros2.rmw.distributions import Distribution
 from hexwire.ros2.rmw.qos import LATCHED
 from hexwire.wire.robot_bodies import JointCommands
@@ -228,7 +228,7 @@ def test_a_shared_arm_is_commanded_by_who_holds_it(shared: Arm) -> None:
     here = shared.position()
     status, _, text = Goal(shared, (1.5, {"J1": here["J1"] + 0.2})).result()
     assert status == SUCCEEDED, text
-    with hexwire.connect("zenoh:lab/arm1?take=1") as other:
+    with registry.connect("zenoh:lab/arm1?take=1") as other:
         other.stop()
         until(lambda: shared.board.board.state.stopped, "another program stops it", shared.node.report)
         shared.diagnosed("board", 2, "stopped")

@@ -235,10 +235,10 @@ def program_of(page: str, marker: str) -> str:
 def test_the_program_of_the_readme_stops_the_arm_when_it_is_killed(arm: Plug) -> None:
     program = program_of("README.md", "hexwire.connect()")
     assert "arm.stop()" in program
-    # It is killed right after it has asked for a motion of a second.
+    # It is killed right after it has asked for its first motion.
     killed(arm, DIES.format(after=1, signal=9) + program)
     there = check_held(arm)
-    assert there["J1"].position < 0.08, "short of its target"
+    assert there["J1"].position < math.radians(18), "short of its target"
 
 
 @pytest.mark.slow

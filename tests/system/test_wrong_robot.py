@@ -12,8 +12,8 @@ from contextlib import ExitStack, contextmanager
 import pytest
 from click.testing import CliRunner
 
-import hexwire
 from hexwire.cli.main import cli
+from hexwire.drivers import registry
 from hexwire.errors import WrongDeviceError
 
 # tests/cli/test_wrong_device.py proves what is said, in simulated time.
@@ -58,7 +58,7 @@ def test_another_robot_is_named(robot: str, there: dict[str, list[str]]) -> None
     for other, urls in there.items():
         for url in urls if other != robot else ():
             with pytest.raises(WrongDeviceError, match=rf"--robot {other}") as info:
-                hexwire.connect(url, robot)
+                registry.connect(url, robot)
             assert url in str(info.value)
             asked += 1
     assert asked >= 3
@@ -72,7 +72,7 @@ def test_behind_a_queue_too(robot: str) -> None:
         serving(*words, addresses=2) as urls,
         pytest.raises(WrongDeviceError, match=r"^mq:.* is a puma260, not .*: use --robot puma260"),
     ):
-        hexwire.connect(urls[1], robot)
+        registry.connect(urls[1], robot)
 
 
 def test_the_command_says_it_in_one_line(there: dict[str, list[str]]) -> None:

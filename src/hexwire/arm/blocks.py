@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["Lesson", "Recording"]
 
 _MOST_STATES = 500_000
-"""Most states that a lesson keeps: several hours."""
+"""Most states that are kept in memory: several hours."""
 
 
 class Lesson(Handle[None]):
@@ -95,6 +95,7 @@ class Recording(Handle[int]):
 
     Attributes:
         file: Where they are kept.
+        states: Those of so far; of a long recording the first 500,000.
 
     Raises:
         UsageError: The file exists, or cannot be written.
@@ -104,6 +105,7 @@ class Recording(Handle[int]):
         self, robot: RobotDriver, file: str | Path, force: bool, states: Callable[[], Iterator[JointState]]
     ) -> None:
         self.file = Path(file)
+        self.states: list[JointState] = []
         self._writer, self._next = _writer(file, force), states
         super().__init__(robot, "recording", self._record)
 
@@ -111,6 +113,8 @@ class Recording(Handle[int]):
         with self._writer as writer:
             for state in self._next():
                 writer.joint_state(state, _wall(state))
+                if len(self.states) < _MOST_STATES:
+                    self.states.append(state)
                 if ending.is_set():
                     break
             return writer.count

@@ -17,12 +17,12 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Self, TextIO, TypedDict, TypeVar, Unpack, overload
 
 from hexwire.arguments import check
+from hexwire.control import motions
+from hexwire.control import rest as resting
 from hexwire.control.following import Pair, following_rules, run_following
 from hexwire.control.gripping import GripResult, run_grip
-from hexwire.control.motions import MotionObserver, MotionOptions, MotionResult, check_path, run_motion
 from hexwire.control.pose_file import HOME
 from hexwire.control.reader import position_unknown, read_known
-from hexwire.control.rest import come_to_rest
 from hexwire.drivers.registry import connect as connect_driver
 from hexwire.drivers.values import StopMode
 from hexwire.errors import HexwireError, ServoError, StoppedError, UsageError
@@ -37,6 +37,7 @@ from .plans import SHARE, Plans, Point, is_number
 from .poses import Poses
 
 if TYPE_CHECKING:
+    from hexwire.control.motions import MotionObserver, MotionResult
     from hexwire.drivers.base import RobotDriver
     from hexwire.epochs import Token
     from hexwire.model.arm import ArmModel, JointModel
@@ -180,7 +181,7 @@ class Arm:
     ) -> None:
         self.driver = driver
         self.speed: float = check("connect", "speed", SHARE, speed)
-        self.table = MotionOptions(table=table).table
+        self.table = motions.MotionOptions(table=table).table
         self.poses = Poses(driver.model, self.read)
         self._plans = Plans(driver, self.poses)
         self._rest = rest if rest is None else self._plans.pose(rest)
@@ -566,7 +567,7 @@ class Arm:
         """
         if leader is self or leader.driver.url == self.driver.url:
             raise UsageError("an arm cannot follow itself")
-        checks = MotionOptions(table=self.table).checks(self.driver)
+        checks = motions.MotionOptions(table=self.table).checks(self.driver)
         rules = following_rules(leader.driver, self.driver, checks, mirror=mirror, meet=meet, force=force)
         pair = Pair(leader.driver, self.driver, rules, lambda said: _log.info("%s", said), check=checks)
         self._claim()
@@ -627,7 +628,7 @@ class Arm:
         """
         done = self.driver.stop(StopMode.TORQUE_OFF if limp else StopMode.HOLD)
         if missing := [name for name in self.model.names if name not in done]:
-            raise ServoError(f"{', '.join(missing)} did not confirm the stop")
+            raise ServoError(f"{', '.join(missing)} did not confirm the stop; check the arm")
 
     def resume(self) -> None:
         """End a stop; nothing moves."""
@@ -740,21 +741,21 @@ class Arm:
             # Joints that a path of an earlier program still moves come to rest first.
             with self.driver.epochs.using(asked):
                 self.driver.clear_path()
-            path = check_path(self.driver, plan(self._where()), MotionOptions(table=self.table))
+            path = motions.check_path(self.driver, plan(self._where()), motions.MotionOptions(table=self.table))
             last = path.legs[-1]
             goal = dict(zip(last.names, last.goal, strict=True))
 
             def run(ending: threading.Event, observer: MotionObserver) -> MotionResult:
-                result = run_motion(
+                result = motions.run_motion(
                     self.driver,
                     path,
-                    MotionOptions(table=self.table),
+                    motions.MotionOptions(table=self.table),
                     until=lambda _: ending.is_set(),
                     observer=observer,
                     asked=asked,
                 )
                 self._require(result)
-                return result if result.cut else replace(result, rest=come_to_rest(self.driver, goal))
+                return result if result.cut else replace(result, rest=resting.come_to_rest(self.driver, goal))
 
             return run, sum(leg.duration for leg in path.legs)
 
@@ -818,7 +819,7 @@ class Arm:
         return resting_inside(self.model, state.positions)
 
 
-class _Observer(MotionObserver):
+class _Observer(motions.MotionObserver):
     """Passes the states of a motion to its handle, and warns once of an arm that nothing watches."""
 
     def __init__(self, arm: Arm) -> None:

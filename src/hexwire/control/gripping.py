@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 from hexwire.drivers.tools import Gripper
 from hexwire.model.state import JointTarget
 
-from .motion_options import MotionOptions
-from .motions import run_motion
+from . import motions
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -92,7 +91,7 @@ def run_grip(
         return cancelled()
 
     near = _NEAR * (joint.maximum - joint.minimum)
-    how = MotionOptions(tolerance=near, standing=_STANDS, grace=_GRACE, early=False)
-    result = run_motion(robot, target, how, until=until, observer=observer, asked=asked)
+    how = motions.MotionOptions(tolerance=near, standing=_STANDS, grace=_GRACE, early=False)
+    result = motions.run_motion(robot, target, how, until=until, observer=observer, asked=asked)
     found = math.nan if result.state is None else gripper.share(result.state)
     return GripResult(found, holding, result)
