@@ -499,3 +499,24 @@ def test_a_stall_does_not_delay_what_the_robot_has() -> None:
     assert follower.planned[0][1] == pytest.approx(0.12)
     follower.shift(0.3)
     assert follower.planned[0][1] == pytest.approx(0.42)
+
+
+def test_a_joint_that_rests_half_a_count_outside_follows_a_motion_that_begins_there() -> None:
+    joint = HEX7BOT.joint("J7")
+    for limit, outwards in ((joint.maximum, 1.0), (joint.minimum, -1.0)):
+        outside = limit + outwards * 0.4 * joint.scale
+        follower = Follower(HEX7BOT)
+        at_stop = {"J1": J1, "J7": outside}
+        assert follower.cycle(state(at_stop), 0.0, LEAD) is None
+        follower.follow(rest_to_rest(("J1", "J7"), (J1, outside), (J1 + 0.5, outside), 2.0), 0.1)
+        for i in range(80):
+            order = follower.cycle(state(at_stop), 0.1 + 0.05 * i, LEAD)
+            if isinstance(order, JointTarget):
+                at_stop = dict(order.positions)
+            assert at_stop["J7"] == pytest.approx(limit, abs=joint.scale)
+        assert at_stop["J1"] == pytest.approx(J1 + 0.5)
+        # Further outside than any goal may be.
+        with pytest.raises(LimitError):
+            joint.check(limit + outwards * 0.6 * joint.scale)
+        assert joint.inside(outside) == limit
+        assert joint.inside(limit + outwards) == limit + outwards
