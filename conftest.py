@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 
 import pytest
+from tests.cli.shared_arm import patient, patient_line
 from tests.emulator.terminals import serving
 
 from hexwire.emulator.board import make_hex7bot_board
@@ -27,7 +28,9 @@ def _no_module_left() -> Iterator[None]:
 
 @pytest.fixture
 def emulated_arm(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """An emulated Hex7Bot on a serial port that HEXWIRE_PORT names; gives its path."""
+    """An emulated Hex7Bot on a serial port that HEXWIRE_PORT names, and a busy machine may let wait."""
+    patient(monkeypatch)
+    patient_line(monkeypatch)
     with serving(PtyServer(make_hex7bot_board(start=time.monotonic()))) as path:
         monkeypatch.setenv("HEXWIRE_PORT", path)
         yield path

@@ -8,15 +8,12 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from tests.cli.shared_arm import patient, patient_line
 from tests.fleet.emulated import emulated
 
 import hexwire
 from hexwire import Arm
 from hexwire.control import motions
-from hexwire.control.motions import MotionOptions
-from hexwire.ipc import session
-from hexwire.motion.safety import SafetyLimits
-from hexwire.session.policy import RetryPolicy
 
 KINDS = {
     "board": "dialect 2",
@@ -28,11 +25,6 @@ KINDS = {
 }
 """How an arm is reached, and which robot it is."""
 
-# A busy machine lets the arm's thread wait: nothing here is about how soon that counts as a fault.
-PATIENT = partial(
-    MotionOptions, watchdog=10.0, grace=20.0, limits=SafetyLimits(following_time=5.0, lag=2.0, max_age=5.0)
-)
-
 
 @contextmanager
 def connected(kind: str, folder: Path) -> Iterator[Arm]:
@@ -41,8 +33,10 @@ def connected(kind: str, folder: Path) -> Iterator[Arm]:
         patch = stack.enter_context(pytest.MonkeyPatch.context())
         for variable in ("XDG_RUNTIME_DIR", "XDG_STATE_HOME", "XDG_CONFIG_HOME"):
             patch.setenv(variable, str(folder))
-        patch.setattr(session, "RetryPolicy", partial(RetryPolicy, window=1.0))
-        patch.setattr(motions, "MotionOptions", PATIENT)
+        patient(patch)
+        patient_line(patch)
+        # A path in the board's own time ends where a busy machine sends no points for a while.
+        patch.setattr(motions, "MotionOptions", partial(motions.MotionOptions, host_timed=True, grace=20.0))
         settings = stack.enter_context(emulated(KINDS[kind]))
         if kind.startswith("shared"):
             from hexwire.fleet.service import Service

@@ -161,7 +161,7 @@ def test_a_recording_that_is_cut_off_is_not_played(bench: Any, tmp_path: Path) -
 def test_a_recording_without_end_is_not_read_to_its_end(
     bound: str, most: int, words: str, bench: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(f"hexwire.cli.motion.{bound}", most)
+    monkeypatch.setattr(f"hexwire.arm.recorded.{bound}", most)
     with RecordingWriter(tmp_path / "a.mcap") as writer:
         for i in range(10):
             names = ("J1", "J2", f"J{3 + i // 2}")
