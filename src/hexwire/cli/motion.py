@@ -241,7 +241,6 @@ def _unit(robot: str) -> float:
     return 1.0 if robot == "puma260" else 1e-3
 
 
-
 def _motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """``--table``, ``--plot``, ``--dry-run`` and ``--rate``; the command gets them as ``run: RunOptions``."""
 

@@ -153,14 +153,6 @@ def _report(
 
 
 _NAMED = {"open": 1.0, "close": 0.0}
-_GRACE = 0.5
-"""Seconds after the duration in which the gripper must arrive."""
-_NEAR = 0.1
-"""Position tolerance as a fraction of its range."""
-_STANDS = math.radians(3.0)
-"""Radians per second below which it counts as stopped."""
-_PRESSED = 3
-"""Consecutive states with pressure but no motion that mean an object is held."""
 
 
 @click.command(cls=NumbersCommand)
@@ -174,10 +166,10 @@ def grip(how: str, duration: float, options: RobotOptions, as_json: bool) -> Non
     Closing ends when the jaws hold an object, and keeps a little pressure on it. If the board has a watchdog, it
     stops the gripper when this program dies.
     """
-    from hexwire.control.motions import MotionObserver, MotionOptions, run_motion
+    from hexwire.control.gripping import run_grip
+    from hexwire.control.motions import MotionObserver
     from hexwire.control.reader import position_unknown
     from hexwire.drivers.tools import Gripper
-    from hexwire.model.state import JointState, JointTarget
 
     share: float
     if how in _NAMED:
@@ -185,40 +177,25 @@ def grip(how: str, duration: float, options: RobotOptions, as_json: bool) -> Non
     else:
         share = FiniteFloat("percent", minimum=0).convert(how.removesuffix("%"), None, None) / 100
     with open_robot(options) as robot:
-        gripper = Gripper(robot)
-        joint = gripper.joint
-        target = JointTarget.of({joint.name: gripper.angle(share)}, duration)
-        pressed, closing = 0, False
+        joint = Gripper(robot).joint
 
         class Teller(MotionObserver):
             def unwatched(self, seconds: float) -> None:
                 unwatched_note(robot, seconds)
 
-            def started(self, timing: object) -> None:
-                nonlocal closing
-                closing = share < gripper.share(robot.read())
-
-        def holds(state: JointState) -> JointTarget | None:
-            nonlocal pressed
-            # A single state may be the start of the motion, which takes effort too.
-            pressed = pressed + 1 if closing and gripper.holds(state, share) else 0
-            return gripper.grasp(state) if pressed >= _PRESSED else None
-
-        near = _NEAR * (joint.maximum - joint.minimum)
         with hold_on_ctrl_c(robot):
-            how_to = MotionOptions(tolerance=near, standing=_STANDS, grace=_GRACE, early=False)
-            result = run_motion(robot, target, how_to, until=holds, observer=Teller())
+            gripped = run_grip(robot, share, duration, observer=Teller())
+        result, opened = gripped.motion, gripped.opening
         if result.stopped is not None:
             raise DeviceError(f"{result.why}; clear it with 'hexwire resume'")
-        opened = math.nan if result.state is None else gripper.share(result.state)
         if not math.isfinite(opened):
             raise ServoError(
                 position_unknown([joint.name]),
                 servo_id=joint.servo_id,
             )
-        words = f"{'holds an object at ' if result.cut else ''}{plain(100 * opened, 0)} % open"
-        answer(as_json, {"open_fraction": opened, "holds": result.cut}, words)
-        if not result.cut and not result.arrived:
+        words = f"{'holds an object at ' if gripped.holds else ''}{plain(100 * opened, 0)} % open"
+        answer(as_json, {"open_fraction": opened, "holds": gripped.holds}, words)
+        if not gripped.holds and not result.arrived:
             raise ServoError(f"{joint.name} did not arrive", servo_id=joint.servo_id)
 
 
