@@ -146,7 +146,7 @@ def test_a_file_is_opened_once_before_anything_else_and_closed(
         opened.append(open_file(path))
         return opened[-1]
 
-    monkeypatch.setattr("hexwire.cli.options.open_file", counted)
+    monkeypatch.setattr("hexwire.inputs.open_file", counted)
     (tmp_path / "frames").write_text("FF FF 01 02 01 FB\n")
     assert CliRunner().invoke(cli, ["trace", "decode", str(tmp_path / "frames")]).exit_code == 0
     assert [file.closed for file in opened] == [True]

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hexwire.errors import UsageError
-from hexwire.new_file import OutputFile
 
 from .options import RobotOptions, confirm, force_option, json_option, open_robot, resolve_url, robot_options
 from .output import answer, print_json, say, say_document, say_table
@@ -267,6 +266,7 @@ def convert(source: str, target: str, force: bool) -> None:
     Comments are lost. OUT may be - for standard output, which gets the format that IN does not have.
     """
     from hexwire.ipc.conf import load_conf, to_conf, to_toml
+    from hexwire.new_file import OutputFile
 
     channels = load_conf(source)
     wanted = Path(target).suffix if target != "-" else ("" if Path(source).suffix == ".toml" else ".toml")

@@ -19,7 +19,6 @@ from typing import IO, TYPE_CHECKING, Any, TypeVar
 import click
 
 from hexwire.errors import UsageError
-from hexwire.inputs import open_file
 
 from .exits import note
 
@@ -554,6 +553,8 @@ class InputFile(click.File):
         """Open it; raises as `open_file`."""
         if value == "-":
             return sys.stdin.buffer
+        from hexwire.inputs import open_file
+
         file = open_file(value)
         if ctx is not None:
             ctx.call_on_close(file.close)
