@@ -12,7 +12,7 @@ from tests.of_folder import of_folder
 from tests.ros1.ros_world import Arm, PtyBoard, World, made
 
 POSES = {"home": {"J1": -0.087, "J2": 0.96, "J3": -0.044, "J4": 0.0, "J5": 0.0, "J6": 0.0}}
-WATCHDOG = 4.0
+WATCHDOG = 10.0
 """Seconds: a busy machine stalls longer than the usual 1 s."""
 COMMAND_TIMEOUT = 1.5
 """Seconds: nor is a program that a busy machine lets wait for the usual 0.5 s one that has ended."""

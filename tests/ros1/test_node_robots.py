@@ -12,7 +12,7 @@ from hexwire.wire.robot_bodies import JointCommands
 
 pytestmark = pytest.mark.slow
 # A busy machine stalls longer than the usual 1 s.
-PATIENT = "_watchdog:=4.0"
+PATIENT = "_watchdog:=10.0"
 MOVEIT = {
     "arm_controller": {"joints": ["J1", "J2", "J3", "J4", "J5", "J6"], "constraints": {"goal_time": 3.0}},
     "gripper_controller": {"joints": ["J7"]},

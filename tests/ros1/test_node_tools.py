@@ -108,7 +108,7 @@ def test_rosbag_plays_a_recorded_motion_back(arm: Arm, tmp_path: Path) -> None:
     node = world.node(
         "__ns:=played",
         # A busy machine stalls longer than the usual 1 s.
-        *(f"_port:={port}", "_enable_on_start:=true", "_allow_partial_joints_goal:=true", "_watchdog:=4.0"),
+        *(f"_port:={port}", "_enable_on_start:=true", "_allow_partial_joints_goal:=true", "_watchdog:=10.0"),
     )
     other = Arm(world, node, "/played/")
     other.moves("home", home, 1.0)
