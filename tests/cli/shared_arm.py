@@ -88,9 +88,9 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hexwire.fleet.service.Lease", functools.partial(Lease, max_age=2.0))
 
 
-def patient_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Longer times for answers: the board's thread may get no processor for a while."""
-    patience = functools.partial(RetryPolicy, window=1.0, dialect1_window=1.0)
+def patient_line(monkeypatch: pytest.MonkeyPatch, window: float = 1.0) -> None:
+    """Longer times for answers, seconds: the board's thread may get no processor for a while."""
+    patience = functools.partial(RetryPolicy, window=window, dialect1_window=window)
     monkeypatch.setattr("hexwire.ipc.session.RetryPolicy", patience)
 
 
