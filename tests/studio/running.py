@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["PATIENCE", "RunningStudio", "Visitor", "expect", "fill_history", "press", "until"]
 
-PATIENCE = 20.0
+PATIENCE = 30.0
 """Seconds in which what a test waits for must happen, also on a busy machine."""
 
 _names = itertools.count(1)
@@ -104,7 +104,7 @@ class RunningStudio:
         self.studio.source.silence = silence
         rows = "&".join([f"name=studio{next(_names)}", *(f"{key}={value}" for key, value in options.items())])
         # A busy machine is not taken for a program that has died.
-        self.studio.source.open(f"sim://{kind}?{rows}", watchdog=5.0)
+        self.studio.source.open(f"sim://{kind}?{rows}", watchdog=30.0)
         self.until(lambda: self.arm.owner.state is not None, "a state")
 
     @property

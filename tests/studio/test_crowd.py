@@ -184,6 +184,8 @@ def _no_full_pass() -> Iterator[None]:
 
 
 @pytest.mark.slow
+# Every route is asked some times, which takes a busy machine minutes.
+@pytest.mark.timeout(600)
 @pytest.mark.usefixtures("_fine_turns", "_no_full_pass")
 def test_no_work_for_a_page_holds_the_interpreter_for_long(studio: RunningStudio) -> None:
     shelf = studio.studio.shelf
