@@ -299,7 +299,7 @@ def test_words_in_code_are_names_of_the_node(arm: Arm) -> None:
 def test_messages_of_the_page_are_those_of_the_program(words: str) -> None:
     assert words in section("Troubleshooting")
     files = [
-        path for path in (ROOT / "src" / "hexwire").rglob("*.py") if path.parent.name in ("ros2", "control", "cli")
+        path for room in ("ros2", "control", "cli") for path in (ROOT / "src" / "hexwire" / room).rglob("*.py")
     ]
     assert any(words in path.read_text(encoding="utf-8") for path in files)
 
