@@ -397,6 +397,19 @@ def test_a_failure_that_nobody_waited_for_is_raised_at_the_end(tmp_path: Path) -
         work(arm)
 
 
+def test_a_failure_that_nobody_waited_for_is_logged_by_the_next_motion(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with connected("bus", tmp_path) as arm:
+        motion = sent_away(arm)
+        arm.stop()
+        eventually(lambda: motion.done)
+        arm.resume()
+        assert "nobody had waited for it" not in caplog.text
+        arm.home()
+    assert caplog.text.count("nobody had waited for it") == 1
+
+
 def test_an_arm_without_a_watchdog_warns_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.WARNING, logger="hexwire.arm")
     with connected("bus", tmp_path) as arm:

@@ -83,6 +83,11 @@ class Handle(Generic[_R]):
         self._over.wait()
         self._told = True
 
+    @property
+    def unheard(self) -> BaseException | None:
+        """Why it failed, if it did, and nobody has waited for it."""
+        return None if self._told or not self.done else self._error
+
     def close(self) -> None:
         """End it at the end of the program's work with the arm; raises what `wait` has not raised yet."""
         self._ending.set()

@@ -693,6 +693,9 @@ class Arm:
         return self.driver.epochs.mark()
 
     def _claim(self) -> None:
+        for handle in self._handles:
+            if (error := handle.unheard) is not None:
+                _log.error("what went on has failed, and nobody had waited for it: %s", error)
         self._handles = [handle for handle in self._handles if not handle.done]
         if not self._free.acquire(blocking=False):
             raise UsageError("this arm is in motion: wait for it, cancel it, or stop()")
