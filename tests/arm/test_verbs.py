@@ -226,6 +226,15 @@ def test_a_stop_voids_a_motion_that_was_asked_for_before_it_and_is_still_planned
     assert angle(arm) == pytest.approx(before, abs=deg(1))
 
 
+def test_a_motion_that_ends_voids_nothing_that_others_have_asked_for(arm: Arm) -> None:
+    asked = arm.driver.epochs.mark()
+    arm.move({joint_of(arm): deg(3)}, relative=True)
+    sent_away(arm).cancel()
+    assert arm.driver.epochs.holds(asked)
+    arm.stop()
+    assert not arm.driver.epochs.holds(asked)
+
+
 def test_a_block_that_raises_cancels_its_motion_and_another_waits_for_it(arm: Arm) -> None:
     with pytest.raises(ZeroDivisionError), sent_away(arm) as motion:
         raise ZeroDivisionError

@@ -134,7 +134,9 @@ class RobotOwner:
     ) -> None:
         self.robot = robot
         self._read = read
-        self.group = ControllerGroup(check=check or PathCheck.of(robot), epochs=robot.epochs)
+        # What ends one motion of a borrowed robot, such as the end of this program's use, voids no call of others.
+        epochs = None if borrowed else robot.epochs
+        self.group = ControllerGroup(check=check or PathCheck.of(robot), epochs=epochs)
         self.connected, self.error, self.waits_for = False, "not connected yet", ""
         self.reconnects = 0
         self.probe: ProbeReport | None = None
