@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 import threading
 import time
@@ -27,7 +28,12 @@ def eventually(what: Callable[[], T]) -> T:
 
 def waits(thread: threading.Thread) -> bool:
     """Whether a thread waits for an event, a condition or a future that has not come."""
-    frame = sys._current_frames().get(thread.ident or 0)
+    # Python 3.11 holds a lock meanwhile that what the collector frees may want, too: it would wait for itself.
+    gc.disable()
+    try:
+        frame = sys._current_frames().get(thread.ident or 0)
+    finally:
+        gc.enable()
     if frame is None or frame.f_code is not _WAIT:
         return False
     waiter = frame.f_locals.get("waiter")
