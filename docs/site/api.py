@@ -24,6 +24,15 @@ title: {title}
       show_root_toc_entry: false
 """
 MODULES: dict[str, tuple[str, ...]] = {
+    "An arm in a person's hands": (
+        "hexwire.arm.verbs",
+        "hexwire.arm.handle",
+        "hexwire.arm.blocks",
+        "hexwire.arm.poses",
+        "hexwire.control.gripping",
+        "hexwire.control.motion_result",
+        "hexwire.units",
+    ),
     "Robots": (
         "hexwire.drivers.registry",
         "hexwire.drivers.base",

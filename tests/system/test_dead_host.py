@@ -235,7 +235,8 @@ def program_of(page: str, marker: str) -> str:
 def test_the_program_of_the_readme_stops_the_arm_when_it_is_killed(arm: Plug) -> None:
     program = program_of("README.md", "hexwire.connect()")
     assert "arm.stop()" in program
-    # It is killed right after it has asked for its first motion.
+    # Slowly, and it is killed right after it has asked for its first motion.
+    program = program.replace("hexwire.connect()", "hexwire.connect(speed=0.05)")
     killed(arm, DIES.format(after=1, signal=9) + program)
     there = check_held(arm)
     assert there["J1"].position < math.radians(18), "short of its target"

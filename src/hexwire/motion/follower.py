@@ -274,8 +274,10 @@ class Follower:
             return ""
         for name, (low, high), *ends in zip(plan.names, plan.ranges(), plan.start, plan.goal, strict=True):
             joint = self.arm.joint(name)
-            # A goal may be half a count outside: see `JointModel.check`.
-            least, most = min(joint.minimum, *ends) - _ROUNDING, max(joint.maximum, *ends) + _ROUNDING
+            # The way may end half a count outside, as a goal may: see `JointModel.check`.
+            ends = [end for end in ends if joint.inside(end) in (joint.minimum, joint.maximum)]
+            least = min([joint.minimum, *ends]) - _ROUNDING
+            most = max([joint.maximum, *ends]) + _ROUNDING
             if not least <= low <= high <= most:
                 far = math.degrees(low if low < least else high)
                 return f"{joint.name} would swing to {decimal(far, 3)} deg, beyond its limit"
