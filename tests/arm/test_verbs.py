@@ -17,8 +17,11 @@ from tests.waits import eventually
 
 import hexwire
 from hexwire import Arm, deg, mm
+from hexwire.arm import verbs
 from hexwire.arm.handle import MotionHandle
 from hexwire.control.motions import MotionResult
+from hexwire.control.reader import read_start
+from hexwire.drivers.base import RobotDriver
 from hexwire.errors import HexwireError, StoppedError, UsageError
 from hexwire.motion.through import arm_path
 from hexwire.trace.recording import read_joint_states
@@ -214,13 +217,13 @@ def test_a_stop_voids_a_motion_that_was_asked_for_before_it_and_is_still_planned
     """Whatever another thread does between the call and the first set-point."""
     before = angle(arm)
 
-    def meanwhile() -> dict[str, float]:
+    def meanwhile(robot: RobotDriver) -> dict[str, float]:
         arm.stop()
         arm.resume()
         monkeypatch.undo()
-        return arm._where()
+        return read_start(robot)
 
-    monkeypatch.setattr(arm, "_where", meanwhile)
+    monkeypatch.setattr(verbs, "read_start", meanwhile)
     with pytest.raises(StoppedError):
         arm.move({joint_of(arm): deg(10)}, relative=True)
     assert angle(arm) == pytest.approx(before, abs=deg(1))
@@ -334,6 +337,14 @@ def test_a_lesson_has_no_torque_and_ends_holding(arm: Arm) -> None:
     assert set(arm.read().torque_on) == set(arm.model.names)
     assert lesson.taught.names == arm.model.names
     assert arm.play(lesson.taught).arrived
+
+
+def test_a_lesson_that_cannot_begin_leaves_the_arm_free(arm: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(arm.driver, "torque", lambda on, joints=None: ())
+    with pytest.raises(HexwireError):
+        arm.teach()
+    monkeypatch.undo()
+    assert arm.home().arrived
 
 
 # -- torque -------------------------------------------------------------------------------------------------------

@@ -7,24 +7,22 @@ a file.
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hexwire.control.teach_mode import record_by_hand
-from hexwire.errors import UsageError
 from hexwire.motion.teach import Taught
+from hexwire.trace.recording import RecordingWriter, check_recording_name, wall_time
 
 from .handle import Handle
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.state import JointState
-    from hexwire.trace.recording import RecordingWriter
 
-__all__ = ["Lesson", "Recording"]
+__all__ = ["Lesson", "Recording", "recording_writer"]
 
 _MOST_STATES = 500_000
 """Most states that are kept in memory: several hours."""
@@ -35,22 +33,21 @@ class Lesson(Handle[None]):
 
     Args:
         robot: The arm.
-        file: Where its states are kept; nowhere if None.
+        writer: Keeps its states; nothing does if None.
         limp: Leave torque off at the end.
-        force: Replace such a file.
         on_end: Is called at the end.
 
     Raises:
-        HexwireError: The arm keeps its torque, or the file cannot be written.
+        HexwireError: The arm keeps its torque.
     """
 
     def __init__(
-        self, robot: RobotDriver, file: str | Path | None, limp: bool, force: bool, on_end: Callable[[], object]
+        self, robot: RobotDriver, writer: RecordingWriter | None, limp: bool, on_end: Callable[[], object]
     ) -> None:
         self._states: list[JointState] = []
         self._begun = threading.Event()
         self._how = (robot, limp, on_end)
-        self._writer = None if file is None else _writer(file, force)
+        self._writer = writer
         super().__init__(robot, "lesson", self._record)
         while not self._begun.wait(0.01):
             if self.done:
@@ -75,7 +72,7 @@ class Lesson(Handle[None]):
             if len(self._states) < _MOST_STATES:
                 self._states.append(state)
             if writer is not None:
-                writer.joint_state(state, _wall(state))
+                writer.joint_state(state, wall_time(state))
 
         try:
             with writer or nullcontext():
@@ -106,13 +103,13 @@ class Recording(Handle[int]):
     ) -> None:
         self.file = Path(file)
         self.states: list[JointState] = []
-        self._writer, self._next = _writer(file, force), states
+        self._writer, self._next = recording_writer(file, force), states
         super().__init__(robot, "recording", self._record)
 
     def _record(self, ending: threading.Event) -> int:
         with self._writer as writer:
             for state in self._next():
-                writer.joint_state(state, _wall(state))
+                writer.joint_state(state, wall_time(state))
                 if len(self.states) < _MOST_STATES:
                     self.states.append(state)
                 if ending.is_set():
@@ -120,14 +117,7 @@ class Recording(Handle[int]):
             return writer.count
 
 
-def _wall(state: JointState) -> float:
-    """The time of a state as a clock on the wall has it."""
-    return time.time() - (time.monotonic() - state.stamp)
-
-
-def _writer(file: str | Path, force: bool) -> RecordingWriter:
-    from hexwire.trace.recording import RecordingWriter
-
-    if Path(file).suffix.lower() != ".mcap":
-        raise UsageError(f"{file}: the name of a recording must end in .mcap")
+def recording_writer(file: str | Path, force: bool) -> RecordingWriter:
+    """A new recording; `force` replaces a file of that name. Raises `UsageError` if it cannot be written."""
+    check_recording_name(file)
     return RecordingWriter(file, force=force)

@@ -24,10 +24,11 @@ from hexwire.motion.waypoints import Scaled, Trajectory
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.aim import Aim
+    from hexwire.model.arm import ArmModel
     from hexwire.model.kinematics import KinematicModel
-    from hexwire.model.pose import Vector
+    from hexwire.model.pose import Pose, Vector
 
-__all__ = ["SHARE", "Plans", "Point", "is_number"]
+__all__ = ["SHARE", "Plans", "Point", "approached", "is_number", "straight"]
 
 Point = str | Mapping[str, float] | Sequence[float]
 """A pose by name, radians by joint, or x, y, z in metres."""
@@ -178,15 +179,8 @@ class Plans:
         Raises:
             HexwireError: As `through`.
         """
-        kinematics = self.kinematics
-        goals = tip_poses(kinematics, here, points)
-        angles, gain = kinematics.from_joints(here), max(0.1, 4 * tip_speed)
-        path = (
-            Line(kinematics, angles, goals[0], speed=tip_speed, acceleration=gain)
-            if len(goals) == 1
-            else Lines(kinematics, angles, goals, rounding=rounding, speed=tip_speed, acceleration=gain)
-        )
-        return slow_enough(self._model, InJoints(path, kinematics))
+        goals = tip_poses(self.kinematics, here, points)
+        return straight(self._model, self.kinematics, here, goals, speed=tip_speed, rounding=rounding)
 
     def played(
         self,
@@ -210,15 +204,47 @@ class Plans:
             motion = motion.without_stillness()
         return motion.smoothed(smooth).faster(factor).within(self._model).trajectory()
 
-    def approached(self, path: Trajectory, here: Mapping[str, float], repeat: int) -> list[Trajectory]:
-        """The slow way to where a motion begins, and the motion, so many times."""
-        legs: list[Trajectory] = []
-        at: Sequence[float] = [here[name] for name in path.names]
-        for _ in range(repeat):
-            first = approach(self._model, path.names, at, path.start)
-            legs += [first, path] if first.duration else [path]
-            at = path.goal
-        return legs
+
+def straight(
+    model: ArmModel,
+    kinematics: KinematicModel,
+    here: Mapping[str, float],
+    goals: Sequence[Pose],
+    *,
+    speed: float,
+    rounding: float,
+) -> Trajectory:
+    """Straight lines of the tip, as fast as the joints' limits allow and no faster than asked for.
+
+    Args:
+        model: The arm.
+        kinematics: Its geometry.
+        here: Present radians by joint.
+        goals: Poses of the tip at the end of each line.
+        speed: Of the tip, metres per second.
+        rounding: How far from a corner the tip may leave the lines, metres; 0 stops there.
+
+    Raises:
+        HexwireError: A line is not possible.
+    """
+    angles, gain = kinematics.from_joints(here), max(0.1, 4 * speed)
+    path = (
+        Line(kinematics, angles, goals[0], speed=speed, acceleration=gain)
+        if len(goals) == 1
+        else Lines(kinematics, angles, goals, rounding=rounding, speed=speed, acceleration=gain)
+    )
+    return slow_enough(model, InJoints(path, kinematics))
+
+
+def approached(model: ArmModel, path: Trajectory, here: Mapping[str, float], repeat: int) -> list[Trajectory]:
+    """A motion so many times, each time after the slow way to where it begins."""
+    legs: list[Trajectory] = []
+    at: Sequence[float] = [here[name] for name in path.names]
+    for _ in range(repeat):
+        first = approach(model, path.names, at, path.start)
+        legs += [first, path] if first.duration else [path]
+        at = path.goal
+    return legs
 
 
 def _place(verb: str, point: Sequence[float]) -> Vector:

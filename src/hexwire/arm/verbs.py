@@ -11,6 +11,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -22,18 +23,17 @@ from hexwire.control import rest as resting
 from hexwire.control.following import Pair, following_rules, run_following
 from hexwire.control.gripping import GripResult, run_grip
 from hexwire.control.pose_file import HOME
-from hexwire.control.reader import position_unknown, read_known
+from hexwire.control.reader import read_known, read_start
 from hexwire.drivers.registry import connect as connect_driver
 from hexwire.drivers.values import StopMode
 from hexwire.errors import HexwireError, ServoError, StoppedError, UsageError
 from hexwire.model.aim import Aim, Tip
-from hexwire.motion.limits import resting_inside
 from hexwire.motion.teach import Taught
 from hexwire.motion.waypoints import Trajectory
 
-from .blocks import Lesson, Recording
+from .blocks import Lesson, Recording, recording_writer
 from .handle import Handle, MotionHandle
-from .plans import SHARE, Plans, Point, is_number
+from .plans import SHARE, Plans, Point, approached, is_number
 from .poses import Poses
 
 if TYPE_CHECKING:
@@ -187,7 +187,6 @@ class Arm:
         self._rest = rest if rest is None else self._plans.pose(rest)
         self._free = threading.Lock()
         self._handles: list[Handle[Any]] = []
-        self._seen: list[Callable[[JointState], object]] = []
         self._warned = False
 
     # -- what it is and where -------------------------------------------------------------------------
@@ -413,9 +412,7 @@ class Arm:
         return self._move(self._plans.pose(HOME), False, speed, duration, wait)
 
     @overload
-    def play(
-        self, motion: str | Path | Taught | Trajectory, /, *, wait: Literal[True] = True, **how: Unpack[_Play]
-    ) -> MotionResult: ...
+    def play(self, motion: Motion, /, *, wait: Literal[True] = True, **how: Unpack[_Play]) -> MotionResult: ...
     @overload
     def play(
         self, motion: Motion, /, *, wait: Literal[False], **how: Unpack[_Play]
@@ -457,7 +454,7 @@ class Arm:
         path = self._plans.played(motion, factor, begin, end, smooth, trim)
 
         def plan(here: dict[str, float]) -> list[Trajectory]:
-            return self._plans.approached(path, here, repeat)
+            return approached(self.model, path, here, repeat)
 
         return self._motion(plan, asked, wait)
 
@@ -531,11 +528,12 @@ class Arm:
         """
         self._claim()
         try:
-            lesson = Lesson(self.driver, file, limp, force, self._free.release)
+            writer = None if file is None else recording_writer(file, force)
         except BaseException:
             self._free.release()
             raise
-        return self._kept(lesson)
+        # From here on the end of the lesson gives the arm free, also if it fails at once.
+        return self._kept(Lesson(self.driver, writer, limp, self._free.release))
 
     @overload
     def follow(self, leader: Arm, *, wait: Literal[True] = True, **how: Unpack[_Follow]) -> None: ...
@@ -578,14 +576,12 @@ class Arm:
             finally:
                 self._free.release()
 
-        if wait:
-            try:
-                run(threading.Event())
-            except KeyboardInterrupt:
-                # The usual end: the follower holds.
-                return None
-            return None
-        return self._kept(Handle(self.driver, "follow", run))
+        if not wait:
+            return self._kept(Handle(self.driver, "follow", run))
+        # Ctrl-C is the usual end: the follower holds.
+        with suppress(KeyboardInterrupt):
+            run(threading.Event())
+        return None
 
     def record(self, file: str | Path, /, *, rate: float = 0.0, force: bool = False) -> Recording:
         """Record states until the ``with`` block ends, whether the arm moves or not.
@@ -744,7 +740,8 @@ class Arm:
             # Joints that a path of an earlier program still moves come to rest first.
             with self.driver.epochs.using(asked):
                 self.driver.clear_path()
-            path = motions.check_path(self.driver, plan(self._where()), motions.MotionOptions(table=self.table))
+            how = motions.MotionOptions(table=self.table)
+            path = motions.check_path(self.driver, plan(read_start(self.driver)), how)
             last = path.legs[-1]
             goal = dict(zip(last.names, last.goal, strict=True))
 
@@ -752,7 +749,7 @@ class Arm:
                 result = motions.run_motion(
                     self.driver,
                     path,
-                    motions.MotionOptions(table=self.table),
+                    how,
                     until=lambda _: ending.is_set(),
                     observer=observer,
                     asked=asked,
@@ -813,13 +810,6 @@ class Arm:
             raise StoppedError("the motion", _STOPPED, f"{result.why}; {_STOP_ENDS}")
         if not result.cut:
             result.require()
-
-    def _where(self) -> dict[str, float]:
-        """Where a motion begins: radians by joint; one that rests on its stop is at its limit."""
-        state = read_known(self.driver)
-        if state.silent:
-            raise ServoError(position_unknown(state.silent))
-        return resting_inside(self.model, state.positions)
 
 
 class _Observer(motions.MotionObserver):

@@ -309,10 +309,9 @@ def record(
     'hexwire fleet play' plays it.
     """
     from hexwire.fleet.recorder import FleetRecorder
-    from hexwire.trace.recording import RecordingWriter
+    from hexwire.trace.recording import RecordingWriter, check_recording_name
 
-    if Path(file).suffix.lower() != ".mcap":
-        raise UsageError(f"{file}: the name of a recording must end in .mcap")
+    check_recording_name(file)
     end = math.inf if duration is None else duration
     with RecordingWriter(file, force=force) as writer, ends_when_asked() as ended:
         with FleetRecorder(writer, pattern, router, tell=note) as recorder:

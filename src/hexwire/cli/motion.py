@@ -366,10 +366,8 @@ def line(
     Without --down, --rpy or --pitch, the tool keeps its direction in space. That of an SO-100 or SO-101 turns with
     the base unless it points straight down; its pitch stays.
     """
+    from hexwire.arm.plans import straight
     from hexwire.control.via import tip_poses
-    from hexwire.motion.checks import InJoints
-    from hexwire.motion.limits import slow_enough
-    from hexwire.motion.line import Line, Lines
 
     robot = make_robot_with(links, options)
     poses = known_poses(robot.model, [point for point in points if isinstance(point, str)])
@@ -378,14 +376,9 @@ def line(
     with attached(robot):
         start = _where(robot, model.joint_names, dry_run=run.dry_run)
         goals = tip_poses(model, start, wanted)
-        angles, tip_speed, gain = model.from_joints(start), speed / 1000, max(0.1, 4 * speed / 1000)
-        path = (
-            Line(model, angles, goals[0], speed=tip_speed, acceleration=gain)
-            if len(goals) == 1
-            else Lines(model, angles, goals, rounding=rounding / 1000, speed=tip_speed, acceleration=gain)
-        )
+        path = straight(robot.model, model, start, goals, speed=speed / 1000, rounding=rounding / 1000)
         title = f"line to {points_words(points, model, aim, lambda: [goal.position for goal in goals])}"
-        run_legs(robot, [(title, slow_enough(robot.model, InJoints(path, model)))], start, run, title)
+        run_legs(robot, [(title, path)], start, run, title)
 
 
 @click.command()
@@ -429,8 +422,8 @@ def play(
     The arm first moves slowly to the start of the motion. With --fastest, waypoints need no times, and --speed is a
     share of the speed limits.
     """
+    from hexwire.arm.plans import approached
     from hexwire.inputs import LARGEST_DATA, read_bytes
-    from hexwire.motion.teach import approach
     from hexwire.motion.through import arm_path
     from hexwire.motion.waypoint_file import parse_points, parse_waypoints
     from hexwire.motion.waypoints import Scaled
@@ -477,15 +470,9 @@ def play(
         path = arm_path(robot.model, names, points, speed=min(1.0, speed))
     with attached(robot):
         start = _where(robot, path.names, dry_run=run.dry_run)
-        legs: list[tuple[str, Trajectory]] = []
-        here: Sequence[float] = [start[name] for name in path.names]
-        for _ in range(repeat):
-            first = approach(robot.model, path.names, here, path.start)
-            if first.duration:
-                legs.append(("approach", first))
-            legs.append((f"play {Path(file).name}", path))
-            here = path.goal
-        run_legs(robot, legs, start, run, f"play {Path(file).name}")
+        title = f"play {Path(file).name}"
+        legs = approached(robot.model, path, start, repeat)
+        run_legs(robot, [(title if leg is path else "approach", leg) for leg in legs], start, run, title)
 
 
 @click.command()
@@ -512,9 +499,9 @@ def teach(
     Torque is switched off, so the arm sinks unless somebody holds it.
     """
     from hexwire.control.teach_mode import record_by_hand
-    from hexwire.trace.recording import RecordingWriter
+    from hexwire.trace.recording import RecordingWriter, check_recording_name, wall_time
 
-    _want_mcap(file)
+    check_recording_name(file)
     with RecordingWriter(file, force=force) as recording:
         try:
             with open_robot(options) as robot:
@@ -525,7 +512,7 @@ def teach(
                 )
                 record_by_hand(
                     robot,
-                    lambda state: recording.joint_state(state, time.time() - (time.monotonic() - state.stamp)),
+                    lambda state: recording.joint_state(state, wall_time(state)),
                     rate=rate or 0.0,
                     duration=math.inf if duration is None else duration,
                     torque_off_at_end=limp,
@@ -558,22 +545,17 @@ def _where(robot: RobotDriver, joints: Sequence[str], *, dry_run: bool) -> dict[
     Raises:
         ServoError: A joint does not answer.
     """
-    from hexwire.control.reader import position_unknown, read_known
-    from hexwire.errors import ServoError
-    from hexwire.motion.limits import resting_inside
+    from hexwire.control.reader import read_start
 
     if not dry_run:
         robot.clear_path(joints)
-    state = read_known(robot)
-    if state.silent:
-        raise ServoError(position_unknown(state.silent))
-    return resting_inside(robot.model, state.positions)
+    return read_start(robot)
 
 
 def _save(taught: Taught, file: str, save: str, force: bool, as_json: bool) -> None:
-    from hexwire.trace.recording import RecordingWriter, make_positions
+    from hexwire.trace.recording import RecordingWriter, check_recording_name, make_positions
 
-    _want_mcap(save)
+    check_recording_name(save)
     if Path(save).exists() and Path(save).samefile(file):
         raise UsageError(f"--save {save} would overwrite its source")
     begin = time.time()
@@ -582,8 +564,3 @@ def _save(taught: Taught, file: str, save: str, force: bool, as_json: bool) -> N
             recording.joint_state(make_positions(taught.names, row), begin + t)
     data = {"states": recording.count, "duration_s": taught.duration, "file": save}
     answer(as_json, data, f"{recording.count} states, {taught.duration:.2f} s in {save}")
-
-
-def _want_mcap(file: str) -> None:
-    if Path(file).suffix.lower() != ".mcap":
-        raise UsageError(f"{file}: the name of a recording must end in .mcap")

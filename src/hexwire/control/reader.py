@@ -11,7 +11,8 @@ from collections.abc import Callable, Collection, Generator, Iterable
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from hexwire.errors import DeviceError, HexwireError
+from hexwire.errors import DeviceError, HexwireError, ServoError
+from hexwire.motion.limits import resting_inside
 
 from .loop import RateLoop
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState
 
-__all__ = ["StateReader", "check_joints", "position_unknown", "read_known", "read_state"]
+__all__ = ["StateReader", "check_joints", "position_unknown", "read_known", "read_start", "read_state"]
 
 _SILENCE = 0.5
 """Seconds without a report after which the robot is pinged."""
@@ -84,6 +85,19 @@ def read_known(
         sleep(_AGAIN)
         state = read_state(robot)
     return state
+
+
+def read_start(robot: RobotDriver) -> dict[str, float]:
+    """Where a motion may begin: radians by joint; one that rests on its stop is at its limit.
+
+    Raises:
+        ServoError: A joint does not answer.
+        HexwireError: As `read_state`.
+    """
+    state = read_known(robot)
+    if state.silent:
+        raise ServoError(position_unknown(state.silent))
+    return resting_inside(robot.model, state.positions)
 
 
 def position_unknown(joints: Iterable[str]) -> str:

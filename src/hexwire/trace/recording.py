@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
@@ -33,6 +34,7 @@ __all__ = [
     "RecordedJoints",
     "RecordingWriter",
     "arm_of",
+    "check_recording_name",
     "is_joint_state",
     "joint_states_in",
     "make_positions",
@@ -41,6 +43,7 @@ __all__ = [
     "read_joint_states",
     "several_arms",
     "topic_of",
+    "wall_time",
 ]
 
 JOINT_STATES = "/joint_states"
@@ -297,6 +300,21 @@ class RecordingWriter:
         if kind is not None and not self.count:
             self.discard()
         self.close()
+
+
+def check_recording_name(file: str | Path) -> None:
+    """Refuse a name for a new recording that other programs would not open.
+
+    Raises:
+        UsageError: It does not end in ``.mcap``.
+    """
+    if Path(file).suffix.lower() != ".mcap":
+        raise UsageError(f"{file}: the name of a recording must end in .mcap")
+
+
+def wall_time(state: JointState) -> float:
+    """The time of a state of this computer, which its clock has stamped, as seconds of the time of day."""
+    return time.time() - (time.monotonic() - state.stamp)
 
 
 def nanoseconds(stamp: float) -> int:
