@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import threading
 import time
 from types import TracebackType
@@ -38,6 +40,9 @@ class Held:
         self._thread.join()
 
     def _run(self) -> None:
+        # It is about the interpreter: this thread waits for no processor where it may say so.
+        with contextlib.suppress(PermissionError):
+            os.sched_setscheduler(threading.get_native_id(), os.SCHED_FIFO, os.sched_param(1))
         while not self._over.is_set():
             began, computed = time.monotonic(), time.process_time()
             time.sleep(_PERIOD)

@@ -33,6 +33,7 @@ export class FrameList {
     this.follow = true; // what the person wants: only the box ticks it, and scrolling back unticks it
     this.live = true; // a file does not go on
     this.placed = 0; // where the list was put last, not by the person
+    this.held = false; // by a finger, the mouse on its bar, or a key: only then does scrolling say what the person wants
     this.pool = [];
     this.asked = false;
     this.inner = document.createElement("div");
@@ -50,6 +51,16 @@ export class FrameList {
       if (number) this.select(Number(number));
     });
     element.addEventListener("keydown", (event) => this.key(event));
+    element.addEventListener("wheel", (event) => this.wheel(event), { passive: true });
+    const hold = (until) => {
+      this.held = true;
+      window.addEventListener(until, () => (this.held = false), { once: true });
+    };
+    element.addEventListener("touchstart", () => hold("touchend"), { passive: true });
+    element.addEventListener("keydown", () => hold("keyup"));
+    element.addEventListener("pointerdown", (event) => {
+      if (event.target === element || event.button === 1) hold("pointerup");
+    });
     new ResizeObserver(() => this.draw()).observe(element);
   }
 
@@ -124,11 +135,13 @@ export class FrameList {
     this.select(this.rows[to][NUMBER]);
   }
 
+  wheel(event) {
+    const { scrollHeight, clientHeight } = this.element;
+    if (event.deltaY < 0 && scrollHeight > clientHeight) this.setFollow(false);
+  }
+
   scrolled() {
-    const { scrollTop, scrollHeight, clientHeight } = this.element;
-    // The browser moves it too, where the list becomes shorter than it was: then it is at the end.
-    const back = Math.min(this.placed, scrollHeight - clientHeight) - ROW / 2;
-    if (scrollTop < back) this.setFollow(false);
+    if (this.held && this.element.scrollTop < this.placed - ROW / 2) this.setFollow(false);
     this.draw();
   }
 
