@@ -311,6 +311,8 @@ def test_a_button_that_is_pressed_without_a_connection_does_nothing_later(
     studio: RunningStudio, page: Page
 ) -> None:
     present = studio.studio.source.present
+    # Before that, the page is still being loaded: what is pressed then is done.
+    page.wait_for_function("window.did_handshake && window.socket.connected")
     page.evaluate("window.socket.disconnect()")
     page.get_by_role("button", name="Close").click()
     page.locator("#hw-banner").filter(has_text="what was pressed is not done").wait_for()
