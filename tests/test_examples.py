@@ -101,7 +101,8 @@ def test_pick_and_place(said_here: Callable[[str], str]) -> None:
 def test_record_and_plot(bench: Bench, tmp_path: Path) -> None:
     assert re.fullmatch(r"\d+ states in motion.mcap and motion.svg\n", run("record_and_plot", tmp_path))
     assert (tmp_path / "motion.svg").read_text().count("<svg") == 1
-    bench.ok("play", str(tmp_path / "motion.mcap"), "--dry-run")
+    # Where the machine stalled, two states come close together, and the arm seems to jump.
+    bench.ok("play", str(tmp_path / "motion.mcap"), "--dry-run", "--smooth", "0.2")
 
 
 @pytest.mark.slow

@@ -69,12 +69,18 @@ def calibration_text(*, leader: bool = False) -> str:
     return json.dumps(rows, indent=4)
 
 
-def calibrated(port: str, name: str, *, leader: bool = False) -> Path:
-    """Write LeRobot's file for a name, and store it in the servos."""
+def calibration_file(name: str, *, leader: bool = False) -> Path:
+    """Write LeRobot's file for a name."""
     folder = CALIBRATION / ("teleoperators/so_leader" if leader else "robots/so_follower")
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / f"{name}.json"
     file.write_text(calibration_text(leader=leader))
+    return file
+
+
+def calibrated(port: str, name: str, *, leader: bool = False) -> Path:
+    """Write LeRobot's file for a name, and store it in the servos."""
+    file = calibration_file(name, leader=leader)
     arm = So101Arm.from_url(port)
     # The emulator is a program that stalls when the machine does.
     arm.bus.retries = 20

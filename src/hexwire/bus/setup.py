@@ -41,6 +41,8 @@ _LOOKS = 4
 _COLLISION_READS = 6
 _CALIBRATE_MID = 128
 _LIVE_FIRST, _LIVE_COUNT = 56, 15
+_LIMITS_FIRST, _LIMITS_COUNT = 9, 24
+"""Limits and offset, which differ in two calibrated servos."""
 _CALIBRATE_FIRMWARE = (3, 10)
 _SCAN_ALLOWANCE = 0.008
 _MODEL_NAMES = {777: "sts3215", 2825: "sts3250", 2570: "hls3606", 1284: "scs009", 11272: "sm8512bl"}
@@ -194,13 +196,20 @@ def _hears(bus: ServoBus, servo_id: int) -> bool:
 def shares_id(bus: ServoBus, servo_id: int) -> bool:
     """Whether several servos seem to have this id: their answers collide if their values differ.
 
-    Two servos with equal values in all registers read (position, voltage, temperature, ...) look like one.
+    Two servos with equal values in all registers read (position, voltage, offset, limits, ...) look like one.
     """
-    legacy = bus.series_of(servo_id) is Series.SEVEN_BOT
-    count = 2 if legacy else _LIVE_COUNT
+    if bus.series_of(servo_id) is Series.SEVEN_BOT:
+        return _collide(bus, servo_id, _LIVE_FIRST, 2)
+    return _collide(bus, servo_id, _LIVE_FIRST, _LIVE_COUNT) or _collide(
+        bus, servo_id, _LIMITS_FIRST, _LIMITS_COUNT
+    )
+
+
+def _collide(bus: ServoBus, servo_id: int, first: int, count: int) -> bool:
+    """Whether most answers to a read are spoiled."""
     spoiled = 0
     for _ in range(_COLLISION_READS):
-        status, instead = bus.ask(make_read(servo_id, _LIVE_FIRST, count), servo_id, count)
+        status, instead = bus.ask(make_read(servo_id, first, count), servo_id, count)
         if status is None and instead and "echo" not in instead:
             spoiled += 1
     return spoiled > _COLLISION_READS // 2

@@ -350,7 +350,6 @@ class EmulatedServo:
             goal = control.clamp_goal(self.registers, goal)
             self._target = goal + self._offset() + self._turns(position)
         self._goal_distance = self._target - position
-        self.protection.clear()
 
     def _calibrate(self, position: int) -> None:
         """Calibrate so that the present position reads `position`; stored at once, as in the real servos."""

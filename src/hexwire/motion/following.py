@@ -28,6 +28,8 @@ _MOST_LEAD = math.radians(12.0)
 _PUSHES, _STANDS = 0.1, math.radians(1.0)
 """Seconds of load without a motion of more than this, radians, after which jaws hold something: a servo reports
 load while it accelerates, brakes or turns fast, too."""
+_EASE_EVERY, _LEAST_SQUEEZE = 0.2, math.radians(0.3)
+"""Seconds in which a servo answers a smaller squeeze with a smaller load; and the least squeeze, radians."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +38,9 @@ class GripForce:
 
     Attributes:
         jaws: Its joint, closed and open.
-        most: Load, as a fraction of full scale, at which it has something between its jaws.
-        squeeze: How much further it then closes, radians: its servo presses in proportion to that.
+        most: Load, as a fraction of full scale, at which it has something between its jaws, and with which it then
+            presses.
+        squeeze: How much further it then closes at most, radians: its servo presses in proportion to that.
     """
 
     jaws: Jaws
@@ -121,8 +124,14 @@ class Following:
         self._met: set[str] = set()
         # Where the jaws stood when they met something; None if they hold nothing.
         self._grasp: float | None = None
+        self._squeeze = self._eased = 0.0
         # Since when, and where, the jaws push without moving.
         self._push: tuple[float, float] | None = None
+
+    @property
+    def holds(self) -> bool:
+        """Whether the jaws hold something."""
+        return self._active and self._grasp is not None
 
     def pause(self) -> None:
         """Forget the set-point: the joints meet the leader's again."""
@@ -239,8 +248,16 @@ class Following:
             if slipped or sign * (wanted - self._grasp) <= 0.0:
                 self._grasp = None
         if self._grasp is None and self._pushes(grip, sign * (wanted - here), here, load, now):
+            self._grasp, self._squeeze, self._eased = here, grip.squeeze, now
+        if self._grasp is None:
+            return wanted
+        if sign * (here - self._grasp) < 0.0:
+            # What it holds pushes the jaws open: it presses from there.
             self._grasp = here
-        return wanted if self._grasp is None else grip.jaws.pressed(self._grasp, grip.squeeze)
+        if abs(load) > grip.most and now - self._eased >= _EASE_EVERY:
+            self._squeeze = max(self._squeeze * grip.most / abs(load), _LEAST_SQUEEZE)
+            self._eased = now
+        return grip.jaws.pressed(self._grasp, self._squeeze)
 
     def _pushes(self, grip: GripForce, ahead: float, here: float, load: float, now: float) -> bool:
         """Whether the jaws have been standing against something for long enough."""

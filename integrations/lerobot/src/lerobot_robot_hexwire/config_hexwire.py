@@ -10,6 +10,8 @@ from lerobot.robots import RobotConfig
 from lerobot.teleoperators import TeleoperatorConfig
 
 __all__ = [
+    "GRIPPER_FORCE",
+    "PATIENCE",
     "HexwireHex7botConfig",
     "HexwireHex7botLeaderConfig",
     "HexwireRemoteConfig",
@@ -21,6 +23,12 @@ __all__ = [
     "HexwireSO101LeaderConfig",
     "HexwireTeleopConfig",
 ]
+
+
+GRIPPER_FORCE = 0.2
+"""Less than the load at which the servo protects itself after two seconds (`servos.GRIPPER`)."""
+PATIENCE = 0.5
+"""Seconds: the arm holds meanwhile, and a recording goes on."""
 
 
 @dataclass(kw_only=True)
@@ -36,6 +44,10 @@ class HexwireRobotConfig(RobotConfig):
         use_degrees: Joints in degrees; otherwise -100 to 100 over their range. A gripper is always 0 to 100.
         meet_speed: Share of the speed limits at which the arm goes to the first action.
         table_mm: Height of the table above the arm's base, millimetres; null for no table.
+        gripper_force: Load, as a share of full load, at which the gripper stops closing; 1 for no limit.
+        on_fault: What is done about a fault that a servo reports, beside a line in the log when it comes first:
+            "warn": nothing; "raise": an error, the arm holds; "torque_off": an error, the arm sinks.
+        patience: Seconds in which a joint that does not answer is asked again, and a lost line is opened again.
     """
 
     port: str
@@ -45,6 +57,9 @@ class HexwireRobotConfig(RobotConfig):
     use_degrees: bool = True
     meet_speed: float = 0.2
     table_mm: float | None = 0.0
+    gripper_force: float = GRIPPER_FORCE
+    on_fault: str = "warn"
+    patience: float = PATIENCE
 
 
 @dataclass(kw_only=True)
@@ -54,10 +69,12 @@ class HexwireTeleopConfig(TeleoperatorConfig):
     Attributes:
         port: Port or address, as for `hexwire --port`.
         use_degrees: As for the robot; both must have the same value.
+        patience: As for the robot.
     """
 
     port: str
     use_degrees: bool = True
+    patience: float = PATIENCE
 
 
 @RobotConfig.register_subclass("hexwire_so101")

@@ -1,12 +1,15 @@
 """One arm that LeRobot has open: its driver, its calibration file, and faults as LeRobot's exceptions.
 
-Owns what robots and leaders share. Must not know actions, cameras or LeRobot's base classes.
+Owns what robots and leaders share, and what is done when a servo or the line is silent. Must not know actions,
+cameras or LeRobot's base classes.
 """
 
 from __future__ import annotations
 
+import logging
+import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,23 +17,32 @@ from typing import TYPE_CHECKING
 from hexwire.drivers.arm_file import load_calibration
 from hexwire.drivers.bus_arm import BusArm
 from hexwire.drivers.registry import load_driver, make_driver
-from hexwire.errors import HexwireError, LinkError, ReplyTimeoutError, UsageError
+from hexwire.errors import HexwireError, LinkError, ReplyTimeoutError, ServoError, UsageError
+from hexwire.link.diagnose import Level
 from hexwire.link.open import make_link
+from hexwire.wire.registers import Series
 
+from . import servos
 from .joint_values import JointValues
+from .servo_faults import ServoFaults, told
 
 if TYPE_CHECKING:
+    from hexwire.bus.values import ServoBlock
     from hexwire.drivers.base import RobotDriver
     from hexwire.link.base import Link
+    from hexwire.link.diagnose import Finding
     from hexwire.model.calibration import Calibration
     from hexwire.model.state import JointState
 
 __all__ = ["RETRIES", "Connection", "faults"]
 
-_PATIENCE = 0.1
-"""Seconds in which a position that did not arrive is asked for again."""
+logger = logging.getLogger(__name__)
+
+_SILENT, _AGAIN = 0.005, 0.02
+"""Seconds between two questions to a servo that is silent, and between two tries to open a line that was lost."""
 RETRIES = 5
 """Repeats for a servo that does not answer: recording must not end because the computer stalled."""
+_REGISTERS = Series.STS_SMS.registers
 _STORED = ("position_offset", "min_position_limit", "max_position_limit")
 
 
@@ -53,8 +65,10 @@ def translated(error: HexwireError) -> Exception:
     """The exception for a fault; see `faults`."""
     if isinstance(error, UsageError):
         return error
-    kind = ConnectionError if isinstance(error, LinkError | ReplyTimeoutError) else RuntimeError
-    return kind(str(error))
+    silent = isinstance(error, LinkError | ReplyTimeoutError) or (
+        isinstance(error, ServoError) and not error.status
+    )
+    return (ConnectionError if silent else RuntimeError)(str(error))
 
 
 class Connection:
@@ -64,11 +78,25 @@ class Connection:
         port: Port or address.
         robot: Robot of hexwire, such as ``so101``; with an address of a shared arm its kind, which is checked.
         degrees: As in `JointValues`.
+        patience: Seconds in which a joint that does not answer is asked again, and a lost line is opened again.
         calibration_file: LeRobot's file of an arm on a servo bus; None for an arm that needs none.
+
+    Attributes:
+        stored: What each servo of an arm on a servo bus has stored, by joint; empty for other arms.
+        faults: What servos report while the arm is in use; None before it was opened.
+        lost: How often the line was lost and opened again.
     """
 
-    def __init__(self, port: str, robot: str, *, degrees: bool, calibration_file: Path | None = None) -> None:
+    def __init__(
+        self, port: str, robot: str, *, degrees: bool, patience: float, calibration_file: Path | None = None
+    ) -> None:
+        if not (math.isfinite(patience) and patience >= 0.0):
+            raise ValueError(f"patience must be a number of seconds from 0, not {patience}")
         self.port, self.robot, self.degrees, self.file = port, robot, degrees, calibration_file
+        self.patience = patience
+        self.stored: dict[str, ServoBlock] = {}
+        self.faults: ServoFaults | None = None
+        self.lost = 0
         self.calibration: Calibration | None = None
         self._driver: RobotDriver | None = None
         self._link: Link | None = None
@@ -111,7 +139,8 @@ class Connection:
         """Attach the arm; nothing is written. Only a board with the chapter's sketch moves it, after a warning.
 
         Raises:
-            ConnectionError: It cannot be reached.
+            ConnectionError: It cannot be reached, or a servo does not answer.
+            RuntimeError: A servo reports a fault, or has a supply or a temperature outside its limits.
         """
         with faults():
             if self.file is None:
@@ -145,49 +174,93 @@ class Connection:
         finally:
             self.open()
 
-    def read(self) -> JointState:
+    def read(self, *, loads: bool = False) -> JointState:
         """Read the positions of all joints, each of them new.
 
+        Args:
+            loads: Read the loads, too.
+
         Raises:
-            ConnectionError: A joint does not answer.
+            ConnectionError: A joint does not answer, or the line is lost, for longer than the patience.
         """
-        driver = self._driver
-        assert driver is not None
-        try:
-            state = driver.read_positions()
-            if state.silent:
-                state = _again(driver)
-        except HexwireError as error:
-            raise translated(error) from error
-        return state
+        end = math.inf
+        while True:
+            driver = self._driver
+            assert driver is not None
+            try:
+                state = driver.read_loads() if loads else driver.read_positions()
+            except LinkError as error:
+                self.open_again(error)
+                continue
+            except HexwireError as error:
+                raise translated(error) from error
+            if not state.silent:
+                if self.faults is not None:
+                    self.faults.see(state)
+                return state
+            now = time.monotonic()
+            end = min(end, now + self.patience)
+            if now >= end:
+                raise ConnectionError(f"{', '.join(state.silent)} does not answer: check cable and power")
+            # A servo that was silent is soon asked without waiting for it.
+            time.sleep(_SILENT)
+
+    def open_again(self, lost: LinkError) -> None:
+        """Open a line that was lost; torque is as the servos have it.
+
+        Raises:
+            ConnectionError: It was lost for longer than the patience.
+        """
+        driver, began = self.driver, time.monotonic()
+        while time.monotonic() < began + self.patience:
+            try:
+                driver.detach()
+                driver.attach()
+            except HexwireError:
+                time.sleep(_AGAIN)
+                continue
+            self.lost += 1
+            logger.warning("%s; it is open again after %.2f s", lost, time.monotonic() - began)
+            return
+        raise translated(lost) from lost
 
     def _examine(self, driver: RobotDriver) -> None:
-        self._values, self._stored = None, True
+        self._values, self._stored, self.stored = None, True, {}
+        if isinstance(driver, BusArm):
+            self.stored = servos.stored(driver.bus, driver.model)
+            silent = {name for name, block in self.stored.items() if block.error}
+        else:
+            silent = set()
+        state = driver.read()
+        silent |= set(state.silent)
+        if silent and isinstance(driver, BusArm):
+            raise ConnectionError(told(servos.unreadable(driver.bus, driver.model, silent), driver.model))
+        if silent:
+            raise ConnectionError(f"{', '.join(sorted(silent))} does not answer: check cable and power")
+        probes = servos.probes(driver.model, self.stored) if self.stored else driver.probe().joints
+        self.faults = ServoFaults(driver.model, probes)
+        self._refuse(self.faults.judge(state), driver)
         reversed_joints: tuple[str, ...] = ()
         if isinstance(driver, BusArm):
             if self.calibration is None:
                 self._stored = False
                 return
+            names = {row.servo_id: row.name for row in driver.model.joints}
             for row in self.calibration.joints:
+                block = self.stored[names[row.servo_id]]
                 for name, wanted in zip(_STORED, (row.servo_offset, row.low, row.high), strict=True):
-                    reading = driver.bus.read(row.servo_id, name)
-                    if reading.raw is None:
-                        reading.check()
-                    self._stored = self._stored and reading.raw == wanted
+                    self._stored = self._stored and block.raw(_REGISTERS[name]) == wanted
             if not self._stored:
                 return
             reversed_joints = tuple(row.name for row in self.calibration.joints if row.drive_mode)
         self._values = JointValues(driver.model, degrees=self.degrees, reversed_joints=reversed_joints)
 
-
-def _again(driver: RobotDriver) -> JointState:
-    end = time.monotonic() + _PATIENCE
-    while True:
-        state = driver.read_positions()
-        if not state.silent:
-            return state
-        if time.monotonic() >= end:
-            raise ConnectionError(f"{', '.join(state.silent)} does not answer: check cable and power")
+    @staticmethod
+    def _refuse(findings: Sequence[Finding], driver: RobotDriver) -> None:
+        if bad := [one for one in findings if one.level is Level.BAD]:
+            raise RuntimeError(told(bad, driver.model))
+        if hints := [one for one in findings if one.level is Level.HINT]:
+            logger.warning("%s", told(hints, driver.model))
 
 
 def _bus_arm(robot: str) -> type[BusArm]:

@@ -21,7 +21,7 @@ from .config_hexwire import HexwireRemoteConfig, HexwireRemoteLeaderConfig
 from .connection import Connection, faults
 from .joint_values import names_of
 from .kinds import joints_of
-from .settings import configure
+from .servos import configure, stored
 
 if TYPE_CHECKING:
     from .config_hexwire import HexwireRobotConfig, HexwireTeleopConfig
@@ -46,7 +46,9 @@ class HexwireDevice:
         """Take the configuration. Nothing is opened."""
         self.config = config
         file = self._calibration_file
-        self._arm = Connection(config.port, self._kind, degrees=config.use_degrees, calibration_file=file)
+        self._arm = Connection(
+            config.port, self._kind, degrees=config.use_degrees, patience=config.patience, calibration_file=file
+        )
         self._joints = joints_of(self._kind)
 
     @property
@@ -83,8 +85,9 @@ class HexwireDevice:
 
         Raises:
             DeviceAlreadyConnectedError: It is connected.
-            ConnectionError: It cannot be reached, or a joint does not confirm its torque.
-            RuntimeError: It is stopped; `hexwire resume` ends that.
+            ConnectionError: It cannot be reached, a servo does not answer, or a joint does not confirm its torque.
+            RuntimeError: It is stopped (`hexwire resume` ends that), or a servo reports a fault; the text says what
+                to do.
         """
         if self._arm.is_open:
             raise DeviceAlreadyConnectedError(f"{self} is already connected.")
@@ -187,7 +190,8 @@ class SoDevice(HexwireDevice):
     def _write_settings(self) -> None:
         driver = self._arm.driver
         assert isinstance(driver, BusArm)
-        if written := configure(driver.bus, driver.model, leader=self.leads):
+        if written := configure(driver.bus, driver.model, self._arm.stored, leader=self.leads):
+            self._arm.stored = stored(driver.bus, driver.model)
             logger.info("Written to the servos: %s", ", ".join(written))
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 import math
 import time
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
@@ -20,10 +21,12 @@ from lerobot.robots import Robot
 from lerobot.robots.so_follower import SOFollower
 from lerobot.robots.utils import ensure_safe_goal_position
 
+from hexwire.control.following import following_rules
 from hexwire.control.guided import Notes
 from hexwire.control.path_check import PathCheck
-from hexwire.errors import HexwireError
-from hexwire.model.state import JointTarget
+from hexwire.errors import HexwireError, LinkError
+from hexwire.model.gripper import Jaws, jaws_of
+from hexwire.model.state import JointTarget, SentTarget
 from hexwire.motion.following import Following
 
 from .config_hexwire import (
@@ -41,8 +44,12 @@ __all__ = ["HexwireHex7bot", "HexwireRemote", "HexwireRobot", "HexwireSO100", "H
 
 logger = logging.getLogger(__name__)
 
-_FRESH = 0.25
-"""Seconds for which an observation says where the arm is; then `send_action` reads it."""
+_FRESH, _PRESSING = 0.25, 0.02
+"""Seconds for which an observation says where the arm is; then `send_action` reads it. The second one is for jaws
+that may press on something."""
+_AHEAD = math.radians(3.0)
+"""How far ahead of the jaws their set-point is when they may press."""
+_ON_FAULT = ("warn", "raise", "torque_off")
 _PAUSE = 1.0
 """Seconds without an action after which the arm goes to the next one slowly, as at the beginning."""
 _OVERLAP = 1.25
@@ -66,12 +73,21 @@ class HexwireRobot(HexwireDevice, Robot):
         super().__init__(config)
         if not 0.0 < config.meet_speed <= 1.0:
             raise ValueError(f"meet_speed must be above 0 and at most 1, not {config.meet_speed:g}")
+        if not 0.0 < config.gripper_force <= 1.0:
+            raise ValueError(f"gripper_force must be above 0 and at most 1, not {config.gripper_force:g}")
+        if config.on_fault not in _ON_FAULT:
+            raise ValueError(f"on_fault is one of {', '.join(_ON_FAULT)}, not {config.on_fault!r}")
         self._begin(config)
+        _check_steps(config.max_relative_target, [row[0] for row in self._joints])
         self.cameras = make_cameras_from_configs(config.cameras)
         # LeRobot's programs look for the joints here (lerobot-find-joint-limits).
         self.bus = SimpleNamespace(motors=self._motors())
         self._rules: Following | None = None
+        self._jaws: Jaws | None = None
+        self._presses = False
+        self._lost = 0
         self._here: dict[str, float] = {}
+        self._loads: dict[str, float] = {}
         self._here_at = self._sent_at = -math.inf
         self._goal: dict[str, float] = {}
         self._notes = Notes()
@@ -117,8 +133,12 @@ class HexwireRobot(HexwireDevice, Robot):
             self._write_settings()
         self._torque(True)
         height = self.config.table_mm
-        check = PathCheck.of(driver, None if height is None else height / 1000).posture
-        self._rules = Following(driver.model, driver.model, share=self.config.meet_speed, check=check)
+        check = PathCheck.of(driver, None if height is None else height / 1000)
+        self._rules = following_rules(
+            driver, driver, check, meet=self.config.meet_speed, force=self.config.gripper_force
+        )
+        self._jaws = jaws_of(driver.model) if self.config.gripper_force < 1.0 else None
+        self._presses = False
         self._here_at = self._sent_at = -math.inf
 
     def _release(self) -> None:
@@ -140,7 +160,7 @@ class HexwireRobot(HexwireDevice, Robot):
         Raises:
             DeviceNotConnectedError: It is not connected.
             ConnectionError: A joint does not answer; an answer that was lost is asked for again.
-            RuntimeError: It is not calibrated.
+            RuntimeError: It is not calibrated, or a servo reports a fault (`on_fault`).
         """
         self._check_connected()
         values = self._arm.values
@@ -152,9 +172,28 @@ class HexwireRobot(HexwireDevice, Robot):
         return observation
 
     def _read(self) -> tuple[float, ...]:
-        state = self._arm.read()
+        arm = self._arm
+        state = arm.read(loads=self._presses)
         self._here, self._here_at = state.positions, time.monotonic()
+        self._loads = dict(zip(state.names, state.load, strict=True)) if self._presses else {}
+        if arm.lost != self._lost:
+            self._lost = arm.lost
+            self._pause()
+        if arm.faults is not None and arm.faults.present and self.config.on_fault != "warn":
+            self._fault(arm.faults.present)
         return state.position
+
+    def _pause(self) -> None:
+        """Let the arm meet the next action slowly."""
+        if self._rules is not None:
+            self._rules.pause()
+
+    def _fault(self, what: str) -> None:
+        if self.config.on_fault == "torque_off":
+            self._rules = None
+            self._torque(False, ": hold the arm")
+            what += "; its torque is off"
+        raise RuntimeError(what)
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
         """Send the arm towards an action.
@@ -163,12 +202,14 @@ class HexwireRobot(HexwireDevice, Robot):
             action: Values by name, of all joints or some.
 
         Returns:
-            What was sent: within limits and speeds, and within `max_relative_target`.
+            What was sent: within limits and speeds, and within `max_relative_target`; nothing if the line had to be
+            opened again.
 
         Raises:
             DeviceNotConnectedError: It is not connected.
             ConnectionError: The line is lost.
-            RuntimeError: The arm is stopped or not calibrated, or a joint has no torque.
+            RuntimeError: The arm is stopped or not calibrated, a joint has no torque, or a servo reports a fault
+                (`on_fault`).
             ValueError: A value is not a number, or a joint does not exist; nothing was sent.
         """
         self._check_connected()
@@ -177,7 +218,7 @@ class HexwireRobot(HexwireDevice, Robot):
             raise RuntimeError(f"{self} has no torque: connect it again")
         goal = values.angles(action)
         now = time.monotonic()
-        if now - self._here_at > _FRESH:
+        if now - self._here_at > (_PRESSING if self._presses else _FRESH):
             self._read()
         if self.config.max_relative_target is not None:
             goal = self._capped(goal)
@@ -186,7 +227,7 @@ class HexwireRobot(HexwireDevice, Robot):
             rules.pause()
             self._goal = dict(self._here)
         self._goal.update(goal)
-        step = rules.update(self._goal, 0.0, self._here, {}, now)
+        step = rules.update(self._goal, 0.0, self._here, self._loads, now)
         if self._notes.is_new(step.note, now):
             logger.warning("%s", step.note)
         if not goal:
@@ -195,13 +236,24 @@ class HexwireRobot(HexwireDevice, Robot):
         if len(goal) < len(target):
             target = {name: target[name] for name in goal}
         duration = max(min(max(_OVERLAP * period, _SHORTEST), _LONGEST), step.least)
-        try:
-            sent = self._arm.driver.write(JointTarget.of(target, duration))
-        except HexwireError as error:
-            rules.pause()
-            raise translated(error) from error
+        sent = self._write(JointTarget.of(target, duration))
         self._sent_at = now
-        return values.named(sent.positions)
+        jaws = self._jaws
+        if jaws is not None:
+            self._presses = rules.holds or abs(step.positions[jaws.joint] - self._here[jaws.joint]) > _AHEAD
+        return values.named(sent.positions) if sent is not None else {}
+
+    def _write(self, target: JointTarget) -> SentTarget | None:
+        """Send a target; None if the line had to be opened again: the arm then goes to the next one slowly."""
+        try:
+            return self._arm.driver.write(target)
+        except LinkError as error:
+            self._arm.open_again(error)
+            self._here_at = -math.inf
+            return None
+        except HexwireError as error:
+            self._pause()
+            raise translated(error) from error
 
     def _capped(self, goal: dict[str, float]) -> dict[str, float]:
         """The goal, no further from the present position than LeRobot's setting says."""
@@ -213,6 +265,20 @@ class HexwireRobot(HexwireDevice, Robot):
         # LeRobot's function takes no whole number.
         capped = ensure_safe_goal_position(pairs, most if isinstance(most, dict) else float(most))
         return values.angles({name + SUFFIX: value for name, value in capped.items()})
+
+
+def _check_steps(most: float | dict[str, float] | None, joints: Sequence[str]) -> None:
+    """Refuse a `max_relative_target` with which the arm would move another way than it should.
+
+    Raises:
+        ValueError: It is not above 0, or its joints are not the arm's.
+    """
+    steps = most if isinstance(most, dict) else {} if most is None else {"": most}
+    for name, step in steps.items():
+        if not (math.isfinite(step) and step > 0.0):
+            raise ValueError(f"max_relative_target{name and f' of {name}'} must be above 0, not {step:g}")
+    if isinstance(most, dict) and set(most) != set(joints):
+        raise ValueError(f"max_relative_target names {', '.join(most)}; the joints are {', '.join(joints)}")
 
 
 class HexwireSO101(SoDevice, HexwireRobot):

@@ -1,0 +1,78 @@
+"""Faults that servos report, in words: which servo, what it says, and what to do.
+
+Owns which faults of a session are new. The judgement is `hexwire doctor`'s. Must not know connections, nor what is
+done about a fault.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from typing import TYPE_CHECKING
+
+from hexwire.drivers.checkup import judge_state
+from hexwire.link.diagnose import Level
+from hexwire.model.state import JointFlag
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hexwire.drivers.base import JointProbe
+    from hexwire.link.diagnose import Finding
+    from hexwire.model.arm import ArmModel
+    from hexwire.model.state import JointState
+
+__all__ = ["ServoFaults", "told"]
+
+logger = logging.getLogger(__name__)
+
+_FAULTS = int(JointFlag(0xFF).faults & ~JointFlag.SILENT)
+
+
+def told(findings: Sequence[Finding], model: ArmModel) -> str:
+    """Findings in a sentence, with the ids of servos."""
+    ids = {joint.name: f"{joint.name} (servo {joint.servo_id})" for joint in model.joints}
+    texts = []
+    for one in findings:
+        about = ", ".join(ids.get(name, name) for name in one.about.split(", "))
+        texts.append(f"{about}: {one.text}" + (f"; {one.advice}" if one.advice else ""))
+    return "; ".join(texts)
+
+
+class ServoFaults:
+    """The faults of a session: each is logged when it comes first, and counted whenever it comes.
+
+    Args:
+        model: The arm.
+        probes: The limits of its servos.
+
+    Attributes:
+        present: What is wrong now, in words; empty if nothing is.
+        counts: How often each fault came, by joint and fault, as in ``gripper overload``.
+    """
+
+    def __init__(self, model: ArmModel, probes: Sequence[JointProbe]) -> None:
+        self._model, self._probes = model, probes
+        self._before = (0,) * len(model.joints)
+        self.present = ""
+        self.counts: Counter[str] = Counter()
+
+    def judge(self, state: JointState) -> list[Finding]:
+        """What is wrong with the arm, and what to do."""
+        return judge_state(state, self._probes)
+
+    def see(self, state: JointState) -> None:
+        """Take note of the faults in a state; every cycle does."""
+        faults = tuple([flags & _FAULTS for flags in state.flags])
+        if faults == self._before:
+            return
+        came = [
+            f"{name} {flag}"
+            for name, now, before in zip(state.names, faults, self._before, strict=True)
+            for flag in JointFlag(now & ~before)
+        ]
+        self._before = faults
+        self.present = told([one for one in self.judge(state) if one.level is Level.BAD], self._model)
+        if any(fault not in self.counts for fault in came):
+            logger.warning("%s", self.present)
+        self.counts.update(came)
