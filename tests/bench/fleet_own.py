@@ -17,7 +17,7 @@ sys.path.insert(0, str(HERE))
 
 import fleet_worker as w  # noqa: E402
 
-from hexwire.control.arm import Arm  # noqa: E402
+from hexwire.control.controlled_arm import ControlledArm  # noqa: E402
 from hexwire.control.lease import Lease  # noqa: E402
 from hexwire.control.shared import Order, SharedArm  # noqa: E402
 from hexwire.drivers import registry  # noqa: E402
@@ -190,7 +190,7 @@ def local(port: str) -> Iterator[w.Worker]:
     """The owner of an arm in one process, with lease and checks, but without Zenoh."""
     sys.setswitchinterval(SWITCH)
     given = read_arms({"local": {"port": port}})[0]
-    arm = Arm(given.driver, given.settings)
+    arm = ControlledArm(given.driver, given.settings)
     shared = SharedArm(arm, Lease(timeout=60.0))
     arm.connect()
     arm.start()

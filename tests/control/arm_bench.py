@@ -11,8 +11,8 @@ from tests.drivers.arms import Arm as EmulatedArm
 from tests.motion.arms import HOME, NAMES, FakeRobot, FakeTime
 from tests.waits import turn_while_it_waits
 
-from hexwire.control.arm import Arm
 from hexwire.control.arrival import Tolerance
+from hexwire.control.controlled_arm import ControlledArm
 from hexwire.control.controller import TrajectoryController
 from hexwire.control.goals import Point, Tolerances, TrajectoryGoal
 from hexwire.control.outcomes import Ended, Outcome, Reason
@@ -206,7 +206,7 @@ class Bench:
         self.clock, self.board, self.link = self.emulated.clock, self.emulated.board, self.emulated.link
         settings, _ = read_settings({"port": "/dev/null", **params}, Faults())
         self.taught: list[Taught] = []
-        self.arm = Arm(
+        self.arm = ControlledArm(
             self.emulated.driver, settings, on_taught=self.taught.append, clock=self.clock, sleep=self.clock.sleep
         )
         self.owner = self.arm.owner

@@ -9,7 +9,7 @@ from tests.control.arm_bench import SUCCEEDED, make_bench, order
 from tests.drivers.arms import Arm as EmulatedArm
 from tests.motion.arms import HOME
 
-from hexwire.control.arm import Arm
+from hexwire.control.controlled_arm import ControlledArm
 from hexwire.control.setting import Faults
 from hexwire.control.settings_reader import read_settings
 from hexwire.errors import LinkLostError, UsageError
@@ -77,7 +77,7 @@ def test_a_robot_that_does_not_answer_is_waited_for_as_long_as_is_set(timeout: f
     emulated = EmulatedArm(2, attach=False)
     emulated.link.lost = True
     settings, _ = read_settings({"port": "/dev/null", "connect_timeout": timeout}, Faults())
-    arm = Arm(emulated.driver, settings, clock=emulated.clock, sleep=emulated.clock.sleep)
+    arm = ControlledArm(emulated.driver, settings, clock=emulated.clock, sleep=emulated.clock.sleep)
     begin = emulated.clock.time
     with pytest.raises(LinkLostError):
         arm.connect()

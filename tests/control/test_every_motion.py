@@ -16,7 +16,7 @@ import pytest
 from tests.few import few
 from tests.motion.arms import FakeTime, rest_to_rest
 
-from hexwire.control.arm import Arm
+from hexwire.control.controlled_arm import ControlledArm
 from hexwire.control.following import Pair, run_following
 from hexwire.control.goals import Point, TrajectoryGoal
 from hexwire.control.lease import Lease
@@ -159,9 +159,9 @@ class Case:
                 owner.turn()
             raise HexwireError(str(owner.group.reason))
 
-    def arm(self, **settings: Any) -> Arm:
+    def arm(self, **settings: Any) -> ControlledArm:
         read, _ = read_settings({"port": "/dev/null", "robot": self.robot.model.name, **settings}, Faults())
-        arm = Arm(self.robot, read, clock=lambda: self.time.now, sleep=self.time.sleep)
+        arm = ControlledArm(self.robot, read, clock=lambda: self.time.now, sleep=self.time.sleep)
         arm.connect()
         arm.owner.group.members = tuple(arm.controllers.values())
         for _ in range(20):

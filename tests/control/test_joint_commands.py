@@ -12,7 +12,7 @@ from tests.control.arm_bench import make_bench
 from tests.few import few
 from tests.motion.arms import HOME
 
-from hexwire.control.arm import Arm
+from hexwire.control.controlled_arm import ControlledArm
 from hexwire.control.goals import Point, TrajectoryGoal
 from hexwire.control.joint_commands import JointCommandStream
 from hexwire.control.setting import Faults
@@ -52,7 +52,7 @@ class Bench:
         )
         settings, _ = read_settings({"robot": "puma260", "port": "tcp://127.0.0.1:1", **params}, Faults())
         robot = Puma260Driver(Session(handle))
-        self.arm = Arm(robot, settings, clock=self.clock, sleep=self.clock.sleep)
+        self.arm = ControlledArm(robot, settings, clock=self.clock, sleep=self.clock.sleep)
         self.stream = JointCommandStream(self.arm)
         self.arm.connect()
         self.arm.owner.group.members = tuple(self.arm.controllers.values())

@@ -10,7 +10,7 @@ import pytest
 from tests.control.arm_bench import Bench, make_bench
 from tests.motion.arms import HOME, NAMES
 
-from hexwire.control.arm import Arm
+from hexwire.control.controlled_arm import ControlledArm
 from hexwire.control.preview import Planner, goal_of
 from hexwire.control.setting import Faults
 from hexwire.control.settings_reader import read_settings
@@ -34,7 +34,7 @@ def bench() -> Bench:
 @pytest.fixture
 def so101() -> Iterator[Planner]:
     settings, driver = read_settings({"port": "sim://so101", "check_table": False}, Faults())
-    arm = Arm(driver, settings)
+    arm = ControlledArm(driver, settings)
     arm.connect()
     arm.owner.turn()
     yield Planner(arm)

@@ -20,7 +20,7 @@ from tests.drivers.arms import Arm as EmulatedArm
 from tests.ros2.fake_node import Call, FakeNode, FakePublisher
 from tests.waits import turn_while_it_waits
 
-from hexwire.control.arm import Arm
+from hexwire.control.controlled_arm import ControlledArm
 from hexwire.ros2 import hardware_interface
 from hexwire.ros2.hardware_interface import NAME, HardwareInterface
 from hexwire.ros2.rmw.node import NodeOptions
@@ -81,7 +81,7 @@ class Front(Bench):
         )
         for name, what in {
             "Node": self._make_node,
-            "Arm": self._make_arm,
+            "ControlledArm": self._make_arm,
             "Shutdown": Turns,
             "time": self.time,
         }.items():
@@ -99,8 +99,8 @@ class Front(Bench):
         self.node = FakeNode(types, options=options)
         return self.node
 
-    def _make_arm(self, robot: Any, settings: Any, **calls: Any) -> Arm:
-        self.arm = Arm(robot, settings, clock=self.clock, sleep=self.clock.sleep, **calls)
+    def _make_arm(self, robot: Any, settings: Any, **calls: Any) -> ControlledArm:
+        self.arm = ControlledArm(robot, settings, clock=self.clock, sleep=self.clock.sleep, **calls)
         self.owner = self.arm.owner
         self.owner.start = self._begin  # type: ignore[method-assign]  # `turn` does what its thread does
         return self.arm

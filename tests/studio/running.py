@@ -109,7 +109,7 @@ class RunningStudio:
 
     @property
     def arm(self) -> Any:
-        """The `Arm`."""
+        """The `ControlledArm`."""
         source = self.studio.source.arm
         assert source is not None
         return source.arm

@@ -23,7 +23,7 @@ from .outcomes import Outcome, Reason
 if TYPE_CHECKING:
     from hexwire.epochs import Token
 
-    from .arm import Arm
+    from .controlled_arm import ControlledArm
     from .goals import ComponentTolerance, TrajectoryGoal
     from .outcomes import Ended
 
@@ -115,7 +115,7 @@ class ClientGoals(Generic[_C]):
 
     def __init__(
         self,
-        arm: Arm,
+        arm: ControlledArm,
         *,
         answer_after: float,
         end_after: float,

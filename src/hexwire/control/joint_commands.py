@@ -16,7 +16,7 @@ from hexwire.wire.robot_bodies import COMMAND_ARRAYS, LAW_ARRAYS
 from .set_point_stream import SetPointStream
 
 if TYPE_CHECKING:
-    from .arm import Arm
+    from .controlled_arm import ControlledArm
 
 __all__ = ["JointCommandStream"]
 
@@ -28,7 +28,7 @@ class JointCommandStream:
         arm: Follows them.
     """
 
-    def __init__(self, arm: Arm) -> None:
+    def __init__(self, arm: ControlledArm) -> None:
         self._arm = arm
         self._stream = SetPointStream(arm)
 

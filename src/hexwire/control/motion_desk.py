@@ -174,7 +174,7 @@ class MotionDesk:
         return self.poses.save(name, here, force=force)
 
     def teach(self, order: Order, on: bool) -> str:
-        """Start or end teach mode; see `Arm.teach_start` and `Arm.teach_stop`.
+        """Start or end teach mode; see `ControlledArm.teach_start` and `ControlledArm.teach_stop`.
 
         Returns:
             What came of it, for people.

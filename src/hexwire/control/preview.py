@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from hexwire.motion.teach import Taught
     from hexwire.motion.waypoints import Trajectory
 
-    from .arm import Arm
+    from .controlled_arm import ControlledArm
 
 __all__ = ["PLAY_FACTORS", "Branch", "Planner", "Preview", "goal_of"]
 
@@ -124,7 +124,7 @@ class Planner:
         arm: Connected.
     """
 
-    def __init__(self, arm: Arm) -> None:
+    def __init__(self, arm: ControlledArm) -> None:
         self._arm, self._model = arm, arm.settings.model
         self._kinematics: KinematicModel | None = arm.settings.kinematics
         # Not that of the arm's controllers, which keeps what it has seen of the running motion.

@@ -15,7 +15,7 @@ from hexwire.errors import UsageError
 if TYPE_CHECKING:
     from hexwire.epochs import Token
 
-    from .arm import Arm
+    from .controlled_arm import ControlledArm
 
 __all__ = ["Readiness", "activate", "deactivate", "readiness"]
 
@@ -35,7 +35,7 @@ class Readiness(Enum):
     READY = "ready"
 
 
-def readiness(arm: Arm) -> Readiness:
+def readiness(arm: ControlledArm) -> Readiness:
     """Whether an arm can move now."""
     owner, state = arm.owner, arm.owner.state
     if not owner.connected or state is None:
@@ -47,7 +47,7 @@ def readiness(arm: Arm) -> Readiness:
 
 
 def activate(
-    arm: Arm,
+    arm: ControlledArm,
     *,
     asked: Token,
     clock: Callable[[], float] = time.monotonic,
@@ -60,7 +60,7 @@ def activate(
 
     Args:
         arm: The arm.
-        asked: As in `Arm.command`.
+        asked: As in `ControlledArm.command`.
         clock: Returns seconds.
         sleep: Waits.
 
@@ -83,7 +83,7 @@ def activate(
         sleep(_STEP)
 
 
-def deactivate(arm: Arm) -> None:
+def deactivate(arm: ControlledArm) -> None:
     """Stop the arm, and latch that until `activate` or a reset. Joints keep their torque and hold: nothing falls.
 
     Raises:

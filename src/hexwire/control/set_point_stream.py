@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from hexwire.epochs import Token
     from hexwire.model.control_law import Laws
 
-    from .arm import Arm
+    from .controlled_arm import ControlledArm
 
 __all__ = ["PAUSE", "SetPointStream"]
 
@@ -36,7 +36,7 @@ class SetPointStream:
         arm: Follows them.
     """
 
-    def __init__(self, arm: Arm) -> None:
+    def __init__(self, arm: ControlledArm) -> None:
         self._arm = arm
         self._asked: Token | None = None
         self._heard, self._sent = -math.inf, -math.inf
@@ -47,17 +47,17 @@ class SetPointStream:
         sent: float | None = None,
         laws: Laws = None,
     ) -> None:
-        """Follow set-points; as `Arm.set_points`.
+        """Follow set-points; as `ControlledArm.set_points`.
 
         Args:
             positions: Radians by joint.
             sent: When they were sent, seconds of the sender's clock: what a network held back is no pause.
-            laws: As in `Arm.set_points`.
+            laws: As in `ControlledArm.set_points`.
 
         Raises:
-            GoalError: As `Arm.set_points`, or they have come since before the arm could move.
-            UsageError: As `Arm.set_points`.
-            HexwireError: As `Arm.set_points`.
+            GoalError: As `ControlledArm.set_points`, or they have come since before the arm could move.
+            UsageError: As `ControlledArm.set_points`.
+            HexwireError: As `ControlledArm.set_points`.
         """
         arm = self._arm
         if self._paused(arm.owner.now(), sent):

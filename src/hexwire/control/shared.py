@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from hexwire.drivers.base import ProbeReport
     from hexwire.model.state import JointTarget, SentTarget
 
-    from .arm import Arm
+    from .controlled_arm import ControlledArm
     from .goals import TrajectoryGoal
     from .lease import Grant, Rank
     from .outcomes import GoalListener
@@ -83,7 +83,7 @@ class SharedArm:
 
     def __init__(
         self,
-        arm: Arm,
+        arm: ControlledArm,
         lease: Lease | None = None,
         *,
         on_change: Callable[[], object] = lambda: None,
@@ -319,7 +319,7 @@ class SharedArm:
         received: float | None = None,
         latest: float = math.inf,
     ) -> None:
-        """Follow a trajectory; see `Arm.command`. The lease must last as long as it does.
+        """Follow a trajectory; see `ControlledArm.command`. The lease must last as long as it does.
 
         Args:
             order: Proof that it may be done.

@@ -19,7 +19,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-from hexwire.control.arm import Arm
+from hexwire.control.controlled_arm import ControlledArm
 from hexwire.control.lease import Lease
 from hexwire.control.shared import SharedArm
 from hexwire.errors import DeviceError, HexwireError, LinkBusyError, UsageError
@@ -54,7 +54,7 @@ class _Served:
     def __init__(self, given: ServedArm, network: Network, wait: bool, server: str) -> None:
         self.name = given.name
         settings = replace(given.settings, connect_timeout=math.inf) if wait else given.settings
-        self.arm = Arm(given.driver, settings, monitored=False)
+        self.arm = ControlledArm(given.driver, settings, monitored=False)
         self.shared = SharedArm(self.arm, Lease(timeout=given.lease))
         self.error: BaseException | None = None
         self.unsafe: HexwireError | None = None

@@ -16,7 +16,7 @@ from .codes import CODES
 from .values import trajectory_of
 
 if TYPE_CHECKING:
-    from hexwire.control.arm import Arm
+    from hexwire.control.controlled_arm import ControlledArm
     from hexwire.control.outcomes import Ended
 
 __all__ = ["ActionClient", "ActionGoals"]
@@ -71,7 +71,7 @@ class ActionGoals(ClientGoals[ActionClient]):
         now: Returns the current ROS time.
     """
 
-    def __init__(self, arm: Arm, result: Callable[..., Any], now: Callable[[], Any]) -> None:
+    def __init__(self, arm: ControlledArm, result: Callable[..., Any], now: Callable[[], Any]) -> None:
         super().__init__(arm, answer_after=_CLIENT_READY, end_after=_CLIENT_READY_FOR_END)
         self._result, self._now = result, now
 

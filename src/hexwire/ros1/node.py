@@ -34,8 +34,8 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from std_srvs.srv import SetBool, SetBoolResponse, Trigger, TriggerResponse
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from hexwire.control.arm import Arm
 from hexwire.control.client_goals import ClientGoal
+from hexwire.control.controlled_arm import ControlledArm
 from hexwire.control.diagnostics import ChangeWatch, Level, Row, diagnose
 from hexwire.control.joint_commands import JointCommandStream
 from hexwire.control.rate import Periodic
@@ -121,7 +121,7 @@ class HardwareInterface:
         self._description = rospy.get_param("robot_description", None)
         self._parameters, robot = load_parameters(self._given)
         self._settings = settings = self._parameters.settings
-        self._arm = Arm(robot, settings, on_state=self._publish_state, on_taught=self._publish_taught)
+        self._arm = ControlledArm(robot, settings, on_state=self._publish_state, on_taught=self._publish_taught)
         self._stops: Together[str, str] = Together("stops", lambda said: self._arm.stop(said[0]))
         self._joint_commands = JointCommandStream(self._arm)
         self._states: dict[str, rospy.Publisher] = {}

@@ -16,7 +16,7 @@ from .codes import CODES, in_log
 from .values import request_of
 
 if TYPE_CHECKING:
-    from hexwire.control.arm import Arm
+    from hexwire.control.controlled_arm import ControlledArm
     from hexwire.control.outcomes import Ended
 
     from .rmw.action_server import GoalHandle
@@ -78,7 +78,9 @@ class ActionGoals(ClientGoals[ActionClient]):
         ros_time: Returns the ROS time, nanoseconds.
     """
 
-    def __init__(self, arm: Arm, result: Callable[..., Any], ros_time: Callable[[], int] = time.time_ns) -> None:
+    def __init__(
+        self, arm: ControlledArm, result: Callable[..., Any], ros_time: Callable[[], int] = time.time_ns
+    ) -> None:
         super().__init__(arm, answer_after=0.0, end_after=0.0, in_log=in_log)
         self._result, self._ros_time = result, ros_time
 

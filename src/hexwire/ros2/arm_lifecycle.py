@@ -17,7 +17,7 @@ from hexwire.errors import UsageError
 from .rmw.lifecycle import Change, State
 
 if TYPE_CHECKING:
-    from hexwire.control.arm import Arm
+    from hexwire.control.controlled_arm import ControlledArm
 
 __all__ = ["carry_out", "state_of"]
 
@@ -33,12 +33,12 @@ _REFUSED = {
 }
 
 
-def state_of(arm: Arm) -> State:
+def state_of(arm: ControlledArm) -> State:
     """The state of a managed node that says whether an arm can move now."""
     return _STATES[readiness(arm)]
 
 
-def carry_out(arm: Arm, change: Change) -> None:
+def carry_out(arm: ControlledArm, change: Change) -> None:
     """Carry out a client's request, for `Lifecycle`.
 
     Raises:

@@ -14,8 +14,8 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from hexwire.control.arm import Arm
 from hexwire.control.client_goals import ClientGoal
+from hexwire.control.controlled_arm import ControlledArm
 from hexwire.control.diagnostics import ChangeWatch, diagnose
 from hexwire.control.joint_commands import JointCommandStream
 from hexwire.control.rate import Periodic
@@ -102,7 +102,7 @@ class HardwareInterface:
         self._types = types = Types(settings.distribution)
         self._reports = Reports(types)
         self._node = Node(options, types)
-        self._arm = Arm(robot, settings.arm, on_state=self._publish_state, on_taught=self._publish_taught)
+        self._arm = ControlledArm(robot, settings.arm, on_state=self._publish_state, on_taught=self._publish_taught)
         self._goals = ActionGoals(self._arm, types.action(FOLLOW_JOINT_TRAJECTORY).result)
         self._commands = SetPointStream(self._arm)
         self._with_gains = JointCommandStream(self._arm)

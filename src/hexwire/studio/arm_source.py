@@ -15,8 +15,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from hexwire.control.arm import Arm
 from hexwire.control.attended import SILENCE, Attended, Entry, silence_for
+from hexwire.control.controlled_arm import ControlledArm
 from hexwire.control.history import History
 from hexwire.control.holding import SOON, hold_moving
 from hexwire.control.jog import JogController, read_request
@@ -82,7 +82,7 @@ class ArmSource:
         self.goals: dict[str, float] = {}
         self.history = History(settings.model.names)
         self.listeners: tuple[Callable[[JointState, Mapping[str, float]], object], ...] = ()
-        self.arm = Arm(driver, settings, monitored=False, on_sent=self._sent)
+        self.arm = ControlledArm(driver, settings, monitored=False, on_sent=self._sent)
         self.shared = SharedArm(self.arm, Lease(timeout=5.0))
         owner = self.arm.owner
         owner.observers = [*owner.observers, self._keep]
@@ -110,7 +110,7 @@ class ArmSource:
         return self.driver.epochs.number
 
     def start(self) -> None:
-        """Connect and start; raises as `Arm.connect`."""
+        """Connect and start; raises as `ControlledArm.connect`."""
         self.arm.connect()
         self._silence = silence_for(self.arm.owner.command_period, self._silence)
         self.attended.silence = self.jog.silence = self._silence

@@ -11,7 +11,7 @@ import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from hexwire.control.arm import Arm
+from hexwire.control.controlled_arm import ControlledArm
 from hexwire.control.history import History
 from hexwire.control.lease import Lease
 from hexwire.control.motion_run import begin_motion
@@ -182,7 +182,7 @@ class Twin:
             def sent(target: SentTarget) -> None:
                 goals.update(target.positions)
 
-            arm = Arm(driver, settings, monitored=True, on_sent=sent)
+            arm = ControlledArm(driver, settings, monitored=True, on_sent=sent)
 
             def keep(state: JointState) -> None:
                 history.append(state, goals, rate=arm.owner.rate)
@@ -207,7 +207,7 @@ class Twin:
 
     def _move(
         self,
-        arm: Arm,
+        arm: ControlledArm,
         history: History,
         title: str,
         make: Callable[[tuple[str, ...]], Taught],

@@ -9,8 +9,8 @@ Its file has ``build(studio)``, which is called in the loop of the server each t
 and creates NiceGUI elements for that tab. Only the part of the page below the header is the page's.
 
 * `studio.tab()` is the tab; `studio.source` what is open. `source.mode` is ``arm``, ``bus``, ``opening`` or
-  ``none``; `source.arm` has the `Arm`, the `SharedArm`, the settings and the driver. A page says something
-  sensible in each.
+  ``none``; `source.arm` has the `ControlledArm`, the `SharedArm`, the settings and the driver. A page says
+  something sensible in each.
 * What may wait runs in a thread: ``await studio.run(lambda: arm.shared.resume(arm.order(tab)), control=True)``. It
   returns the result, or `FAILED` after it has shown the one line of the error. ``control=True`` is for whatever
   changes the arm or its servos; the check is on the server, a hidden button protects nothing.

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from .outcomes import GoalListener
     from .settings import Settings
 
-__all__ = ["Arm"]
+__all__ = ["ControlledArm"]
 
 _log = logging.getLogger(__name__)
 
@@ -52,7 +52,7 @@ _GRACE = 10.0
 """Default seconds after a motion's duration in which the arm must arrive."""
 
 
-class Arm:
+class ControlledArm:
     """A robot as fronts use it. Call `connect`, then `start`; finally `shutdown`.
 
     Args:

@@ -454,8 +454,8 @@ def test_whoever_waits_for_a_pose_hears_of_its_end(how: str) -> None:
 
 
 def test_a_pose_that_is_never_reached_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hexwire.control.arm._GRACE", 0.0)
-    monkeypatch.setattr("hexwire.control.arm.approach", lambda *a, **k: _short())
+    monkeypatch.setattr("hexwire.control.controlled_arm._GRACE", 0.0)
+    monkeypatch.setattr("hexwire.control.controlled_arm.approach", lambda *a, **k: _short())
     bench = make_bench()
     service = bench.begin(lambda: bench.arm.go_to("side"))
     # Nobody turns: in the service's own time the arm never arrives.
