@@ -16,6 +16,7 @@ from tests.few import few
 from tests.motion.arms import HOME, NAMES
 
 from hexwire.control.goals import Point, TrajectoryGoal
+from hexwire.control.outcomes import Outcome
 from hexwire.control.path_brake import PathBrake
 from hexwire.drivers.timed_path import PathState, TimedPoint
 from hexwire.emulator.board_trajectory import LEAD_MS
@@ -130,13 +131,7 @@ def test_on_a_curve_at_its_limits_the_host_ends_a_path_and_not_the_board(how: st
     """The law of the board exceeds the limits there; it is neither asked for, nor does it run out of points."""
     draw = random.Random(seed)
     names = draw.sample(("J1", "J3", "J4", "J5", "J6"), draw.choice((1, 2, 4)))
-    joints = [HEX7BOT.joint(name) for name in names]
-    rows = [[HOME[name] for name in names]]
-    for _ in range(draw.choice((2, 3, 5))):
-        row = [HOME[name] + draw.uniform(-0.8, 0.8) for name in names]
-        rows.append([min(max(p, j.minimum + 0.02), j.maximum - 0.02) for p, j in zip(row, joints, strict=True)])
-    # The servos of this arm follow no faster motion.
-    fast = arm_path(HEX7BOT, names, rows, speed=0.6)
+    fast = _fast(draw, names)
     bench = Timed(watchdog=0.0)
     told = bench.command(_goal(fast, 0.5))
     bench.turn(0.5 + draw.uniform(0.1, 0.9) * fast.duration)
@@ -150,6 +145,37 @@ def test_on_a_curve_at_its_limits_the_host_ends_a_path_and_not_the_board(how: st
     assert Command.TRAJECTORY_ABORT not in bench.commands()
     assert bench.state is PathState.DONE
     assert not (path and path.dry)
+
+
+@few("seed", range(24), 5, 17)
+def test_on_a_curve_at_its_limits_a_new_goal_never_lets_the_board_brake_by_itself(seed: int) -> None:
+    """Where no brake is possible, what replaces the rest of a path lasts until the next request has come."""
+    draw = random.Random(seed)
+    names = draw.sample(("J1", "J3", "J4", "J5", "J6"), draw.choice((1, 2, 4)))
+    before, after = _fast(draw, names), _fast(draw, names)
+    bench = Timed(watchdog=0.0)
+    bench.command(_goal(before, 0.5))
+    bench.turn(0.5 + draw.uniform(0.1, 0.8) * before.duration)
+    assert bench.state is PathState.RUNNING
+    told = bench.command(_goal(after, draw.uniform(1.0, 2.0)))
+    path, seen = bench.board.trajectory.path, set[PathState]()
+    while not told.ends:
+        bench.turn(0.01)
+        seen.add(bench.state)
+    assert [end.outcome for end in told.ends] == [Outcome.SUCCEEDED]
+    assert seen <= {PathState.RUNNING, PathState.DONE}
+    assert bench.board.trajectory.path is path
+    assert not (path and path.dry)
+
+
+def _fast(draw: random.Random, names: list[str]) -> Trajectory:
+    """A path through random places, as fast as the servos of this arm follow."""
+    joints = [HEX7BOT.joint(name) for name in names]
+    rows = [[HOME[name] for name in names]]
+    for _ in range(draw.choice((2, 3, 5))):
+        row = [HOME[name] + draw.uniform(-0.8, 0.8) for name in names]
+        rows.append([min(max(p, j.minimum + 0.02), j.maximum - 0.02) for p, j in zip(row, joints, strict=True)])
+    return arm_path(HEX7BOT, names, rows, speed=0.6)
 
 
 def _goal(path: Trajectory, begins: float) -> TrajectoryGoal:

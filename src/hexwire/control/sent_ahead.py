@@ -11,6 +11,7 @@ import logging
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Collection, Iterator
+from itertools import islice
 from typing import TYPE_CHECKING
 
 from hexwire.drivers.timed_path import REST_POINTS, PathReport, PathState, TimedPath, TimedPoint
@@ -40,6 +41,8 @@ _FIRST = 12
 """Points that are sent before the start, at least."""
 _ENOUGH = 0.1
 """Seconds that a path which nothing ends must last for longer than the robot needs to brake, when it starts."""
+_FAR = 0.1
+"""Seconds between two points of the first request that replaces others, at most."""
 _TICK = 1e-4
 """Seconds: all times of points are multiples of it."""
 _LOOK, _LONGER = 0.1, 0.5
@@ -292,8 +295,31 @@ class SentAhead:
 
     def _make_points(self, path: TimedPath, begin: float) -> None:
         """Points of the plan from a time of the path on come next."""
-        points = plan_points(self._robot.model, path.joints, self._plan, begin, *self._pace.apart(path.capacity))
-        self._points, self._waiting, self._complete = points, [], False
+        self._points = self._points_from(path, begin, self._pace.apart(path.capacity)[1])
+        self._waiting, self._complete = [], False
+
+    def _points_from(self, path: TimedPath, begin: float, longest: float) -> Iterator[TimedPoint]:
+        model, shortest = self._robot.model, self._pace.apart(path.capacity)[0]
+        return plan_points(model, path.joints, self._plan, begin, shortest, longest)
+
+    def _spread(self, path: TimedPath, settled: float) -> None:
+        """Have points that replace others last until the next request has come.
+
+        A robot brakes by itself where what it has lasts no longer than that takes. Points with which it comes to
+        rest prevent this; where there are none, those of the first request are as far apart as the robot's cubics
+        allow.
+        """
+        if (count := path.at_once) is None:
+            return
+        waiting = self._waiting = list(islice(self._points, count))
+        if len(waiting) < count or waiting[-1].time > settled + 0.5 * self._brakes_for + _ENOUGH:
+            return
+        some = waiting[max(0, count - REST_POINTS - 1)]
+        if PathBrake(self._robot.model, path.joints).after(self._plan, some.time):
+            return
+        waiting[:] = islice(self._points_from(path, waiting[0].time, _FAR), count)
+        longest = self._pace.apart(path.capacity)[1]
+        self._points = islice(self._points_from(path, waiting[-1].time, longest), 1, None)
 
     def _send(self, path: TimedPath, most: int) -> None:
         waiting = self._waiting
@@ -374,6 +400,7 @@ class SentAhead:
         self._make_points(path, begin)
         if not again:
             next(self._points)
+        self._spread(path, settled)
         self._replaced = self._oldest + place
         return True
 

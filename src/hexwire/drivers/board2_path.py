@@ -109,6 +109,8 @@ class Board2Path(TimedPath):
         whole: Points that need several frames may be one request, in fragments.
     """
 
+    at_once: int
+
     def __init__(
         self,
         ask: Callable[[int, bytes], Reply],
@@ -126,6 +128,7 @@ class Board2Path(TimedPath):
         self.joints = tuple(joint.name for joint in joints)
         self.capacity, self.lead = reply.capacity, reply.lead_ms / 1000.0
         self._number, self._smooth = reply.id, smooth
+        self.at_once = (MOST_BODY - _POINTS_HEAD) // point_size(len(joints), hermite=smooth)
         # Points that the board has, as ticks and angles, from the one of this index on: others cannot be replaced.
         self._oldest = 0
         self._kept: list[tuple[int, tuple[float, ...]]] = []
@@ -147,8 +150,7 @@ class Board2Path(TimedPath):
             raise UsageError(f"the robot has points {self._oldest} to {sent}; none can be sent as number {begin}")
         before = self._kept[begin - self._oldest - 1] if begin else None
         rows, kept = self._rows_of(points, before)
-        size = point_size(len(self._rows), hermite=self._smooth)
-        each, frame = _MOST_POINTS, (MOST_BODY - _POINTS_HEAD) // size
+        each, frame = _MOST_POINTS, self.at_once
         done = 0
         while done < len(rows):
             # Only what comes after all other points may be a message in fragments, and only if all of it fits.
@@ -157,17 +159,18 @@ class Board2Path(TimedPath):
             # What comes behind these, if they replace some, is gone as soon as they are there.
             until = kept[min(done + min(each, most), len(rows)) - 1][0]
             stops = rest is not None and (self._soon_dry(until) or len(rows) - done <= max(1, most - REST_POINTS))
-            if stops:
-                most = max(1, most - REST_POINTS)
+            stop: tuple[TimedPoint, ...] = ()
+            if stops and rest is not None:
+                # Where no brake is possible, as many as fit: then the next request comes before the board brakes.
+                fewer = min(done + min(each, max(1, most - REST_POINTS)), len(rows))
+                if not (last and fewer == len(rows)) and (stop := tuple(rest(points[fewer - 1]))):
+                    most = fewer - done
             elif rest is not None:
                 # The rest comes with the last of them.
                 most = min(most, len(rows) - done - 1)
             some = rows[done : done + min(each, most)]
             place = done + len(some)
             end = last and place == len(rows)
-            stop: tuple[TimedPoint, ...] = ()
-            if rest is not None and stops and not end:
-                stop = tuple(rest(points[place - 1]))
             request = PointsRequest(
                 self._number,
                 int(end or bool(stop)),

@@ -76,11 +76,13 @@ class TimedPath(ABC):
         joints: Names, in the order of every point.
         capacity: Points that the robot can hold.
         lead: Seconds by which its targets are ahead of its clock.
+        at_once: Points that one request holds, if there is a limit: the robot may brake before the next one.
     """
 
     joints: tuple[str, ...]
     capacity: int
     lead: float
+    at_once: int | None = None
 
     @abstractmethod
     def send(
