@@ -37,12 +37,12 @@ def environment(folder: Path) -> dict[str, str]:
     return kept | {"HOME": str(folder), "XDG_RUNTIME_DIR": str(folder)}
 
 
-def run(name: str, folder: Path) -> str:
-    """What an example prints; it must end without an error."""
+def run(name: str, folder: Path, warning: str = "") -> str:
+    """What an example prints; it must end without an error, and without any other warning."""
     command = [sys.executable, str(EXAMPLES / f"{name}.py")]
     env = environment(folder)
     done = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, timeout=100, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, done.stderr) == (0, warning)
     return done.stdout
 
 
@@ -130,9 +130,16 @@ def test_leader_follower(tmp_path: Path) -> None:
 
 
 def test_own_driver(tmp_path: Path) -> None:
-    there, refused = run("own_driver", tmp_path).splitlines()
+    unwatched = "pantilt has no watchdog: if this program dies, the arm moves on for up to 0.075 s\n"
+    there, refused = run("own_driver", tmp_path, unwatched).splitlines()
     assert there == "there {'pan': 0.5, 'tilt': -0.2}"
-    assert refused.startswith("refused: pan=114.6 deg is outside its limits")
+    assert re.fullmatch(r"refused: .*pan=[\d.]+ deg is outside its limits -68\.75 to 68\.75 deg.*", refused)
+
+
+def test_own_driver_can_be_read_aloud() -> None:
+    lines = (EXAMPLES / "own_driver.py").read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= 60, len(lines)
+    assert [line for line in lines if re.match(r"\s*(import|from)\b", line)] == ["import hexwire"]
 
 
 @pytest.mark.slow

@@ -36,6 +36,7 @@ MODULES: dict[str, tuple[str, ...]] = {
     "Robots": (
         "hexwire.drivers.registry",
         "hexwire.drivers.base",
+        "hexwire.drivers.plain",
         "hexwire.drivers.hex7bot",
         "hexwire.drivers.bus_arm",
         "hexwire.drivers.puma260",

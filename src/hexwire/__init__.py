@@ -25,9 +25,11 @@ if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver, Signal, StopMode
     from hexwire.drivers.bus_arm import BusArm
     from hexwire.drivers.hex7bot import Hex7BotDriver
+    from hexwire.drivers.plain import PlainDriver
     from hexwire.drivers.robot_state import RobotState
     from hexwire.ipc.handle import IpcHandle
     from hexwire.ipc.session import Session
+    from hexwire.model.arm import ArmModel
     from hexwire.model.hex7bot_kinematics import Hex7BotModel
     from hexwire.model.puma260 import Puma260Model
     from hexwire.model.state import JointState, JointTarget, SentTarget
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Arm",
+    "ArmModel",
     "BusArm",
     "GripResult",
     "Hex7BotDriver",
@@ -49,6 +52,7 @@ __all__ = [
     "ModuleType",
     "MotionHandle",
     "MotionResult",
+    "PlainDriver",
     "Puma260Model",
     "RobotDriver",
     "RobotState",
@@ -68,6 +72,7 @@ _LAZY: dict[str, str] = {
     "MotionHandle": "hexwire.arm.handle",
     "GripResult": "hexwire.control.gripping",
     "Arm": "hexwire.arm.verbs",
+    "ArmModel": "hexwire.model.arm",
     "BusArm": "hexwire.drivers.bus_arm",
     "Hex7BotDriver": "hexwire.drivers.hex7bot",
     "Hex7BotModel": "hexwire.model.hex7bot_kinematics",
@@ -75,6 +80,7 @@ _LAZY: dict[str, str] = {
     "JointState": "hexwire.model.state",
     "JointTarget": "hexwire.model.state",
     "ModuleType": "hexwire.wire.modules",
+    "PlainDriver": "hexwire.drivers.plain",
     "Puma260Model": "hexwire.model.puma260",
     "RobotDriver": "hexwire.drivers.base",
     "RobotState": "hexwire.drivers.robot_state",

@@ -96,6 +96,10 @@ class Epochs:
         """Whether this thread called the last stop, perhaps in a signal handler that interrupted a call."""
         return self._stopper == threading.get_ident()
 
+    def stopped_here_since(self, token: Token) -> bool:
+        """Whether this thread called the last stop, and did so after that call."""
+        return token.epoch is not self._current and self.stopped_by_this_thread
+
     def on_stop(self, wake: Callable[[], None]) -> None:
         """Register a function that is called when a stop begins, to wake a waiting thread."""
         self._wakes.append(wake)

@@ -10,7 +10,7 @@ import math
 import statistics
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, Self
+from typing import Any
 
 from tests.bench.motion_peers import compare
 
@@ -21,11 +21,11 @@ from hexwire.control.owner import RobotOwner
 from hexwire.control.path_check import PathCheck
 from hexwire.control.settings import ControllerSettings
 from hexwire.drivers.base import RobotDriver
-from hexwire.drivers.values import ProbeReport, StopMode
+from hexwire.drivers.values import StopMode
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.pose import Pose
-from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
+from hexwire.model.state import JointState, JointTarget, SentTarget
 from hexwire.motion.line import Line
 from hexwire.motion.optimal import Trapezoid
 from hexwire.motion.safety import SafetyLimits
@@ -52,41 +52,19 @@ class _Table(RobotDriver):
         return self._clock()
 
     def read(self) -> JointState:
-        n = len(self.where)
-        zeros = (0.0,) * n
-        return JointState(
-            names=HEX7BOT.names,
-            position=tuple(self.where),
-            velocity=zeros,
-            load=zeros,
-            current=zeros,
-            voltage=zeros,
-            temperature=zeros,
-            flags=(int(JointFlag.TORQUE_ON),) * n,
-            age=zeros,
-            stamp=self._clock(),
-        )
+        positions = dict(zip(HEX7BOT.names, self.where, strict=True))
+        return JointState.of(positions, velocity=(0.0,) * len(positions), torque=True, stamp=self._clock())
 
     def write(self, target: JointTarget) -> SentTarget:
         for name, angle in target.positions:
             self.where[HEX7BOT.index(name)] = angle
         return SentTarget(target.positions, target.duration)
 
-    @classmethod
-    def from_url(cls, url: str, **options: Any) -> Self:
-        raise NotImplementedError
-
     def attach(self) -> None:
         """There is nothing to open."""
 
     def detach(self, *, torque_off: bool = False) -> None:
         """There is nothing to close."""
-
-    def probe(self) -> ProbeReport:
-        raise NotImplementedError
-
-    def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:
-        raise NotImplementedError
 
     def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
         return HEX7BOT.names

@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import partial
 from itertools import cycle, product
 from types import SimpleNamespace
-from typing import Any, Self
+from typing import Any
 
 import pytest
 from tests.few import few
@@ -28,7 +28,7 @@ from hexwire.control.settings_reader import read_settings
 from hexwire.control.shared import Order, SharedArm
 from hexwire.control.teleop import TeleopController, run_teleop
 from hexwire.drivers import registry
-from hexwire.drivers.base import ProbeReport, RobotDriver
+from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.registry import load_driver
 from hexwire.drivers.values import StopMode
 from hexwire.errors import HexwireError, UsageError
@@ -63,10 +63,6 @@ class Ideal(RobotDriver):
         points = self.geometry.points(self.geometry.from_joints(self.where))
         self.lowest = min(self.lowest, *[place[2] for place in points.values()])
 
-    @classmethod
-    def from_url(cls, url: str, **options: Any) -> Self:
-        raise NotImplementedError
-
     @property
     def is_attached(self) -> bool:
         return True
@@ -78,23 +74,13 @@ class Ideal(RobotDriver):
 
     def detach(self, *, torque_off: bool = False) -> None: ...
 
-    def probe(self) -> ProbeReport:
-        return ProbeReport(self.model.name, "", 2, "", None, (), False, (), {})
-
     def read(self) -> JointState:
         self.time.now += 0.002
-        n = len(self.model.joints)
-        zeros = (0.0,) * n
-        return JointState(
-            names=self.model.names,
-            position=tuple(self.where[name] for name in self.model.names),
+        zeros = (0.0,) * len(self.model.names)
+        return JointState.of(
+            {name: self.where[name] for name in self.model.names},
             velocity=zeros,
-            load=zeros,
-            current=zeros,
-            voltage=zeros,
-            temperature=zeros,
-            flags=(int(JointFlag.TORQUE_ON),) * n,
-            age=zeros,
+            torque=True,
             stamp=self.time.now,
             stopped=self.stops > 0,
         )
@@ -102,9 +88,6 @@ class Ideal(RobotDriver):
     def write(self, target: JointTarget) -> SentTarget:
         self.put(dict(target.positions))
         return SentTarget(target.positions, target.duration)
-
-    def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:
-        raise NotImplementedError
 
     def torque(self, on: bool, joints: object = None) -> tuple[str, ...]:
         return self.model.names

@@ -6,12 +6,12 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, Self
+from typing import Any
 
 import pytest
 from tests.model.states import make_state
 
-from hexwire.drivers.base import JointProbe, ProbeReport, RobotDriver, Signal, StopCause, StopLatch, StopMode
+from hexwire.drivers.base import RobotDriver, Signal, StopCause, StopLatch, StopMode
 from hexwire.errors import DeviceError, NotSupportedError, StoppedError, UsageError
 from hexwire.link.diagnose import Level
 from hexwire.model.arm import ArmModel, JointModel
@@ -30,10 +30,6 @@ class Plain(RobotDriver):
         self.angle, self.here, self.said = 0.0, False, list[str]()
         self.stopped = self.tripped = self.broken = False
 
-    @classmethod
-    def from_url(cls, url: str, **options: Any) -> Self:
-        return cls()
-
     @property
     def is_attached(self) -> bool:
         return self.here
@@ -43,10 +39,6 @@ class Plain(RobotDriver):
 
     def detach(self, *, torque_off: bool = False) -> None:
         self.here = False
-
-    def probe(self) -> ProbeReport:
-        joints = (JointProbe("J1", 1, "none", True),)
-        return ProbeReport(MODEL.name, self.url, 0, "", None, (), self.stopped, joints, self.host_counters())
 
     def read(self) -> JointState:
         if self.broken:
@@ -72,9 +64,6 @@ class Plain(RobotDriver):
         self.said.append("resume")
         self.stopped = self.tripped = False
 
-    def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:
-        raise NotSupportedError("plain has no special commands")
-
 
 class Guarded(Plain):
     """Has a watchdog."""
@@ -94,7 +83,7 @@ class Guarded(Plain):
 
 
 def test_a_driver_must_supply_the_chapters_verbs() -> None:
-    verbs = {"attach", "detach", "probe", "read", "write", "ioctl", "torque", "stop", "resume", "from_url"}
+    verbs = {"attach", "detach", "read", "write", "torque", "stop", "resume"}
     assert RobotDriver.__abstractmethods__ == verbs | {"is_attached"}
 
 

@@ -119,3 +119,13 @@ def test_models_are_values() -> None:
         ARM.name = "other"  # type: ignore[misc]
     with pytest.raises(dataclasses.FrozenInstanceError):
         ARM.joints[0].sign = -1  # type: ignore[misc]
+
+
+def test_an_arm_of_limits_alone() -> None:
+    arm = ArmModel.of("swing", {"a": (-1.0, 1.0), "b": (0.0, 2.0)}, max_speed=0.5)
+    assert (arm.name, arm.names, [joint.servo_id for joint in arm.joints]) == ("swing", ("a", "b"), [1, 2])
+    assert (arm.joint("b").minimum, arm.joint("b").maximum, arm.joint("b").max_speed) == (0.0, 2.0, 0.5)
+    with pytest.raises(LimitError):
+        arm.joint("a").check(1.001)
+    with pytest.raises(UsageError, match="limits of a are 1 to -1 rad"):
+        ArmModel.of("swing", {"a": (1.0, -1.0)}, max_speed=0.5)

@@ -145,3 +145,16 @@ def test_a_joint_nobody_knows_of_is_infinitely_far_away() -> None:
     assert state.distances({"a": 1.5, "b": 0.0}) == {"a": 0.5, "b": math.inf}
     with pytest.raises(UsageError, match="no joint 'c'"):
         state.distances({"c": 0.0})
+
+
+def test_a_state_of_positions_alone_knows_nothing_else() -> None:
+    state = JointState.of({"J2": 0.5, "J1": -0.5}, stamp=3.0)
+    assert (state.names, state.position, state.stamp) == (("J2", "J1"), (0.5, -0.5), 3.0)
+    for row in (state.velocity, state.load, state.current, state.voltage, state.temperature):
+        assert all(map(math.isnan, row))
+        assert len(row) == 2
+    assert (state.age, state.stopped) == ((0.0, 0.0), False)
+    assert state.flags == (int(JointFlag.TORQUE_UNKNOWN),) * 2
+    assert JointState.of({"J1": 0.0}, stamp=0.0, torque=True).torque_on == ("J1",)
+    assert JointState.of({"J1": 0.0}, stamp=0.0, torque=False).flags == (0,)
+    assert JointState.of({"J1": 0.0}, stamp=0.0, torque=True, flags=(0x20,), load=(0.1,)).flags == (0x20,)

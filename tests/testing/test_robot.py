@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import runpy
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,8 @@ from hexwire.ipc.session import Session
 from hexwire.model.state import JointTarget
 from hexwire.testing import RobotConformance
 from hexwire.wire.modules import ModuleType
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "own_driver.py"
 
 
 class TestHex7Bot(RobotConformance):
@@ -68,6 +71,19 @@ class TestTheRobotOfThePage(RobotConformance):
 
     def wait(self, robot: RobotDriver, seconds: float) -> None:
         """It reaches every target at once."""
+
+
+class TestTheExample(RobotConformance):
+    """examples/own_driver.py."""
+
+    def make_robot(self, tmp_path: Path) -> RobotDriver:
+        robot: RobotDriver = runpy.run_path(str(EXAMPLE))["PanTilt"]()
+        self.time = 1000.0
+        robot.now = lambda: self.time  # type: ignore[method-assign]  # in simulated time
+        return robot
+
+    def wait(self, robot: RobotDriver, seconds: float) -> None:
+        self.time += seconds
 
 
 def page() -> dict[str, Any]:

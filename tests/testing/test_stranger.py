@@ -58,7 +58,7 @@ def test_a_stop_that_the_robot_forgets_fails_with_the_reason(package: Path) -> N
     driver = package / "src/swing/driver.py"
     text = driver.read_text()
     broken = text.replace(
-        "if self.epochs.stopped:\n            raise StoppedError", "if False:\n            raise StoppedError"
+        "    def on_hold(self)", "    def _refuse_if_stopped(self, what: str) -> None: ...\n\n    def on_hold(self)"
     )
     assert broken != text
     driver.write_text(broken)

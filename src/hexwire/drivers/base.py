@@ -6,6 +6,7 @@ not know any particular robot, how bytes reach it, or who calls.
 
 from __future__ import annotations
 
+import inspect
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
@@ -320,17 +321,28 @@ class RobotDriver(ABC):
     # -- the chapter's verbs --------------------------------------------------------------------------
 
     @classmethod
-    @abstractmethod
     def from_url(cls, url: str, **options: Any) -> Self:
         """Make a driver for the link that `url` names; it is not attached yet.
 
+        By default the only robot of its kind, wherever `url` leads.
+
         Args:
             url: As in ``serial:///dev/ttyUSB0?baud=115200``.
-            **options: Options of the driver.
+            **options: Options of the driver; by default arguments of the constructor.
 
         Raises:
-            UsageError: The URL is invalid.
+            UsageError: The URL is invalid, or there is no such option.
         """
+        known = inspect.signature(cls).parameters
+        takes_any = any(row.kind is row.VAR_KEYWORD for row in known.values())
+        if (unknown := set(options) - set(known)) and not takes_any:
+            raise UsageError(f"a {cls.__name__} has no option {', '.join(sorted(unknown))}")
+        return cls._on_link(url, options)
+
+    @classmethod
+    def _on_link(cls, url: str, options: dict[str, Any]) -> Self:
+        """Make the driver, given options that its constructor has."""
+        return cls(**options)
 
     @abstractmethod
     def attach(self) -> None:
@@ -351,9 +363,19 @@ class RobotDriver(ABC):
             torque_off: Switch the torque off first; otherwise the joints keep their torque.
         """
 
-    @abstractmethod
     def probe(self) -> ProbeReport:
-        """Identify the board and each servo, and report what is wrong with them."""
+        """Identify the board and each servo, and report what is wrong with them.
+
+        By default the joints of `model`, and what `read` says of them.
+        """
+        state, joints = self.read(), self.model.joints
+        return ProbeReport(
+            robot=self.model.name,
+            link=self.url,
+            stopped=state.stopped,
+            joints=tuple(JointProbe(j.name, j.servo_id, j.series, j.name not in state.silent) for j in joints),
+            counters=self.host_counters(),
+        )
 
     @abstractmethod
     def read(self) -> JointState:
@@ -450,13 +472,13 @@ class RobotDriver(ABC):
         """
         return False
 
-    @abstractmethod
     def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:
         """Send a special command; each driver documents its own.
 
         Raises:
             NotSupportedError: This robot, board or dialect has no such command.
         """
+        raise NotSupportedError(f"{self.model.name} has no special commands")
 
     def may_move(self, sub_cmd: int, data: bytes = b"") -> bool:
         """Whether a special command may move joints; True if the driver does not know."""

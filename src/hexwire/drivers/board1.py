@@ -107,20 +107,12 @@ class Board1:
             if status is not None:
                 self._loads[i] = model.joints[i].sign * _LOAD.decode(status.params) * 0.001
         now = session.now()
-        n = len(model.joints)
-        nan = (math.nan,) * n
-        return JointState(
-            names=model.names,
-            position=tuple(self._positions),
-            velocity=nan,
+        return JointState.of(
+            dict(zip(model.names, self._positions, strict=True)),
             load=tuple(self._loads),
-            current=nan,
-            voltage=nan,
-            temperature=nan,
             flags=tuple(f | torque_flag(t) for f, t in zip(self._flags, self._torque, strict=True)),
             age=tuple(now - t for t in self._sampled),
             stamp=now,
-            board_time=math.nan,
             stopped=self.stopped,
         )
 

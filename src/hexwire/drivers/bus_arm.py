@@ -10,7 +10,6 @@ board nothing stops the arm if this program dies: the servos go to their last go
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -18,14 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 from hexwire.bus import setup as servo_setup
 from hexwire.bus.servo_bus import ServoBus
 from hexwire.bus.values import ServoBlock, instead_in
-from hexwire.errors import (
-    CommandRefusedError,
-    NotSupportedError,
-    PreemptedError,
-    ReplyTimeoutError,
-    StoppedError,
-    UsageError,
-)
+from hexwire.errors import NotSupportedError, ReplyTimeoutError, UsageError
 from hexwire.ipc.board_search import explain_no_servo
 from hexwire.link.serial_port import DEFAULT_BAUD
 from hexwire.model.arm import ArmModel, JointModel
@@ -33,20 +25,20 @@ from hexwire.model.calibration import Calibration
 from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
 from hexwire.motion.limits import check_target
 from hexwire.session.effects import packet_only_reads
-from hexwire.wire.command_frame import Command, Status
+from hexwire.wire.command_frame import Command
 from hexwire.wire.registers import Series
 
 from .arm_file import BusArmFile, load_arm_file, load_profile
-from .base import ProbeReport, RobotDriver, StopMode
+from .base import ProbeReport, StopMode
 from .board_reset import note_servos, warn_of_reset
 from .bus_goals import SPEED_UNIT, BusGoals
 from .bus_positions import FAULTS, PositionReader
 from .bus_probe import probe_joint
+from .plain import PlainDriver
 from .replies import torque_flag
 from .stop_memory import StopMemory
 
 if TYPE_CHECKING:
-    from hexwire.epochs import Token
     from hexwire.link.base import Link
     from hexwire.link.diagnose import Finding
 
@@ -60,7 +52,7 @@ _SILENT = int(JointFlag.SILENT)
 _ADVICE = "check power, cable, and --robot if it is another one; `hexwire doctor` looks for the reason"
 
 
-class BusArm(RobotDriver):
+class BusArm(PlainDriver):
     """An arm on a servo bus.
 
     `ioctl` takes Command.TRANSACT with reply length, milliseconds (not used: the bus computes the time-out) and a
@@ -100,11 +92,7 @@ class BusArm(RobotDriver):
         else:
             self._epochs = bus.epochs
         self._memory = StopMemory(link.url)
-        self._attached, self._mode = False, StopMode.HOLD
         self._torque: list[bool | None] = [None] * len(self.model.joints)
-        # A goal switches torque on, so a goal that was checked before torque off must not be sent after it. A stop
-        # waits for neither; a signal handler may call either one during the other.
-        self._powering = threading.RLock()
         self._goals = BusGoals(self.bus)
         self._reader = PositionReader(self.model)
         self._positions, self._sampled = self._reader.positions, self._reader.sampled
@@ -138,7 +126,7 @@ class BusArm(RobotDriver):
     @property
     def is_attached(self) -> bool:
         # A borrowed bus is open before the arm is attached.
-        return self.bus.link.is_open and (self._attached or not self._borrowed)
+        return self.bus.link.is_open and (self._open or not self._borrowed)
 
     def abort(self) -> None:
         self.bus.close()
@@ -178,14 +166,14 @@ class BusArm(RobotDriver):
         except BaseException:
             self._release()
             raise
-        self._attached = True
+        self._open = True
         if not self._borrowed:
             self.epochs.forget()
         if self._memory.stopped and not self.epochs.stopped:
             self.epochs.assume_stopped()
 
     def detach(self, *, torque_off: bool = False) -> None:
-        was, self._attached = self._attached, False
+        was, self._open = self._open, False
         try:
             if was and torque_off and self.bus.link.is_open:
                 servo_setup.torque_off(self.bus, [joint.servo_id for joint in self.model.joints])
@@ -207,9 +195,6 @@ class BusArm(RobotDriver):
         return ProbeReport(
             robot=self.model.name,
             link=self.url,
-            dialect=0,
-            firmware="",
-            boot_id=None,
             capabilities=("servo bus",),
             stopped=self.epochs.stopped,
             joints=tuple(rows),
@@ -245,14 +230,14 @@ class BusArm(RobotDriver):
 
     # -- reading ------------------------------------------------------------------------------------
 
-    def read(self) -> JointState:
+    def on_read(self) -> JointState:
         return self._read(_LIVE_COUNT)
 
     def read_loads(self) -> JointState:
+        self._check_attached()
         return self._read(_TO_LOAD)
 
     def _read(self, count: int) -> JointState:
-        self._check_attached()
         self.epochs.let_through()
         bus, joints = self.bus, self.model.joints
         able = tuple(joint.servo_id for joint in joints if joint.series != "seven_bot")
@@ -326,56 +311,29 @@ class BusArm(RobotDriver):
 
     # -- moving -------------------------------------------------------------------------------------
 
-    def write(self, target: JointTarget) -> SentTarget:
-        self._check_attached()
-        with self.epochs.calling("a move") as call:
-            try:
-                with self._powering:
-                    return self._move(target)
-            except (PreemptedError, StoppedError):
-                self._stop_again(call.token)
-                raise
-
-    def _stop_again(self, token: Token | None) -> None:
-        """Stop again after a signal handler's stop: a packet may leave after it, and no servo latches a stop."""
-        if token is not None and not self.epochs.holds(token) and self.epochs.stopped_by_this_thread:
-            with self.epochs.stopping():
-                self._stop(self._mode)
-
-    def _move(self, target: JointTarget) -> SentTarget:
-        self._refuse_if_stopped("a move")
+    def _checked(self, target: JointTarget) -> JointTarget:
         model, positions = self.model, self._positions
         joints = [model.joint(name) for name, _ in target.positions]
         if not all(self._torque):
             self._refuse_without_torque(joints)
         if len(positions) < len(model.names) and any(joint.name not in positions for joint in joints):
             self.read()
-        checked = check_target(model, target, positions)
-        duration = max(checked.duration, _MIN_DURATION)
-        moves = zip(joints, [angle for _, angle in checked.positions], strict=True)
+        return check_target(model, target, positions)
+
+    def on_target(self, target: JointTarget) -> SentTarget:
+        positions, joint_of = self._positions, self.model.joint
+        duration = max(target.duration, _MIN_DURATION)
+        moves = [(joint_of(name), angle) for name, angle in target.positions]
         # One packet for each address and length of goal registers.
         packets, sent = self._goals.make_packets(moves, duration, positions)
         for (address, _), rows in packets.items():
             self.bus.sync_write_bytes(address, rows)
         # The start of the next move, until the next read.
-        positions.update(checked.positions)
+        positions.update(target.positions)
         return SentTarget(sent, duration)
 
-    def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
-        self._check_attached()
-        what = "torque on" if on else "torque off"
-        with self.epochs.calling(what, freeing=not on) as call:
-            try:
-                with self._powering:
-                    return self._switch(on, joints)
-            except (PreemptedError, StoppedError):
-                self._stop_again(call.token)
-                raise
-
-    def _switch(self, on: bool, joints: Sequence[str] | None) -> tuple[str, ...]:
-        if on:
-            self._refuse_if_stopped("torque on")
-        wanted = [self.model.index(name) for name in (self.model.names if joints is None else joints)]
+    def on_torque(self, on: bool, joints: tuple[str, ...]) -> tuple[str, ...]:
+        wanted = [self.model.index(name) for name in joints]
         if not on:
             unsure = servo_setup.torque_off(self.bus, [self.model.joints[i].servo_id for i in wanted])
             for i in wanted:
@@ -391,27 +349,22 @@ class BusArm(RobotDriver):
 
     def stop(self, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
         self._check_attached()
+        # It waits for no turn: it goes first on the bus, which refuses the packets of calls made before it.
         with self.epochs.stopping():
             try:
-                return self._stop(mode)
+                return self._halt(mode)
             finally:
                 self._memory.remember()
 
-    def _stop(self, mode: StopMode) -> tuple[str, ...]:
-        self._mode = mode
-        return self._switch(False, None) if mode is StopMode.TORQUE_OFF else self._hold_all()
-
     def resume(self) -> None:
-        token = self.epochs.token("resume", freeing=True)
-        self.epochs.check(token, "resume")
-        self.epochs.resumed(token)
+        super().resume()
         self._memory.forget()
 
     @property
     def stop_kept_by(self) -> str:
         return self._memory.kept_by
 
-    def _hold_all(self) -> tuple[str, ...]:
+    def on_hold(self) -> tuple[str, ...]:
         rows = enumerate(self.model.joints)
         # A joint without torque gets no goal: the goal would switch its torque on.
         return tuple(joint.name for i, joint in rows if self._torque[i] is False or self._hold(joint))
@@ -434,10 +387,6 @@ class BusArm(RobotDriver):
         raw = self.bus.read(joint.servo_id, "torque_enable").raw
         return None if raw is None else bool(raw)
 
-    def _refuse_if_stopped(self, what: str) -> None:
-        if self.epochs.stopped:
-            raise StoppedError.unsent(what, int(Status.STOPPED), "the arm is stopped; `hexwire resume` ends that")
-
     def _refuse_without_torque(self, joints: Sequence[JointModel]) -> None:
         limp = []
         for joint in joints:
@@ -446,9 +395,7 @@ class BusArm(RobotDriver):
                 self._torque[i] = self._read_torque(joint)
             if not self._torque[i]:
                 limp.append(joint.name)
-        if limp:
-            advice = f"{', '.join(limp)} has no torque; `hexwire torque on` first"
-            raise CommandRefusedError("a move", int(Status.TORQUE_OFF), advice)
+        self._refuse_limp(limp)
 
     def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:
         self._check_attached()
@@ -464,10 +411,6 @@ class BusArm(RobotDriver):
 
     def may_move(self, sub_cmd: int, data: bytes = b"") -> bool:
         return not packet_only_reads(data[2:])
-
-    def _check_attached(self) -> None:
-        if not self._attached:
-            raise UsageError("the driver is not attached; call attach() first")
 
 
 class So100Arm(BusArm):

@@ -19,7 +19,7 @@ from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
 from hexwire.link.url import parse_url
 from hexwire.model.puma260 import PUMA260, angles_to_counts, counts_to_angles
-from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
+from hexwire.model.state import JointState, JointTarget, SentTarget
 from hexwire.motion.limits import check_target, needed_duration
 from hexwire.session.effects import Effect, effect_of
 from hexwire.units import decimal
@@ -190,7 +190,6 @@ class Puma260Driver(SessionDriver):
             robot=self.model.name,
             link=self.session.ipc.link.url,
             dialect=tables.PROTO_HEXWIRE,
-            firmware="",
             boot_id=status.boot_id,
             capabilities=(Puma260Mode(status.mode).name.lower(),) if status.mode in (0, 1) else (),
             stopped=bool(status.robot_flags & tables.ROBOT_FLAGS_STOPPED),
@@ -244,19 +243,11 @@ class Puma260Driver(SessionDriver):
         position = counts_to_angles(counts)
         # Velocities have the same coupling: the angles of the counts one second later minus the present angles.
         later = counts_to_angles([row.counts + row.speed for row in states.rows])
-        n = len(self.model.joints)
-        power = states.robot_flags & tables.ROBOT_FLAGS_POWER_ON
-        nan = (math.nan,) * n
-        return JointState(
-            names=self.model.names,
-            position=position,
+        return JointState.of(
+            dict(zip(self.model.names, position, strict=True)),
             velocity=tuple(b - a for a, b in zip(position, later, strict=True)),
             load=tuple(row.effort / 1000 for row in states.rows),
-            current=nan,
-            voltage=nan,
-            temperature=nan,
-            flags=(int(JointFlag.TORQUE_ON) if power else 0,) * n,
-            age=(0.0,) * n,
+            torque=bool(states.robot_flags & tables.ROBOT_FLAGS_POWER_ON),
             stamp=now,
             board_time=states.time_us * 1e-6,
             stopped=bool(states.robot_flags & tables.ROBOT_FLAGS_STOPPED),

@@ -5,13 +5,11 @@ Owns what the sessions provide: address, clock, counters, reconnection. Must not
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
 from hexwire.arguments import Wanted, check
-from hexwire.errors import UsageError
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
 
@@ -48,12 +46,7 @@ class SessionDriver(RobotDriver):
             other.share_stops(session)
 
     @classmethod
-    def from_url(cls, url: str, **options: Any) -> Self:
-        """Make a driver with one session on the link that `url` names; options as in the constructor."""
-        known = inspect.signature(cls).parameters
-        takes_any = any(row.kind is row.VAR_KEYWORD for row in known.values())
-        if (unknown := set(options) - set(known)) and not takes_any:
-            raise UsageError(f"a {cls.__name__} has no option {', '.join(sorted(unknown))}")
+    def _on_link(cls, url: str, options: dict[str, Any]) -> Self:
         return cls(Session(IpcHandle.from_url(url)), **options)
 
     @property

@@ -5,7 +5,7 @@ Owns these values. Must not know drivers, links or callers.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 
 __all__ = ["JointProbe", "ProbeReport", "Signal", "StopCause", "StopLatch", "StopMode"]
@@ -110,14 +110,14 @@ class ProbeReport:
     """
 
     robot: str
-    link: str
-    dialect: int
-    firmware: str
-    boot_id: int | None
-    capabilities: tuple[str, ...]
-    stopped: bool
-    joints: tuple[JointProbe, ...]
-    counters: dict[str, int]
+    link: str = ""
+    dialect: int = 0
+    firmware: str = ""
+    boot_id: int | None = None
+    capabilities: tuple[str, ...] = ()
+    stopped: bool = False
+    joints: tuple[JointProbe, ...] = ()
+    counters: dict[str, int] = field(default_factory=dict)
     maintenance: bool = False
     unprotected: str = ""
 

@@ -18,6 +18,8 @@ MAX_ACCELERATION = 6.0
 """Radians per second squared, where nothing else is said: a 7Bot joint is at full speed after 0.5 s."""
 MAX_JERK = 60.0
 """Radians per second cubed, where nothing else is said: full acceleration takes a tenth of a second."""
+_FINE = 1e-4
+"""Radians per count of a joint that has no counts: an angle may be outside its limits by half of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +125,27 @@ class ArmModel:
         object.__setattr__(self, "_by_name", by_name)
         object.__setattr__(self, "_joints", {joint.name: joint for joint in self.joints})
         object.__setattr__(self, "_by_id", by_id)
+
+    @classmethod
+    def of(cls, name: str, limits: Mapping[str, tuple[float, float]], *, max_speed: float) -> ArmModel:
+        """An arm whose driver speaks in angles: its joints have limits, but no counts.
+
+        Args:
+            name: Name of the arm.
+            limits: Lower and upper limit by joint name, radians.
+            max_speed: Of each joint, radians per second.
+
+        Raises:
+            UsageError: A lower limit is not below its upper one.
+        """
+        for joint, (low, high) in limits.items():
+            if not low < high:
+                raise UsageError(f"{name}: the limits of {joint} are {low:g} to {high:g} rad, not in this order")
+        rows = [
+            JointModel(joint, number, "none", 0, 1, 0.0, _FINE, low, high, max_speed)
+            for number, (joint, (low, high)) in enumerate(limits.items(), 1)
+        ]
+        return cls(name, tuple(rows))
 
     def joint(self, name: str) -> JointModel:
         """A joint by name, ignoring case.

@@ -143,6 +143,58 @@ class JointState:
     stalled: float = 0.0
     maintenance: bool = False
 
+    @classmethod
+    def of(
+        cls,
+        positions: Mapping[str, float],
+        *,
+        stamp: float,
+        torque: bool | None = None,
+        flags: tuple[int, ...] | None = None,
+        age: tuple[float, ...] | None = None,
+        velocity: tuple[float, ...] | None = None,
+        load: tuple[float, ...] | None = None,
+        current: tuple[float, ...] | None = None,
+        voltage: tuple[float, ...] | None = None,
+        temperature: tuple[float, ...] | None = None,
+        board_time: float = NAN,
+        stopped: bool = False,
+    ) -> JointState:
+        """A state of which only the positions are known, and what else is given.
+
+        Args:
+            positions: Radians by joint name, in the order of the state.
+            stamp: Host clock (monotonic, seconds) at the newest sample.
+            torque: Whether the joints have torque, where no `flags` are given; None if that is unknown.
+            flags: Condition of each joint as `JointFlag` bits.
+            age: Seconds from each joint's sample to `stamp`; 0 if not given.
+            velocity: Radians per second. What is not given from here on is NaN.
+            load: Fractions of full scale.
+            current: Amperes.
+            voltage: Volts.
+            temperature: Degrees Celsius.
+            board_time: Board clock at the newest sample, seconds since its start.
+            stopped: A stop is latched.
+        """
+        n = len(positions)
+        unknown = (NAN,) * n
+        if flags is None:
+            flags = (int(JointFlag.TORQUE_UNKNOWN) if torque is None else _TORQUE_ON if torque else 0,) * n
+        return cls(
+            names=tuple(positions),
+            position=tuple(positions.values()),
+            velocity=unknown if velocity is None else velocity,
+            load=unknown if load is None else load,
+            current=unknown if current is None else current,
+            voltage=unknown if voltage is None else voltage,
+            temperature=unknown if temperature is None else temperature,
+            flags=flags,
+            age=(0.0,) * n if age is None else age,
+            stamp=stamp,
+            board_time=board_time,
+            stopped=stopped,
+        )
+
     @property
     def trip_reason(self) -> str:
         """Why the watchdog has tripped, in words, if it has."""
