@@ -71,7 +71,7 @@ def test_a_joint_that_does_not_confirm_is_an_error(gateway: Running) -> None:
     try:
         result = run("stop", "--all", "--torque-off", "--port", gateway.url)
         assert result.exit_code == 1
-        assert "modules 9" in result.stderr
+        assert "of module 9" in result.stderr
         assert "module 9: stopped, limp: J1 J2 J3 J5 J6 J7; unknown: J4" in result.stdout
     finally:
         servo.receive = plain  # type: ignore[method-assign]
@@ -141,7 +141,7 @@ def test_a_board_of_another_host_is_not_called_resumed(gateway: Running) -> None
         for words in ((), ("--json",)):
             result = run("resume", "--all", *words, "--port", gateway.url)
             assert result.exit_code == 1
-            assert "modules 9 are not resumed: module 9 has another host" in result.stderr
+            assert "module 9 is not resumed: module 9 has another host" in result.stderr
         assert json.loads(result.stdout) == {"resumed": [8], "silent": []}
         result = run("resume", "--all", "--port", gateway.url)
         assert result.stdout.splitlines()[0] == "module 8: resumed"

@@ -170,6 +170,16 @@ def test_an_unknown_option_is_refused_by_every_command_with_a_suggestion() -> No
         assert said.count("\n") == 1, (name, said)
 
 
+def test_no_command_suggests_an_option_that_nobody_can_have_meant() -> None:
+    for name, command in ALL.items():
+        for wrong in ("--quux", "--wait", "--timeouts-of-everything"):
+            if wrong in options_of(command):
+                continue
+            said = CliRunner().invoke(cli, [*name.split(), wrong]).stderr
+            assert "Did you mean" not in said, (name, said)
+            assert (wrong == "--wait") == ("The command waits without it" in said), (name, said)
+
+
 @pytest.mark.parametrize("words", ["goto -10 220 -5", "line -10 -20.5 -1e2", "model fk 1 -2 3 -4 5 -6", "grip -5"])
 def test_a_negative_number_is_no_option(words: str) -> None:
     port = () if words.startswith("model") else ("--port", "udp://127.0.0.1:9", "--timeout", "0.1")

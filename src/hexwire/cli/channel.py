@@ -7,7 +7,7 @@ command. Must not know how frames travel, nor what a command does.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -166,7 +166,7 @@ def resume_all(options: RobotOptions, as_json: bool) -> None:
     _check_all(resumed.replies, silent)
     if refusing:
         why = next(iter(refusing.values()))
-        raise DeviceError(f"modules {', '.join(map(str, refusing))} are not resumed: {why}")
+        raise DeviceError(f"{_modules(refusing)} {'is' if len(refusing) == 1 else 'are'} not resumed: {why}")
 
 
 def _why(reply: Reply) -> str:
@@ -226,12 +226,16 @@ def _check_all(
     from hexwire.errors import ReplyTimeoutError, ServoError
 
     if silent:
-        raise ReplyTimeoutError(
-            f"modules {', '.join(map(str, silent))}", attempts=attempts, advice=f"check these boards{later}"
-        )
+        which = "this board" if len(silent) == 1 else "these boards"
+        raise ReplyTimeoutError(_modules(silent), attempts=attempts, advice=f"check {which}{later}")
     missing = [module for module in sorted(replies) if done is not None and not done[module]]
     if missing:
-        raise ServoError(f"not confirmed by every joint of modules {', '.join(map(str, missing))}")
+        raise ServoError(f"not confirmed by every joint of {_modules(missing)}")
+
+
+def _modules(numbers: Collection[int]) -> str:
+    """As in ``module 9`` or ``modules 8, 9``."""
+    return f"module{'' if len(numbers) == 1 else 's'} {', '.join(map(str, numbers))}"
 
 
 @click.group()

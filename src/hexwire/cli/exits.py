@@ -45,6 +45,9 @@ __all__ = [
     "warnings_shown",
 ]
 
+_NEAR = 0.7
+"""How alike an option and what was typed must be, from 0 to 1, for the one to be meant by the other."""
+
 OK = 0
 DEVICE = 1
 USAGE = 2
@@ -70,6 +73,8 @@ def run(call: Callable[[], object]) -> int:
             note(line)
         return USAGE
     except click.ClickException as error:
+        if isinstance(error, click.NoSuchOption):
+            error = _without_far_suggestions(error)
         context = getattr(error, "ctx", None)
         see = f" (see '{context.command_path} --help')" if context else ""
         _say("error", error.format_message().rstrip(".") + see)
@@ -86,6 +91,19 @@ def run(call: Callable[[], object]) -> int:
         _say("error", f"{what}{error.strerror or error}")
         return DEVICE
     return result if isinstance(result, int) else OK
+
+
+def _without_far_suggestions(error: click.NoSuchOption) -> click.UsageError:
+    """The error with only those options that somebody may have meant: click compares the dashes, too."""
+    from difflib import SequenceMatcher
+
+    word = error.option_name.lstrip("-")
+    if word == "wait":
+        return click.UsageError(f"{error.message} The command waits without it.", error.ctx)
+    near = [
+        name for name in error.possibilities or () if SequenceMatcher(None, word, name.lstrip("-")).ratio() >= _NEAR
+    ]
+    return click.NoSuchOption(error.option_name, error.message, near, error.ctx)
 
 
 def run_node(call: Callable[[], object]) -> int:
