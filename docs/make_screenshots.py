@@ -1,26 +1,34 @@
-"""Takes the pictures of the studio: ``pictures/studio-PAGE-THEME.png``, from emulated arms and Debian's Chromium.
+"""Takes the pictures of the studio, from emulated arms and Debian's Chromium.
 
-    python docs/make_screenshots.py            all pages, light and dark
-    python docs/make_screenshots.py arm wire   these pages only
+``pictures/studio-PAGE-THEME.png`` is a page; ``pictures/studio-moving.webp`` is the page Arm while the arm moves.
+
+    python docs/make_screenshots.py                 all pages, light and dark, and the one that moves
+    python docs/make_screenshots.py arm wire        these pages only
+    python docs/make_screenshots.py moving          that one only
 
 Seeds, poses and sizes are the same each time; times and rates on the pages are those of the run.
 """
 
 from __future__ import annotations
 
+import io
+import math
 import os
 import re
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 
+from PIL import Image  # noqa: E402  # comes with matplotlib
 from tests.studio.chromium import chromium  # noqa: E402  # found by the line above
 
 from hexwire.fleet.service import Service  # noqa: E402
@@ -35,6 +43,12 @@ if TYPE_CHECKING:
 WIDTH, HEIGHT = 1280, 800
 HEX7BOT = "sim://hex7bot?seed=1"
 SO101 = "sim://so101?seed=1"
+
+MOVING = "moving"
+FILM = (1024, 900)
+"""Pixels of the picture that moves; its page is as high as what is pressed on it."""
+_FILMED = 11.0
+"""Seconds of it."""
 
 _WAVE = """async (seconds) => {
   const goals = (t) => ({ J1: 0.6 * Math.sin(t), J2: 1.1 + 0.3 * Math.cos(t), J3: 0.3 * Math.sin(2 * t), J5: 0.5 });
@@ -101,6 +115,12 @@ def show_arm(page: Page) -> None:
     """The arm, half way, with the preview of a goal."""
     operate(page)
     page.evaluate(_WAVE, 4.0)
+    show_goal(page)
+
+
+def show_goal(page: Page) -> None:
+    """The preview of a goal."""
+    operate(page)
     for axis, value in (("x", "-100"), ("y", "200"), ("z", "220")):
         page.locator(f'#arm-goto input[name="{axis}"]').fill(value)
     page.get_by_text("Takes").first.wait_for()
@@ -161,9 +181,37 @@ PAGES: dict[str, tuple[str, str, Callable[[Page], None]]] = {
 """By name of the picture: name of the page, what is open, and what somebody does there first."""
 
 
+def film(page: Page) -> None:
+    """The arm as it is dragged about and goes to a place: each frame is shown for as long as it was there."""
+    page.set_viewport_size({"width": FILM[0], "height": FILM[1]})
+    show_goal(page)
+    frames, times = list[Image.Image](), list[float]()
+    page.evaluate(f"(seconds) => {{ window.wave = ({_WAVE})(seconds); }}", 2.0 * math.pi)
+    begin = time.monotonic()
+    went = False
+    while time.monotonic() - begin < _FILMED:
+        if not went and time.monotonic() - begin > 2.0 * math.pi + 0.5:
+            page.locator("#arm-goto").get_by_role("button", name="Go", exact=True).click()
+            went = True
+        times.append(time.monotonic())
+        picture = page.screenshot(animations="disabled", caret="hide")
+        frames.append(Image.open(io.BytesIO(picture)).convert("RGB"))
+    times.append(time.monotonic())
+    first, *others = frames
+    first.save(
+        HERE / "pictures" / f"studio-{MOVING}.webp",
+        save_all=True,
+        append_images=others,
+        duration=[round(1000 * (after - before)) for before, after in pairwise(times)],
+        loop=0,
+        quality=60,
+        method=6,
+    )
+
+
 def main() -> int:
     """Take the pictures; returns the exit status."""
-    wanted = sys.argv[1:] or list(PAGES)
+    wanted = sys.argv[1:] or [*PAGES, MOVING]
     with ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         os.environ.update(XDG_RUNTIME_DIR=folder, XDG_STATE_HOME=folder, XDG_DATA_HOME=folder)
@@ -176,7 +224,15 @@ def main() -> int:
             )
             page = context.new_page()
             page.goto(url)
+            if MOVING in wanted and theme == "light":
+                studio.source.close()
+                studio.source.open(HEX7BOT)
+                go(page, "Arm")
+                film(page)
+                page.set_viewport_size({"width": WIDTH, "height": HEIGHT})
             for picture in wanted:
+                if picture == MOVING:
+                    continue
                 name, port, prepare = PAGES[picture]
                 studio.source.close()
                 if picture == "servos":

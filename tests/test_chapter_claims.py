@@ -199,7 +199,7 @@ def test_states_a_second_of_the_sketch() -> None:
     rate = 20 / (arm.clock.time - begun)
     assert 3 <= rate < 4
     for page, words in (
-        ("README.md", "from the chapter's firmware three times a second"),
+        ("docs/figures.md", "from the chapter's firmware three times a second"),
         ("docs/ros.md", "3 joint states a second"),
     ):
         assert words in (ROOT / page).read_text(encoding="utf-8"), page

@@ -1,4 +1,4 @@
-"""The pictures of README.md: made by programs, whole, and readable without a script."""
+"""The pictures of README.md and the documentation: made by programs, whole, and readable without a script."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from PIL import Image
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -25,9 +26,10 @@ def picture() -> ModuleType:
     return module
 
 
-def test_every_picture_of_the_readme_is_made_by_make_pictures() -> None:
-    named = set(re.findall(r"docs/pictures/([\w-]+\.\w+)", (ROOT / "README.md").read_text(encoding="utf-8")))
-    assert {"demo.svg", "studio-arm-light.png", "studio-arm-dark.png"} <= named
+def test_every_picture_of_the_readme_and_the_studio_is_made_by_make_pictures() -> None:
+    pages = [ROOT / "README.md", *(ROOT / "docs" / f"{page}.md" for page in ("install", "studio"))]
+    named = {name for page in pages for name in re.findall(r"pictures/([\w-]+\.\w+)", page.read_text("utf-8"))}
+    assert {"studio-moving.webp", "demo.svg", "studio-arm-light.png", "studio-arm-dark.png"} <= named
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8").partition("\npictures:")[2].partition("\n\n")[0]
     makers = {file: (ROOT / file).read_text(encoding="utf-8") for file in re.findall(r"docs/\w+\.py", makefile)}
     assert "docs/make_demo_picture.py" in makers
@@ -35,6 +37,15 @@ def test_every_picture_of_the_readme_is_made_by_make_pictures() -> None:
         stem = name.partition(".")[0].removesuffix("-light").removesuffix("-dark").removeprefix("studio-")
         assert any(stem in text for text in makers.values()), name
         assert (ROOT / "docs" / "pictures" / name).stat().st_size > 1000
+
+
+def test_the_readme_is_short_and_its_picture_moves() -> None:
+    """A person reads 700 words; a picture of a megabyte is seen at once."""
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) <= 700
+    file = ROOT / "docs" / "pictures" / "studio-moving.webp"
+    assert file.stat().st_size < 1_000_000
+    with Image.open(file) as picture:
+        assert getattr(picture, "n_frames", 1) > 20
 
 
 def test_the_demo_shows_what_it_says_now() -> None:

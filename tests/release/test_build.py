@@ -78,7 +78,7 @@ def test_no_link_of_the_package_page_is_relative(built: list[Path]) -> None:
         r"https://(?:github\.com|raw\.githubusercontent\.com)/hexwire/hexwire/(?:blob/)?v[0-9.]+/([^#]+)"
     )
     found = {path[1] for target in targets if (path := own.match(target))}
-    assert {"docs/pictures/demo.svg", "docs/safety.md", "LICENSE"} <= found <= files
+    assert {"docs/pictures/studio-moving.webp", "docs/safety.md", "LICENSE"} <= found <= files
 
 
 def test_the_wheel_brings_firmware_analysers_ros_and_pages(built: list[Path], tmp_path: Path) -> None:
