@@ -127,6 +127,33 @@ MISTAKES: dict[str, tuple[Callable[[Arm], object], str]] = {
     "both": (lambda arm: arm.move({joint_of(arm): 0.1}, duration=1.0, speed=0.5), "not both"),
     "too fast": (lambda arm: arm.move({joint_of(arm): 0.1}, speed=1.5), "a share of the speed limits"),
     "no speed": (lambda arm: arm.move({joint_of(arm): 0.1}, speed=0.0), "a share of the speed limits"),
+    "a few degrees": (lambda arm: arm.move({joint_of(arm): 10}), r"for degrees write deg\(10\)"),
+    "degrees of the tool": (lambda arm: arm.goto((0.1, 0.2, 0.1), pitch=90), r"for degrees write deg\(90\)"),
+    "degrees of rpy": (lambda arm: arm.line((0.1, 0.2, 0.1), rpy=(180, 0, 0)), r"for degrees write deg\(180\)"),
+    "two of rpy": (lambda arm: arm.goto((0.1, 0.2, 0.1), rpy=(1, 0)), "roll, pitch and yaw"),  # type: ignore[arg-type]
+    "two ways to aim": (
+        lambda arm: arm.goto((0.1, 0.2, 0.1), down=True, pitch=1.0),
+        "down and pitch contradict",
+    ),
+    "a roll alone": (lambda arm: arm.goto((0.1, 0.2, 0.1), roll=1.0), "roll needs pitch"),
+    "an aim of a pose": (lambda arm: arm.goto("home", down=True), "at places, not at poses"),
+    "a pose from here": (lambda arm: arm.move("home", relative=True), "of a pose"),
+    "named twice": (lambda arm: arm.move({joint_of(arm): 0.1}, **{joint_of(arm): 0.2}), "is named twice"),
+    "a list": (lambda arm: arm.move([0.1] * 6), "takes angles by joint"),  # type: ignore[call-overload]
+    "no brackets": (lambda arm: arm.goto(0.1, 0.2, 0.1), r"as in goto\(\(0, "),  # type: ignore[arg-type]
+    "millimetres from here": (lambda arm: arm.line(z=-10, relative=True), r"for millimetres write mm\(-10\)"),
+    "millimetres per second": (lambda arm: arm.line("home", tip_speed=50), r"for millimetres write mm\(50\)"),
+    "millimetres at corners": (lambda arm: arm.line("home", "home", rounding=10), r"millimetres write mm\(10\)"),
+    "a text of seconds": (
+        lambda arm: arm.move({joint_of(arm): 0.1}, duration="2"),  # type: ignore[call-overload]
+        "a number of seconds",
+    ),
+    "nothing to play": (lambda arm: arm.play(None), "play.. takes a file, lesson.taught"),  # type: ignore[call-overload]
+    "half a time": (lambda arm: arm.play("none.mcap", repeat=1.5), "a whole number"),  # type: ignore[call-overload]
+    "nobody": (lambda arm: arm.follow(None), "takes another arm"),  # type: ignore[call-overload]
+    "a negative rate": (lambda arm: arm.states(-1), "a rate is"),
+    "a pose in degrees": (lambda arm: arm.poses.update(nod={joint_of(arm): 30}), r"for degrees write deg\(30\)"),
+    "a joint to free": (lambda arm: arm.torque(False, "J99"), "no joint 'J99'"),
     "nothing": (lambda arm: arm.move(), "takes angles by joint"),
     "nowhere": (lambda arm: arm.goto(), "takes points"),
     "a point and an axis": (lambda arm: arm.line("home", z=0.1), "takes points"),
@@ -140,6 +167,7 @@ MISTAKES: dict[str, tuple[Callable[[Arm], object], str]] = {
     "no MCAP": (lambda arm: arm.record("states.txt"), "must end in .mcap"),
     "a lesson without MCAP": (lambda arm: arm.teach("states.txt"), "must end in .mcap"),
     "wide open": (lambda arm: arm.grip(50), "gripper"),
+    "force in percent": (lambda arm: arm.close(force=25), "a share of full effort"),
     "half": (lambda arm: arm.grip("half"), "'open', 'close' or an opening"),  # type: ignore[call-overload]
 }
 
@@ -208,6 +236,16 @@ def test_a_stop_ends_a_motion_whatever_waits_for_it_and_resume_moves_nothing(arm
     before = angle(arm)
     arm.resume()
     assert angle(arm) == pytest.approx(before, abs=deg(1))
+    assert arm.home().arrived
+
+
+def test_whatever_a_stop_refuses_names_what_ends_it_in_a_program(arm: Arm) -> None:
+    arm.stop()
+    for call in (arm.home, arm.teach, lambda: arm.move({joint_of(arm): 0.1}, wait=False).wait()):
+        with pytest.raises(StoppedError, match="resume") as refused:
+            call()
+        assert "hexwire resume" not in str(refused.value)
+    arm.resume()
     assert arm.home().arrived
 
 
@@ -313,7 +351,7 @@ def test_what_is_recorded_while_it_moves_is_played(arm: Arm, tmp_path: Path) -> 
     assert len(states) == count > 2
     rows = [state.position[state.names.index(joint)] for state in states]
     assert max(rows) - min(rows) > deg(2)
-    with pytest.raises(UsageError, match="exists"):
+    with pytest.raises(UsageError, match="exists; force=True overwrites"):
         arm.record(file)
     result = arm.play(file, factor=0.5, trim=True, smooth=0.1)
     assert result.arrived
@@ -331,11 +369,13 @@ def test_states_come_at_their_rate_while_the_arm_moves(arm: Arm) -> None:
 def test_a_lesson_has_no_torque_and_ends_holding(arm: Arm) -> None:
     with arm.teach() as lesson:
         eventually(lambda: not arm.read().torque_on)
-        with pytest.raises(UsageError, match="in motion"):
+        with pytest.raises(UsageError, match=r"is being taught: end\(\) the lesson"):
             arm.home()
         eventually(lambda: len(lesson._states) > 3)
     assert set(arm.read().torque_on) == set(arm.model.names)
     assert lesson.taught.names == arm.model.names
+    with pytest.raises(UsageError, match=r"lesson\.taught"):
+        arm.play(lesson)  # type: ignore[call-overload]
     assert arm.play(lesson.taught).arrived
 
 
@@ -382,6 +422,9 @@ def test_at_the_end_the_arm_rests_without_torque_if_it_is_told_to(tmp_path: Path
         )[1]
     assert seen == [True]
     assert not arm.driver.is_attached
+    for call in (arm.read, arm.home):
+        with pytest.raises(UsageError, match=r"connect\(\) again"):
+            call()
 
 
 @pytest.mark.parametrize(("kind", "stops"), [(ZeroDivisionError, False), (KeyboardInterrupt, True)])
@@ -446,7 +489,7 @@ def test_one_arm_follows_another_until_the_block_ends(tmp_path: Path) -> None:
             eventually(lambda: not leader.read().torque_on)
             eventually(lambda: set(follower.read().torque_on) == set(follower.model.names))
             started.set()
-            with pytest.raises(UsageError, match="in motion"):
+            with pytest.raises(UsageError, match=r"follows another: end\(\) that"):
                 follower.home()
         assert following.done
         assert set(follower.read().torque_on) == set(follower.model.names)

@@ -17,11 +17,12 @@ from tests.motion.arms import HOME
 
 import hexwire
 from hexwire.cli.main import cli
-from hexwire.cli.motion import Point, ToolAim, points_argument, pose_options, to_points
+from hexwire.cli.motion import Point, points_argument, pose_options, to_points
 from hexwire.control.pose_file import PoseFile, home_pose
 from hexwire.control.via import Place
 from hexwire.drivers.registry import make_driver
 from hexwire.errors import UsageError
+from hexwire.model.aim import Aim
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.puma260 import Puma260Model
 
@@ -40,8 +41,8 @@ def typed(*words: str) -> tuple[Result, list[Any]]:
     @click.command(context_settings={"ignore_unknown_options": True})
     @points_argument
     @pose_options
-    def command(points: list[Point], aim: ToolAim) -> None:
-        got.extend((points, aim))
+    def command(points: list[Point], aim: Aim, relative: bool) -> None:
+        got.extend((points, aim, relative))
 
     return CliRunner().invoke(command, words), got
 
@@ -51,7 +52,8 @@ def test_numbers_are_places_and_words_are_poses() -> None:
     assert result.exit_code == 0, result.output
     assert got == [
         [(0.0, -220.0, 200.0), "home", "a b", (1.0, 2.0, 3.0)],
-        ToolAim(False, None, 30.0, None, relative=True),
+        Aim(pitch=math.radians(30)),
+        True,
     ]
 
 
@@ -72,13 +74,15 @@ def test_places_that_are_no_places(words: tuple[str, ...], error: str) -> None:
 
 
 def test_units_and_aims() -> None:
-    how = ToolAim(False, (90.0, 0.0, 0.0), None, None, relative=False)
-    (place,) = to_points([(0.1, 0.2, 0.3)], {}, Puma260Model(), how)
+    result, got = typed("0.1", "0.2", "0.3", "--rpy", "90", "0", "0")
+    assert result.exit_code == 0, result.output
+    how = got[1]
+    (place,) = to_points(got[0], {}, Puma260Model(), how, False)
     assert isinstance(place, Place)
     assert place.position == (0.1, 0.2, 0.3)
     assert place.aim.rpy == (math.pi / 2, 0.0, 0.0)
     with pytest.raises(UsageError, match="without a geometry"):
-        to_points(["home"], {"home": {}}, None, how)
+        to_points(["home"], {"home": {}}, None, how, False)
 
 
 def test_goto_passes_places_and_poses_without_a_stop(bench: Any, poses: PoseFile) -> None:

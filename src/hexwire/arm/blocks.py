@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hexwire.control.teach_mode import record_by_hand
+from hexwire.errors import UsageError
 from hexwire.motion.teach import Taught
 from hexwire.trace.recording import RecordingWriter, check_recording_name, wall_time
 
-from .handle import Handle
+from .handle import Handle, told
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -75,7 +76,7 @@ class Lesson(Handle[None]):
                 writer.joint_state(state, wall_time(state))
 
         try:
-            with writer or nullcontext():
+            with told(), writer or nullcontext():
                 record_by_hand(robot, keep, torque_off_at_end=limp, on_start=self._begun.set, ended=ending.is_set)
         finally:
             on_end()
@@ -120,4 +121,7 @@ class Recording(Handle[int]):
 def recording_writer(file: str | Path, force: bool) -> RecordingWriter:
     """A new recording; `force` replaces a file of that name. Raises `UsageError` if it cannot be written."""
     check_recording_name(file)
-    return RecordingWriter(file, force=force)
+    try:
+        return RecordingWriter(file, force=force)
+    except UsageError as error:
+        raise UsageError(str(error).replace("--force", "force=True")) from None

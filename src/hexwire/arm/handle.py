@@ -6,17 +6,32 @@ Owns its thread, how it is ended, and how the program learns what came of it. Mu
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import TracebackType
 from typing import TYPE_CHECKING, Generic, Self, TypeVar
+
+from hexwire.errors import StoppedError
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.state import JointState
 
-__all__ = ["Handle", "MotionHandle"]
+__all__ = ["STOP_ENDS", "Handle", "MotionHandle", "told"]
 
 _R = TypeVar("_R")
+
+STOP_ENDS = "resume() ends the stop, and moves nothing"
+
+
+@contextmanager
+def told() -> Iterator[None]:
+    """Say of a stop what ends it in a program, where a driver names the command."""
+    try:
+        yield
+    except StoppedError as error:
+        error.args = (str(error).replace("`hexwire resume` ends that", STOP_ENDS),)
+        raise
 
 
 class Handle(Generic[_R]):
@@ -95,6 +110,9 @@ class Handle(Generic[_R]):
         self._thread.join()
         if not self._told:
             self.wait()
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}, {'over' if self.done else 'under way'}>"
 
     def __enter__(self) -> Self:
         return self

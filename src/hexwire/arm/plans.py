@@ -7,13 +7,15 @@ know how a motion is checked or run.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hexwire.arguments import Wanted, check
 from hexwire.control.via import Place, joint_points, tip_poses
 from hexwire.errors import UsageError
+from hexwire.model.aim import Aim
 from hexwire.motion.checks import InJoints
 from hexwire.motion.limits import slow_enough
 from hexwire.motion.line import Line, Lines
@@ -23,30 +25,58 @@ from hexwire.motion.waypoints import Scaled, Trajectory
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
-    from hexwire.model.aim import Aim
     from hexwire.model.arm import ArmModel
     from hexwire.model.kinematics import KinematicModel
     from hexwire.model.pose import Pose, Vector
 
-__all__ = ["SHARE", "Plans", "Point", "approached", "is_number", "straight"]
+__all__ = ["SHARE", "Plans", "Point", "approached", "edited", "is_number", "joint_angles", "length", "straight"]
 
 Point = str | Mapping[str, float] | Sequence[float]
 """A pose by name, radians by joint, or x, y, z in metres."""
 
-_FARTHEST = 10.0
-"""No arm reaches so far, metres: somebody has given millimetres."""
-_MOST_TURNS = 4 * math.pi
-"""No joint turns so far, radians: somebody has given degrees."""
+_FARTHEST = 3.0
+"""No arm reaches farther, or is so fast, metres or metres per second: somebody has given millimetres."""
+_TURN = 2 * math.pi
+"""Nothing is turned farther, radians: somebody has given degrees."""
 
 
 def is_number(value: object) -> bool:
-    """Whether a value is a finite number."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    """Whether a value is a finite number, NumPy's too."""
+    return not isinstance(value, bool) and isinstance(value, Real) and math.isfinite(value)
 
 
 SHARE = Wanted(
     "a share of the speed limits, above 0 and at most 1", lambda value: is_number(value) and 0 < value <= 1
 )
+_SECONDS = Wanted("a number of seconds", lambda value: isinstance(value, Real))
+
+
+def length(what: str, value: float, unit: str = "m") -> float:
+    """A length in metres, or a speed of the tip; raises `UsageError` for no number, or millimetres."""
+    if not is_number(value):
+        raise UsageError(f"{what} is a number in {unit}, not {value!r}")
+    if abs(value) > _FARTHEST:
+        raise UsageError(f"{what} cannot be {value:g} {unit}; for millimetres write mm({value:g})")
+    return float(value)
+
+
+def _angle(what: str, value: float, most: float = _TURN) -> float:
+    if not is_number(value):
+        raise UsageError(f"the angle of {what} is a number of radians, not {value!r}")
+    if abs(value) > most:
+        raise UsageError(f"{what} cannot turn {value:g} radians; for degrees write deg({value:g})")
+    return float(value)
+
+
+def joint_angles(model: ArmModel, target: Mapping[str, float]) -> dict[str, float]:
+    """Radians by joint, by the model's names; raises `UsageError` for a wrong or repeated joint, or degrees."""
+    found: dict[str, float] = {}
+    for given, angle in target.items():
+        joint = model.joint(given)
+        if joint.name in found:
+            raise UsageError(f"{joint.name} is named twice")
+        found[joint.name] = _angle(joint.name, angle, max(_TURN, joint.maximum - joint.minimum))
+    return found
 
 
 class Plans:
@@ -79,17 +109,32 @@ class Plans:
             raise UsageError(f"no pose {name!r} of {self._model.name}; known are: {known}")
         return self._poses[name]
 
-    def angles(self, target: Mapping[str, float]) -> dict[str, float]:
-        """Radians by joint, by the model's names; raises `UsageError` for an unknown joint, or degrees."""
-        found = {}
-        for given, angle in target.items():
-            name = self._model.joint(given).name
-            if not is_number(angle):
-                raise UsageError(f"the angle of {name} is a number of radians, not {angle!r}")
-            if abs(angle) > _MOST_TURNS:
-                raise UsageError(f"{name} cannot turn {angle:g} radians; for degrees write deg({angle:g})")
-            found[name] = float(angle)
-        return found
+    def aim(
+        self,
+        down: bool,
+        rpy: object,
+        pitch: float | None,
+        roll: float | None,
+        *,
+        fixed: bool = False,
+    ) -> Aim:
+        """Where the tool is to point; see `Aim`. Raises `UsageError` if this arm's tool cannot, or for degrees."""
+        turns = None
+        if rpy is not None:
+            angles = tuple(rpy) if isinstance(rpy, Iterable) else ()
+            if len(angles) != 3:
+                raise UsageError(f"rpy is roll, pitch and yaw in radians, not {rpy!r}")
+            turns = (_angle("roll", angles[0]), _angle("pitch", angles[1]), _angle("yaw", angles[2]))
+        aim = Aim(
+            down,
+            turns,
+            None if pitch is None else _angle("pitch", pitch),
+            None if roll is None else _angle("roll", roll),
+            fixed,
+        )
+        if aim.given or roll is not None:
+            aim.check(self.kinematics)
+        return aim
 
     def points(
         self,
@@ -119,9 +164,11 @@ class Plans:
             if isinstance(point, str):
                 found.append(self.pose(point))
             elif isinstance(point, Mapping):
-                found.append(self.angles(point))
+                found.append(joint_angles(self._model, point))
             else:
                 found.append(Place(_place(verb, point), aim, relative=relative))
+        if (aim.given or relative) and not by_axis and not any(isinstance(point, Place) for point in found):
+            raise UsageError(f"{verb}() aims the tool, and counts relative, at places, not at poses")
 
         def at(here: dict[str, float]) -> list[Place | Mapping[str, float]]:
             if not by_axis:
@@ -157,7 +204,7 @@ class Plans:
         path = arm_path(self._model, names, rows, speed=share if duration is None else 1.0)
         if duration is None:
             return path
-        if not path.duration <= duration < math.inf:
+        if not path.duration <= check("move", "duration", _SECONDS, duration) < math.inf:
             raise UsageError(f"{duration:g} s is too short: the joints' limits need {path.duration:.2f} s for this")
         return Scaled(path, path.duration / duration) if path.duration else path
 
@@ -179,8 +226,9 @@ class Plans:
         Raises:
             HexwireError: As `through`.
         """
+        speed, round_by = length("tip_speed", tip_speed, "m/s"), length("rounding", rounding)
         goals = tip_poses(self.kinematics, here, points)
-        return straight(self._model, self.kinematics, here, goals, speed=tip_speed, rounding=rounding)
+        return straight(self._model, self.kinematics, here, goals, speed=speed, rounding=round_by)
 
     def played(
         self,
@@ -197,12 +245,21 @@ class Plans:
         if not isinstance(motion, Taught):
             from .recorded import read_taught
 
+            if not isinstance(motion, str | Path):
+                raise UsageError(
+                    f"play() takes a file, lesson.taught, recording.file or a trajectory, not {motion!r}"
+                )
             motion = read_taught(str(motion))
-        if begin or end < math.inf:
-            motion = motion.trimmed(begin, end)
-        if trim:
-            motion = motion.without_stillness()
-        return motion.smoothed(smooth).faster(factor).within(self._model).trajectory()
+        return edited(motion, factor, begin, end, smooth, trim).within(self._model).trajectory()
+
+
+def edited(taught: Taught, factor: float, begin: float, end: float, smooth: float, trim: bool) -> Taught:
+    """A recording as it is to be played; see `Arm.play` for the arguments."""
+    if begin or end < math.inf:
+        taught = taught.trimmed(begin, end)
+    if trim:
+        taught = taught.without_stillness()
+    return taught.smoothed(smooth).faster(factor)
 
 
 def straight(
@@ -247,10 +304,11 @@ def approached(model: ArmModel, path: Trajectory, here: Mapping[str, float], rep
     return legs
 
 
-def _place(verb: str, point: Sequence[float]) -> Vector:
-    values = tuple(point)
+def _place(verb: str, point: object) -> Vector:
+    values = tuple(point) if isinstance(point, Iterable) else ()
     if len(values) != 3 or not all(map(is_number, values)):
-        raise UsageError(f"a place of {verb}() is x, y, z in metres, not {point!r}")
-    if abs(farthest := max(values, key=abs)) > _FARTHEST:
-        raise UsageError(f"no arm reaches {farthest:g} m; for millimetres write mm({farthest:g})")
+        example = f"{verb}((0, mm(200), mm(150)))"
+        raise UsageError(f"a place of {verb}() is x, y, z in metres, as in {example}, not {point!r}")
+    # The hint shows the number that is farthest off.
+    length("a place", max(values, key=abs))
     return (float(values[0]), float(values[1]), float(values[2]))

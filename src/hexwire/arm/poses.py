@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 from hexwire.control.pose_file import PoseFile
 
+from .plans import joint_angles
+
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState
@@ -28,7 +30,7 @@ class Poses(MutableMapping[str, Mapping[str, float]]):
     """
 
     def __init__(self, model: ArmModel, read: Callable[[], JointState]) -> None:
-        self._file, self._read = PoseFile(model), read
+        self._model, self._file, self._read = model, PoseFile(model), read
 
     def save(self, name: str, *, force: bool = False) -> str:
         """Save where the arm is now.
@@ -49,7 +51,7 @@ class Poses(MutableMapping[str, Mapping[str, float]]):
         return self._file.known()[name]
 
     def __setitem__(self, name: str, angles: Mapping[str, float]) -> None:
-        self._file.save(name, angles, force=True)
+        self._file.save(name, joint_angles(self._model, angles), force=True)
 
     def __delitem__(self, name: str) -> None:
         if name not in self._file.load():

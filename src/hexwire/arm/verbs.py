@@ -17,23 +17,24 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Self, TextIO, TypedDict, TypeVar, Unpack, overload
 
-from hexwire.arguments import check
+from hexwire.arguments import WHOLE, Wanted, check
 from hexwire.control import motions
 from hexwire.control import rest as resting
 from hexwire.control.following import Pair, following_rules, run_following
 from hexwire.control.gripping import GripResult, run_grip
 from hexwire.control.pose_file import HOME
+from hexwire.control.power import end_stop
 from hexwire.control.reader import read_known, read_start
 from hexwire.drivers.registry import connect as connect_driver
 from hexwire.drivers.values import StopMode
 from hexwire.errors import HexwireError, ServoError, StoppedError, UsageError
-from hexwire.model.aim import Aim, Tip
+from hexwire.model.aim import Tip
 from hexwire.motion.teach import Taught
 from hexwire.motion.waypoints import Trajectory
 
 from .blocks import Lesson, Recording, recording_writer
-from .handle import Handle, MotionHandle
-from .plans import SHARE, Plans, Point, approached, is_number
+from .handle import STOP_ENDS, Handle, MotionHandle, told
+from .plans import SHARE, Plans, Point, approached, is_number, joint_angles, length
 from .poses import Poses
 
 if TYPE_CHECKING:
@@ -57,9 +58,9 @@ Opening = float | Literal["open", "close"]
 """0 is closed, 1 fully open; or a word."""
 
 _OPENINGS = {"open": 1.0, "close": 0.0}
+_FORCE = Wanted("a share of full effort, 0 to 1", lambda value: is_number(value) and 0 <= value <= 1)
 _STOPPED = 5
 """Status `stopped` of PROTOCOL.md section 6.2."""
-_STOP_ENDS = "resume() ends the stop, and moves nothing"
 _UNWATCHED = "%s has no watchdog: if this program dies, the arm moves on for up to %.2g s"
 
 
@@ -181,11 +182,13 @@ class Arm:
     ) -> None:
         self.driver = driver
         self.speed: float = check("connect", "speed", SHARE, speed)
-        self.table = motions.MotionOptions(table=table).table
+        self.table = None if table is None else length("table", table)
         self.poses = Poses(driver.model, self.read)
         self._plans = Plans(driver, self.poses)
         self._rest = rest if rest is None else self._plans.pose(rest)
         self._free = threading.Lock()
+        self._doing = ""
+        self._open = True
         self._handles: list[Handle[Any]] = []
         self._warned = False
 
@@ -203,6 +206,7 @@ class Arm:
 
     def read(self) -> JointState:
         """Read all joints. A silent servo raises no error; its joint has the flag `JointFlag.SILENT`."""
+        self._check_open()
         return self.driver.read()
 
     def states(self, rate: float = 0.0, *, seconds: float = math.inf) -> Iterator[JointState]:
@@ -211,8 +215,15 @@ class Arm:
         Args:
             rate: Per second; 0 for the robot's command rate.
             seconds: When to end.
+
+        Raises:
+            UsageError: There is no such rate.
         """
-        period = 1.0 / rate if rate > 0 else 1.0 / self.driver.command_rate
+        if not is_number(rate) or rate < 0:
+            raise UsageError(f"a rate is a number per second, or 0 for the robot's own, not {rate!r}")
+        return self._states(1.0 / (rate or self.driver.command_rate), seconds)
+
+    def _states(self, period: float, seconds: float) -> Iterator[JointState]:
         due = begin = time.monotonic()
         while due - begin < seconds:
             yield self.read()
@@ -299,10 +310,17 @@ class Arm:
             StoppedError: The arm is stopped, or was stopped on its way.
             ServoError: It did not arrive.
         """
-        target = dict(self._plans.pose(goal) if isinstance(goal, str) else goal or {}) | joints
-        if not target:
+        named: Any = self._plans.pose(goal) if isinstance(goal, str) else goal or {}
+        if not isinstance(named, Mapping) or not (named or joints):
             raise UsageError("move() takes angles by joint, as in move(J1=deg(30)), or the name of a pose")
-        return self._move(target, relative, speed, duration, wait)
+        if isinstance(goal, str) and relative:
+            raise UsageError("the angles of a pose do not count from where the joints are")
+        angles, more = joint_angles(self.model, named), joint_angles(self.model, joints)
+        if not isinstance(goal, str):
+            for name in more:
+                if name in angles:
+                    raise UsageError(f"{name} is named twice")
+        return self._move(angles | more, relative, speed, duration, wait)
 
     @overload
     def goto(self, *points: Point, wait: Literal[True] = True, **how: Unpack[_Goto]) -> MotionResult: ...
@@ -347,7 +365,7 @@ class Arm:
             HexwireError: As `move`; a place out of reach is a LimitError.
         """
         asked = self._asked()
-        wanted = self._plans.points("goto", points, (x, y, z), Aim(down, rpy, pitch, roll), relative)
+        wanted = self._plans.points("goto", points, (x, y, z), self._plans.aim(down, rpy, pitch, roll), relative)
 
         def plan(here: dict[str, float]) -> list[Trajectory]:
             return [self._plans.through(wanted(here), here, self._share(speed, duration), duration)]
@@ -396,7 +414,8 @@ class Arm:
             HexwireError: As `goto`.
         """
         asked = self._asked()
-        wanted = self._plans.points("line", points, (x, y, z), Aim(down, rpy, pitch, roll, fixed=True), relative)
+        aim = self._plans.aim(down, rpy, pitch, roll, fixed=True)
+        wanted = self._plans.points("line", points, (x, y, z), aim, relative)
 
         def plan(here: dict[str, float]) -> list[Trajectory]:
             return [self._plans.line(wanted(here), here, tip_speed, rounding)]
@@ -449,7 +468,7 @@ class Arm:
             HexwireError: As `move`.
         """
         asked = self._asked()
-        if repeat < 1:
+        if check("play", "repeat", WHOLE, repeat) < 1:
             raise UsageError(f"play() repeats a motion at least once, not {repeat} times")
         path = self._plans.played(motion, factor, begin, end, smooth, trim)
 
@@ -524,9 +543,13 @@ class Arm:
 
         Raises:
             UsageError: Another motion of this arm runs; or the file exists, or cannot be written.
+            StoppedError: The arm is stopped, so that it could not hold at the end.
             ServoError: A joint kept its torque.
         """
-        self._claim()
+        if not limp and self.read().stopped:
+            # It could not be held at the end.
+            raise StoppedError("the lesson", _STOPPED, f"the arm is stopped; {STOP_ENDS}")
+        self._claim("is being taught: end() the lesson")
         try:
             writer = None if file is None else recording_writer(file, force)
         except BaseException:
@@ -563,12 +586,14 @@ class Arm:
             UsageError: It cannot follow this arm; or another motion of this arm runs.
             HexwireError: An arm failed.
         """
+        if not isinstance(leader, Arm):
+            raise UsageError(f"follow() takes another arm that connect() has opened, not {leader!r}")
         if leader is self or leader.driver.url == self.driver.url:
             raise UsageError("an arm cannot follow itself")
         checks = motions.MotionOptions(table=self.table).checks(self.driver)
         rules = following_rules(leader.driver, self.driver, checks, mirror=mirror, meet=meet, force=force)
         pair = Pair(leader.driver, self.driver, rules, lambda said: _log.info("%s", said), check=checks)
-        self._claim()
+        self._claim("follows another: end() that")
 
         def run(ending: threading.Event) -> None:
             try:
@@ -609,7 +634,8 @@ class Arm:
             ServoError: A joint has not confirmed it.
         """
         wanted = tuple(self.model.joint(name).name for name in joints) or self.model.names
-        done = self.driver.torque(on, joints or None)
+        with told():
+            done = self.driver.torque(on, joints or None)
         if missing := [name for name in wanted if name not in done]:
             raise ServoError(f"{', '.join(missing)} did not confirm that torque is {'on' if on else 'off'}")
 
@@ -628,7 +654,7 @@ class Arm:
 
     def resume(self) -> None:
         """End a stop; nothing moves."""
-        self.driver.resume()
+        end_stop(self.driver)
 
     # -- the end --------------------------------------------------------------------------------------
 
@@ -651,6 +677,7 @@ class Arm:
         finally:
             self._handles.clear()
             self.driver.detach(torque_off=torque_off)
+            self._open = False
         if errors:
             raise errors[0]
 
@@ -688,25 +715,30 @@ class Arm:
         """The time of a call: a stop from now on voids it."""
         return self.driver.epochs.mark()
 
-    def _claim(self) -> None:
+    def _check_open(self) -> None:
+        if not self._open:
+            raise UsageError("this arm is detached, as at the end of its with block: connect() again")
+
+    def _claim(self, doing: str = "is in motion: wait for it, cancel it, or stop()") -> None:
+        self._check_open()
         for handle in self._handles:
             if (error := handle.unheard) is not None:
                 _log.error("what went on has failed, and nobody had waited for it: %s", error)
         self._handles = [handle for handle in self._handles if not handle.done]
         if not self._free.acquire(blocking=False):
-            raise UsageError("this arm is in motion: wait for it, cancel it, or stop()")
+            raise UsageError(f"this arm {self._doing}")
+        self._doing = doing
 
     def _kept(self, handle: _H) -> _H:
         self._handles.append(handle)
         return handle
 
     def _move(
-        self, target: Mapping[str, float], relative: bool, speed: float | None, duration: float | None, wait: bool
+        self, angles: Mapping[str, float], relative: bool, speed: float | None, duration: float | None, wait: bool
     ) -> Any:
         plans = self._plans
 
         def plan(here: dict[str, float]) -> list[Trajectory]:
-            angles = plans.angles(target)
             there = {name: here[name] + angle for name, angle in angles.items()} if relative else angles
             return [plans.through([there], here, self._share(speed, duration), duration)]
 
@@ -718,12 +750,14 @@ class Arm:
         if not is_number(share):
             raise UsageError(f"grip() takes 'open', 'close' or an opening from 0 to 1, not {opening!r}")
 
+        held = check("grip", "force", _FORCE, force)
+
         def run(ending: threading.Event, observer: MotionObserver) -> GripResult:
             result = run_grip(
                 self.driver,
                 share,
                 duration,
-                force=force,
+                force=held,
                 observer=observer,
                 cancelled=ending.is_set,
                 asked=asked,
@@ -784,12 +818,13 @@ class Arm:
 
         def claimed(ending: threading.Event) -> _R:
             try:
-                return run(ending, observer)
+                with told():
+                    return run(ending, observer)
             except HexwireError as error:
                 # A stop may be met as a lost lease, or as a request that was refused.
                 if isinstance(error, StoppedError) or self.driver.epochs.holds(asked):
                     raise
-                raise StoppedError("the motion", _STOPPED, f"the arm was stopped; {_STOP_ENDS}") from error
+                raise StoppedError("the motion", _STOPPED, f"the arm was stopped; {STOP_ENDS}") from error
             finally:
                 self._free.release()
 
@@ -807,7 +842,7 @@ class Arm:
     def _require(self, result: MotionResult) -> None:
         """Raise what a person must know of a motion that has not arrived."""
         if result.stopped is not None:
-            raise StoppedError("the motion", _STOPPED, f"{result.why}; {_STOP_ENDS}")
+            raise StoppedError("the motion", _STOPPED, f"{result.why}; {STOP_ENDS}")
         if not result.cut:
             result.require()
 

@@ -11,13 +11,14 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from hexwire.errors import UsageError
+from hexwire.model.aim import Aim
 from hexwire.model.geometry import make_kinematics
 from hexwire.units import decimal
 
@@ -56,7 +57,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Point",
-    "ToolAim",
     "goto",
     "line",
     "play",
@@ -72,50 +72,6 @@ Point = tuple[float, float, float] | str
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _METAVAR = "{X Y Z | POSE}..."
-
-
-@dataclass(frozen=True, slots=True)
-class ToolAim:
-    """Where the tool is to point, as typed: degrees; None for what was not.
-
-    Attributes:
-        down: Straight down.
-        rpy: Roll, pitch and yaw.
-        pitch: Of the tool of an arm of five joints.
-        roll: Of its last joint.
-        relative: Places count from the point before them.
-    """
-
-    down: bool
-    rpy: Vector | None
-    pitch: float | None
-    roll: float | None
-    relative: bool
-
-    @property
-    def given(self) -> bool:
-        """The tool is to point somewhere."""
-        return self.down or self.rpy is not None or self.pitch is not None
-
-    def check(self, model: KinematicModel) -> None:
-        """Refuse options that contradict each other, or that the arm does not support.
-
-        Raises:
-            UsageError: They do.
-        """
-        given = {"--down": self.down, "--rpy": self.rpy is not None, "--pitch": self.pitch is not None}
-        typed = [name for name, there in given.items() if there]
-        if len(typed) > 1:
-            raise UsageError(f"{typed[0]} and {typed[1]} contradict each other")
-        if self.roll is not None and self.pitch is None:
-            raise UsageError("--roll needs --pitch")
-        if self.rpy is not None and len(model.ranges) < 6:
-            raise UsageError(
-                f"{model.name} has five joints, and the heading of its tool follows from the position: "
-                "give --pitch and --roll instead of --rpy"
-            )
-        if self.pitch is not None and len(model.ranges) == 6:
-            raise UsageError(f"{model.name} has six joints: give --rpy instead of --pitch")
 
 
 def points_argument(command: _F) -> _F:
@@ -142,7 +98,7 @@ def points_argument(command: _F) -> _F:
 
 
 def pose_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """``--down``, ``--pitch``, ``--roll``, ``--rpy`` and ``--relative``; the command gets ``aim: ToolAim``."""
+    """``--down``, ``--pitch``, ``--roll`` and ``--rpy``, which the command gets as ``aim``; and ``--relative``."""
 
     def given(
         *args: Any,
@@ -150,10 +106,11 @@ def pose_options(command: Callable[..., Any]) -> Callable[..., Any]:
         rpy: Vector | None,
         pitch: float | None,
         roll: float | None,
-        relative: bool,
         **rest: Any,
     ) -> Any:
-        return command(*args, aim=ToolAim(down, rpy, pitch, roll, relative), **rest)
+        turns = None if rpy is None else (math.radians(rpy[0]), math.radians(rpy[1]), math.radians(rpy[2]))
+        tilt, turn = (None if angle is None else math.radians(angle) for angle in (pitch, roll))
+        return command(*args, aim=Aim(down, turns, tilt, turn), **rest)
 
     packed: Callable[..., Any] = functools.wraps(command)(given)
     for option in (
@@ -179,9 +136,8 @@ def to_points(
     points: Sequence[Point],
     poses: Mapping[str, Mapping[str, float]],
     model: KinematicModel | None,
-    aim: ToolAim,
-    *,
-    fixed: bool = False,
+    aim: Aim,
+    relative: bool,
 ) -> list[Place | Mapping[str, float]]:
     """The points in metres and radians.
 
@@ -190,44 +146,38 @@ def to_points(
         poses: The poses among them.
         model: Kinematics; None only without a place.
         aim: Where the tool is to point at places.
-        fixed: Without that it keeps its direction in space, not relative to the arm.
+        relative: Places count from the point before them.
 
     Raises:
         UsageError: The arm does not support the aim.
     """
     from hexwire.control.via import Place
-    from hexwire.model.aim import Aim
 
     if model is not None:
-        aim.check(model)
+        aim.check(model, "--")
     elif aim.given:
         raise UsageError("the tool of an arm without a geometry cannot be aimed")
-    rpy = (
-        None if aim.rpy is None else (math.radians(aim.rpy[0]), math.radians(aim.rpy[1]), math.radians(aim.rpy[2]))
-    )
-    pitch, roll = (None if turn is None else math.radians(turn) for turn in (aim.pitch, aim.roll))
-    how = Aim(aim.down, rpy, pitch, roll, fixed=fixed)
     unit = _unit("" if model is None else model.name)
     return [
         poses[point] if isinstance(point, str)
-        else Place((point[0] * unit, point[1] * unit, point[2] * unit), how, relative=aim.relative)
+        else Place((point[0] * unit, point[1] * unit, point[2] * unit), aim, relative=relative)
         for point in points
     ]  # fmt: skip
 
 
 def points_words(
-    points: Sequence[Point], model: KinematicModel | None, aim: ToolAim, tips: Callable[[], Sequence[Vector]]
+    points: Sequence[Point], model: KinematicModel | None, relative: bool, tips: Callable[[], Sequence[Vector]]
 ) -> str:
     """The points for people: places from the base, also where they were typed as relative.
 
     Args:
         points: As typed.
         model: Kinematics, for the unit; None without places.
-        aim: As typed.
+        relative: As typed.
         tips: Returns where the tip is at each point, metres.
     """
     unit = _unit("" if model is None else model.name)
-    if aim.relative:
+    if relative:
         there = [(x / unit, y / unit, z / unit) for x, y, z in tips()]
         points = [point if isinstance(point, str) else place for point, place in zip(points, there, strict=True)]
     name = "mm" if unit == 1e-3 else "m"
@@ -297,7 +247,8 @@ def _picture(plot: str | None, force: bool, save: str | None) -> Iterator[Output
 @robot_options
 def goto(
     points: Sequence[Point],
-    aim: ToolAim,
+    aim: Aim,
+    relative: bool,
     speed: float,
     links: str,
     run: RunOptions,
@@ -318,7 +269,7 @@ def goto(
     robot = make_robot_with(links, options)
     poses = known_poses(robot.model, [point for point in points if isinstance(point, str)])
     model = _geometry_of(robot) if len(poses) < len(points) else robot.kinematics
-    wanted = to_points(points, poses, model, aim)
+    wanted = to_points(points, poses, model, aim, relative)
     with attached(robot):
         joints = robot.model.names if model is None else model.joint_names
         start = _where(robot, joints, dry_run=run.dry_run)
@@ -330,7 +281,7 @@ def goto(
             postures = (start | dict(zip(names, row, strict=True)) for row in rows[1:])
             return [model.forward(model.from_joints(posture)).position for posture in postures]
 
-        title = f"goto {points_words(points, model, aim, tips)}"
+        title = f"goto {points_words(points, model, relative, tips)}"
         run_legs(robot, [(title, path)], start, run, title)
 
 
@@ -352,7 +303,8 @@ def goto(
 @robot_options
 def line(
     points: Sequence[Point],
-    aim: ToolAim,
+    aim: Aim,
+    relative: bool,
     speed: float,
     rounding: float,
     links: str,
@@ -372,12 +324,12 @@ def line(
     robot = make_robot_with(links, options)
     poses = known_poses(robot.model, [point for point in points if isinstance(point, str)])
     model = _geometry_of(robot)
-    wanted = to_points(points, poses, model, aim, fixed=True)
+    wanted = to_points(points, poses, model, replace(aim, fixed=True), relative)
     with attached(robot):
         start = _where(robot, model.joint_names, dry_run=run.dry_run)
         goals = tip_poses(model, start, wanted)
         path = straight(robot.model, model, start, goals, speed=speed / 1000, rounding=rounding / 1000)
-        title = f"line to {points_words(points, model, aim, lambda: [goal.position for goal in goals])}"
+        title = f"line to {points_words(points, model, relative, lambda: [goal.position for goal in goals])}"
         run_legs(robot, [(title, path)], start, run, title)
 
 

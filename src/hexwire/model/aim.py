@@ -39,6 +39,36 @@ class Aim:
     roll: float | None = None
     fixed: bool = False
 
+    @property
+    def given(self) -> bool:
+        """The tool is to point somewhere."""
+        return self.down or self.rpy is not None or self.pitch is not None
+
+    def check(self, model: KinematicModel, option: str = "") -> None:
+        """Refuse ways that contradict each other, or that the arm does not support.
+
+        Args:
+            model: The kinematics.
+            option: What is before the names of options as a person types them.
+
+        Raises:
+            UsageError: They do.
+        """
+        down, rpy, pitch, roll = (option + name for name in ("down", "rpy", "pitch", "roll"))
+        given = {down: self.down, rpy: self.rpy is not None, pitch: self.pitch is not None}
+        typed = [name for name, there in given.items() if there]
+        if len(typed) > 1:
+            raise UsageError(f"{typed[0]} and {typed[1]} contradict each other")
+        if self.roll is not None and self.pitch is None:
+            raise UsageError(f"{roll} needs {pitch}")
+        if self.rpy is not None and len(model.ranges) < 6:
+            raise UsageError(
+                f"{model.name} has five joints, and the heading of its tool follows from the position: "
+                f"give {pitch} and {roll} instead of {rpy}"
+            )
+        if self.pitch is not None and len(model.ranges) == 6:
+            raise UsageError(f"{model.name} has six joints: give {rpy} instead of {pitch}")
+
 
 @dataclass(frozen=True, slots=True)
 class Tip:
