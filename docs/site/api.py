@@ -31,6 +31,7 @@ MODULES: dict[str, tuple[str, ...]] = {
         "hexwire.arm.poses",
         "hexwire.control.gripping",
         "hexwire.control.motion_result",
+        "hexwire.model.picture",
         "hexwire.units",
     ),
     "Robots": (

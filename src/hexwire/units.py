@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["CHAPTER_RADIANS_PER_COUNT", "NSEC", "decimal", "deg", "degrees", "mm", "radians", "split_time"]
+__all__ = ["CHAPTER_RADIANS_PER_COUNT", "NSEC", "decimal", "deg", "degrees", "mm", "plain", "radians", "split_time"]
 
 NSEC = 1_000_000_000
 
@@ -42,6 +42,11 @@ def decimal(value: float, digits: int = 4) -> str:
     if "." in text:
         text = text.rstrip("0").rstrip(".")
     return "0" if text == "-0" else text
+
+
+def plain(value: float, digits: int, *, sign: bool = False) -> str:
+    """A number with `digits` decimals, without exponent and negative zero; ``-`` if it is unknown."""
+    return f"{round(value, digits) + 0.0:{'+' if sign else ''}.{digits}f}" if math.isfinite(value) else "-"
 
 
 def split_time(seconds: float) -> tuple[int, int]:

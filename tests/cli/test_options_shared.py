@@ -11,7 +11,7 @@ from hexwire.cli.options import RobotOptions, make_robot, resolve_url
 from hexwire.errors import LinkNotFoundError, ServoError, UsageError
 from hexwire.link import ports
 from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.state import JointFlag, JointReading
+from hexwire.model.state import JointFlag, JointReading, fault_names
 
 
 def options(**changes: Any) -> RobotOptions:
@@ -132,8 +132,8 @@ def test_a_joint_as_json() -> None:
 
 
 def test_silence_is_not_among_the_faults() -> None:
-    assert look.fault_names(JointFlag.SILENT | JointFlag.TORQUE_ON) == []
-    assert look.fault_names(JointFlag.VOLTAGE | JointFlag.CURRENT) == ["voltage", "current"]
+    assert fault_names(JointFlag.SILENT | JointFlag.TORQUE_ON) == []
+    assert fault_names(JointFlag.VOLTAGE | JointFlag.CURRENT) == ["voltage", "current"]
 
 
 def test_silent_servos_are_named() -> None:

@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from hexwire.cli.look import condition
-from hexwire.model.state import JointFlag, JointReading
+from hexwire.model.state import JointFlag, JointReading, condition
 
 
 def reading(flags: JointFlag) -> JointReading:

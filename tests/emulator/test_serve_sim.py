@@ -11,7 +11,6 @@ from types import ModuleType, SimpleNamespace
 import pytest
 
 from hexwire.bus.servo_bus import ServoBus
-from hexwire.cli.look import _remarks
 from hexwire.control.diagnostics import Facts, _stop_reason
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.checkup import judge_state
@@ -242,7 +241,7 @@ def said_of(robot: RobotDriver, state: JointState) -> dict[str, str]:
         "a motion": str(watched.value),
         "a controller": str(board_stop(state)),
         "doctor": str(judge_state(state, ())),
-        "state": str(_remarks(state)),
+        "state": str(state.remarks),
         "diagnostics": _stop_reason(facts),
     }
 

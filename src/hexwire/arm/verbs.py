@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.epochs import Token
     from hexwire.model.arm import ArmModel, JointModel
+    from hexwire.model.picture import Picture
     from hexwire.model.pose import Vector
     from hexwire.model.state import JointState
 
@@ -242,6 +243,21 @@ class Arm:
         kinematics = self._plans.kinematics
         state = read_known(self.driver, kinematics.joint_names)
         return Tip.of(kinematics, kinematics.from_joints(state.positions))
+
+    def picture(self, state: JointState | None = None) -> Picture:
+        """Draw the arm from its model: in a notebook, the last line of a cell shows it.
+
+        Args:
+            state: Where its joints are; as they are now if None.
+
+        Raises:
+            UsageError: The geometry of this arm is not known.
+        """
+        from hexwire.model.geometry import make_shapes
+        from hexwire.model.picture import draw_arm
+
+        shapes = make_shapes(self._plans.kinematics)
+        return draw_arm(shapes, (state or self.read()).positions, self.model.name)
 
     @property
     def opening(self) -> float:

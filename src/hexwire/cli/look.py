@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointReading, JointState
 
-__all__ = ["condition", "ping", "ports", "probe", "registers", "state", "state_json"]
+__all__ = ["ping", "ports", "probe", "registers", "state", "state_json"]
 
 _LOOK = 0.25
 """Seconds between two looks at the ports."""
@@ -54,6 +54,8 @@ class _Ping:
 @json_option
 def ping(ids: tuple[int, ...], options: RobotOptions, as_json: bool) -> None:
     """Check which servos answer: all servos of the robot, or those with the given bus IDs."""
+    from hexwire.model.state import fault_names
+
     pings = []
     with open_robot(options) as robot:
         for servo_id in ids or [joint.servo_id for joint in robot.model.joints]:
@@ -149,9 +151,6 @@ def _unplugged(timeout: float) -> list[PortInfo]:
     return list(finder.found)
 
 
-_HEAD = ("joint", "deg", "deg/s", "load %", "mA", "V", "degC", "age ms", "torque", "condition")
-
-
 @click.command()
 @click.option("--watch", is_flag=True, help="Update until interrupted.")
 @number_option("--rate", "HZ", "With --watch, the update rate.", above=0, default=5.0)
@@ -159,6 +158,8 @@ _HEAD = ("joint", "deg", "deg/s", "load %", "mA", "V", "degC", "age ms", "torque
 @json_option
 def state(watch: bool, rate: float, options: RobotOptions, as_json: bool) -> None:
     """Show all joints, once or live."""
+    from hexwire.model.state import COLUMNS
+
     with open_robot(options) as robot:
         if watch:
             _watch(robot, rate, as_json)
@@ -167,15 +168,15 @@ def state(watch: bool, rate: float, options: RobotOptions, as_json: bool) -> Non
             if as_json:
                 print_json(state_json(joints, robot.model))
             else:
-                say_table(_HEAD, [_cells(joint) for joint in joints])
-                for line in _remarks(joints):
+                say_table(COLUMNS, [joint.cells for joint in joints])
+                for line in joints.remarks:
                     say(line)
             raise_if_silent([(robot.model.joint(name).servo_id, name) for name in joints.silent])
 
 
 def joint_json(joint: JointReading, model: ArmModel) -> dict[str, object]:
     """One joint for JSON, each key with its unit."""
-    from hexwire.model.state import JointFlag
+    from hexwire.model.state import JointFlag, fault_names
 
     return {
         "name": joint.name,
@@ -194,13 +195,6 @@ def joint_json(joint: JointReading, model: ArmModel) -> dict[str, object]:
         "clamped": bool(joint.flags & JointFlag.CLAMPED),
         "faults": fault_names(joint.flags),
     }
-
-
-def fault_names(flags: int) -> list[str]:
-    """Names of a servo's faults, such as ``overload``; silence does not count as a fault."""
-    from hexwire.model.state import JointFlag
-
-    return [flag.name.lower() for flag in JointFlag(flags).faults & ~JointFlag.SILENT if flag.name]
 
 
 def raise_if_silent(servos: Sequence[tuple[int, str | None]]) -> None:
@@ -232,20 +226,9 @@ def state_json(state: JointState, model: ArmModel) -> dict[str, object]:
     }
 
 
-def condition(joint: JointReading) -> str:
-    """Condition of a joint: ``ok``, ``no answer`` or its faults."""
-    from hexwire.model.state import JointFlag
-
-    if joint.flags & JointFlag.SILENT:
-        return "no answer"
-    words = fault_names(joint.flags)
-    if joint.flags & JointFlag.CLAMPED:
-        words.append("clamped to its limit")
-    return ", ".join(words) or "ok"
-
-
 def _watch(robot: RobotDriver, rate: float, as_json: bool) -> None:
     from hexwire.control.loop import RateLoop
+    from hexwire.model.state import COLUMNS, condition
 
     ticks = RateLoop(rate).ticks()
     if as_json:
@@ -256,7 +239,7 @@ def _watch(robot: RobotDriver, rate: float, as_json: bool) -> None:
             joints = robot.read()
             angles = "  ".join(f"{j.name} {plain(math.degrees(j.position), 2)}" for j in joints)
             odd = [f"{j.name} {condition(j)}" for j in joints if condition(j) != "ok"]
-            say("; ".join([f"{seconds:8.1f} s  {angles} deg", *odd, *_remarks(joints)]), flush=True)
+            say("; ".join([f"{seconds:8.1f} s  {angles} deg", *odd, *joints.remarks]), flush=True)
     else:
         from rich.console import Group
         from rich.text import Text
@@ -267,35 +250,10 @@ def _watch(robot: RobotDriver, rate: float, as_json: bool) -> None:
             for _ in ticks:
                 joints = robot.read()
                 faulty = [condition(joint) != "ok" for joint in joints]
-                remarks = [Text(line, style="bold red") for line in _remarks(joints)]
+                said = [Text(line, style="bold red") for line in joints.remarks]
                 foot = Text(f"{robot.url}, {rate:g} Hz; Ctrl-C ends", style="dim")
-                table = JointTable(_HEAD, [_cells(joint) for joint in joints], faulty)
-                screen.update(Group(table, *remarks, foot), refresh=True)
-
-
-def _remarks(state: JointState) -> list[str]:
-    if state.watchdog_tripped:
-        return [f"stopped by the board's watchdog, because {state.trip_reason}; 'hexwire resume' ends the stop"]
-    if state.maintenance:
-        return ["in maintenance: servo settings may be written, nothing moves"]
-    return ["stopped; 'hexwire resume' ends the stop"] if state.stopped else []
-
-
-def _cells(joint: JointReading) -> tuple[str, ...]:
-    from hexwire.model.state import JointFlag
-
-    return (
-        joint.name,
-        plain(math.degrees(joint.position), 2),
-        plain(math.degrees(joint.velocity), 1),
-        plain(100 * joint.load, 1),
-        plain(1000 * joint.current, 0),
-        plain(joint.voltage, 1),
-        plain(joint.temperature, 0),
-        plain(1000 * joint.age, 0),
-        "-" if joint.flags & JointFlag.TORQUE_UNKNOWN else "on" if joint.flags & JointFlag.TORQUE_ON else "off",
-        condition(joint),
-    )
+                table = JointTable(COLUMNS, [joint.cells for joint in joints], faulty)
+                screen.update(Group(table, *said, foot), refresh=True)
 
 
 @click.command()

@@ -300,7 +300,7 @@ def rest_json(rest: Rest | None) -> dict[str, float | None]:
 
 
 def _shortfall(result: MotionResult) -> str:
-    from .look import condition
+    from hexwire.model.state import condition
 
     parts = []
     for row in result.off:

@@ -16,7 +16,7 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from typing import IO
 
-from hexwire.units import decimal
+from hexwire.units import decimal, plain
 
 __all__ = [
     "answer",
@@ -60,11 +60,6 @@ def _code(number: int) -> str:
         # Python's representation of a byte that is not UTF-8.
         number -= 0xDC00
     return f"\\x{number:02x}" if number < 0x100 else f"\\u{number:04x}" if number < 0x10000 else f"\\U{number:08x}"
-
-
-def plain(value: float, digits: int, *, sign: bool = False) -> str:
-    """A number with `digits` decimals, without exponent and negative zero; ``-`` if it is unknown."""
-    return f"{round(value, digits) + 0.0:{'+' if sign else ''}.{digits}f}" if math.isfinite(value) else "-"
 
 
 def with_unit(value: float, unit: str) -> str:

@@ -1,6 +1,7 @@
 """Values that all layers above the wire share: joint states, joint targets, targets as sent.
 
-Owns frozen values in SI units. Knows nothing of counts, frames or the source of a state.
+Owns frozen values in SI units, and their words and table for people, which a terminal and a notebook share. Knows
+nothing of counts, frames or the source of a state.
 """
 
 from __future__ import annotations
@@ -9,14 +10,27 @@ import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from enum import IntFlag
+from html import escape
 from typing import TYPE_CHECKING
 
 from hexwire.errors import UsageError
+from hexwire.units import plain
 
 if TYPE_CHECKING:
     from .control_law import ControlLaw
 
-__all__ = ["LONGEST", "JointFlag", "JointReading", "JointState", "JointTarget", "SentTarget", "finite"]
+__all__ = [
+    "COLUMNS",
+    "LONGEST",
+    "JointFlag",
+    "JointReading",
+    "JointState",
+    "JointTarget",
+    "SentTarget",
+    "condition",
+    "fault_names",
+    "finite",
+]
 
 NAN = math.nan
 
@@ -88,6 +102,25 @@ _FAULTS = (
 _SILENT, _TORQUE_ON = int(JointFlag.SILENT), int(JointFlag.TORQUE_ON)
 
 
+COLUMNS = ("joint", "deg", "deg/s", "load %", "mA", "V", "degC", "age ms", "torque", "condition")
+"""Titles of the columns of `JointReading.cells`."""
+
+
+def fault_names(flags: int) -> list[str]:
+    """Names of a servo's faults, such as ``overload``; silence does not count as a fault."""
+    return [flag.name.lower() for flag in JointFlag(flags).faults & ~JointFlag.SILENT if flag.name]
+
+
+def condition(joint: JointReading) -> str:
+    """Condition of a joint in words: ``ok``, ``no answer`` or its faults."""
+    if joint.flags & JointFlag.SILENT:
+        return "no answer"
+    words = fault_names(joint.flags)
+    if joint.flags & JointFlag.CLAMPED:
+        words.append("clamped to its limit")
+    return ", ".join(words) or "ok"
+
+
 @dataclass(frozen=True, slots=True)
 class JointReading:
     """One joint of a `JointState`, in the same units."""
@@ -101,6 +134,23 @@ class JointReading:
     temperature: float
     flags: JointFlag
     age: float
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Its row in a table with `COLUMNS`; ``-`` for what is unknown."""
+        torque = "on" if self.flags & JointFlag.TORQUE_ON else "off"
+        return (
+            self.name,
+            plain(math.degrees(self.position), 2),
+            plain(math.degrees(self.velocity), 1),
+            plain(100 * self.load, 1),
+            plain(1000 * self.current, 0),
+            plain(self.voltage, 1),
+            plain(self.temperature, 0),
+            plain(1000 * self.age, 0),
+            "-" if self.flags & JointFlag.TORQUE_UNKNOWN else torque,
+            condition(self),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -232,6 +282,29 @@ class JointState:
             JointFlag(self.flags[i]),
             self.age[i],
         )
+
+    @property
+    def remarks(self) -> list[str]:
+        """What is to be said of the whole arm below its table; nothing for an arm that is ready."""
+        if self.watchdog_tripped:
+            return [f"stopped by the board's watchdog, because {self.trip_reason}; 'hexwire resume' ends the stop"]
+        if self.maintenance:
+            return ["in maintenance: servo settings may be written, nothing moves"]
+        return ["stopped; 'hexwire resume' ends the stop"] if self.stopped else []
+
+    def _repr_html_(self) -> str:
+        """The table as HTML, without columns of which nothing is known; its style is that of the page."""
+        rows = [joint.cells for joint in self]
+        kept = [i for i, column in enumerate(zip(*rows, strict=True)) if set(column) != {"-"}]
+        titles = "".join(f"<th>{COLUMNS[i]}</th>" for i in kept)
+        lines = [
+            f"<tr><th>{escape(row[0])}</th>"
+            + "".join(f'<td style="text-align:right">{escape(row[i])}</td>' for i in kept[1:])
+            + "</tr>"
+            for row in rows
+        ]
+        below = "".join(f"<p>{escape(remark)}</p>" for remark in self.remarks)
+        return f"<table><thead><tr>{titles}</tr></thead><tbody>{''.join(lines)}</tbody></table>{below}"
 
     @property
     def silent(self) -> tuple[str, ...]:
