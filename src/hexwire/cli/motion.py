@@ -374,7 +374,7 @@ def play(
     The arm first moves slowly to the start of the motion. With --fastest, waypoints need no times, and --speed is a
     share of the speed limits.
     """
-    from hexwire.arm.plans import approached
+    from hexwire.arm.plans import approached, edited
     from hexwire.inputs import LARGEST_DATA, read_bytes
     from hexwire.motion.through import arm_path
     from hexwire.motion.waypoint_file import parse_points, parse_waypoints
@@ -399,12 +399,8 @@ def play(
     else:
         from hexwire.arm.recorded import read_taught
 
-        taught = read_taught(file, arm)
-        if begin or end is not None:
-            taught = taught.trimmed(begin, math.inf if end is None else end)
-        if trim:
-            taught = taught.without_stillness()
-        taught = taught.smoothed(smooth).faster(speed)
+        last = math.inf if end is None else end
+        taught = edited(read_taught(file, arm), speed, begin, last, smooth, trim)
         if save is not None:
             _save(taught, file, save, force, run.as_json)
             return
