@@ -339,13 +339,6 @@ class PtyBoard:
             joint.name: joint.counts_to_angle(servos[joint.servo_id].present_position) for joint in HEX7BOT.joints
         }
 
-    def block(self, joint: str | None) -> None:
-        """Have a joint run against something at once; None takes that away."""
-        for servo in self.board.wire.servos:
-            servo.motion.obstacle = (None, None)
-            if joint is not None and servo.servo_id == HEX7BOT.joint(joint).servo_id:
-                servo.motion.obstacle = (servo.motion.position - 20, servo.motion.position + 20)
-
     close = unplug
 
 

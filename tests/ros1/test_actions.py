@@ -139,6 +139,35 @@ def test_a_refusal_has_its_code(actions: Actions) -> None:
     assert "elbow" in text
 
 
+def test_a_goal_that_another_one_replaces_is_preempted(actions: Actions) -> None:
+    actions.goals.start()
+    old = actions.send(Handle("old", {"J1": HOME["J1"] + 0.5}, 5.0))
+    eventually(lambda: old.said)
+    actions.bench.turn(1.0)
+    new = actions.send(Handle("new", {"J1": HOME["J1"]}, 1.5))
+    eventually(lambda: new.said)
+    actions.bench.until(lambda: new.over)
+    assert [said[:2] for said in old.said[1:]] == [("canceled", 0)]
+    assert new.said == ["accepted", ("succeeded", 0, "")]
+
+
+def test_a_goal_that_its_tolerances_end_has_their_code(actions: Actions) -> None:
+    actions.goals.start()
+    actions.bench.jam("J1")
+    tolerance = SimpleNamespace(name="J1", position=0.02, velocity=0.0, acceleration=0.0)
+    for kind, code in (("path", -4), ("goal", -5)):
+        handle = Handle(kind, {"J1": HOME["J1"] + 0.1})
+        sent = handle.get_goal()
+        setattr(sent, f"{kind}_tolerance", [tolerance])
+        sent.goal_time_tolerance = Time(0.5)
+        actions.send(handle)
+        eventually(lambda handle=handle: handle.said)  # type: ignore[misc]  # bound at once
+        actions.bench.until(lambda handle=handle: handle.over)  # type: ignore[misc]
+        assert handle.said[0] == "accepted", kind
+        assert handle.said[1][:2] == ("aborted", code), kind
+        assert "J1" in handle.said[1][2], kind
+
+
 def test_a_stop_aborts_and_the_end_is_told_before_all_is_closed(actions: Actions) -> None:
     actions.goals.start()
     handle = actions.send(Handle("one", {"J1": HOME["J1"] + 0.5}, 5.0))

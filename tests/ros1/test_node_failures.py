@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import signal
 import socket
 import sys
@@ -11,7 +10,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.ros1.conftest import WATCHDOG
 from tests.ros1.ros_world import HEXWIRE, JOINTS, NODE, Arm, PtyBoard, World, free_port, near, still, until
 
 TARGET = {"J1": 0.6}
@@ -122,72 +120,11 @@ def test_newer_node_of_the_same_name_takes_over(own_arm: Arm) -> None:
     assert newer.end() == 0
 
 
-@pytest.mark.slow
-def test_torque_is_taken_at_the_end_where_that_is_asked_for(world: World) -> None:
-    board = PtyBoard(world.folder / "limp")
-    try:
-        node = world.node("__ns:=limp", f"_port:={board.port}", "_torque_off_at_exit:=true", *SETTINGS)
-        assert all(servo.torque_on for servo in board.board.wire.servos)
-        assert node.end() == 0
-        assert not any(servo.torque_on for servo in board.board.wire.servos)
-    finally:
-        board.close()
-
-
 # -- the robot fails ------------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_unplugged_during_a_move_and_plugged_in_again(own_arm: Arm) -> None:
-    arm, board = own_arm, own_arm.board
-    _moving(arm)
-    board.unplug()
-    result = arm.result("move")
-    assert result["state"] == "ABORTED"
-    assert "lost" in result["text"]
-    arm.diagnosed("link", 2, "not connected")
-    assert arm.diagnosed("J1 (servo 0)", 3)
-    assert "cannot be reached" in arm.refused("reset")
-    arm.send("none", TARGET, 3.0)
-    assert arm.result("none")["state"] == "REJECTED"
-    board.plug()
-    # By themselves.
-    assert arm.position().keys() == set(JOINTS)
-    row = arm.diagnosed("link", 0)
-    assert {"key": "reconnects", "value": "1"} in row["values"]
-    stood = still(lambda: board.positions)
-    arm.send("still none", TARGET, 3.0)
-    result = arm.result("still none")
-    assert (result["state"], result["code"]) == ("REJECTED", -1)
-    assert "reset first" in result["text"]
-    arm.trigger("reset")
-    assert near(stood, still(lambda: board.positions), 0.01)
-    arm.enable()
-    arm.moves("again", TARGET, 2.0)
 
 
 def _published(arm: Arm) -> set[str]:
     return set(arm.position())
-
-
-@pytest.mark.slow
-def test_servo_lost_during_a_move_stops_the_arm(arm: Arm) -> None:
-    here = arm.position()
-    arm.send("move", {"J1": here["J1"] - 0.5, "J5": here["J5"] - 0.3}, 5.0)
-    arm.client.wait_active(key="move", feedback=4)
-    arm.board.faults("silent:4")
-    result = arm.result("move")
-    assert result["state"] == "ABORTED"
-    assert "J5" in result["text"]
-    until(lambda: _published(arm) == set(JOINTS) - {"J5"}, "J5 is left out", arm.node.report)
-    arm.diagnosed("J5 (servo 4)", 2)
-    arm.diagnosed("J4 (servo 3)", 0)
-    still(lambda: arm.board.positions)
-    arm.board.faults()
-    until(lambda: _published(arm) == set(JOINTS), "J5 is back", arm.node.report)
-    arm.trigger("reset")
-    arm.enable()
-    arm.moves("after", {"J5": here["J5"]}, 2.0)
 
 
 def test_servo_lost_at_rest_is_reported_and_the_others_continue(arm: Arm) -> None:
@@ -197,34 +134,6 @@ def test_servo_lost_at_rest_is_reported_and_the_others_continue(arm: Arm) -> Non
     arm.board.faults()
     until(lambda: _published(arm) == set(JOINTS), "J6 is back", arm.node.report)
     arm.diagnosed("J6 (servo 5)", 0)
-
-
-@pytest.mark.slow
-def test_blocked_arm_stops_by_itself(arm: Arm) -> None:
-    here = arm.position()["J1"]
-    arm.board.block("J1")
-    try:
-        # Long enough for a machine that stalls: the judgement begins anew then.
-        arm.send("move", {"J1": here - 0.6}, 4.0)
-        result = arm.result("move")
-    finally:
-        arm.board.block(None)
-    assert (result["state"], result["code"]) == ("ABORTED", -4)
-    assert "J1" in result["text"]
-    assert "reset" in arm.refused("go_to/home")
-    arm.diagnosed("board", 2, "J1")
-
-
-@pytest.mark.slow
-def test_board_that_restarts_is_watched_again(arm: Arm) -> None:
-    said = len(arm.node.err)
-    arm.board.faults("reset:0.1")
-    until(lambda: "the board was reset" in arm.node.err[said:], "it is told", arm.node.report)
-    until(lambda: arm.board.board.state.watchdog_timeout == WATCHDOG, "its watchdog is set again", arm.node.report)
-    arm.trigger("reset")
-    arm.enable()
-    here = arm.position()["J1"]
-    arm.moves("after", {"J1": here - math.copysign(0.1, here)}, 1.0)
 
 
 # -- the start fails --------------------------------------------------------------------------------------------
@@ -286,42 +195,52 @@ def test_refused_command_line_is_forgotten_by_the_master(world: World) -> None:
     world.run(*node, status=1)
 
 
-OF_A_COMMAND_LINE = """
-from hexwire.cli import ros1
-ros1._find_ros()
-from hexwire.ros1 import node
-node.rospy.delete_param = print
-node._delete_params(["_rate:=5", "__ns:=left", "joint_states:=js", "_poses:={"])
-"""
-
-
-def test_only_parameters_of_a_refused_command_line_are_deleted(world: World) -> None:
-    """Names of the node and remappings are none."""
-    assert world.run("env", sys.executable, "-c", OF_A_COMMAND_LINE).out.split() == ["~rate", "~poses"]
-
-
-LEVELS = """
-import logging
+ALONE = """
+import json, logging
 from functools import partial
+from types import SimpleNamespace as Made
 from hexwire.cli import ros1
 ros1._find_ros()
+from hexwire.model.hex7bot import HEX7BOT
+from hexwire.motion.teach import Taught
 from hexwire.ros1 import node
+told = {name: [] for name in ("deleted", "logged", "taught")}
+node.rospy.delete_param = told["deleted"].append
+node._delete_params(["_rate:=5", "__ns:=left", "joint_states:=js", "_poses:={"])
 handler = node._ToRos()
-handler._LEVELS = [(level, partial(print, log.__name__)) for level, log in handler._LEVELS]
-node.rospy.logdebug = partial(print, "logdebug")
+note = lambda name, text, said: told["logged"].append([name, said])
+handler._LEVELS = [(level, partial(note, log.__name__)) for level, log in handler._LEVELS]
+node.rospy.logdebug = partial(note, "logdebug")
 for level in (logging.CRITICAL, logging.ERROR, logging.WARNING, logging.INFO, logging.DEBUG):
     handler.emit(logging.LogRecord("hexwire", level, "", 0, logging.getLevelName(level), (), None))
+desired = Made(position=(0.1,), velocity=(0.2,), acceleration=(0.3,))
+arm = Made(query=lambda name, delay: desired, controllers={"one": Made(joints=("J1",))})
+answer = node.HardwareInterface._query_state(Made(_arm=arm), "one", Made(time=node.rospy.Time(0)))
+told["query"] = [answer.name, answer.position, answer.velocity, answer.acceleration]
+front = Made(_settings=Made(model=HEX7BOT), _taught=Made(publish=told["taught"].append))
+node.HardwareInterface._publish_taught(front, Taught(("J1",), (0.0, 2.0), ((0.1,), (0.5,))))
+told["taught"] = [
+    [message.joint_names, [[point.time_from_start.to_sec(), point.positions] for point in message.points]]
+    for message in told["taught"]
+]
+print(json.dumps(told))
 """
 
 
-def test_a_record_has_the_same_level_in_the_log_of_ros(world: World) -> None:
-    assert world.run("env", sys.executable, "-c", LEVELS).out.splitlines() == [
-        "logerr %s CRITICAL",
-        "logerr %s ERROR",
-        "logwarn %s WARNING",
-        "loginfo %s INFO",
-        "logdebug %s DEBUG",
-    ]
+def test_what_the_node_passes_on_without_a_master(world: World) -> None:
+    assert json.loads(world.run("env", sys.executable, "-c", ALONE).out) == {
+        # Names of the node and remappings are no parameters of a refused command line.
+        "deleted": ["~rate", "~poses"],
+        "logged": [
+            ["logerr", "CRITICAL"],
+            ["logerr", "ERROR"],
+            ["logwarn", "WARNING"],
+            ["loginfo", "INFO"],
+            ["logdebug", "DEBUG"],
+        ],
+        "query": [["J1"], [0.1], [0.2], [0.3]],
+        "taught": [[["J1"], [[0.0, [0.1]], [2.0, [0.5]]]]],
+    }
 
 
 @pytest.mark.slow

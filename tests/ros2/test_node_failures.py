@@ -243,20 +243,6 @@ def test_unplugged_during_a_move_and_plugged_in_again(own_arm: Arm) -> None:
     assert Goal(arm, (2.0, TARGET)).result()[0] == SUCCEEDED
 
 
-@pytest.mark.slow
-def test_servo_lost_during_a_move_stops_the_arm_and_is_left_out(own_arm: Arm) -> None:
-    arm = own_arm
-    goal = _moving(arm)
-    arm.board.faults("silent:0")
-    status, _, text = goal.result()
-    assert status == ABORTED
-    assert "J1" in text
-    until(lambda: set(arm.position()) == set(JOINTS) - {"J1"}, "J1 is left out", arm.node.report)
-    arm.diagnosed("J1 (servo 0)", 2)
-    arm.board.faults()
-    until(lambda: set(arm.position()) == set(JOINTS), "J1 is back", arm.node.report)
-
-
 # -- the start fails --------------------------------------------------------------------------------------------
 
 

@@ -189,6 +189,28 @@ def test_a_jog_that_begins_during_a_motion_begins_where_its_joints_have_braked(
     assert steps[-1] < 0.3 * max(steps)
 
 
+def test_a_held_jog_says_why_it_does_not_move_and_a_stop_is_in_the_frame(source: Source) -> None:
+    arm = source.open("sim://hex7bot?name=says")
+    until(lambda: len(arm.driver.round_trips) > 0 and arm.arm.owner.state is not None, "a state")
+    state = arm.arm.owner.state
+    assert state is not None
+
+    def bits() -> int:
+        return int(struct.unpack_from("<H", arm.frame(state), 2)[0])
+
+    arm.jog.note = "J1 is at its limit"
+    assert arm.facts()["note"] == ""
+    assert not bits() & (FrameBit.STOPPED | FrameBit.HELD)
+    assert arm.attended.begin("somebody", 1) is not None
+    assert arm.facts()["note"] == "J1 is at its limit"
+    arm.stop("a test")
+    assert bits() & FrameBit.STOPPED
+    arm.arm.owner = Seen(arm.arm.owner, state)  # type: ignore[assignment]  # at the time of that state
+    arm.driver = Seen(arm.driver, state, round_trips=(0.001, 0.0012345))  # type: ignore[assignment]
+    assert arm.facts()["round_trip_ms"] == 1.23
+    arm.arm.owner, arm.driver = arm.arm.owner._owner, arm.driver._owner
+
+
 class Seen:
     """An owner as it is at some time after a state."""
 

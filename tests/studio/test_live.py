@@ -68,6 +68,15 @@ def test_a_stop_that_is_sent_again_is_no_second_one(studio: RunningStudio, monke
         line.send(json.dumps({"do": "stop", "id": 2}))
         until(lambda: '"stopping"' in str(line.recv(timeout=20)), "the answer to the stop")
         assert len(stops) == 1
+        # Who has no control is told why what was to be held has ended.
+        present = studio.studio.source.present
+        assert present is not None
+        stops_seen = present.stops & 0xFFFFFFFF
+        line.send(json.dumps({"do": "hold", "id": 3, "kind": "joint", "args": {}, "stops": stops_seen}))
+        heard = [""]
+        until(lambda: heard.append(str(line.recv(timeout=20))) or '"ended"' in heard[-1], "the refusal")
+        assert json.loads(heard[-1])["id"] == 3
+        assert "control" in json.loads(heard[-1])["why"]
         for _ in range(2):
             assert owner.ask(f"/stop?tab={tab}&id=2", "POST", b"")[0] == 200
         assert len(stops) == 1
