@@ -190,6 +190,7 @@ def test_a_jog_that_begins_during_a_motion_begins_where_its_joints_have_braked(
 
 
 def test_a_held_jog_says_why_it_does_not_move_and_a_stop_is_in_the_frame(source: Source) -> None:
+    source.silence = 60.0
     arm = source.open("sim://hex7bot?name=says")
     until(lambda: len(arm.driver.round_trips) > 0 and arm.arm.owner.state is not None, "a state")
     state = arm.arm.owner.state
