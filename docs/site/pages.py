@@ -141,7 +141,7 @@ def site_page(page: str, pages: Mapping[str, Path], root: Path = ROOT, made: Con
             continue
         if file in of_file:
             new = os.path.relpath(of_file[file], here) + (f"#{anchor}" if anchor else "")
-        elif file.is_relative_to(root / "docs") and file.suffix in (".svg", ".png"):
+        elif file.is_relative_to(root / "docs") and file.suffix in (".svg", ".png", ".webp"):
             new = os.path.relpath(file.relative_to(root / "docs"), here)
         else:
             known = file.is_file() and file.is_relative_to(root.resolve())
