@@ -404,7 +404,7 @@ def test_sts_calibrates_by_128_in_the_torque_register() -> None:
 # --- protection --------------------------------------------------------------------------------------------
 
 
-def test_a_blocked_servo_reports_overload_and_lets_go_until_its_torque_is_off() -> None:
+def test_a_blocked_servo_reports_overload_and_lets_go_until_a_goal_presses_no_more() -> None:
     bench = Bench(Series.STS_SMS, position=2000)
     bench.servo.motion.obstacle = (None, 2100.0)
     bench.write(goal_position=3000)
@@ -419,15 +419,23 @@ def test_a_blocked_servo_reports_overload_and_lets_go_until_its_torque_is_off() 
     assert status is not None
     assert status.error == 0x20
     assert bench.read("present_load") == 200
+    bench.write(goal_position=3000)
+    bench.wait(0.1)
+    assert bench.read("status") == 0x20
     bench.write(goal_position=2050)
     bench.wait(1.0)
+    assert bench.read("status") == 0
+    assert bench.read("present_position") == 2050
+
+
+def test_torque_off_ends_an_overload() -> None:
+    bench = Bench(Series.STS_SMS, position=2000)
+    bench.servo.motion.obstacle = (None, 2100.0)
+    bench.write(goal_position=3000)
+    bench.wait(3.0)
     assert bench.read("status") == 0x20
     bench.write(torque_enable=0)
-    bench.write(torque_enable=1)
     assert bench.read("status") == 0
-    bench.write(goal_position=2050)
-    bench.wait(1.0)
-    assert bench.read("present_position") == 2050
 
 
 def test_an_hls_current_ceiling_saves_it_from_overload() -> None:

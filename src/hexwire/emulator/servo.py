@@ -43,6 +43,8 @@ REBOOT_TIME = 0.8
 """Seconds of silence after REBOOT (vendor protocol document)."""
 
 _CALIBRATE_MID = 128
+_PRESSES = 12
+"""Counts from where a shaft stands to a goal that presses on what blocks it; a servo that holds is closer."""
 _NAMES = {code: name for name, code in INSTRUCTIONS.items()}
 
 
@@ -349,7 +351,10 @@ class EmulatedServo:
         else:
             goal = control.clamp_goal(self.registers, goal)
             self._target = goal + self._offset() + self._turns(position)
-        self._goal_distance = self._target - position
+        before, self._goal_distance = self._goal_distance, self._target - position
+        presses_on = self._goal_distance * before > 0.0 and abs(self._goal_distance) > _PRESSES
+        if not presses_on:
+            self.protection.clear()
 
     def _calibrate(self, position: int) -> None:
         """Calibrate so that the present position reads `position`; stored at once, as in the real servos."""
