@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from itertools import product
 
 import pytest
@@ -20,7 +22,14 @@ from hexwire.control.outcomes import Outcome
 from hexwire.control.path_brake import PathBrake
 from hexwire.drivers.timed_path import PathState, TimedPoint
 from hexwire.emulator.board_trajectory import LEAD_MS
+from hexwire.errors import LimitError
+from hexwire.model.arm import ArmModel
+from hexwire.model.geometry import make_kinematics
 from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.pose import Pose
+from hexwire.motion.checks import InJoints
+from hexwire.motion.limits import slow_enough
+from hexwire.motion.line import Line as TipLine
 from hexwire.motion.through import arm_path
 from hexwire.motion.waypoints import Trajectory
 from hexwire.wire.command_frame import Command
@@ -30,6 +39,15 @@ STEP = 0.001
 ROUNDING = 1.1
 """Counts: half of one by which cubics between points may be off, half for rounding, and what the wire rounds."""
 JOINTS = {"J1": 1.0, "J5": -0.8, "J6": 0.4}
+CURVED = ("J1", "J3", "J4", "J5", "J6")
+NEARLY = replace(
+    HEX7BOT,
+    joints=tuple(
+        replace(joint, max_acceleration=0.85 * joint.max_acceleration, max_jerk=0.4 * joint.max_jerk)
+        for joint in HEX7BOT.joints
+    ),
+)
+"""What a client keeps: between its points the quintics of a goal have more jerk than the path that they are of."""
 
 
 class Line:
@@ -130,7 +148,7 @@ def test_a_path_ends_within_all_limits_however_it_ends(
 def test_on_a_curve_at_its_limits_the_host_ends_a_path_and_not_the_board(how: str, seed: int) -> None:
     """The law of the board exceeds the limits there; it is neither asked for, nor does it run out of points."""
     draw = random.Random(seed)
-    names = draw.sample(("J1", "J3", "J4", "J5", "J6"), draw.choice((1, 2, 4)))
+    names = draw.sample(CURVED, draw.choice((1, 2, 4)))
     fast = _fast(draw, names)
     bench = Timed(watchdog=0.0)
     told = bench.command(_goal(fast, 0.5))
@@ -151,7 +169,7 @@ def test_on_a_curve_at_its_limits_the_host_ends_a_path_and_not_the_board(how: st
 def test_on_a_curve_at_its_limits_a_new_goal_never_lets_the_board_brake_by_itself(seed: int) -> None:
     """Where no brake is possible, what replaces the rest of a path lasts until the next request has come."""
     draw = random.Random(seed)
-    names = draw.sample(("J1", "J3", "J4", "J5", "J6"), draw.choice((1, 2, 4)))
+    names = draw.sample(CURVED, draw.choice((1, 2, 4)))
     before, after = _fast(draw, names), _fast(draw, names)
     bench = Timed(watchdog=0.0)
     bench.command(_goal(before, 0.5))
@@ -168,14 +186,83 @@ def test_on_a_curve_at_its_limits_a_new_goal_never_lets_the_board_brake_by_itsel
     assert not (path and path.dry)
 
 
-def _fast(draw: random.Random, names: list[str]) -> Trajectory:
+@few("how, seed", product(("goal", "line"), range(8)), ("goal", 1), ("line", 0))
+def test_what_replaces_a_path_near_its_limits_keeps_them_at_1_khz_and_on_the_line(
+    how: str, seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Until its second request comes, a board has only the points of the first one, in place of all others."""
+    draw = random.Random(f"{how} {seed}")
+    names = draw.sample(CURVED, draw.choice((1, 2, 4)))
+    fast = _fast(draw, names, HOME, NEARLY)
+    bench = Timed(watchdog=0.0)
+    line = Line(bench, monkeypatch)
+    bench.command(_goal(fast, 0.5))
+    when = draw.uniform(0.1, 0.9) * fast.duration
+    bench.turn(0.5 + when)
+    here = HOME | dict(zip(names, fast.sample(when).position, strict=True))
+    new = _straight(draw, here) if how == "line" else _fast(draw, names, here, NEARLY)
+    began, ends = bench.clock.time, bench.clock.time + new.duration + 1.0
+    told = bench.command(_goal(new, 0.5))
+    ahead, start = bench.owner._output._ahead, bench.board.trajectory.start_at - LEAD_MS / 1000.0
+    assert ahead is not None
+    limits = [HEX7BOT.joint(name) for name in NAMES]
+    n, before, meant = round((began - start) / STEP), None, dict[int, tuple[float, ...]]()
+    while bench.clock.time < ends:
+        bench.turn(0.02)
+        path = bench.board.trajectory.path
+        assert path is not None
+        assert not path.braking
+        while n * STEP <= bench.clock.time - start:
+            now = ahead._on_robot.sample(min(n * STEP, ahead._on_robot.duration))
+            for i, joint in enumerate(limits):
+                assert joint.minimum <= now.position[i] <= joint.maximum
+                assert abs(now.velocity[i]) <= MOST * joint.max_speed
+                assert abs(now.acceleration[i]) <= MOST * joint.max_acceleration
+                change = 0.0 if before is None else abs(now.acceleration[i] - before.acceleration[i])
+                assert change <= MOST * joint.max_jerk * STEP + 1e-6
+            before, meant[n] = now, now.position
+            n += 1
+    assert told.ends
+    assert bench.state is PathState.DONE
+    assert not bench.targets
+    for time, servo, counts in line.targets:
+        place, turned = math.floor((time - start) / STEP), HEX7BOT.by_servo(servo)
+        if time > began and place in meant and place + 1 in meant:
+            assert turned is not None
+            i, share = NAMES.index(turned.name), (time - start) / STEP - place
+            ideal = meant[place][i] + share * (meant[place + 1][i] - meant[place][i])
+            assert abs(ideal - turned.counts_to_angle(counts)) <= ROUNDING * turned.scale, (
+                turned.name,
+                time - start,
+            )
+    # It never had to come to rest in between.
+    assert bench.commands().count(Command.TRAJECTORY_BEGIN) == 1
+    assert Command.TRAJECTORY_ABORT not in bench.commands()
+
+
+def _fast(
+    draw: random.Random, names: Sequence[str], start: Mapping[str, float] = HOME, arm: ArmModel = HEX7BOT
+) -> Trajectory:
     """A path through random places, as fast as the servos of this arm follow."""
     joints = [HEX7BOT.joint(name) for name in names]
-    rows = [[HOME[name] for name in names]]
+    rows = [[start[name] for name in names]]
     for _ in range(draw.choice((2, 3, 5))):
         row = [HOME[name] + draw.uniform(-0.8, 0.8) for name in names]
         rows.append([min(max(p, j.minimum + 0.02), j.maximum - 0.02) for p, j in zip(row, joints, strict=True)])
-    return arm_path(HEX7BOT, names, rows, speed=0.6)
+    return arm_path(arm, names, rows, speed=0.6)
+
+
+def _straight(draw: random.Random, start: Mapping[str, float]) -> Trajectory:
+    """A fast line of the tip."""
+    model = make_kinematics(HEX7BOT.name, for_motion=True)
+    angles = model.from_joints(start)
+    here = model.forward(angles)
+    for _ in range(500):
+        x, y, z = (value + draw.uniform(-0.1, 0.1) for value in here.position)
+        with suppress(LimitError):
+            tip = TipLine(model, angles, Pose((x, y, z), here.rotation), speed=0.3, acceleration=1.2)
+            return slow_enough(NEARLY, InJoints(tip, model))
+    raise AssertionError("no line was found")
 
 
 def _goal(path: Trajectory, begins: float) -> TrajectoryGoal:
