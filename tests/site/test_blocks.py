@@ -38,7 +38,7 @@ CONSOLE = [page for page, found in ALL.items() if page not in OWN and any(b.lang
 NOTEST = [(page, b) for page, found in ALL.items() for b in found if b.language == "python" and "notest" in b.info]
 LONG = ("docs/motion.md",)
 """Their motions take many seconds; `tests/cli` has them one by one."""
-ON_A_BUS = ("docs/bus.md",)
+ON_A_BUS = ("docs/bus.md", "docs/bus-setup.md")
 """Their ports are of servos on an adapter."""
 
 
