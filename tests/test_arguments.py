@@ -42,6 +42,8 @@ GOOD: dict[str, Any] = {
 }  # fmt: skip
 _TIMES = ("attempts", "boot_window", "timeout", "window")
 NOT_CALLED = {
+    # Hooks of a driver, which get what its verbs have checked.
+    "on_hold", "on_read", "on_target", "on_torque",
     # The connection itself; classes have their own tests of addresses.
     "abort", "attach", "close", "detach", "from_conf", "from_url", "open", "share_stops", "sleep",
 }  # fmt: skip

@@ -10,11 +10,11 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
-from tests.studio.running import until
+from tests.studio.running import PATIENCE, until
 
 from hexwire.errors import HexwireError
 from hexwire.studio.page_process import PageProcess
@@ -106,11 +106,22 @@ def _asked_for_long(process: PageProcess, endless: Path) -> Iterator[list[str]]:
             process.ask("wire_open", "tab", str(endless), "x", "board")
         told.append(str(failed.value))
 
+    writers = list[int]()
+
+    def reads() -> bool:
+        # Before somebody reads from it, nobody can open it for this. While it is open, reading never ends.
+        with suppress(OSError):
+            writers.append(os.open(endless, os.O_WRONLY | os.O_NONBLOCK))
+        return bool(writers)
+
     thread = threading.Thread(target=ask)
     thread.start()
-    until(lambda: process._turn.locked(), "the order")
-    yield told
-    thread.join(20.0)
+    until(reads, "the order")
+    try:
+        yield told
+        thread.join(PATIENCE)
+    finally:
+        os.close(writers[0])
 
 
 def test_killed_at_work_it_tells_whoever_waits(process: PageProcess, endless: Path) -> None:
