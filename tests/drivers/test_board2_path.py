@@ -14,9 +14,10 @@ from hexwire.drivers.board2_path import BoardTime
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.drivers.timed_path import PathState, TimedPath, TimedPoint
 from hexwire.emulator.board_path import BoardPath
+from hexwire.emulator.gate import RefusedError
 from hexwire.errors import CommandRefusedError, LimitError, NotSupportedError, StoppedError, UsageError
 from hexwire.session.events import Reply
-from hexwire.wire.command_frame import Command, parse_frame
+from hexwire.wire.command_frame import Command, Status, parse_frame
 from hexwire.wire.tables import CAPABILITY_FINE_POSITIONS, CAPABILITY_FRAGMENTS
 
 PATIENCE = 20.0
@@ -432,3 +433,30 @@ def test_a_board_whose_points_are_replaced_is_not_left_with_few(arm: Arm, robot:
     assert len(seen) > 2
     assert all(seen)
     assert path.report().state is PathState.RUNNING
+
+
+def test_what_a_request_left_on_a_running_path_counts_although_the_next_is_refused(
+    arm: Arm, robot: Hex7BotDriver
+) -> None:
+    here = robot.read().positions
+    row = tuple(here[name] for name in robot.model.names)
+    path = robot.path(brake=0.5)
+    path.send([TimedPoint(0.02 * n, row, (0.0,) * 7) for n in range(58)])
+    path.start()
+    arm.wait(0.1)
+    path.report()
+    put, taken = BoardPath.put, list[int]()
+
+    def once(board: BoardPath, first: int, points: Any, *args: Any, **named: Any) -> None:
+        if taken:
+            raise RefusedError(Status.BAD_RANGE)
+        put(board, first, points, *args, **named)
+        taken.append(len(points))
+
+    more = [TimedPoint(0.02 * n, row, (0.0,) * 7) for n in range(12, 30)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(BoardPath, "put", once)
+        assert path.send(more, first=12) == taken[0] < len(more)
+        with pytest.raises(CommandRefusedError):
+            path.send(more[taken[0] :])
+    assert path.report().sent == 12 + taken[0]

@@ -40,9 +40,10 @@ _log = logging.getLogger(__name__)
 _FIRST = 12
 """Points that are sent before the start, at least."""
 _ENOUGH = 0.1
-"""Seconds that a path which nothing ends must last for longer than the robot needs to brake, when it starts."""
-_FAR = 0.1
-"""Seconds between two points of the first request that replaces others, at most."""
+"""Seconds that a path which nothing ends must last for longer than the robot needs to brake: when it starts, and
+when another request with points has come."""
+_EXCHANGES = 4.0
+"""Times that a request takes to the robot for which its points must last, if they are few and end with a brake."""
 _TICK = 1e-4
 """Seconds: all times of points are multiples of it."""
 _LOOK, _LONGER = 0.1, 0.5
@@ -295,36 +296,16 @@ class SentAhead:
 
     def _make_points(self, path: TimedPath, begin: float) -> None:
         """Points of the plan from a time of the path on come next."""
-        self._points = self._points_from(path, begin, self._pace.apart(path.capacity)[1])
-        self._waiting, self._complete = [], False
+        points = plan_points(self._robot.model, path.joints, self._plan, begin, *self._pace.apart(path.capacity))
+        self._points, self._waiting, self._complete = points, [], False
 
-    def _points_from(self, path: TimedPath, begin: float, longest: float) -> Iterator[TimedPoint]:
-        model, shortest = self._robot.model, self._pace.apart(path.capacity)[0]
-        return plan_points(model, path.joints, self._plan, begin, shortest, longest)
-
-    def _spread(self, path: TimedPath, settled: float) -> None:
-        """Have points that replace others last until the next request has come.
-
-        A robot brakes by itself where what it has lasts no longer than that takes. Points with which it comes to
-        rest prevent this; where there are none, those of the first request are as far apart as the robot's cubics
-        allow.
-        """
-        if (count := path.at_once) is None:
-            return
-        waiting = self._waiting = list(islice(self._points, count))
-        if len(waiting) < count or waiting[-1].time > settled + 0.5 * self._brakes_for + _ENOUGH:
-            return
-        some = waiting[max(0, count - REST_POINTS - 1)]
-        if PathBrake(self._robot.model, path.joints).after(self._plan, some.time):
-            return
-        waiting[:] = islice(self._points_from(path, waiting[0].time, _FAR), count)
-        longest = self._pace.apart(path.capacity)[1]
-        self._points = islice(self._points_from(path, waiting[-1].time, longest), 1, None)
+    def _come_next(self, count: int) -> list[TimedPoint]:
+        """The points that are sent next: so many, if so many are left."""
+        self._waiting.extend(islice(self._points, max(0, count - len(self._waiting))))
+        return self._waiting
 
     def _send(self, path: TimedPath, most: int) -> None:
-        waiting = self._waiting
-        while len(waiting) <= most and (point := next(self._points, None)) is not None:
-            waiting.append(point)
+        waiting = self._come_next(most + 1)
         some = waiting[:most]
         if not some:
             return
@@ -345,6 +326,63 @@ class SentAhead:
         del waiting[:taken]
         self._complete = last and not waiting
 
+    def _send_lasting(self, path: TimedPath, most: int) -> None:
+        """Send so many points, or a few more, so that the robot never runs dry.
+
+        Until the next request comes, it has only the points that are there with this one. So each request ends with
+        a brake, or lasts for longer than the robot needs to brake by itself, if need be with points further apart.
+        """
+        while most > 0 and not self._complete:
+            kept = self._sent if self._replaced is None else self._sent[: self._replaced - self._oldest]
+            until = kept[-1].time if kept else 0.0
+            now = self._clock() - self._origin
+            lasts = now + path.lead + self._pace.transit + 0.5 * self._brakes_for + _ENOUGH
+            count = most if until >= lasts else self._next_request(path, until, lasts)
+            if not count:
+                self._give_up(path)
+                return
+            self._send(path, count)
+            if len(self._sent) <= len(kept):
+                return
+            most -= count
+
+    def _next_request(self, path: TimedPath, until: float, lasts: float) -> int:
+        """How many points come in the next request; 0 if the robot would run dry with any.
+
+        Args:
+            path: On the robot.
+            until: Seconds of it that the points last that the robot keeps.
+            lasts: Those that they must last with the ones of the request, if no brake is possible at their end.
+        """
+        few = max(1, path.request - REST_POINTS)
+        coming = self._come_next(path.request + 1)
+        if len(coming) <= few:
+            return few
+        end = coming[few - 1].time
+        rests = bool(PathBrake(self._robot.model, path.joints).after(self._plan, end))
+        # Over a slow line so few points would be over before the next ones come.
+        if rests and end - until > _EXCHANGES * self._pace.transit:
+            return few
+        if len(coming) <= path.request or self._spread(path, lasts):
+            return path.request
+        return few if rests else 0
+
+    def _spread(self, path: TimedPath, lasts: float) -> bool:
+        """Have the points of the next request last until a time of the path; False if they were off the plan."""
+        first, count = self._waiting[0].time, path.request
+        if self._waiting[count - 1].time >= lasts:
+            return True
+        shortest, longest = self._pace.apart(path.capacity)
+        longest = max(longest, (lasts - first) / max(1, count - 1) + _TICK)
+        points = plan_points(self._robot.model, path.joints, self._plan, first, shortest, longest)
+        some = list(islice(points, count))
+        if len(some) == count and some[-1].time < lasts:
+            return False
+        self._make_points(path, some[-1].time)
+        next(self._points)
+        self._waiting = some
+        return True
+
     def _go_on(self, path: TimedPath) -> None:
         """Send what has changed, and what comes next."""
         self._forget_past(path)
@@ -354,7 +392,7 @@ class SentAhead:
         if self._replaced is not None:
             room += self._oldest + len(self._sent) - self._replaced
         if not self._complete and room > 0:
-            self._send(path, min(room, self._pace.most(path.capacity)))
+            self._send_lasting(path, min(room, self._pace.most(path.capacity)))
 
     def _take_changes(self, path: TimedPath) -> bool:
         """Have points made of a new plan, if there is one; False if none can be sent now."""
@@ -400,7 +438,6 @@ class SentAhead:
         self._make_points(path, begin)
         if not again:
             next(self._points)
-        self._spread(path, settled)
         self._replaced = self._oldest + place
         return True
 

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from hexwire.errors import LimitError, UsageError
+from hexwire.errors import CommandRefusedError, LimitError, StoppedError, UsageError
 from hexwire.units import decimal
 from hexwire.wire.board_trajectory import (
     POINT_TIME,
@@ -109,8 +109,6 @@ class Board2Path(TimedPath):
         whole: Points that need several frames may be one request, in fragments.
     """
 
-    at_once: int
-
     def __init__(
         self,
         ask: Callable[[int, bytes], Reply],
@@ -128,7 +126,7 @@ class Board2Path(TimedPath):
         self.joints = tuple(joint.name for joint in joints)
         self.capacity, self.lead = reply.capacity, reply.lead_ms / 1000.0
         self._number, self._smooth = reply.id, smooth
-        self.at_once = (MOST_BODY - _POINTS_HEAD) // point_size(len(joints), hermite=smooth)
+        self.request = (MOST_BODY - _POINTS_HEAD) // point_size(len(self._rows), hermite=smooth)
         # Points that the board has, as ticks and angles, from the one of this index on: others cannot be replaced.
         self._oldest = 0
         self._kept: list[tuple[int, tuple[float, ...]]] = []
@@ -150,22 +148,21 @@ class Board2Path(TimedPath):
             raise UsageError(f"the robot has points {self._oldest} to {sent}; none can be sent as number {begin}")
         before = self._kept[begin - self._oldest - 1] if begin else None
         rows, kept = self._rows_of(points, before)
-        each, frame = _MOST_POINTS, self.at_once
-        done = 0
+        each, done = _MOST_POINTS, 0
         while done < len(rows):
             # Only what comes after all other points may be a message in fragments, and only if all of it fits.
             fits = self._room if self._whole and begin + done == sent and not self._rest else 0
-            most = max(frame, fits)
+            most = max(self.request, fits)
             # What comes behind these, if they replace some, is gone as soon as they are there.
             until = kept[min(done + min(each, most), len(rows)) - 1][0]
-            stops = rest is not None and (self._soon_dry(until) or len(rows) - done <= max(1, most - REST_POINTS))
+            fewer = min(each, max(1, most - REST_POINTS))
+            stops = rest is not None and (self._soon_dry(until) or len(rows) - done <= fewer)
             stop: tuple[TimedPoint, ...] = ()
-            if stops and rest is not None:
-                # Where no brake is possible, as many as fit: then the next request comes before the board brakes.
-                fewer = min(done + min(each, max(1, most - REST_POINTS)), len(rows))
-                if not (last and fewer == len(rows)) and (stop := tuple(rest(points[fewer - 1]))):
-                    most = fewer - done
-            elif rest is not None:
+            if rest is not None and stops and not (last and len(rows) - done <= fewer):
+                stop = tuple(rest(points[min(done + fewer, len(rows)) - 1]))
+            if stop:
+                most = fewer
+            elif rest is not None and not stops:
                 # The rest comes with the last of them.
                 most = min(most, len(rows) - done - 1)
             some = rows[done : done + min(each, most)]
@@ -185,7 +182,12 @@ class Board2Path(TimedPath):
                 # Perhaps fewer of them fit.
                 each = max(1, min(len(some) // 2, self.report().room - len(stop)))
                 continue
-            check_reply(reply)
+            try:
+                check_reply(reply)
+            except CommandRefusedError as error:
+                if not (done and self._started) or isinstance(error, StoppedError):
+                    raise
+                break
             self._kept[begin + done - self._oldest :] = kept[done:place]
             self._rest = stop
             done = place

@@ -75,14 +75,14 @@ class TimedPath(ABC):
     Attributes:
         joints: Names, in the order of every point.
         capacity: Points that the robot can hold.
+        request: Points of one request that replaces others, at most, with those to rest.
         lead: Seconds by which its targets are ahead of its clock.
-        at_once: Points that one request holds, if there is a limit: the robot may brake before the next one.
     """
 
     joints: tuple[str, ...]
     capacity: int
+    request: int
     lead: float
-    at_once: int | None = None
 
     @abstractmethod
     def send(
@@ -109,7 +109,8 @@ class TimedPath(ABC):
         Raises:
             LimitError: A point is beyond a joint's limits, or too far from the one before; nothing was sent.
             StoppedError: A stop ended the path.
-            CommandRefusedError: The path has ended, or the robot refuses the points.
+            CommandRefusedError: The path has ended, or the robot refuses the points. If it refuses later ones of a
+                path that was started, the next call says so.
         """
 
     @abstractmethod

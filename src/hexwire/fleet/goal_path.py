@@ -54,7 +54,8 @@ class GoalPath(TimedPath):
     def __init__(
         self, server: _Server, joints: Sequence[str], *, now: Callable[[], float] = time.monotonic
     ) -> None:
-        self.joints, self.capacity, self.lead = tuple(joints), MAX_POINTS, 0.0
+        self.joints, self.lead = tuple(joints), 0.0
+        self.capacity = self.request = MAX_POINTS
         self._server, self._now = server, now
         self._points: list[TimedPoint] = []
         self._whole = False
