@@ -165,17 +165,25 @@ def test_on_a_curve_at_its_limits_the_host_ends_a_path_and_not_the_board(how: st
     assert not (path and path.dry)
 
 
-@few("seed", range(24), 5, 17)
+@few("seed", (*range(24), 32, 43), 5, 17, 43)
 def test_on_a_curve_at_its_limits_a_new_goal_never_lets_the_board_brake_by_itself(seed: int) -> None:
-    """Where no brake is possible, what replaces the rest of a path lasts until the next request has come."""
+    """Where no brake is possible, each request with points of a path lasts until the next one has come."""
     draw = random.Random(seed)
     names = draw.sample(CURVED, draw.choice((1, 2, 4)))
-    before, after = _fast(draw, names), _fast(draw, names)
+    before = _fast(draw, names)
     bench = Timed(watchdog=0.0)
     bench.command(_goal(before, 0.5))
-    bench.turn(0.5 + draw.uniform(0.1, 0.8) * before.duration)
+    if seed < 24:
+        after = _fast(draw, names)
+        bench.turn(0.5 + draw.uniform(0.1, 0.8) * before.duration)
+        begins = draw.uniform(1.0, 2.0)
+    else:
+        # The next goal begins where the arm is now, half a second later.
+        now, begins = draw.uniform(0.1, 0.9) * before.duration, 0.5
+        bench.turn(0.5 + now)
+        after = _fast(draw, names, HOME | dict(zip(names, before.sample(now).position, strict=True)))
     assert bench.state is PathState.RUNNING
-    told = bench.command(_goal(after, draw.uniform(1.0, 2.0)))
+    told = bench.command(_goal(after, begins))
     path, seen = bench.board.trajectory.path, set[PathState]()
     while not told.ends:
         bench.turn(0.01)
