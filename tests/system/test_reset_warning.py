@@ -31,7 +31,7 @@ package.__path__ = [str(folder)]
 sys.modules["plug_in"] = package
 from importlib import import_module
 connection = import_module("plug_in.connection")
-connection.Connection(sys.argv[1], "hex7bot", degrees=True).open()
+connection.Connection(sys.argv[1], "hex7bot", degrees=True, patience=0.5).open()
 """
 
 # Thirteen programs; tests/drivers/test_board_reset.py proves of every link that it is warned of.
