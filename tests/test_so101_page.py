@@ -13,6 +13,7 @@ import shlex
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,6 +27,7 @@ from tests.cli.shared_arm import patient
 from tests.cli.test_bus_arm_setup import Person
 from tests.cli.test_bus_calibrate import CalibrateCli
 from tests.control.so_bench import NAMES, SoBench
+from tests.waits import PATIENCE
 
 from hexwire.cli.main import cli
 from hexwire.drivers.arm_file import load_arm_file, load_calibration
@@ -181,6 +183,8 @@ def test_the_page_from_the_box_to_calibrated_arms(table: tuple[Table, Said], fol
 
 # --- what moves and follows, in real time ----------------------------------------------------------------------
 
+_SILENT = re.compile(r"all servos have their old values again|is silent after|no answer to")
+
 
 class Shell:
     """Runs commands of the page, each once; those that run until Ctrl-C as programs."""
@@ -200,9 +204,10 @@ class Shell:
         return self.call(*self.given(start))
 
     def call(self, *given: str) -> str:
+        end = time.monotonic() + PATIENCE
         done = CliRunner().invoke(cli, given)
-        if done.exit_code == 1 and "all servos have their old values again" in done.stderr:
-            # The emulated servos had no processor for a moment; a person would do it again.
+        # The emulated servos had no processor for a moment: a person would do it again.
+        while done.exit_code == 1 and _SILENT.search(done.stderr) and time.monotonic() < end:
             done = CliRunner().invoke(cli, given)
         assert done.exit_code == 0, f"{given}: {done.output}"
         return done.stdout
