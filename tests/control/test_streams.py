@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
+from math import cos, floor, sin
 
 import pytest
 from tests.control.test_sent_ahead import Timed
@@ -69,3 +70,40 @@ def stream(host_timed: bool, velocities: bool, horizon: float, count: int) -> No
     assert joint.minimum <= told[-1][1] <= joint.maximum
     assert bench.where("J1") == pytest.approx(told[-1][1], abs=0.01)
     assert bool(bench.targets) is host_timed
+
+
+@few(
+    "horizon, velocities, even",
+    product((0.05, 0.1, 0.2, 0.4), (False, True), (False, True)),
+    (0.2, True, False),
+)
+def test_what_is_planned_on_the_way_keeps_all_limits(horizon: float, velocities: bool, even: bool) -> None:
+    """At 1 kHz, as one trajectory replaces the other on a board that keeps the time."""
+    bench, joint, step = Timed(), HEX7BOT.joint("J1"), 0.001
+    where, began, due = {name: bench.where(name) for name in NAMES}, bench.clock.time, bench.clock.time
+    done, before, fastest, told = 0, None, 0.0, ""
+    while (now := bench.clock.time - began) < ENDS + 1.2:
+        if bench.clock.time >= due and now < ENDS:
+            due += 1.0 / RATE
+            time = now + horizon
+            place, speed = (SPEED * time, SPEED) if even else (0.3 - 0.3 * cos(2 * time), SPEED * sin(2 * time))
+            there = tuple({**where, "J1": where["J1"] - place}[name] for name in NAMES)
+            speeds = tuple(-speed if name == "J1" else 0.0 for name in NAMES) if velocities else ()
+            bench.arm.command("", TrajectoryGoal(NAMES, (Point(horizon, there, speeds),)), listener=None)
+        bench._step()
+        ahead = bench.owner._output._ahead
+        if ahead is None or not ahead.joints:
+            continue
+        plan, here = ahead._on_robot, bench.clock.time - ahead._origin
+        done = done or max(0, floor(here / step) - 1)
+        for n in range(done, floor(here / step) + 1):
+            sample = plan.sample(min(n * step, plan.duration))
+            i = plan.names.index("J1")
+            change = 0.0 if before is None else abs(sample.acceleration[i] - before)
+            told = f"at {n * step:.3f} s: {sample.velocity[i]}, {before} to {sample.acceleration[i]}"
+            assert abs(sample.velocity[i]) <= 1.001 * joint.max_speed, told
+            assert abs(sample.acceleration[i]) <= 1.001 * joint.max_acceleration, told
+            assert change <= 1.001 * joint.max_jerk * step + 1e-6, told
+            before, done = sample.acceleration[i], n + 1
+            fastest = max(fastest, abs(sample.velocity[i]))
+    assert fastest > 0.9 * SPEED
