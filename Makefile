@@ -35,11 +35,13 @@ BIN := $(ROOT)/.venv/bin
 TOOLS := $(ROOT)/.tools/uv-$(UV_VERSION)
 UV := $(TOOLS)/bin/uv
 READY := $(ROOT)/.venv/.ready
-CORE := $(ROOT)/.venv/.core
 BYTECODE := $(ROOT)/.venv/.bytecode
 PLUGIN := $(ROOT)/integrations/lerobot
 LEROBOT := $(ROOT)/build/lerobot
 WITNESSES := $(ROOT)/build/witnesses
+RCLPY := $(ROOT)/build/rclpy
+# Its wheels are for this machine alone.
+RCLPY_READY := $(if $(filter x86_64,$(shell uname -m)),$(RCLPY)/.ready)
 
 # A separate folder for caches if there is no writable home.
 ifeq ($(shell test -n "$$HOME" && test -d "$$HOME" && test -w "$$HOME" && echo yes),)
@@ -62,13 +64,13 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help mutants setup system-packages demo test test-all test-lerobot check quick-check lint types types-elsewhere imports \
+.PHONY: help mutants setup system-packages demo test test-all test-lerobot test-on check quick-check lint types types-elsewhere imports \
     schema tests soak bench pictures docs docs-serve analyzers man dist try-wheel resolvable lock lock-lerobot lock-witnesses clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
 
-demo: $(CORE) ## move an emulated arm there and back
+demo: setup ## move an emulated arm there and back
 	@$(BIN)/hexwire demo
 
 test: setup system-packages ## run the checks, and all tests but those marked slow: before each commit
@@ -79,9 +81,13 @@ test-all: setup system-packages ## run all checks and all tests: before a change
 	@$(MAKE) --no-print-directory -j2 --output-sync=target check $(BYTECODE)
 	@$(MAKE) --no-print-directory tests
 
+# LeRobot 0.4.4 with Python 3.11, 0.6.1 with a newer one.
 # Programs of LeRobot print and log much: pytest shows it for a test that fails.
 test-lerobot: $(LEROBOT)/.ready ## run the programs of LeRobot with hexwire's arms; installs LeRobot and PyTorch, 8 GB
 	cd '$(PLUGIN)' && $(LEROBOT)/bin/python -m pytest --show-capture=no tests
+
+test-on: ## run a command in another system: `make test-on SYSTEM=debian13 COMMAND="make test"`, or SYSTEM=arm64
+	@release/test-on '$(SYSTEM)' $(COMMAND)
 
 check: quick-check types-elsewhere ## run all checks except the tests
 
@@ -145,10 +151,10 @@ schema: setup
 	$(BIN)/python schema/generate.py --check
 
 # The code blocks of the documentation are tests too.
-tests: setup system-packages analyzers $(WITNESSES)/.ready
+tests: setup system-packages analyzers $(WITNESSES)/.ready $(RCLPY_READY)
 	$(BIN)/python -m pytest $(PYTEST_ARGS) $(SELECT) --markdown-docs tests $(wildcard README.md docs)
 
-soak: setup system-packages $(WITNESSES)/.ready ## run the tests that `make test` only samples at full length (an hour)
+soak: setup system-packages $(WITNESSES)/.ready $(RCLPY_READY) ## run the tests that `make test` only samples at full length (an hour)
 	SOAK=1 $(BIN)/python -m pytest $(PYTEST_ARGS) -m soak --timeout 7200 tests
 
 lock: $(UV) ## rewrite uv.lock after a change in pyproject.toml
@@ -160,11 +166,15 @@ lock-lerobot: $(UV) ## rewrite the versions and hashes of test-lerobot
 	    --default-index https://pypi.org/simple requirements.in -o requirements.txt
 
 lock-witnesses: $(UV) ## rewrite the versions and hashes of the ROS 2 programs of others that the tests use
-	cd '$(ROOT)/tests/ros2/witnesses' && env -u UV_INDEX -u UV_EXTRA_INDEX_URL -u UV_FIND_LINKS $(UV) pip compile --quiet \
-	    --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
-	    --default-index https://pypi.org/simple requirements.in -o requirements.txt
+	for each in witnesses rclpy; do \
+	    cd "$(ROOT)/tests/ros2/$$each" && env -u UV_INDEX -u UV_EXTRA_INDEX_URL -u UV_FIND_LINKS $(UV) pip compile --quiet \
+	        --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
+	        --default-index https://pypi.org/simple requirements.in -o requirements.txt || exit 1; \
+	done
 
 clean: ## remove everything that make has created
+	@# The files of another system's root belong to the users of its namespace.
+	@[ ! -d build/systems ] || [ "$$(id -u)" = 0 ] || unshare --user --map-root-user --map-auto rm -rf build/systems
 	rm -rf .venv .tools .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache build dist
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
@@ -195,9 +205,10 @@ $(WITNESSES)/.ready: tests/ros2/witnesses/requirements.txt $(UV)
 	$(UV) pip install --quiet --python '$(WITNESSES)' --no-deps --require-hashes -r $< </dev/null
 	@touch $@
 
-# Only the dependencies of the package itself; `--inexact` keeps those that the tests have installed.
-$(CORE): pyproject.toml uv.lock $(UV)
-	$(UV) sync --quiet --frozen --inexact --no-default-groups --python '$(PYTHON)' </dev/null
+# Jazzy's own rclpy, rosidl and Fast DDS, as wheels; MoveIt, the controllers and rmw_zenoh are not among them.
+$(RCLPY)/.ready: tests/ros2/rclpy/requirements.txt $(UV)
+	$(UV) venv --quiet --clear --python '$(PYTHON)' '$(RCLPY)'
+	$(UV) pip install --quiet --python '$(RCLPY)' --no-deps --require-hashes -r $< </dev/null
 	@touch $@
 
 # Debian has the venv module in a separate package, named after the Python version.

@@ -6,15 +6,23 @@ The names of modules that a block or a test registers are forgotten after it: a 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 
 import pytest
+from pytest_markdown_docs.plugin import MarkdownDocstringCodeModule
 from tests.cli.shared_arm import patient, patient_line
 from tests.emulator.terminals import serving
 
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.serve_pty import PtyServer
 from hexwire.wire import modules
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collect_file() -> Generator[None, list[pytest.Collector], list[pytest.Collector]]:
+    """Leave out docstrings, which `--markdown-docs` searches in all tests, and in the programs of docs."""
+    found = yield
+    return [collector for collector in found if not isinstance(collector, MarkdownDocstringCodeModule)]
 
 
 @pytest.fixture(autouse=True)

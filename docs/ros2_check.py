@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
 """Check the node `hexwire-ros2` from a machine with ROS 2, and print pass or fail, a line each.
 
+    ros2_check.py --start
     ros2_check.py [--node /hardware_interface] [--controller NAME] [--move] [--only CHECK]
 
-Needs Jazzy or later with `rmw_zenoh_cpp`, in a shell where ROS 2 is set up, and the node running.
-Everything goes through the programs of ROS 2. Without `--move` nothing moves, and torque stays as it is. What is
+Needs Jazzy or later with `rmw_zenoh_cpp`, in a shell where ROS 2 is set up. With `--start` it starts a router and
+the node with an emulated arm, moves that arm, and ends both; otherwise the node must be running. Everything goes
+through the programs of ROS 2. Without `--move` nothing of a running node moves, and torque stays as it is. What is
 not installed is left out. The exit status is 0 if nothing failed, 1 if something did, 2 if ROS 2 is not set up.
 """
 
@@ -19,7 +21,8 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 PATIENCE = 30.0
@@ -282,7 +285,8 @@ class Checks:
             lines = "\n".join(f"      {line}" for line in said[first : last + 1].splitlines())
             file.write_text(f"/**:\n  ros__parameters:\n    robot_description: |\n{lines}\n", encoding="utf-8")
             publisher = start(
-                "run", "robot_state_publisher", "robot_state_publisher", "--ros-args", "--params-file", str(file),
+                "ros2", "run", "robot_state_publisher", "robot_state_publisher",
+                "--ros-args", "--params-file", str(file),
                 "-r", f"__ns:={self.namespace or '/'}", "-r", "__node:=ros2_check_state_publisher",
                 "-r", "robot_description:=robot_description_check",
             )  # fmt: skip
@@ -299,7 +303,7 @@ class Checks:
             raise LeftOut("rviz2 is not installed")
         if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
             raise LeftOut("there is no screen")
-        rviz = start("run", "rviz2", "rviz2", "--fixed-frame", "base_link")
+        rviz = start("ros2", "run", "rviz2", "rviz2", "--fixed-frame", "base_link")
         try:
             ended = rviz.wait(self.seconds + 3.0)
         except subprocess.TimeoutExpired:
@@ -350,6 +354,14 @@ class Checks:
             expect("Feedback:" in said, "no feedback")
         return f"{self.joints[0]} moved 0.1 there and back"
 
+    def lifecycle_set(self) -> str:
+        for change in ("deactivate", "activate"):
+            said = self.ros2.run("lifecycle", "set", self.node, change)
+            expect("Transitioning successful" in said, f"{change}: {first_line(said)}")
+        found = self.ros2.run("lifecycle", "get", self.node)
+        expect("active [3]" in found, first_line(found))
+        return "deactivated and activated"
+
     def refused_goal(self) -> str:
         said = self.goal(["no_such_joint"], [0.0])
         refused = "Goal was rejected" in said or "Goal finished with status: ABORTED" in said
@@ -371,9 +383,9 @@ def sequence(said: str, field: str) -> list[str]:
 
 
 def start(*words: str) -> subprocess.Popen[bytes]:
-    """Start `ros2 WORDS`, which runs until `end_all`."""
+    """Start a program, which runs until `end_all`."""
     none = subprocess.DEVNULL
-    return subprocess.Popen(["ros2", *words], stdin=none, stdout=none, stderr=none, start_new_session=True)
+    return subprocess.Popen(words, stdin=none, stdout=none, stderr=none, start_new_session=True)
 
 
 def end_all(process: subprocess.Popen[bytes]) -> None:
@@ -391,7 +403,25 @@ LOOKING = (
     "diagnostics", "param_list", "param_get", "param_describe", "param_set", "lifecycle_get", "service_call",
     "action_list", "control_msgs", "bag", "transforms", "rviz2", "moveit",
 )  # fmt: skip
-MOVING = ("enable", "send_goal", "refused_goal", "stop")
+MOVING = ("enable", "send_goal", "refused_goal", "lifecycle_set", "stop")
+
+
+@contextlib.contextmanager
+def emulated(checks: Checks) -> Iterator[None]:
+    """A router, which may run already, and the node with an emulated arm, until the checks are made."""
+    os.environ["RMW_IMPLEMENTATION"] = "rmw_zenoh_cpp"
+    router = start("ros2", "run", "rmw_zenoh_cpp", "rmw_zenohd")
+    node = start("hexwire-ros2", "--ros-args", "-p", "port:=sim://hex7bot", "-p", "enable_on_start:=true")
+    try:
+        deadline = time.monotonic() + PATIENCE
+        with contextlib.suppress(Failed):
+            while checks.node not in checks.ros2.run("node", "list", "--no-daemon", "--spin-time", "3").split():
+                if time.monotonic() > deadline:
+                    break
+        yield
+    finally:
+        end_all(node)
+        end_all(router)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -400,19 +430,29 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--node", default="/hardware_interface", help="full name of the node")
     parser.add_argument("--controller", default="joint_trajectory_controller", help="name of its controller")
     parser.add_argument("--move", action="store_true", help="switch torque on and move the first joint by 0.1")
+    parser.add_argument("--start", action="store_true", help="start a router and the node with an emulated arm")
     parser.add_argument("--only", metavar="CHECK", action="append", help="make this check alone, as in 'topic hz'")
     parser.add_argument("--seconds", type=float, default=5.0, help="how long to listen for a rate")
     options = parser.parse_args(arguments)
-    names = [name.replace("_", " ") for name in (*LOOKING, *(MOVING if options.move else ()))]
+    names = [name.replace("_", " ") for name in (*LOOKING, *(MOVING if options.move or options.start else ()))]
     if unknown := set(options.only or ()) - set(names):
         parser.error(f"no check {', '.join(sorted(unknown))}; there are {', '.join(names)}")
     if shutil.which("ros2") is None:
         sys.stderr.write("ROS 2 is not set up in this shell: source /opt/ros/jazzy/setup.bash\n")
         return 2
-    node = "/" + options.node.strip("/")
+    if options.start and shutil.which("hexwire-ros2") is None:
+        sys.stderr.write("hexwire-ros2 is not on the path: pip install 'hexwire[ros2]'\n")
+        return 2
+    node = "/hardware_interface" if options.start else "/" + options.node.strip("/")
     checks = Checks(Programs(), node, options.controller, options.seconds)
+    with emulated(checks) if options.start else contextlib.nullcontext():
+        return made(checks, options.only or names)
+
+
+def made(checks: Checks, names: list[str]) -> int:
+    """Make checks by name; returns the exit status."""
     counts = {"pass": 0, "FAIL": 0, "left out": 0}
-    for name in options.only or names:
+    for name in names:
         check: Callable[[], str] = getattr(checks, name.replace(" ", "_"))
         try:
             outcome, text = "pass", check()

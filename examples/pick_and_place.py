@@ -10,8 +10,7 @@ ABOVE, AT = mm(140), mm(100)
 
 with hexwire.connect(sys.argv[1] if len(sys.argv) > 1 else "sim://hex7bot") as arm:
     for place, before, after in ((HERE, 0.8, 0.2), (THERE, 0.2, 0.8)):
-        arm.goto((*place, ABOVE), down=True)
-        arm.grip(before)
+        arm.goto((*place, ABOVE), down=True, grip=before)
         arm.line(z=AT, down=True)
         arm.grip(after)
         arm.line(z=ABOVE, down=True)

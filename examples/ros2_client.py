@@ -7,20 +7,11 @@
 Needs `hexwire[ros2]`. With rclpy, the topics, types and fields are the same.
 """
 
-import os
 import threading
 import time
 from typing import Any
 
-from hexwire.ros2.rmw.node import Node, NodeOptions
-from hexwire.ros2.rmw.qos import DEFAULT
-from hexwire.ros2.rmw.types import Types
-from hexwire.ros2.rmw.zenoh_session import ZenohSettings
-
-types = Types()
-JointTrajectory = types.message("trajectory_msgs/msg/JointTrajectory")
-Point = types.message("trajectory_msgs/msg/JointTrajectoryPoint")
-Duration = types.message("builtin_interfaces/msg/Duration")
+from hexwire import ros_node
 
 positions: dict[str, float] = {}
 arrived = threading.Event()
@@ -32,8 +23,11 @@ def take(message: Any, stamp: int) -> None:
     arrived.set()
 
 
-with Node(NodeOptions("ros2_client", zenoh=ZenohSettings.from_environment(os.environ)), types) as node:
-    node.subscribe("joint_states", "sensor_msgs/msg/JointState", DEFAULT, take)
+with ros_node("ros2_client") as node:
+    JointTrajectory = node.types.message("trajectory_msgs/msg/JointTrajectory")
+    Point = node.types.message("trajectory_msgs/msg/JointTrajectoryPoint")
+    Duration = node.types.message("builtin_interfaces/msg/Duration")
+    node.subscribe("joint_states", "sensor_msgs/msg/JointState", take)
     command = node.publisher("joint_trajectory_controller/joint_trajectory", "trajectory_msgs/msg/JointTrajectory")
     if not arrived.wait(10) or not positions:
         raise SystemExit("no joint_states: does hexwire-ros2 run, and the router?")

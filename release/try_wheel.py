@@ -2,20 +2,27 @@
 
     python release/try_wheel.py --uv PATH WHEEL
 
-Owns the list of what somebody tries first: versions, an emulated arm, the firmware, the analysers, the pages.
+Owns the list of what somebody tries first: versions, an emulated arm, the firmware, the analysers, and with extras
+a shared arm and the pages.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
+import re
 import subprocess
 import sys
 import tempfile
 import time
+import urllib.request
+from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+# Seconds; an emulated processor is ten times slower.
+PATIENCE = 300
 
 
 class Trial:
@@ -40,7 +47,13 @@ class Trial:
             AssertionError: It does not.
         """
         done = subprocess.run(
-            words, cwd=self.folder, env=self.environment, capture_output=True, text=True, timeout=120, check=False
+            words,
+            cwd=self.folder,
+            env=self.environment,
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE,
+            check=False,
         )
         text = done.stdout + done.stderr
         assert done.returncode == status, f"{' '.join(words)}: status {done.returncode}\n{text}"
@@ -48,30 +61,56 @@ class Trial:
         sys.stdout.write(f"ok  {' '.join(words)}\n")
         return text
 
+    @contextlib.contextmanager
+    def running(self, *words: str, says: str) -> Iterator[str]:
+        """Run a command until the end of the block, which begins when it has said this; gives what matched.
+
+        Raises:
+            AssertionError: It does not say it.
+        """
+        output = self.folder / "output"
+        with output.open("wb") as file:
+            program = subprocess.Popen(
+                words, cwd=self.folder, env=self.environment, stdout=file, stderr=subprocess.STDOUT
+            )
+        try:
+            deadline = time.monotonic() + PATIENCE
+            while not (found := re.search(says, output.read_text(encoding="utf-8"))):
+                ended = program.poll() is not None or time.monotonic() > deadline
+                text = output.read_text(encoding="utf-8")
+                assert not ended, f"{' '.join(words)} does not say {says!r}:\n{text}"
+                time.sleep(0.05)
+            yield found[0]
+        finally:
+            program.terminate()
+            program.wait(PATIENCE)
+        sys.stdout.write(f"ok  {' '.join(words)}\n")
+
 
 def board(trial: Trial) -> None:
     """Move an emulated board on a serial port."""
     port = trial.folder / "arm"
-    running = subprocess.Popen(
-        [str(trial.bin / "hexwire"), "sim", "board", "--link", str(port)],
-        cwd=trial.folder,
-        env=trial.environment,
-        stdout=subprocess.DEVNULL,
-    )
-    try:
-        deadline = time.monotonic() + 30
-        while not port.exists():
-            assert time.monotonic() < deadline, "hexwire sim board does not start"
-            time.sleep(0.05)
+    with trial.running("hexwire", "sim", "board", "--link", str(port), says=re.escape(str(port))):
         trial.run("hexwire", "probe", "--port", str(port), says="hex7bot")
         trial.run("hexwire", "move", "J1=10", "--wait", "--port", str(port))
         trial.run("hexwire", "state", "--port", str(port), says="J1")
         trial.run("hexwire", "firmware", "info", "--port", str(port), says="in this package 2.")
         flash = ("hexwire", "firmware", "flash", "--port", str(port), "--dry-run", "--any-port")
         trial.run(*flash, says="share/firmware/mega2560-115200.hex")
-    finally:
-        running.terminate()
-        running.wait(30)
+
+
+def shared(trial: Trial) -> None:
+    """Read an emulated arm that another program shares."""
+    with trial.running("hexwire", "serve", "--robot", "sim", "--name", "tried", says="as zenoh:tried"):
+        trial.run("hexwire", "state", "--port", "zenoh:tried", says="J7")
+
+
+def pages(trial: Trial) -> None:
+    """Fetch the page of an emulated arm, as a browser does first."""
+    with trial.running("hexwire", "studio", "--demo", "--no-browser", says=r"http://127\.0\.0\.1:\S+") as address:
+        direct = urllib.request.build_opener(urllib.request.ProxyHandler({}), urllib.request.HTTPCookieProcessor())
+        with direct.open(address, timeout=PATIENCE) as answer:
+            assert "<title>" in answer.read().decode(), address
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -95,9 +134,11 @@ def main(arguments: list[str] | None = None) -> int:
         trial.run("hexwire", "--version", says=wheel.name.split("-")[1])
         trial.run("hexwire-ros1", "--package-path", says=name)
         board(trial)
+        trial.run("hexwire", "demo", says="cycles")
         trial.run("hexwire", "--port", "sim://so101", "state", says="gripper")
         trial.run("hexwire", "studio", "--demo", status=2, says="pip install 'hexwire[studio]'")
-        for words in (("serve", "--robot", "sim"), ("state", "--port", "zenoh:lab/arm1"), ("fleet", "list")):
+        trial.run("hexwire", "serve", "--robot", "sim", status=1, says="pip install 'hexwire[fleet]'")
+        for words in (("state", "--port", "zenoh:lab/arm1"), ("fleet", "list")):
             trial.run("hexwire", *words, status=2, says="pip install 'hexwire[fleet]'")
         for program in ("wireshark", "sigrok", "saleae"):
             trial.run("hexwire", "analyzers", "install", program)
@@ -105,6 +146,9 @@ def main(arguments: list[str] | None = None) -> int:
         trial.run("hexwire", "analyzers", "remove", "sigrok", says="removed")
         trial.run("man", "-w", "hexwire", says="share/man/man1/hexwire.1")
         trial.run("sh", "-c", "_HEXWIRE_COMPLETE=zsh_source hexwire", says="compdef")
+        subprocess.run([*install, f"hexwire[fleet,studio] @ {wheel.resolve().as_uri()}"], check=True, cwd=name)
+        shared(trial)
+        pages(trial)
     sys.stdout.write("the wheel alone does all of this\n")
     return 0
 

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-_PATIENCE = 20.0
+from tests.waits import PATIENCE
 
 
 @contextmanager
@@ -23,4 +23,4 @@ def beside(work: Callable[[threading.Event], object]) -> Iterator[None]:
         yield
     finally:
         ended.set()
-        thread.join(_PATIENCE)
+        thread.join(PATIENCE)

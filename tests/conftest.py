@@ -16,7 +16,6 @@ from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
-from pytest_markdown_docs.plugin import MarkdownDocstringCodeModule
 from tests.strangers import BelongsTo
 
 # Programs that tests start with the system's Python, for its rospy: nothing that pytest could import here.
@@ -80,13 +79,6 @@ def _encodable(value: Any) -> Any:
     return value
 
 
-@pytest.hookimpl(wrapper=True)
-def pytest_collect_file() -> Generator[None, list[pytest.Collector], list[pytest.Collector]]:
-    """Leave out the docstrings of tests, which `--markdown-docs` searches: that takes a third of the collection."""
-    found = yield
-    return [collector for collector in found if not isinstance(collector, MarkdownDocstringCodeModule)]
-
-
 @pytest.fixture
 def belongs_to(monkeypatch: pytest.MonkeyPatch) -> BelongsTo:
     """Makes what is at a path look as if it were another user's: a test cannot become one."""
@@ -134,6 +126,6 @@ def _no_thread_left() -> Iterator[None]:
     yield
     left = [thread for thread in threading.enumerate() if thread not in before]
     for thread in left:
-        thread.join(timeout=5.0)
+        thread.join(timeout=30)
     alive = [thread.name for thread in left if thread.is_alive()]
     assert not alive, f"threads left behind: {alive}"

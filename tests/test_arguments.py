@@ -13,7 +13,9 @@ import pytest
 from tests.drivers.test_base import Guarded
 
 from hexwire.arguments import DATA, FLAG, NAME, NAMES, SECONDS, WHOLE, check, checked, or_none
-from hexwire.control.motions import MotionOptions, run_motion
+from hexwire.arm.verbs import Arm
+from hexwire.control.motions import MotionOptions, check_path, run_motion
+from hexwire.control.owner import RobotOwner
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.drivers.puma260 import Puma260Driver
@@ -199,11 +201,21 @@ def test_what_a_robot_does_not_define_itself_is_checked_too(kind: type[Guarded])
 
 def test_a_motion_says_what_it_takes() -> None:
     driver = attached("board")
+    arm: Any = Arm(driver)
     target = JointTarget.of({"J1": 0.0})
+    wanted = (
+        "the driver of a robot: arm.driver of the arm that hexwire.connect() returns, which itself has verbs, "
+        "as in arm.move(J1=0.1)"
+    )
     for call, text in (
+        (lambda: run_motion("sim://hex7bot", target), f"run_motion(robot) takes {wanted}; this is 'sim://hex7bot'"),
+        (lambda: run_motion(arm, target), f"run_motion(robot) takes {wanted}; this is <Arm "),
+        (lambda: run_motion(arm, {"J1": 0.1}), f"run_motion(robot) takes {wanted}; this is <Arm "),
+        (lambda: check_path(arm, []), f"check_path(robot) takes {wanted}; this is <Arm "),
+        (lambda: RobotOwner(arm), f"RobotOwner(robot) takes {wanted}; this is <Arm "),
         (
-            lambda: run_motion("sim://hex7bot", target),
-            "run_motion(robot) takes a robot, as hexwire.connect() returns",
+            lambda: run_motion(driver, {"J1": 0.2}),
+            "a motion is a trajectory, several of them, or a JointTarget, as in JointTarget.of({'J1': 0.1})",
         ),
         (lambda: run_motion(driver, target, wait="no"), "run_motion(wait) takes True or False; this is 'no'"),
         (lambda: run_motion(driver, target, []), "options are MotionOptions, as in MotionOptions(table=None)"),

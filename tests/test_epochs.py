@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from hexwire.epochs import Epochs, Token
-from hexwire.errors import HexwireError, LeaseError, StoppedError
+from hexwire.errors import HexwireError, LeaseError, PreemptedError, StoppedError
 
 
 def test_a_stop_voids_what_was_called_before_it_and_nothing_else() -> None:
@@ -25,24 +25,32 @@ def test_a_stop_voids_what_was_called_before_it_and_nothing_else() -> None:
     epochs.resumed(epochs.token("resume", freeing=True))
     with pytest.raises(StoppedError, match="called while the arm was stopped"):
         epochs.check(after, "a move")
+    with pytest.raises(StoppedError, match="a stop came after the call, and is over; call it again"):
+        epochs.check(before, "a move")
     epochs.check(epochs.token("a move"), "a move")
 
 
-def test_while_a_stop_is_under_way_nothing_can_be_called_from_elsewhere() -> None:
+def test_while_a_stop_is_under_way_nothing_but_torque_off_can_be_called_from_elsewhere() -> None:
     epochs = Epochs()
     inside, over = threading.Event(), threading.Event()
 
     def stop() -> None:
         with epochs.stopping():
             inside.set()
-            over.wait(10)
+            over.wait(30)
 
     thread = threading.Thread(target=stop)
     thread.start()
-    assert inside.wait(10)
+    assert inside.wait(30)
     for freeing in (False, True):
         with pytest.raises(StoppedError, match="is being stopped"):
             epochs.token("anything", freeing=freeing)
+    with epochs.torque_off():
+        epochs.check_leaving(epochs.token("torque off", freeing=True), "torque off")
+    with pytest.raises(StoppedError, match="is being stopped"):
+        epochs.token("a move")
+    with pytest.raises(StoppedError, match="is being stopped"):
+        epochs.token("resume", freeing=True)
     over.set()
     thread.join(10)
     assert epochs.stopped
@@ -129,7 +137,7 @@ def test_calls_between_two_stops_share_their_token_and_no_stop_keeps_it() -> Non
     epochs.resumed(held)
     after = epochs.token("a move")
     assert after is not first
-    assert after == Token(held.epoch, False, voided=held.voided)
+    assert after == Token(held.epoch, False, voided=held.voided, limp=held.limp)
     assert epochs.holds(after)
     assert not epochs.holds(first)
     assert not epochs.holds(held)
@@ -236,3 +244,64 @@ def test_each_stop_has_another_number() -> None:
     epochs.forget()
     assert numbers == [0, 1, 2, 3, 4]
     assert epochs.number == 4
+
+
+def test_torque_off_voids_what_was_asked_before_but_neither_itself_nor_what_frees_the_arm() -> None:
+    epochs = Epochs()
+    motion, resume = epochs.mark(), epochs.token("resume", freeing=True)
+    order = epochs.mark()
+    with epochs.using(order):
+        with epochs.torque_off():
+            first = epochs.token("torque off", freeing=True)
+            # Another thread does the same.
+            with epochs.using(None), epochs.torque_off():
+                pass
+            epochs.check_leaving(first, "torque off")
+        # What comes after it in the same call is not asked for after the other one.
+        with pytest.raises(StoppedError, match="torque was switched off after the call"):
+            epochs.check(epochs.token("torque on"), "torque on")
+    with pytest.raises(StoppedError, match="torque was switched off after the call"):
+        epochs.check_leaving(motion, "a move")
+    assert epochs.limp_since(motion)
+    assert not epochs.holds(motion)
+    assert not epochs.stopped_since(motion)
+    epochs.check(resume, "resume")
+    after = epochs.token("a move")
+    epochs.check_leaving(after, "a move")
+    assert epochs.token("a move") is after
+
+
+def test_no_stop_voids_torque_off_and_it_is_done_again_after_one_that_met_it() -> None:
+    epochs, done = Epochs(), list[int]()
+
+    def switch_off() -> int:
+        token = epochs.token("torque off", freeing=True)
+        if len(done) < 2:
+            with epochs.stopping():
+                pass
+        if not done:
+            epochs.resumed(epochs.mark())
+        epochs.check_leaving(token, "torque off")
+        assert epochs.holds(token)
+        done.append(len(done))
+        if len(done) == 2:
+            raise PreemptedError("the stop took the line")
+        return done[-1]
+
+    assert epochs.free(switch_off) == 2
+    assert done == [0, 1, 2]
+    # As a part of a stop it waits for nothing.
+    with epochs.stopping():
+        assert epochs.free(lambda: 7) == 7
+
+
+def test_torque_off_that_is_always_refused_raises_that() -> None:
+    epochs, tries = Epochs(), list[int]()
+
+    def refused() -> None:
+        tries.append(1)
+        raise StoppedError("torque off", 5, "it is")
+
+    with pytest.raises(StoppedError):
+        epochs.free(refused)
+    assert len(tries) < 20

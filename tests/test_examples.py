@@ -130,7 +130,10 @@ def test_leader_follower(tmp_path: Path) -> None:
 
 
 def test_own_driver(tmp_path: Path) -> None:
-    unwatched = "pantilt has no watchdog: if this program dies, the arm moves on for up to 0.075 s\n"
+    unwatched = (
+        "pantilt has no watchdog on this port: if this program dies, the arm moves on to its last target, "
+        "for up to 0.075 s\n"
+    )
     there, refused = run("own_driver", tmp_path, unwatched).splitlines()
     assert there == "there {'pan': 0.5, 'tilt': -0.2}"
     assert re.fullmatch(r"refused: .*pan=[\d.]+ deg is outside its limits -68\.75 to 68\.75 deg.*", refused)

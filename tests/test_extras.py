@@ -1,4 +1,4 @@
-"""hexwire without any extra: every command and every address says in one line what to install.
+"""hexwire without any extra, or with one: every command and every address says in one line what to install.
 
 The environment has the package's own dependencies as links, and nothing else of this one.
 """
@@ -135,8 +135,63 @@ json.dump(found, sys.__stdout__)
 """
 
 
-def closure(name: str) -> set[str]:
-    """A distribution with all that it requires without an extra."""
+OWN_EXTRA = {
+    "ros2": {
+        ("hexwire-ros2", "--ros-args", "-p", "port:=zenoh:lab/arm1"): "fleet",
+        ("hexwire", "state", "--port", "zenoh:lab/arm1"): "fleet",
+        ("hexwire", "fleet", "list"): "fleet",
+        ("hexwire", "serve", "--robot", "sim"): "fleet",
+        ("hexwire", "--port", "sim://hex7bot", "--record", "x.mcap", "state"): "record",
+        ("hexwire", "studio"): "studio",
+    },
+    "fleet": {
+        ("hexwire", "fleet", "record", "x.mcap"): "record",
+        ("hexwire", "studio"): "studio",
+    },
+    "record": {
+        ("hexwire", "record", "plot", "waypoints.json", "x.png"): "plots",
+        ("hexwire-ros2",): "ros2",
+    },
+}
+"""An extra -> commands of an environment that has only this one, and the extra that each needs besides."""
+
+ONE_COMMAND = """
+import sys
+from hexwire.cli import __main__ as commands
+name, *sys.argv[1:] = sys.argv[1:]
+{"hexwire": commands.main, "hexwire-ros2": commands.ros2}[name]()
+"""
+
+STUDIO = """
+import asyncio, json, sys, time
+from hexwire.errors import HexwireError
+from hexwire.studio.access import Access
+from hexwire.studio.app import Studio
+
+studio, limit = Studio(Access(frozenset())), time.monotonic() + 30
+try:
+    studio.source.open("zenoh:lab/arm1")
+except HexwireError as error:
+    opened = str(error)
+studio.source.open("sim://hex7bot")
+page = studio.arms()
+while page["looking"] and time.monotonic() < limit:
+    time.sleep(0.01)
+    page = studio.arms()
+found = {"opened": opened, "page": page}
+calls = {"all": studio.stop_all, "own": studio.stop_own, "shared": lambda who: studio.fleet.stop(None, who)}
+for name, call in calls.items():
+    try:
+        found[name] = [str(row) for row in asyncio.run(call("tab 1"))]
+    except HexwireError as error:
+        found[name] = str(error)
+studio.close()
+json.dump(found, sys.stdout)
+"""
+
+
+def closure(name: str, extra: str = "") -> set[str]:
+    """A distribution with all that it requires, with one of its extras or without any."""
     found, new = set(), {name}
     while new:
         one = new.pop()
@@ -145,21 +200,22 @@ def closure(name: str) -> set[str]:
             requirement = re.match(r"[\w.-]+", row)
             assert requirement is not None
             # None of them has a dependency for certain systems only that this one needs.
-            if ";" not in row and requirement[0].lower() not in found:
+            wanted = ";" not in row or (one == name and row.endswith(f"extra == '{extra}'"))
+            if wanted and requirement[0].lower() not in found:
                 new.add(requirement[0].lower())
     return found
 
 
-@pytest.fixture(scope="module")
-def said(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """What a program says in such an environment."""
-    folder = tmp_path_factory.mktemp("base")
+def environment(folder: Path, extra: str = "") -> dict[str, str]:
+    """The variables of an environment in a folder that has this extra only."""
     site = folder / "site"
     site.mkdir()
-    for name in closure("hexwire") - {"hexwire"}:
+    for name in closure("hexwire", extra) - {"hexwire"}:
         files = distribution(name).files or ()
         for top in {Path(str(each)).parts[0] for each in files} - {"..", "__pycache__"}:
-            (site / top).symlink_to(Path(str(distribution(name).locate_file(top))))
+            # Some share a folder, such as that of Zope.
+            if not (site / top).is_symlink():
+                (site / top).symlink_to(Path(str(distribution(name).locate_file(top))))
     own = Path(str(distribution("hexwire")._path))  # type: ignore[attr-defined]  # there is no public name
     (site / own.name).symlink_to(own)
     (site / "hexwire").symlink_to(SOURCE)
@@ -169,22 +225,36 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> Any:
     kept = {
         name: value for name, value in os.environ.items() if not name.startswith(("HEXWIRE_", "PYTHON", "XDG_"))
     }
-    done = subprocess.run(
-        # Without the packages of this environment.
-        [sys.executable, "-S", "-c", PROGRAM],
-        input=json.dumps({"words": WORDS, "commands": [*NEED], "addresses": [*ADDRESSES]}),
+    return kept | {"HOME": str(folder), "PYTHONPATH": str(site), "PYTHONDONTWRITEBYTECODE": "1"}
+
+
+def run(
+    folder: Path, variables: dict[str, str], program: str, *words: str, asked: str = ""
+) -> subprocess.CompletedProcess[str]:
+    """Run a program without the packages of this environment."""
+    return subprocess.run(
+        [sys.executable, "-S", "-c", program, *words],
+        input=asked,
         cwd=folder,
-        env=kept | {"HOME": str(folder), "PYTHONPATH": str(site), "PYTHONDONTWRITEBYTECODE": "1"},
+        env=variables,
         capture_output=True,
         text=True,
         timeout=110,
         check=False,
     )
+
+
+@pytest.fixture(scope="module")
+def said(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """What a program says without any extra."""
+    folder = tmp_path_factory.mktemp("base")
+    asked = json.dumps({"words": WORDS, "commands": [*NEED], "addresses": [*ADDRESSES]})
+    done = run(folder, environment(folder), PROGRAM, asked=asked)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
 
-def test_it_has_no_extra(said: Any) -> None:
+def test_it_has_no_extra() -> None:
     assert closure("hexwire") >= {"hexwire", "click", "pyserial", "rich"}
     assert not closure("hexwire") & {"msgspec", "eclipse-zenoh", "numpy", "cryptography"}
 
@@ -220,6 +290,43 @@ def test_every_address_names_the_extra_that_it_needs(said: Any) -> None:
         assert (text == "works") == (extra == "works"), (address, text)
         assert ("pip install" in text) == (extra not in ("", "works")), (address, text)
         assert not extra or extra == "works" or f"pip install 'hexwire[{extra}]'" in text
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("extra", OWN_EXTRA)
+def test_with_one_extra_what_needs_another_one_names_it(extra: str, tmp_path: Path) -> None:
+    variables = environment(tmp_path, extra)
+    for words, needed in OWN_EXTRA[extra].items():
+        done = run(tmp_path, variables, ONE_COMMAND, *words)
+        said = done.stdout + done.stderr
+        assert done.returncode in (1, 2), (words, said)
+        assert len(said.splitlines()) == 1, (words, said)
+        assert f"pip install 'hexwire[{needed}]'" in said, words
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("zenoh", [False, True])
+def test_a_studio_without_the_fleet_says_so_and_stops_its_own_arm(tmp_path: Path, zenoh: bool) -> None:
+    """Zenoh alone, as for ROS 2, is not enough for shared arms."""
+    variables = environment(tmp_path, "studio")
+    if zenoh:
+        place = distribution("eclipse-zenoh").locate_file("zenoh")
+        (tmp_path / "site/zenoh").symlink_to(Path(str(place)))
+    done = run(tmp_path, variables, STUDIO)
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    found = json.loads(done.stdout)
+    remedy = "pip install 'hexwire[fleet]'"
+    assert remedy in found["opened"]
+    assert remedy in found["page"]["error"]
+    assert not found["page"]["looking"]
+    assert [row["own"] for row in found["page"]["arms"]] == [True]
+    own, shared = found["all"]
+    assert "stopped, limp: J1" in own
+    assert shared.startswith("the shared arms: NOT CONFIRMED: ")
+    assert remedy in shared
+    assert "stopped, limp: J1" in found["own"][0]
+    assert remedy in found["shared"]
 
 
 def test_every_package_that_is_imported_is_of_the_base_or_of_an_extra() -> None:

@@ -1,4 +1,4 @@
-"""The commands of docs/fleet.md: run as on the machines of a lab, which here are folders."""
+"""The commands of the pages on sharing arms: run as on the machines of a lab, which here are folders."""
 
 from __future__ import annotations
 
@@ -23,8 +23,10 @@ from hexwire.fleet import messages as m
 from hexwire.fleet.rights import Kind
 
 ROOT = Path(__file__).resolve().parent.parent
-TEXT = (ROOT / "docs" / "fleet.md").read_text(encoding="utf-8")
-BEFORE, _, LAB = TEXT.partition("## A lab with certificates")
+ONE_MACHINE, LAB, MANY = (
+    (ROOT / "docs" / page).read_text(encoding="utf-8")
+    for page in ("fleet.md", "fleet-certificates.md", "explanation/many-arms.md")
+)
 
 
 def blocks(text: str, kind: str) -> list[str]:
@@ -117,11 +119,11 @@ def wild(line: str) -> str:
 def test_arms_of_one_machine_do_what_the_page_says(short: Path) -> None:
     """The blocks in their order; a server runs until the next one is started."""
     shell = Shell(short)
-    (toml,) = blocks(BEFORE, "toml")
+    (toml,) = blocks(ONE_MACHINE, "toml")
     (short / "lab.toml").write_text(toml)
     runs = [
         run
-        for block in blocks(BEFORE, "console")
+        for block in blocks(ONE_MACHINE, "console")
         for run in re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", block, re.MULTILINE)
     ]
     assert len(runs) == 18
@@ -147,9 +149,9 @@ def test_the_size_of_a_state_is_what_the_page_says() -> None:
         return len(m.encode(state))
 
     holder = "ann@lab-pc (hexwire, process 12345), operator"
-    assert f"{size('')} bytes, with a holder's name {size(holder)}" in TEXT
+    assert f"{size('')} bytes, with a holder's name {size(holder)}" in MANY
 
 
 def test_each_role_is_on_the_page() -> None:
     for kind in Kind:
-        assert f"| `{kind}` |" in TEXT
+        assert f"| `{kind}` |" in LAB

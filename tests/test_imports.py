@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -130,6 +131,15 @@ def test_every_public_name_resolves() -> None:
     for name in hexwire.__all__:
         assert getattr(hexwire, name) is not None, name
         assert name in dir(hexwire), name
+
+
+def test_the_names_that_the_page_for_persons_lists_are_public() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "python.md").read_text(encoding="utf-8")
+    table = page.partition("## Names\n")[2].partition("\n## ")[0]
+    rows = [line.split("|")[1] for line in table.splitlines() if line.startswith("| `")]
+    listed = [name for row in rows for name in re.findall(r"`(\w+)`", row)]
+    assert len(listed) > 10
+    assert set(listed) <= set(hexwire.__all__)
 
 
 def test_lazy_names_are_those_the_type_checker_sees() -> None:

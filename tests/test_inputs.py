@@ -79,7 +79,7 @@ def test_marks_and_line_ends_of_other_systems() -> None:
     ("text", "words"),
     [
         ("", "f:1:1: not JSON"),
-        ('{"a":\n 1,}', "f:2:4: not JSON"),
+        ('{"a":\n 1,b}', "f:2:4: not JSON"),
         ("[" * 100_000, "f: brackets are nested too deeply"),
         ('{"a":' * 100_000, "f: brackets are nested too deeply"),
         ('{"a": {"b": 1, "b": 1}}', "f: the key 'b' occurs twice in one table"),

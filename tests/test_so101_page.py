@@ -228,7 +228,7 @@ class Shell:
                 said += line
             yield program
             program.send_signal(signal.SIGINT)
-            said += program.communicate(timeout=20.0)[0]
+            said += program.communicate(timeout=30.0)[0]
             assert program.returncode in (0, 130), f"{start}: {said}"
         finally:
             program.kill()

@@ -5,8 +5,10 @@ import signal
 import socket
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from tests.waits import PATIENCE
 
 from hexwire import system
 from hexwire.system import READABLE, WRITABLE, make_poll
@@ -72,3 +74,21 @@ def test_waiting_for_nothing_takes_its_time(poll: system.Poll) -> None:
 
 def test_a_system_without_numbers_of_devices_gives_0() -> None:
     assert system.device_number(object()) == 0  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("platform", ["linux", "win32"])
+def test_enter_is_awaited_at_a_pipe_as_at_a_keyboard_until_the_input_ends(
+    platform: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reader, writer = os.pipe()
+    with os.fdopen(reader) as stdin:
+        monkeypatch.setattr(system, "sys", SimpleNamespace(platform=platform, stdin=stdin))
+        typed = system.TypedLines()
+        assert typed.entered(0.0) is False
+        assert typed.entered(0.0) is False
+        os.write(writer, b"\n")
+        assert typed.entered(PATIENCE) is True
+        assert typed.entered(0.0) is False
+        os.close(writer)
+        # As without a console: nobody can press Enter, and who waits for it must not wait for ever.
+        assert typed.entered(PATIENCE) is None

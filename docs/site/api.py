@@ -29,9 +29,12 @@ MODULES: dict[str, tuple[str, ...]] = {
         "hexwire.arm.handle",
         "hexwire.arm.blocks",
         "hexwire.arm.poses",
-        "hexwire.control.gripping",
         "hexwire.control.motion_result",
+        "hexwire.control.rest",
+        "hexwire.control.via",
+        "hexwire.model.aim",
         "hexwire.model.picture",
+        "hexwire.motion.teach",
         "hexwire.units",
     ),
     "Robots": (
@@ -54,6 +57,7 @@ MODULES: dict[str, tuple[str, ...]] = {
         "hexwire.model.calibration",
         "hexwire.model.geometry",
         "hexwire.model.gripper",
+        "hexwire.model.aim",
         "hexwire.model.hex7bot",
         "hexwire.model.hex7bot_kinematics",
         "hexwire.model.puma260",
@@ -66,12 +70,13 @@ MODULES: dict[str, tuple[str, ...]] = {
         "hexwire.control.calibrating",
         "hexwire.control.hand_calibration",
         "hexwire.control.auto_calibration",
-        "hexwire.control.guided",
+        "hexwire.control.operator_control",
         "hexwire.motion.limits",
-        "hexwire.motion.waypoints",
+        "hexwire.motion.trajectory",
         "hexwire.motion.through",
         "hexwire.motion.checks",
         "hexwire.motion.following",
+        "hexwire.motion.teach",
     ),
     "Servos on an adapter": (
         "hexwire.bus.servo_bus",
@@ -110,7 +115,7 @@ MODULES: dict[str, tuple[str, ...]] = {
     ),
     "Tests for links and robots": ("hexwire.testing.link", "hexwire.testing.robot"),
     "Files and errors": ("hexwire.new_file", "hexwire.errors"),
-    "ROS": ("hexwire.ros1.path", "hexwire.ros1.messages"),
+    "ROS": ("hexwire.ros1.path", "hexwire.ros1.messages", "hexwire.ros2"),
 }
 """Subject -> modules. What the pages of ``docs/`` import is here; the rest is hexwire's own affair."""
 
@@ -157,6 +162,7 @@ def _public(source: Path) -> list[tuple[str, str]]:
 
 
 def _first_line(source: Path, module: str) -> str:
-    path = source / f"{module.replace('.', '/')}.py"
+    path = source / module.replace(".", "/")
+    path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
     text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
     return " ".join(text.partition("\n\n")[0].split()).replace("|", "\\|").replace("``", "`")

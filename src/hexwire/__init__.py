@@ -13,15 +13,29 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING
 
-from hexwire.errors import HexwireError
+from hexwire.errors import (
+    DeviceError,
+    GoalError,
+    HexwireError,
+    LeaseError,
+    LimitError,
+    LinkError,
+    ReplyTimeoutError,
+    ServoError,
+    StoppedError,
+    UsageError,
+)
 
 if TYPE_CHECKING:
     # Re-exported for type checkers and editors; at run time `__getattr__` below does it. Keep both alike.
-    from hexwire.arm.handle import MotionHandle
+    from hexwire.arm.blocks import Lesson, Recording
+    from hexwire.arm.handle import Handle, MotionHandle
+    from hexwire.arm.poses import Poses
     from hexwire.arm.verbs import Arm, connect
     from hexwire.bus.servo_bus import ServoBus
-    from hexwire.control.gripping import GripResult
     from hexwire.control.motion_result import MotionResult
+    from hexwire.control.rest import Rest
+    from hexwire.control.via import Place
     from hexwire.drivers.base import RobotDriver, Signal, StopMode
     from hexwire.drivers.bus_arm import BusArm
     from hexwire.drivers.hex7bot import Hex7BotDriver
@@ -29,10 +43,15 @@ if TYPE_CHECKING:
     from hexwire.drivers.robot_state import RobotState
     from hexwire.ipc.handle import IpcHandle
     from hexwire.ipc.session import Session
-    from hexwire.model.arm import ArmModel
+    from hexwire.model.aim import Tip
+    from hexwire.model.arm import ArmModel, JointModel
     from hexwire.model.hex7bot_kinematics import Hex7BotModel
+    from hexwire.model.picture import Picture
     from hexwire.model.puma260 import Puma260Model
-    from hexwire.model.state import JointState, JointTarget, SentTarget
+    from hexwire.model.state import JointFlag, JointState, JointTarget, NewestState, SentTarget
+    from hexwire.motion.teach import Taught
+    from hexwire.motion.trajectory import Trajectory
+    from hexwire.ros2 import ros_node
     from hexwire.units import deg, mm
     from hexwire.wire.modules import ModuleType
 
@@ -42,35 +61,66 @@ __all__ = [
     "Arm",
     "ArmModel",
     "BusArm",
-    "GripResult",
+    "DeviceError",
+    "GoalError",
+    "Handle",
     "Hex7BotDriver",
     "Hex7BotModel",
     "HexwireError",
     "IpcHandle",
+    "JointFlag",
+    "JointModel",
     "JointState",
     "JointTarget",
+    "LeaseError",
+    "Lesson",
+    "LimitError",
+    "LinkError",
     "ModuleType",
     "MotionHandle",
     "MotionResult",
+    "NewestState",
+    "Picture",
+    "Place",
     "PlainDriver",
+    "Poses",
     "Puma260Model",
+    "Recording",
+    "ReplyTimeoutError",
+    "Rest",
     "RobotDriver",
     "RobotState",
     "SentTarget",
     "ServoBus",
+    "ServoError",
     "Session",
     "Signal",
     "StopMode",
+    "StoppedError",
+    "Taught",
+    "Tip",
+    "Trajectory",
+    "UsageError",
     "__version__",
     "connect",
     "deg",
     "mm",
+    "ros_node",
 ]
 
 _LAZY: dict[str, str] = {
     "MotionResult": "hexwire.control.motion_result",
     "MotionHandle": "hexwire.arm.handle",
-    "GripResult": "hexwire.control.gripping",
+    "Handle": "hexwire.arm.handle",
+    "Lesson": "hexwire.arm.blocks",
+    "Recording": "hexwire.arm.blocks",
+    "Poses": "hexwire.arm.poses",
+    "Rest": "hexwire.control.rest",
+    "JointModel": "hexwire.model.arm",
+    "JointFlag": "hexwire.model.state",
+    "Place": "hexwire.control.via",
+    "Trajectory": "hexwire.motion.trajectory",
+    "Picture": "hexwire.model.picture",
     "Arm": "hexwire.arm.verbs",
     "ArmModel": "hexwire.model.arm",
     "BusArm": "hexwire.drivers.bus_arm",
@@ -84,14 +134,18 @@ _LAZY: dict[str, str] = {
     "Puma260Model": "hexwire.model.puma260",
     "RobotDriver": "hexwire.drivers.base",
     "RobotState": "hexwire.drivers.robot_state",
+    "NewestState": "hexwire.model.state",
     "SentTarget": "hexwire.model.state",
     "ServoBus": "hexwire.bus.servo_bus",
     "Session": "hexwire.ipc.session",
     "Signal": "hexwire.drivers.base",
     "StopMode": "hexwire.drivers.base",
+    "Taught": "hexwire.motion.teach",
+    "Tip": "hexwire.model.aim",
     "connect": "hexwire.arm.verbs",
     "deg": "hexwire.units",
     "mm": "hexwire.units",
+    "ros_node": "hexwire.ros2",
 }
 """Public name -> module that defines it."""
 

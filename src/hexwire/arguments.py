@@ -10,7 +10,7 @@ import math
 import reprlib
 from collections.abc import Callable, Collection, Iterable
 from functools import wraps
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
 from hexwire.errors import UsageError
 
@@ -19,6 +19,7 @@ __all__ = [
     "FLAG",
     "NAME",
     "NAMES",
+    "ROBOT",
     "SECONDS",
     "WHOLE",
     "Wanted",
@@ -27,9 +28,12 @@ __all__ = [
     "one_of",
     "or_none",
     "rows_of",
+    "shown",
+    "takes",
 ]
 
 _T = TypeVar("_T")
+_M = TypeVar("_M", bound=Callable[..., Any])
 
 
 class Wanted(NamedTuple):
@@ -88,6 +92,11 @@ SECONDS = Wanted("a number of seconds", _is_number, _plain_number)
 DATA = Wanted("bytes, as in b'\\x01'", lambda value: isinstance(value, bytes | bytearray), _plain_bytes)
 NAME = Wanted("a name, as in 'J1'", lambda value: isinstance(value, str))
 NAMES = Wanted("several names, as in ['J1']", _are_names, _plain_names)
+ROBOT = Wanted(
+    "the driver of a robot: arm.driver of the arm that hexwire.connect() returns, which itself has verbs, "
+    "as in arm.move(J1=0.1)",
+    lambda value: hasattr(value, "epochs") and not isinstance(value, type),
+)
 
 
 def one_of(kind: type) -> Wanted:
@@ -109,6 +118,11 @@ def or_none(wanted: Wanted) -> Wanted:
     return Wanted(wanted.text, lambda value: value is None or wanted.fits(value), wanted.plain)
 
 
+def shown(value: object) -> str:
+    """A value in a text of one line, cut short if it is long."""
+    return reprlib.repr(value).replace("\n", " ")
+
+
 def check(method: str, argument: str, wanted: Wanted, value: object) -> Any:
     """Refuse an argument of another kind; returns it in Python's own form.
 
@@ -123,7 +137,7 @@ def check(method: str, argument: str, wanted: Wanted, value: object) -> Any:
     """
     found = wanted.plain(value)
     if not wanted.fits(found):
-        raise UsageError(f"{method}({argument}) takes {wanted.text}; this is {reprlib.repr(value)}")
+        raise UsageError(f"{method}({argument}) takes {wanted.text}; this is {shown(value)}")
     return found
 
 
@@ -152,3 +166,12 @@ def checked(method: Callable[..., _T], wanted: dict[str, Wanted]) -> Callable[..
         return method(self, *plain, **named)
 
     return call
+
+
+def takes(**wanted: Wanted) -> Callable[[_M], _M]:
+    """Have a method check arguments, by name; see `checked`."""
+
+    def checking(method: _M) -> _M:
+        return cast("_M", checked(method, wanted))
+
+    return checking

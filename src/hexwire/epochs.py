@@ -16,22 +16,29 @@ from __future__ import annotations
 import itertools
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from types import TracebackType
-from typing import Self
+from typing import Self, TypeVar
 
-from hexwire.errors import HexwireError, StoppedError
+from hexwire.errors import HexwireError, PreemptedError, StoppedError
 
 __all__ = ["Epochs", "Token"]
 
+_T = TypeVar("_T")
+
 _A_MOMENT, _LONGEST = 0.001, 1000
+_MEETINGS = 10
+"""Stops that torque off meets at most, one after another, before it gives up."""
 _STOPPED = 5
 """Status `stopped` of PROTOCOL.md section 6.2."""
 _CAME = "a stop came after the call; `resume()` first, then call it again"
+_OVER = "a stop came after the call, and is over; call it again"
 _UNDER_WAY = "the arm is being stopped; when that is done, `resume()` first"
 _UNCONFIRMED = "a stop was not confirmed; check the arm, then `resume()`"
 _RESUMED = "it was called while the arm was stopped; call it again"
+_LIMP = "torque was switched off after the call; call it again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +54,8 @@ class Token:
         late: As `refusal`, but called only right before the first bytes of a request that acts leave.
             Must not wait for the line.
         voided: The last stop before the call that no call of this host made.
+        limp: The last time before the call that torque was switched off; None if that does not void it.
+        frees: The call switches torque off: no stop voids it.
     """
 
     epoch: object
@@ -55,6 +64,8 @@ class Token:
     refusal: Callable[[], HexwireError | None] | None = None
     late: Callable[[], HexwireError | None] | None = None
     voided: object = None
+    limp: object = None
+    frees: bool = False
 
 
 class _Local(threading.local):
@@ -73,7 +84,8 @@ class Epochs:
         self._ended: object = self._current
         self._failed: object = None
         self._voided: object = object()
-        self._unstopped = Token(self._current, False, voided=self._voided)
+        self._limp: object = object()
+        self._unstopped = Token(self._current, False, voided=self._voided, limp=self._limp)
         self.number = 0
         self._numbers = itertools.count(1)
         self._under_way: set[object] = set()
@@ -95,6 +107,10 @@ class Epochs:
     def stopped_by_this_thread(self) -> bool:
         """Whether this thread called the last stop, perhaps in a signal handler that interrupted a call."""
         return self._stopper == threading.get_ident()
+
+    def stopped_since(self, token: Token) -> bool:
+        """Whether the arm was stopped after that call, by whomever."""
+        return token.epoch is not self._current or token.voided is not self._voided
 
     def stopped_here_since(self, token: Token) -> bool:
         """Whether this thread called the last stop, and did so after that call."""
@@ -125,6 +141,57 @@ class Epochs:
         self._voided = object()
         self.number = next(self._numbers)
 
+    @contextmanager
+    def torque_off(self) -> Iterator[None]:
+        """Void what was asked for before torque is switched off, which no stop voids; put the block around that.
+
+        The call that this thread executes goes on, as one that was made now.
+        """
+        token = self._local.token
+        self._limp = limp = object()
+        # Another torque off at the same time does not refuse this one, only what comes after it.
+        try:
+            now = self.mark()
+            own = now if token is None else replace(token, epoch=now.epoch, voided=now.voided)
+            with self.using(replace(own, limp=None, frees=True)):
+                yield
+        finally:
+            if token is not None:
+                self._local.token = replace(token, limp=limp)
+
+    def free(self, switch_off: Callable[[], _T]) -> _T:
+        """Switch torque off: at once, and again after a stop that was under way meanwhile.
+
+        A stop takes the line from what is being sent, and a joint may hold by it that has just lost its torque.
+
+        Args:
+            switch_off: Does it; may be called several times.
+        """
+        with self.torque_off():
+            for _ in range(_MEETINGS):
+                before = self._quiet
+                try:
+                    done = switch_off()
+                except (StoppedError, PreemptedError):
+                    self.let_through()
+                    continue
+                if before is not None and before is self._quiet:
+                    return done
+                self.let_through()
+                if self._under_way:
+                    # It takes long, or this is a part of it.
+                    return done
+            return switch_off()
+
+    @property
+    def _quiet(self) -> object | None:
+        """The last stop, which is over; None while one is under way."""
+        return None if self._under_way else self._current
+
+    def limp_since(self, token: Token) -> bool:
+        """Whether torque was switched off after that call."""
+        return token.limp not in (None, self._limp)
+
     # -- calls ----------------------------------------------------------------------------------------
 
     def token(self, what: str, *, freeing: bool = False) -> Token:
@@ -142,20 +209,23 @@ class Epochs:
             return mine
         if self._under_way:
             raise StoppedError.unsent(what, _STOPPED, _UNDER_WAY)
-        current, voided = self._current, self._voided
+        # What only frees the arm must not be refused because somebody else frees it, too.
+        current, voided, limp = self._current, self._voided, None if freeing else self._limp
         if self._ended is current:
+            if freeing:
+                return Token(current, False, voided=voided)
             # The same object until the next stop: a control loop makes a call a millisecond.
             token = self._unstopped
-            if token.epoch is not current or token.voided is not voided:
-                self._unstopped = token = Token(current, False, voided=voided)
+            if token.epoch is not current or token.voided is not voided or token.limp is not limp:
+                self._unstopped = token = Token(current, False, voided=voided, limp=limp)
             return token
         if self._failed is current and not freeing:
             raise StoppedError.unsent(what, _STOPPED, _UNCONFIRMED)
-        return Token(current, True, voided=voided)
+        return Token(current, True, voided=voided, limp=limp)
 
     def mark(self) -> Token:
         """Return a token of the present: the next stop cancels it, even if the arm is stopped now."""
-        return Token(self._current, False, voided=self._voided)
+        return Token(self._current, False, voided=self._voided, limp=self._limp)
 
     @property
     def of_this_call(self) -> Token | None:
@@ -166,25 +236,31 @@ class Epochs:
         """Whether requests of that call may still be sent."""
         if token.urgent:
             return True
-        return self._epoch_holds(token) and (token.refusal is None or token.refusal() is None)
+        return self._refused(token) is None and (token.refusal is None or token.refusal() is None)
 
-    def _epoch_holds(self, token: Token) -> bool:
-        if token.epoch is not self._current or token.voided is not self._voided:
-            return False
-        return not (token.stopped and self._ended is token.epoch)
+    def _refused(self, token: Token) -> str | None:
+        """Why requests of that call must not be sent any more; None if they may."""
+        # Torque off takes nothing back from a stop, and must not be lost.
+        if token.frees:
+            return None
+        if self.stopped_since(token):
+            # A stop that no call of this host made may still be latched.
+            return _CAME if self.stopped or token.voided is not self._voided else _OVER
+        if token.stopped and self._ended is token.epoch:
+            return _RESUMED
+        return _LIMP if self.limp_since(token) else None
 
     def check(self, token: Token, what: str) -> None:
-        """Refuse a call made before a stop; call this while holding the line, right before the bytes leave.
+        """Refuse a call made before a stop or torque off; call this while holding the line, before bytes leave.
 
         Raises:
-            StoppedError: The arm was stopped after the call.
+            StoppedError: The arm was stopped after the call, or its torque was switched off.
             HexwireError: The refusal of the token.
         """
         if token.urgent:
             return
-        if not self._epoch_holds(token):
-            resumed = token.stopped and self._ended is token.epoch is self._current
-            raise StoppedError.unsent(what, _STOPPED, _RESUMED if resumed else _CAME)
+        if (why := self._refused(token)) is not None:
+            raise StoppedError.unsent(what, _STOPPED, why)
         if token.refusal is not None and (error := token.refusal()) is not None:
             raise error
 
@@ -198,6 +274,7 @@ class Epochs:
         if (
             token.epoch is self._current
             and token.voided is self._voided
+            and token.limp is self._limp
             and not token.stopped
             and token.refusal is token.late is None
         ):
@@ -251,6 +328,8 @@ class Epochs:
 
 
 class _Within:
+    __slots__ = ("_before", "_local", "token")
+
     def __init__(self, local: _Local, token: Token | None) -> None:
         self._local, self.token = local, token
         self._before: Token | None = None

@@ -36,7 +36,7 @@ class OutputFile:
         partial: Keep what was written even if the end could not be, as for a recording on a full disk.
 
     Attributes:
-        path: As given.
+        path: Path of the file.
         file: Open for writing bytes.
 
     Raises:

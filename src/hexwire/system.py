@@ -1,4 +1,4 @@
-"""What differs between operating systems: users, devices, flags of files, signals, waiting for descriptors.
+"""What differs between operating systems: users, devices, flags of files, signals, waiting for input.
 
 Owns these differences, so that no other module asks which system it runs on, except those that exist for one system
 only. Linux is the system hexwire is made for; where another one has no such thing, the value here says so. Must not
@@ -13,6 +13,7 @@ import os
 import select
 import signal
 import sys
+import threading
 import time
 from typing import TYPE_CHECKING, Protocol
 
@@ -31,6 +32,7 @@ __all__ = [
     "SLEEP_ERROR",
     "WRITABLE",
     "Poll",
+    "TypedLines",
     "device_number",
     "device_parts",
     "end_by_alarm",
@@ -148,6 +150,10 @@ def end_by_alarm(seconds: int) -> None:
 # --- waiting -----------------------------------------------------------------------------------------------------
 
 
+_LINE = 4096
+"""Most bytes of a typed line."""
+
+
 class Poll(Protocol):
     """What is used of `select.poll`."""
 
@@ -193,3 +199,40 @@ def make_poll() -> Poll:
     if sys.platform != "win32" and hasattr(select, "poll"):
         return select.poll()
     return _SelectPoll()
+
+
+class TypedLines:
+    """Lines that are typed, or come from a pipe, on standard input.
+
+    Windows can wait for sockets only: a thread reads there, one line when it is asked for, until the program ends.
+    """
+
+    def __init__(self) -> None:
+        self._reading: threading.Thread | None = None
+        self._read = b""
+
+    def entered(self, seconds: float) -> bool | None:
+        """Whether a line comes within so many seconds; None if none ever will, since the input has ended."""
+        if sys.platform == "win32":
+            return self._entered_in_thread(seconds)
+        else:  # noqa: RET505  # mypy knows the system by it
+            if not select.select([sys.stdin], [], [], seconds)[0]:
+                return False
+            return True if sys.stdin.readline() else None
+
+    def _entered_in_thread(self, seconds: float) -> bool | None:
+        if self._reading is None:
+            self._reading = threading.Thread(target=self._wait, args=(sys.stdin.fileno(),), daemon=True)
+            self._reading.start()
+        self._reading.join(seconds)
+        if self._reading.is_alive():
+            return False
+        self._reading = None
+        return True if self._read else None
+
+    def _wait(self, descriptor: int) -> None:
+        # Not through `sys.stdin`: a thread that holds its lock would abort the end of the interpreter.
+        try:
+            self._read = os.read(descriptor, _LINE)
+        except OSError:
+            self._read = b""

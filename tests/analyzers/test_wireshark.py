@@ -27,6 +27,8 @@ VECTORS = [json.loads(line) for line in (ROOT / "vectors/session.jsonl").read_te
 GOOD = [vector for vector in VECTORS if vector["kind"] == "frame"]
 HOST, BOARD = 7, 8
 ETHERNET = 1
+CLIENT_PORT = 54321
+"""No protocol's in any Wireshark: 4.4 takes what comes from port 40000 for another one."""
 CHAPTER_PAIR = [bytes.fromhex(vector["hex"]) for vector in GOOD[:2]]
 
 
@@ -102,7 +104,7 @@ def network(path: Path, traffic: Sequence[tuple[bool, bytes]], *, tcp: bool, por
     numbers = {True: 1, False: 1}
     packets = []
     for i, (sent, data) in enumerate(traffic):
-        ports = (40000, port) if sent else (port, 40000)
+        ports = (CLIENT_PORT, port) if sent else (port, CLIENT_PORT)
         if tcp:
             head = struct.pack(">HHIIBBHHH", *ports, numbers[sent], numbers[not sent], 0x50, 0x18, 0xFFFF, 0, 0)
             numbers[sent] += len(data)

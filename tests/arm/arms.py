@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
-from tests.cli.shared_arm import patient, patient_line
+from tests.cli.shared_arm import patient
+from tests.defaults import default
 from tests.fleet.emulated import emulated
 
 import hexwire
 from hexwire import Arm
-from hexwire.control import motions
+from hexwire.control.motion_options import MotionOptions
 
 KINDS = {
     "board": "dialect 2",
@@ -24,6 +25,15 @@ KINDS = {
     "puma260": "puma260",
 }
 """How an arm is reached, and which robot it is."""
+TIMED = {"timed board": "dialect 2", "shared timed board": "dialect 2"}
+"""Those whose board keeps the time of a motion: it ends where a busy machine sends no points for a while."""
+
+QUICK = ("bus", "board")
+
+
+def marked(kinds: Iterable[str], quick: Collection[str] = QUICK) -> list[Any]:
+    """Parameters of a test: these kinds, of which only the quick ones run in `make test`."""
+    return [kind if kind in quick else pytest.param(kind, marks=pytest.mark.slow) for kind in kinds]
 
 
 @contextmanager
@@ -34,10 +44,8 @@ def connected(kind: str, folder: Path) -> Iterator[Arm]:
         for variable in ("XDG_RUNTIME_DIR", "XDG_STATE_HOME", "XDG_CONFIG_HOME"):
             patch.setenv(variable, str(folder))
         patient(patch)
-        patient_line(patch)
-        # A path in the board's own time ends where a busy machine sends no points for a while.
-        patch.setattr(motions, "MotionOptions", partial(motions.MotionOptions, host_timed=True, grace=20.0))
-        settings = stack.enter_context(emulated(KINDS[kind]))
+        default(patch, MotionOptions, host_timed=kind not in TIMED, grace=20.0)
+        settings = stack.enter_context(emulated((KINDS | TIMED)[kind]))
         if kind.startswith("shared"):
             from hexwire.fleet.service import Service
             from hexwire.fleet.service_file import read_arms

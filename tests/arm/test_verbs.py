@@ -7,31 +7,38 @@ import math
 import re
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from tests.arm.arms import KINDS, connected
+from tests.arm.arms import KINDS, connected, marked
+from tests.control.swing import Swing
+from tests.defaults import default
+from tests.motion.arms import HOME, at_rest, rest_to_rest
 from tests.waits import eventually
 
 import hexwire
 from hexwire import Arm, deg, mm
 from hexwire.arm import verbs
+from hexwire.arm.blocks import Lesson
 from hexwire.arm.handle import MotionHandle
-from hexwire.control.motions import MotionResult
+from hexwire.control.following import run_following
+from hexwire.control.motion_options import MotionOptions
+from hexwire.control.motions import MotionResult, check_path, run_motion
 from hexwire.control.reader import read_start
 from hexwire.drivers.base import RobotDriver
-from hexwire.errors import HexwireError, StoppedError, UsageError
+from hexwire.drivers.registry import make_driver
+from hexwire.errors import HexwireError, LeaseError, LimitError, StoppedError, UsageError
+from hexwire.model.state import JointTarget
 from hexwire.motion.through import arm_path
 from hexwire.trace.recording import read_joint_states
 
-QUICK = ("board", "bus")
 
-
-@pytest.fixture(
-    scope="module", params=[kind if kind in QUICK else pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS]
-)
+@pytest.fixture(scope="module", params=marked(KINDS))
 def kept(request: pytest.FixtureRequest) -> Iterator[Arm]:
     """An arm of each kind, for tests that leave it as they found it."""
     # Short, since the path of a socket must be.
@@ -89,13 +96,46 @@ def test_each_verb_says_how_far_off_its_goal_the_arm_came_to_rest(arm: Arm) -> N
     assert arm.home().arrived
 
 
+def test_a_target_is_sent_and_waited_for_or_left(arm: Arm) -> None:
+    joint = joint_of(arm)
+    there = angle(arm) + deg(6)
+    result = arm.send({joint: there}, duration=0.5)
+    assert (result.arrived, result.rest is not None) == (True, True)
+    assert angle(arm) == pytest.approx(there, abs=deg(2))
+    result = arm.send({joint: there - deg(6)}, duration=0.5, wait=False)
+    assert (result.arrived, result.sent is not None) == (None, True)
+    eventually(lambda: abs(angle(arm) - there + deg(6)) < deg(2))
+
+
+def test_a_motion_beyond_a_limit_names_the_angle_that_was_asked_for(arm: Arm) -> None:
+    joint = arm.limits[joint_of(arm)]
+    beyond = joint.maximum + 0.2
+    said = rf"{joint.name}=\S+ deg is outside its limits \S+ to \S+ deg; nothing was sent"
+    for call in (
+        partial(arm.move, {joint.name: beyond}),
+        partial(arm.move, {joint.name: beyond - angle(arm)}, relative=True),
+        partial(arm.goto, "home", {joint.name: beyond}),
+    ):
+        with pytest.raises(LimitError, match=f"^{said}$"):
+            call()
+    with pytest.raises(LimitError, match=r"limit|table|reach|singularity"):
+        arm.line((0, 0, -mm(900)), relative=True)
+
+
+def test_a_result_says_how_long_the_motion_took(arm: Arm) -> None:
+    begin = time.monotonic()
+    result = arm.move({joint_of(arm): deg(5)}, relative=True, duration=1.0)
+    assert 0.5 < result.seconds < time.monotonic() - begin
+
+
 def test_points_are_passed_without_a_stop_between_them(arm: Arm) -> None:
     joint, here = joint_of(arm), angle(arm)
     motion = arm.goto({joint: here + deg(15)}, {joint: here + deg(30)}, "home", wait=False)
     speeds = []
-    while not motion.done:
-        state = arm.read()
+    for state in arm.states(50.0):
         speeds.append((state[joint].position - here, state[joint].velocity))
+        if motion.done:
+            break
     assert motion.wait().arrived
     # Halfway up, where the first point is, it moves.
     near = [abs(speed) for off, speed in speeds if abs(off - deg(15)) < deg(6) and math.isfinite(speed)]
@@ -120,10 +160,13 @@ MISTAKES: dict[str, tuple[Callable[[Arm], object], str]] = {
     "a line out of reach": (lambda arm: arm.line((3, 0, 0)), "out of reach|singularity|limit|reaches"),
     "below the floor": (lambda arm: arm.goto(z=-2), "out of reach"),
     "no joint": (lambda arm: arm.move(J99=0.1), "no joint 'J99'"),
-    "no pose": (lambda arm: arm.move("nowhere"), "no pose 'nowhere' of .*; known are: home"),
+    "no pose": (lambda arm: arm.move("nowhere"), "no pose 'nowhere' of .*; there are home"),
     "no pose among points": (lambda arm: arm.goto("nowhere"), "no pose 'nowhere'"),
     "too short": (lambda arm: arm.move({joint_of(arm): deg(5)}, relative=True, duration=0.01), "too short"),
-    "no duration": (lambda arm: arm.move({joint_of(arm): deg(5)}, relative=True, duration=math.nan), "too short"),
+    "no duration": (
+        lambda arm: arm.move({joint_of(arm): deg(5)}, relative=True, duration=math.nan),
+        "a number of seconds above 0",
+    ),
     "both": (lambda arm: arm.move({joint_of(arm): 0.1}, duration=1.0, speed=0.5), "not both"),
     "too fast": (lambda arm: arm.move({joint_of(arm): 0.1}, speed=1.5), "a share of the speed limits"),
     "no speed": (lambda arm: arm.move({joint_of(arm): 0.1}, speed=0.0), "a share of the speed limits"),
@@ -148,7 +191,7 @@ MISTAKES: dict[str, tuple[Callable[[Arm], object], str]] = {
         lambda arm: arm.move({joint_of(arm): 0.1}, duration="2"),  # type: ignore[call-overload]
         "a number of seconds",
     ),
-    "nothing to play": (lambda arm: arm.play(None), "play.. takes a file, lesson.taught"),  # type: ignore[call-overload]
+    "nothing to play": (lambda arm: arm.play(None), "play.. takes a file, a lesson"),  # type: ignore[call-overload]
     "half a time": (lambda arm: arm.play("none.mcap", repeat=1.5), "a whole number"),  # type: ignore[call-overload]
     "nobody": (lambda arm: arm.follow(None), "takes another arm"),  # type: ignore[call-overload]
     "a negative rate": (lambda arm: arm.states(-1), "a rate is"),
@@ -162,13 +205,14 @@ MISTAKES: dict[str, tuple[Callable[[Arm], object], str]] = {
     "text": (lambda arm: arm.move({joint_of(arm): "30"}), "is a number of radians"),  # type: ignore[dict-item]
     "past a limit": (lambda arm: arm.move({joint_of(arm): arm.limits[joint_of(arm)].maximum + 0.2}), "limits"),
     "no recording": (lambda arm: arm.play("none.mcap"), "none.mcap"),
-    "played never": (lambda arm: arm.play("none.mcap", repeat=0), "at least once"),
+    "played never": (lambda arm: arm.play("none.mcap", repeat=0), "a whole number, 1 or more"),
     "itself": (lambda arm: arm.follow(arm), "cannot follow itself"),
     "no MCAP": (lambda arm: arm.record("states.txt"), "must end in .mcap"),
     "a lesson without MCAP": (lambda arm: arm.teach("states.txt"), "must end in .mcap"),
     "wide open": (lambda arm: arm.grip(50), "gripper"),
     "force in percent": (lambda arm: arm.close(force=25), "a share of full effort"),
     "half": (lambda arm: arm.grip("half"), "'open', 'close' or an opening"),  # type: ignore[call-overload]
+    "wide meanwhile": (lambda arm: arm.move({joint_of(arm): 0}, grip=50), "gripper"),
 }
 
 
@@ -249,6 +293,28 @@ def test_whatever_a_stop_refuses_names_what_ends_it_in_a_program(arm: Arm) -> No
     assert arm.home().arrived
 
 
+def test_every_motion_of_a_program_is_refused_alike_while_the_arm_is_stopped(arm: Arm) -> None:
+    robot, joint = arm.driver, joint_of(arm)
+    here = angle(arm)
+    way = rest_to_rest((joint,), (here,), (here + 0.1,), 1.0)
+    targets = [JointTarget.of({joint: here + by}, 1.0) for by in (0.1, 0.3)]
+    arm.torque(True)
+    checked = check_path(robot, [way], MotionOptions())
+    arm.stop()
+    for host_timed in (False, True):
+        options = MotionOptions(host_timed=host_timed)
+        calls: list[Callable[[], MotionResult]] = [
+            *(partial(run_motion, robot, motion, options) for motion in (way, checked, *targets)),
+            *(partial(run_motion, robot, target, options, wait=False) for target in targets),
+            *(partial(run_motion, robot, motion, options, until=lambda state: None) for motion in (way, *targets)),
+        ]
+        for call in calls:
+            with pytest.raises(StoppedError, match=r"stopped.*resume"):
+                call()
+    assert angle(arm) == pytest.approx(here, abs=0.01)
+    assert arm.read().stopped
+
+
 def test_a_stop_voids_a_motion_that_was_asked_for_before_it_and_is_still_planned(
     arm: Arm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -313,9 +379,34 @@ def test_the_gripper_opens_and_closes(arm: Arm) -> None:
     half = arm.grip(0.5)
     assert (half.holds, half.opening) == (False, pytest.approx(0.5, abs=0.12))
     assert arm.opening == pytest.approx(half.opening, abs=0.05)
+    for measured in (1.00001, -0.00001, arm.opening):
+        assert not arm.grip(measured).holds
     with arm.close(wait=False) as motion:
         assert isinstance(motion, MotionHandle)
     assert motion.wait().opening == pytest.approx(0.0, abs=0.12)
+
+
+def test_the_gripper_moves_together_with_the_arm(arm: Arm) -> None:
+    joint = joint_of(arm)
+    if arm.model.name == "puma260":
+        with pytest.raises(UsageError, match="no gripper"):
+            arm.move({joint: deg(5)}, relative=True, grip="open")
+        return
+    before = angle(arm)
+    moved = arm.move({joint: deg(10)}, relative=True, grip="open")
+    assert (moved.arrived, moved.holds, moved.opening) == (True, False, pytest.approx(1.0, abs=0.12))
+    assert angle(arm) - before == pytest.approx(deg(10), abs=deg(2))
+    # The pose has a place for the gripper, too.
+    arm.poses.save("there", force=True)
+    try:
+        assert arm.goto("home", "there", grip=0.5).opening == pytest.approx(0.5, abs=0.12)
+    finally:
+        del arm.poses["there"]
+    with arm.line((0, 0, -mm(10)), relative=True, tip_speed=0.2, grip="close", wait=False) as motion:
+        assert motion.duration >= 0.8
+    assert motion.wait().opening == pytest.approx(0.0, abs=0.12)
+    with pytest.raises(UsageError, match="is the gripper: give its angle, or how far it opens, not both"):
+        arm.move({arm.model.names[-1]: 0.0}, grip=0.5)
 
 
 # -- poses, by hand, and recordings -------------------------------------------------------------------------------
@@ -374,8 +465,7 @@ def test_a_lesson_has_no_torque_and_ends_holding(arm: Arm) -> None:
         eventually(lambda: len(lesson._states) > 3)
     assert set(arm.read().torque_on) == set(arm.model.names)
     assert lesson.taught.names == arm.model.names
-    with pytest.raises(UsageError, match=r"lesson\.taught"):
-        arm.play(lesson)  # type: ignore[call-overload]
+    assert arm.play(lesson).arrived
     assert arm.play(lesson.taught).arrived
 
 
@@ -401,6 +491,36 @@ def test_torque_is_switched_for_all_or_some_and_a_motion_switches_it_on(arm: Arm
         arm.torque(True, "J99")
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["shared bus", "shared board"])
+def test_a_lease_that_was_lost_is_taken_again_unless_another_program_holds_it(kind: str, tmp_path: Path) -> None:
+    with connected(kind, tmp_path) as arm:
+        arm.torque()
+        other = Arm(make_driver("zenoh:lab/a"), speed=1.0)
+        other.driver.attach()
+        with other:
+            verbs: list[Callable[[], object]] = [
+                partial(arm.move, {joint_of(arm): deg(2)}, relative=True),
+                partial(arm.goto, "home"),
+                partial(arm.line, (0, 0, -mm(3)), relative=True, tip_speed=0.2),
+                arm.home,
+                partial(arm.grip, 0.5),
+                arm.torque,
+                arm.teach,
+                partial(arm.torque, False),
+            ]
+            for verb in verbs:
+                other.driver.take(force=True)
+                with pytest.raises(
+                    LeaseError, match=r"holds the lease.*take it with arm\.driver\.take\(force=True\)"
+                ):
+                    verb()
+                other.driver.release()
+                done = verb()
+                if isinstance(done, Lesson):
+                    done.end()
+
+
 # -- connecting and leaving ---------------------------------------------------------------------------------------
 
 
@@ -408,6 +528,70 @@ def test_torque_is_switched_for_all_or_some_and_a_motion_switches_it_on(arm: Arm
 def test_wrong_options_leave_no_arm_behind(options: dict[str, object]) -> None:
     with pytest.raises(HexwireError):
         hexwire.connect("sim://hex7bot", **options)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def idle(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> RobotDriver:
+    """The driver of an arm that is not connected, whose joints are at home."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    driver = make_driver("sim://hex7bot")
+    driver.read = lambda: at_rest(driver.model, tuple(HOME.values()))  # type: ignore[method-assign]
+    return driver
+
+
+@pytest.mark.parametrize("error", [None, ZeroDivisionError])
+def test_without_a_pose_to_rest_in_the_end_switches_no_torque_off(
+    idle: RobotDriver, error: type[BaseException] | None
+) -> None:
+    ends: list[bool] = []
+    idle.detach = lambda *, torque_off=False: ends.append(torque_off)  # type: ignore[method-assign]
+    with nullcontext() if error is None else pytest.raises(error), Arm(idle):
+        if error is not None:
+            raise error
+    assert ends == [False]
+
+
+def test_an_arm_rests_in_the_pose_that_is_named(idle: RobotDriver) -> None:
+    arm = Arm(idle)
+    arm.poses["low"] = {"J1": 0.1}
+    assert Arm(idle, rest="low")._rest == {"J1": pytest.approx(0.1)}
+    assert arm._rest is None
+
+
+def test_a_pose_is_saved_where_the_arm_is_and_replaced_only_by_force(idle: RobotDriver) -> None:
+    poses = Arm(idle).poses
+    assert poses.save("here") == "here"
+    assert poses["here"]["J1"] == pytest.approx(HOME["J1"])
+    idle.read = lambda: at_rest(idle.model, (0.2, *tuple(HOME.values())[1:]))  # type: ignore[method-assign]
+    with pytest.raises(UsageError, match="already"):
+        poses.save("here")
+    poses.save("here", force=True)
+    assert poses["here"]["J1"] == pytest.approx(0.2)
+
+
+def test_an_arm_is_drawn_where_it_is_or_in_a_state(idle: RobotDriver) -> None:
+    arm = Arm(idle)
+    assert arm.picture() == arm.picture(idle.read())
+    assert arm.picture() != arm.picture(at_rest(idle.model, (0.2, *tuple(HOME.values())[1:])))
+
+
+@pytest.mark.parametrize("limp", [("gripper",), ()])
+def test_at_the_end_what_was_made_limp_stays_so(tmp_path: Path, limp: tuple[str, ...]) -> None:
+    gave: list[tuple[str, ...]] = []
+    with connected("bus", tmp_path) as arm:
+        arm._rest = arm.poses["home"]
+        arm.move({joint_of(arm): deg(10)})
+        arm.torque(False, *limp)
+        there, torque = angle(arm), arm.driver.torque
+        arm.driver.torque = lambda on, joints=None: (gave.append((on, joints)), torque(on, joints))[1]  # type: ignore
+        last: list[float] = []
+        detach = arm.driver.detach
+        arm.driver.detach = lambda *, torque_off=False: (  # type: ignore[method-assign]
+            last.append(angle(arm) if arm.driver.is_attached else last[-1]),
+            detach(torque_off=torque_off),
+        )[1]
+    assert not gave
+    assert last[0] == pytest.approx(0.0 if limp else there, abs=deg(2))
 
 
 def test_at_the_end_the_arm_rests_without_torque_if_it_is_told_to(tmp_path: Path) -> None:
@@ -460,6 +644,37 @@ def test_a_failure_that_nobody_waited_for_is_raised_at_the_end(tmp_path: Path) -
         work(arm)
 
 
+def test_a_failure_that_the_program_has_handled_is_not_raised_again_at_the_end(tmp_path: Path) -> None:
+    with connected("board", tmp_path) as arm, arm:
+        motion = sent_away(arm)
+        arm.stop()
+        with pytest.raises(StoppedError):
+            motion.wait()
+
+
+def test_ctrl_c_while_the_end_of_the_block_waits_is_what_comes_out(tmp_path: Path) -> None:
+    stopped: list[bool] = []
+
+    def work(arm: Arm) -> None:
+        motion, detach = sent_away(arm), arm.driver.detach
+
+        def seen(*, torque_off: bool = False) -> None:
+            if arm.driver.is_attached:
+                stopped.append(arm.read().stopped)
+            detach(torque_off=torque_off)
+
+        def pressed(timeout: float | None = None) -> bool:
+            del motion._over.wait  # type: ignore[method-assign]
+            raise KeyboardInterrupt
+
+        arm.driver.detach = seen  # type: ignore[method-assign]
+        motion._over.wait = pressed  # type: ignore[method-assign]
+
+    with connected("board", tmp_path) as arm, pytest.raises(KeyboardInterrupt), arm:
+        work(arm)
+    assert stopped == [True]
+
+
 def test_a_failure_that_nobody_waited_for_is_logged_by_the_next_motion(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -481,16 +696,30 @@ def test_an_arm_without_a_watchdog_warns_once(tmp_path: Path, caplog: pytest.Log
     assert caplog.text.count("has no watchdog") == 1
 
 
+@pytest.mark.parametrize(("most", "late"), [(None, 0.1), (deg(180), 14.0), ({"shoulder_pan": deg(180)}, 14.0)])
+def test_an_arm_follows_as_fast_as_its_servos_can_or_may(
+    monkeypatch: pytest.MonkeyPatch, most: float | dict[str, float] | None, late: float
+) -> None:
+    swing = Swing(1.0)
+    default(monkeypatch, run_following, sleep=swing.sleep)
+    with swing.leader, swing.follower:
+        Arm(swing.follower, table=None).follow(Arm(swing.leader), max_speed=most)
+    assert 0.8 * late - 0.1 < swing.late < late
+
+
 def test_one_arm_follows_another_until_the_block_ends(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     with connected("bus", tmp_path / "a") as leader, connected("bus", tmp_path / "a") as follower:
         started = threading.Event()
         with follower.follow(leader, wait=False) as following:
+            assert following.progress == 0
             eventually(lambda: not leader.read().torque_on)
             eventually(lambda: set(follower.read().torque_on) == set(follower.model.names))
             started.set()
             with pytest.raises(UsageError, match=r"follows another: end\(\) that"):
                 follower.home()
+        assert following.progress == 1
+        following.cancel()
         assert following.done
         assert set(follower.read().torque_on) == set(follower.model.names)
         assert not follower.read().stopped

@@ -40,7 +40,7 @@ class PtyBoard:
 
     def close(self) -> None:
         self._ended.set()
-        self._thread.join(timeout=10)
+        self._thread.join(timeout=30)
         os.close(self._master)
         os.close(self._slave)
 

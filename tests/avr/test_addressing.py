@@ -12,7 +12,6 @@ from hexwire.wire import tables
 from hexwire.wire.command_frame import Command, Frame, Status
 
 # The first one builds.
-pytestmark = pytest.mark.timeout(600)
 
 ALL = tables.ADDRESS_BROADCAST
 SEVERAL = tables.ADDRESS_MULTICAST | 1 << 8 | 1 << 3

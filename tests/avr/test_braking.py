@@ -14,12 +14,11 @@ from hexwire.motion.moving import reach
 from hexwire.motion.path_points import path_points
 from hexwire.motion.path_rest import path_rest
 from hexwire.motion.speed_profile import JointLimits
-from hexwire.motion.waypoints import Sample, Trajectory
+from hexwire.motion.trajectory import Sample, Trajectory
 from hexwire.wire.board_trajectory import PathPoint, PathState
 from hexwire.wire.command_frame import Command, Status
 
 # The first one builds.
-pytestmark = pytest.mark.timeout(600)
 
 LEGACY, HLS = 0, 4
 NAMES = ("J1", "J5")

@@ -15,7 +15,6 @@ from hexwire.wire.commands import STATS_FIELDS, Identity, JointReport
 from hexwire.wire.servo_packet import Instruction, make_packet, make_ping, make_read, make_sync_write
 
 # The first one builds.
-pytestmark = pytest.mark.timeout(600)
 
 START = (2053, 2043, 2035, 2039, 2083, 2046, 2047)
 ALL = b"\x7f\0"

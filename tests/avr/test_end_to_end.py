@@ -26,7 +26,7 @@ from hexwire.wire import tables
 
 VERSION = f"{tables.VERSION_MAJOR}.{tables.VERSION_MINOR}.{tables.VERSION_PATCH}"
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]
+pytestmark = pytest.mark.system
 
 
 # A simulated chip that is slower than the clock is back at its own rate later than a real one.

@@ -7,7 +7,6 @@ from tests.bench import bench_firmware as bench
 from tests.bench import bench_path
 
 # The first one builds.
-pytestmark = pytest.mark.timeout(600)
 
 BUS_HZ = 1 / bench.CYCLE
 MOVING_HZ = 1 / (bench.CYCLE + bench.MOVE)

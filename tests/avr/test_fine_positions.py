@@ -14,7 +14,6 @@ from hexwire.wire.board_trajectory import BeginRequest, PathPoint, PathState
 from hexwire.wire.command_frame import Command, Status
 
 # The first one builds.
-pytestmark = pytest.mark.timeout(600)
 
 FINE = tables.TRAJECTORY_FLAG_FINE
 HERMITE = tables.TRAJECTORY_FLAG_HERMITE

@@ -17,7 +17,6 @@ from hexwire.wire.command_frame import Command, Frame, Status
 from hexwire.wire.commands import parse_missing
 
 # The first one builds.
-pytestmark = pytest.mark.timeout(600)
 
 NUMBER = 5
 POINTS = Command.TRAJECTORY_POINTS

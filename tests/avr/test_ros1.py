@@ -9,7 +9,7 @@ from tests.avr.machines import ChipBoard
 from tests.avr.pty import PtyBoard, on_pty
 from tests.ros1.ros_world import Arm, made, near
 
-pytestmark = [pytest.mark.slow, pytest.mark.system, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.slow, pytest.mark.system]
 
 
 def test_a_goal_from_ros_moves_the_firmwares_servos(tmp_path: Path) -> None:

@@ -12,7 +12,6 @@ from hexwire.wire import tables
 from hexwire.wire.command_frame import Command, Status
 
 # The first one builds.
-pytestmark = pytest.mark.timeout(600)
 
 ROW = b"\0\0\xff\x0f"
 STORES = tables.SETTINGS_STORES

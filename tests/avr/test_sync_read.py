@@ -12,7 +12,6 @@ from hexwire.wire.command_frame import Command
 from hexwire.wire.servo_packet import Instruction
 
 # The first one builds.
-pytestmark = pytest.mark.timeout(600)
 
 OLD = 5
 

@@ -17,7 +17,6 @@ from hexwire.wire.command_frame import Command, Status
 from hexwire.wire.commands import FragmentHead, serialize_missing
 
 # The first one builds.
-pytestmark = pytest.mark.timeout(600)
 
 TABLE = Command.SERVO_TABLE
 READ, WRITE = 0x02, 0x03

@@ -2,7 +2,8 @@
 
 Needs LeRobot's environment: that of `make test-lerobot`, or the Python that HEXWIRE_BENCH_LEROBOT names. Both sides
 run on the same emulated pair of arms (`busemu pair`), whose lines are paced at 1 Mbaud, in turns and each in a
-process of its own. `python tests/bench/bench_lerobot.py --write` also puts the figures into docs/figures.md.
+process of its own. `python tests/bench/bench_lerobot.py --write` also puts the figures into
+docs/figures.md.
 """
 
 from __future__ import annotations
@@ -161,15 +162,22 @@ def _plug_in(python: str, emulator: pair.Emulator, home: Path) -> Iterator[tuple
             for name in workers if turn % 2 else reversed(workers):
                 free[name].append(workers[name].ask("speed", cycles=_CYCLES, rate=0.0))
                 paced[name].append(workers[name].ask("speed", cycles=_PACED_CYCLES, rate=_RATE))
+        opened: dict[str, list[Block]] = {name: [] for name in _NAMES}
+        for turn in range(_ROUNDS):
+            for name in _NAMES if turn % 2 else _NAMES[::-1]:
+                opened[name].append(workers[name].ask("connections", count=_CONNECTIONS))
         emulator.begin(faults=True)
         failed, observed = {}, {}
         for name in _NAMES:
-            failed[name] = workers[name].ask("connections", count=_CONNECTIONS)["failed"]
+            failed[name] = _CONNECTIONS - len(workers[name].ask("connections", count=_CONNECTIONS)["connect"])
             observed[name] = workers[name].ask("observe", count=_OBSERVATIONS)
         emulator.end()
     yield from _cpu_rows(free, "as fast as the line allows")
     yield from _cpu_rows(paced, f"{_RATE:g} a second")
     yield from _time_rows(free)
+    for share, text in ((0.5, "p50"), (0.99, "p99")):
+        ours, theirs = (_at(sorted(t for one in opened[name] for t in one["connect"]), share) for name in _NAMES)
+        yield f"`connect`, {text}", f"{1e3 * ours:.0f} ms", f"{1e3 * theirs:.0f} ms", f"{ours / theirs:.2f}", "1"
     loss = "with 1 % of the answers lost: "
     yield (
         f"{loss}observations that raise; wrong values",

@@ -24,6 +24,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from tests.bench.board import board, cpu_ns, memory
+from tests.bench.goal_start import goal_starts
 from tests.link.far_ends import free_port
 from tests.ros1.ros_world import ROS_PYTHON, Program, World, made
 
@@ -38,6 +39,7 @@ _SPARE = 0.5
 _SKIPPED = 20
 """First messages, while the connection is new."""
 _GOALS = 15
+_STARTS = 40
 _CALLS = 100
 _WAIT = 0.005
 _PERIOD = 0.01
@@ -83,6 +85,7 @@ def run() -> list[str]:
     if not Path("/usr/bin/rosmaster").exists():
         return ["left out: ROS 1 is not installed (`make test` installs it)"]
     load = os.getloadavg()[0]
+    starts = [_start_line(what, timed) for what, timed in (("path on the board", False), ("targets", True))]
     with ExitStack() as stack:
         world = stack.enter_context(made(Path(stack.enter_context(tempfile.TemporaryDirectory()))))
         (path1, moves1), (path2, moves2) = (stack.enter_context(board()) for _ in range(2))
@@ -110,7 +113,14 @@ def run() -> list[str]:
         calls1 = _ask(world, "services", str(_ROUNDS * _CALLS))
         node1.end()
         calls2 = [client.ask("services", count=_CALLS, wait=_WAIT) for _ in range(_ROUNDS)]
-    return [f"load of the machine before: {load:.2f}", *_lines(states, sizes, late, (bare1, bare2), calls1, calls2)]
+    lines = _lines(states, sizes, late, (bare1, bare2), calls1, calls2)
+    return [f"load of the machine before: {load:.2f}", *starts, *lines]
+
+
+def _start_line(what: str, host_timed: bool) -> str:
+    ours, waiting = (goal_starts(_STARTS, at_once=how, host_timed=host_timed) for how in (True, False))
+    rows = [", ".join(f"{1e3 * _quantile(times, share):.2f}" for share in (0.5, 0.9)) for times in (ours, waiting)]
+    return f"goal accepted to its first byte ({what}), ms p50, p90: {rows[0]}; if it waits for a state {rows[1]}"
 
 
 def _lines(

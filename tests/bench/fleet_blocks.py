@@ -23,7 +23,7 @@ Block = dict[str, float]
 _FILES = {
     "fleet_own.py": ("owner", "client", "driver", "local", "board"),
     "fleet_many.py": ("router", "arms", "replay", "watcher"),
-    "fleet_worker.py": ("bare-owner", "bare-reader", "physical-owner", "physical-client"),
+    "fleet_worker.py": ("bare-owner", "bare-reader", "bare-client", "physical-owner", "physical-client"),
 }
 
 

@@ -145,6 +145,11 @@ def client(url: str) -> Iterator[w.Worker]:
     def work(what: str, **options: Any) -> w.Row:
         if what == "size":
             return {"size": _size(url)}
+        if what == "wait":
+            time.sleep(options["seconds"])
+            return {}
+        if what == "work":
+            return _work(url, options["seconds"])
         if what != "write":
             return readers(what, **options)
         with registry.connect(url) as robot:
@@ -161,6 +166,21 @@ def _size(url: str) -> int:
     size = found.get(timeout=5.0)
     node.close()
     return size
+
+
+def _work(url: str, seconds: float) -> w.Row:
+    with registry.connect(url) as robot:
+        joint = robot.model.names[0]
+
+        def following() -> float:
+            robot.read()
+            return time.monotonic() - robot._states.newest.stamp  # type: ignore[attr-defined]
+
+        def send(angle: float) -> None:
+            robot.write(JointTarget(((joint, angle),), _DURATION))
+
+        send(0.0)
+        return w.answer_states(following, send, seconds)
 
 
 def _write(send: Callable[[JointTarget], object], robot: RobotDriver, seconds: float) -> w.Row:

@@ -24,7 +24,7 @@ import fleet_worker  # noqa: E402
 from fleet_blocks import Process  # noqa: E402
 
 from hexwire.fleet.player import Arm, FleetMotionError, Report, attached_to, play_together  # noqa: E402
-from hexwire.motion.waypoints import Spline, Waypoint  # noqa: E402
+from hexwire.motion.trajectory import Spline, Waypoint  # noqa: E402
 
 _CLOCKS = ("0 0", "1000 40", "-300 -40", "5e6 20")
 """Seconds ahead and millionths fast, of each server."""

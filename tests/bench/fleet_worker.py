@@ -33,6 +33,8 @@ JOINTS = tuple(f"J{i}" for i in range(1, 8))
 RATE = 100.0
 STEP = 1e-5
 """Radians from one target to the next, so that each can be recognised."""
+_TARGETS = 10_000
+"""Targets of `answer_states` that can be told apart."""
 _GAP = (0.015, 0.035)
 """Seconds between two targets; random, so that they meet every phase of an owner's cycle."""
 
@@ -57,8 +59,29 @@ def gaps(seconds: float) -> Iterator[int]:
 
 
 def cpu() -> Row:
-    """CPU time of this process with all its threads, and the time."""
-    return {"cpu": time.process_time(), "now": time.monotonic()}
+    """CPU time of this process with all its threads, the time, and the number of these threads."""
+    threads = sum(1 for _ in Path("/proc/self/task").iterdir()) if sys.platform == "linux" else 0
+    return {"cpu": time.process_time(), "now": time.monotonic(), "threads": threads}
+
+
+def answer_states(following: Callable[[], float], send: Callable[[float], object], seconds: float) -> Row:
+    """Send a target after each state, as a control loop does.
+
+    Args:
+        following: Waits for the next state, and gives its age on arrival, seconds.
+        send: Sends a target, which is a multiple of `STEP`.
+        seconds: For how long.
+    """
+    following()
+    ages, sent, before = [], [], cpu()
+    while time.monotonic() < before["now"] + seconds:
+        ages.append(following())
+        target = (len(ages) % _TARGETS) * STEP
+        sent.append((time.monotonic(), target))
+        send(target)
+    after = cpu()
+    spent = {"cpu": after["cpu"] - before["cpu"], "seconds": after["now"] - before["now"]}
+    return {"ages": ages, "sent": sent, **spent}
 
 
 class Targets:
@@ -137,8 +160,13 @@ def _session(role: str, endpoint: str) -> Any:
 
 @contextmanager
 def bare_owner(endpoint: str, size: str) -> Iterator[Worker]:
-    """Puts so many bytes at the rate of the states, with the time of the put."""
+    """Puts so many bytes at the rate of the states, with the time of the put, and takes targets."""
     import zenoh
+
+    targets = Targets()
+
+    def work(what: str) -> Row:
+        return cpu() if what == "cpu" else targets.take()
 
     rest = bytes(int(size) - 8)
     with _session("listen", endpoint) as session:
@@ -155,11 +183,38 @@ def bare_owner(endpoint: str, size: str) -> Iterator[Worker]:
             for _ in beats(RATE, lambda: not ending.is_set()):
                 publisher.put(struct.pack("d", time.monotonic()) + rest)
 
+        session.declare_subscriber(
+            "target", lambda sample: targets.add(*struct.unpack("d", sample.payload.to_bytes()))
+        )
         thread = threading.Thread(target=run)
         thread.start()
-        yield lambda what: cpu()
+        yield work
         ending.set()
         thread.join()
+
+
+@contextmanager
+def bare_client(endpoint: str) -> Iterator[Worker]:
+    """Waits for each state, and puts a target."""
+    with _session("connect", endpoint) as session:
+        subscriber, publisher = (
+            session.declare_subscriber("bare"),
+            session.declare_publisher("target", express=True),
+        )
+
+        def following() -> float:
+            payload = subscriber.recv().payload.to_bytes()
+            return time.monotonic() - struct.unpack_from("d", payload)[0]
+
+        def work(what: str, seconds: float) -> Row:
+            if what == "wait":
+                time.sleep(seconds)
+                return {}
+            while subscriber.try_recv() is not None:
+                pass
+            return answer_states(following, lambda target: publisher.put(struct.pack("d", target)), seconds)
+
+        yield work
 
 
 @contextmanager
@@ -304,6 +359,7 @@ def main(roles: dict[str, Callable[..., Any]], role: str, *args: str) -> None:
 _ROLES = {
     "bare-owner": bare_owner,
     "bare-reader": bare_reader,
+    "bare-client": bare_client,
     "physical-owner": physical_owner,
     "physical-client": physical_client,
 }

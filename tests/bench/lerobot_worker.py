@@ -94,15 +94,20 @@ class Robot:
         robot.disconnect()
         return rows
 
-    def connections(self, count: int) -> dict[str, int]:
-        """How many of a number of connections fail."""
-        failed = 0
+    def connections(self, count: int) -> dict[str, list[float]]:
+        """Seconds and processor time of those of a number of connections that do not fail."""
+        rows: dict[str, list[float]] = {"connect": [], "connect_cpu": []}
         for _ in range(count):
+            begin, used = time.perf_counter(), time.process_time()
             try:
-                self.connect().disconnect()
+                robot = self.connect()
             except _FAULTS:
-                failed += 1
-        return {"failed": failed}
+                continue
+            rows["connect"].append(time.perf_counter() - begin)
+            rows["connect_cpu"].append(time.process_time() - used)
+            with suppress(*_FAULTS):
+                robot.disconnect()
+        return rows
 
     def observe(self, count: int) -> dict[str, int]:
         """How many of a number of observations raise, and how many are wrong. The arm is at rest."""

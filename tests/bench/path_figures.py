@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.motion.path_points import path_points
-from hexwire.motion.waypoints import Sample, Trajectory
+from hexwire.motion.trajectory import Sample, Trajectory
 from hexwire.wire.board_trajectory import POINT_TIME, PathPoint
 
 MARGIN = 0.12

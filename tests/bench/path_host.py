@@ -30,7 +30,7 @@ from hexwire.motion.checks import InJoints
 from hexwire.motion.joined import Joined
 from hexwire.motion.line import Line
 from hexwire.motion.optimal import Trapezoid
-from hexwire.motion.waypoints import Trajectory
+from hexwire.motion.trajectory import Trajectory
 
 LINE = ((-0.1, 0.2, 0.1), (0.1, 0.2, 0.1))
 """Ends of the straight line, metres."""

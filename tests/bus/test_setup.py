@@ -178,7 +178,7 @@ def test_torque_off_asks_a_second_time_only_where_the_first_had_no_effect() -> N
     bus.sync_write_raw("torque_enable", dict.fromkeys((1, 2, 3), 1))
     before = len(bus.link.written)
     assert setup.torque_off(bus, (1, 2, 3)) == ()
-    assert [packet[4] for packet in bus.link.written[before:]] == [0x83, 0x02, 0x02, 0x02]
+    assert [packet[4] for packet in bus.link.written[before:]] == [0x83, 0x82]
     bus.sync_write_raw("torque_enable", dict.fromkeys((1, 2, 3), 1))
     plain = bus.sync_write_raw
     bus.sync_write_raw = lambda name, values: plain(name, {i: v for i, v in values.items() if i != 2})  # type: ignore[method-assign]  # servo 2 misses it

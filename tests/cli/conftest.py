@@ -2,24 +2,40 @@
 
 from __future__ import annotations
 
-import functools
 import json
+import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
 from tests.bus.bus_bench import make_bus
+from tests.defaults import default
 
+from hexwire.cli import exits
 from hexwire.cli.main import cli
-from hexwire.control import loop as motion_loop
-from hexwire.control import motions, rest, teach_mode
-from hexwire.control.rest import come_to_rest
+from hexwire.control.loop import RateLoop
+from hexwire.control.motion_options import MotionOptions
+from hexwire.control.teach_mode import record_by_hand
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
 from hexwire.emulator.serve import BoardLink, FakeClock
 from hexwire.link import open as ipc_open
 
 START = 1000.0
+
+
+_CALL = re.compile(r"\b[a-z_]+\((?!s\))")
+"""A call of a method, as in ``resume()``; not a plural, as in ``servo(s)``."""
+
+
+@pytest.fixture(autouse=True)
+def no_error_names_a_method(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Whoever types commands is told of commands and options."""
+    said: list[str] = []
+    say = exits._say
+    monkeypatch.setattr(exits, "_say", lambda kind, text: (said.append(text), say(kind, text)))
+    yield
+    assert [text for text in said if _CALL.search(text)] == []
 
 
 class Bench:
@@ -71,13 +87,9 @@ def make_bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[MakeBench]:
             clock.advance(seconds)
 
         monkeypatch.setattr(ipc_open, "make_link", make_link)
-        paced = functools.partial(motion_loop.RateLoop, clock=clock, sleep=sleep)
-        monkeypatch.setattr(motion_loop, "RateLoop", paced)
-        by_hand = functools.partial(teach_mode.record_by_hand, sleep=sleep)
-        monkeypatch.setattr(teach_mode, "record_by_hand", by_hand)
-        monkeypatch.setattr(motions, "MotionOptions", functools.partial(motions.MotionOptions, sleep=sleep))
-        at_rest = functools.partial(come_to_rest, clock=clock, sleep=sleep)
-        monkeypatch.setattr(rest, "come_to_rest", at_rest)
+        default(monkeypatch, RateLoop, clock=clock, sleep=sleep)
+        for function in (record_by_hand, MotionOptions):
+            default(monkeypatch, function, sleep=sleep)
         return bench
 
     return make
@@ -90,11 +102,8 @@ def so_bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
     bus.close()
     monkeypatch.setattr(ipc_open, "make_link", lambda url: bus.link)
     sleep = bus.link.clock.advance  # type: ignore[attr-defined]  # simulated time
-    paced = functools.partial(motion_loop.RateLoop, clock=bus.link.clock, sleep=sleep)  # type: ignore[attr-defined]
-    monkeypatch.setattr(motion_loop, "RateLoop", paced)
-    monkeypatch.setattr(motions, "MotionOptions", functools.partial(motions.MotionOptions, sleep=sleep))
-    at_rest = functools.partial(come_to_rest, clock=bus.link.clock, sleep=sleep)  # type: ignore[attr-defined]
-    monkeypatch.setattr(rest, "come_to_rest", at_rest)
+    default(monkeypatch, RateLoop, clock=bus.link.clock, sleep=sleep)  # type: ignore[attr-defined]
+    default(monkeypatch, MotionOptions, sleep=sleep)
     return lambda *words: CliRunner().invoke(cli, [*words, "--port", "/dev/ttyTEST"])
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import re
 import subprocess
 import sys
@@ -12,11 +11,12 @@ from contextlib import contextmanager
 
 import pytest
 from click.testing import CliRunner, Result
+from tests.defaults import default
 from tests.waits import PATIENCE
 
 from hexwire.cli.main import cli
-from hexwire.control import motions
 from hexwire.control.lease import Lease
+from hexwire.control.motion_options import MotionOptions
 from hexwire.emulator.board import EmulatedBoard
 from hexwire.emulator.serve_pty import PtyServer
 from hexwire.motion.safety import SafetyLimits
@@ -82,16 +82,14 @@ class Plug:
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Longer times for motions of this process: a busy machine lets it and its robots wait for long."""
     limits = SafetyLimits(following_time=5.0, lag=2.0, max_age=5.0)
-    patience = functools.partial(motions.MotionOptions, watchdog=5.0, limits=limits)
-    monkeypatch.setattr(motions, "MotionOptions", patience)
+    default(monkeypatch, MotionOptions, watchdog=5.0, limits=limits)
     # Of what is shared by this process.
-    monkeypatch.setattr("hexwire.fleet.service.Lease", functools.partial(Lease, max_age=2.0))
+    default(monkeypatch, Lease, max_age=2.0)
 
 
 def patient_line(monkeypatch: pytest.MonkeyPatch, window: float = 1.0) -> None:
     """Longer times for answers, seconds: the board's thread may get no processor for a while."""
-    patience = functools.partial(RetryPolicy, window=window, dialect1_window=window)
-    monkeypatch.setattr("hexwire.ipc.session.RetryPolicy", patience)
+    default(monkeypatch, RetryPolicy, window=window, dialect1_window=window)
 
 
 def run(*words: str, port: str = ARM) -> Result:

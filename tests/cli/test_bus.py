@@ -1,10 +1,13 @@
 from __future__ import annotations
 
 import json
+import socket
 
 import pytest
+from click.testing import CliRunner
 from tests.cli.bus_cli import BusCli
 
+from hexwire.cli.main import cli
 from hexwire.wire.registers import Series
 
 ALL = (Series.STS_SMS, Series.HLS, Series.SCS)
@@ -30,6 +33,13 @@ def test_scan_of_all_rates_finds_a_lost_servo(monkeypatch: pytest.MonkeyPatch) -
     assert missed.exit_code == 1
     assert "--all-rates" in missed.stderr
     assert "57600" in bus.ok("scan", "--ids", "0-3", "--all-rates")
+
+
+def test_scan_of_a_silent_address_names_no_rate_since_it_has_none() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        port = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        result = CliRunner().invoke(cli, ["bus", "scan", "--ids", "1", "--port", port])
+    assert result.stderr.splitlines()[-1] == "error: no servo answers: check power and cable"
 
 
 def test_scan_names_a_shared_id(monkeypatch: pytest.MonkeyPatch) -> None:

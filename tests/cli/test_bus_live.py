@@ -119,7 +119,7 @@ def test_a_wave_has_the_servo_for_itself_and_a_stop_ends_it(monkeypatch: pytest.
     monkeypatch.setattr(BusArm, "read", busy)
     result = bus.run("wave", "1", "--yes")
     assert result.exit_code == 1
-    assert "stopped: the arm was stopped by another caller" in result.stderr
+    assert "stopped: a stop command has stopped the arm" in result.stderr
     assert next(reads) < 45
 
 

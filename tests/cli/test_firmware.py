@@ -20,7 +20,6 @@ from hexwire.link.ports import PortInfo
 from hexwire.wire import tables
 
 # The first one builds.
-pytestmark = pytest.mark.timeout(600)
 
 Ports = Callable[..., None]
 VERSION = f"{tables.VERSION_MAJOR}.{tables.VERSION_MINOR}.{tables.VERSION_PATCH}"

@@ -128,7 +128,7 @@ def test_watch_tells_changes_in_lines_and_ends_like_ctrl_c(serve: Serve) -> None
         service.close()
         eventually(lambda: any(line.endswith("lab/arm1: gone\n") for line in lines))
         program.send_signal(signal.SIGINT)
-        assert program.wait(20) == 130
+        assert program.wait(30) == 130
         reader.join()
 
 
@@ -139,7 +139,7 @@ def test_watch_prints_all_arms_a_line_as_json(serve: Serve) -> None:
         assert program.stdout is not None
         rows = [json.loads(program.stdout.readline()) for _ in range(3)]
         program.send_signal(signal.SIGTERM)
-        assert program.wait(20) == 130
+        assert program.wait(30) == 130
     assert [arm["name"] for arm in rows[-1]["arms"]] == ["lab/arm1"]
     assert rows[0]["time"] < rows[2]["time"]
 

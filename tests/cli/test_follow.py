@@ -11,10 +11,12 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
+from tests.control.swing import Swing
+from tests.defaults import default
 
 from hexwire.cli.main import cli
 from hexwire.control import following
-from hexwire.control.following import Pair
+from hexwire.control.following import Pair, run_following
 from hexwire.emulator.hand import HandOrder
 from hexwire.emulator.serve_hand import move_by_hand
 from hexwire.trace.capture import Message, read_messages
@@ -35,6 +37,7 @@ def run(*words: str) -> Result:
         (("so101@/none/a", "so100@/none/a"), 2, "an arm is named twice"),
         (("a", "b", "--meet", "2"), 2, "--meet must be at most 1"),
         (("a", "b", "--grip", "101"), 2, "--grip must be at most 100"),
+        (("so101@/none/a", "so101@/none/b", "--max-speed", "400"), 2, "reaches 312 degrees a second, not 400"),
         (("so101@/none/a", "so101@/none/b"), 1, "/none/a does not exist"),
         (("so101@/none/a", "hex7bot@/none/b"), 2, "so101 cannot lead hex7bot: it has no J1"),
         (("--leader", "a", "--follower", "b"), 2, "No such option '--leader'"),
@@ -92,6 +95,27 @@ def test_the_followers_of_two_pairs_are_recorded_apart(
             "right_1": True,
             "right_1_2": False,
         }
+
+
+@pytest.mark.parametrize(
+    ("words", "late"),
+    [
+        ([], 0.1),
+        (["--max-speed", "180"], 14.0),
+        (["--max-acceleration", "500"], 80.0),
+    ],
+)
+def test_it_follows_as_fast_as_its_servos_can_or_may(
+    words: list[str], late: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    swing = Swing(1.0)
+    arms = {"lead": swing.leader, "follow": swing.follower}
+    monkeypatch.setattr("hexwire.cli.teleop._make", lambda text, *_, **__: arms[text])
+    default(monkeypatch, run_following, sleep=swing.sleep)
+    result = run("lead", "follow", "--no-table", *words)
+    assert result.exit_code == 130 or isinstance(result.exception, KeyboardInterrupt | SystemExit), result.output
+    assert 0.5 * late - 0.1 < swing.late < late
+    assert ("shoulder_pan is led" in result.stderr) == bool(words)
 
 
 @pytest.mark.system

@@ -57,6 +57,7 @@ _READS = {
     "serve --links": "serve --links PIPE --port sim://hex7bot",
     "studio --links": "studio --links PIPE --port sim://hex7bot",
     "teleop --links": "teleop --links PIPE --port sim://hex7bot",
+    "tip --links": "tip --links PIPE --port sim://hex7bot",
     "play file": "play PIPE --port sim://hex7bot",
     "record export file": "record export PIPE OUT.csv",
     "record info file": "record info PIPE",

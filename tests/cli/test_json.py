@@ -17,6 +17,9 @@ from hexwire.trace.recording import RecordingWriter, make_positions
 
 ON_AN_ARM: dict[str, tuple[str, ...]] = {
     "state": (),
+    "tip": (),
+    "limits": (),
+    "poses": (),
     "probe": (),
     "ping": (),
     "registers": ("J6", "id"),

@@ -89,6 +89,7 @@ def test_version() -> None:
     ("args", "text"),
     [
         (["stat"], "error: no command 'stat'; did you mean 'state'? (see 'hexwire --help')\n"),
+        (["home"], "error: no command 'home'; did you mean 'goto home'? (see 'hexwire --help')\n"),
         (["qqqqq"], "error: no command 'qqqqq' (see 'hexwire --help')\n"),
         (["--qqqqqq"], "error: No such option '--qqqqqq'"),
         (["ping", "--dialect", "3"], "error: Invalid value for '--dialect': 3 is not in the range 1<=x<=2"),

@@ -6,7 +6,9 @@ from typing import Any
 
 import pytest
 
-from hexwire.cli.move import arrived_words, check_targets, hold_on_ctrl_c, parse_targets, rest_json
+from hexwire.arm.plans import joint_angles
+from hexwire.cli.move import parse_targets
+from hexwire.cli.verbs import arrived_words, hold_on_ctrl_c, rest_json
 from hexwire.control.rest import Rest
 from hexwire.drivers.timed_path import PathState
 from hexwire.errors import LinkLostError, UsageError
@@ -31,7 +33,8 @@ BUSY = {
 
 
 def test_targets_are_taken_apart() -> None:
-    assert parse_targets(["J1=10", "J3=-5.5", "wrist=1e1"]) == [("J1", 10.0), ("J3", -5.5), ("wrist", 10.0)]
+    pairs = parse_targets(["J1=10", "J3=-5.5", "wrist=1e1"])
+    assert [(name, math.degrees(angle)) for name, angle in pairs] == [("J1", 10), ("J3", -5.5), ("wrist", 10)]
 
 
 def test_all_malformed_targets_are_named_at_once() -> None:
@@ -44,15 +47,16 @@ def test_all_malformed_targets_are_named_at_once() -> None:
 
 
 def test_targets_get_the_arms_own_names_and_radians() -> None:
-    assert check_targets(HEX7BOT, [("j4", 90.0)]) == pytest.approx({"J4": 1.5707963})
+    assert joint_angles(HEX7BOT, [("j4", 1.5)], within=True) == {"J4": 1.5}
 
 
 def test_all_faults_are_reported_at_once() -> None:
+    targets = parse_targets(["J1=200", "J9=0", "J2=50", "j2=51", "J4=1"])
     with pytest.raises(UsageError) as caught:
-        check_targets(HEX7BOT, [("J1", 200.0), ("J9", 0.0), ("J2", 50.0), ("j2", 51.0), ("J4", 1.0)])
+        joint_angles(HEX7BOT, targets, within=True)
     text = str(caught.value)
     assert "J1=200 deg is outside its limits -85 to 75 deg" in text
-    assert "no joint 'J9' (hex7bot has J1," in text
+    assert "no joint 'J9'; hex7bot has J1," in text
     assert "J2 is named twice" in text
     assert "J4" not in text.replace("J1, J2, J3, J4", "")
     assert text.endswith("nothing was sent")
@@ -133,8 +137,8 @@ def test_a_joint_that_falls_short_is_an_error_with_its_reason(make_bench: Any) -
     bench = make_bench("hot:4")
     result = bench.run("move", "J4=20", "J5=20", "--wait")
     assert result.exit_code == 1
-    assert result.stderr.startswith("error: not arrived after 3.0 s: J5 is 16.")
-    assert result.stderr.endswith(" deg away (temperature)\n")
+    assert result.stderr.startswith("error: did not arrive: J5 is 16.")
+    assert result.stderr.endswith(" deg off (temperature)\n")
     assert "arrived" not in result.stdout
     result = bench.run("move", "J5=20", "--wait", "--json")
     assert result.exit_code == 1
@@ -159,7 +163,8 @@ def test_a_stop_during_a_move_is_reported(bench: Any, monkeypatch: pytest.Monkey
     monkeypatch.setattr(bench.board, "step", stopped)
     result = bench.run("move", "J4=80", "--duration", "5", "--wait")
     assert result.exit_code == 1
-    assert result.stderr.startswith("error: the arm was stopped before it arrived")
+    why = "a stop command has stopped the arm; clear it with 'hexwire resume'"
+    assert result.stderr == f"error: stopped: {why}\n"
 
 
 def test_a_board_that_keeps_the_time_gets_a_path_and_host_timed_is_one_target(bench: Any) -> None:
@@ -186,8 +191,8 @@ def test_a_board_reset_that_keeps_the_torque_is_told_at_once(bench: Any, monkeyp
     monkeypatch.setattr(bench.board, "step", reset)
     result = bench.run("move", "J4=80", "--duration", "9", "--wait")
     assert result.exit_code == 1
-    words = "not arrived: the board was reset, or another program began another path, J4 is "
-    assert result.stderr.startswith(f"error: {words}")
+    assert result.stderr.startswith("error: did not arrive: J4 is ")
+    assert result.stderr.endswith(" deg off; the board was reset, or another program began another path\n")
     assert "resume" not in result.stderr
     assert bench.clock() < 1006.0
 
@@ -289,7 +294,7 @@ def test_after_a_stall_it_says_that_the_watchdog_has_tripped(bench: Any) -> None
     bench.link.read = stalls
     result = bench.run("move", "J4=80", "--duration", "6", "--wait")
     assert result.exit_code == 1
-    assert "stopped before it arrived: the board has stopped the arm: its watchdog tripped" in result.stderr
+    assert "stopped: the board has stopped the arm: its watchdog tripped" in result.stderr
     assert bench.json("state")["watchdog_tripped"], "and whoever asks later learns it too"
 
 
@@ -430,11 +435,11 @@ def test_how_far_off_the_arm_came_to_rest() -> None:
 def test_move_says_where_the_arm_came_to_rest(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     goals: list[dict[str, float]] = []
 
-    def rest(robot: object, goal: dict[str, float]) -> Rest:
+    def rest(robot: object, goal: dict[str, float], **how: object) -> Rest:
         goals.append(goal)
         return Rest("J4", math.radians(0.8), 0.004)
 
-    monkeypatch.setattr("hexwire.control.rest.come_to_rest", rest)
+    monkeypatch.setattr("hexwire.control.motions.come_to_rest", rest)
     assert bench.ok("move", "J4=20", "--wait").endswith("arrived, J4 0.8 deg off, the tip 4.0 mm\n")
     told = bench.json("move", "J4=10", "--wait")
     assert (told["off_deg"], told["off_mm"]) == (pytest.approx(0.8), pytest.approx(4.0))
@@ -442,3 +447,7 @@ def test_move_says_where_the_arm_came_to_rest(bench: Any, monkeypatch: pytest.Mo
     # Without waiting nobody knows.
     assert bench.json("move", "J4=0")["off_deg"] is None
     assert len(goals) == 2
+
+
+def test_a_move_of_no_duration_is_as_fast_as_the_limits_allow(bench: Any) -> None:
+    assert bench.run("move", "J1=10", "--duration", "0", "--wait").exit_code == 0

@@ -8,6 +8,7 @@ import pytest
 
 from hexwire.cli import look, output
 from hexwire.cli.options import RobotOptions, make_robot, resolve_url
+from hexwire.control import reader
 from hexwire.errors import LinkNotFoundError, ServoError, UsageError
 from hexwire.link import ports
 from hexwire.model.hex7bot import HEX7BOT
@@ -137,12 +138,12 @@ def test_silence_is_not_among_the_faults() -> None:
 
 
 def test_silent_servos_are_named() -> None:
-    look.raise_if_silent([])
+    reader.raise_if_silent([])
     with pytest.raises(ServoError, match=r"servo 4 \(J5\) does not answer") as caught:
-        look.raise_if_silent([(4, "J5")])
+        reader.raise_if_silent([(4, "J5")])
     assert caught.value.servo_id == 4
     with pytest.raises(ServoError, match=r"servos 4 \(J5\), 9 do not answer"):
-        look.raise_if_silent([(4, "J5"), (9, None)])
+        reader.raise_if_silent([(4, "J5"), (9, None)])
 
 
 def test_a_table_is_aligned_numbers_to_the_right() -> None:

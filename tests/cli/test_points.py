@@ -77,12 +77,12 @@ def test_units_and_aims() -> None:
     result, got = typed("0.1", "0.2", "0.3", "--rpy", "90", "0", "0")
     assert result.exit_code == 0, result.output
     how = got[1]
-    (place,) = to_points(got[0], {}, Puma260Model(), how, False)
+    (place,) = to_points(got[0], Puma260Model(), how, False)
     assert isinstance(place, Place)
     assert place.position == (0.1, 0.2, 0.3)
     assert place.aim.rpy == (math.pi / 2, 0.0, 0.0)
     with pytest.raises(UsageError, match="without a geometry"):
-        to_points(["home"], {"home": {}}, None, how, False)
+        to_points(["home"], None, how, False)
 
 
 def test_goto_passes_places_and_poses_without_a_stop(bench: Any, poses: PoseFile) -> None:
@@ -117,6 +117,21 @@ def test_relative_places_count_from_the_one_before(bench: Any) -> None:
     assert tip(bench) == pytest.approx([20, 220, 180], abs=1.5)
 
 
+def test_the_gripper_moves_meanwhile(bench: Any, poses: PoseFile) -> None:
+    out = bench.ok("goto", "0", "220", "200", "--grip", "open")
+    assert out.endswith("; the gripper 100 % open\n")
+    shaft = bench.board.wire.servos[6].motion
+    shaft.obstacle = (None, shaft.position + 500)
+    told = bench.json("line", "0", "220", "180", "--grip", "close")
+    assert (told["arrived"], told["holds"], told["open_fraction"]) == (True, True, pytest.approx(0.5, abs=0.05))
+    shaft.obstacle = (None, None)
+    # The pose has a place for the gripper, too.
+    assert bench.ok("goto", "nod", "--grip", "40%").endswith("; the gripper 40 % open\n")
+    assert "holds" not in bench.json("goto", "home")
+    assert bench.run("goto", "home", "--grip", "wide").exit_code == 2
+    assert bench.run("goto", "home", "--grip", "130").exit_code == 2
+
+
 def test_line_rounds_the_corners_and_keeps_the_tools_direction(bench: Any) -> None:
     bench.ok("goto", "0", "200", "160", "--down")
     out = bench.ok("line", "40", "200", "160", "40", "200", "120", "--speed", "60")
@@ -137,7 +152,7 @@ def test_line_to_a_pose(bench: Any, poses: PoseFile) -> None:
 @pytest.mark.parametrize(
     ("words", "error"),
     [
-        (("goto", "nod", "nad"), "'nad' is neither a number nor a pose of hex7bot; known are: home, nod"),
+        (("goto", "nod", "nad"), "'nad' is neither a number nor a pose of hex7bot; there are home, nod"),
         (("goto", "0", "220", "200", "0", "900", "0"), "point 2: out of reach"),
         (("goto", *("0", "220", "200", "0", "221", "200") * 60), "121 points are too many for one motion"),
         (("line", "10", "0", "0", "0", "0", "-300", "--relative"), "of the line: "),

@@ -41,7 +41,7 @@ def test_torque_names_the_servo_that_did_not_confirm(make_bench: Any) -> None:
     result = make_bench("silent:4").run("torque", "off")
     assert result.exit_code == 1
     assert result.stdout == "torque off: J1 J2 J3 J4 J6 J7\n"
-    assert result.stderr == "error: not confirmed by J5 (servo 4)\n"
+    assert result.stderr == "error: J5 (servo 4) did not confirm that torque is off\n"
 
 
 def test_a_stop_holds_until_resume(bench: Any) -> None:

@@ -337,7 +337,7 @@ def test_ctrl_c_in_a_command_that_moves_stops_the_arm(board: PtyBoard, long: str
 @pytest.mark.slow
 def test_each_command_ends_in_one_line_when_its_server_is_killed(folder: Path, long: str) -> None:
     names = ["a", "b", "c", "d", "e"]
-    (folder / "five.toml").write_text("".join(f'[arms.{name}]\nrobot = "sim"\n' for name in names))
+    (folder / "five.toml").write_text("".join(f'[arms.{name}]\nrobot = "sim"\nwatchdog = 15.0\n' for name in names))
     commands = [
         # So slow that none has ended when the last program has begun.
         "move --wait J1=40 --duration 100",

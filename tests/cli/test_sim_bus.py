@@ -82,5 +82,5 @@ def test_it_serves_until_standard_input_ends(tmp_path: Path) -> None:
             assert bus.ping(2).error
             assert bus.echo is True
         process.stdin.close()
-        assert process.wait(20) == 0
+        assert process.wait(30) == 0
     assert not link.exists()

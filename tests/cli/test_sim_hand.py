@@ -34,7 +34,7 @@ def port() -> Iterator[str]:
     )
     thread.start()
     try:
-        yield paths.get(timeout=10)
+        yield paths.get(timeout=30)
     finally:
         ended.set()
         thread.join(10)

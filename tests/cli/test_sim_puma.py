@@ -30,7 +30,7 @@ def urls() -> Iterator[list[str]]:
         yield [process.stdout.readline().strip(), process.stdout.readline().strip()]
     finally:
         process.terminate()
-        assert process.wait(20) == 130
+        assert process.wait(30) == 130
         assert process.stderr.read() == ""
         process.stdout.close()
         process.stderr.close()

@@ -72,7 +72,7 @@ def test_a_joystick_is_sent_over_a_channel(tmp_path: Path) -> None:
                     receiver.poll(time.monotonic() + 0.1)
             assert receiver.state == JoystickState((0.0, 1.0), 1 << 4)
             # Nobody holds the stick any more: that ends it, and the channel falls silent.
-            assert process.wait(20) == 1
+            assert process.wait(30) == 1
         finally:
             process.kill()
             process.wait()

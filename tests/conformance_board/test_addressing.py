@@ -14,7 +14,6 @@ from hexwire.wire.commands import Identity
 from hexwire.wire.servo_packet import make_sync_write
 
 # The first one builds.
-pytestmark = pytest.mark.timeout(600)
 
 EVERYBODY = [Broadcast().dst, Multicast((8,)).dst, Multicast(range(30)).dst]
 NOBODY = [0, 7, 9, 30, Multicast((7, 9)).dst, 0x40000000, -2, -(2**31), 0x3FFFFFFF]

@@ -25,7 +25,6 @@ from hexwire.wire.servo_packet import (
 )
 
 # The first one builds.
-pytestmark = pytest.mark.timeout(600)
 
 Pair = list[BoardUnderTest]
 ABSENT = 9

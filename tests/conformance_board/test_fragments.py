@@ -13,7 +13,6 @@ from hexwire.wire.command_frame import Command, Status
 from hexwire.wire.servo_table import ServoTable
 
 # The first one builds.
-pytestmark = pytest.mark.timeout(600)
 
 START = (2053, 2043, 2035, 2039, 2083, 2046, 2047)
 NUMBER = 5

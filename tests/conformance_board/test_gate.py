@@ -22,7 +22,6 @@ from hexwire.wire.servo_packet import (
 )
 
 # The first one builds.
-pytestmark = pytest.mark.timeout(600)
 
 START = (2053, 2043, 2035, 2039, 2083, 2046, 2047)
 STOPPED, MAINTENANCE = tables.BOARD_FLAGS_STOPPED, tables.BOARD_FLAGS_MAINTENANCE

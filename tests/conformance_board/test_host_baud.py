@@ -13,7 +13,6 @@ from hexwire.wire.command_frame import Command, Frame, Status
 from hexwire.wire.commands import Identity
 
 # The first one builds.
-pytestmark = pytest.mark.timeout(600)
 
 OWN = 115200
 ANSWER = 1.0

@@ -13,7 +13,6 @@ from tests.conformance_board.hostile import KINDS_OF_SEQUENCE, Kind, Step, Watch
 from hexwire.wire.command_frame import Command
 
 # The first one builds.
-pytestmark = pytest.mark.timeout(600)
 
 COUNTS = {"emulator": 16, "core": 8}
 FIRST = 4

@@ -8,7 +8,6 @@ from tests.conformance_board.message_pairs import differences, play, sequence
 from hexwire.wire.command_frame import Command
 
 # The first one builds.
-pytestmark = pytest.mark.timeout(600)
 
 SEEDS = (2, 8)
 MORE_SEEDS = (0, 1, 3, 5)

@@ -28,7 +28,6 @@ from hexwire.wire.commands import Identity, JointReport
 from hexwire.wire.servo_packet import make_write
 
 # The first one builds.
-pytestmark = pytest.mark.timeout(600)
 
 START = (2053, 2043, 2035, 2039, 2083, 2046, 2047)
 ALL = 0x7F

@@ -10,7 +10,6 @@ from tests.conformance_board.trajectory_pairs import Comparison, Outcome, compar
 from hexwire.wire.command_frame import Command, Status
 
 # The first one builds.
-pytestmark = pytest.mark.timeout(600)
 
 SEEDS = (4, 0)
 MORE_SEEDS = (1, 8, 10, 12, 15, 16)

@@ -8,7 +8,7 @@ from itertools import pairwise
 from tests.motion.arms import cubic_at
 
 from hexwire.drivers.timed_path import TimedPoint
-from hexwire.motion.waypoints import Trajectory
+from hexwire.motion.trajectory import Trajectory
 
 
 def rested(

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from hexwire.control.arrival import Arrival, Deviation, Tolerance, Verdict, deviations, in_words, off_goal
-from hexwire.motion.waypoints import Sample
+from hexwire.motion.trajectory import Sample
 
 JOINTS = ("J1", "J2")
 REST = (0.0, 0.0)

@@ -17,6 +17,8 @@ from tests.waits import eventually
 from hexwire.control.client_goals import ClientGoal, ClientGoals, Request
 from hexwire.control.goals import Component, ComponentTolerance, Point, TrajectoryGoal
 from hexwire.control.outcomes import Ended, Outcome, Reason
+from hexwire.errors import LinkLostError
+from hexwire.wire.command_frame import Command, parse_frame
 
 
 class Client:
@@ -96,6 +98,52 @@ def test_a_goal_is_accepted_and_reached(goals: Goals) -> None:
     goals.bench.until(lambda: client.over)
     assert client.said == ["accepted", ("reached", "")]
     assert not goals.goals.open
+
+
+@pytest.mark.parametrize(
+    ("host_timed", "command"),
+    [(True, Command.JOINT_MOVE), (False, Command.TRAJECTORY_BEGIN)],
+    ids=["target", "path"],
+)
+def test_the_first_byte_of_a_goal_leaves_within_2_ms_of_its_acceptance(host_timed: bool, command: int) -> None:
+    goals = Goals(check_table=False, allow_partial_joints_goal=True, host_timed=host_timed)
+    bench, controller = goals.bench, goals.bench.controller
+    accept, write, accepted, left = controller.accept, bench.link.write, list[float](), list[tuple[float, int]]()
+
+    def noted(data: bytes, deadline: float | None = None) -> None:
+        left.append((bench.clock.time, parse_frame(data).cmd))
+        write(data, deadline)
+
+    def accept_noted(*args: Any, **named: Any) -> None:
+        accept(*args, **named)
+        accepted.append(bench.clock.time)
+
+    bench.link.write = noted  # type: ignore[method-assign]
+    controller.accept = accept_noted  # type: ignore[method-assign]
+    goals.goals.start()
+    client = goals.send({"J1": HOME["J1"] + 0.2})
+    # Nobody turns the owner: no state comes, and no period passes.
+    eventually(lambda: client.said == ["accepted"])
+    first = next(when for when, cmd in left if cmd == command)
+    assert 0.0 <= first - accepted[0] <= 0.002
+    bench.until(lambda: client.over)
+    assert client.said == ["accepted", ("reached", "")]
+    goals.goals.close()
+
+
+def test_a_first_target_that_fails_is_a_failure_of_the_robot(goals: Goals) -> None:
+    goals.goals.start()
+    lost = LinkLostError("unplugged", url="serial:///emulated")
+
+    def fails(*_: Any, **__: Any) -> Any:
+        raise lost
+
+    goals.bench.emulated.driver.path = fails  # type: ignore[method-assign]
+    client = goals.send({"J1": HOME["J1"] + 0.2})
+    eventually(lambda: client.said == ["accepted"])
+    goals.bench.until(lambda: not goals.bench.owner.connected)
+    eventually(lambda: client.over)
+    assert client.said[1] == ("stopped", "stopped: the robot was lost: unplugged")
 
 
 def test_a_goal_that_is_cancelled_during_its_path_check_is_held(goals: Goals) -> None:

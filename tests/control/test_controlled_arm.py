@@ -26,7 +26,7 @@ from hexwire.control.goals import Point, TrajectoryGoal
 from hexwire.control.outcomes import Outcome, Reason
 from hexwire.control.path_check import PathCheck
 from hexwire.errors import GoalError, LimitError, LinkLostError, ServoError, UsageError
-from hexwire.motion.waypoints import Spline, Waypoint
+from hexwire.motion.trajectory import Spline, Waypoint
 
 J1 = HOME["J1"]
 STOPPED = (Outcome.ABORTED, Reason.STOPPED)
@@ -291,7 +291,7 @@ def test_a_goal_that_takes_over_beside_the_coupling_limit_does_not_swing_through
     # The gate is at 40 degrees then.
     near = HOME["J2"] + math.radians(39)
     bench.command(TrajectoryGoal(("J2",), (Point(0.5, (near,)),)))
-    bench.until(lambda: bench.controller.follower.desired(NAMES, bench.clock.time).position[1] > near - 0.09)
+    bench.until(lambda: bench.controller.generator.desired(NAMES, bench.clock.time).position[1] > near - 0.09)
     back = bench.command(TrajectoryGoal(("J2",), (Point(1.0, (HOME["J2"],)),)))
     bench.until(lambda: back.ends)
     assert back.outcome == SUCCEEDED, "the running check would have stopped it"
@@ -324,6 +324,25 @@ def test_stop_latches_and_reset_moves_nothing() -> None:
     assert bench.ask(lambda: bench.arm.go_to("home")) == "at home"
 
 
+@pytest.mark.parametrize(
+    ("dialect", "host_timed"), [(2, False), (2, True), (1, True)], ids=["path", "targets", "the chapter's sketch"]
+)
+def test_a_stop_during_a_goal_leaves_the_joints_at_rest_within_300_ms(dialect: int, host_timed: bool) -> None:
+    bench = make_bench(dialect=dialect, host_timed=host_timed)
+    goal = {name: HOME[name] + by for name, by in (("J1", 1.0), ("J2", -0.3), ("J3", 0.3))}
+    bench.command(order((1.0, goal), still=True))
+    moved = bench.where("J1")
+    bench.until(lambda: bench.where("J1") > moved + 0.4)
+    asked = bench.clock.time
+    bench.arm.stop("test")
+    assert bench.clock.time <= asked + 0.3
+    bench.turn(asked + 0.3 - bench.clock.time)
+    stood = bench.emulated.shafts()
+    bench.turn(1.0)
+    assert bench.emulated.shafts() == pytest.approx(stood, abs=1.0), "a count at most"
+    assert bench.where("J1") < moved + 0.8
+
+
 def test_a_stop_that_a_servo_does_not_confirm_is_no_success() -> None:
     bench = make_bench()
     bench.silence("J3")
@@ -351,7 +370,7 @@ def test_torque_off_aborts_and_on_again_begins_where_the_arm_is() -> None:
 def test_torque_that_a_servo_does_not_confirm() -> None:
     bench = make_bench(on=False)
     bench.silence("J3")
-    with pytest.raises(ServoError, match="J3 did not confirm that torque is on"):
+    with pytest.raises(ServoError, match=r"J3 \(servo 2\) did not confirm that torque is on"):
         bench.ask(lambda: bench.arm.enable(True))
     assert free(bench)
 
@@ -368,7 +387,7 @@ def test_poses(controllers: dict[str, object]) -> None:
     assert bench.ask(lambda: bench.arm.go_to("grip")) == "at grip", "also if it is there already"
     assert bench.ask(lambda: bench.arm.go_to("home")) == "at home"
     assert [bench.where(name) for name in NAMES] == pytest.approx([HOME[name] for name in NAMES], abs=0.02)
-    with pytest.raises(UsageError, match="no pose 'nowhere'; there are side, home, grip"):
+    with pytest.raises(UsageError, match="no pose 'nowhere' of hex7bot; there are side, home, grip"):
         bench.arm.go_to("nowhere")
 
 
@@ -536,8 +555,8 @@ def test_facts() -> None:
     assert facts.controllers == {"arm": "hold", "hand": "hold"}
     assert facts.counters["requests"] > 0
     assert facts.counters["stalls_of_the_loop"] == facts.counters["set_points_lost"] == 0
-    bench.arm.controllers["hand"].follower.counters.slips = 2
-    bench.arm.controllers["arm"].follower.counters.slips = 1
+    bench.arm.controllers["hand"].generator.counters.slips = 2
+    bench.arm.controllers["arm"].generator.counters.slips = 1
     assert bench.arm.facts().counters["stalls_of_the_loop"] == 3
     assert (facts.stopped, facts.stop_kind) == ("", "")
     assert diagnose(facts)
@@ -623,3 +642,20 @@ def test_a_motion_says_how_far_off_the_arm_is_at_its_end(monkeypatch: pytest.Mon
     assert (told.outcome, told.text) == (SUCCEEDED, "J2 0.6 deg off")
     goal, position = seen[-1]
     assert position == pytest.approx(goal, abs=0.02)
+
+
+def test_a_query_never_waits_for_a_busy_arm_for_longer_than_half_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench, waited = make_bench(), list[float]()
+    lock = bench.owner.locked()
+
+    def acquire(blocking: bool = True, timeout: float = -1) -> bool:
+        waited.append(timeout)
+        return False
+
+    monkeypatch.setattr(lock, "acquire", acquire)
+    with pytest.raises(GoalError, match=r"^the arm has been busy for 0\.5 s; ask again$"):
+        bench.arm.query("", 0.0)
+    assert waited == [0.5]
+    monkeypatch.undo()
+    assert bench.arm.query("", 0.0).velocity == (0.0,) * len(NAMES)
+    assert lock._depth == 0

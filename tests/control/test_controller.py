@@ -101,7 +101,7 @@ def test_out_of_goal_tolerance_after_goal_time() -> None:
     assert told.outcome == ABORTED_GOAL
     assert told.text == "J1 is 0.1 rad (5.73 deg) off its goal, tolerance 0.05 rad (2.86 deg)"
     assert not loop.controller.busy
-    assert loop.controller.follower.reason is None, "it holds, and takes the next goal"
+    assert loop.controller.generator.reason is None, "it holds, and takes the next goal"
     loop.robot.jammed = {}
     told = loop.send(order((1.0, {"J1": J1})))
     loop.run(1.2)
@@ -328,7 +328,7 @@ def test_a_stop_aborts_latches_and_is_reset(kind: str, reason: Reason) -> None:
             refused()
     assert len(loop.robot.targets) == targets
     loop.controller.hold("an empty trajectory")
-    assert loop.controller.follower.reason is not None, "holding is no reset"
+    assert loop.controller.generator.reason is not None, "holding is no reset"
     loop.controller.reset()
     loop.robot.where["J1"] = J1 - 0.4
     loop.robot._ways.clear()
@@ -348,7 +348,7 @@ def test_torque_that_is_taken_away_aborts_and_forgets() -> None:
     loop.deliver()
     assert told.outcome == NOT_READY
     assert told.text == "torque was switched off"
-    assert loop.controller.follower.reason is None
+    assert loop.controller.generator.reason is None
     loop.change = limp
     with pytest.raises(GoalError, match=r"no torque on J1, J2, .*; enable it first"):
         loop.send(order((1.0, {"J1": J1})))
@@ -445,7 +445,7 @@ def test_set_points_preempt_a_goal_and_are_followed_until_they_stop_coming() -> 
     assert loop.where("J1") == pytest.approx(J1 + 0.44, abs=0.011)
     loop.run(0.7)
     assert loop.controller.words == "hold"
-    assert loop.controller.follower.counters.lost == 1
+    assert loop.controller.generator.counters.lost == 1
     after = loop.send(order((1.0, {"J1": J1})))
     loop.run(1.3)
     assert after.outcome == SUCCEEDED
@@ -508,8 +508,8 @@ def test_an_emulated_arm_that_meets_something() -> None:
     bench.until(lambda: told.ends)
     assert told.outcome == ABORTED_PATH
     assert "J5" in told.text
-    assert bench.controller.follower.reason is not None
-    assert bench.controller.follower.reason.kind in {"collision", "following", "overload"}
+    assert bench.controller.generator.reason is not None
+    assert bench.controller.generator.reason.kind in {"collision", "following", "overload"}
     assert bench.ask(bench.arm.reset).startswith("reset")
 
 
@@ -543,3 +543,24 @@ def test_two_controllers_move_at_once_and_stop_together() -> None:
     assert "all joints confirmed" in bench.ask(lambda: bench.arm.stop("test"))
     assert told.outcome == STOPPED
     assert [c.words for c in bench.arm.controllers.values()] == ["stopped: test"] * 2
+
+
+@pytest.mark.parametrize("heard", [True, False])
+def test_a_goal_lasts_until_the_robot_that_follows_it_says_how_it_ended(heard: bool) -> None:
+    """It may have run out of points, and rest on the way when the time is over; then the goal goes on."""
+    loop = Loop()
+    controller, generator = loop.controller, loop.controller.generator
+    told, begun = Told(), loop.now
+    plan = controller.plan(order((0.5, {"J1": HOME["J1"] + 0.2})), begun)
+    controller.accept(plan, loop.state, begun, listener=told if heard else None)
+    # Nothing is sent target by target: the robot has the path, and does nothing with it.
+    generator.onboard = True
+    loop.run(1.5)
+    assert controller.busy
+    assert not told.ends
+    generator.onboard = False
+    generator.rejoin(loop.state.positions, begun, loop.now, wanted=controller.busy)
+    loop.run(2.0)
+    assert loop.where("J1") == pytest.approx(HOME["J1"] + 0.2, abs=0.01)
+    assert [end.outcome for end in told.ends] == ([Outcome.SUCCEEDED] if heard else [])
+    assert not controller.busy

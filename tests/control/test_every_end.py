@@ -30,7 +30,7 @@ class Ending(SharedBench):
     def __init__(self) -> None:
         super().__init__(host_timed=True)
         self.told, self.key = Told(), self.take(rank=2)
-        self.follower = self.bench.controller.follower
+        self.generator = self.bench.controller.generator
         self.rows: list[tuple[float, ...]] = []
         self._sampled = self.clock.time
         goal = order((SECONDS, {"J1": HOME["J1"] - WAY, "J3": HOME["J3"] + 0.4}), still=True)
@@ -42,9 +42,9 @@ class Ending(SharedBench):
             if held:
                 self.shared.beat(self.key, 0.0)
             self.bench._step()
-            while self._sampled + PERIOD < self.follower.due:
+            while self._sampled + PERIOD < self.generator.due:
                 self._sampled += PERIOD
-                self.rows.append(self.follower.desired(NAMES, self._sampled).position)
+                self.rows.append(self.generator.desired(NAMES, self._sampled).position)
 
 
 def sample_steps(monkeypatch: pytest.MonkeyPatch) -> list[tuple[float, ...]]:
@@ -110,11 +110,11 @@ def test_a_motion_of_a_program_ends_so_when_the_program_has_seen_enough(
 
     def noted(controller: TrajectoryController, *given: Any) -> Any:
         nonlocal sampled
-        order, follower = cycle(controller, *given), controller.follower
+        order, generator = cycle(controller, *given), controller.generator
         sampled = max(sampled, begin)
-        while sampled + PERIOD < follower.due:
+        while sampled + PERIOD < generator.due:
             sampled += PERIOD
-            rows.append(follower.desired(("J4",), sampled).position)
+            rows.append(generator.desired(("J4",), sampled).position)
         return order
 
     monkeypatch.setattr(TrajectoryController, "cycle", noted)

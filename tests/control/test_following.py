@@ -7,12 +7,22 @@ import math
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import pytest
+from tests.control.swing import Swing
 
-from hexwire.control.following import BriefReader, FollowController, Pair, ReadAhead, run_following
+from hexwire.control.following import (
+    BriefReader,
+    FollowController,
+    Pair,
+    ReadAhead,
+    following_rules,
+    run_following,
+)
 from hexwire.control.owner import RobotOwner
 from hexwire.control.ownership import release
+from hexwire.control.path_check import PathCheck
 from hexwire.drivers.bus_arm import So101Arm
 from hexwire.emulator.bus_device import BusDevice
 from hexwire.emulator.faults import FaultPlan
@@ -243,6 +253,29 @@ def test_a_fault_of_a_leader_that_is_read_ahead_is_raised_in_the_cycle(rig: Rig)
         ahead()
 
 
+# --- how fast it follows ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("hertz", "most"), [(0.5, None), (1.0, None), (1.5, None), (0.5, 60.0)])
+def test_a_swing_is_followed_as_fast_as_the_servo_can(hertz: float, most: float | None) -> None:
+    """126, 251 and 377 degrees per second at the most; the servo reaches 312."""
+    swing, notes = Swing(hertz), list[object]()
+    with swing.leader as leader, swing.follower as follower:
+        rules = following_rules(
+            leader,
+            follower,
+            PathCheck.of(follower, None),
+            max_speed=None if most is None else math.radians(most),
+        )
+        one = Pair(leader, follower, rules, notes.append)
+        with pytest.raises(KeyboardInterrupt):
+            run_following([one], 100.0, sleep=swing.sleep)
+    told = [str(note) for note in notes]
+    fast = math.tau * hertz * 40.0 < (most or 312.0)
+    assert told.count("shoulder_pan is led faster than it may move, and comes later") == int(not fast)
+    assert swing.late < 0.1 if fast else 5.0 < swing.late < 60.0
+
+
 # --- run_following ------------------------------------------------------------------------------------------
 
 
@@ -256,6 +289,16 @@ def pair(clock: FakeClock, notes: list[object], *, ahead: bool = False) -> tuple
     follower.driver.attach()
     rules = Following(leader.driver.model, follower.driver.model)
     return Pair(leader.driver, follower.driver, rules, notes.append, ahead), leader, follower
+
+
+def test_a_leader_that_another_program_serves_is_read_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, leader, follower = pair(FakeClock(), [])
+    how: dict[str, Any] = {"mirror": False, "meet": 0.2, "force": 0.35, "on_note": lambda said: None}
+    assert not Pair.of(leader.driver, follower.driver, 0.0, **how).ahead
+    monkeypatch.setattr(type(leader.driver), "url", "zenoh:lab/leader")
+    made = Pair.of(leader.driver, follower.driver, 0.0, **how)
+    assert made.ahead
+    assert made.check is not None
 
 
 def test_a_leader_on_a_network_is_read_in_a_thread_that_ends_with_the_motion() -> None:
@@ -298,6 +341,83 @@ def test_at_the_end_the_follower_holds_with_torque() -> None:
     clock.advance(2.0)
     follower.driver.read()
     assert follower.goals == goals
+
+
+class Unplugged:
+    """A pair of which one arm's cable is pulled out after a second, while a hand moves the leader by 40 degrees."""
+
+    def __init__(self, which: str, seconds: float) -> None:
+        self.clock = clock = FakeClock()
+        self.notes: list[object] = []
+        self.pair, self.leader, self.follower = pair(clock, self.notes)
+        self._out, self._in = clock() + 1.0, clock() + 1.0 + seconds
+        self._arm = self.leader if which == "leader" else self.follower
+        # Time and degrees of the follower's base once the cable is plugged in again.
+        self.places: list[tuple[float, float]] = []
+        self.held: set[tuple[int, ...]] = set()
+
+    def sleep(self, seconds: float) -> None:
+        clock = self.clock
+        if self._out <= clock() < self._in and not self._arm.link.lost:
+            self._arm.link.lost = True
+            self.leader.hand("shoulder_pan", 40.0, clock())
+        elif clock() >= self._in:
+            self._arm.link.lost = False
+        if self._arm.link.lost and clock() > self._out + 0.5:
+            self.held.add(tuple(self.follower.goals))
+        if clock() > self._in:
+            servo = self.follower.made.servos[0]
+            servo.step(clock())
+            self.places.append((clock(), servo.motion.position * 360 / 4096))
+        if clock() > self._in + 4.0:
+            raise EndError
+        clock.advance(seconds)
+
+    def run(self) -> None:
+        run_following([self.pair], 1 / PERIOD, sleep=self.sleep)
+
+
+@pytest.mark.parametrize("which", ["leader", "follower"])
+def test_a_cable_that_is_plugged_in_again_goes_on_and_the_arms_meet_slowly(which: str) -> None:
+    out = Unplugged(which, 5.0)
+    with pytest.raises(EndError):
+        out.run()
+    assert len(out.held) == 1, "it holds meanwhile"
+    assert any("unplugged" in str(note) for note in out.notes)
+    assert f"the {which} is there again" in out.notes
+    speeds = [abs(b - a) / (after - before) for (before, a), (after, b) in itertools.pairwise(out.places)]
+    # A fifth of 180 degrees a second.
+    assert 30.0 < max(speeds) < 50.0
+    leader, follower = (arm.driver.read()["shoulder_pan"].position for arm in (out.leader, out.follower))
+    assert math.degrees(leader) > 35.0
+    assert math.degrees(follower - leader) == pytest.approx(0.0, abs=2.0)
+    state = out.follower.driver.read()
+    assert (state.torque_on, state.stopped) == (state.names, False)
+
+
+@pytest.mark.parametrize("which", ["leader", "follower"])
+def test_a_cable_that_stays_out_for_half_a_minute_ends_it(which: str) -> None:
+    out = Unplugged(which, 60.0)
+    began = out.clock()
+    with pytest.raises(HexwireError, match="unplugged"):
+        out.run()
+    assert out.clock() - began == pytest.approx(31.0, abs=1.0)
+    assert len(out.held) == 1
+    if which == "leader":
+        assert out.follower.driver.read().stopped
+
+
+def test_a_leader_that_comes_back_with_torque_ends_it() -> None:
+    out = Unplugged("leader", 5.0)
+    release = out.leader.driver.torque
+
+    def switched(on: bool, joints: object = None) -> tuple[str, ...]:
+        return () if out.notes else release(on)
+
+    out.leader.driver.torque = switched  # type: ignore[method-assign]
+    with pytest.raises(UsageError, match="does not confirm that shoulder_pan"):
+        out.run()
+    assert out.follower.driver.read().stopped
 
 
 def test_a_leader_that_keeps_its_torque_is_refused() -> None:

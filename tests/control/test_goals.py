@@ -16,7 +16,7 @@ from hexwire.control.goals import MAX_POINTS, Point, TrajectoryGoal, check_goal
 from hexwire.control.outcomes import Reason
 from hexwire.control.plan import Plan
 from hexwire.errors import GoalError
-from hexwire.motion.waypoints import Spline
+from hexwire.motion.trajectory import Spline
 
 
 def test_the_error_keeps_its_reason_across_a_process_border() -> None:

@@ -12,7 +12,7 @@ from hexwire.control.arrival import Tolerance, deviations, in_words
 from hexwire.control.goals import Component, ComponentTolerance, Tolerances
 from hexwire.control.outcomes import Reason
 from hexwire.errors import GoalError
-from hexwire.motion.waypoints import Sample
+from hexwire.motion.trajectory import Sample
 
 JOINTS = ("J1", "J2", "J3")
 REST = (0.0, 0.0, 0.0)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+import random
 from itertools import pairwise
 from typing import Any
 
 import pytest
+from tests.motion.arms import ARMS, EXCESS, at_rest
 
 from hexwire.control.jog import JogController, JogRequest, read_request
 from hexwire.control.path_check import PathCheck
 from hexwire.errors import GoalError, LimitError, UsageError
+from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.geometry import kinematics_for
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointFlag, JointState
@@ -102,21 +105,42 @@ def test_a_stop_ends_it_and_a_reset_does_not_continue_it() -> None:
     assert hold.turn() is None
 
 
-def test_a_drag_whose_goal_moves_keeps_all_limits() -> None:
-    start = _state().positions[_FIRST]
-    hold = _Hold(JogRequest(goals={_FIRST: start + 0.1}, speed=1.0))
-    places = [start] * 3
-    for goal in (start + 0.1, start - 0.3, start + 0.2, start + 0.05):
-        # The goal changes while the joint moves.
-        for _ in range(60 if goal == start + 0.05 else 12):
-            hold.jog.update(JogRequest(goals={_FIRST: goal}, speed=1.0))
-            hold.turn()
-            places.append(hold.where(_FIRST))
-    assert places[-1] == pytest.approx(start + 0.05, abs=1e-6)
-    joint, change = HEX7BOT.joint(_FIRST), places
-    for limit in (joint.max_speed, joint.max_acceleration, joint.max_jerk):
-        change = [(b - a) / 0.02 for a, b in pairwise(change)]
-        assert max(map(abs, change)) <= 1.001 * limit
+@pytest.mark.parametrize("arm", ARMS, ids=lambda arm: arm.name)
+def test_drags_whose_goals_move_keep_all_limits_and_come_to_rest_at_the_last(arm: ArmModel) -> None:
+    """Wherever a goal goes while its joint moves: further, to the other side, just ahead of it, where it is."""
+    some = random.Random(f"drags of {arm.name}")
+    for number in range(15):
+        joint = some.choice(arm.joints)
+        where = {each.name: 0.5 * (each.minimum + each.maximum) for each in arm.joints}
+        place, period = where[joint.name], some.choice((0.01, 0.02, 0.05))
+        margin = 0.1 * (joint.maximum - joint.minimum)
+
+        def near(place: float, joint: JointModel = joint, margin: float = margin) -> float:
+            reach = some.choice((0.0, 0.05, 1.0))
+            return max(joint.minimum + margin, min(joint.maximum - margin, place + some.uniform(-reach, reach)))
+
+        speed = some.choice((0.2, 1.0))
+        jog = JogController(arm, None, PathCheck.limits_only(arm))
+        request = JogRequest(goals={joint.name: near(place)}, speed=speed)
+        jog.begin(request, lambda: 0.0, at_rest(arm, list(where.values())))
+        now, places = 10.0, [place] * 3
+        for turn in range(5000):
+            if turn < 200 and some.random() < 0.1:
+                request = JogRequest(goals={joint.name: near(place)}, speed=speed)
+                jog.update(request)
+            now += period
+            target = jog.cycle(at_rest(arm, list(where.values())), now, 1.5 * period)
+            assert target is not None
+            place = where[joint.name] = dict(target.positions)[joint.name]
+            places.append(place)
+            if turn > 200 and max(abs(past - request.goals[joint.name]) for past in places[-20:]) <= 1e-5:
+                break
+        else:
+            pytest.fail(f"{number}: {joint.name} did not come to rest at its goal")
+        change = places
+        for limit in (joint.max_speed, joint.max_acceleration, joint.max_jerk):
+            change = [(b - a) / period for a, b in pairwise(change)]
+            assert max(map(abs, change)) <= EXCESS * limit, (number, joint.name)
 
 
 @pytest.mark.parametrize("way", [0.1, -0.4, 2e-3])

@@ -353,3 +353,15 @@ def test_only_the_key_of_the_holder_keeps_the_lease() -> None:
     assert lease.keep(grant.key, 0.5) is None, "it has left"
     lease = Lease(timeout=0.5)
     assert lease.keep(lease.take("Ann", 1, 0.0).key, 0.6) is None, "it was lost"
+
+
+def test_a_stop_voids_the_orders_made_before_it_but_not_torque_off() -> None:
+    lease = make()
+    key = lease.take("Ann", 1, 0.0).key
+    lease.void(key, 3)
+    with pytest.raises(LeaseError, match="order 2 was made before a stop"):
+        lease.admit(key, 2, 0.1)
+    assert lease.admit(key, 2, 0.1, frees=True).sequence == 2
+    with pytest.raises(LeaseError, match="order 3 was made before a stop"):
+        lease.admit(key, 3, 0.1)
+    lease.admit(key, 4, 0.1)

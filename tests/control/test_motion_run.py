@@ -13,7 +13,7 @@ from tests.control.shared_bench import SharedBench
 from tests.motion.arms import HOME, state
 
 from hexwire.control.lease import Lease
-from hexwire.control.motion_run import Grip, MotionRun, begin_motion
+from hexwire.control.motion_run import MotionRun, begin_motion
 from hexwire.control.preview import Planner, Preview
 from hexwire.control.shared import Order
 from hexwire.drivers.tools import Gripper
@@ -252,7 +252,7 @@ def test_a_taught_motion_has_a_lead_in(bench: RunBench) -> None:
 def grip(bench: RunBench, share: float) -> MotionRun:
     gripper = Gripper(bench.robot)
     goals = {gripper.joint.name: gripper.angle(share)}
-    return bench.begin(lambda: bench.planner.to_joints(goals), grip=Grip(gripper, share))
+    return bench.begin(lambda: bench.planner.to_joints(goals), grip=share)
 
 
 @pytest.mark.slow
@@ -274,7 +274,7 @@ def test_a_closing_gripper_holds_what_it_meets_with_little_force(bench: RunBench
     assert run.progress().holds
     bench.turn(1.0)
     assert bench.owner.group.reason is None
-    (told,) = bench.bench.controller.follower.desired(("J7",), bench.clock.time).position
+    (told,) = bench.bench.controller.generator.desired(("J7",), bench.clock.time).position
     # 3 degrees, and what the newest state was late.
     assert 0.0 < told - bench.where("J7") < 0.12
 

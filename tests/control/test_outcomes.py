@@ -5,7 +5,7 @@ import math
 import pytest
 
 from hexwire.control.outcomes import Ended, Outcome, Progress, Reason
-from hexwire.motion.waypoints import Sample
+from hexwire.motion.trajectory import Sample
 
 
 def test_error_is_desired_less_measured_joint_by_joint() -> None:

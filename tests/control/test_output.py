@@ -74,7 +74,7 @@ def test_a_stop_since_the_last_state_voids_what_is_followed_though_it_is_resumed
     bench.robot.resume()
     bench.update(PERIOD)
     assert len(bench.sent) == 1
-    assert str(bench.group.reason) == "the arm was stopped by another caller"
+    assert str(bench.group.reason) == "a stop command has stopped the arm"
 
 
 @pytest.mark.parametrize("before", ["the watchdog", "the target", "another target"])

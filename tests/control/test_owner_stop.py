@@ -112,7 +112,7 @@ def test_after_a_node_that_died_the_next_one_says_why_the_arm_is_stopped() -> No
     again = Bench(robot, bench.clock)
     again.owner.connect()
     again.turn(1.0)
-    assert str(again.controller.follower.reason) == (
+    assert str(again.controller.generator.reason) == (
         "the board has stopped the arm: its watchdog tripped, because the host fell silent"
     )
 

@@ -22,7 +22,7 @@ from hexwire.errors import CommandRefusedError, StoppedError, UsageError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.motion.eased import ease_out
 from hexwire.motion.moving import joint_limits
-from hexwire.motion.waypoints import Spline, Trajectory, Waypoint
+from hexwire.motion.trajectory import Spline, Trajectory, Waypoint
 from hexwire.wire.board_trajectory import point_size
 
 NAMES = ("J2", "J1")

@@ -2,11 +2,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from tests.motion.arms import HOME, state
 
 from hexwire.control import path_check
@@ -14,12 +16,12 @@ from hexwire.control.outcomes import Reason
 from hexwire.control.path_check import PathCheck
 from hexwire.drivers.arm_file import load_profile
 from hexwire.errors import GoalError, LimitError, UsageError
-from hexwire.model.geometry import kinematics_or_none
+from hexwire.model.geometry import kinematics_for, kinematics_or_none
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.state import JointFlag
 from hexwire.motion.safety import StopReason
-from hexwire.motion.waypoints import Spline, Waypoint
+from hexwire.motion.trajectory import Spline, Waypoint
 
 CHECK = PathCheck(HEX7BOT, Hex7BotModel(), None)
 BLIND = PathCheck(HEX7BOT, None, None)
@@ -217,3 +219,58 @@ def test_the_list_of_checks_is_the_only_one() -> None:
     control = Path(path_check.__file__).parent
     others = [file.name for file in control.glob("*.py") if file.name != "path_check.py"]
     assert [name for name in others if "motion.fence" in (control / name).read_text(encoding="utf-8")] == []
+
+
+@given(st.lists(st.tuples(*[st.floats(-1.6, 1.6)] * 3), min_size=1, max_size=12), st.booleans())
+def test_a_stream_of_set_points_is_checked_as_each_of_them_is(rows: list[tuple[float, ...]], hex7: bool) -> None:
+    """Whether it goes on from where it was allowed to or from elsewhere, above the table and below it."""
+    arm = HEX7BOT if hex7 else load_profile("so101").model
+    check = PathCheck(arm, kinematics_for(arm), 0.0)
+    names = [each.name for each in arm.joints][1:4]
+    here = {each.name: each.inside(each.offset) for each in arm.joints}
+    stream = check.guided()
+
+    def refusal(of: Callable[[Mapping[str, float], Mapping[str, float]], object]) -> str:
+        try:
+            of(here, goal)
+        except LimitError as error:
+            return str(error)
+        return ""
+
+    for row in rows:
+        goal = here | {name: here[name] + angle for name, angle in zip(names, row, strict=True)}
+        found = refusal(stream)
+        assert found == refusal(check.posture)
+        if not found or row[0] > 1.0:
+            here = goal
+
+
+def test_a_stream_in_small_steps_stops_at_the_table_where_each_of_them_would() -> None:
+    """Near the last end that was looked at, the stream does not look again."""
+    arm = load_profile("so101").model
+    looking, counting = kinematics_for(arm), kinematics_for(arm)
+    assert looking is not None
+    assert counting is not None
+    looks, lowest = list[float](), counting.lowest
+
+    def counted(angles: Sequence[float]) -> tuple[str, float]:
+        name, height = lowest(angles)
+        looks.append(height)
+        return name, height
+
+    counting.lowest = counted  # type: ignore[method-assign]  # tells how often it looks
+    posture, stream = PathCheck(arm, looking, 0.0).posture, PathCheck(arm, counting, 0.0).guided()
+    here, refused = dict.fromkeys(arm.names, 0.0), ""
+    for _ in range(1000):
+        goal = here | {"shoulder_lift": here["shoulder_lift"] + 0.002}
+        try:
+            posture(here, goal)
+        except LimitError as error:
+            refused = str(error)
+            break
+        stream(here, goal)
+        here = goal
+    assert "below the table" in refused
+    with pytest.raises(LimitError, match=re.escape(refused)):
+        stream(here, goal)
+    assert len(looks) < 200

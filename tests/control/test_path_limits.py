@@ -8,30 +8,36 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import pytest
 from tests.conformance_board.trajectory_pairs import _targets
 from tests.control.arm_bench import order
 from tests.control.path_ends import rested
-from tests.control.test_sent_ahead import Timed
+from tests.control.test_motions import Watched
+from tests.control.test_onboard_execution import Timed
+from tests.control.test_timed_motion import Timed as Program
 from tests.few import few
 from tests.motion.arms import HOME, NAMES
 
 from hexwire.control.goals import Point, TrajectoryGoal
+from hexwire.control.motions import run_motion
 from hexwire.control.outcomes import Outcome
 from hexwire.control.path_brake import PathBrake
-from hexwire.drivers.timed_path import PathState, TimedPoint
+from hexwire.drivers.timed_path import PathState, TimedPath, TimedPoint
 from hexwire.emulator.board_trajectory import LEAD_MS
 from hexwire.errors import LimitError
 from hexwire.model.arm import ArmModel
 from hexwire.model.geometry import make_kinematics
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.pose import Pose
+from hexwire.model.state import JointState
 from hexwire.motion.checks import InJoints
 from hexwire.motion.limits import slow_enough
 from hexwire.motion.line import Line as TipLine
+from hexwire.motion.safety import SafetyLimits
 from hexwire.motion.through import arm_path
-from hexwire.motion.waypoints import Trajectory
+from hexwire.motion.trajectory import Trajectory
 from hexwire.wire.command_frame import Command
 
 MOST = 1.001
@@ -75,9 +81,9 @@ class Line:
 
     def ideal(self) -> tuple[Callable[[float], list[tuple[float, float, float]]], tuple[str, ...], float]:
         """What was meant: position, velocity and acceleration of the joints at a time; their names; the end."""
-        ahead = self.bench.owner._output._ahead
+        onboard = self.bench.owner._output._onboard
         path = self.bench.board.trajectory.path
-        assert ahead is not None
+        assert onboard is not None
         assert path is not None
         last = path._knots[-1]
         end = last.at * 1e-4
@@ -86,7 +92,7 @@ class Line:
                 row = zip(names, points[-1].positions, last.positions, strict=True)
                 if all(abs(HEX7BOT.joint(name).angle_to_counts(p, 8) - counts) <= 1 for name, p, counts in row):
                     return rested(plan, begin, points, names), names, end
-        whole = ahead._on_robot
+        whole = onboard.feeder.on_robot
         return (lambda t: list(zip(*whole.sample(t), strict=True))), whole.names, whole.duration
 
 
@@ -194,6 +200,38 @@ def test_on_a_curve_at_its_limits_a_new_goal_never_lets_the_board_brake_by_itsel
     assert not (path and path.dry)
 
 
+@few("seed", range(12), 0, 5)
+def test_over_a_slow_line_a_program_lets_no_board_run_dry_on_a_curve_at_its_limits(seed: int) -> None:
+    """It sends so much at once that the points last until the next request has come."""
+    draw, bench = random.Random(seed), Program()
+    names = NAMES[:6]
+    fast = _fast(draw, names, {name: bench.at(name) for name in names})
+    begin = bench.robot.path
+
+    def begun(*given: Any, **rest: Any) -> TimedPath:
+        path = begin(*given, **rest)
+        for what in ("send", "report"):
+            setattr(path, what, slowly(getattr(path, what)))
+        return path
+
+    def slowly(call: Callable[..., Any]) -> Callable[..., Any]:
+        def called(*given: Any, **rest: Any) -> Any:
+            bench.arm.wait(0.3)
+            return call(*given, **rest)
+
+        return called
+
+    def look(state: JointState) -> None:
+        path = bench.arm.board.trajectory.path
+        assert not (path and (path.braking or path.dry))
+
+    bench.robot.path = begun  # type: ignore[method-assign]
+    limits = SafetyLimits(following_error=3.0, collision_load=3.0, load=3.0)
+    options = bench.options(check_geometry=False, limits=limits, watchdog=3.0)
+    result = run_motion(bench.robot, fast, options, observer=Watched(look))
+    assert (result.arrived, result.timed, result.why) == (True, True, "")
+
+
 @few("how, seed", product(("goal", "line"), range(8)), ("goal", 1), ("line", 0))
 def test_what_replaces_a_path_near_its_limits_keeps_them_at_1_khz_and_on_the_line(
     how: str, seed: int, monkeypatch: pytest.MonkeyPatch
@@ -211,8 +249,8 @@ def test_what_replaces_a_path_near_its_limits_keeps_them_at_1_khz_and_on_the_lin
     new = _straight(draw, here) if how == "line" else _fast(draw, names, here, NEARLY)
     began, ends = bench.clock.time, bench.clock.time + new.duration + 1.0
     told = bench.command(_goal(new, 0.5))
-    ahead, start = bench.owner._output._ahead, bench.board.trajectory.start_at - LEAD_MS / 1000.0
-    assert ahead is not None
+    onboard, start = bench.owner._output._onboard, bench.board.trajectory.start_at - LEAD_MS / 1000.0
+    assert onboard is not None
     limits = [HEX7BOT.joint(name) for name in NAMES]
     n, before, meant = round((began - start) / STEP), None, dict[int, tuple[float, ...]]()
     while bench.clock.time < ends:
@@ -220,8 +258,9 @@ def test_what_replaces_a_path_near_its_limits_keeps_them_at_1_khz_and_on_the_lin
         path = bench.board.trajectory.path
         assert path is not None
         assert not path.braking
+        plan = onboard.feeder.on_robot
         while n * STEP <= bench.clock.time - start:
-            now = ahead._on_robot.sample(min(n * STEP, ahead._on_robot.duration))
+            now = plan.sample(min(n * STEP, plan.duration))
             for i, joint in enumerate(limits):
                 assert joint.minimum <= now.position[i] <= joint.maximum
                 assert abs(now.velocity[i]) <= MOST * joint.max_speed

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from hexwire.control.path_pace import PathPace
+from hexwire.control.board_path_feeder import PathPace
 
 
 def pace(period: float, *exchanges: float) -> PathPace:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from tests.control.unused_path import UnusedPath
 
-from hexwire.control.path_start import StartOrder, first_start
+from hexwire.control.board_path_feeder import StartOrder, first_start
 from hexwire.drivers.timed_path import PathStart
 from hexwire.errors import CommandRefusedError, StoppedError
-from hexwire.motion.waypoints import Spline, Waypoint
+from hexwire.motion.trajectory import Spline, Waypoint
 
 
 class Path(UnusedPath):

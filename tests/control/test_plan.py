@@ -11,7 +11,7 @@ from hexwire.control.goals import Point
 from hexwire.control.outcomes import Reason
 from hexwire.control.plan import Plan
 from hexwire.errors import GoalError
-from hexwire.motion.waypoints import Sample, Spline
+from hexwire.motion.trajectory import Sample, Spline
 
 # -- the bridge from where the arm is ---------------------------------------------------------------
 

@@ -36,7 +36,8 @@ def test_switching_is_confirmed_by_every_joint(on: bool) -> None:
     bench = BoardBench(faults=("silent:4",))
     bench.owner.connect()
     bench.turn(0.2)
-    with pytest.raises(ServoError, match=f"^J5 did not confirm that torque is {'on' if on else 'off'}$"):
+    said = rf"^J5 \(servo 4\) did not confirm that torque is {'on' if on else 'off'}$"
+    with pytest.raises(ServoError, match=said):
         bench.ask(lambda: switch_torque(bench.owner, on, bench.robot.model.names))
 
 

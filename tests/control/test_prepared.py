@@ -9,7 +9,7 @@ import pytest
 from tests.control.arm_bench import SUCCEEDED, Bench, Service, make_bench, order
 from tests.motion.arms import EXCESS, HOME, NAMES
 
-import hexwire.motion.follower
+import hexwire.motion.set_point_generator
 from hexwire.errors import GoalError
 from hexwire.model.hex7bot import HEX7BOT
 
@@ -22,8 +22,8 @@ class Planning:
     def __init__(self, bench: Bench, monkeypatch: pytest.MonkeyPatch, meanwhile: Callable[[], object]) -> None:
         self._lock, self._meanwhile = bench.owner.locked(), meanwhile
         self.without = self.within = 0
-        self._take_over = hexwire.motion.follower.take_over
-        monkeypatch.setattr(hexwire.motion.follower, "take_over", self._plan)
+        self._take_over = hexwire.motion.set_point_generator.take_over
+        monkeypatch.setattr(hexwire.motion.set_point_generator, "take_over", self._plan)
 
     def _is_free(self) -> bool:
         def look() -> bool:
@@ -52,11 +52,11 @@ def moving() -> Bench:
 
 def keeps_limits(bench: Bench) -> bool:
     """Whether what is planned keeps the limits all along."""
-    follower = bench.controller.follower
+    generator = bench.controller.generator
     begin, end = bench.clock.time - 0.5, bench.clock.time + 4.0
     before = None
     for i in range(round((end - begin) / 1e-3)):
-        found = follower.desired(NAMES, begin + i * 1e-3)
+        found = generator.desired(NAMES, begin + i * 1e-3)
         for name, v, a, b in zip(
             NAMES, found.velocity, found.acceleration, before or found.acceleration, strict=True
         ):
@@ -124,7 +124,7 @@ def test_a_goal_that_nobody_wants_any_more_does_not_begin(monkeypatch: pytest.Mo
     bench = moving()
     wanted = [True]
     Planning(bench, monkeypatch, wanted.clear)
-    changes = bench.controller.follower.changes
+    changes = bench.controller.generator.changes
     with pytest.raises(GoalError, match="cancelled before it began"):
         bench.command(order((3.0, {"J1": J1 - 0.3}), still=True), wanted=lambda: bool(wanted))
-    assert bench.controller.follower.changes == changes
+    assert bench.controller.generator.changes == changes

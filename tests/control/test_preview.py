@@ -17,10 +17,9 @@ from hexwire.control.settings_reader import read_settings
 from hexwire.control.via import Place
 from hexwire.errors import GoalError, UsageError
 from hexwire.model.aim import Aim
-from hexwire.model.hex7bot import HEX7BOT
 from hexwire.motion.checks import check_trajectory
 from hexwire.motion.teach import Taught
-from hexwire.motion.waypoints import Spline, Waypoint
+from hexwire.motion.trajectory import Spline, Waypoint
 
 AHEAD = (0.0, 0.22, 0.2)
 WAVE = Taught(("J1", "J4"), (0.0, 1.0, 2.0), ((HOME["J1"] + 0.3, 0.2), (HOME["J1"] + 0.6, 0.0), (HOME["J1"], 0.0)))
@@ -225,27 +224,3 @@ def test_a_motion_to_nowhere_has_no_points(bench: Bench, planner: Planner) -> No
     plan = planner.to_joints({"J1": bench.owner.newest().positions["J1"]})
     assert plan.duration == pytest.approx(0.0, abs=1e-6)
     assert goal_of(plan.require(), NAMES).points == ()
-
-
-def test_several_points_are_passed_without_a_stop(planner: Planner) -> None:
-    places = [Place((x, 0.22, 0.2)) for x in (0.02, 0.04, 0.06)]
-    plan = planner.through(places, speed=0.5)
-    assert (plan.refusal, plan.unready) == ("", "")
-    path = plan.require()
-    assert set(path.names) == set(NAMES)
-    # Nowhere between the ends does it stand still.
-    share = [path.sample(k * path.duration / 50).velocity for k in range(5, 46)]
-    assert all(max(map(abs, speeds)) > 0.02 for speeds in share)
-    assert not check_trajectory(path, HEX7BOT).findings
-    assert planner.through([*places, {"J7": HOME["J7"] + 0.2}]).goal == {**plan.goal, "J7": HOME["J7"] + 0.2}
-
-
-def test_points_that_cannot_be_reached_are_a_refusal(planner: Planner) -> None:
-    plan = planner.through([Place(AHEAD), Place((0.0, 0.9, 0.1))])
-    assert plan.refusal.startswith("point 2: out of reach")
-    with pytest.raises(GoalError):
-        plan.require()
-    with pytest.raises(UsageError, match="at least one point"):
-        planner.through([])
-    with pytest.raises(UsageError, match="no joint 'J9'"):
-        planner.through([{"J9": 0.1}])

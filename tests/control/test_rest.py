@@ -1,4 +1,4 @@
-"""How far off its goal an arm came to rest."""
+"""Whether an arm is at rest, and how far off its goal it came to rest."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 import pytest
 from tests.motion.arms import HOME
 
-from hexwire.control.rest import Rest, come_to_rest
+from hexwire.control.rest import Rest, come_to_rest, rest_in_words
 from hexwire.model.geometry import kinematics_for
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointFlag
@@ -39,6 +39,7 @@ class Settling:
         positions = self.others | {"J1": angle}
         age = self.time - self.sampled[self.reads - 1] if self.sampled else 0.0
         return SimpleNamespace(
+            names=tuple(positions),
             positions=positions,
             position=tuple(positions.values()),
             age=(age,) * len(positions),
@@ -55,14 +56,14 @@ class Settling:
 
 def test_how_far_off_it_is_counts_when_the_arm_is_at_rest() -> None:
     robot = Settling(0.0, 0.02, 0.03, 0.0301)
-    assert robot.rest({"J1": 0.0}) == Rest("J1", 0.0301, None)
+    assert robot.rest({"J1": 0.0}) == Rest("J1", 0.0301, None, (("J1", 0.0301),))
     assert robot.reads == 4
 
 
 def test_states_of_the_same_time_do_not_say_that_it_is_at_rest() -> None:
     """A server that stalled sends several at once; of a servo that is silent only the old position is known."""
     robot = Settling(0.0, 0.02, 0.02, 0.0201, 0.03, 0.03, sampled=[0.0, 0.05, 0.05, 0.06, 0.20, 0.25])
-    assert robot.rest({"J1": 0.0}) == Rest("J1", 0.03, None)
+    assert robot.rest({"J1": 0.0}) == Rest("J1", 0.03, None, (("J1", 0.03),))
     assert robot.reads == 6
 
 
@@ -116,3 +117,26 @@ def test_an_unknown_position_is_the_worst() -> None:
     assert math.isnan(rest.off)
     assert rest.tip is None
     assert Settling(0.0).rest({"J1": 0.0, "J9": 0.0}).joint == "J9"
+
+
+@pytest.mark.parametrize(
+    ("angles", "others", "words", "seconds"),
+    [
+        ((0.0, 0.2, 0.2001), {}, "at rest", 0.1),
+        (tuple(0.1 * i for i in range(20)), {}, "J1 still moves after 0.3 s", 0.3),
+        (tuple(0.1 * i for i in range(20)), {"J2": math.nan}, "J2, J1 still move after 0.3 s", 0.3),
+    ],
+)
+def test_after_a_stop_it_says_whether_the_joints_are_at_rest(
+    angles: tuple[float, ...], others: dict[str, float], words: str, seconds: float
+) -> None:
+    robot = Settling(*angles, others=others)
+    assert rest_in_words(robot.read, 0.3, clock=lambda: robot.time, sleep=robot.sleep) == words
+    assert robot.time == pytest.approx(seconds)
+
+
+def test_without_new_states_nobody_knows_whether_the_joints_are_at_rest() -> None:
+    robot = Settling(0.0)
+    old = robot.read()
+    said = rest_in_words(lambda: old, 0.3, clock=lambda: robot.time, sleep=robot.sleep)
+    assert said == "no news of where they are for 0.3 s"

@@ -207,7 +207,7 @@ def test_one_has_control_and_a_job_ends_with_it() -> None:
 
 def test_what_is_held_ends_with_a_stop() -> None:
     bench, _, _ = make()
-    entry = bench.attended.begin("tab 1", 1)
+    entry = bench.hold_to_run.begin("tab 1", 1)
     assert entry is not None
     bench.stop("enough")
     assert entry.ended == "enough"

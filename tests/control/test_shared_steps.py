@@ -19,8 +19,8 @@ from hexwire.control.target import SteppedWay, straight
 from hexwire.errors import LeaseError, LimitError, StoppedError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointTarget, SentTarget
+from hexwire.motion.quintic import quintic_share
 from hexwire.motion.safety import StopReason
-from hexwire.motion.trajectory import quintic_share
 
 AWAY = 0.8
 LEAD = 1.0

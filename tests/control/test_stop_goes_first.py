@@ -13,14 +13,14 @@ from tests.control.shared_bench import SharedBench
 from tests.few import few
 from tests.motion.arms import HOME
 
-import hexwire.motion.follower
+import hexwire.motion.set_point_generator
 from hexwire.control import group
 from hexwire.control.group import ControllerGroup
 from hexwire.control.holding import stop_or_log
 from hexwire.control.readiness import deactivate
 from hexwire.errors import GoalError
 from hexwire.motion.safety import StopReason
-from hexwire.motion.waypoints import Trajectory
+from hexwire.motion.trajectory import Trajectory
 from hexwire.wire.command_frame import Command
 
 J1 = HOME["J1"]
@@ -114,14 +114,14 @@ def test_a_stop_is_sent_while_a_planner_hangs(monkeypatch: pytest.MonkeyPatch) -
     bench = make_bench()
     bench.command(order((5.0, {"J1": J1 + 0.6})))
     bench.turn(1.0)
-    plans, may_go, take_over = threading.Event(), threading.Event(), hexwire.motion.follower.take_over
+    plans, may_go, take_over = threading.Event(), threading.Event(), hexwire.motion.set_point_generator.take_over
 
     def hangs(*arguments: object, **options: object) -> Trajectory:
         plans.set()
         assert may_go.wait(30.0)
         return take_over(*arguments, **options)  # type: ignore[arg-type]  # as they came
 
-    monkeypatch.setattr(hexwire.motion.follower, "take_over", hangs)
+    monkeypatch.setattr(hexwire.motion.set_point_generator, "take_over", hangs)
     service = bench.begin(lambda: bench.command(order((3.0, {"J1": J1 - 0.6}))))
     assert plans.wait(30.0)
     bench.begin(lambda: bench.owner.stop("a test")).answer()

@@ -6,7 +6,7 @@ from itertools import product
 from math import cos, floor, sin
 
 import pytest
-from tests.control.test_sent_ahead import Timed
+from tests.control.test_onboard_execution import Timed
 from tests.few import few
 from tests.motion.arms import NAMES
 
@@ -30,19 +30,22 @@ def test_a_stream_is_followed_evenly_and_ends_at_rest(keeper: str, velocities: b
 
 
 @few(
-    "keeper, velocities, horizon",
-    product((KEPT, SENT), (False, True), (0.2, 0.3, 0.5)),
-    (KEPT, False, 0.3),
+    "keeper, velocities, many",
+    product((KEPT, SENT), (False, True), ((3, 0.05), (5, 0.08), (3, 0.12), (5, 0.2), (2, 0.3), (3, 0.4), (3, 0.5))),
+    (KEPT, False, (2, 0.3)),
+    (SENT, True, (5, 0.08)),
 )
-def test_so_is_a_stream_of_trajectories_of_three_points(keeper: str, velocities: bool, horizon: float) -> None:
-    stream(keeper == SENT, velocities, horizon, 3)
+def test_so_is_a_stream_of_trajectories(keeper: str, velocities: bool, many: tuple[int, float]) -> None:
+    """Of so many points, the last one so many seconds ahead."""
+    count, horizon = many
+    stream(keeper == SENT, velocities, horizon, count)
 
 
 def stream(host_timed: bool, velocities: bool, horizon: float, count: int) -> None:
     """Follow a stream at an even speed whose trajectories have so many points, the last one `horizon` s ahead."""
     bench = Timed(host_timed=host_timed)
     where, began, due = {name: bench.where(name) for name in NAMES}, bench.clock.time, bench.clock.time
-    follower, joint = bench.controller.follower, HEX7BOT.joint("J1")
+    generator, joint = bench.controller.generator, HEX7BOT.joint("J1")
     told: list[tuple[float, float, float]] = []
     while (now := bench.clock.time - began) < ENDS + 1.2:
         if bench.clock.time >= due and now < ENDS:
@@ -56,7 +59,7 @@ def stream(host_timed: bool, velocities: bool, horizon: float, count: int) -> No
             # None is refused, however far the arm is behind.
             bench.arm.command("", TrajectoryGoal(NAMES, tuple(points)), listener=None)
         bench._step()
-        state = follower.desired(NAMES, bench.clock.time)
+        state = generator.desired(NAMES, bench.clock.time)
         told.append((bench.clock.time - began, state.position[0], state.velocity[0]))
     steady = [v for t, _, v in told if 0.9 < t < ENDS]
     assert max(steady) - min(steady) <= 0.1
@@ -91,10 +94,10 @@ def test_what_is_planned_on_the_way_keeps_all_limits(horizon: float, velocities:
             speeds = tuple(-speed if name == "J1" else 0.0 for name in NAMES) if velocities else ()
             bench.arm.command("", TrajectoryGoal(NAMES, (Point(horizon, there, speeds),)), listener=None)
         bench._step()
-        ahead = bench.owner._output._ahead
-        if ahead is None or not ahead.joints:
+        onboard = bench.owner._output._onboard
+        if onboard is None or not onboard.joints:
             continue
-        plan, here = ahead._on_robot, bench.clock.time - ahead._origin
+        plan, here = onboard.feeder.on_robot, bench.clock.time - onboard.feeder.origin
         done = done or max(0, floor(here / step) - 1)
         for n in range(done, floor(here / step) + 1):
             sample = plan.sample(min(n * step, plan.duration))

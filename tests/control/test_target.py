@@ -9,8 +9,8 @@ from tests.motion.arms import HOME, NAMES, state
 from hexwire.control.arrival import Tolerance
 from hexwire.control.target import TargetController
 from hexwire.model.state import JointFlag, JointTarget, SentTarget
+from hexwire.motion.quintic import quintic_share
 from hexwire.motion.safety import StopReason
-from hexwire.motion.trajectory import quintic_share
 
 GOAL = {"J1": HOME["J1"] + 0.3}
 STILL = (0.0,) * len(NAMES)

@@ -74,7 +74,7 @@ def switch(bench: Bench, names: tuple[str, ...]) -> None:
 
 @pytest.mark.slow
 def test_teach_mode_ends_holding_whatever_had_torque_before() -> None:
-    """In every front: ROS 1, ROS 2 and the studio's desk call the arm, `hexwire teach` calls `record_by_hand`."""
+    """In every front: ROS 1, ROS 2 and the studio call the arm's, `hexwire teach` calls `record_by_hand`."""
 
     def services(bench: Bench) -> None:
         bench.ask(bench.arm.teach_start)
@@ -187,7 +187,7 @@ def test_a_recording_is_kept_if_a_joint_gets_no_torque() -> None:
     bench.ask(bench.arm.teach_start)
     guide(bench, "J1", 0.3)
     bench.silence("J6")
-    with pytest.raises(UsageError, match=r"^taught .* points; J6 did not confirm that torque is on$"):
+    with pytest.raises(UsageError, match=r"^taught .* points; J6 \(servo 5\) did not confirm that torque is on$"):
         bench.ask(bench.arm.teach_stop)
     assert bench.arm.teach_mode.taught is not None
     assert not bench.arm.teach_mode.hand.active
@@ -208,7 +208,7 @@ def test_a_recording_is_kept_if_it_cannot_be_saved(tmp_path: Path) -> None:
 def test_a_joint_that_keeps_its_torque_is_not_taught() -> None:
     bench = make_bench()
     bench.silence("J2")
-    with pytest.raises(ServoError, match="J2 did not confirm that torque is off"):
+    with pytest.raises(ServoError, match=r"J2 \(servo 1\) did not confirm that torque is off"):
         bench.ask(bench.arm.teach_start)
     assert not bench.arm.teach_mode.hand.active
     assert free(bench)

@@ -20,8 +20,8 @@ from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointFlag, JointState
 from hexwire.motion.teach import Taught
+from hexwire.motion.trajectory import Spline, Waypoint
 from hexwire.motion.waypoint_file import parse_waypoints
-from hexwire.motion.waypoints import Spline, Waypoint
 
 NAN = math.nan
 WHEN = datetime(2024, 1, 31, 23, 59, 58)

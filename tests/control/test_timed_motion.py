@@ -11,14 +11,15 @@ import pytest
 from tests.control.test_motions import Bench, Watched
 from tests.motion.arms import rest_to_rest
 
-from hexwire.control.motions import MotionOptions, MotionResult, run_motion
+from hexwire.control.motions import MotionOptions, MotionResult, check_path, run_motion
 from hexwire.control.path_check import PathCheck
 from hexwire.drivers.timed_path import PathState
 from hexwire.errors import StoppedError, UsageError
 from hexwire.model.state import JointState, JointTarget
 from hexwire.motion.path_points import path_points
 from hexwire.motion.through import arm_path
-from hexwire.motion.waypoints import Spline, Trajectory, Waypoint
+from hexwire.motion.trajectory import Spline, Trajectory, Waypoint
+from hexwire.wire.command_frame import Command
 from hexwire.wire.commands import LimitRow
 
 
@@ -171,6 +172,17 @@ def test_a_stop_before_it_begins_voids_it() -> None:
         assert result.stopped is not None
     assert bench.at() == pytest.approx(way.start[0], abs=0.01)
     assert bench.state is PathState.NONE
+
+
+@pytest.mark.parametrize("legs", [1, 2])
+def test_a_motion_of_no_length_sends_no_path_and_says_nothing(legs: int, caplog: pytest.LogCaptureFixture) -> None:
+    bench = Timed()
+    stand = Spline(("J4",), [Waypoint(0.0, (bench.at(),))])
+    path = check_path(bench.robot, [stand] * legs, bench.options())
+    result = run_motion(bench.robot, path, bench.options())
+    assert (result.arrived, result.timed) == (True, False)
+    assert Command.TRAJECTORY_BEGIN not in bench.arm.commands()
+    assert caplog.text == ""
 
 
 def test_until_ends_it_at_rest() -> None:

@@ -14,7 +14,7 @@ from hexwire.control.motions import MotionResult, run_motion
 from hexwire.drivers.timed_path import PathState
 from hexwire.errors import StoppedError, UsageError
 from hexwire.model.state import JointTarget
-from hexwire.motion.trajectory import PEAK_SPEED, quintic_share
+from hexwire.motion.quintic import PEAK_SPEED, quintic_share
 from hexwire.wire.commands import LimitRow
 
 

@@ -10,7 +10,7 @@ from hexwire.control.goals import Point, TrajectoryGoal, check_goal
 from hexwire.control.outcomes import Reason
 from hexwire.control.plan import Plan
 from hexwire.errors import GoalError
-from hexwire.motion.waypoints import Sample, Spline
+from hexwire.motion.trajectory import Sample, Spline
 
 JOINTS = ("J1", "J2", "J3")
 REST = (0.0, 0.0, 0.0)

@@ -47,7 +47,7 @@ def served_puma() -> Iterator[Served]:
     )
     thread.start()
     try:
-        assert bound.wait(10)
+        assert bound.wait(30)
         yield served
     finally:
         end.set()

@@ -17,7 +17,7 @@ from hexwire.wire import servo_packet as sp
 from hexwire.wire.board_trajectory import PathState, PathStatus
 from hexwire.wire.command_frame import Command, Frame, Status, parse_frame
 from hexwire.wire.commands import ALL_FIELDS, Identity
-from hexwire.wire.tables import CAPABILITY_MAINTENANCE
+from hexwire.wire.tables import CAPABILITY_MAINTENANCE, CAPABILITY_SERVO_TABLE
 
 
 def board_of(arm: Arm) -> Board2:
@@ -216,6 +216,15 @@ def test_a_whole_table_is_one_request(joint: str, servo: int) -> None:
     # And the confirmation that the fragments of the answer have come.
     assert sent_commands(arm)[before:] == [Command.SERVO_TABLE, Command.FRAGMENT_MISSING]
     assert arm.driver.read_table(joint, 5, 2) == table[5:7]
+
+
+def test_firmware_without_tables_is_reported_with_its_version() -> None:
+    arm = Arm(2)
+    board = board_of(arm)
+    can = board.identity.capabilities & ~CAPABILITY_SERVO_TABLE
+    board.identity = board.identity._replace(capabilities=can, firmware=(2, 0, 1))
+    with pytest.raises(NotSupportedError, match=r"firmware 2\.0\.1 reads no register tables"):
+        arm.driver.read_table("J2")
 
 
 def test_settings_are_written_where_they_differ() -> None:

@@ -107,6 +107,36 @@ def test_limits_are_refused_and_speed_is_stretched(monkeypatch: pytest.MonkeyPat
         arm.write(JointTarget.of({"shoulder_pan": math.radians(120)}))
     sent = arm.write(JointTarget.of({"shoulder_pan": math.radians(90)}, duration=0.01))
     assert sent.duration == pytest.approx(0.5, rel=0.05)
+    # A guided target may be as fast as the servo is.
+    sent = arm.write(JointTarget.of({"shoulder_pan": 0.0}, duration=0.01, guided=True))
+    assert sent.duration == pytest.approx(90.0 / 312.0, rel=0.05)
+
+
+@pytest.mark.parametrize("lost", ["goal", "torque"])
+def test_a_servo_that_misses_what_all_are_sent_is_sent_it_alone(monkeypatch: pytest.MonkeyPatch, lost: str) -> None:
+    arm, device = _make(So101Arm, monkeypatch)
+    arm.torque(True)
+    arm.write(JointTarget.of({"shoulder_pan": 0.5}, duration=0.5))
+    _settle(arm, 1.0)
+    arm.torque(False)
+    device.wire[1].motion.position = 1800.0
+    name = "sync_write_raw" if lost == "torque" else "sync_write_bytes"
+    plain = getattr(arm.bus, name)
+    monkeypatch.setattr(
+        arm.bus, name, lambda what, rows: plain(what, {i: row for i, row in rows.items() if i != 1})
+    )
+    assert arm.torque(True) == arm.model.names
+    _settle(arm, 1.0)
+    assert device.wire[1].motion.position == pytest.approx(1800, abs=3)
+    assert arm.read().torque_on == arm.model.names
+
+
+def test_a_joint_whose_goal_is_not_confirmed_gets_no_torque(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, device = _make(So101Arm, monkeypatch)
+    monkeypatch.setattr(arm.bus, "sync_write_bytes", lambda what, rows: None)
+    monkeypatch.setattr(arm, "_hold", lambda joint: joint.name != "elbow_flex")
+    assert arm.torque(True) == tuple(name for name in arm.model.names if name != "elbow_flex")
+    assert device.wire[3].registers.get("torque_enable") == 0
 
 
 def test_torque_on_holds_where_the_joint_is(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -354,6 +384,17 @@ def test_a_goal_after_recent_positions_begins_there(monkeypatch: pytest.MonkeyPa
         arm.write(JointTarget.of({"shoulder_pan": start + 0.05}, duration=0.1))
         speeds.append(device.wire[1].registers.get("goal_speed"))
     assert speeds[0] == speeds[1] > 1
+
+
+@pytest.mark.parametrize("detaching", [False, True])
+def test_torque_off_leaves_no_speed_behind(monkeypatch: pytest.MonkeyPatch, detaching: bool) -> None:
+    """Programs that give goals without a speed, as LeRobot does, would crawl at that of the last goal."""
+    arm, device = _make(So101Arm, monkeypatch)
+    arm.torque(True)
+    assert all(servo.registers.get("goal_speed") for servo in device.wire.servos)
+    arm.detach(torque_off=True) if detaching else arm.torque(False)
+    assert [servo.registers.get("torque_enable") for servo in device.wire.servos] == [0] * 6
+    assert [servo.registers.get("goal_speed") for servo in device.wire.servos] == [0] * 6
 
 
 def test_recent_positions_do_not_let_goals_pile_up(monkeypatch: pytest.MonkeyPatch) -> None:

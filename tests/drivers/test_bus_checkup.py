@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import pytest
 from tests.bus.bus_bench import BusLink, make_bus
+from tests.motion.arms import at_rest
 
 from hexwire.bus.servo_bus import ServoBus
 from hexwire.drivers.arm_file import load_profile
-from hexwire.drivers.bus_checkup import explain_chatter, explain_missing, explain_silence, judge_traffic
+from hexwire.drivers.bus_checkup import (
+    examine_bus,
+    explain_chatter,
+    explain_missing,
+    explain_silence,
+    judge_traffic,
+)
+from hexwire.drivers.values import JointProbe, ProbeReport
 from hexwire.emulator.bus_device import BusDevice, make_servos
 from hexwire.emulator.faults import FaultPlan
 from hexwire.emulator.serve import FakeClock
 from hexwire.link.diagnose import Finding, Level
+from hexwire.model.state import JointFlag
 from hexwire.wire.registers import Series
 
 ARM = load_profile("so101").model
@@ -88,6 +98,17 @@ def test_one_servo_is_missing() -> None:
     found = only(explain_missing(bus((1, 2, 4, 5, 6)), ARM, [ELBOW]))
     assert found.text == "elbow_flex (servo 3) does not answer"
     assert "cable" in found.advice
+
+
+def test_a_servo_that_is_missing_is_told_once_of_a_whole_arm() -> None:
+    probes = tuple(
+        JointProbe(joint.name, joint.servo_id, "sts_sms", joint.name != "elbow_flex") for joint in ARM.joints
+    )
+    report = ProbeReport("so101", joints=probes)
+    state = at_rest(ARM, (0.0,) * 6)
+    flags = tuple(int(JointFlag.SILENT) if name == "elbow_flex" else 0 for name in state.names)
+    findings = examine_bus(bus((1, 2, 4, 5, 6)), ARM, report, replace(state, flags=flags, voltage=(7.4,) * 6))
+    assert [row.text for row in findings if row.level is Level.BAD] == ["elbow_flex (servo 3) does not answer"]
 
 
 def test_one_has_a_wrong_id() -> None:

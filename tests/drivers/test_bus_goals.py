@@ -12,6 +12,7 @@ from tests.bus.bus_bench import make_bus
 from hexwire.drivers.bus_goals import SPEED_UNIT, BusGoals
 from hexwire.model.arm import JointModel
 from hexwire.wire.registers import Series
+from hexwire.wire.servo_packet import parse_packet, parse_sync_write
 
 ANGLES = st.floats(-6.0, 6.0)
 """Of these some are counts below zero."""
@@ -31,20 +32,20 @@ def test_speed_counts_single_steps_where_the_servo_says_so() -> None:
     bus, _ = make_bus((1,))
     goals, arm = BusGoals(bus), joint("sts_sms")
     assert goals.speed_unit(arm) == SPEED_UNIT
-    goals.learn(arm)
+    goals.learn([arm])
     before = goals.speed_unit(arm)
     phase = bus.read(1, "phase").raw
     assert phase is not None
     bus.write_raw(1, "lock", 0)
     bus.write_raw(1, "phase", phase ^ 0x04)
-    goals.learn(arm)
+    goals.learn([arm])
     assert {before, goals.speed_unit(arm)} == {1.0, SPEED_UNIT}
 
 
 def test_an_hls_goal_has_the_servos_own_current_ceiling() -> None:
     bus, _ = make_bus((4,), (Series.HLS,))
     goals, arm = BusGoals(bus), joint("hls", 4)
-    goals.learn(arm)
+    goals.learn([arm])
     ceiling = bus.read(4, "protection_current").raw
     assert ceiling
     address, data = goals.make(arm, 100, 0.5, 0.0)
@@ -90,8 +91,9 @@ def test_goals_of_several_joints_are_those_of_each_one(moves: list[tuple[str, fl
     }
     angles = [angle for _, angle, _ in moves]
     packets, sent = goals.make_packets(zip(arms, angles, strict=True), 0.05, starts)
-    assert {(i, address, data) for (address, _), rows in packets.items() for i, data in rows.items()} == wanted
-    assert all(len(data) == length for (_, length), rows in packets.items() for data in rows.values())
+    rows = [parse_sync_write(parse_packet(packet)) for packet in packets]
+    assert {(i, address, data) for address, found in rows for i, data in found} == wanted
+    assert len({(address, len(found[0][1])) for address, found in rows}) == len(rows)
     rounded = [
         (arm.name, arm.counts_to_angle(arm.angle_to_counts(angle))) for arm, angle in zip(arms, angles, strict=True)
     ]
@@ -105,5 +107,5 @@ def test_what_was_learned_counts_from_then_on() -> None:
     before = goals.make_packets([(arm, 1.0)], 1.0, {"a": 0.0})
     bus.write_raw(1, "lock", 0)
     bus.write_raw(1, "phase", (bus.read(1, "phase").raw or 0) ^ 0x04)
-    goals.learn(arm)
+    goals.learn([arm])
     assert goals.make_packets([(arm, 1.0)], 1.0, {"a": 0.0}) != before

@@ -155,6 +155,7 @@ def test_heat() -> None:
     assert hot.text == "71 deg C, its limit is 70"
     warm = judge_state(state(temperature=(28, 65, 28)), probes())
     assert [f.level for f in warm if f.about == "elbow"] == [Level.HINT]
+    assert not [f for f in judge_state(state(temperature=(28, 60, 28)), probes()) if f.about == "elbow"]
     unlimited = judge_state(state(temperature=(28, 65, 28)), probes(elbow={"max_temperature": None}))
     assert [f.level for f in unlimited if f.about == "elbow"] == [Level.HINT]
 
@@ -167,6 +168,12 @@ def test_a_silent_joint_is_missing_and_nothing_else_is_said_of_it() -> None:
     assert judge_probe(report(joints), missing=False) == []
     stale = state((7.4, NAN, 7.4), (28, 99, 28), (0, JointFlag.SILENT | JointFlag.OVERLOAD, 0))
     assert not any("elbow" in f.about + f.text for f in judge_state(stale, joints))
+
+
+def test_a_board_of_the_chapter_is_told_how_it_gets_more() -> None:
+    (finding,) = judge_board(report(dialect=1, firmware=""))
+    assert (finding.level, finding.text) == (Level.HINT, "arm, dialect 1")
+    assert "hexwire firmware flash" in finding.advice
 
 
 def test_a_boards_own_counts() -> None:

@@ -1,4 +1,4 @@
-"""Robots of other packages are found; the one of docs/adding-a-robot.md is installed for the purpose."""
+"""Robots of other packages are found; those of the pages are installed for the purpose."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from hexwire.cli.main import cli
 from hexwire.drivers.registry import connect, load_driver, robot_names
 from hexwire.errors import LinkNotFoundError, UsageError
 
-PAGE = Path(__file__).parents[2] / "docs" / "adding-a-robot.md"
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE = "\n".join((DOCS / page).read_text(encoding="utf-8") for page in ("adding-a-robot.md", "robot-on-a-line.md"))
 
 
 def install(folder: Path, entry: str, code: str) -> None:
@@ -37,19 +38,21 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def drivers() -> str:
-    """The blocks of the page up to the second driver, without what is tried in between."""
-    blocks = re.findall(r"```python[^\n]*\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    """The blocks of the pages up to the second driver, without what is tried and tested in between."""
+    blocks = re.findall(r"```python[^\n]*\n(.*?)```", PAGE, re.DOTALL)
     last = next(i for i, block in enumerate(blocks) if "class SwingDriver" in block)
-    return "\n".join(block for block in blocks[: last + 1] if not block.startswith("with "))
+    return "\n".join(
+        block for block in blocks[: last + 1] if not block.startswith("with ") and "Conformance" not in block
+    )
 
 
-def test_the_robot_of_the_page_is_found(page: Path) -> None:
-    entry = re.search(r'^swing = "(.*)"$', PAGE.read_text(), re.MULTILINE)
-    assert entry is not None
-    install(page, f"swing = {entry[1]}", drivers())
-    assert {"hex7bot", "puma260", "swing"} <= set(robot_names())
+def test_the_robots_of_the_pages_are_found(page: Path) -> None:
+    entries = re.findall(r'^(\w+) = "(swing\..*)"$', PAGE, re.MULTILINE)
+    install(page, "\n".join(f"{name} = {value}" for name, value in entries), drivers())
+    assert {"hex7bot", "puma260", "pretend", "swing"} <= set(robot_names())
     driver = load_driver("swing")
     assert (driver.__name__, driver.model.names) == ("SwingDriver", ("J1", "J2"))
+    assert load_driver("pretend").__name__ == "PretendDriver"
     # And by the command line, which gets as far as a port that is not there.
     result = CliRunner().invoke(cli, ["--robot", "swing", "state", "--port", "/dev/none"])
     assert (result.exit_code, "/dev/none" in result.stderr) == (1, True)

@@ -381,7 +381,7 @@ def test_a_stop_voids_what_waits_for_another_channel(served: Served) -> None:
         def hold() -> None:
             with turn.taken():
                 taken.set()
-                done.wait(10)
+                done.wait(30)
 
         def write() -> None:
             try:
@@ -391,7 +391,7 @@ def test_a_stop_voids_what_waits_for_another_channel(served: Served) -> None:
 
         holder, writer = threading.Thread(target=hold), threading.Thread(target=write)
         holder.start()
-        assert taken.wait(10)
+        assert taken.wait(30)
         writer.start()
         time.sleep(0.2)
         before = list(served.robot.executed)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import io
 from importlib.metadata import EntryPoint
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -46,6 +47,19 @@ def test_connect_takes_the_port_given_then_that_of_the_environment(monkeypatch: 
         registry.connect("/dev/given")
     with pytest.raises(UsageError, match="no robot"):
         registry.connect("/dev/given", "r2d2")
+
+
+def test_an_arm_that_is_traced_is_the_one_that_was_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[tuple[Any, ...]] = []
+
+    def make(*given: Any, prepare: Any = None, **options: Any) -> Any:
+        made.append((*given, options))
+        return SimpleNamespace(attach=lambda: made.append(("attached",)))
+
+    monkeypatch.setattr(registry, "make_driver", make)
+    for trace in (None, io.StringIO()):
+        registry.connect("/dev/given", "so101", trace=trace, overhead=0.1)
+    assert made == [("/dev/given", "so101", {"overhead": 0.1}), ("attached",)] * 2
 
 
 @pytest.mark.parametrize(

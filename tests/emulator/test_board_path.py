@@ -12,7 +12,7 @@ from hexwire.emulator.gate import RefusedError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.motion.limits import rest_duration
 from hexwire.motion.moving import joint_limits, reach
-from hexwire.motion.waypoints import Sample
+from hexwire.motion.trajectory import Sample
 from hexwire.wire.board_trajectory import POINT_TIME, PathPoint, point_size
 from hexwire.wire.command_frame import Status
 from hexwire.wire.commands import LimitRow

@@ -17,7 +17,7 @@ from hexwire.wire.registers import Series
 
 pytestmark = pytest.mark.system
 
-PATIENCE = 5.0
+PATIENCE = 30.0
 """Seconds for which servos that hear us may be silent: the thread that serves them stalls with the machine."""
 
 
@@ -34,7 +34,7 @@ def served(
     )
     thread.start()
     try:
-        yield paths.get(timeout=10)
+        yield paths.get(timeout=30)
     finally:
         ended.set()
         thread.join(10)

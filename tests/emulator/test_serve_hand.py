@@ -1,4 +1,4 @@
-"""Sockets by which hands reach emulated arms."""
+"""How hands reach emulated arms: by the doors of Linux, and by those of other systems."""
 
 from __future__ import annotations
 
@@ -9,21 +9,33 @@ import stat
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import pytest
+from tests.waits import PATIENCE, eventually
 
-from hexwire.emulator import serve_hand
+from hexwire.bus.servo_bus import ServoBus
+from hexwire.emulator import serve_door, serve_hand
+from hexwire.emulator.bus_device import BusDevice
 from hexwire.emulator.hand import HandOrder, HandResult, Hands
 from hexwire.emulator.hand_channel import serialize_order
 from hexwire.emulator.serve_hand import HandServer, find_arm, inside_name, move_by_hand, terminal_name
+from hexwire.emulator.serve_tcp import TcpServer
 from hexwire.emulator.servo import EmulatedServo
 from hexwire.errors import DeviceError, LinkNotFoundError, UsageError
 from hexwire.wire.registers import Series
 
 ORDER = HandOrder("3", 5.0, 0.2)
-PATIENCE = 10.0
+
+
+@pytest.fixture(autouse=True, params=["path", "port"])
+def kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The kind of door; a TCP port is that of other systems than Linux."""
+    kind: str = request.param
+    for what in ("listen", "knock"):
+        monkeypatch.setattr(serve_door, f"_{what}", getattr(serve_door, f"_{what}_at_{kind}"))
+    return kind
 
 
 @pytest.fixture(autouse=True)
@@ -62,11 +74,9 @@ def serving(name: str, one: EmulatedServo | None = None, *, runs: bool = True) -
 
 @contextmanager
 def talking(path: Path) -> Iterator[socket.socket]:
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as talk:
-        talk.settimeout(PATIENCE)
-        here = os.open(path.parent, os.O_PATH)
-        talk.connect(f"/proc/self/fd/{here}/{path.name}")
-        os.close(here)
+    talk, key = serve_door.knock(path, PATIENCE)
+    with talk:
+        talk.sendall(key)
         yield talk
 
 
@@ -81,6 +91,7 @@ def test_a_joint_is_moved_and_the_socket_is_private_and_goes(folder: Path) -> No
     with serving(inside_name("so101", "left")):
         (path,) = folder.iterdir()
         assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+        assert stat.S_ISSOCK(path.stat().st_mode) or stat.S_IMODE(path.stat().st_mode) == 0o600
         for port in ("sim://so101?name=left", "sim://so101", None):
             assert find_arm(port) == path
         assert move_by_hand(None, ORDER) == HandResult("servo 3", pytest.approx(5.0, abs=0.3), False, False)
@@ -119,10 +130,46 @@ def test_a_terminal_is_found_by_any_name(tmp_path: Path) -> None:
         os.close(slave)
 
 
-@pytest.mark.parametrize("port", ["/dev/null", "tcp://127.0.0.1:1", "udp://127.0.0.1:1", "/"])
+@pytest.mark.parametrize("port", ["/dev/null", "tcp://192.0.2.1:1", "udp://127.0.0.1:1", "/"])
 def test_what_is_no_emulated_arm_is_refused(port: str) -> None:
     with pytest.raises(UsageError, match="is not an emulated arm"):
         find_arm(port)
+
+
+@pytest.mark.parametrize("port", ["/dev/pts/9999", "tcp://127.0.0.1:1"])
+def test_a_port_where_no_arm_was_ever_emulated_is_told(port: str) -> None:
+    with pytest.raises(LinkNotFoundError, match=f"no emulated arm of this user is running at {port}; start"):
+        find_arm(port)
+
+
+def test_an_arm_at_a_tcp_port_is_found_by_its_number() -> None:
+    servos = [servo()]
+    server = TcpServer(BusDevice(servos), "127.0.0.1", 0, hands=Hands(servos))
+    url = server.open()
+    ended = threading.Event()
+
+    def run() -> None:
+        while not ended.is_set():
+            server.run_once(0.05)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        # While a host has the line.
+        with ServoBus.from_url(url) as bus:
+            for port in (url, url.replace("127.0.0.1", "localhost"), None):
+                before = eventually(lambda: bus.read(3, "present_position").raw)
+                assert move_by_hand(port, ORDER) == HandResult("servo 3", pytest.approx(5.0, abs=0.3), False, False)
+                after = eventually(lambda: bus.read(3, "present_position").raw)
+                assert after - before == pytest.approx(57, abs=4)
+        with serving("pts-7", runs=False), pytest.raises(UsageError, match=f"/dev/pts/7, {url}; name one"):
+            find_arm(None)
+    finally:
+        ended.set()
+        thread.join(PATIENCE)
+        server.close()
+    with pytest.raises(LinkNotFoundError, match=f"is running at {url}"):
+        find_arm(url)
 
 
 def test_no_running_emulator_is_an_error_that_says_so(tmp_path: Path) -> None:
@@ -214,7 +261,8 @@ def test_conversations_are_few_and_silent_ones_end(folder: Path) -> None:
         server.step(1000.0)
         assert server.is_busy
         assert len(server.descriptors()) == 9
-        assert talks[8].recv(10) == b""
+        with suppress(ConnectionResetError):
+            assert talks[8].recv(10) == b""
         talks[0].sendall(b"nonsense\n")
         server.step(1000.1)
         assert b"error" in talks[0].recv(200)
@@ -248,8 +296,22 @@ def test_an_emulator_that_stands_still_or_ends_is_an_error(monkeypatch: pytest.M
         thread.join()
 
 
+@pytest.mark.parametrize("kind", ["path"], indirect=True)
 def test_a_socket_of_another_user_is_not_trusted(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with serving("pts-7", runs=False):
         monkeypatch.setattr(os, "geteuid", lambda: 12345)
         with pytest.raises(LinkNotFoundError):
             find_arm(None)
+
+
+@pytest.mark.parametrize("kind", ["port"], indirect=True)
+def test_an_order_without_the_key_of_the_arm_moves_nothing(folder: Path) -> None:
+    one = servo()
+    with serving("pts-7", one):
+        port, key = (folder / "pts-7.hand").read_bytes().split()
+        for wrong in (b"", key[:-1] + b"-", b"x" * len(key)):
+            with socket.create_connection(("127.0.0.1", int(port)), PATIENCE) as talk:
+                talk.sendall(wrong + serialize_order(ORDER))
+                assert b"belongs to another program or user" in talk.recv(200)
+        assert one.motion.hand is None
+        assert move_by_hand(None, ORDER).moved == pytest.approx(5.0, abs=0.3)

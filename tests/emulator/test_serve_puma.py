@@ -36,7 +36,7 @@ def request(cmd: int, seq: int, body: bytes = b"") -> bytes:
 
 
 def call(served: Served) -> socket.socket:
-    return socket.create_connection(("127.0.0.1", served.listener.port), timeout=10)
+    return socket.create_connection(("127.0.0.1", served.listener.port), timeout=30)
 
 
 def keep_asking(driver: Puma260Driver, seconds: float) -> None:
@@ -266,7 +266,7 @@ def test_what_came_while_the_server_stalled_is_read_before_silence_is_judged(
 
         ends = []
         for count in (1, 2):
-            ends.append(stack.enter_context(socket.create_connection(("127.0.0.1", listener.port), timeout=10)))
+            ends.append(stack.enter_context(socket.create_connection(("127.0.0.1", listener.port), timeout=30)))
             until(lambda count=count: len(hosts.callers) == count)
         for caller in hosts.callers.values():
             stack.callback(caller.link.close)

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import pytest
+from tests.waits import PATIENCE
 
 from hexwire.bus.servo_bus import ServoBus
 from hexwire.control.diagnostics import Facts, _stop_reason
@@ -28,8 +29,6 @@ from hexwire.link.tap import TapLink
 from hexwire.model.state import JointState, JointTarget
 from hexwire.motion.safety import board_stop
 from hexwire.wire.registers import Series
-
-PATIENCE = 10.0
 
 
 class Echo:

@@ -12,7 +12,7 @@ from hexwire.errors import RemoteProtocolError
 from hexwire.fleet import messages as m
 from hexwire.fleet.clock import ClockOffset
 from hexwire.fleet.remote import RemoteRobot
-from hexwire.motion.waypoints import Spline, Waypoint
+from hexwire.motion.trajectory import Spline, Waypoint
 
 AHEAD = 1000.0
 PATH = Spline(("J1",), (Waypoint(0.0, (0.0,)), Waypoint(1.0, (0.1,))))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from tests.fleet.conftest import Serve
 from tests.motion.arms import rest_to_rest
@@ -13,7 +15,7 @@ from hexwire.errors import GoalError, NotSupportedError, UsageError
 from hexwire.fleet import messages as m
 from hexwire.fleet.goal_path import GoalPath
 from hexwire.fleet.remote import RemoteRobot
-from hexwire.motion.waypoints import Spline
+from hexwire.motion.trajectory import Spline
 
 POINTS = [TimedPoint(0.1 * i, (0.1 * i * i,), (0.2 * i,)) for i in range(11)]
 
@@ -99,6 +101,14 @@ def test_an_order_with_a_time_or_another_fault_is_not_repeated() -> None:
     assert len(tried) == 2
 
 
+def test_two_points_are_a_path() -> None:
+    server = FakeServer()
+    path = server.path()
+    path.send(POINTS[:2], last=True)
+    path.start()
+    assert len(server.sent) == 1
+
+
 def test_a_path_that_is_not_whole_is_not_begun() -> None:
     server = FakeServer()
     path = server.path()
@@ -167,6 +177,29 @@ def test_a_motion_of_a_client_is_followed_by_the_board(serve: Serve) -> None:
         assert robot.read()["J4"].position == pytest.approx(here + 0.2, abs=0.03)
         with pytest.raises(UsageError, match="does not go on without the program"):
             robot.path(outlives=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("host_timed", [False, True])
+def test_what_a_server_does_not_allow_is_said_as_it_is(serve: Serve, host_timed: bool) -> None:
+    """A client without a table, and the table of the server: a path is refused whole, a target when it comes."""
+    serve("lab/arm1", lease=2.0, port="sim://hex7bot?name=goaltable")
+    with registry.connect("zenoh:lab/arm1") as robot:
+        robot.torque(True)
+        here = robot.read().positions
+        assert robot.kinematics is not None
+        names = robot.kinematics.joint_names
+        bent = [here["J1"], 0.0, math.radians(60.0), 0.0, 0.0, here["J6"]]
+        way = rest_to_rest(names, [here[name] for name in names], bent, 2.0)
+        with pytest.raises(UsageError, match="below the table") as refused:
+            run_motion(robot, way, MotionOptions(table=None, host_timed=host_timed))
+        moved = max(abs(robot.read()[name].position - here[name]) for name in names)
+        if host_timed:
+            assert moved > 0.05
+            assert str(refused.value).endswith(": the motion ended on its way")
+        else:
+            assert moved < 0.01
+            assert "nothing was sent" in str(refused.value)
 
 
 def test_a_server_that_sends_targets_itself_gets_targets(serve: Serve) -> None:

@@ -66,7 +66,7 @@ class Kept:
         return self.now - 0.5 * self.trip + AHEAD
 
     def ask(self, key: str, payload: bytes, timeout: float, *, urgent: bool = False) -> bytes:
-        kind = m.LeaseRequest if key.endswith("lease") else m.Question
+        kind = m.Envelope if key.endswith("order") else m.LeaseRequest if key.endswith("lease") else m.Question
         self.sent.append((self.now, key, m.decode(payload, kind), timeout))  # type: ignore[arg-type]
         self.now += self.trip
         answer = self.answer()
@@ -133,6 +133,30 @@ def test_a_heartbeat_says_for_how_long_the_program_has_not_used_the_arm(monkeypa
     kept.sent.clear()
     kept.run(1.0)
     assert [beat.idle for _, _, beat, _ in kept.sent] == pytest.approx([when - used for when, *_ in kept.sent])
+
+
+def test_an_order_that_was_done_renews_the_lease_in_place_of_a_heartbeat(monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = Kept(monkeypatch)
+    kept.run(1.1)
+    assert len(kept.sent) == 5
+    kept.sent.clear()
+    heartbeats, orders = [], 0
+
+    def order() -> None:
+        nonlocal orders
+        orders += 1
+        kept.robot.cancel(1)
+        heartbeats.extend(row for row in kept.sent if isinstance(row[2], m.Beat))
+        kept.sent.clear()
+
+    kept.before = order
+    kept.run(12.0)
+    assert orders >= 119
+    # Those that compare the clocks.
+    assert len(heartbeats) == 2
+    kept.before = lambda: None
+    kept.run(1.0)
+    assert len(kept.sent) == 4, "in time after the last order"
 
 
 def test_a_lost_heartbeat_is_followed_by_the_next_one_at_once(monkeypatch: pytest.MonkeyPatch) -> None:

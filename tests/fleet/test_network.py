@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import socket
 import subprocess
@@ -16,6 +17,7 @@ from tests.link.far_ends import free_port
 from tests.waits import eventually
 
 from hexwire.errors import ConfigError, LinkNotFoundError, LinkPermissionError, UsageError
+from hexwire.fleet.endpoints import endpoints_of, local_socket
 from hexwire.fleet.network import Network, read_access
 from hexwire.fleet.rights import Kind
 
@@ -50,9 +52,37 @@ for kind in ("tcp", "tcp6", "udp", "udp6", "raw", "raw6"):
     for line in open(f"/proc/self/net/{kind}").readlines()[1:]:
         if f"socket:[{line.split()[9]}]" in inodes:
             print(kind, line)
-print("looked")
+print("looked", flush=True)
 os._exit(0)
 """
+
+
+_THREADS = """
+import os
+from hexwire.fleet.endpoints import endpoints_of, local_socket
+from hexwire.fleet.network import Network
+server = Network(listen=endpoints_of([local_socket("a")])).open(wait=False)
+client = Network(connect=endpoints_of([local_socket("a")])).open()
+assert client.connections == 1
+names = [open(f"/proc/self/task/{each}/comm").read().strip() for each in os.listdir("/proc/self/task")]
+print(*sorted({name.partition("-")[0] for name in names if "-" in name}), flush=True)
+os._exit(0)
+"""
+
+
+@pytest.mark.parametrize(
+    ("given", "kinds"), [({}, "net rx"), ({"ZENOH_RUNTIME": "(rx: (handover: net))"}, "acc app net tx")]
+)
+def test_zenoh_has_few_threads_unless_its_own_setting_says_otherwise(
+    runtime: Path, given: dict[str, str], kinds: str
+) -> None:
+    env = {key: value for key, value in os.environ.items() if key != "ZENOH_RUNTIME"} | given
+    out = subprocess.run(
+        [sys.executable, "-c", _THREADS], capture_output=True, text=True, timeout=60, check=False, env=env
+    )
+    assert set(out.stdout.split()) <= set(kinds.split()), out.stdout + out.stderr
+    assert "net" in out.stdout.split(), out.stdout + out.stderr
+    assert ("acc" in out.stdout.split()) == bool(given), out.stdout + out.stderr
 
 
 def test_by_default_nothing_listens_on_a_network(runtime: Path) -> None:
@@ -77,6 +107,14 @@ def test_the_settings_leave_no_way_to_be_found() -> None:
     assert rows["scouting/multicast/enabled"] is rows["scouting/gossip/enabled"] is False
     assert rows["adminspace/enabled"] is False
     assert rows["transport/link/protocols"] == ["tls", "unixsock-stream"]
+
+
+def test_who_listens_waits_a_quarter_of_a_second_for_a_program_that_takes_nothing(runtime: Path) -> None:
+    """That nobody else is delayed then, only a frozen program proves: tests/fleet/test_node.py."""
+    key = "transport/link/tx/queue/congestion_control/block/wait_before_close"
+    served = Network(listen=endpoints_of([local_socket("a")]))
+    assert served._settings(wait=True)[key] == 250_000, "microseconds"
+    served.open().close()
 
 
 # -- what is refused before anything is opened -----------------------------------------------------------

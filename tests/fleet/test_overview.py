@@ -188,6 +188,13 @@ def test_a_connection_that_ends_in_between_is_an_error_of_that_arm(
     node.close()
 
 
+@pytest.mark.parametrize("local", [True, False])
+def test_an_arm_that_does_not_say_how_it_is_is_known_by_its_name(local: bool) -> None:
+    seen: Any = module.Seen("lab/a", None, local)  # type: ignore[arg-type]  # nobody is asked
+    row = overview._overview(seen, [], "its program is halted")
+    assert (row.name, row.why, row.silent, row.local) == ("lab/a", "its program is halted", True, local)
+
+
 def test_faults_of_servos_are_named_by_joint() -> None:
     def state(*flags: JointFlag, error: str = "") -> m.State:
         names = tuple(f"J{i + 1}" for i in range(len(flags)))

@@ -15,7 +15,7 @@ from hexwire.drivers import registry
 from hexwire.fleet import player
 from hexwire.fleet.player import Arm, FleetMotionError, Played, Report, attached_to, play_together
 from hexwire.fleet.remote import RemoteRobot
-from hexwire.motion.waypoints import Spline, Waypoint
+from hexwire.motion.trajectory import Spline, Waypoint
 
 from .conftest import Serve
 

@@ -17,7 +17,7 @@ from hexwire.fleet import player as module
 from hexwire.fleet.player import Arm, FleetMotionError, Report, SilentError, play_together
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointFlag, JointState
-from hexwire.motion.waypoints import Spline, Waypoint
+from hexwire.motion.trajectory import Spline, Waypoint
 
 NAMES = ("lab/arm1", "lab/arm2")
 APPROACH, MOTION = 1, 2
@@ -36,6 +36,7 @@ class Stage:
         told: What was said.
         shielded: Arms were stopped behind the shield.
         over: Those that watch arms have been told that it is over.
+        given_up: When an arm that does not answer is given up, by what it is asked first.
     """
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -43,6 +44,7 @@ class Stage:
         self.events: list[tuple[str, str]] = []
         self.told: list[str] = []
         self.shielded = self.over = False
+        self.given_up: dict[str, float] = {}
         self.arms = {name: FakeRobot(self, name) for name in NAMES}
         monkeypatch.setattr(module, "time", self)
         monkeypatch.setattr(module, "threading", SimpleNamespace(Event=lambda: self))
@@ -68,6 +70,7 @@ class Stage:
     ) -> tuple[dict[str, Any], dict[str, HexwireError]]:
         done: dict[str, Any] = {}
         failed: dict[str, HexwireError] = {}
+        until, before = self.now + patience, len(self.events)
         for name, arm in arms.items():
             try:
                 done[name] = call(arm)
@@ -77,6 +80,8 @@ class Stage:
                     break
             except HangsError:
                 failed[name] = SilentError(f"no answer in {patience:.1f} s")
+        if len(self.events) > before:
+            self.given_up[self.events[before][1]] = until
         return done, failed
 
     def play(self, *, path: Spline | None = None, **options: Any) -> Report:
@@ -229,6 +234,30 @@ def test_nothing_begins_before_all_are_ready_and_the_leases_are_given_back(stage
     assert (row.kept_by, row.late, row.doubt, row.off) == ("board", 0.0002, 0.001, "")
     assert (report.duration, report.skew) == (1.0, 0.0)
     assert [line.partition(":")[0] for line in stage.told] == [*NAMES, "approach", "motion"]
+
+
+def test_an_arm_that_is_elsewhere_is_led_to_the_start_in_one_sweep(stage: Stage) -> None:
+    """Its speed is given at each point, so that it need not be guessed in between."""
+    away = way()
+    path = Spline(away.names, [replace(point, position=(point.position[0] + 0.5,)) for point in away.waypoints])
+    stage.play(path=path)
+    (lead, _, _) = stage.arms[NAMES[0]].followed[0]
+    joint = lead.names.index("J1")
+    speeds = [point.velocity[joint] for point in lead.waypoints if point.velocity]
+    assert len(speeds) == len(lead.waypoints) > 3
+    assert (speeds[0], speeds[-1]) == pytest.approx((0.0, 0.0))
+    assert min(speeds[1:-1]) > 0.0
+    (before, here, after) = lead.waypoints[1:4]
+    mean = (after.position[joint] - before.position[joint]) / (after.time - before.time)
+    assert here.velocity is not None
+    assert here.velocity[joint] == pytest.approx(mean, rel=0.2)
+
+
+def test_an_arm_that_does_not_answer_is_given_up_before_the_start_and_long_after_the_end(stage: Stage) -> None:
+    stage.play(path=way(seconds=2.0))
+    (_, start, _) = stage.arms[NAMES[0]].followed[1]
+    assert stage.given_up["confirm 2"] == pytest.approx(start - 0.1), "in time to cancel the others"
+    assert stage.given_up["goal 2"] == pytest.approx(start + 2.0 + 5.0 + 30.0), "after the arm's own time"
 
 
 def test_the_time_that_servers_need_to_check_is_added_to_the_start(stage: Stage) -> None:

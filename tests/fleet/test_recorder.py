@@ -13,10 +13,11 @@ import pytest
 from tests.waits import eventually
 
 from hexwire.fleet import messages as m
+from hexwire.fleet import recorder as module
 from hexwire.fleet.endpoints import endpoints_of, local_socket
 from hexwire.fleet.names import Keys
 from hexwire.fleet.network import Network
-from hexwire.fleet.node import Node
+from hexwire.fleet.node import NoAnswerError, Node
 from hexwire.fleet.recorder import EVENTS, FleetRecorder
 from hexwire.fleet.roster import Seen
 from hexwire.trace.capture import read_messages
@@ -128,6 +129,96 @@ def test_an_arm_that_vanishes_while_it_is_found_does_not_end_the_recording(
             patch.setattr(recorder._roster, "seen", lambda: {"lab/far": Seen("lab/far", closed, True)})
             recorder.run(0.02)
         eventually(lambda: (far.send(), recorder.run(0.05), recorder.counts["lab/far"][0])[2])
+
+
+def test_a_time_is_whole_seconds_and_nanoseconds() -> None:
+    assert module._time(12.25) == {"sec": 12, "nsec": 250_000_000}
+
+
+class Near:
+    """The way to an arm whose clock is 1000 s ahead of here."""
+
+    def __init__(self) -> None:
+        self.now, self.asked, self.subscribed = 50.0, 0, 0
+        self.is_closed = self.is_silent = False
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def ask(self, key: str, payload: bytes, timeout: float) -> bytes:
+        self.asked += 1
+        if self.is_silent:
+            raise NoAnswerError(absent=False)
+        return m.encode(m.Answer("", clock=self.now + AHEAD))
+
+    def subscribe(self, key: str, put: object) -> None:
+        self.subscribed += 1
+
+
+class Watched:
+    """A recorder in simulated time, of the arms of which the test says that they are there."""
+
+    def __init__(self, writer: RecordingWriter, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.told: list[str] = []
+        self.node, self.there = Near(), {"lab/a"}
+        self.recorder = FleetRecorder(writer, tell=self.told.append)
+        self.recorder._roster.seen = lambda: {name: Seen(name, self.node, True) for name in self.there}  # type: ignore
+        self.recorder._ending.wait = lambda timeout=None: True  # type: ignore[method-assign,assignment]
+        monkeypatch.setattr(module, "time", self.node)
+
+    def measure(self, after: float = 0.0) -> int:
+        """How often its clock is asked for then."""
+        self.node.now += after
+        before = self.node.asked
+        self.recorder._measure()
+        return self.node.asked - before
+
+    def take(self, node: Near, sequence: int) -> None:
+        row, sent = (0.5,), self.node.now + AHEAD
+        state = m.State(
+            1, sequence, sent, sent + sequence, 0.0, ("J1",), *(row,) * 6, (0,), row, 0.0, False, False, False
+        )
+        self.recorder._take("hexwire/lab/a/state", node, m.encode(state))  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def watched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Watched]:
+    with RecordingWriter(tmp_path / "a.mcap") as writer:
+        yield Watched(writer, monkeypatch)
+
+
+def test_an_arm_that_went_and_came_is_told_and_subscribed_once_on_each_way(watched: Watched) -> None:
+    for there in ({"lab/a"}, {"lab/a"}, set[str](), {"lab/a"}):
+        watched.there = there
+        watched.recorder._follow()
+    assert watched.told == ["lab/a recorded", "lab/a is gone", "lab/a is back"]
+    assert watched.node.subscribed == 1
+    watched.node.is_closed = True
+    watched.recorder._follow()
+    watched.node = Near()
+    for _ in range(2):
+        watched.recorder._follow()
+    assert watched.node.subscribed == 1
+
+
+def test_a_clock_is_asked_for_every_two_seconds_and_sooner_until_it_is_known(watched: Watched) -> None:
+    watched.recorder._follow()
+    watched.node.is_silent = True
+    assert [watched.measure(), watched.measure(0.4), watched.measure(0.2)] == [4, 0, 4]
+    watched.node.is_silent = False
+    assert watched.measure(0.6) == 4
+    assert [watched.measure(1.9), watched.measure(0.2)] == [0, 1]
+
+
+def test_states_count_once_the_clock_is_known_and_on_one_way(watched: Watched) -> None:
+    watched.recorder._follow()
+    watched.take(watched.node, 1)
+    assert watched.recorder.counts == {"lab/a": (0, 0)}
+    watched.measure()
+    watched.take(Near(), 2)
+    assert watched.recorder.counts == {"lab/a": (0, 0)}
+    watched.take(watched.node, 3)
+    assert watched.recorder.counts == {"lab/a": (1, 0)}
 
 
 @pytest.mark.slow

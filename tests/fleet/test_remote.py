@@ -18,6 +18,7 @@ from tests.test_arguments import assert_told
 from tests.waits import eventually
 
 from hexwire.drivers import registry
+from hexwire.drivers.values import StopMode
 from hexwire.errors import (
     HexwireError,
     LeaseError,
@@ -237,6 +238,16 @@ def test_orders_carry_lease_number_time_and_its_uncertainty(fake: tuple[RemoteRo
     assert (first.key, first.sequence, second.sequence) == (99, 1, 2)
     assert 0.0 < first.doubt < 10.0
     assert before - first.doubt <= first.made <= time.monotonic() + first.doubt
+
+
+def test_a_watchdog_stops_as_it_was_armed_to(fake: tuple[RemoteRobot, FakeServer]) -> None:
+    robot, node = fake
+    robot.watchdog(0.5, StopMode.TORQUE_OFF)
+    robot.take()
+    robot.watchdog(1.0, StopMode.TORQUE_OFF)
+    taken = next(message for key, message in node.asked if key.endswith("lease"))
+    assert (taken.watchdog, taken.mode) == (0.5, StopMode.TORQUE_OFF)
+    assert [envelope.order for envelope in node.orders()] == [m.Watchdog(1.0, StopMode.TORQUE_OFF)]
 
 
 def test_the_first_order_after_the_restart_of_the_owners_computer_carries_its_new_clock(

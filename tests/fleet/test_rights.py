@@ -183,7 +183,7 @@ MAINTAIN = [*OPERATE, "as/maintainer/lease", "as/maintainer/order", "as/maintain
         ("anna", OPERATE, OPERATE, []),
         ("ben", [], OPERATE, OPERATE),
         ("cora", MAINTAIN, MAINTAIN, MAINTAIN),
-        # Arms see a router's certificate, not that of whose order it relays: SECURITY.md and docs/fleet.md say so.
+        # Arms see a router's certificate, not that of whose order it relays (docs/fleet-certificates.md).
         ("router", MAINTAIN, MAINTAIN, MAINTAIN),
         ("stranger", [], [], []),
         # Those that serve do not command: neither another arm nor their own.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from tests.few import few
@@ -61,6 +62,27 @@ def test_a_pattern_selects_arms(runtime: Path) -> None:
         node.close()
     with pytest.raises(UsageError, match="matches no arm"):
         Roster("lab/arm*")
+
+
+@pytest.mark.parametrize(
+    ("pattern", "allowed", "asked"),
+    [
+        ("lab/arm1", None, ["lab/arm1"]),
+        ("lab/arm1", ("lab/*", "hall/*"), ["lab/arm1"]),
+        ("lab/arm1", ("hall/*",), ["hall/*"]),
+        ("**", ("lab/*", "hall/*"), ["lab/*", "hall/*"]),
+        ("**", ("**",), ["**"]),
+        ("lab/*", ("**", "hall/*"), ["lab/*"]),
+    ],
+)
+def test_nobody_is_asked_for_more_than_the_certificate_allows(
+    pattern: str, allowed: tuple[str, ...] | None, asked: list[str]
+) -> None:
+    roster = Roster(pattern)
+    roster._rights = allowed and SimpleNamespace(arms=allowed)  # type: ignore[assignment]
+    far, near = SimpleNamespace(socket=None), SimpleNamespace(socket=Path("a"))
+    assert roster._patterns(far) == asked  # type: ignore[arg-type]
+    assert roster._patterns(near) == ["**"]  # type: ignore[arg-type]
 
 
 @pytest.mark.slow

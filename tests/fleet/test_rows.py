@@ -49,6 +49,8 @@ def test_the_model_of_an_arm_is_the_same_after_its_way() -> None:
         {"max_speed": -1.0},
         {"max_acceleration": 0.0},
         {"max_jerk": math.inf},
+        {"free_speed": -1.0},
+        {"free_speed": math.nan},
         {"offset": math.nan},
         {"sign": 0},
         {"name": "J2"},
@@ -97,6 +99,13 @@ PROBE = ProbeReport(
 def test_a_probe_report_is_the_same_after_its_way_but_for_the_address() -> None:
     answer = m.decode(m.encode(m.Answer("", value=as_probe_rows(PROBE))), m.Answer)
     assert as_probe_report(answer.value, "zenoh:arm") == replace(PROBE, link="zenoh:arm")
+
+
+def test_a_probe_report_has_64_joints_at_most() -> None:
+    joint = as_probe_rows(PROBE)["joints"][0]
+    assert len(as_probe_report(as_probe_rows(PROBE) | {"joints": [joint] * 64}, "zenoh:arm").joints) == 64
+    with pytest.raises(RemoteProtocolError, match="more than 64 joints"):
+        as_probe_report(as_probe_rows(PROBE) | {"joints": [joint] * 65}, "zenoh:arm")
 
 
 _VALUES: Any = st.recursive(

@@ -12,6 +12,7 @@ import pytest
 from hexwire.errors import UsageError
 from hexwire.fleet import score
 from hexwire.fleet.score import assign, read_motions
+from hexwire.inputs import LARGEST_TEXT
 from hexwire.trace.recording import RecordingWriter, make_positions, topic_of
 
 BEGIN = 1.7e9
@@ -68,6 +69,11 @@ def test_a_recording_with_too_many_angles_is_refused(tmp_path: Path, monkeypatch
         read_motions(file)
 
 
+def test_a_joint_rests_before_its_first_sample_and_after_its_last() -> None:
+    column = [(11.0, 0.5), (12.0, 1.5)]
+    assert score._at(column, 10.0, [0.0, 1.0, 1.5, 2.0, 3.0]) == pytest.approx([0.5, 0.5, 1.0, 1.5, 1.5])
+
+
 def test_waypoints_are_for_any_arm(tmp_path: Path) -> None:
     file = tmp_path / "a.json"
     points = [
@@ -77,6 +83,9 @@ def test_waypoints_are_for_any_arm(tmp_path: Path) -> None:
     file.write_text(json.dumps({"joint_names": ["J1"], "points": points}))
     (last,) = read_motions(str(file), 2.0)[""].waypoints[1:]
     assert (last.time, last.velocity, last.acceleration) == (1.0, (1.0,), (0.4,))
+    with file.open("a") as more:
+        more.write(" " * LARGEST_TEXT)
+    assert read_motions(str(file)), "a program writes long ones"
 
 
 def test_arms_get_the_motion_of_their_name_or_of_another_one(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import math
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -35,12 +36,26 @@ class Query:
         self.answered.set()
 
 
+class Readers:
+    """Those who read an arm's states, or nobody."""
+
+    def __init__(self) -> None:
+        self.states: list[m.State] = []
+        self.is_wanted = True
+
+    def __call__(self, payload: bytes) -> None:
+        assert self.is_wanted
+        self.states.append(m.decode(payload, m.State))
+
+
 class Node:
     """A session that is nowhere."""
 
     def __init__(self) -> None:
         self.on: dict[str, Callable[[Any], object]] = {}
-        self.states: list[m.State] = []
+        self.lanes: dict[str, set[str]] = {}
+        self.readers = Readers()
+        self.states = self.readers.states
         self.tokens: list[str] = []
 
     def visible(self, key: str, timeout: float) -> list[str]:
@@ -52,11 +67,19 @@ class Node:
     def watch_visible(self, key: str, on_change: Callable[[str, bool], object]) -> None:
         self.on_token = on_change
 
-    def answer(self, key: str, on_question: Callable[[Any], object]) -> None:
-        self.on[key] = on_question
+    def answer(
+        self,
+        key: str,
+        on_question: Callable[[Any], object],
+        *,
+        lane: str,
+        at_once: Callable[[Any], bool] = lambda query: False,
+    ) -> None:
+        self.lanes.setdefault(lane, set()).add(key)
+        self.on[key] = lambda query: at_once(query) or on_question(query)
 
-    def publisher(self, key: str) -> Callable[[bytes], None]:
-        return lambda payload: self.states.append(m.decode(payload, m.State))
+    def publisher(self, key: str) -> Readers:
+        return self.readers
 
 
 class Served:
@@ -322,11 +345,21 @@ def test_a_request_for_the_lease_does_not_wait_for_a_slow_order(served: Served) 
 
 def test_what_waits_for_the_owner_when_the_arm_is_stopped_is_void(served: Served) -> None:
     key = served.take().value
-    slow = served.put(KEYS.order(OPERATOR), served.envelope(key, m.Torque(False, None)))
+    slow = served.put(KEYS.order(OPERATOR), served.envelope(key, m.Torque(True, None)))
     query = served.put(KEYS.stop, m.StopRequest("Bob"))
     assert query.answered.wait(30)
     assert served.wait(slow).kind == "StoppedError"
     assert all(served.bench.bench.torques())
+
+
+@pytest.mark.parametrize("first", ["torque off", "the stop"])
+def test_torque_off_is_done_although_the_arm_is_stopped_meanwhile(served: Served, first: str) -> None:
+    key = served.take().value
+    off = served.envelope(key, m.Torque(False, None))
+    orders = [(KEYS.order(OPERATOR), off), (KEYS.stop, m.StopRequest("Ann", key=key, sequence=99))]
+    queries = [served.put(*order) for order in (orders if first == "torque off" else reversed(orders))]
+    assert [served.wait(query).kind for query in queries] == ["", ""]
+    assert not any(served.bench.bench.torques())
 
 
 def test_a_state_counts_only_orders_that_were_done_before_its_values_were_sampled(served: Served) -> None:
@@ -361,6 +394,16 @@ def test_a_state_has_the_owners_clocks_and_a_number_that_rises(served: Served) -
     assert len({state.server for state in states}) == 1
     assert all(state.stamp <= state.sent <= served.bench.clock.time for state in states)
     assert all(state.wall > 1.7e9 for state in states)
+
+
+def test_a_state_that_nobody_reads_is_not_sent(served: Served) -> None:
+    states = served.node.states
+    for wanted in (True, False, True):
+        served.node.readers.is_wanted, before = wanted, len(states)
+        for _ in range(10):
+            served.bench.owner.turn()
+        assert (len(states) > before) == wanted
+    assert [b.sequence - a.sequence for a, b in pairwise(states) if b.sequence - a.sequence > 1] == [11]
 
 
 def test_an_arm_that_holds_says_why_in_its_states(served: Served) -> None:
@@ -421,6 +464,16 @@ def test_a_set_point_that_nobody_can_date_is_refused(served: Served, changes: di
     assert (answer.kind, answer.details["lost"]) == ("LeaseError", False)
     assert not served.bench.sent
     assert served.order(key, served.write(J1=0.1)).kind == ""
+
+
+def test_what_is_no_order_is_counted_and_told_to_the_holder(served: Served) -> None:
+    key = served.take().value
+    before = served.server.refused
+    whole = m.encode(m.Envelope(key, 1, 0.0, 0.0, m.Torque(True, ())))
+    for count in (1, 2):
+        answer = served.ask(KEYS.order(OPERATOR), whole[:-1])
+        assert answer.kind == "RemoteProtocolError"
+        assert served.server.refused == before + count
 
 
 @pytest.mark.parametrize(
@@ -658,4 +711,13 @@ def test_an_arm_that_somebody_else_stopped_is_said_to_be_stopped_without_a_reaso
 
 
 def test_a_server_that_nobody_closes_does_not_keep_its_program(served: Served) -> None:
-    assert served.server._ticker.daemon
+    server = served.server
+    answering = [*server._workers.values(), *server._stops.values(), server._questions]
+    assert [each._thread.daemon for each in answering] == [True] * 5
+
+
+def test_stops_and_the_lease_wait_for_no_other_question(served: Served) -> None:
+    lanes = served.node.lanes
+    assert lanes.pop("stops") == {KEYS.stop, KEYS.off(OPERATOR), KEYS.off(MAINTAINER)}
+    assert lanes.pop("leases") == {KEYS.lease(OPERATOR), KEYS.lease(MAINTAINER)}
+    assert set(lanes) == {"questions"}

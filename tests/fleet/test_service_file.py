@@ -80,6 +80,7 @@ SIM = '[arms."lab/arm1"]\nrobot = "sim"\n'
         ),
         ("[arms.a]\nport = '/dev/null'\n[arms.b]\nport = '/dev/null'", ["arms.b.port", "/dev/null", "port of a"]),
         ("[arms.a]\n[arms.b]\nrobot = 'sim'", ["arms.a.port", "missing"]),
+        ("[arms.a]\nrobot = 'r2d2'\n[arms.b]\n[arms.c]", ["arms.a.robot", "arms.b.port", "arms.c.port"]),
     ],
 )
 def test_each_fault_is_one_line_with_its_place(tmp_path: Path, text: str, says: list[str]) -> None:

@@ -360,3 +360,44 @@ def test_a_wait_that_a_signal_handler_read_in_still_ends_in_time(waits: bool) ->
     bench.time += 2.0
     bench.states.refresh()
     assert bench.result() is None
+
+
+# --- the one that is there ------------------------------------------------------------------------
+
+
+def test_the_latest_state_is_there_at_once_however_old_it_is() -> None:
+    bench = Bench()
+    assert bench.states.latest() is None
+    bench.arrive(state(1, 110.0, position=(0.5,)))
+    bench.time += 60.0
+    got = bench.states.latest()
+    assert got is not None
+    assert (got["J1"].position, got.stamp) == (0.5, pytest.approx(10.0, abs=1e-3))
+
+
+def test_the_latest_state_may_be_from_before_an_order_and_from_before_the_robot_was_busy() -> None:
+    bench = Bench()
+    bench.arrive(state(1, 110.0, position=(0.5,)))
+    bench.states.require(3)
+    bench.arrive(state(2, 110.1, names=(), done=1))
+    got = bench.states.latest()
+    assert got is not None
+    assert got["J1"].position == 0.5
+
+
+def test_there_is_no_latest_state_of_a_server_that_was_started_anew() -> None:
+    bench = Bench()
+    bench.arrive(state(900, 5000.0))
+    bench.arrive(state(1, 3.0, server=2, names=()))
+    assert bench.states.latest() is None
+
+
+def test_the_latest_state_tells_of_a_lost_robot_and_of_an_end() -> None:
+    bench = Bench()
+    bench.arrive(state(1, 110.0))
+    bench.arrive(state(2, 110.1, error="the port was unplugged"))
+    with pytest.raises(LinkLostError, match="unplugged"):
+        bench.states.latest()
+    bench.states.close()
+    with pytest.raises(LinkLostError, match="detached"):
+        bench.states.latest()

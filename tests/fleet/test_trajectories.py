@@ -11,7 +11,7 @@ from hexwire.control.shared_goals import GoalReport
 from hexwire.errors import UsageError
 from hexwire.fleet import messages as m
 from hexwire.fleet.trajectories import do_goal_order, follow_message, goal_row, trajectory_goal
-from hexwire.motion.waypoints import Spline, Waypoint
+from hexwire.motion.trajectory import Spline, Waypoint
 
 PATH = Spline(
     ("J1", "J2"),

@@ -117,6 +117,14 @@ def test_what_found_no_room_is_forgotten_with_its_host(line: BoardLine) -> None:
     assert line.request(resume, 0.2) == [], "a restarted host counts anew"
 
 
+def test_a_stop_of_another_voids_repeats_too(line: BoardLine) -> None:
+    resume = ask(Command.RESUME, seq=1)
+    line.request(resume, 0.0)
+    assert statuses(line.stop_for("another", ask(Command.STOP, b"\0", 9), 0.1)) == [(1, Status.STOPPED)]
+    assert statuses(line.request(resume, 1.9)) == [(1, Status.STOPPED)]
+    assert line.request(resume, 2.2) == [], "later it is another request"
+
+
 def test_stops_do_not_void_each_other(line: BoardLine) -> None:
     line.request(ask(Command.STOP, b"\0", 1), 0.0)
     assert line.request(ask(Command.STOP, b"\1", 2), 0.0) == []
@@ -128,6 +136,21 @@ def test_a_repeat_of_what_waits_is_not_sent_twice() -> None:
     for _ in range(3):
         line.request(ask(Command.STATS, seq=1), 0.0)
     assert len(sent(line, 0.0) + sent(line, 1.0)) == 1
+
+
+def test_a_board_that_is_asked_again_who_it_is_has_no_more_time_for_that(line: BoardLine) -> None:
+    who = ask(Command.IDENTIFY, seq=1)._replace(dst=0xFF)
+    for now in (0.0, 0.15):
+        assert line.request(who, now) == []
+    assert line.handle_timeout(0.19) == []
+    assert statuses(line.handle_timeout(0.21)) == [(1, Status.UNREACHABLE)]
+
+
+def test_each_question_of_the_gateways_own_has_another_number(line: BoardLine) -> None:
+    """By an equal one the board would take it for a repeat of the one before."""
+    for i in range(3):
+        line.seek_for(f"host {i}", ask(Command.IDENTIFY, seq=7), 0.06 * i)
+    assert [frame.seq for frame in sent(line, 0.2)] == [1, 2, 3]
 
 
 def test_the_queue_is_bounded_and_old_requests_are_dropped(line: BoardLine) -> None:
@@ -328,6 +351,28 @@ def test_frames_that_mean_nothing_are_counted(line: BoardLine) -> None:
     for number in range(1, 4):
         line.receive(BOARD.build(2, Command.FRAGMENT, b"?", number, 0.0), 0.0)
         assert line.counters.strange == number
+
+
+def test_only_the_answer_to_who_it_is_says_who_it_is(line: BoardLine) -> None:
+    knows(line)
+    known, body = line.identity, Identity(2, (9, 9, 9), 6, 0, 100, 0, ()).serialize()
+    (other,) = line.receive(answer(Command.STATS, 3, body), 0.0)
+    (refusal,) = line.receive(answer(Command.IDENTIFY, 4, body, 0x80 | Status.BUSY), 0.0)
+    assert other.body == refusal.body == body
+    assert line.identity == known
+
+
+def test_frames_down_and_up_and_those_of_a_lost_board_are_counted(line: BoardLine) -> None:
+    for seq in range(3):
+        line.request(ask(Command.STATS, seq=seq), 0.0)
+        sent(line, 0.0)
+        line.receive(answer(Command.STATS, seq), 0.0)
+    assert (line.counters.down, line.counters.up, line.counters.lost) == (3, 3, 0)
+    line.lost()
+    line.request(ask(Command.STATS, seq=4), 0.0)
+    line.request(ask(Command.STOP, b"\0", 5), 0.0)
+    line.stop_for("another", ask(Command.STOP, b"\0", 6), 0.0)
+    assert (line.counters.down, line.counters.lost) == (3, 3)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from hexwire.session.connection import Connection, Role
 from hexwire.session.events import Report, Request
 from hexwire.wire import tables
 from hexwire.wire.addresses import Broadcast
-from hexwire.wire.command_frame import Command, Frame, Status, parse_frame, serialize_frame
+from hexwire.wire.command_frame import EXT_REPLY, Command, Frame, Status, parse_frame, serialize_frame
 
 ALL_ON = b"\1\x7f\0"
 FIVE_SECONDS = b"\x88\x13\0"
@@ -188,3 +188,8 @@ def test_as_many_answers_to_who_is_there_are_numbered_as_a_board_stores() -> Non
         frame = Frame(0, 0, seq + 1, 7, 8, 1, tables.PROTO_HEXWIRE, seq, Command.IDENTIFY, b"")
         assert host.takes(frame, START)
         assert len(host._asked) == min(seq + 1, tables.STORED_REPLIES)
+    reply = Frame(0, 0, 1, 8, 7, 8, tables.PROTO_HEXWIRE, 0, Command.IDENTIFY, b"", EXT_REPLY)
+    host.send([reply])
+    assert host.out == [], "whom it answers is forgotten"
+    host.send([reply._replace(seq=tables.STORED_REPLIES)])
+    assert len(host.out) == 1

@@ -127,6 +127,25 @@ def test_a_program_that_was_busy_for_a_moment_was_not_halted(
     assert len(caplog.messages) == old, "the next round was in time"
 
 
+def test_a_round_waits_a_quarter_of_a_second_for_something_to_do(
+    rounds: Rounds, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert rounds.service._wait(0.0) == set(), "with nothing to do"
+    waits: list[float] = []
+    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: rounds.service._round))
+    rounds.service._wait = lambda until: (waits.append(until - rounds.service._round), set())[1]  # type: ignore[method-assign,func-returns-value]
+    rounds.service.run_once()
+    assert waits == [pytest.approx(0.25)]
+
+
+def test_queues_alone_need_no_port() -> None:
+    service = GatewayService(None, {8: make_link(f"tcp://127.0.0.1:{free_port()}")}, local=8)
+    service.open()
+    service._wait = lambda until: set()  # type: ignore[method-assign]  # nothing has come
+    service.run_once()
+    service.close()
+
+
 def test_a_lost_board_is_looked_for_every_half_second_by_one_thread_at_a_time(
     rounds: Rounds, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -371,6 +371,23 @@ def test_a_chunk_of_the_host_that_is_missing_is_asked_for(bench: Bench) -> None:
     assert (asked.cmd, asked.src, asked.dst) == (Command.FRAGMENT_MISSING, 9, 7)
 
 
+def test_the_next_time_out_is_that_of_whatever_is_due_first(bench: Bench) -> None:
+    line = bench.gateway.lines[9]
+    assert bench.gateway.next_timeout() is None
+    give(bench, Command.FRAGMENT, chunk_of(0x0105, 1, 2))
+    chunk = bench.gateway.next_timeout()
+    assert chunk is not None
+    line.request(Frame(0, 0, 1, 7, 8, 1, tables.PROTO_HEXWIRE, 5, Command.STATS, b""), bench.now)
+    assert bench.gateway.next_timeout() == line.next_timeout() < chunk
+
+
+def test_every_frame_of_a_host_is_counted(bench: Bench) -> None:
+    before = bench.gateway.counters.received
+    for count in range(1, 4):
+        give(bench, Command.STATS, b"")
+        assert bench.gateway.counters.received == before + count
+
+
 def test_chunks_that_mean_nothing_are_counted(bench: Bench) -> None:
     before = bench.gateway.counters.unknown
     give(bench, Command.FRAGMENT, chunk_of(0x0105, 0, 2), module=99)

@@ -6,7 +6,7 @@ import os
 import threading
 import tty
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import posix_ipc
@@ -71,14 +71,12 @@ def modules(
             f"{int(CAMERA)} {side}_{server} {int(GRIPPER)} {kind} {near}\n"
             f"{int(GRIPPER)} CLIENT_{client} {int(CAMERA)} {kind} {far}\n"
         )
-        try:
-            with Session.from_conf(file, CAMERA) as one, Session.from_conf(file, GRIPPER) as other:
-                yield one, other
-        finally:
-            # Queues stay, and a user has room for few.
-            for end in (".rx", ".tx"):
-                with suppress(posix_ipc.ExistentialError):
-                    posix_ipc.unlink_message_queue(f"/hexwire-{os.getpid()}{end}")
+        with Session.from_conf(file, CAMERA) as one, Session.from_conf(file, GRIPPER) as other:
+            yield one, other
+        # A user has room for few queues.
+        for end in (".rx", ".tx"):
+            with pytest.raises(posix_ipc.ExistentialError):
+                posix_ipc.unlink_message_queue(f"/hexwire-{os.getpid()}{end}")
 
 
 def answers(session: Session, ended: threading.Event) -> None:
@@ -112,6 +110,32 @@ def test_a_server_receives_requests_replies_and_sends_unasked(tmp_path: Path, ki
         gripper.reply(asked, b"I am well")
         told = next(gripper.stream(LONG))
         assert (told.cmd, told.body) == (BACK, b"I am well")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_both_ends_ask_and_answer_at_the_same_time(tmp_path: Path, kind: str) -> None:
+    """Each waits for its answer in one thread, and answers in another: neither waits for the other's end."""
+    with modules(tmp_path, kind) as (camera, gripper):
+        with beside(lambda ended: answers(camera, ended)), beside(lambda ended: answers(gripper, ended)):
+            assert gripper.request(ASK, b"x", window=LONG).body == b"xx"
+            at_once = threading.Barrier(2)
+            heard: dict[str, list[bytes]] = {"camera": [], "gripper": []}
+
+            def ask(name: str, session: Session) -> None:
+                for number in range(20):
+                    at_once.wait(LONG)
+                    heard[name].append(session.request(TELL, b"%d" % number, window=LONG).body)
+
+            askers = [threading.Thread(target=ask, args=end) for end in (("camera", camera), ("gripper", gripper))]
+            for asker in askers:
+                asker.start()
+            for asker in askers:
+                asker.join(2 * LONG)
+        expected = [2 * (b"%d" % number) for number in range(20)]
+        assert heard == {"camera": expected, "gripper": expected}
+        for session in (camera, gripper):
+            told = [next(session.stream(LONG)).body for _ in range(20)]
+            assert told == [b"%d!" % number for number in range(20)]
 
 
 @pytest.mark.parametrize("kind", ["TCP", "UDP", "QUEUE"])

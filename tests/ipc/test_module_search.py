@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
 
@@ -88,10 +89,26 @@ def driver(robot: str, link: Link) -> RobotDriver:
     return load_bus_arm(robot)(link)
 
 
+def hints_on(link: BoardLink, caplog: pytest.LogCaptureFixture) -> list[tuple[float, str]]:
+    """What is said to whoever waits, and when on the link's clock."""
+    found: list[tuple[float, str]] = []
+
+    def note(record: logging.LogRecord) -> bool:
+        if "nothing has answered yet" in record.getMessage():
+            found.append((link.clock.time, record.getMessage()))
+        return True
+
+    caplog.handler.addFilter(note)
+    return found
+
+
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("robot", ["hex7bot", "puma260", "so101"])
-def test_what_is_there_is_known_within_two_seconds(robot: str, device: str) -> None:
+def test_what_is_there_is_known_within_two_seconds(
+    robot: str, device: str, caplog: pytest.LogCaptureFixture
+) -> None:
     link = network(device)
+    hints = hints_on(link, caplog)
     started = link.clock.time
     made = driver(robot, link)
     if (robot, device) in ALONE:
@@ -110,17 +127,25 @@ def test_what_is_there_is_known_within_two_seconds(robot: str, device: str) -> N
         # Nobody knows what it is. A board may be booting behind a bridge, and no other robot.
         assert took < (BOOTS + 0.5 if robot == "hex7bot" else SOON), took
         assert "--robot" in text
+        assert len(hints) == (robot == "hex7bot")
+        for at, hint in hints:
+            assert at - started < SOON
+            assert all(part in hint for part in (link.url, "--robot puma260", "may be booting", "3 s more")), hint
+    if (robot, device) in SAID:
+        assert hints == []
     assert "\n" not in text
     assert not link.is_open
 
 
-def test_a_board_that_boots_behind_a_bridge_is_found_all_the_same() -> None:
+def test_a_board_that_boots_behind_a_bridge_is_found_all_the_same(caplog: pytest.LogCaptureFixture) -> None:
     for boot in (0.3, 0.55, 0.7, 1.0, 2.0, 4.0):
         link = network("silent")
         link.device = make_hex7bot_board(faults=[f"boot:{boot}"], start=link.clock.time)
         started = link.clock.time
+        hints = hints_on(link, caplog)
         with Hex7BotDriver(Session(IpcHandle.from_link(link))) as robot:
             assert robot.read().positions
+        assert len(hints) == (boot >= 2.0), boot
         assert link.clock.time - started < boot + 0.7
 
 

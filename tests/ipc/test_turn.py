@@ -11,6 +11,10 @@ from hexwire.ipc.turn import Turn
 PATIENCE = 10.0
 
 
+def never() -> bool:
+    return False
+
+
 def test_the_owner_may_take_it_again() -> None:
     turn = Turn()
     with turn.taken():
@@ -89,12 +93,12 @@ def test_a_listener_is_woken_by_those_who_wait_and_lets_them_in_first() -> None:
         with turn.taken():
             order.append("waiter")
 
-    assert turn.begin_listening(woken.set)
+    assert turn.begin_listening(woken.set, never)
     thread = threading.Thread(target=waiter)
     thread.start()
     assert woken.wait(PATIENCE)
     turn.end()
-    assert turn.begin_listening(woken.set)
+    assert turn.begin_listening(woken.set, never)
     order.append("listener")
     turn.end()
     thread.join(PATIENCE)
@@ -107,7 +111,7 @@ def test_a_listener_stays_awake_to_others_after_a_request_of_its_own() -> None:
 
     def wake() -> None: ...
 
-    assert turn.begin_listening(wake)
+    assert turn.begin_listening(wake, never)
     with turn.taken():
         pass
     assert turn.listening is wake
@@ -118,7 +122,51 @@ def test_a_listener_stays_awake_to_others_after_a_request_of_its_own() -> None:
 def test_the_owner_that_listens_keeps_the_lock() -> None:
     turn = Turn()
     with turn.taken():
-        assert not turn.begin_listening(lambda: None)
+        assert not turn.begin_listening(lambda: None, never)
         assert turn.listening is None
         turn.end()
         assert turn.owner == threading.get_ident()
+
+
+def test_a_job_is_run_by_an_owner_that_waits_or_by_its_own_thread_and_its_error_is_told() -> None:
+    turn, woken = Turn(), threading.Event()
+    ran: list[int] = []
+
+    def fails() -> None:
+        raise ValueError("a job")
+
+    turn.run(lambda: ran.append(threading.get_ident()), woken.set)
+    assert ran == [threading.get_ident()]
+    assert not woken.is_set()
+    errors: list[ValueError] = []
+
+    def another() -> None:
+        turn.run(lambda: ran.append(threading.get_ident()), woken.set)
+        try:
+            turn.run(fails, woken.set)
+        except ValueError as error:
+            errors.append(error)
+
+    turn.begin()
+    thread = threading.Thread(target=another)
+    thread.start()
+    while thread.is_alive():
+        # It waits for its own answer, and never releases the lock.
+        assert woken.wait(PATIENCE)
+        turn.run_jobs()
+        thread.join(0.001)
+    assert ran == [threading.get_ident()] * 2
+    assert [str(error) for error in errors] == ["a job"]
+    turn.end()
+
+
+def test_a_listener_takes_what_an_owner_has_received_for_it() -> None:
+    turn, taken = Turn(), list[bool | None]()
+    arrived = threading.Event()
+    with turn.taken():
+        thread = threading.Thread(target=lambda: taken.append(turn.begin_listening(lambda: None, arrived.is_set)))
+        thread.start()
+        assert not taken
+        arrived.set()
+        thread.join(PATIENCE)
+    assert taken == [None]

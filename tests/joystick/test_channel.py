@@ -143,6 +143,13 @@ def test_frames_that_are_not_joystick_states_are_ignored(stream: Ends) -> None:
     assert stream.receiver.poll() is not None
 
 
+def test_a_datagram_that_was_cut_off_does_not_hold_up_the_next(datagrams: Ends) -> None:
+    introduce(datagrams)
+    datagrams.wire.write(frame(9, bytes(200))[:100])
+    datagrams.sender.send(STATES[1])
+    assert datagrams.receiver.poll() == JoystickState.parse(STATES[1].serialize())
+
+
 def test_recorded_states_move_nothing_later(datagrams: Ends) -> None:
     recorded: list[bytes] = []
     write = datagrams.wire.write

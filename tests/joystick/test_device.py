@@ -72,11 +72,22 @@ def test_axes_and_buttons_of_the_plain_interface(pipe: Pipe) -> None:
     assert [i for i in range(32) if state.pressed(i)] == [2]
 
 
+def test_before_the_kernel_tells_of_any_there_are_no_axes(pipe: Pipe) -> None:
+    assert pipe.stick.state.axes == ()
+
+
 def test_half_an_event_waits_for_the_rest(pipe: Pipe) -> None:
     event = js(0x01, 3, 1)
     pipe.tell(event[:5])
     assert pipe.stick.read(1.0).buttons == 0
     pipe.tell(event[5:])
+    assert pipe.stick.read(1.0).pressed(3)
+    # A device that is opened again begins with a whole one.
+    pipe.tell(event[:5])
+    pipe.stick.read(1.0)
+    pipe.stick.close()
+    pipe.stick.open()
+    pipe.tell(event)
     assert pipe.stick.read(1.0).pressed(3)
 
 
@@ -98,6 +109,8 @@ def test_unplugged(pipe: Pipe) -> None:
     pipe.fd = -1
     with pytest.raises(LinkLostError, match="js0 was unplugged"):
         pipe.stick.read(1.0)
+    pipe.stick.close()
+    assert pipe.stick.fileno() == -1
 
 
 @given(st.lists(st.binary(max_size=40), max_size=10))
@@ -130,7 +143,7 @@ class FakeDevice:
 
     def capabilities(self, absinfo: bool = True) -> dict[int, list[Any]]:
         return {EV_ABS: [(HAT, self.info[HAT]), (ABS_X, self.info[ABS_X]), (ABS_Z, self.info[ABS_Z])],
-                EV_KEY: [TL, SOUTH, EAST, 0x110, 30]}  # fmt: skip
+                EV_KEY: [TL, SOUTH, EAST, 0x100, 30]}  # fmt: skip
 
     def absinfo(self, code: int) -> Any:
         return SimpleNamespace(value=self.values[code])
@@ -174,9 +187,9 @@ def test_evdev_ranges_and_order(fake: tuple[FakeDevice, EvdevJoystick]) -> None:
     device.tell(EV_KEY, 30, 1)  # a key of a keyboard is no button
     state = stick.read(1.0)
     assert state.axes == (1.0, 1.0, -1.0)
-    assert state.buttons == 0b101  # SOUTH, EAST, TL; the mouse's button comes behind them
+    assert state.buttons == 0b101  # SOUTH, EAST, TL; the button that is no joystick's comes behind them
     device.tell(EV_KEY, TL, 0)
-    device.tell(EV_KEY, 0x110, 1)
+    device.tell(EV_KEY, 0x100, 1)
     assert stick.read(1.0).buttons == 0b1001
 
 
@@ -215,6 +228,36 @@ def test_devices_are_found_and_opened(tmp_path: Path, monkeypatch: pytest.Monkey
     assert find_joysticks(tmp_path) == [str(tmp_path / "js0")]
 
 
+class Machine:
+    """What of the package evdev is used to find a joystick: of each device, what it can do."""
+
+    def __init__(self, **devices: dict[int, list[int]] | None) -> None:
+        self.devices = devices
+
+    def list_devices(self, folder: str) -> list[str]:
+        return [f"{folder}/{name}" for name in self.devices]
+
+    def InputDevice(self, path: str) -> Any:  # noqa: N802  (the name is evdev's)
+        abilities = self.devices[Path(path).name]
+        if abilities is None:
+            raise OSError(errno.EACCES, "Permission denied")
+        return SimpleNamespace(capabilities=lambda absinfo: abilities, close=lambda: None)
+
+
+def test_a_joystick_has_axes_and_the_buttons_of_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    machine = Machine(
+        event0=None,  # this user may not read it
+        event7={EV_ABS: [ABS_X], EV_KEY: [SOUTH]},
+        event1={EV_ABS: [ABS_X], EV_KEY: [0x120]},
+        event2={EV_ABS: [ABS_X], EV_KEY: [0x13F]},
+        mouse={EV_ABS: [ABS_X], EV_KEY: [0x11F]},
+        pen={EV_ABS: [ABS_X], EV_KEY: [0x140]},
+        remote={EV_KEY: [SOUTH]},
+    )
+    monkeypatch.setattr(joystick_device, "_import_evdev", lambda: machine)
+    assert find_joysticks(tmp_path) == [str(tmp_path / f"event{number}") for number in (1, 2, 7)]
+
+
 def test_the_only_joystick_is_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     os.mkfifo(tmp_path / "js0")
     monkeypatch.setattr(joystick_device, "find_joysticks", lambda: [str(tmp_path / "js0")])
@@ -243,6 +286,11 @@ def test_why_a_joystick_does_not_open_is_told_with_its_path(number: int, kind: t
 def test_an_axis_without_a_range_stays_in_the_middle() -> None:
     assert joystick_device._normal(7, SimpleNamespace(min=5, max=5, flat=0)) == 0.0
     assert joystick_device._normal(9, SimpleNamespace(min=5, max=9, flat=0)) == 1.0
+
+
+def test_an_axis_is_as_far_from_the_middle_as_its_value_is_from_that_of_its_range() -> None:
+    for value, axis in ((5, -1.0), (6, -0.5), (7, 0.0), (8, 0.5), (9, 1.0)):
+        assert joystick_device._normal(value, SimpleNamespace(min=5, max=9, flat=0)) == axis, value
 
 
 def test_a_device_without_buttons_has_none() -> None:

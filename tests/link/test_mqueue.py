@@ -224,7 +224,7 @@ def test_only_this_user_may_use_it(name: str) -> None:
         assert os.fstat(client.fileno()).st_mode & 0o777 == 0o600
 
 
-def test_a_queue_is_removed_only_on_request(name: str) -> None:
+def test_a_client_removes_its_queues_only_on_request(name: str) -> None:
     with QueueLink(name):
         pass
     assert removed(name + ".rx")
@@ -234,6 +234,59 @@ def test_a_queue_is_removed_only_on_request(name: str) -> None:
         pass
     assert not removed(name + ".rx")
     assert not removed(name + ".tx")
+
+
+@pytest.mark.parametrize("query", ["role=server", "role=server&unlink=1"])
+def test_a_server_leaves_no_queues(name: str, query: str) -> None:
+    # Whoever made them.
+    with QueueLink(name):
+        pass
+    for _ in range(2):
+        with make_link(f"mq://{name}?{query}"), QueueLink(name):
+            pass
+        assert not removed(name + ".rx")
+        assert not removed(name + ".tx")
+    with make_link(f"mq://{name}?role=server&unlink=0"):
+        pass
+    assert removed(name + ".tx")
+
+
+def test_a_client_that_stays_is_served_by_the_next_server(name: str) -> None:
+    with QueueLink(name) as client:
+        for text in (b"one", b"two"):
+            with QueueLink(name, server=True) as server:
+                client.write(text, soon())
+                assert server.read(soon()) == text
+                server.write(text, soon())
+                assert client.read(soon()) == text
+    with QueueLink(name, server=True):
+        pass
+    assert not removed(name + ".rx")
+
+
+def test_queues_of_another_user_are_kept(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    with QueueLink(name, server=True):
+        monkeypatch.setattr(mqueue_module, "user_id", lambda: os.getuid() + 1)
+    assert removed(name + ".tx")
+
+
+@pytest.mark.parametrize("role", ["client", "server"])
+def test_whoever_opens_queues_while_a_server_removes_them_makes_new_ones(
+    name: str, role: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, lock = QueueLink(name, server=True), QueueLink._lock
+    first.open()
+
+    def closes_first(descriptor: int) -> None:
+        first.close()
+        lock(descriptor)
+
+    link = QueueLink(name, server=role == "server")
+    other = QueueLink(name, server=role == "client")
+    monkeypatch.setattr(QueueLink, "_lock", staticmethod(closes_first))
+    with link, other:
+        link.write(b"x", soon())
+        assert other.read(soon()) == b"x"
 
 
 class _Fails:
@@ -253,7 +306,7 @@ class _Fails:
             "this system allows queues of at most 10 messages of 8192",
         ),
         (posix_ipc.PermissionsError("x"), LinkPermissionError, "belongs to another user"),
-        (OSError(errno.ENOSPC, "x"), LinkError, "256 queues are all in use; remove stale ones, or raise fs.mqueue"),
+        (OSError(errno.ENOSPC, "x"), LinkError, "256 queues are all in use; raise fs.mqueue"),
         (OSError(errno.EMFILE, "x"), LinkError, r"used up \(ulimit -q\)"),
         (
             OSError("This process already has the maximum number of files open"),

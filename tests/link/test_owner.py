@@ -12,6 +12,7 @@ import pytest
 
 from hexwire.link import owner as owner_module
 from hexwire.link.owner import device_owner, lock_owner
+from hexwire.link.port_identity import same_device
 
 
 @pytest.fixture
@@ -28,6 +29,16 @@ def test_the_device_owner_a_port_is_named(terminal: tuple[int, str]) -> None:
     assert device_owner(device) == "this program", "it is held open here"
     fcntl.flock(slave, fcntl.LOCK_EX)
     assert device_owner(device) == "this program", "and locked here"
+
+
+def test_a_terminal_of_the_same_number_in_a_container_is_another_one(terminal: tuple[int, str]) -> None:
+    here = os.fstat(terminal[0])
+    there = os.stat_result([*here[:2], here.st_dev + 1, *here[3:]], {"st_rdev": here.st_rdev})
+    assert same_device(here, here)
+    assert not same_device(here, there)
+    null = Path("/dev/null").stat()
+    assert same_device(null, os.stat_result([*null[:2], null.st_dev + 1, *null[3:]], {"st_rdev": null.st_rdev}))
+    assert not same_device(Path(__file__).stat(), Path(__file__).stat()), "no device"
 
 
 def test_the_device_owner_nothing() -> None:

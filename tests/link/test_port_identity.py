@@ -35,7 +35,8 @@ def test_a_terminal_is_known_by_its_number_and_age_and_the_link_to_it(pty: tuple
     _, slave = pty
     name = os.ttyname(slave)
     bare = identify_port(name, os.fstat(slave))
-    assert bare == PortIdentity(os.fstat(slave).st_rdev, None, True, os.fstat(slave).st_ctime_ns, ME)
+    status = os.fstat(slave)
+    assert bare == PortIdentity(status.st_rdev, None, True, status.st_ctime_ns, ME, among=status.st_dev)
     (tmp_path / "tty").symlink_to(name)
     (tmp_path / "arm").symlink_to("tty")
     linked = identify_port(str(tmp_path / "arm"), os.fstat(slave))
@@ -214,6 +215,15 @@ def test_processes_that_go_or_cannot_be_read_are_passed_over(
     (tmp_path / "5").mkdir()
     (tmp_path / "5" / "stat").write_text(f"5 (a (b) c) S 1 5 5 {number} 5 0\n")
     assert why_not(port) == "is the terminal that a (b) c (pid 5) runs in, not a robot"
+    # Its terminals may be those of a container, which have the same numbers.
+    (tmp_path / "5" / "root" / "dev" / "pts").mkdir(parents=True)
+    (tmp_path / "5" / "root" / "dev" / "pts" / "ptmx").symlink_to("/dev/pts/ptmx")
+    assert why_not(port) != ""
+    assert why_not(replace(port, among=port.among + 1)) == ""
+    (tmp_path / "5" / "fd").mkdir()
+    (tmp_path / "5" / "fd" / "0").symlink_to(os.ttyname(pty[1]))
+    assert why_not(port) != ""
+    assert why_not(replace(port, among=port.among + 1)) == ""
     # One's own counts where the port is a pseudo-terminal, not where one opened a port without care.
     (tmp_path / "5").rename(tmp_path / str(os.getpid()))
     assert why_not(port) != ""

@@ -51,6 +51,18 @@ def device(line: PtyEnd, tmp_path: Path) -> str:
     return str(tmp_path / "ttyUSB0")
 
 
+def test_a_terminal_can_be_opened_again_by_who_is_not_root(line: PtyEnd, device: str) -> None:
+    # The system lets root open one that is shut, so root's tests would never see it.
+    with SerialLink(device):
+        pass
+    terminal = os.open(device, os.O_RDWR | os.O_NOCTTY)
+    try:
+        (shut,) = struct.unpack("i", fcntl.ioctl(terminal, 0x80045440, bytes(4)))  # TIOCGEXCL
+    finally:
+        os.close(terminal)
+    assert shut == 0
+
+
 # --- raw mode -----------------------------------------------------------------------------------------
 
 

@@ -140,9 +140,27 @@ def test_the_peer_may_come_back_from_another_port() -> None:
                 assert near.read(soon()) == b"x"
                 near.write(b"y", soon())
                 assert caller.read(soon()) == b"y"
-            now[0] += 1.0
+            now[0] += 0.3
         near.write(b"nobody is there now", soon())
         assert near.read(in_a_moment()) == b""
+
+
+def test_a_program_that_is_run_again_at_once_is_heard_before_it_gives_up() -> None:
+    """A session asks three times, 0.2 s apart."""
+    now = [5.0]
+    with UdpListenLink(clock=lambda: now[0]) as near:
+        with UdpLink("127.0.0.1", near.port) as first:
+            first.write(b"x", soon())
+            assert near.read(soon()) == b"x"
+        with UdpLink("127.0.0.1", near.port) as again:
+            heard = []
+            for _ in range(3):
+                again.write(b"identify", soon())
+                heard.append(near.read(in_a_moment()))
+                now[0] += 0.2
+            near.write(b"answer", soon())
+            assert again.read(soon()) == b"answer"
+        assert heard == [b"", b"", b"identify"]
 
 
 def test_another_port_of_the_host_neither_is_heard_nor_gets_the_answers() -> None:
@@ -161,7 +179,7 @@ def test_another_port_of_the_host_neither_is_heard_nor_gets_the_answers() -> Non
             assert caller.read(soon()) == b"answer"
             assert thief.read(0.0) == b""
             # Whoever goes on making sense keeps his place, however long that is.
-            now[0] += 0.9
+            now[0] += 0.29
             near.confirm()
         assert near.dropped == 20
 

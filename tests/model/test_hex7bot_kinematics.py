@@ -251,6 +251,17 @@ def test_points_that_may_hit_the_table() -> None:
         A.from_joints({"J1": 0.0, "J4": 0.0, "J5": 0.0, "J6": 0.0})
 
 
+@EACH_MODEL
+def test_the_lowest_point_is_the_lowest_of_its_points(model: Hex7BotModel) -> None:
+    for angles in random_angles(3, 300):
+        points = {name: place[2] for name, place in model.points(angles).items()}
+        name, height = model.lowest(angles)
+        assert height == pytest.approx(min(points.values()), abs=1e-12)
+        assert points[name] == pytest.approx(height, abs=1e-12)
+    with pytest.raises(UsageError, match="not a number"):
+        model.lowest([0.0, math.nan, 0.0, 0.0, 0.0, 0.0])
+
+
 def test_tool_down_and_carried() -> None:
     angles = rad([90, 95, 90, 90, 60, 110])
     place = (0.1, 0.18, 0.05)

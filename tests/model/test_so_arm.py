@@ -31,6 +31,21 @@ def pitch_of(pose: Pose) -> float:
     return math.asin(max(-1.0, min(1.0, -column(pose.rotation, 2)[2])))
 
 
+@each_arm
+def test_levers_bound_how_far_the_lowest_point_moves(arm: SoArmModel) -> None:
+    rng = random.Random(5)
+    nearest = 0.0
+    for _ in range(2000):
+        one = within(arm, rng)
+        step = rng.choice((1e-4, 0.02, 0.3))
+        other = [angle + rng.uniform(-step, step) for angle in one]
+        most = sum(arm.levers[r.name] * abs(a - b) for r, a, b in zip(arm.ranges, one, other, strict=True))
+        moved = abs(arm.lowest(one)[1] - arm.lowest(other)[1])
+        assert moved <= most + 1e-12
+        nearest = max(nearest, moved / most)
+    assert nearest > 0.9, "and no more than that"
+
+
 @pytest.mark.soak
 @each_arm
 def test_inverse_of_forward_over_the_whole_workspace(arm: SoArmModel) -> None:
@@ -274,3 +289,16 @@ def test_many_at_once_are_the_single_ones(monkeypatch: pytest.MonkeyPatch) -> No
     plain = SO101.forward_many(rows)
     assert plain[0] == places.tolist()
     assert str(SO101.inverse_many(*plain)) == str(table.tolist())
+
+
+@pytest.mark.parametrize("arm", [SO100, SO101])
+def test_the_lowest_point_is_the_lowest_of_its_points(arm: SoArmModel) -> None:
+    draw = random.Random(1)
+    for _ in range(300):
+        angles = [draw.uniform(-3.0, 3.0) for _ in range(5)]
+        points = {name: place[2] for name, place in arm.points(angles).items()}
+        name, height = arm.lowest(angles)
+        assert height == pytest.approx(min(points.values()), abs=1e-12)
+        assert points[name] == pytest.approx(height, abs=1e-12)
+    with pytest.raises(UsageError, match="not a number"):
+        arm.lowest([0.0, math.nan, 0.0, 0.0, 0.0])

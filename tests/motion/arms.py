@@ -9,7 +9,7 @@ from hexwire.model.arm import ArmModel
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.puma260 import PUMA260
 from hexwire.model.state import JointFlag, JointState, JointTarget
-from hexwire.motion.waypoints import Spline, Waypoint
+from hexwire.motion.trajectory import Spline, Waypoint
 
 NAMES = HEX7BOT.names
 ARMS = (HEX7BOT, PUMA260, *(load_profile(name).model for name in ("so100", "so101")))

@@ -8,7 +8,7 @@ import random
 from hexwire.model.arm import ArmModel
 from hexwire.motion.speed_profile import JointLimits
 from hexwire.motion.through import Through, arm_path
-from hexwire.motion.waypoints import Sample, Trajectory
+from hexwire.motion.trajectory import Sample, Trajectory
 
 MOST = 1.001
 STEP = 0.001

@@ -10,7 +10,7 @@ from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.pose import Pose
 from hexwire.motion.checks import InJoints, check_move, check_trajectory
 from hexwire.motion.line import Line
-from hexwire.motion.waypoints import Sample, Spline, Waypoint
+from hexwire.motion.trajectory import Sample, Spline, Waypoint
 
 A = Hex7BotModel()
 NEUTRAL = {joint.name: joint.offset for joint in HEX7BOT.joints}

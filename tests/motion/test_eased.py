@@ -14,7 +14,7 @@ from hexwire.model.puma260 import PUMA260
 from hexwire.motion.eased import LONGEST, ease_out
 from hexwire.motion.moving import joint_limits
 from hexwire.motion.speed_profile import JointLimits
-from hexwire.motion.waypoints import Spline, Tail, Waypoint
+from hexwire.motion.trajectory import Spline, Tail, Waypoint
 
 
 @few("arm, seed", [(arm, seed) for arm in (HEX7BOT, PUMA260) for seed in range(30)], (HEX7BOT, 0), (PUMA260, 1))

@@ -40,6 +40,18 @@ def test_each_kind_is_described_in_words() -> None:
     assert fence.check(UP) == {}
 
 
+def test_where_an_arm_stays_it_may_not_be_further_in_than_it_is_now() -> None:
+    fence, table = Fence(A, None), Fence(A, lowest(LOW) + 0.01)
+    for here in (GOOD, FOLDED, DEEPER):
+        assert fence.check_end(here, GOOD) == {}
+    for here, there, wrong in ((GOOD, FOLDED, True), (FOLDED, FOLDED, False), (FOLDED, DEEPER, True)):
+        assert bool(fence.check_end(here, there)) is wrong, (here, there)
+    for here, there, wrong in ((UP, UP, False), (UP, LOW, True), (LOW, LOW, False), (LOW, UP, False)):
+        assert bool(table.check_end(here, there)) is wrong, (here, there)
+    with pytest.raises(UsageError, match="the position of J3 is unknown"):
+        fence.check_end({**GOOD, "J3": math.nan}, GOOD)
+
+
 def test_without_a_table_there_is_no_table_check() -> None:
     fence = Fence(A, None)
     fence.begin(UP)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hexwire.drivers.arm_file import load_profile
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.gripper import jaws_of
-from hexwire.motion.following import Follow, Following, GripForce
+from hexwire.motion.following import Behind, Follow, Following, GripForce
 from hexwire.motion.teleop import Action
 
 ARM = load_profile("so101").model
@@ -45,15 +45,16 @@ class Run:
 def test_it_meets_the_leader_slowly_and_follows_fast() -> None:
     run = Run(Following(ARM, ARM, share=0.1))
     leader = HOME | {"elbow_flex": 1.0}
-    speed = ARM.joint("elbow_flex").max_speed
+    joint = ARM.joint("elbow_flex")
     first = run.cycles(leader, 2).positions["elbow_flex"]
-    assert first == pytest.approx(0.1 * speed * PERIOD)
+    assert first == pytest.approx(0.1 * joint.max_speed * PERIOD)
     while not (step := run.cycle(leader)).met:
         assert step.action is Action.MOVE
     run.cycles(leader, 50)
     assert run.positions == pytest.approx(leader)
     step = run.cycle(HOME | {"elbow_flex": -1.0})
-    assert step.positions["elbow_flex"] == pytest.approx(1.0 - min(speed * PERIOD, math.radians(12.0)))
+    assert joint.guided_speed > joint.max_speed
+    assert step.positions["elbow_flex"] == pytest.approx(1.0 - min(joint.guided_speed * PERIOD, math.radians(12.0)))
 
 
 angles = st.floats(-4.0, 4.0) | st.just(math.nan)
@@ -68,7 +69,7 @@ def test_no_set_point_jumps_or_leaves_the_limits(leads: list[tuple[float, float,
         for name, angle in step.positions.items():
             joint = ARM.joint(name)
             assert joint.minimum <= angle <= joint.maximum
-            assert abs(angle - before[name]) <= joint.max_speed * PERIOD + 1e-9
+            assert abs(angle - before[name]) <= joint.guided_speed * PERIOD + 1e-9
         if math.isnan(pan) or math.isnan(jaws) or age >= 0.25:
             assert step.action is not Action.MOVE
 
@@ -101,6 +102,68 @@ def test_a_blocked_joint_keeps_its_set_point_near() -> None:
     run.fixed = {"elbow_flex"}
     step = run.cycles(HOME | {"elbow_flex": 1.5}, 1000)
     assert step.positions["elbow_flex"] == pytest.approx(math.radians(12.0))
+
+
+def test_a_joint_that_moves_is_led_further_than_one_that_is_blocked() -> None:
+    start = HOME | {"elbow_flex": -1.5}
+    run = Run(Following(ARM, ARM), start)
+    run.cycles(start, 10)
+    run.fixed = {"elbow_flex"}
+    leads, speed = [], math.radians(200.0)
+    for _ in range(100):
+        run.positions["elbow_flex"] += speed * PERIOD
+        step = run.cycle(HOME | {"elbow_flex": 1.6})
+        leads.append(step.positions["elbow_flex"] - run.positions["elbow_flex"])
+        if run.positions["elbow_flex"] > 0.8:
+            break
+    # As far as it gets in a tenth of a second.
+    assert max(leads) == pytest.approx(math.radians(12.0) + 0.1 * speed, rel=0.05)
+    assert step.behind["elbow_flex"] is Behind.HELD
+    # A hand that pushes it the other way gives it nothing.
+    run.positions["elbow_flex"] -= 0.5
+    step = run.cycle(HOME | {"elbow_flex": 1.6})
+    assert step.positions["elbow_flex"] - run.positions["elbow_flex"] <= math.radians(12.0) + 1e-9
+
+
+def test_why_a_joint_is_behind() -> None:
+    run = Run(Following(ARM, ARM))
+    assert not run.cycle(HOME | {"elbow_flex": 1.0, "wrist_flex": 9.0}).behind, "it has not met the leader yet"
+    run.cycles(HOME, 300)
+    step = run.cycle(HOME | {"elbow_flex": 1.0, "wrist_flex": 9.0})
+    assert step.behind == {"elbow_flex": Behind.SPEED, "wrist_flex": Behind.SPEED}
+    assert run.cycles(HOME | {"wrist_flex": 9.0}, 200).behind == {"wrist_flex": Behind.LIMITS}
+
+
+@given(
+    st.lists(st.tuples(st.floats(-1.5, 1.5), st.integers(1, 20)), min_size=1, max_size=15),
+    st.floats(1.0, 5.0),
+    st.floats(2.0, 60.0),
+)
+def test_limits_of_speed_and_acceleration_are_kept_wherever_it_is_led(
+    legs: list[tuple[float, int]], speed: float, acceleration: float
+) -> None:
+    run = Run(
+        Following(ARM, ARM, speeds={"shoulder_pan": speed}, accelerations={"shoulder_pan": acceleration}, share=1.0)
+    )
+    places, velocity = [0.0], 0.0
+    for pan, cycles in legs:
+        for _ in range(cycles):
+            places.append(run.cycle(HOME | {"shoulder_pan": pan}).positions["shoulder_pan"])
+            after = (places[-1] - places[-2]) / PERIOD
+            assert abs(after) <= speed + 1e-9
+            assert abs(after - velocity) <= acceleration * PERIOD + 1e-9
+            velocity = after
+    end = run.cycles(HOME | {"shoulder_pan": legs[-1][0]}, 700)
+    assert end.positions["shoulder_pan"] == pytest.approx(legs[-1][0], abs=1e-6)
+
+
+def test_limits_that_make_no_sense_are_refused() -> None:
+    with pytest.raises(UsageError, match=r"the acceleration of gripper must be above 0, not -57"):
+        Following(ARM, ARM, accelerations={"gripper": -1.0})
+    with pytest.raises(UsageError, match=r"gripper reaches 312 degrees a second, not 57.*free_speed_deg_per_s"):
+        Following(ARM, ARM, speeds={"gripper": 10.0})
+    with pytest.raises(UsageError, match="nobody"):
+        Following(ARM, ARM, speeds={"nobody": 1.0})
 
 
 def test_a_joint_outside_its_limits_goes_back_slowly_and_then_follows() -> None:
@@ -144,6 +207,10 @@ def test_a_tool_at_the_table_slides_along_it() -> None:
     assert step.positions["shoulder_pan"] == pytest.approx(0.6)
     assert step.positions["elbow_flex"] == pytest.approx(-0.4)
     assert 0.45 < step.positions["shoulder_lift"] <= 0.5
+    assert step.behind == {}, "it has not met the leader"
+    met = run.cycles(HOME, 600)
+    assert met.met
+    assert run.cycles(leader, 300).behind == {"shoulder_lift": Behind.FORBIDDEN}
     assert run.cycles(leader | {"shoulder_lift": 0.2}, 300).positions["shoulder_lift"] == pytest.approx(0.2)
 
 
@@ -227,6 +294,23 @@ def test_what_slips_out_is_let_go() -> None:
     run.fixed = set()
     assert JAWS.share(held) > 0.4
     assert JAWS.share(run.cycles(closed, 300).positions["gripper"]) == pytest.approx(0.0)
+
+
+def test_what_is_taken_out_is_let_go_slowly() -> None:
+    grip = GripForce(JAWS)
+    run = Run(Following(ARM, ARM, grip=grip))
+    closed = HOME | {"gripper": JAWS.closed}
+    run.cycles(HOME, 5)
+    run.fixed, run.positions["gripper"], run.loads["gripper"] = {"gripper"}, JAWS.angle(0.5), 0.5
+    step = run.cycles(closed, 20)
+    assert step.behind == {"gripper": Behind.GRIP}
+    # Now nothing is between the jaws: they come to their set-point, and press on nothing.
+    run.fixed, run.loads["gripper"] = set(), 0.0
+    gone = run.cycles(closed, 5).positions["gripper"]
+    later = run.cycles(closed, 10).positions["gripper"]
+    share = 0.2 * ARM.joint("gripper").max_speed
+    assert abs(later - gone) <= share * 10 * PERIOD + 1e-9
+    assert JAWS.share(run.cycles(closed, 500).positions["gripper"]) == pytest.approx(0.0)
 
 
 # --- what cannot be -----------------------------------------------------------------------------------------

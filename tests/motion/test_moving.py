@@ -23,14 +23,14 @@ from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.pose import Pose
 from hexwire.model.puma260 import PUMA260
 from hexwire.motion.checks import InJoints, check_trajectory
-from hexwire.motion.follower import Follower
 from hexwire.motion.limits import slow_enough
 from hexwire.motion.line import Line
 from hexwire.motion.moving import Pieces, brake, joint_limits, reach
+from hexwire.motion.set_point_generator import SetPointGenerator
 from hexwire.motion.speed_profile import JointLimits
 from hexwire.motion.takeover import Takeover
 from hexwire.motion.through import Through, arm_path
-from hexwire.motion.waypoints import Sample, Spline, Trajectory, Waypoint
+from hexwire.motion.trajectory import Sample, Spline, Trajectory, Waypoint
 
 Chain = Sequence[tuple[Trajectory, float]]
 
@@ -80,9 +80,9 @@ def sampled(chain: Chain, joint: int, until: float) -> np.ndarray:
     return found
 
 
-def ratios(arm: ArmModel, follower: Follower) -> float:
+def ratios(arm: ArmModel, generator: SetPointGenerator) -> float:
     """The worst of velocity, acceleration and jerk by its limit, by differences of positions at 1 kHz."""
-    chain = follower.planned
+    chain = generator.planned
     until = max(path.duration + began for path, began in chain) + 0.05
     worst = 0.0
     for i, name in enumerate(chain[0][0].names):
@@ -98,51 +98,51 @@ def ratios(arm: ArmModel, follower: Follower) -> float:
     return worst
 
 
-def begun(arm: ArmModel, names: Sequence[str], chance: random.Random) -> tuple[Follower, Through]:
-    """A follower in a fast motion between two random poses."""
+def begun(arm: ArmModel, names: Sequence[str], chance: random.Random) -> tuple[SetPointGenerator, Through]:
+    """A generator in a fast motion between two random poses."""
     inside = {name: (arm.joint(name).minimum + 0.02, arm.joint(name).maximum - 0.02) for name in arm.names}
     start = [chance.uniform(*inside[name]) for name in arm.names]
-    follower = Follower(arm)
-    follower.observe(at_rest(arm, start), 0.0)
+    generator = SetPointGenerator(arm)
+    generator.observe(at_rest(arm, start), 0.0)
     here = [start[arm.index(name)] for name in names]
     path = arm_path(arm, names, [here, [chance.uniform(*inside[name]) for name in names]])
-    follower.follow(path, 0.0)
-    return follower, path
+    generator.follow(path, 0.0)
+    return generator, path
 
 
 def one_attempt(arm: ArmModel, chance: random.Random, kind: str) -> float:
     names = chance.sample(arm.names, 2)
-    follower, path = begun(arm, names, chance)
+    generator, path = begun(arm, names, chance)
     now = chance.uniform(0.0, path.duration)
-    follower.observe(at_rest(arm, [0.0] * len(arm.names)), now)
+    generator.observe(at_rest(arm, [0.0] * len(arm.names)), now)
     if kind == "cancel":
-        follower.hold()
-        return ratios(arm, follower)
+        generator.hold()
+        return ratios(arm, generator)
     goal = [chance.uniform(arm.joint(name).minimum, arm.joint(name).maximum) for name in names]
     if kind == "takeover":
-        here = follower.desired(tuple(names), now).position
+        here = generator.desired(tuple(names), now).position
         body: Trajectory = (
             arm_path(arm, names, [here, goal])
             if chance.random() < 0.5
             else Spline(names, [Waypoint(0.0, here), Waypoint(chance.uniform(0.05, 2.0), tuple(goal))])
         )
-        follower.follow(body, now)
+        generator.follow(body, now)
         if chance.random() < 0.5:
-            follower.observe(at_rest(arm, [0.0] * len(arm.names)), now + chance.uniform(0.0, 0.5))
-            follower.hold()
-        return ratios(arm, follower)
+            generator.observe(at_rest(arm, [0.0] * len(arm.names)), now + chance.uniform(0.0, 0.5))
+            generator.hold()
+        return ratios(arm, generator)
     horizon, speeds = chance.uniform(0.05, 0.5), [chance.uniform(-0.5, 0.5) for _ in names]
     for i in range(4):
         t = now + 0.02 * i
-        here = follower.desired(tuple(names), t).position
+        here = generator.desired(tuple(names), t).position
         there = tuple(
             min(max(q + v * horizon, arm.joint(n).minimum), arm.joint(n).maximum)
             for n, q, v in zip(names, here, speeds, strict=True)
         )
         point = Point(horizon, there, tuple(speeds) if kind == "stream with velocities" else ())
         plan = Plan(TrajectoryGoal(tuple(names), (point,)), tuple(names), t)
-        follower.follow(plan.trajectory(follower.desired(tuple(names), t), t), t, passes=True)
-    return ratios(arm, follower)
+        generator.follow(plan.trajectory(generator.desired(tuple(names), t), t), t, passes=True)
+    return ratios(arm, generator)
 
 
 KINDS = ("takeover", "cancel", "stream", "stream with velocities")
@@ -220,28 +220,30 @@ def test_lines_that_are_taken_over_cancelled_or_streamed_away_keep_all_limits(ar
         done = np.array([path.sample(i * PERIOD).position for i in range(round(path.duration / PERIOD) + 50)])
         joints = [arm.joint(name) for name in names]
         for kind in ("whole", *(("cancel", "takeover", "stream") * 40)):
-            follower, most = Follower(arm), len(done)
-            follower.observe(at_rest(arm, [where[name] for name in arm.names]), 0.0)
-            follower.follow(path, 0.0)
+            generator, most = SetPointGenerator(arm), len(done)
+            generator.observe(at_rest(arm, [where[name] for name in arm.names]), 0.0)
+            generator.follow(path, 0.0)
             rows = done
             if kind != "whole":
                 # A multiple of the period, so that what is done need not be sampled again.
                 most = chance.randrange(1, round(path.duration / PERIOD))
                 now = most * PERIOD
-                follower.observe(at_rest(arm, [where[name] for name in arm.names]), now)
-                here = follower.desired(names, now).position
+                generator.observe(at_rest(arm, [where[name] for name in arm.names]), now)
+                here = generator.desired(names, now).position
                 goal = tuple([chance.uniform(joint.minimum, joint.maximum) for joint in joints])
                 with suppress(LimitError):
                     if kind == "cancel":
-                        follower.hold()
+                        generator.hold()
                     elif kind == "takeover":
-                        follower.follow(arm_path(arm, names, [here, goal]), now)
+                        generator.follow(arm_path(arm, names, [here, goal]), now)
                     else:
-                        follower.follow(Spline(names, [Waypoint(0.0, here), Waypoint(0.2, goal)]), now, passes=True)
-                if len(follower.planned) == 1:
+                        generator.follow(
+                            Spline(names, [Waypoint(0.0, here), Waypoint(0.2, goal)]), now, passes=True
+                        )
+                if len(generator.planned) == 1:
                     continue  # no way of it stays inside the limits
-                until = max(part.duration + began for part, began in follower.planned[1:]) + 0.05
-                rest = [sampled(follower.planned[1:], i, until) for i in range(len(names))]
+                until = max(part.duration + began for part, began in generator.planned[1:]) + 0.05
+                rest = [sampled(generator.planned[1:], i, until) for i in range(len(names))]
                 rows = np.vstack([done[:most], np.array(rest).T])
             for i, joint in enumerate(joints):
                 assert joint.minimum - 1e-9 <= rows[:, i].min()
@@ -341,3 +343,29 @@ def test_a_brake_beside_a_longer_one_does_not_first_go_beyond_the_speed_limit() 
     assert fastest <= EXCESS * limits[1].speed
     assert found.duration == pytest.approx(brake(names[:1], Sample(*(x[:1] for x in begin)), limits[:1]).duration)
     assert found.at(found.duration).velocity == pytest.approx((0.0, 0.0), abs=1e-9)
+
+
+@pytest.mark.parametrize("arm", ARMS, ids=lambda arm: arm.name)
+def test_joints_with_next_to_nothing_to_go_move_with_the_others(arm: ArmModel) -> None:
+    """As a client's single precision leaves them: no goal is refused for it, nor takes longer."""
+    some = random.Random(f"next to nothing, {arm.name}")
+    limits, rest = joint_limits(arm, arm.names), (0.0,) * len(arm.names)
+    for number in range(200):
+        ways = [some.choice((-1.0, 1.0)) * 10.0 ** some.uniform(-14.0, 0.0) for _ in arm.names]
+        goal = tuple(some.choice((0.0, way, way)) for way in ways)
+        begin, end = Sample(rest, rest, rest), Sample(goal, rest, rest)
+        path = reach(arm.names, begin, end, limits, some.uniform(0.0, 1.0), longer=True)
+        assert path is not None, number
+        lone = [
+            reach((name,), Sample((0.0,), (0.0,), (0.0,)), Sample((way,), (0.0,), (0.0,)), [most], 0.0, longer=True)
+            for name, way, most in zip(arm.names, goal, limits, strict=True)
+        ]
+        assert path.duration <= 1.0 + 1e-3 + 1.3 * sum(one.duration for one in lone if one is not None), number
+        for part in (0.0, 0.21, 0.5, 0.83, 1.0):
+            at = path.at(part * path.duration)
+            far = max(range(len(goal)), key=lambda i: abs(goal[i]))
+            share = at.position[far] / goal[far] if goal[far] else 0.0
+            assert at.position == pytest.approx([share * way for way in goal], rel=1e-6, abs=1e-11), number
+            for most, v, a in zip(limits, at.velocity, at.acceleration, strict=True):
+                assert abs(v) <= EXCESS * most.speed, number
+                assert abs(a) <= EXCESS * most.acceleration, number

@@ -10,7 +10,7 @@ import pytest
 from hexwire.errors import UsageError
 from hexwire.motion.optimal import Trapezoid
 from hexwire.motion.path_points import path_points
-from hexwire.motion.waypoints import Sample, Spline, Trajectory, Waypoint
+from hexwire.motion.trajectory import Sample, Spline, Trajectory, Waypoint
 
 COUNT = math.radians(360 / 4096)
 

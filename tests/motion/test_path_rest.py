@@ -13,7 +13,7 @@ from tests.motion.arms import cubic_at
 from hexwire.motion.moving import reach
 from hexwire.motion.path_rest import RestPoint, nearest_time, path_rest
 from hexwire.motion.speed_profile import JointLimits
-from hexwire.motion.waypoints import Sample, Spline, Trajectory, Waypoint
+from hexwire.motion.trajectory import Sample, Spline, Trajectory, Waypoint
 
 MOST = 1.001
 FREE = (-math.inf, math.inf)

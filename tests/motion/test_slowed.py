@@ -8,16 +8,16 @@ from collections.abc import Mapping
 
 import pytest
 from tests.motion.arms import EXCESS, HOME, state
-from tests.motion.test_follower import LEAD
+from tests.motion.test_set_point_generator import LEAD
 
 from hexwire.errors import LimitError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.motion.eased import ease_out
-from hexwire.motion.follower import Follower, Mode
 from hexwire.motion.moving import joint_limits
+from hexwire.motion.set_point_generator import Mode, SetPointGenerator
 from hexwire.motion.slowed import Slowed, Stage, slow_down
 from hexwire.motion.speed_profile import JointLimits
-from hexwire.motion.waypoints import Sample, Trajectory
+from hexwire.motion.trajectory import Sample, Trajectory
 
 NAMES = ("J1", "J2")
 MIDDLE = (HOME["J1"], HOME["J2"])
@@ -110,24 +110,24 @@ def test_a_cancel_is_over_soon_on_the_path_where_no_brake_is_allowed(seed: int) 
         asked += 1
         return "it would leave the circle" if begun else ""
 
-    follower = Follower(HEX7BOT, allowed=allowed)
-    follower.cycle(state(), 0.0, LEAD)
-    follower.follow(path, 0.0)
+    generator = SetPointGenerator(HEX7BOT, allowed=allowed)
+    generator.cycle(state(), 0.0, LEAD)
+    generator.follow(path, 0.0)
     now, ends = LEAD, random_.uniform(0.5, 20.0)
     while now < ends:
-        follower.cycle(state(dict(zip(NAMES, follower.desired(NAMES, now).position, strict=True))), now, LEAD)
+        generator.cycle(state(dict(zip(NAMES, generator.desired(NAMES, now).position, strict=True))), now, LEAD)
         now += LEAD
     begun, asked = True, 0
-    follower.hold()
-    assert follower.mode is Mode.HOLD
+    generator.hold()
+    assert generator.mode is Mode.HOLD
     assert asked <= 10
-    (*_, (last, starts)) = follower.planned
+    (*_, (last, starts)) = generator.planned
     assert starts + last.duration <= now + LEAD + 0.9 + 5.0 * 0.45
     limits, step = joint_limits(HEX7BOT, NAMES), 1e-3
     before = None
     t = now
     while t <= starts + last.duration:
-        found = follower.desired(NAMES, t)
+        found = generator.desired(NAMES, t)
         assert off(found.position, radius) < 1e-9
         for v, a, b, limit in zip(
             found.velocity, found.acceleration, before or found.acceleration, limits, strict=True
@@ -136,7 +136,7 @@ def test_a_cancel_is_over_soon_on_the_path_where_no_brake_is_allowed(seed: int) 
             assert abs(a) <= EXCESS * limit.acceleration
             assert abs(a - b) <= EXCESS * limit.jerk * step
         before, t = found.acceleration, t + step
-    assert follower.desired(NAMES, starts + last.duration).velocity == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert generator.desired(NAMES, starts + last.duration).velocity == pytest.approx((0.0, 0.0), abs=1e-9)
     # And it stays there.
     with pytest.raises(LimitError):
-        follower.follow(path, now + 10.0)
+        generator.follow(path, now + 10.0)

@@ -14,11 +14,11 @@ from hexwire.control.plan import Plan
 from hexwire.errors import LimitError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.motion.checks import check_trajectory
-from hexwire.motion.follower import Follower
 from hexwire.motion.moving import Pieces, brake, joint_limits
+from hexwire.motion.set_point_generator import SetPointGenerator
 from hexwire.motion.takeover import Takeover, take_over
 from hexwire.motion.through import arm_path
-from hexwire.motion.waypoints import Sample, Spline, Trajectory, Waypoint
+from hexwire.motion.trajectory import Sample, Spline, Trajectory, Waypoint
 
 
 def test_from_rest_a_goal_of_one_point_is_reached_straight() -> None:
@@ -47,31 +47,31 @@ def test_a_way_that_is_not_allowed_is_braked_first_and_else_refused() -> None:
         assert isinstance(path, Pieces)
         return "too far" if path.ranges()[0][1] > forbidden[0] else ""
 
-    def moving() -> Follower:
-        follower = Follower(HEX7BOT, allowed=allowed)
-        follower.observe(state({"J1": 0.0}), 0.0)
-        follower.follow(arm_path(HEX7BOT, ("J1",), [(0.0,), (1.2,)]), 0.0)
-        return follower
+    def moving() -> SetPointGenerator:
+        generator = SetPointGenerator(HEX7BOT, allowed=allowed)
+        generator.observe(state({"J1": 0.0}), 0.0)
+        generator.follow(arm_path(HEX7BOT, ("J1",), [(0.0,), (1.2,)]), 0.0)
+        return generator
 
-    follower = moving()
+    generator = moving()
     # A point that is far behind its time: the way to it would catch up at more than is allowed here.
-    (place,), (speed,), _ = follower.desired(("J1",), 0.3)
+    (place,), (speed,), _ = generator.desired(("J1",), 0.3)
     assert speed > 0.9
-    (stop,) = brake(("J1",), follower.desired(("J1",), 0.3), joint_limits(HEX7BOT, ("J1",))).goal
+    (stop,) = brake(("J1",), generator.desired(("J1",), 0.3), joint_limits(HEX7BOT, ("J1",))).goal
     forbidden[0] = stop + 0.001
     quick = Spline(
         ("J1",), [Waypoint(0.0, (place,)), Waypoint(0.05, (place - 0.2,)), Waypoint(1.0, (place - 0.4,))]
     )
-    follower.follow(quick, 0.3)
-    assert follower.desired(("J1",), 9.0).position == pytest.approx((place - 0.4,))
+    generator.follow(quick, 0.3)
+    assert generator.desired(("J1",), 9.0).position == pytest.approx((place - 0.4,))
     forbidden[0] = stop - 0.01
-    follower = moving()
+    generator = moving()
     with pytest.raises(LimitError, match=r"^too far; wait for the end of the running motion, or move elsewhere"):
-        follower.follow(quick, 0.3)
+        generator.follow(quick, 0.3)
     # A hold goes on to the first place from which it may brake; at the end at the latest.
-    follower.observe(state(), 0.3)
-    follower.hold()
-    assert follower.desired(("J1",), 9.0).position == pytest.approx((1.2,))
+    generator.observe(state(), 0.3)
+    generator.hold()
+    assert generator.desired(("J1",), 9.0).position == pytest.approx((1.2,))
 
 
 def test_a_speed_beyond_the_limits_at_the_last_point_is_refused_and_never_searched_for() -> None:
@@ -90,11 +90,11 @@ def test_the_way_to_a_first_point_is_only_joined_where_it_keeps_the_limits() -> 
     names, slow = ("shoulder_lift",), -0.0438
     arm = ARMS[2]
     points = tuple(Point(0.12 * i, (0.9575 + 0.12 * i * slow,), (slow,)) for i in (1, 2, 3))
-    follower = Follower(arm)
-    follower.observe(at_rest(arm, [0.9575 if name == names[0] else 0.0 for name in arm.names]), 0.0)
+    generator = SetPointGenerator(arm)
+    generator.observe(at_rest(arm, [0.9575 if name == names[0] else 0.0 for name in arm.names]), 0.0)
     plan = Plan(TrajectoryGoal(names, points), names, 0.0)
-    follower.follow(plan.trajectory(follower.desired(names, 0.0), 0.0), 0.0, passes=True)
-    positions = np.array([follower.desired(names, i * PERIOD).position[0] for i in range(800)])
+    generator.follow(plan.trajectory(generator.desired(names, 0.0), 0.0), 0.0, passes=True)
+    positions = np.array([generator.desired(names, i * PERIOD).position[0] for i in range(800)])
     jerk = np.abs(np.diff(positions, 3)).max() / PERIOD**3
     assert jerk <= EXCESS * arm.joint(names[0]).max_jerk + 1e-5
 
@@ -109,9 +109,9 @@ def test_a_stream_of_one_point_trajectories_is_followed_smoothly(settled: float,
     speed, start = 0.6, HOME["J1"] - 1.0
     for rate in (20.0, 50.0):
         for horizon in HORIZONS:
-            follower, names = Follower(HEX7BOT), ("J1",)
-            follower.observe(state({"J1": start}), 0.0)
-            follower.settled, follower.sent_ahead = settled, settled > 0.0
+            generator, names = SetPointGenerator(HEX7BOT), ("J1",)
+            generator.observe(state({"J1": start}), 0.0)
+            generator.settled, generator.onboard = settled, settled > 0.0
             desired: list[tuple[float, float]] = []
             ends, period = 2.2, 0.005
             for i in range(round((ends + 1.0) / period)):
@@ -119,12 +119,12 @@ def test_a_stream_of_one_point_trajectories_is_followed_smoothly(settled: float,
                 if t < ends and (i * period * rate) % 1.0 < 1e-6:
                     there = (start + speed * (t + horizon),)
                     point = Point(horizon, there, (speed,) if velocities else ())
-                    begins = follower.next_start(t)
+                    begins = generator.next_start(t)
                     plan = Plan(TrajectoryGoal(names, (point,)), names, t)
-                    body = plan.trajectory(follower.desired(names, begins), begins)
-                    follower.follow(body, t, passes=True)
-                follower.observe(state({"J1": start}), t)
-                desired.append((follower.desired(names, t).position[0], follower.desired(names, t).velocity[0]))
+                    body = plan.trajectory(generator.desired(names, begins), begins)
+                    generator.follow(body, t, passes=True)
+                generator.observe(state({"J1": start}), t)
+                desired.append((generator.desired(names, t).position[0], generator.desired(names, t).velocity[0]))
             case = f"every {1 / rate:g} s, horizon {horizon} s"
             if horizon * rate < 1.0:
                 continue  # it comes to rest between two goals
@@ -135,4 +135,4 @@ def test_a_stream_of_one_point_trajectories_is_followed_smoothly(settled: float,
             assert desired[-1][1] == 0.0, f"{case}: at rest after its end"
             last = start + speed * (ends + horizon)
             assert desired[-1][0] == pytest.approx(last, abs=0.2), case
-            assert len(follower.planned) < 150, "what is past is forgotten"
+            assert len(generator.planned) < 150, "what is past is forgotten"

@@ -10,7 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hexwire.drivers.arm_file import load_profile
 from hexwire.errors import LimitError, UsageError
+from hexwire.model.arm import ArmModel
+from hexwire.model.geometry import kinematics_for
+from hexwire.model.gripper import jaws_of
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.pose import rotation_between
@@ -492,6 +496,18 @@ def test_the_gripper_opens_and_closes_between_its_limits() -> None:
             hand.cycle(buttons=open_)
         assert hand.positions["J7"] == pytest.approx(joint.minimum, abs=1e-6)
         assert {name: hand.positions[name] for name in HEX7BOT.names[:6]} == {n: home[n] for n in HEX7BOT.names[:6]}
+
+
+@pytest.mark.parametrize("arm", [HEX7BOT, load_profile("so101").model], ids=lambda arm: arm.name)
+def test_the_button_that_closes_closes_the_jaws_of_any_arm(arm: ArmModel) -> None:
+    jaws = jaws_of(arm)
+    assert jaws is not None
+    hand = Hand(Teleop(arm, kinematics_for(arm)), {each.name: each.inside(0.3) for each in arm.joints})
+    hand.begin()
+    before = jaws.share(hand.positions[jaws.joint])
+    for _ in range(20):
+        hand.cycle(buttons=DEAD_MAN | 1)
+    assert jaws.share(hand.positions[jaws.joint]) < before
 
 
 @pytest.mark.parametrize(("close", "open_"), [(0, 1), (2, 3), (9, 8)])

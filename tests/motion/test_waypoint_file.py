@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from hexwire.errors import ConfigError, UsageError
+from hexwire.motion.trajectory import Waypoint
 from hexwire.motion.waypoint_file import parse_points, parse_waypoints
-from hexwire.motion.waypoints import Waypoint
 
 WHOLE: dict[str, Any] = {
     "joint_names": ["J2", "J1"],

@@ -36,7 +36,7 @@ def _served(options: list[str]) -> Iterator[str]:
             yield process.stdout.readline().strip()
         finally:
             process.stdin.close()
-            process.wait(timeout=10)
+            process.wait(timeout=30)
 
 
 @contextmanager

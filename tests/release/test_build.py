@@ -22,7 +22,6 @@ from hexwire.drivers import firmware
 from hexwire.drivers.firmware_images import find_image
 
 build: Any = script("build")
-pytestmark = pytest.mark.timeout(300)
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 IMAGE = b":00000001FF\n"

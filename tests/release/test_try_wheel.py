@@ -29,6 +29,22 @@ def test_a_command_that_fails_or_says_something_else_ends_it(
         trial.run("sh", "-c", "echo one", says="two")
 
 
+def test_a_program_that_stays_is_waited_for_and_ended(trial: Any, tmp_path: Path) -> None:
+    with trial.running("sh", "-c", "echo $$ >pid; echo at port 5; exec sleep 600", says=r"port \d") as found:
+        assert found == "port 5"
+        pid = int((tmp_path / "pid").read_text(encoding="utf-8"))
+        assert Path(f"/proc/{pid}").exists()
+    assert not Path(f"/proc/{pid}").exists()
+
+
+def test_a_program_that_ends_before_it_says_so_ends_it(trial: Any) -> None:
+    with (
+        pytest.raises(AssertionError, match=r"does not say 'ready':\nno robot"),
+        trial.running("sh", "-c", "echo no robot", says="ready"),
+    ):
+        pytest.fail("the block began")
+
+
 def test_nothing_of_the_users_settings_or_of_the_sources_helps_it(trial: Any, tmp_path: Path) -> None:
     told = trial.run("sh", "-c", 'echo "$HOME:$HEXWIRE_PORT:$PYTHONPATH:"; pwd')
     assert told.split() == [f"{tmp_path}:::", str(tmp_path)]

@@ -18,11 +18,11 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 import pytest
+from tests.defaults import default
 from tests.link.far_ends import free_port
 
 from hexwire.control.lease import Lease
@@ -279,7 +279,7 @@ class World:
 
 def serving_patiently(board: PtyBoard, patch: pytest.MonkeyPatch) -> Service:
     """The server of an arm `lab/arm1`; a program that a busy machine lets wait is not one that is late or gone."""
-    patch.setattr("hexwire.fleet.service.Lease", partial(Lease, max_age=5.0))
+    default(patch, Lease, max_age=5.0)
     return Service(read_arms({"lab/arm1": {"port": board.port, "watchdog": 5.0, "lease": 5.0}}))
 
 

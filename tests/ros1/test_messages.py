@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
+from hexwire.control.goal_fields import ErrorCode
 from hexwire.errors import HexwireError, UsageError
 from hexwire.ros1 import messages
-from hexwire.ros1.codes import ErrorCode
 from hexwire.ros1.messages import control_msgs, control_srvs, osrf_msgs
 from hexwire.ros1.path import find_ros
 

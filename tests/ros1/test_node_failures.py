@@ -214,9 +214,28 @@ node.rospy.logdebug = partial(note, "logdebug")
 for level in (logging.CRITICAL, logging.ERROR, logging.WARNING, logging.INFO, logging.DEBUG):
     handler.emit(logging.LogRecord("hexwire", level, "", 0, logging.getLevelName(level), (), None))
 desired = Made(position=(0.1,), velocity=(0.2,), acceleration=(0.3,))
-arm = Made(query=lambda name, delay: desired, controllers={"one": Made(joints=("J1",))})
+asked = []
+arm = Made(query=lambda *what: asked.append(what) or desired, controllers={"one": Made(joints=("J1",))})
 answer = node.HardwareInterface._query_state(Made(_arm=arm), "one", Made(time=node.rospy.Time(0)))
 told["query"] = [answer.name, answer.position, answer.velocity, answer.acceleration]
+node.time = Made(monotonic=lambda: 50.0)
+node.rospy.rostime.set_rostime_initialized(True)
+stamps = []
+for now in (0.0, 1.5, 1.75, 1000.0):
+    node.rospy.rostime._set_rostime(node.rospy.Time.from_sec(now))
+    stamps.append(node._stamp(48.5).to_sec())
+told["simulated"] = [stamps, node._stamp(51.0).to_sec()]
+node.HardwareInterface._query_state(Made(_arm=arm), "one", Made(time=node.rospy.Time(1002)))
+told["asked"] = asked
+progress = Made(
+    stamp=49.0, names=("J1",), desired=desired, position=(0.4,), velocity=(0.5,), error=(-0.3,)
+)
+state = node.HardwareInterface._progress(node.control_msgs().JointTrajectoryControllerState, progress)
+told["progress"] = [
+    [state.header.stamp.to_sec(), state.joint_names],
+    [state.desired.positions, state.desired.velocities, state.desired.accelerations],
+    [state.actual.positions, state.actual.velocities, state.error.positions, state.error.velocities],
+]
 front = Made(_settings=Made(model=HEX7BOT), _taught=Made(publish=told["taught"].append))
 node.HardwareInterface._publish_taught(front, Taught(("J1",), (0.0, 2.0), ((0.1,), (0.5,))))
 told["taught"] = [
@@ -239,6 +258,11 @@ def test_what_the_node_passes_on_without_a_master(world: World) -> None:
             ["logdebug", "DEBUG"],
         ],
         "query": [["J1"], [0.1], [0.2], [0.3]],
+        # Now, and two seconds after the time of a simulation.
+        "asked": [["one", 0.0], ["one", 2.0]],
+        # A sample that is older than the simulation has its present time, and none has a later one.
+        "simulated": [[0.0, 1.5, 0.25, 998.5], 1000.0],
+        "progress": [[999.0, ["J1"]], [[0.1], [0.2], [0.3]], [[0.4], [0.5], [-0.3], [-0.3]]],
         "taught": [[["J1"], [[0.0, [0.1]], [2.0, [0.5]]]]],
     }
 

@@ -83,7 +83,7 @@ def test_two_watch_one_records_one_moves_the_node_publishes_and_a_sixth_stops(sh
     assert "J1" in holding  # The move gave it torque.
     assert stop.out.split(";")[0].strip() == f"stopped, holding: {' '.join(holding)}"
     assert move.wait() == 1
-    assert "the arm was stopped before it arrived" in move.err
+    assert "has stopped the arm" in move.err
     where = still(lambda: shared.board.positions)
     assert where["J1"] < 0.9
     for reader in readers:

@@ -1,4 +1,4 @@
-"""docs/ros.md says what is true: its tables, its programs, its files."""
+"""docs/ros.md and docs/ros-interface.md say what is true: its tables, its programs, its files."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import pytest
 from tests.ros1.ros_world import Arm
 
 import hexwire.ros1
-from hexwire.ros1.codes import ErrorCode
+from hexwire.control.goal_fields import ErrorCode
 from hexwire.ros1.parameters import PARAMETERS
 from hexwire.ros1.path import _NEEDED
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "ros.md").read_text(encoding="utf-8")
+PAGE = "\n".join((ROOT / "docs" / page).read_text(encoding="utf-8") for page in ("ros.md", "ros-interface.md"))
 PACKAGE = Path(hexwire.ros1.__file__).resolve().parent / "share" / "hexwire"
 
 
@@ -72,8 +72,7 @@ def test_the_apt_line_has_what_the_page_uses() -> None:
 
 @pytest.mark.slow
 def test_names_are_those_that_the_node_offers(arm: Arm) -> None:
-    table, _, _ = _section("Topics, actions, services").partition("| trajectory, as a goal or on `command` |")
-    rows = [line for line in table.splitlines() if line.startswith("| `")]
+    rows = [line for line in _section("Topics, actions, services").splitlines() if line.startswith("| `")]
     names = {name for row in rows for name in re.findall(r"`(\S+)`", row.split("|")[1])}
     topics = set(arm.world.run("rostopic", "list").out.split())
     services = set(arm.world.run("rosservice", "list").out.split())

@@ -50,6 +50,10 @@ def load_check(monkeypatch: pytest.MonkeyPatch, answer: Callable[[tuple[str, ...
         return said.removesuffix(WAIT) + "\n"
 
     monkeypatch.setattr(module.Programs, "run", run)
-    monkeypatch.setattr(module, "start", lambda *words: Started(answer(words).endswith(WAIT)))
+
+    def start(program: str, *words: str) -> Started:
+        return Started(answer(words if program == "ros2" else (program, *words)).endswith(WAIT))
+
+    monkeypatch.setattr(module, "start", start)
     monkeypatch.setattr(module, "end_all", Started.end)
     return module

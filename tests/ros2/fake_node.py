@@ -146,7 +146,7 @@ class FakeNode:
         return made
 
     def subscribe(
-        self, topic: str, type_name: str, qos: Qos, callback: Callable[[Any, int], object]
+        self, topic: str, type_name: str, callback: Callable[[Any, int], object], qos: Qos = DEFAULT
     ) -> FakeSubscription:
         made = FakeSubscription(self.types.message(type_name), qos, callback)
         self.subscriptions[self.resolve(topic)] = made

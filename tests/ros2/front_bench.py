@@ -20,6 +20,7 @@ from tests.drivers.arms import Arm as EmulatedArm
 from tests.ros2.fake_node import Call, FakeNode, FakePublisher
 from tests.waits import turn_while_it_waits
 
+from hexwire.control import arm_node
 from hexwire.control.controlled_arm import ControlledArm
 from hexwire.ros2 import hardware_interface
 from hexwire.ros2.hardware_interface import NAME, HardwareInterface
@@ -79,13 +80,14 @@ class Front(Bench):
             # At the start and at the end, when nobody else lets time pass.
             sleep=self.clock.sleep,
         )
-        for name, what in {
-            "Node": self._make_node,
-            "ControlledArm": self._make_arm,
-            "Shutdown": Turns,
-            "time": self.time,
-        }.items():
-            patch.setattr(hardware_interface, name, what)
+        for module, name, what in (
+            (hardware_interface, "Node", self._make_node),
+            (arm_node, "ControlledArm", self._make_arm),
+            (arm_node, "Shutdown", Turns),
+            (hardware_interface, "time", self.time),
+            (arm_node, "time", self.time),
+        ):
+            patch.setattr(module, name, what)
         settings, _ = load_settings({"port": "/dev/null", **params}, {})
         self.front = HardwareInterface(options or NodeOptions(NAME), settings, self.emulated.driver)
         self.turns: Any = self.front._shutdown

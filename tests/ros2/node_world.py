@@ -147,7 +147,7 @@ class Peer:
                 self.sent[topic].append(sent)
                 self._changed.notify_all()
 
-        self.node.subscribe(topic, type_name, qos, take)
+        self.node.subscribe(topic, type_name, take, qos)
 
     def collect(self, topic: str, type_name: str, count: int = 1, qos: Qos = DEFAULT) -> list[Any]:
         """The next messages of a topic; also those that a latched one keeps."""

@@ -16,7 +16,6 @@ from tests.ros2.tiny_types import TinyTypes
 
 from hexwire.errors import LinkTimeoutError
 from hexwire.ros2.rmw.node import Node, NodeOptions
-from hexwire.ros2.rmw.qos import DEFAULT
 from hexwire.ros2.rmw.zenoh_session import ZenohSettings
 
 
@@ -24,9 +23,7 @@ def main() -> None:
     zenoh = ZenohSettings(connect=(sys.argv[1],))
     options = NodeOptions("other", zenoh=zenoh, rosout=False, type_descriptions=False)
     with Node(options, TinyTypes()) as node:
-        node.subscribe(
-            "chatter", "std_msgs/msg/String", DEFAULT, lambda message, _: print(len(message.data), flush=True)
-        )
+        node.subscribe("chatter", "std_msgs/msg/String", lambda message, _: print(len(message.data), flush=True))
         client = node.client("never", "tiny_msgs/srv/Echo")
         client.wait_for_service(20)
         request = client.type.request(data="x")

@@ -147,6 +147,11 @@ class Ros2:
         state = self.me.client(f"{words[0]}/get_state", "lifecycle_msgs/srv/GetState").call().current_state
         return f"{state.label} [{state.id}]"
 
+    def lifecycle_set(self, words: list[str]) -> str:
+        change = {"id": {"activate": 3, "deactivate": 4}[words[1]], "label": words[1]}
+        client = self.me.client(f"{words[0]}/change_state", "lifecycle_msgs/srv/ChangeState")
+        return f"Transitioning {'successful' if client.call(transition=change).success else 'failed'}"
+
     def service_call(self, words: list[str]) -> str:
         name, kind, fields = words
         answer = self.me.client(name, kind).call(**yaml.safe_load(fields))

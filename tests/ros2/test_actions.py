@@ -15,8 +15,8 @@ from tests.ros2.fake_node import Call, FakeNode
 from tests.waits import eventually
 
 from hexwire.control.client_goals import ClientGoal
+from hexwire.control.goal_fields import ErrorCode
 from hexwire.ros2.actions import FOLLOW_JOINT_TRAJECTORY, ActionGoals
-from hexwire.ros2.codes import ErrorCode
 from hexwire.ros2.rmw.action_server import ActionServer
 from hexwire.ros2.rmw.goals import CancelCode, GoalStatus
 

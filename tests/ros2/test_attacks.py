@@ -23,7 +23,6 @@ from tests.waits import eventually
 from hexwire.ros2.rmw import node as node_module
 from hexwire.ros2.rmw.attachment import Attachment
 from hexwire.ros2.rmw.node import Deferred, Node, NodeOptions
-from hexwire.ros2.rmw.qos import DEFAULT
 from hexwire.ros2.rmw.zenoh_session import ZenohSettings
 
 pytestmark = pytest.mark.system
@@ -96,7 +95,7 @@ def test_an_urgent_service_does_not_wait_for_another_callback(make_node: Callabl
         begun.set()
         go_on.wait(60.0)
 
-    server.subscribe("chatter", STRING, DEFAULT, slow)
+    server.subscribe("chatter", STRING, slow)
     server.service("echo", ECHO, lambda request: request, urgent=True)
     publisher, asking = client.publisher("chatter", STRING), client.client("echo", ECHO)
     eventually(publisher.subscriber_count)
@@ -187,7 +186,7 @@ def test_the_router_of_the_fleet_is_one_for_ros() -> None:
 
     with node("talker") as talker, node("listener") as listener:
         found: list[Text] = []
-        listener.subscribe("chatter", STRING, DEFAULT, lambda message, stamp: found.append(message))
+        listener.subscribe("chatter", STRING, lambda message, stamp: found.append(message))
         publisher = talker.publisher("chatter", STRING)
         for number in range(2):
             text = Text(f"{number}")
@@ -195,13 +194,13 @@ def test_the_router_of_the_fleet_is_one_for_ros() -> None:
                 eventually(lambda: talker.routers == listener.routers == 1)
                 eventually(lambda text=text: publisher.publish(text) or text in found)  # type: ignore[misc]
                 router.send_signal(signal.SIGKILL if number == 0 else signal.SIGTERM)
-                router.wait(20)
+                router.wait(30)
 
 
 def test_a_huge_message_is_dropped_and_the_next_one_arrives(make_node: Callable[..., Node], raw: Any) -> None:
     node = make_node()
     found: list[int] = []
-    subscription = node.subscribe("chatter", STRING, DEFAULT, lambda message, _: found.append(len(message.data)))
+    subscription = node.subscribe("chatter", STRING, lambda message, _: found.append(len(message.data)))
     beside = Attachment(1, 1, bytes(16)).serialize()
 
     def put(size: int) -> None:

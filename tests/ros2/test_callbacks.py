@@ -25,7 +25,7 @@ def test_items_are_handled_in_order_of_arrival_in_one_thread(callbacks: Callback
     for inbox, item in ((first, "a"), (second, "b"), (first, "c"), (second, "d")):
         assert inbox.put(item) is None
     callbacks.start()
-    assert done.wait(10)
+    assert done.wait(30)
     assert seen == [("a", True), ("b", True), ("c", True), ("d", True)]
 
 
@@ -37,7 +37,7 @@ def test_a_full_inbox_drops_its_oldest(callbacks: Callbacks) -> None:
     done = threading.Event()
     callbacks.inbox(1, lambda item: done.set()).put(None)
     callbacks.start()
-    assert done.wait(10)
+    assert done.wait(30)
     assert seen == [2, 3]
 
 
@@ -52,7 +52,7 @@ def test_a_callback_that_raises_is_logged_and_the_next_one_runs(
     callbacks.inbox(1, fail).put("x")
     callbacks.inbox(1, lambda item: done.set()).put("y")
     callbacks.start()
-    assert done.wait(10)
+    assert done.wait(30)
     assert "a fault in the program" in caplog.text
 
 
@@ -66,7 +66,7 @@ def test_a_callback_may_end_its_own_thread(callbacks: Callbacks) -> None:
     done = threading.Event()
     callbacks.inbox(1, lambda item: (callbacks.stop(), done.set())).put("x")
     callbacks.start()
-    assert done.wait(10)
+    assert done.wait(30)
 
 
 @pytest.mark.parametrize("waits_already", [True, False])
@@ -77,7 +77,7 @@ def test_while_a_callback_hangs_another_thread_goes_on(callbacks: Callbacks, wai
     def hang(item: str) -> None:
         with callbacks.may_hang():
             hangs.set()
-            free.wait(20)
+            free.wait(30)
         seen.append(callbacks.is_current)
 
     others = callbacks.inbox(10, lambda item: (seen.append(item), item == "last" and done.set()))
@@ -85,15 +85,15 @@ def test_while_a_callback_hangs_another_thread_goes_on(callbacks: Callbacks, wai
     if waits_already:
         others.put("waits")
     callbacks.start()
-    assert hangs.wait(20)
+    assert hangs.wait(30)
     others.put("stop")
     others.put("last")
-    assert done.wait(20)
+    assert done.wait(30)
     assert seen == ["waits", "stop", "last"][not waits_already :]
     free.set()
     done.clear()
     others.put("last")
-    assert done.wait(20)
+    assert done.wait(30)
 
 
 def test_a_callback_that_hangs_for_a_moment_only_keeps_the_order(callbacks: Callbacks) -> None:
@@ -110,7 +110,7 @@ def test_a_callback_that_hangs_for_a_moment_only_keeps_the_order(callbacks: Call
     callbacks.start()
     for number in range(500):
         inbox.put(number)
-    assert done.wait(20)
+    assert done.wait(30)
     assert seen == [(number, True) for number in range(500)]
 
 

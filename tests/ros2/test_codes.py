@@ -2,8 +2,9 @@ from __future__ import annotations
 
 import pytest
 
+from hexwire.control.goal_fields import ErrorCode
 from hexwire.control.outcomes import Reason
-from hexwire.ros2.codes import CODES, ErrorCode, in_log
+from hexwire.ros2.actions import CODES, in_log
 from hexwire.ros2.rmw.types import Types
 
 

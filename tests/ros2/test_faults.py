@@ -21,6 +21,7 @@ def test_each_kind_of_fault_is_named() -> None:
     assert _fault("unique_identifier_msgs/msg/UUID", uuid=b"x") == ".uuid: 1 values, but there must be 16"
     name = "type_description_interfaces/msg/FieldType"
     assert _fault(name, nested_type_name="é" * 128) == ".nested_type_name: longer than 255 bytes"
+    assert not _fault(name, nested_type_name="é" * 127 + "e")
     ranges = [TYPES.message("rcl_interfaces/msg/IntegerRange")()] * 2
     assert "2 values, but there may be 1" in _fault("rcl_interfaces/msg/ParameterDescriptor", integer_range=ranges)
 

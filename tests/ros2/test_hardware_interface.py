@@ -14,13 +14,14 @@ from typing import Any
 
 import pytest
 from tests.control.arm_bench import guide
-from tests.motion.arms import NAMES
+from tests.motion.arms import HOME, NAMES
 from tests.ros2.front_bench import CONTROLLER, TICK, WALL, Front, Goal, running
 
 from hexwire.errors import DeviceError
 from hexwire.ros2.hardware_interface import NAME
 from hexwire.ros2.rmw.names import parse_remap
 from hexwire.ros2.rmw.node import NodeOptions
+from hexwire.ros2.rmw.qos import Reliability
 
 AT = f"/{CONTROLLER}"
 ACTION = f"{AT}/follow_joint_trajectory/_action"
@@ -288,7 +289,7 @@ def test_a_stop_aborts_a_goal_and_refuses_others_until_reset(front: Front) -> No
     target = aside(front, 0.6)
     goal = Goal(front, (6.0, target))
     front.turn(1.0)
-    assert front.trigger("stop").endswith("; all joints confirmed it")
+    assert front.trigger("stop").endswith("; all joints confirmed it; at rest")
     status, code, text = goal.result()
     assert (status, code) == (6, -1)
     assert "stopped" in text
@@ -525,9 +526,34 @@ def test_warnings_of_the_settings_are_logged(caplog: pytest.LogCaptureFixture) -
     with caplog.at_level(logging.INFO), running(use_sim_time=True, open_loop_control=True):
         pass
     said = [record.getMessage() for record in caplog.records]
-    assert "use_sim_time has no effect: the arm runs in real time, and so do the stamps" in said
+    assert "use_sim_time is set: stamps come from /clock, but the arm runs in real time" in said
     assert any(text.startswith("open_loop_control") for text in said)
     assert any(text.startswith("hex7bot is ready at ") for text in said)
+
+
+def test_with_use_sim_time_stamps_and_goals_follow_the_clock_of_the_simulation() -> None:
+    with running(use_sim_time=True, allow_partial_joints_goal=True) as front:
+        clock = front.node.subscriptions["/clock"]
+        assert (clock.qos.reliability, clock.qos.depth) == (Reliability.BEST_EFFORT, 1)
+        make = front.node.types.message
+        stamp = make("builtin_interfaces/msg/Time")
+        header = make("std_msgs/msg/Header")
+        assert front.newest("/joint_states").header.stamp == stamp()
+        front.enable()
+        dated = {"header": header(stamp=stamp(sec=52)), "joint_names": ["J1"]}
+        there = {"points": [front.point(1.0, {"J1": HOME["J1"] + 0.2})]}
+        front.send(f"/{CONTROLLER}/joint_trajectory", **dated, **there)
+        front.checked()
+        assert not front.controller.busy, "nobody knows when that is"
+        answer = front.call(f"/{CONTROLLER}/query_state", time=stamp(sec=52))
+        assert (answer.success, answer.message.partition(",")[0]) == (False, "it has a time")
+        front.send("/clock", clock=stamp(sec=50, nanosec=500_000_000))
+        front.turn(0.1)
+        assert front.newest("/joint_states").header.stamp == stamp(sec=50, nanosec=500_000_000)
+        assert front.newest("/diagnostics").header.stamp == stamp(sec=50, nanosec=500_000_000)
+        front.send(f"/{CONTROLLER}/joint_trajectory", **dated, **there)
+        front.checked()
+        assert front.controller.begins - front.clock() == pytest.approx(1.5, abs=1e-6), "the rest is real time"
 
 
 def test_at_the_end_the_arm_is_stopped_clients_are_told_and_the_node_vanishes() -> None:

@@ -3,23 +3,37 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from tests.motion.arms import state
 from tests.waits import eventually
 
 from hexwire.errors import UsageError
+from hexwire.model.state import JointState
 from hexwire.ros2.hardware_interface import NAME, HardwareInterface
 from hexwire.ros2.rmw.node import Deferred, NodeOptions
 from hexwire.ros2.settings import load_settings
+
+
+class Resting:
+    """The owner of an arm that does not move."""
+
+    now = staticmethod(time.monotonic)
+
+    @property
+    def state(self) -> JointState:
+        return state(stamp=self.now())
 
 
 class SlowArm:
     """Its calls wait until they are let go."""
 
     def __init__(self) -> None:
+        self.owner: Any = Resting()
         self.go, self.stopping, self.line = threading.Event(), threading.Event(), threading.Event()
         self.line.set()
         self.stops = 0
@@ -81,7 +95,7 @@ def test_a_service_is_asked_for_when_its_request_is_taken_not_when_it_is_carried
 ) -> None:
     answer = node._on_trigger(arm.reset, None)
     switched = node._on_enable(SimpleNamespace(data=True))
-    assert answered(node._on_stop(None)).message == "stopped"
+    assert answered(node._on_stop(None)).message == "stopped; at rest"
     arm.go.set()
     assert answered(answer).success
     assert answered(switched).success
@@ -131,7 +145,7 @@ def test_a_service_that_fails_says_why(
 def test_trajectories_that_wait_are_bounded(
     node: HardwareInterface, arm: SlowArm, caplog: pytest.LogCaptureFixture
 ) -> None:
-    arm.owner = SimpleNamespace(now=lambda: 5.0)  # type: ignore[attr-defined]  # of the real one
+    arm.owner = SimpleNamespace(now=lambda: 5.0)
     marks = []
 
     def command(name: str, goal: Any, *, received: float, asked: int) -> None:

@@ -60,7 +60,7 @@ class World:
 
     def _carry_out(self, change: Change) -> None:
         self.asked.append(change)
-        assert self.go_on.wait(10.0)
+        assert self.go_on.wait(30.0)
         if self.fault is not None:
             raise self.fault
 

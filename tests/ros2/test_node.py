@@ -77,7 +77,7 @@ def test_the_log_of_the_program_is_on_rosout(make_node: Callable[..., Node]) -> 
     def read(number: int) -> bool:
         """Join late; whether the log of before came. Zenoh may lose the first question of a fresh session."""
         reader = make_node(f"reader{number}", types=types, rosout=False)
-        reader.subscribe("/rosout", "rcl_interfaces/msg/Log", ROSOUT, lambda message, _: found.append(message))
+        reader.subscribe("/rosout", "rcl_interfaces/msg/Log", lambda message, _: found.append(message), ROSOUT)
         deadline = time.monotonic() + 5.0
         while not found and time.monotonic() < deadline:
             time.sleep(0.02)
@@ -104,7 +104,7 @@ def test_last_words_are_published(make_node: Callable[..., Node]) -> None:
     node = make_node("driver", types=types)
     found: list[str] = []
     reader = make_node("reader", types=types, rosout=False)
-    reader.subscribe("/rosout", "rcl_interfaces/msg/Log", ROSOUT, lambda each, _: found.append(each.msg))
+    reader.subscribe("/rosout", "rcl_interfaces/msg/Log", lambda each, _: found.append(each.msg), ROSOUT)
     eventually(lambda: len(reader.graph.find(Role.PUBLISHER, "/rosout")) == 1)
     node.log.error("the arm is stopped")
     node.close()
@@ -145,7 +145,7 @@ def test_incompatible_quality_of_service_is_logged(
         node.publisher("chatter", STRING)
 
     def subscribe() -> None:
-        other.subscribe("chatter", STRING, LATCHED, lambda *_: None)
+        other.subscribe("chatter", STRING, lambda *_: None, LATCHED)
 
     first, second = (subscribe, publish) if late else (publish, subscribe)
     first()

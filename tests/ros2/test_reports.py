@@ -11,7 +11,7 @@ from hexwire.control.known_state import KnownState
 from hexwire.control.outcomes import Progress
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.motion.teach import Taught
-from hexwire.motion.waypoints import Sample
+from hexwire.motion.trajectory import Sample
 from hexwire.ros2.reports import CONTROLLER_STATE, DIAGNOSTICS, JOINT_STATE, TRAJECTORY, Reports
 from hexwire.ros2.rmw.distributions import Distribution
 from hexwire.ros2.rmw.types import Types
@@ -120,3 +120,9 @@ def test_a_taught_motion_is_a_trajectory(types: Types, reports: Reports) -> None
     assert [point.positions for point in message.points] == [[0.0, 0.5], [1.0, 0.5]]
     last = message.points[-1].time_from_start
     assert (last.sec, last.nanosec) == (1, 250_000_000)
+
+
+def test_a_taught_motion_is_as_exact_as_the_counts_of_its_servos(reports: Reports) -> None:
+    coarse = HEX7BOT.joints[0].scale
+    taught = Taught(("J1",), (0.0, 1.0, 2.0), ((0.0,), (1.1 * coarse,), (0.0,)))
+    assert len(reports.taught(taught, HEX7BOT).points) == 2, "a count more or less is no motion"

@@ -156,6 +156,7 @@ WELL: Answers = [
     ),
     ("param set /hardware_interface diagnostics_rate 1.0", "Set parameter successful\n"),
     ("lifecycle get", "active [3]\n"),
+    ("lifecycle set", "Transitioning successful\n"),
     (
         "service call /joint_trajectory_controller/query_state",
         "requester: making request: ...\n\nresponse:\ncontrol_msgs.srv.QueryTrajectoryState_Response(success=True, "
@@ -175,6 +176,8 @@ WELL: Answers = [
     ),
     ("run robot_state_publisher", "<wait>"),
     ("run rviz2", "<wait>"),
+    ("run rmw_zenoh_cpp rmw_zenohd", "<wait>"),
+    ("hexwire-ros2", "<wait>"),
     (
         "topic echo --once /tf",
         "transforms:\n- header:\n    frame_id: base_link\n  child_frame_id: turntable\n---\n",
@@ -189,7 +192,7 @@ WELL: Answers = [
     ("action send_goal", GOAL),
 ]
 CHECKS = 21
-MOVES = 4
+MOVES = 5
 
 
 class Stage:
@@ -320,6 +323,7 @@ BROKEN = {
     "param describe": ("param describe", "Parameter name: publish_rate\n  Type: string\n  Constraints:\n"),
     "param set": ("param set /hardware_interface diagnostics_rate -1.0", "Set parameter successful\n"),
     "lifecycle get": ("lifecycle get", "unconfigured [1]\n"),
+    "lifecycle set": ("lifecycle set", "Transitioning failed\n"),
     "service call": (
         "service call /joint_trajectory_controller/query_state",
         "response:\nX_Response(success=False, message='no')\n",
@@ -351,6 +355,23 @@ def test_the_others_are_made_after_one_failed(told: Told) -> None:
     status, outcomes, said = told.check("--move", **{start: broken})
     assert status == 1, said
     assert len([*itertools.chain(*outcomes.values())]) == CHECKS + MOVES
+
+
+def test_with_start_it_starts_a_router_and_an_emulated_arm_and_ends_them(told: Told, stage: Stage) -> None:
+    (stage.folder / "hexwire-ros2").touch(0o755)
+    told.env["RMW_IMPLEMENTATION"] = ""
+    status, outcomes, said = told.check("--start")
+    assert status == 0, said
+    assert len(outcomes["pass"]) == CHECKS + MOVES, said
+    first, second, *_ = told.calls
+    assert first == "run rmw_zenoh_cpp rmw_zenohd"
+    assert second.startswith("hexwire-ros2 --ros-args -p port:=sim://hex7bot")
+    # One that does not come up is a check that fails, not an end without a word.
+    status, outcomes, _ = told.check("--start", **{"node list": "<wait>"})
+    assert (status, outcomes["FAIL"][0]) == (1, "node list")
+    assert "RMW_IMPLEMENTATION" not in os.environ, "it was set for the programs alone"
+    (stage.folder / "hexwire-ros2").unlink()
+    assert told.check("--start")[0] == 2
 
 
 def test_a_check_that_does_not_exist(told: Told) -> None:

@@ -37,4 +37,4 @@ def test_every_check_passes_for_the_running_node(
     assert status == 0, said
     assert "FAIL" not in outcomes
     assert outcomes.count("left out") == 3, "a bag, rviz2 and MoveIt need a real ROS 2"
-    assert outcomes.count("pass") == 22
+    assert outcomes.count("pass") == 23

@@ -1,4 +1,4 @@
-"""docs/ros2.md says what is true: its commands, files and tables, with emulated arms and a router of their own."""
+"""The pages of ROS 2 say what is true: commands, files and tables, with emulated arms and a router of their own."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.ros2.strict_client.world import NODE, Arm, running
 pytestmark = pytest.mark.system
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "ros2.md").read_text(encoding="utf-8")
+PAGE = "\n".join((ROOT / "docs" / page).read_text(encoding="utf-8") for page in ("ros2.md", "ros2-interface.md"))
 BIN = Path(sys.executable).parent
 WITNESSES = ROOT / "build" / "witnesses" / "bin"
 
@@ -97,7 +97,7 @@ class Shell:
                 process.wait(30)
             except subprocess.TimeoutExpired:
                 process.kill()
-                process.wait(10)
+                process.wait(30)
 
 
 @pytest.fixture
@@ -123,7 +123,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Arm]:
 @pytest.mark.slow
 def test_five_minutes_without_ros(shell: Shell) -> None:
     install, router, node, topics, services = commands("Five minutes without ROS")
-    assert install == "pip install 'hexwire[ros2]' zenoh-ros2-sdk"
+    assert install == "pip install '.[ros2]' zenoh-ros2-sdk"
     shell.start(router)
     shell.start(node)
     # `zenoh-ros2` asks once, and may miss what has not come yet.

@@ -99,7 +99,7 @@ def test_ros_passes_through_the_router_of_the_fleet_with_certificates(node: Call
     publisher = arm.publisher("description", STRING, LATCHED)
     publisher.publish(Text("urdf"))
     found: list[Text] = []
-    pc.subscribe("description", STRING, LATCHED, lambda message, stamp: found.append(message))
+    pc.subscribe("description", STRING, lambda message, stamp: found.append(message), LATCHED)
     eventually(lambda: found == [Text("urdf")])
     publisher.publish(Text("newer"))
     eventually(lambda: found == [Text("urdf"), Text("newer")])
@@ -116,8 +116,8 @@ def test_a_certificate_for_something_else_gets_nothing_of_a_domain(
     arm, stranger, pc = node("arm", "arm"), node("stranger", certificate), node("pc", "pc")
     found: list[Text] = []
     heard: list[Text] = []
-    arm.subscribe("command", STRING, LATCHED, lambda message, stamp: found.append(message))
-    stranger.subscribe("state", STRING, LATCHED, lambda message, stamp: heard.append(message))
+    arm.subscribe("command", STRING, lambda message, stamp: found.append(message), LATCHED)
+    stranger.subscribe("state", STRING, lambda message, stamp: heard.append(message), LATCHED)
     arm.publisher("state", STRING, LATCHED).publish(Text("secret"))
     stranger.publisher("command", STRING, LATCHED).publish(Text("evil"))
     good = pc.publisher("command", STRING, LATCHED)

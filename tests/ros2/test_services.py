@@ -77,7 +77,7 @@ def test_a_burst_of_requests_waits_for_a_slow_callback(make_node: Callable[..., 
     go_on = threading.Event()
 
     def slow(request: Text) -> Text:
-        assert go_on.wait(20)
+        assert go_on.wait(30)
         return request
 
     service = make_node("server").service("echo", ECHO, slow)

@@ -23,14 +23,14 @@ ECHO_KEY = f"0/echo/tiny_msgs::srv::dds_::Echo_/{HASH}"
 
 def collected(node: Node, topic: str, qos: Any = DEFAULT) -> list[Text]:
     found: list[Text] = []
-    node.subscribe(topic, STRING, qos, lambda message, stamp: found.append(message))
+    node.subscribe(topic, STRING, lambda message, stamp: found.append(message), qos)
     return found
 
 
 def test_messages_reach_a_subscription_of_another_node(make_node: Callable[..., Node]) -> None:
     talker, listener = make_node("talker"), make_node("listener")
     found: list[tuple[str, int]] = []
-    listener.subscribe("chatter", STRING, DEFAULT, lambda message, stamp: found.append((message.data, stamp)))
+    listener.subscribe("chatter", STRING, lambda message, stamp: found.append((message.data, stamp)))
     publisher = talker.publisher("chatter", STRING)
     eventually(lambda: publisher.subscriber_count() == 1)
     before = time.time_ns()
@@ -101,7 +101,7 @@ def test_a_message_without_a_right_attachment_is_dropped(
 ) -> None:
     node = make_node()
     found: list[Text] = []
-    subscription = node.subscribe("chatter", STRING, DEFAULT, lambda message, stamp: found.append(message))
+    subscription = node.subscribe("chatter", STRING, lambda message, stamp: found.append(message))
     payload = TextType().serialize(Text("x"))
     eventually(lambda: raw.put(CHATTER, payload, attachment=attachment) or subscription.malformed)
     assert found == []
@@ -110,7 +110,7 @@ def test_a_message_without_a_right_attachment_is_dropped(
 def test_a_malformed_message_is_dropped_and_the_next_one_arrives(make_node: Callable[..., Node], raw: Any) -> None:
     node = make_node()
     found: list[Text] = []
-    subscription = node.subscribe("chatter", STRING, DEFAULT, lambda message, stamp: found.append(message))
+    subscription = node.subscribe("chatter", STRING, lambda message, stamp: found.append(message))
     beside = Attachment(1, 1, bytes(16)).serialize()
     eventually(lambda: raw.put(CHATTER, b"\x00\x01\x00\x00\xff", attachment=beside) or subscription.malformed)
     raw.put(CHATTER, TextType().serialize(Text("x")), attachment=beside)
@@ -125,6 +125,6 @@ def test_a_callback_that_raises_does_not_end_the_subscription(make_node: Callabl
         seen.append(message.data)
         raise RuntimeError("a fault in the program")
 
-    node.subscribe("chatter", STRING, DEFAULT, fail)
+    node.subscribe("chatter", STRING, fail)
     publisher = node.publisher("chatter", STRING)
     eventually(lambda: publisher.publish(Text("x")) or len(seen) >= 2)

@@ -58,8 +58,8 @@ class Client:
         self._result = node.client(f"{within}/get_result", ACTION.get_result.name)
         # Deep enough for a burst; a real client keeps the last 10.
         deep = replace(DEFAULT, depth=1000)
-        node.subscribe(f"{within}/feedback", ACTION.feedback.name, deep, lambda m, _: self.feedback.append(m))
-        node.subscribe(f"{within}/status", ACTION.status.name, ACTION_STATUS, self._on_status)
+        node.subscribe(f"{within}/feedback", ACTION.feedback.name, lambda m, _: self.feedback.append(m), deep)
+        node.subscribe(f"{within}/status", ACTION.status.name, self._on_status, ACTION_STATUS)
         for client in (self._send, self._cancel, self._result):
             assert client.wait_for_service(PATIENCE)
 
@@ -217,9 +217,7 @@ def test_parameters_and_life_cycle_answer_others(make: Callable[..., Node]) -> N
     parameters.offer()
     lifecycle = Lifecycle(node, TYPES, print)
     events: list[Any] = []
-    other.subscribe(
-        "/parameter_events", "rcl_interfaces/msg/ParameterEvent", DEFAULT, lambda m, _: events.append(m)
-    )
+    other.subscribe("/parameter_events", "rcl_interfaces/msg/ParameterEvent", lambda m, _: events.append(m))
     calls = {
         "set_parameters": "rcl_interfaces/srv/SetParameters",
         "get_parameters": "rcl_interfaces/srv/GetParameters",

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -9,10 +10,19 @@ from tests.ros2.world import Router
 from tests.waits import eventually
 
 from hexwire.errors import ConfigError, LinkClosedError, LinkNotFoundError, LinkPermissionError, UsageError
-from hexwire.ros2.rmw.zenoh_session import ZenohSettings
+from hexwire.ros2.rmw.zenoh_session import Request, ZenohSettings
 
 STRING = "std_msgs/msg/String"
 ECHO = "tiny_msgs/srv/Echo"
+
+
+def test_a_request_is_told_why_it_has_no_answer_and_ends_even_if_nobody_hears_it() -> None:
+    told: list[bytes] = []
+    query: Any = SimpleNamespace(reply_err=told.append, drop=lambda: told.append(b"dropped"))
+    Request("key", query).fail("it takes too long")
+    query.reply_err = None
+    Request("key", query).fail("nobody hears this")
+    assert told == [b"it takes too long", b"dropped", b"dropped"]
 
 
 def test_the_settings_are_those_of_rmw_zenoh() -> None:

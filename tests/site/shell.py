@@ -11,7 +11,7 @@ import re
 import shlex
 import time
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 import click
@@ -34,29 +34,33 @@ ENDLESS = (
     r"--watch\b",
     r"^hexwire bus monitor\b",
 )
-"""They end when somebody ends them, or need somebody's hands."""
-ELSEWHERE = (
-    # Minutes of motion; tests/test_so101_page.py runs them in simulated time.
-    r"^hexwire bus (setup|calibrate)\b",
-    r"^hexwire ports --find\b",
-    # Every rate with every id; tests/cli/test_bus.py.
-    r"--all-rates\b",
-    # What they read or write is made by another program; tests/cli/test_motion.py, test_record_ros2.py.
-    r"^hexwire play\b",
-    r"^hexwire record ros2\b",
-    r"--record-ros2\b",
-    # It asks first; tests/cli/test_bus_health.py.
-    r"--backlash\b",
-    r"^hexwire bus wave\b",
-    # They need a compiler, or a board to write to; tests/cli/test_firmware.py, test_loopback.py.
-    r"^hexwire (firmware|loopback)\b",
-    # The certificates of the page; tests/test_fleet_page.py.
-    r"^hexwire fleet config\b",
-    # The server of the page; tests/test_fleet_page.py, tests/cli/test_sim_puma.py, test_gateway.py,
-    # tests/system/test_queue_robots.py.
-    r"zenoh:|tcp://127|mq:///arms",
-)
-"""They are run by a test of their own."""
+"""They end when somebody ends them, or need somebody's hands: test_endless.py starts them."""
+ELSEWHERE = {
+    # Minutes of motion, here in simulated time.
+    r"^hexwire bus setup\b": ("tests/cli/test_bus_arm_setup.py", "setup"),
+    r"^hexwire bus calibrate\b": ("tests/cli/test_bus_calibrate.py", "calibrate"),
+    r"^hexwire ports --find\b": ("tests/test_so101_page.py", "--find"),
+    # Every rate with every id.
+    r"--all-rates\b": ("tests/cli/test_bus.py", "--all-rates"),
+    # What they read or write is made by another program.
+    r"^hexwire play\b": ("tests/cli/test_motion.py", "play"),
+    r"^hexwire record ros2\b": ("tests/cli/test_record_ros2.py", "ros2"),
+    r"--record-ros2\b": ("tests/cli/test_record_ros2.py", "--record-ros2"),
+    # It asks first.
+    r"--backlash\b": ("tests/cli/test_bus_health.py", "--backlash"),
+    r"^hexwire bus wave\b": ("tests/cli/test_bus_live.py", "wave"),
+    # They need a compiler, or a board to write to.
+    r"^hexwire firmware\b": ("tests/cli/test_firmware.py", "flash"),
+    r"^hexwire loopback\b": ("tests/cli/test_loopback.py", "loopback"),
+    # The certificates of the page.
+    r"^hexwire fleet config\b": ("tests/test_fleet_page.py", "hexwire fleet router"),
+    # The server of the page.
+    r"zenoh:": ("tests/test_fleet_page.py", "zenoh:"),
+    r"--port tcp://127\.0\.0\.1:15030": ("tests/cli/test_sim_puma.py", "tcp://"),
+    r"--port \"?tcp://127\.0\.0\.1:15040": ("tests/cli/test_gateway.py", "tcp://"),
+    r"--port \"?mq:///arms": ("tests/system/test_queue_robots.py", "mq:///"),
+}
+"""They are run by a test of their own -> that test, and a word of it."""
 TELLS = r"^hexwire model check 90 40 40"
 """Its exit status is 1: it shows a pose that is refused."""
 MEASURES = r"^hexwire bus stress\b"
@@ -65,6 +69,10 @@ ASKS = r"^hexwire bus center\b"
 """They ask first."""
 PLAN = r"^hexwire (goto|line)\b(?! 0 220 150$)"
 """Their motions are planned and checked, but not waited for; but from the pose of one of them others begin."""
+
+
+def matches(patterns: Iterable[str], line: str) -> bool:
+    return any(re.search(pattern, line) for pattern in patterns)
 
 
 def commands(text: str) -> list[tuple[str, list[str]]]:
@@ -210,7 +218,7 @@ class Shell:
 
     def _hexwire(self, words: list[str], refused: bool, whole: bool, given: str) -> str | None:
         line = " ".join(words)
-        if self.only_parse or any(re.search(pattern, line) for pattern in (*ENDLESS, *ELSEWHERE)):
+        if self.only_parse or matches((*ENDLESS, *ELSEWHERE), line):
             parse(words)
             return None
         if re.search("^hexwire goto .*--robot so10[01]", line) and "--port" not in words:
@@ -310,7 +318,7 @@ def _word(words: list[str]) -> None:
     assert words
 
 
-LEROBOT = ("calibrate", "find-port", "record", "replay", "teleoperate", "train")
+LEROBOT = ("calibrate", "find-port", "record", "replay", "rollout", "teleoperate", "train")
 WORDS = (
     *("export", "source", ".", "eval", "mkdir", "cp", "cd", "umask", "openssl", "udevadm", "python", "python3"),
     *("colcon", "rosdep"),  # on a machine with ROS 2, which none of the tests is
@@ -331,10 +339,7 @@ OTHERS: Mapping[str, Callable[[list[str]], None]] = {
     "firmware/build/host/fuzz_board": _firmware,
     "apt-get": _apt,
     "apt": _apt,
-    **{
-        f"lerobot-{name}": _lerobot
-        for name in ("calibrate", "teleoperate", "record", "replay", "train", "find-port")
-    },
+    **{f"lerobot-{name}": _lerobot for name in LEROBOT},
     **dict.fromkeys(WORDS, _word),
 }
 """Programs that pages use -> what is checked of their words."""

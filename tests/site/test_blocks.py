@@ -13,7 +13,7 @@ import click
 import pytest
 from tests.emulator.terminals import serving
 from tests.site.pages import blocks, repository_pages
-from tests.site.shell import OTHERS, Shell, commands, parse_mentioned, split
+from tests.site.shell import ELSEWHERE, OTHERS, Shell, commands, parse_mentioned, split
 
 from hexwire.drivers.arm_file import load_arm_file
 from hexwire.emulator.bus_device import BusDevice
@@ -27,6 +27,7 @@ ALL = {page: list(blocks((ROOT / page).read_text(encoding="utf-8"))) for page in
 OWN = {
     "docs/debugging.md": "tests/test_debugging_page.py",
     "docs/fleet.md": "tests/test_fleet_page.py",
+    "docs/fleet-certificates.md": "tests/test_fleet_page.py",
     "docs/ros.md": "tests/ros1/test_ros_page.py",
     "docs/ros2.md": "tests/ros2/test_ros2_page.py",
     "docs/shell.md": "tests/cli/test_completion.py",
@@ -110,6 +111,13 @@ def test_programs_in_pages_with_a_test_of_their_own_are_known(page: str, tmp_pat
             for command, _ in commands(block.text):
                 if "@" not in command:  # of a template
                     shell.run(command)
+
+
+def test_what_another_test_runs_is_there() -> None:
+    pages = "".join((ROOT / page).read_text(encoding="utf-8") for page in PAGES)
+    for pattern, (test, word) in ELSEWHERE.items():
+        assert re.search(pattern.lstrip("^"), pages), f"no page has {pattern} any more"
+        assert word in (ROOT / test).read_text(encoding="utf-8"), f"{test} has no {word!r}"
 
 
 # --- console ---------------------------------------------------------------------------------------------------

@@ -10,6 +10,8 @@ import pytest
 import yaml
 from tests.site.pages import ROOT, make, pages, repository_pages
 
+import hexwire
+
 TEXT = """\
 # A page
 
@@ -43,7 +45,7 @@ def tree(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_sources_are_the_pages_of_docs_and_of_the_top(tree: Path) -> None:
+def test_sources_are_the_written_docs_and_of_the_top(tree: Path) -> None:
     found = pages.sources(tree)
     assert sorted(found) == ["a.md", "b.md", "security.md", "sub/c.md"]
     assert found["security.md"] == tree / "SECURITY.md"
@@ -71,7 +73,7 @@ def test_anchors_are_those_of_github() -> None:
     assert pages.headings(TEXT) == ["a-page", "two-words", "two-words-1", "--wait-and-more"]
 
 
-def test_links_lead_to_pages_of_the_site(tree: Path) -> None:
+def test_links_lead_to_written_the_site(tree: Path) -> None:
     made = pages.site_page("a.md", pages.sources(tree), tree)
     assert "[b](b.md#two-words), ../TOP.md" not in made
     assert "See [b](b.md#two-words), the top, code, [out](https://example.com), `[no](link.md)`." in made
@@ -98,6 +100,20 @@ def test_links_to_code_lead_to_the_reference_or_say_where_it_is(tree: Path) -> N
 
 # --- the pages of this repository ---------------------------------------------------------------------------------
 
+NAV = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"]
+FOR_DRIVERS = ("adding-a-robot.md", "robot-on-a-line.md")
+ROS = {
+    "docs/ros.md: hexwire.ros1.path",
+    "docs/ros.md: hexwire.ros1.messages",
+}
+"""What finds ROS and its messages where they are not installed."""
+FROM_AN_INDEX = re.compile(
+    r"\b(?:pip|pipx|uv(?: pip| tool)?) (?:install|add)(?: [^\s#`]+)*? '?hexwire(?:\[[\w,]+\])?'?(?=[`\s])(?! @)"
+)
+"""A line that installs hexwire by its name, not from a folder or a file."""
+LONGEST = 250
+"""Lines: a page that is longer is read by two kinds of reader, and each of them wants a page of their own."""
+
 
 @pytest.mark.parametrize("page", repository_pages(), ids=str)
 def test_every_link_leads_somewhere_on_github_too(page: Path) -> None:
@@ -122,7 +138,7 @@ def listed(nav: list[object]) -> list[str]:
 
 
 def test_every_page_has_its_place_in_the_navigation() -> None:
-    nav = listed(yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"])
+    nav = listed(NAV)
     written = set(pages.sources())
     assert not written - set(nav), "give them a place in the navigation of mkdocs.yml"
     assert len(nav) == len(set(nav))
@@ -135,6 +151,14 @@ def test_the_index_of_a_generated_folder_stands_for_its_pages() -> None:
     made = {"x/index.md": "", "x/one.md": "", "y/index.md": ""}
     nav = ["a.md", {"Part": [{"X": "x/index.md"}, {"B": "b.md"}]}]
     assert make.navigation(nav, made) == ["a.md", {"Part": [{"X": ["x/index.md", "x/one.md"]}, {"B": "b.md"}]}]
+
+
+def test_every_name_of_the_package_has_its_page_in_the_reference() -> None:
+    from api import MODULES  # type: ignore[import-not-found]
+
+    known = {module for modules in MODULES.values() for module in modules}
+    gone = {name: module for name, module in hexwire._LAZY.items() if module not in known}
+    assert gone == {}, "add these modules to MODULES in docs/site/api.py: `make docs` fails without them"
 
 
 def test_names_that_pages_import_are_in_the_reference() -> None:
@@ -174,3 +198,70 @@ def test_each_page_says_at_its_top_who_it_is_for() -> None:
         if not told.search(" ".join(top.split())):
             silent.append(page)
     assert silent == []
+
+
+@pytest.mark.parametrize(
+    "line", ["pip install hexwire", "pip install -U 'hexwire[a,b]' x", "uv add hexwire", "`pip install hexwire`"]
+)
+def test_an_install_line_that_needs_an_index_is_found(line: str) -> None:
+    assert FROM_AN_INDEX.search(f"{line}\n")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "pip install '.[record]'",
+        "pip install ./hexwire",
+        "pip install 'hexwire @ file:///x'",
+        "hexwire installs it",
+    ],
+)
+def test_an_install_line_that_needs_no_index_of_hexwire_is_not(line: str) -> None:
+    assert not FROM_AN_INDEX.search(f"{line}\n")
+
+
+def test_no_page_installs_from_an_index_that_has_no_hexwire() -> None:
+    assert "hexwire is not on the package index yet" in (ROOT / "README.md").read_text(encoding="utf-8")
+    files = [
+        *repository_pages(),
+        *(path.relative_to(ROOT) for path in (ROOT / "examples").iterdir() if path.is_file()),
+    ]
+    found = {
+        f"{file}: {line.strip()}"
+        for file in files
+        for line in (ROOT / file).read_text(encoding="utf-8").splitlines(keepends=True)
+        if FROM_AN_INDEX.search(line)
+    }
+    # An extra is added to the hexwire that is there already.
+    assert {line for line in found if "to an installed hexwire" not in line} == set()
+
+
+def test_no_page_is_long() -> None:
+    written = [ROOT / "ARCHITECTURE.md", *(ROOT / "docs").rglob("*.md")]
+    lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in written}
+    assert len(lines) > 30
+    long = {str(path.relative_to(ROOT)): count for path, count in lines.items() if count > LONGEST}
+    assert long == {}, f"split by what a reader wants; at most {LONGEST} lines"
+
+
+def test_the_readme_is_read_in_three_minutes() -> None:
+    words = len((ROOT / "README.md").read_text(encoding="utf-8").split())
+    assert words <= 700, words
+
+
+def test_whoever_uses_an_arm_imports_from_hexwire_alone() -> None:
+    """In README, tutorials, how-to pages and examples; other layers are for references and authors of drivers."""
+    kinds = {title: listed(entries) for part in NAV for title, entries in part.items() if isinstance(entries, list)}
+    tasks = {page: pages.sources()[page] for kind in ("Tutorials", "How-to") for page in kinds[kind]}
+    programs = [ROOT / "README.md", *(path for page, path in tasks.items() if page not in FOR_DRIVERS)]
+    assert len(programs) > 20
+    texts = {path: [block.text for block in pages.blocks(path.read_text(encoding="utf-8"))] for path in programs}
+    examples = [path for path in (ROOT / "examples").iterdir() if path.suffix in (".py", ".ipynb")]
+    texts |= {path: [path.read_text(encoding="utf-8")] for path in examples}
+    deeper = {
+        f"{path.relative_to(ROOT)}: {name}"
+        for path, found in texts.items()
+        for text in found
+        for name in re.findall(r"^\W*from (hexwire\.\S+) import", text, re.MULTILINE)
+    }
+    assert deeper == ROS

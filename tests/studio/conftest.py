@@ -10,12 +10,15 @@ import asyncio
 import re
 import threading
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from tests.studio.chromium import chromium
 from tests.studio.running import PATIENCE, RunningStudio
 
+from hexwire.control.lease import Lease
+from hexwire.control.settings_reader import read_settings
+from hexwire.studio import arm_source, source
 from hexwire.studio.access import Access
 from hexwire.studio.app import Studio
 
@@ -50,9 +53,25 @@ def _no_thread_left() -> Iterator[None]:
     yield
     left = [t for t in threading.enumerate() if t not in before and not _SERVERS_OWN.fullmatch(t.name)]
     for thread in left:
-        thread.join(timeout=5.0)
+        thread.join(timeout=30)
     alive = [thread.name for thread in left if thread.is_alive()]
     assert not alive, f"threads left behind: {alive}"
+
+
+@pytest.fixture(autouse=True)
+def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A busy machine is taken neither for a program that has died nor for an arm that lags behind its path.
+
+    What ends a motion or a lease after how long is tested in simulated time, in `tests/control`.
+    """
+    usual: dict[str, Any] = {"watchdog": 30.0, "safety": {"following_time": 5.0, "lag": 2.0, "max_age": 5.0}}
+
+    def read(given: dict[str, object], *rest: Any) -> Any:
+        emulated = str(given["port"]).startswith("sim://")
+        return read_settings((usual if emulated else {}) | given, *rest)
+
+    monkeypatch.setattr(source, "read_settings", read)
+    monkeypatch.setattr(arm_source, "Lease", lambda timeout: Lease(timeout=PATIENCE))
 
 
 @pytest.fixture(scope="session")

@@ -6,14 +6,18 @@ import contextlib
 import json
 import socket
 import threading
+import time
 from typing import TYPE_CHECKING, Any
 
-from tests.studio.running import Visitor
+from tests.studio.running import PATIENCE, Visitor
 
 if TYPE_CHECKING:
     from tests.studio.running import RunningStudio
 
 __all__ = ["JOG", "Holder", "set_silence"]
+
+_MOVED = 0.02
+"""Radians from which on a joint has moved."""
 
 JOG = {"directions": {"J1": 1}, "speed": 0.15}
 
@@ -22,7 +26,7 @@ def set_silence(studio: RunningStudio, seconds: float) -> None:
     """After how many seconds without a beat a motion ends from now on."""
     source = studio.studio.source.arm
     assert source is not None
-    source.attended.silence = seconds
+    source.hold_to_run.silence = seconds
 
 
 class Holder:
@@ -36,7 +40,7 @@ class Holder:
         self.tab = tab
         studio.studio.take(tab, force=True)
         self._stack = contextlib.ExitStack()
-        # It reads nothing: what arrives must not keep the farewell away.
+        # Hardly anything of it is read: what arrives must not keep the farewell away.
         opened = self.visitor.socket(f"/live?tab={key}", max_queue=None)
         self.line: Any = self._stack.enter_context(opened)
         self._quiet = threading.Event()
@@ -44,6 +48,28 @@ class Holder:
         self.number = 0
 
     def hold(self) -> None:
+        """Hold a jog until it moves; again if it is refused, or ends, as when the machine was busy for a moment."""
+        refusals: list[str] = []
+        deadline = time.monotonic() + PATIENCE
+        while (why := self._begins() or self._moves(deadline)) is not None:
+            refusals.append(why)
+            assert time.monotonic() < deadline, f"no jog moves: {refusals}"
+            time.sleep(0.1)
+
+    def _moves(self, deadline: float) -> str | None:
+        """Wait until the first joint has moved; None, or why it has not."""
+        source = self.studio.studio.source.arm
+        assert source is not None
+        owner = source.arm.owner
+        first = owner.state.positions["J1"]
+        while abs(owner.state.positions["J1"] - first) < _MOVED:
+            if not source.jog.busy or time.monotonic() > deadline:
+                return f"the jog {'lasts' if source.jog.busy else 'ended'}, {source.jog.note!r}, {owner.state}"
+            time.sleep(0.01)
+        return None
+
+    def _begins(self) -> str | None:
+        """Ask for a jog; None once it has begun, otherwise why it was refused."""
         source = self.studio.studio.source.arm
         assert source is not None
         self.number += 1
@@ -52,7 +78,15 @@ class Holder:
         args = JOG | {"directions": {"J1": way}}
         order = {"do": "hold", "id": self.number, "kind": "joint", "args": args, "stops": source.stops}
         self.line.send(json.dumps(order))
-        self._thread.start()
+        if self._thread.ident is None:
+            self._thread.start()
+        while True:
+            message = self.line.recv(timeout=PATIENCE)
+            if isinstance(message, bytes):
+                continue
+            found = json.loads(message)
+            if found.get("id") == self.number and found["kind"] in ("held", "ended"):
+                return None if found["kind"] == "held" else str(found["why"])
 
     def _beat(self) -> None:
         while not self._quiet.wait(0.05):

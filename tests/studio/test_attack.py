@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from tests.studio.running import Visitor, until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.protocol import State
 
 from hexwire.studio.access import Right
 
@@ -38,7 +39,7 @@ def _is_refused(visitor: Visitor, path: str) -> bool:
 
 def _read_on(line: Any) -> None:
     while True:
-        line.recv(timeout=10)
+        line.recv(timeout=30)
 
 
 @pytest.mark.parametrize("fault", ["no session", "guessed session", "foreign origin", "no origin", "null", "host"])
@@ -93,7 +94,7 @@ def test_a_page_whose_session_has_ended_stops_the_arm_and_does_nothing_else(
 
 def test_an_open_socket_ends_with_its_session(studio: RunningStudio, owner: Visitor) -> None:
     with owner.socket(f"/live?tab={owner.page()}") as line:
-        line.recv(timeout=10)
+        line.recv(timeout=30)
         studio.studio.access.leave(owner.cookie.partition("=")[2])
         line.send(json.dumps({"do": "seen", "frames": 1}))
         with pytest.raises(ConnectionClosed):
@@ -103,7 +104,7 @@ def test_an_open_socket_ends_with_its_session(studio: RunningStudio, owner: Visi
 def test_a_tab_belongs_to_its_session(studio: RunningStudio, owner: Visitor) -> None:
     other = Visitor(studio, studio.studio.access.watch_token)
     with other.socket(f"/live?tab={owner.page()}") as line, pytest.raises(ConnectionClosed):
-        line.recv(timeout=10)
+        line.recv(timeout=30)
 
 
 _MALFORMED: dict[str, str | bytes] = {
@@ -120,10 +121,10 @@ _MALFORMED: dict[str, str | bytes] = {
 def test_a_malformed_or_oversized_message_ends_its_socket_only(owner: Visitor) -> None:
     tab = owner.page()
     with owner.socket(f"/live?tab={tab}") as other:
-        assert json.loads(other.recv(timeout=10))["kind"] == "hello"
+        assert json.loads(other.recv(timeout=30))["kind"] == "hello"
         for name, message in _MALFORMED.items():
             with owner.socket(f"/live?tab={owner.page()}") as line:
-                line.recv(timeout=10)
+                line.recv(timeout=30)
                 with contextlib.suppress(ConnectionClosed):
                     line.send(message)
                 try:
@@ -133,7 +134,7 @@ def test_a_malformed_or_oversized_message_ends_its_socket_only(owner: Visitor) -
                     pytest.fail(f"{name}: its socket goes on")
         # The other one goes on.
         other.send(json.dumps({"do": "stop"}))
-        until(lambda: '"stopping"' in str(other.recv(timeout=10)), "the answer to the stop")
+        until(lambda: '"stopping"' in str(other.recv(timeout=30)), "the answer to the stop")
 
 
 _SENSELESS: list[dict[str, object]] = [
@@ -157,7 +158,7 @@ def test_an_order_without_control_or_sense_moves_nothing(studio: RunningStudio) 
         with watcher.socket(f"/live?tab={watcher.page()}") as line:
             line.send(json.dumps(order))
             line.send(json.dumps({"do": "stop"}))
-            until(lambda line=line: '"stopping"' in str(line.recv(timeout=10)), f"the stop after {order}")  # type: ignore[misc]  # bound now
+            until(lambda line=line: '"stopping"' in str(line.recv(timeout=30)), f"the stop after {order}")  # type: ignore[misc]  # bound now
         studio.stopped(f"the stop after {order}")
         # A stop writes the present position again.
         assert all(abs(goal - goals[number]) <= 3 for number, goal in studio.goals().items()), order
@@ -199,7 +200,7 @@ def test_a_thousand_sockets_of_nobody_do_not_keep_a_stop_away(
 ) -> None:
     most = studio.studio.access.limits.connections
     for number in range(_THOUSAND):
-        crowd.append(socket.create_connection(("127.0.0.1", owner.port), timeout=20))
+        crowd.append(socket.create_connection(("127.0.0.1", owner.port), timeout=30))
         if number >= 2 * most:
             # The server has closed it: this test has not as many descriptors as an attacker.
             crowd.pop(0).close()
@@ -210,12 +211,17 @@ def test_a_thousand_sockets_of_nobody_do_not_keep_a_stop_away(
 def test_a_session_has_a_bounded_number_of_sockets(studio: RunningStudio, owner: Visitor) -> None:
     path, most = _SOCKETS[1], studio.studio.access.limits.session_sockets
     with contextlib.ExitStack() as stack:
-        opened = 0
-        for _ in range(most + 5):
-            with contextlib.suppress(InvalidStatus):
-                stack.enter_context(owner.socket(path))
-                opened += 1
-        assert opened == most
+        lines: list[Any] = []
+        refused = False
+        while not refused:
+            assert len(lines) < 4 * most
+            try:
+                lines.append(stack.enter_context(owner.socket(path)))
+            except InvalidStatus:
+                refused = True
+        # On a busy machine the server gives up one that has not answered its pings: there is room for another.
+        ended = sum(line.state is not State.OPEN for line in lines)
+        assert len(lines) - ended <= most <= len(lines), f"{len(lines)} opened, {ended} ended"
     studio.until(lambda: not _is_refused(owner, path), "room for sockets again")
 
 
@@ -227,14 +233,14 @@ def test_a_slow_reader_gets_no_more_frames_and_others_do(owner: Visitor) -> None
             nonlocal seen
             end = seen + frames
             while seen < end:
-                if isinstance(quick.recv(timeout=20), bytes):
+                if isinstance(quick.recv(timeout=30), bytes):
                     seen += 1
                     quick.send(json.dumps({"do": "seen", "frames": seen}))
 
         read_on(60)
         frames = 0
         while frames < 40:
-            frames += isinstance(slow.recv(timeout=20), bytes)
+            frames += isinstance(slow.recv(timeout=30), bytes)
         read_on(40)
         with contextlib.suppress(TimeoutError):
             while True:

@@ -23,7 +23,7 @@ def idle(served: RunningStudio, no_window: None) -> Iterator[list[socket.socket]
     made: list[socket.socket] = []
     try:
         most = served.studio.access.limits.connections
-        made.extend(socket.create_connection(("127.0.0.1", port), timeout=10) for _ in range(2 * most))
+        made.extend(socket.create_connection(("127.0.0.1", port), timeout=30) for _ in range(2 * most))
         yield made
     finally:
         for each in made:
@@ -48,7 +48,7 @@ def test_too_many_idle_connections_end_the_oldest(served: RunningStudio, idle: l
 
 def test_a_request_comes_through_a_crowd(served: RunningStudio, idle: list[socket.socket]) -> None:
     port = int(served.url.rpartition(":")[2])
-    with socket.create_connection(("127.0.0.1", port), timeout=10) as asking:
+    with socket.create_connection(("127.0.0.1", port), timeout=30) as asking:
         time.sleep(0.05)
         asking.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode())
         assert asking.recv(100).startswith(b"HTTP/1.1 401")
@@ -57,7 +57,7 @@ def test_a_request_comes_through_a_crowd(served: RunningStudio, idle: list[socke
 def test_a_head_without_end_is_refused(served: RunningStudio) -> None:
     port, most = int(served.url.rpartition(":")[2]), served.studio.access.limits.head
     sent = 0
-    with socket.create_connection(("127.0.0.1", port), timeout=10) as asking:
+    with socket.create_connection(("127.0.0.1", port), timeout=30) as asking:
         asking.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nX: ".encode())
         with contextlib.suppress(ConnectionError):
             while sent < 100 * most:
@@ -69,7 +69,7 @@ def test_a_head_without_end_is_refused(served: RunningStudio) -> None:
 
 def test_a_long_body_is_no_head(served: RunningStudio) -> None:
     port, most = int(served.url.rpartition(":")[2]), served.studio.access.limits.head
-    with socket.create_connection(("127.0.0.1", port), timeout=10) as asking:
+    with socket.create_connection(("127.0.0.1", port), timeout=30) as asking:
         for _ in range(2):
             head = f"POST /stop HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nContent-Length: {4 * most}\r\n\r\n"
             asking.sendall(head.encode() + b"x" * 4 * most)

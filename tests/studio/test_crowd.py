@@ -30,7 +30,7 @@ from tests.studio.running import PATIENCE, RunningStudio, Visitor, fill_history
 from hexwire.studio.access import Right
 from hexwire.studio.files import make_routes
 from hexwire.studio.pages import PAGES
-from hexwire.studio.shelf_api import shelf_routes
+from hexwire.studio.recordings_api import recordings_routes
 from hexwire.studio.wire_api import wire_routes
 from hexwire.trace.recording import RecordingWriter
 
@@ -79,9 +79,9 @@ def _stop(studio: RunningStudio, visitor: Visitor) -> float:
 @pytest.mark.usefixtures("_fine_turns")
 @pytest.mark.slow
 def test_a_stop_is_as_fast_while_64_sessions_download_upload_and_plan(studio: RunningStudio) -> None:
-    shelf = studio.studio.shelf
-    shelf.library.make_folder()
-    name = _fill(studio.studio.source.arm, Path(shelf.library.folder))
+    recordings = studio.studio.recordings
+    recordings.library.make_folder()
+    name = _fill(studio.studio.source.arm, Path(recordings.library.folder))
     access = studio.studio.access
     visitor = Visitor(studio, access.operate_token)
     idle = min(_stop(studio, visitor) for _ in range(5))
@@ -99,7 +99,7 @@ def test_a_stop_is_as_fast_while_64_sessions_download_upload_and_plan(studio: Ru
     finally:
         crowd.kill()
         crowd.wait()
-        (Path(shelf.library.folder) / name).unlink()
+        (Path(recordings.library.folder) / name).unlink()
     assert min(tried) <= idle + _SLACK, f"idle {idle:.3f} s, then {sorted(tried)}"
     # It was at work, and nobody was refused; on a machine that stalls, one may lose its patience.
     found = {each for each in answered if not each.endswith(" lost")}
@@ -198,17 +198,16 @@ def _no_full_pass() -> Iterator[None]:
 
 @pytest.mark.slow
 # Every route is asked some times, which takes a busy machine minutes.
-@pytest.mark.timeout(600)
 @pytest.mark.usefixtures("_fine_turns", "_no_full_pass")
 def test_no_work_for_a_page_holds_the_interpreter_for_long(studio: RunningStudio) -> None:
-    shelf = studio.studio.shelf
-    shelf.library.make_folder()
-    folder = Path(shelf.library.folder)
+    recordings = studio.studio.recordings
+    recordings.library.make_folder()
+    folder = Path(recordings.library.folder)
     _fill(studio.studio.source.arm, folder, states=6000)
     visitor = Visitor(studio, studio.studio.access.operate_token)
     work = _work((folder / "crowd.mcap").read_bytes())
     found = lambda: studio.studio  # noqa: E731
-    routes = [*make_routes(found), *shelf_routes(found), *wire_routes(found)]
+    routes = [*make_routes(found), *recordings_routes(found), *wire_routes(found)]
     methods = {(method, route.path) for route in routes for method in (route.methods or ()) if method != "HEAD"}
     assert methods == set(work)
     held = dict[str, float]()
@@ -224,8 +223,8 @@ def test_no_work_for_a_page_holds_the_interpreter_for_long(studio: RunningStudio
         for page in PAGES:
             held[page.path] = _held(lambda: visitor.page(page.path))  # noqa: B023  # called now
     finally:
-        shelf.twin.stop("the test ends")
-        shelf.recorder.stop()
+        recordings.twin.stop("the test ends")
+        recordings.recorder.stop()
         shutil.rmtree(folder)
     slow = {asked: round(1000 * took, 1) for asked, took in held.items() if took > _AT_ONCE}
     assert not slow, f"milliseconds: {slow}"

@@ -13,7 +13,7 @@ import pytest
 from tests.studio.gate import GatedClient
 from tests.studio.running import fill_history, until
 from tests.studio.test_columns import parsed
-from tests.studio.test_shelf import record
+from tests.studio.test_recordings import record
 
 from hexwire.control.history import BLOCK
 from hexwire.studio.access import Access, Right
@@ -89,7 +89,7 @@ def test_it_is_saved_as_a_recording_that_can_be_played(client: Client, arm: Any,
 
 
 def test_a_recording_is_read_compared_and_downloaded(client: Client) -> None:
-    folder = client.studio.shelf.library.folder
+    folder = client.studio.recordings.library.folder
     record(folder, "a.mcap")
     record(folder, "b.mcap", 0.5)
     head, times, _ = parsed(client.get("/data/recording", name="a.mcap").content)
@@ -103,7 +103,7 @@ def test_a_recording_is_read_compared_and_downloaded(client: Client) -> None:
 @pytest.mark.parametrize("name", ["../secret.mcap", "/etc/passwd", "nothing.mcap", "", "a" * 400])
 @pytest.mark.parametrize("address", ["/data/recording", "/data/recording.mcap"])
 def test_nothing_outside_of_the_folder_is_given(client: Client, address: str, name: str) -> None:
-    record(client.studio.shelf.library.folder.parent, "secret.mcap")
+    record(client.studio.recordings.library.folder.parent, "secret.mcap")
     answer = client.get(address, name=name)
     assert answer.status_code == 200
     assert answer.json()["refused"]
@@ -117,7 +117,7 @@ def test_a_file_is_taken_if_it_is_a_recording(client: Client, tmp_path: Path) ->
     answer = client.http.post("/data/recording", params={"name": "page.mcap"}, content=b"<html>")
     assert answer.status_code == 200
     assert "nothing was kept" in answer.json()["refused"]
-    assert [entry.name for entry in client.studio.shelf.library.entries()] == ["my arm.mcap"]
+    assert [entry.name for entry in client.studio.recordings.library.entries()] == ["my arm.mcap"]
 
 
 def test_a_full_disk_is_told(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -133,11 +133,11 @@ def test_a_full_disk_is_told(client: Client, monkeypatch: pytest.MonkeyPatch) ->
 def test_who_only_watches_may_send_nothing(client: Client) -> None:
     client.right = Right.WATCH
     assert client.http.post("/data/recording", params={"name": "a.mcap"}, content=b"x").status_code == 403
-    assert client.studio.shelf.library.entries() == []
+    assert client.studio.recordings.library.entries() == []
 
 
 def test_a_file_that_is_too_large_is_refused_however_long_it_claims_to_be(client: Client) -> None:
-    client.studio.shelf.library.largest = 1 << 20
+    client.studio.recordings.library.largest = 1 << 20
 
     def parts() -> Iterator[bytes]:
         for _ in range(40):
@@ -145,7 +145,7 @@ def test_a_file_that_is_too_large_is_refused_however_long_it_claims_to_be(client
 
     answer = client.http.post("/data/recording", params={"name": "a.mcap"}, content=parts())
     assert answer.status_code == 413
-    assert client.studio.shelf.library.entries() == []
+    assert client.studio.recordings.library.entries() == []
 
 
 def test_whatever_is_made_for_a_page_is_made_in_turn(

@@ -14,7 +14,7 @@ from tests.studio.asking import Asker
 from tests.studio.running import PATIENCE, until
 
 from hexwire.control.power import Stopped, Torques
-from hexwire.errors import HexwireError, LinkLostError, LinkNotFoundError, UsageError
+from hexwire.errors import LinkLostError, LinkNotFoundError, UsageError
 from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio
 from hexwire.studio.fleet_api import fleet_routes
@@ -107,7 +107,7 @@ class Opened:
 
     def __init__(self, url: str = "/dev/x", error: str = "") -> None:
         self.driver = SimpleNamespace(url=url)
-        self.attended = SimpleNamespace(end_all=lambda why: None)
+        self.hold_to_run = SimpleNamespace(end_all=lambda why: None)
         self.url, self.error, self.stopped = url, error, list[str]()
         self.line = threading.Event()
         self.line.set()
@@ -152,10 +152,15 @@ def test_all_arms_are_what_is_open_here_first_and_then_the_shared_ones(desk: Des
     # A shared arm that is open here has one line, unless it has not confirmed.
     opened(desk, Opened("zenoh:lab/arm1"))
     assert [row["name"] for row in ask("/fleet/stop", "POST", all=1)] == [own.name, "lab/hung"]
-    # Without Zenoh, or without shared arms, the own one is stopped all the same.
-    for error, more in ((LinkNotFoundError("none"), []), (UsageError("no zenoh"), ["the shared arms"])):
+    # Without Zenoh, without shared arms, and whatever fails there, the own one is stopped all the same.
+    failures: tuple[tuple[Exception, list[str]], ...] = (
+        (LinkNotFoundError("none"), []),
+        (UsageError("no zenoh"), ["the shared arms"]),
+        (RuntimeError("a bug"), ["the shared arms"]),
+    )
+    for error, more in failures:
 
-        async def stop(name: str | None, who: str, error: HexwireError = error) -> list[Stopped]:
+        async def stop(name: str | None, who: str, error: Exception = error) -> list[Stopped]:
             raise error
 
         desk.fleet.stop = stop

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from tests.studio.running import until
 
-from hexwire.control.attended import Attended
+from hexwire.control.hold_to_run import HoldToRun
 from hexwire.errors import LeaseError, UsageError
 from hexwire.studio.access import Right
 from hexwire.studio.holds import Holds
@@ -20,7 +20,7 @@ def test_a_kind_of_a_page_is_begun_for_the_tab_with_control_only() -> None:
         tab = Tabs().open("s", Right.OPERATE)
         holds, begun = Holds(source), list[object]()
         holds.add("goto", lambda tab, entry, args, arrived: begun.append(args))
-        entry = Attended().begin(tab.key, 1)
+        entry = HoldToRun().begin(tab.key, 1)
         assert entry is not None
         mark = arm.driver.epochs.mark()
         with pytest.raises(LeaseError):
@@ -44,7 +44,7 @@ def test_a_change_that_overtakes_its_jog_does_not_meet_the_one_before() -> None:
         arm.shared.torque(arm.order(tab), True, None)
         until(lambda: arm.facts()["torque"] == "on", "torque")
         here = arm.arm.owner.newest().positions
-        entry = arm.attended.begin(tab.key, 1)
+        entry = arm.hold_to_run.begin(tab.key, 1)
         assert entry is not None
         holds.begin(tab, entry, "drag", {"goals": {"J1": here["J1"]}}, arm.driver.epochs.mark())
         holds.update(tab, {"goals": {"J1": here["J1"]}})

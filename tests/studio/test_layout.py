@@ -290,9 +290,9 @@ def test_what_ended_as_it_was_asked_for_is_no_alarm(studio: RunningStudio, opera
     try:
         for why, told in (("complete", False), ("arrived", False), ("the servo is hot", True)):
             operator.evaluate("press()")
-            attended = studio.studio.source.arm.attended  # type: ignore[union-attr]  # one is open
-            studio.until(lambda attended=attended: attended.entry is not None, "the hold")
-            attended.end_all(why)
+            held = studio.studio.source.arm.hold_to_run  # type: ignore[union-attr]  # one is open
+            studio.until(lambda held=held: held.entry is not None, "the hold")
+            held.end_all(why)
             operator.wait_for_function("up()")
             assert (why in operator.locator("#hw-banner").inner_text()) is told, why
     finally:
@@ -315,7 +315,7 @@ def test_a_button_that_is_pressed_without_a_connection_does_nothing_later(
     page.wait_for_function("window.did_handshake && window.socket.connected")
     page.evaluate("window.socket.disconnect()")
     page.get_by_role("button", name="Close").click()
-    page.locator("#hw-banner").filter(has_text="what was pressed is not done").wait_for()
+    page.locator("#hw-banner").filter(has_text="No connection to the studio: the button did nothing").wait_for()
     page.evaluate("window.socket.connect()")
     # What had been kept would be done before what comes now.
     page.get_by_role("button", name="Take control").click()

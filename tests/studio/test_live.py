@@ -6,7 +6,7 @@ import json
 from typing import TYPE_CHECKING
 
 import pytest
-from tests.studio.running import Visitor, until
+from tests.studio.running import Visitor, hold, until
 from websockets.exceptions import ConnectionClosed
 
 if TYPE_CHECKING:
@@ -24,8 +24,7 @@ def test_a_jog_moves_while_held_and_ends_with_its_release(studio: RunningStudio,
     operator.get_by_role("button", name="Torque on").click()
     studio.until(lambda: len(studio.arm.owner.state.torque_on) == 7, "torque")
     before = studio.arm.owner.state.positions["J1"]
-    operator.evaluate("void (window.over = hexwire.hold('joint', {directions: {J1: 1}, speed: 0.5}))")
-    studio.until(lambda: abs(studio.arm.owner.state.positions["J1"] - before) > 0.05, "motion")
+    hold(operator, {"J1": 1}, lambda: abs(studio.arm.owner.state.positions["J1"] - before) > 0.05, speed=0.5)
     operator.evaluate("hexwire.release()")
     studio.until(lambda: not studio.studio.source.arm.jog.busy, "the end of the hold")
     assert operator.evaluate("window.over") == "released"
@@ -36,14 +35,14 @@ def test_a_page_that_is_back_before_its_first_socket_is_known_to_be_dead_goes_on
     owner = Visitor(studio, studio.studio.access.operate_token)
     path = f"/live?tab={owner.page()}"
     with owner.socket(path) as first, owner.socket(path) as second:
-        assert json.loads(second.recv(timeout=20))["kind"] == "hello"
+        assert json.loads(second.recv(timeout=30))["kind"] == "hello"
         with pytest.raises(ConnectionClosed) as closed:
-            until(lambda: first.recv(timeout=20) is None, "the end of the first socket")
+            until(lambda: first.recv(timeout=30) is None, "the end of the first socket")
         # If there is anybody at the first one, it is a copy of the page.
         assert closed.value.rcvd is not None
         assert closed.value.rcvd.code == 4404
         second.send(json.dumps({"do": "stop"}))
-        until(lambda: '"stopping"' in str(second.recv(timeout=20)), "the answer to the stop")
+        until(lambda: '"stopping"' in str(second.recv(timeout=30)), "the answer to the stop")
 
 
 def test_a_page_whose_socket_failed_at_once_gets_another_one(
@@ -54,9 +53,9 @@ def test_a_page_whose_socket_failed_at_once_gets_another_one(
     with monkeypatch.context() as failing:
         failing.setattr(studio.studio, "model", lambda: 1 / 0)
         with owner.socket(path) as first, pytest.raises(ConnectionClosed):
-            first.recv(timeout=20)
+            first.recv(timeout=30)
     with owner.socket(path) as second:
-        assert json.loads(second.recv(timeout=20))["kind"] == "hello"
+        assert json.loads(second.recv(timeout=30))["kind"] == "hello"
 
 
 def test_a_stop_that_is_sent_again_is_no_second_one(studio: RunningStudio, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -66,7 +65,7 @@ def test_a_stop_that_is_sent_again_is_no_second_one(studio: RunningStudio, monke
     tab, other = owner.page(), owner.page()
     with owner.socket(f"/live?tab={tab}") as line:
         line.send(json.dumps({"do": "stop", "id": 2}))
-        until(lambda: '"stopping"' in str(line.recv(timeout=20)), "the answer to the stop")
+        until(lambda: '"stopping"' in str(line.recv(timeout=30)), "the answer to the stop")
         assert len(stops) == 1
         # Who has no control is told why what was to be held has ended.
         present = studio.studio.source.present
@@ -74,7 +73,7 @@ def test_a_stop_that_is_sent_again_is_no_second_one(studio: RunningStudio, monke
         stops_seen = present.stops & 0xFFFFFFFF
         line.send(json.dumps({"do": "hold", "id": 3, "kind": "joint", "args": {}, "stops": stops_seen}))
         heard = [""]
-        until(lambda: heard.append(str(line.recv(timeout=20))) or '"ended"' in heard[-1], "the refusal")
+        until(lambda: heard.append(str(line.recv(timeout=30))) or '"ended"' in heard[-1], "the refusal")
         assert json.loads(heard[-1])["id"] == 3
         assert "control" in json.loads(heard[-1])["why"]
         for _ in range(2):
@@ -101,3 +100,10 @@ def test_a_page_is_kept_while_its_computer_sleeps_for_a_moment(studio: RunningSt
     studio.until(lambda: client.has_socket_connection, "a new socket")
     assert page.get_by_label("Port or address").input_value() == "/dev/ttyUSB7"
     assert page.evaluate("window.clientId") == client.id
+
+
+def test_a_page_hears_of_a_studio_that_has_nothing_to_tell(served: RunningStudio) -> None:
+    owner = Visitor(served, served.studio.access.operate_token)
+    with owner.socket(f"/live?tab={owner.page()}") as line:
+        for _ in range(3):
+            until(lambda: line.recv(timeout=30) == b"\0", "a sign of life")

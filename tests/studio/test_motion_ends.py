@@ -1,7 +1,7 @@
 """Every way in which a held motion ends, seen at the emulated servos: their goal position stops changing.
 
-How long that may take is tested with a clock of its own in `tests/control/test_attended.py` and `test_jog.py`, and
-measured by `make bench`.
+How long that may take is tested with a clock of its own in `tests/control/test_hold_to_run.py` and
+`tests/control/test_jog.py`, and measured by `make bench`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from tests.studio.holder import JOG, Holder, set_silence
-from tests.studio.running import PATIENCE, Visitor, until
+from tests.studio.running import PATIENCE, Visitor, press, until
 
 from hexwire.studio.access import Right
 
@@ -23,12 +23,6 @@ if TYPE_CHECKING:
 
 _STILL = 15
 """States of the arm without a new goal after which a servo counts as held: a jog has a new one for each."""
-
-
-def _moves(studio: RunningStudio) -> None:
-    """Wait until the first servo has got several new goals."""
-    first = studio.goals()[0]
-    studio.until(lambda: abs(studio.goals()[0] - first) > 5, "a motion")
 
 
 def _is_held(studio: RunningStudio, why: str) -> None:
@@ -66,7 +60,6 @@ def moving(served: RunningStudio) -> Iterator[Callable[[], Holder]]:
         set_silence(served, 5.0)
         made.append(Holder(served))
         made[-1].hold()
-        _moves(served)
         return made[-1]
 
     try:
@@ -142,7 +135,7 @@ def test_a_motion_ends_in_every_way(moving: Callable[[], Holder]) -> None:
         _is_held(holder.studio, name)
         source = holder.studio.studio.source.arm
         assert source is not None
-        holder.studio.until(lambda source=source: source.attended.entry is None, name)  # type: ignore[misc]  # bound now
+        holder.studio.until(lambda source=source: source.hold_to_run.entry is None, name)  # type: ignore[misc]  # bound now
 
 
 def test_nothing_from_before_a_stop_continues_after_resume(moving: Callable[[], Holder]) -> None:
@@ -164,13 +157,13 @@ def test_what_a_watcher_asks_for_leaves_the_motion_of_others_alone(moving: Calla
     holder = moving()
     source = holder.studio.studio.source.arm
     assert source is not None
-    mine = source.attended.entry
+    mine = source.hold_to_run.entry
     assert mine is not None
     watcher = Visitor(holder.studio, holder.studio.studio.access.watch_token)
     with watcher.socket(f"/live?tab={watcher.page()}") as line:
         order = {"do": "hold", "id": 7, "kind": "joint", "args": JOG, "stops": source.stops}
         line.send(json.dumps(order))
-        until(lambda: '"ended", "id": 7' in str(line.recv(timeout=10)), "the refusal")
+        until(lambda: '"ended", "id": 7' in str(line.recv(timeout=30)), "the refusal")
         assert mine.ended in ("", "no sign of life")
 
 
@@ -211,13 +204,8 @@ def test_a_motion_ends_in_a_browser(studio: RunningStudio, operator: Page) -> No
     button = operator.locator("#jog")
     for way in ("mouse", "key", "gone", "disabled", "blur", "freeze", "close"):
         operator.mouse.up()
-        if way == "key":
-            button.focus()
-            operator.keyboard.down("Space")
-        else:
-            button.hover()
-            operator.mouse.down()
-        _moves(studio)
+        first = studio.goals()[0]
+        press(operator, button, lambda first=first: abs(studio.goals()[0] - first) > 5, key=way == "key")  # type: ignore[misc]  # bound now
         if way == "mouse":
             operator.mouse.up()
         elif way == "key":

@@ -43,27 +43,27 @@ def _press(watcher: Visitor, how: str, client_id: str, event: dict[str, Any]) ->
     if how == "implicit":
         query += "&implicit_handshake=true&tab_id=x&document_id=x&next_message_id=0"
     with watcher.socket(f"/_nicegui_ws/socket.io/?{query}") as line:
-        assert str(line.recv(timeout=10)).startswith("0{"), how
+        assert str(line.recv(timeout=30)).startswith("0{"), how
         line.send("40")
         if how == "implicit":
-            assert str(line.recv(timeout=10)).startswith("44"), "the connection is refused"
+            assert str(line.recv(timeout=30)).startswith("44"), "the connection is refused"
             return
-        assert str(line.recv(timeout=10)).startswith("40{"), how
+        assert str(line.recv(timeout=30)).startswith("40{"), how
         if how == "explicit":
             hello: dict[str, Any] = {"client_id": client_id, "tab_id": "x", "document_id": "x"}
             line.send("421" + json.dumps(["handshake", hello]))
-            assert line.recv(timeout=10) == "431[false]"
+            assert line.recv(timeout=30) == "431[false]"
         line.send("42" + json.dumps(["event", event]))
         line.send("422" + json.dumps(["handshake", {"client_id": "none"}]))
-        assert line.recv(timeout=10) == "432[false]", how
+        assert line.recv(timeout=30) == "432[false]", how
 
 
 def test_a_page_that_the_server_has_forgotten_is_told_to_load_itself_again(studio: RunningStudio) -> None:
     with Visitor(studio, studio.studio.access.operate_token) as owner:
         query = "EIO=4&transport=websocket&client_id=gone&implicit_handshake=true&tab_id=x&document_id=x"
         with owner.socket(f"/_nicegui_ws/socket.io/?{query}&next_message_id=0") as line:
-            assert str(line.recv(timeout=10)).startswith("0{")
+            assert str(line.recv(timeout=30)).startswith("0{")
             line.send("40")
-            answer = str(line.recv(timeout=10))
+            answer = str(line.recv(timeout=30))
             assert answer.startswith("44")
             assert "Implicit handshake failed" in answer

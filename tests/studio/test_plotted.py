@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from tests.studio.test_columns import parsed
-from tests.studio.test_shelf import record
+from tests.studio.test_recordings import record
 
 from hexwire.errors import UsageError
 from hexwire.studio.plotted import Plotted

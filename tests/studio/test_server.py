@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 @pytest.mark.parametrize("path", ["/", "/static/live.js", "/_nicegui_ws/socket.io/?EIO=4&transport=polling"])
 def test_nothing_is_served_without_a_session(served: RunningStudio, path: str) -> None:
     with pytest.raises(urllib.error.HTTPError) as refused:
-        urllib.request.urlopen(served.url + path, timeout=10)
+        urllib.request.urlopen(served.url + path, timeout=30)
     refused.value.close()
     assert refused.value.code == 401
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 from tests.studio.running import until
 
-from hexwire.control.attended import Entry
+from hexwire.control.hold_to_run import Entry
 from hexwire.errors import GoalError, HexwireError, LeaseError, LinkLostError
 from hexwire.fleet.service import Service
 from hexwire.fleet.service_file import read_arms
@@ -92,21 +92,21 @@ def test_a_motion_to_a_goal_ends_with_its_entry(source: Source) -> None:
     over: list[str] = []
 
     def begin(number: int, by: float) -> Entry:
-        entry = arm.attended.begin(tab.key, number)
+        entry = arm.hold_to_run.begin(tab.key, number)
         assert entry is not None
         goal = arm.arm.owner.newest().positions["J1"] + by
         args = {"what": "joints", "goals": {"J1": goal}, "speed": 1.0}
         arm.begin_run(tab, entry, args, arm.driver.epochs.mark(), lambda: over.append(entry.ended))
         return entry
 
-    arm.attended.on_end = lambda entry: None
+    arm.hold_to_run.on_end = lambda entry: None
     began = begin(1, 0.05)
     until(lambda: over, "the arrival")
     assert (over, began.ended) == (["arrived"], "arrived")
     entry = begin(2, 0.6)
-    arm.attended.end(tab.key, "released")
+    arm.hold_to_run.end(tab.key, "released")
     until(lambda: len(over) == 2, "the end")
-    progress = arm.desk.progress
+    progress = arm.motions.progress
     assert progress is not None
     assert (progress.outcome, progress.text, entry.ended) == ("preempted", "released", "released")
     assert not arm.arm.owner.group.moving
@@ -116,11 +116,11 @@ def test_a_motion_that_is_refused_does_not_begin(source: Source) -> None:
     arm = source.open("sim://hex7bot?name=refused")
     tab = Tabs().open("s", Right.OPERATE)
     source.take(tab)
-    entry = arm.attended.begin(tab.key, 1)
+    entry = arm.hold_to_run.begin(tab.key, 1)
     assert entry is not None
     with pytest.raises(GoalError, match="no torque"):
         arm.begin_run(tab, entry, {"what": "joints", "goals": {"J1": 0.1}}, arm.driver.epochs.mark())
-    assert arm.desk.progress is None
+    assert arm.motions.progress is None
 
 
 def test_the_last_minutes_are_kept_and_listeners_hear_every_state(source: Source) -> None:
@@ -132,7 +132,7 @@ def test_the_last_minutes_are_kept_and_listeners_hear_every_state(source: Source
 
 
 def test_control_of_an_arm_that_is_served_elsewhere_is_its_lease() -> None:
-    with Service(read_arms({"lab/studio": {"robot": "sim"}}, lease=5.0)):
+    with Service(read_arms({"lab/studio": {"robot": "sim", "watchdog": 15.0}}, lease=15.0)):
         first, second, tabs = Source(), Source(), Tabs()
         try:
             arm = first.open("zenoh:lab/studio")

@@ -10,10 +10,12 @@ import pytest
 from tests.emulator.terminals import serving
 from tests.studio.conftest import ready
 from tests.studio.holder import Holder
+from tests.studio.running import hold
 from tests.studio.test_every_page import faults
 
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.serve_pty import PtyServer
+from hexwire.studio import live
 from hexwire.studio.pages import PAGES
 
 if TYPE_CHECKING:
@@ -100,11 +102,9 @@ def test_a_held_motion_of_a_board_that_was_unplugged_does_not_go_on(served: Runn
             served.until(lambda: served.arm.owner.state is not None, "a state")
             served.torque()
             served.until(lambda: len(served.arm.owner.state.torque_on) == 7, "torque")
-            before = served.arm.owner.state.positions["J1"]
             holder = Holder(served)
             stack.callback(holder.end)
             holder.hold()
-            served.until(lambda: abs(served.arm.owner.state.positions["J1"] - before) > 0.02, "a motion")
         served.until(lambda: not served.arm.owner.connected, "the end of the connection")
         with _plugged(board, port):
             # Whoever still holds the button does not move it, neither stopped nor resumed.
@@ -115,6 +115,36 @@ def test_a_held_motion_of_a_board_that_was_unplugged_does_not_go_on(served: Runn
             served.until(lambda: served.arm.owner.group.reason is None, "the end of the stop")
             _stays(served, place)
             served.studio.source.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["arm", "bus"])
+def test_nothing_is_shown_as_the_present_while_the_studio_hangs(
+    mode: str, served: RunningStudio, blank: Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its connection is there all the same, and nothing comes over it."""
+    page = blank
+    try:
+        if mode == "arm":
+            served.open()
+        else:
+            served.studio.source.open_bus("sim://so101?name=hangs")
+        page.goto(served.operate_url)
+        page.wait_for_function(
+            f"window.hexwire?.facts?.mode === '{mode}' && hexwire.known && ({_COLOURED}).length > 0"
+        )
+        monkeypatch.setattr(live._Socket, "put_frame", lambda *_: None)
+        monkeypatch.setattr(live._Socket, "put", lambda *_: None)
+        page.wait_for_function(f"!({_COLOURED}).length")
+        assert page.evaluate(_PRESSABLE) == []
+        page.locator("#hw-banner", has_text="What is grey is from ").wait_for()
+        page.locator("#hw-banner", has_text="The studio does not answer").wait_for()
+        assert page.evaluate("hexwire.connected")
+        monkeypatch.undo()
+        page.wait_for_function(f"hexwire.known && ({_COLOURED}).length > 0")
+    finally:
+        served.studio.source.close()
+        served.studio.access.end_all()
 
 
 @pytest.mark.slow
@@ -133,8 +163,7 @@ def test_a_board_that_returns_is_there_again_and_stopped(
             page.get_by_role("button", name="Torque on").click()
             served.until(lambda: len(served.arm.owner.state.torque_on) == 7, "torque")
             before = served.arm.owner.state.positions["J1"]
-            page.evaluate("void hexwire.hold('joint', {directions: {J1: 1}, speed: 0.2})")
-            served.until(lambda: abs(served.arm.owner.state.positions["J1"] - before) > 0.02, "a motion")
+            hold(page, {"J1": 1}, lambda: abs(served.arm.owner.state.positions["J1"] - before) > 0.02)
         page.locator("#hw-banner", has_text="The arm is not connected").wait_for()
         page.locator("#hw-fact-connection", has_text="lost").wait_for()
         page.locator("#hw-banner", has_text="What is grey is from ").wait_for()

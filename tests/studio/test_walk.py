@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 from tests.ros1.ros_world import PtyBoard
 from tests.studio.conftest import ready
+from tests.studio.running import hold
 from tests.studio.test_every_page import walk
 
 from hexwire.studio.pages import PAGES
@@ -125,8 +126,7 @@ def test_one_moves_and_the_others_watch_and_stop(
     fact(watcher, "holder", "tab")
     assert button(watcher, "Take control").count() == 0
     begin = studio.goals()
-    operator.evaluate("() => { window.over = hexwire.hold('joint', { directions: { J1: 1 } }); }")
-    studio.until(lambda: studio.goals() != begin, "it moves")
+    hold(operator, {"J1": 1}, lambda: studio.goals() != begin)
     button(watcher, "STOP").click()
     assert "stopped" in operator.evaluate("window.over")
     studio.until(lambda: studio.arm.owner.group.reason is not None, "the stop")

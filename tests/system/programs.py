@@ -29,8 +29,8 @@ ANSI = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
 
 
 def environment() -> dict[str, str]:
-    """Ours, without what would steer the program, and with a terminal that can be drawn on."""
-    dropped = ("HEXWIRE_", "NO_COLOR", "FORCE_COLOR", "COLUMNS", "LINES")
+    """Ours, without what would steer the program or its output, and with a terminal that can be drawn on."""
+    dropped = ("HEXWIRE_", "NO_COLOR", "FORCE_COLOR", "COLUMNS", "LINES", "PYTHONUNBUFFERED")
     env = {key: value for key, value in os.environ.items() if not key.startswith(dropped)}
     return env | {"TERM": "xterm-256color"}
 

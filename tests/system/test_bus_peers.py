@@ -42,7 +42,7 @@ def port(request: pytest.FixtureRequest) -> Iterator[str]:
         assert process.stdout is not None
         yield process.stdout.readline().strip()
         process.stdin.close()
-        assert process.wait(20) == 0
+        assert process.wait(30) == 0
 
 
 def _seen(port: str, name: str) -> dict[int, int | None]:

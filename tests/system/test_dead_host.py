@@ -48,11 +48,15 @@ session.Session.request = request
 """
 # Patient: a busy machine must not end the program before it is killed.
 CLI = """
-import functools, sys
+import sys
+import pytest
 from hexwire.cli.main import main
-from hexwire.control import motions
-motions.MotionOptions = functools.partial(motions.MotionOptions, watchdog=3.0)
-session.RetryPolicy = functools.partial(session.RetryPolicy, window=1.0)
+from hexwire.control.motion_options import MotionOptions
+from hexwire.session.policy import RetryPolicy
+from tests.defaults import default
+patch = pytest.MonkeyPatch()
+default(patch, MotionOptions, watchdog=3.0)
+default(patch, RetryPolicy, window=1.0)
 sys.argv = ['hexwire', *sys.argv[1:]]
 main()
 """
@@ -244,8 +248,8 @@ def test_the_program_of_the_readme_stops_the_arm_when_it_is_killed(arm: Plug) ->
 
 @pytest.mark.slow
 @pytest.mark.system
-def test_the_program_of_the_motion_page_stops_the_arm_when_it_is_killed(arm: Plug) -> None:
-    program = program_of("docs/motion.md", "board_process")
+def test_the_program_of_the_planning_page_stops_the_arm_when_it_is_killed(arm: Plug) -> None:
+    program = program_of("docs/planning.md", "board_process")
     program = program.replace(
         "with board_process() as port, hexwire.connect(port)", f"with hexwire.connect({arm.path!r})"
     )

@@ -10,7 +10,6 @@ from hexwire.emulator.serve import FakeClock
 
 @pytest.mark.slow
 @pytest.mark.system
-@pytest.mark.timeout(300)
 def test_fifty_arms_in_one_process() -> None:
     arms, _, _ = run_fleet(50, 1.0, rate=50.0, paced=False)
     assert [arm.cycles for arm in arms] == [50] * 50

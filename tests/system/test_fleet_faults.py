@@ -19,7 +19,7 @@ from tests.system.fleet_programs import BACK, NAME, STOPPED, Lab
 from tests.system.fleet_watch import TIMEOUT
 from tests.system.programs import PATIENCE
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.system
 
 WALL_CLOCK = Path(__file__).with_name("wall_clock.c")
 

@@ -21,7 +21,7 @@ from tests.system.programs import HEXWIRE, PATIENCE
 
 from hexwire.cli.main import cli
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.system
 
 NAMES = ("lab/arm1", "lab/arm2")
 WATCHDOG = 1.0

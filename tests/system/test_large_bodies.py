@@ -24,7 +24,7 @@ from hexwire.link.memory import memory_pair
 from hexwire.link.open import make_link
 from hexwire.wire.modules import ModuleType
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(240)]
+pytestmark = pytest.mark.system
 
 ECHO = 0x7A
 MEGABYTE = random.Random(3).randbytes(1 << 20)

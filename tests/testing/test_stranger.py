@@ -1,4 +1,4 @@
-"""A stranger's package, with the robots and the link of docs/adding-a-robot.md, is checked by `hexwire.testing`."""
+"""A stranger's package, with the robots and the link of the pages on them, is checked by `hexwire.testing`."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 
-PAGE = (Path(__file__).parents[2] / "docs/adding-a-robot.md").read_text(encoding="utf-8")
+DOCS = Path(__file__).parents[2] / "docs"
+PAGES = "\n".join((DOCS / page).read_text(encoding="utf-8") for page in ("adding-a-robot.md", "robot-on-a-line.md"))
 BLOCKS = [
-    block for block in re.findall(r"```python[^\n]*\n(.*?)```", PAGE, re.DOTALL) if not block.startswith("with ")
+    block for block in re.findall(r"```python[^\n]*\n(.*?)```", PAGES, re.DOTALL) if not block.startswith("with ")
 ]
 CHECKS = [block for block in BLOCKS if "Conformance" in block]
 # Without what the page tries in between.
@@ -43,7 +44,7 @@ def run_tests(package: Path, *which: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.slow
 def test_a_strangers_robots_and_link_pass(package: Path) -> None:
-    assert len(CHECKS) == 2
+    assert len(CHECKS) == 3
     ended = run_tests(package)
     assert ended.returncode == 0, ended.stdout
     passed = re.search(r"(\d+) passed", ended.stdout)

@@ -103,6 +103,11 @@ def test_an_invalid_joint_state_is_refused(tmp_path: Path) -> None:
         recording.message(JOINT_STATES, "foxglove.JointStates", 1.0, {"joints": 7})
     with pytest.raises(UsageError, match=r"a\.mcap: joint state 1\.joints must be a list, not 7"):
         list(read_joint_states(tmp_path / "a.mcap"))
+    with RecordingWriter(tmp_path / "b.mcap") as recording:
+        twice = {"joints": [{"name": "J1", "position": 0.1}, {"name": "J1", "position": 0.2}]}
+        recording.message(JOINT_STATES, "foxglove.JointStates", 1.0, twice)
+    with pytest.raises(UsageError, match=r"b\.mcap: joint state 1\.joints name a joint twice"):
+        list(read_joint_states(tmp_path / "b.mcap"))
 
 
 def test_a_message_of_brackets_only_does_not_fill_the_memory(tmp_path: Path) -> None:

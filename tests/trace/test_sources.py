@@ -58,6 +58,8 @@ def test_arrows_and_blank_lines_part_transfers() -> None:
 def test_lines_that_are_neither_are_named() -> None:
     remarks = [item for item in read_traffic(b"FF FF 01 02 01 FB\nhello world\n") if isinstance(item, str)]
     assert remarks == ["line 2 is neither hex nor a log line: hello world"]
+    remarks = [item for item in read_traffic(b"> FF FF 01 02 01 FB\n> X FF\n") if isinstance(item, str)]
+    assert remarks == ["line 2 is neither hex nor a log line: X FF"]
 
 
 def test_an_empty_file_is_an_error() -> None:

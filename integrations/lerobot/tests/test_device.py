@@ -15,6 +15,7 @@ from lerobot_robot_hexwire import (
     HexwireSO101LeaderConfig,
 )
 from lerobot_robot_hexwire.device import HexwireDevice, SoDevice
+from simulated import Sim
 
 KINDS = ("follower", "leader")
 
@@ -85,4 +86,19 @@ def test_a_calibration_uses_the_file_of_its_own_kind(device: Any, monkeypatch: p
         # Without torque it follows nothing.
         with pytest.raises(RuntimeError, match="no torque"):
             device.send_action({"shoulder_pan.pos": 0.0})
+    device.disconnect()
+
+
+@pytest.mark.parametrize("leader", [False, True])
+def test_to_connect_takes_few_packets(monkeypatch: pytest.MonkeyPatch, leader: bool) -> None:
+    """Each one is a round trip of a millisecond and more on a real adapter."""
+    sim = Sim(monkeypatch, leader=leader)
+    device = sim.device()
+    # The first time writes what differs.
+    device.connect()
+    device.disconnect()
+    before = len(sim.link.written)
+    device.connect()
+    assert len(sim.link.written) - before <= 20
+    assert [servo.registers.get("torque_enable") for servo in sim.servos] == [int(not leader)] * 6
     device.disconnect()

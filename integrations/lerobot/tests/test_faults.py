@@ -5,81 +5,21 @@ from __future__ import annotations
 import itertools
 import logging
 from collections.abc import Callable
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from emulated import calibration_file
-from lerobot_robot_hexwire import (
-    HexwireSO101,
-    HexwireSO101Config,
-    HexwireSO101Leader,
-    HexwireSO101LeaderConfig,
-    connection,
-    robots,
-)
+from lerobot_robot_hexwire import HexwireSO101, HexwireSO101Config
 from lerobot_robot_hexwire.config_hexwire import GRIPPER_FORCE
+from simulated import PERIOD, Sim, go
 
-from hexwire.control.calibrating import store
-from hexwire.drivers.arm_file import load_calibration
-from hexwire.drivers.bus_arm import So101Arm
-from hexwire.emulator.bus_device import BusDevice
-from hexwire.emulator.serve import BoardLink, FakeClock
+from hexwire.arm.verbs import Arm
 from hexwire.emulator.servo import EmulatedServo
-from hexwire.emulator.so_arms import make_so_arm
+from hexwire.errors import LinkLostError
 from hexwire.model.gripper import jaws_of
 from hexwire.model.state import JointFlag
 
 GRIPPER = 5
-PERIOD = 1 / 60
 LEADING = [False, True]
-
-
-class Sim:
-    """A calibrated arm on a line in simulated time, for devices of the plug-in."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, *, leader: bool = False) -> None:
-        self.leader = leader
-        made = make_so_arm("so101", leader=leader, seed=1)
-        self.servos: list[EmulatedServo] = list(made.servos)
-        self.link = BoardLink(BusDevice(self.servos, host_baud=lambda: 1_000_000), FakeClock())
-        self.clock: FakeClock = self.link.clock
-        self.on_sleep: Callable[[], object] = lambda: None
-        time = SimpleNamespace(monotonic=self.clock, sleep=self.sleep)
-        for module in (connection, robots):
-            monkeypatch.setattr(module, "time", time)
-        file = calibration_file("simulated", leader=leader)
-        with So101Arm(self.link) as arm:
-            store(arm.bus, load_calibration(file))
-
-    def sleep(self, seconds: float) -> None:
-        self.clock.advance(seconds)
-        self.on_sleep()
-
-    def mute(self, *ids: int) -> None:
-        """Let only these servos say nothing."""
-        self.link.device.wire.servos = [servo for servo in self.servos if servo.servo_id not in ids]
-
-    def device(self, **options: object) -> Any:
-        if self.leader:
-            device: Any = HexwireSO101Leader(HexwireSO101LeaderConfig(port="none", id="simulated", **options))
-        else:
-            device = HexwireSO101(HexwireSO101Config(port="none", id="simulated", **options))
-        device._arm._link = self.link
-        return device
-
-    def read(self, device: Any) -> dict[str, float]:
-        return device.get_action() if self.leader else device.get_observation()
-
-
-def go(sim: Sim, robot: HexwireSO101, action: dict[str, float], seconds: float) -> dict[str, float]:
-    """Send an action at 60 a second; returns what was sent last."""
-    sent: dict[str, float] = {}
-    for _ in range(round(seconds / PERIOD)):
-        robot.get_observation()
-        sent = robot.send_action(action)
-        sim.clock.advance(PERIOD)
-    return sent
 
 
 # --- when it is connected ----------------------------------------------------------------------------------------
@@ -237,6 +177,26 @@ def test_a_line_that_is_plugged_in_again_goes_on(monkeypatch: pytest.MonkeyPatch
     assert sim.clock() - began == pytest.approx(3.0, abs=0.5)
 
 
+@pytest.mark.parametrize("leader", LEADING)
+def test_a_line_that_is_lost_again_and_again_ends_with_the_patience(
+    monkeypatch: pytest.MonkeyPatch, leader: bool
+) -> None:
+    sim = Sim(monkeypatch, leader=leader)
+    device = sim.device(patience=3.0)
+    device.connect()
+    began = sim.clock()
+
+    def lost() -> None:
+        assert sim.clock() - began < 60.0, "it does not end"
+        raise LinkLostError("unplugged")
+
+    monkeypatch.setattr(device._arm.driver, "read_positions", lost)
+    with pytest.raises(ConnectionError, match="unplugged"):
+        sim.read(device)
+    assert device._arm.lost > 1
+    assert sim.clock() - began == pytest.approx(3.0, abs=0.5)
+
+
 @pytest.mark.parametrize("sending", [False, True])
 def test_after_the_line_was_lost_the_arm_meets_the_next_action_slowly(
     monkeypatch: pytest.MonkeyPatch, sending: bool
@@ -259,6 +219,51 @@ def test_after_the_line_was_lost_the_arm_meets_the_next_action_slowly(
     assert 10.0 < moved < 36.0 * 0.5 + 1.0
     assert go(sim, robot, action, 3.0)["shoulder_pan.pos"] == pytest.approx(action["shoulder_pan.pos"])
     robot.disconnect()
+
+
+@pytest.mark.parametrize("away", ["robot", "leader"])
+def test_after_a_replug_nothing_jumps_to_where_the_leader_was_moved_meanwhile(
+    monkeypatch: pytest.MonkeyPatch, away: str
+) -> None:
+    """Also if the first action was made before."""
+    other = Sim(monkeypatch, leader=True)
+    leader = other.device(patience=0.5)
+    leader.connect()
+    sim = Sim(monkeypatch)
+    robot = sim.device(patience=0.5, table_mm=None)
+    robot.connect()
+    action = robot.get_observation()
+    before = go(sim, robot, action, 0.5)["shoulder_pan.pos"]
+    link = sim.link if away == "robot" else other.link
+    link.lost, tries = True, itertools.count()
+    sim.on_sleep = lambda: setattr(link, "lost", next(tries) < 15)
+    sim.read(robot) if away == "robot" else other.read(leader)
+    assert not link.lost
+    if away == "robot":
+        robot.send_action(action)
+    action["shoulder_pan.pos"] += 40.0
+    moved = go(sim, robot, action, 0.5)["shoulder_pan.pos"] - before
+    # A fifth of 180 degrees a second.
+    assert 10.0 < moved < 36.0 * 0.5 + 1.0
+    assert go(sim, robot, action, 3.0)["shoulder_pan.pos"] == pytest.approx(action["shoulder_pan.pos"])
+    robot.disconnect()
+
+
+def test_ctrl_c_on_the_way_home_says_that_the_arm_keeps_its_torque(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def interrupted(arm: Arm, pose: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Arm, "move", interrupted)
+    sim = Sim(monkeypatch)
+    robot = sim.device(home_at_disconnect="home")
+    robot.connect()
+    with pytest.raises(KeyboardInterrupt):
+        robot.disconnect()
+    assert "has not come to its pose home, and keeps its torque: hold it" in caplog.text
+    assert not robot.is_connected
+    assert [servo.registers.get("torque_enable") for servo in sim.servos] == [1] * 6
 
 
 # --- the gripper -------------------------------------------------------------------------------------------------
@@ -288,8 +293,12 @@ def test_a_gripper_that_is_commanded_shut_on_something_does_not_press_itself_int
     assert max(loads) > GRIPPER_FORCE, "it never pressed"
     assert max(loads[-300:]) <= 1.1 * GRIPPER_FORCE
     assert loads[-1] > 0.0
+    assert robot.clipped["gripper grip"] > 400
     assert not robot._arm.faults.counts
-    # It opens when it is told to.
+    # What it holds is taken away: it closes, and opens when it is told to.
+    servo.motion.obstacle = None, None
+    go(sim, robot, action, 4.0)
+    assert robot.get_observation()["gripper.pos"] == pytest.approx(0.0, abs=3.0)
     action["gripper.pos"] = 70.0
     go(sim, robot, action, 2.0)
     assert robot.get_observation()["gripper.pos"] == pytest.approx(70.0, abs=3.0)
@@ -325,6 +334,8 @@ def test_without_a_limit_the_servo_protects_itself(monkeypatch: pytest.MonkeyPat
         ({"patience": -1.0}, "patience must be a number of seconds from 0"),
         ({"patience": float("inf")}, "patience must be a number of seconds from 0"),
         ({"gripper_force": 0.0}, "gripper_force must be above 0 and at most 1"),
+        ({"table_mm": float("nan")}, "table_mm must be a height in millimetres or null, not nan"),
+        ({"table_mm": float("inf")}, "table_mm must be a height in millimetres or null, not inf"),
     ],
 )
 def test_a_configuration_that_cannot_be(options: dict[str, Any], text: str) -> None:

@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 from string import Template
 
@@ -32,12 +33,15 @@ BLOCKS = re.findall(r"^```(\S*)\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
 LINES = [line for kind, block in BLOCKS if kind == "console" for line in block.replace("\\\n", "").splitlines()]
 COMMANDS = [line.removeprefix("$ ") for line in LINES]
 SERVE = next(command for command in COMMANDS if command.startswith("hexwire serve "))
+NEW = not version("lerobot").startswith("0.4.")
+"""A LeRobot that runs policies by a program of its own, and adds the date to names of datasets."""
 SHORT = {
     "lerobot-teleoperate": ("--teleop_time_s=2",),
     "lerobot-record": (
         *("--dataset.num_episodes=1", "--dataset.episode_time_s=1", "--dataset.reset_time_s=0"),
-        *("--dataset.fps=10", "--play_sounds=false"),
+        *("--dataset.fps=10", "--play_sounds=false", *(("--dataset.no_stamp=true",) if NEW else ())),
     ),
+    "lerobot-rollout": ("--duration=2", "--device=cpu", "--play_sounds=false"),
     "lerobot-replay": ("--play_sounds=false",),
     "lerobot-train": (
         *("--steps=1", "--batch_size=1", "--num_workers=0", "--policy.device=cpu"),
@@ -156,7 +160,8 @@ def test_the_page_from_calibrated_arms_to_a_policy(
             calibrated(port, "made", leader=led).rename(tmp_path / f"{name}.json")
         move_by_hand(leader, HandOrder("shoulder_pan", 20.0, 0.4))
         for command in COMMANDS:
-            if command.startswith("hexwire "):
+            runs_policy = command.startswith("lerobot-record ") and "--policy.path" in command
+            if command.startswith("hexwire ") or (runs_policy if NEW else command.startswith("lerobot-rollout ")):
                 continue
             owner.run(command)
             if command.startswith("cp leader"):
@@ -172,9 +177,8 @@ def test_the_page_from_calibrated_arms_to_a_policy(
             if command.startswith("lerobot-calibrate"):
                 assert asked.pop().startswith("Press ENTER to use the calibration in ")
                 assert not asked
-        data = {
-            name: LeRobotDataset(f"me/{name}", video_backend="pyav") for name in ("arm-only", "cube", "eval_cube")
-        }
+        made = ("arm-only", "cube") if NEW else ("arm-only", "cube", "eval_cube")
+        data = {name: LeRobotDataset(f"me/{name}", video_backend="pyav") for name in made}
         assert {one.meta.robot_type for one in data.values()} == {"so_follower"}
         assert all(len(one) >= 5 for one in data.values())
         assert list(data["cube"].meta.camera_keys) == ["observation.images.front"]

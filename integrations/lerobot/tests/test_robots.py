@@ -24,6 +24,8 @@ from lerobot_robot_hexwire import (
     HexwireSO101Config,
 )
 
+from hexwire.control.pose_file import PoseFile
+from hexwire.drivers.arm_file import load_calibration
 from hexwire.drivers.base import StopMode
 from hexwire.drivers.bus_arm import So101Arm
 from hexwire.emulator.hand import HandOrder
@@ -182,6 +184,33 @@ def test_connecting_twice_and_torque_at_the_end(arm: HexwireSO101, follower: str
     robot.connect()
     robot.disconnect()
     assert registers(follower, "torque_enable") == [1] * 6
+
+
+def test_at_the_end_it_goes_to_a_saved_pose_before_its_torque_is_off(follower: str) -> None:
+    robot = make(follower, home_at_disconnect="folded", meet_speed=0.4)
+    with pytest.raises(ValueError, match="no pose 'folded' of so101; known are: home"):
+        robot.connect()
+    assert not robot.is_connected
+    assert registers(follower, "torque_enable") == [0] * 6
+    with So101Arm.from_url(follower) as arm:
+        model = load_calibration(robot.calibration_fpath).apply(arm.model)
+    folded = {"shoulder_pan": 0.2, "shoulder_lift": -1.4, "elbow_flex": 1.3, "wrist_flex": 0.6}
+    PoseFile(model).save("folded", folded)
+    try:
+        robot.connect()
+        go(robot, {"shoulder_lift.pos": -60.0}, 1.0)
+        robot.disconnect()
+        assert registers(follower, "torque_enable") == [0] * 6
+        robot.connect()
+        seen = robot.get_observation()
+        wanted = {f"{name}.pos": math.degrees(angle) for name, angle in folded.items()}
+        assert {name: seen[name] for name in wanted} == pytest.approx(wanted, abs=4.0)
+        # A stopped arm goes nowhere, and does not fall.
+        robot._arm.driver.stop(StopMode.HOLD)
+        robot.disconnect()
+        assert registers(follower, "torque_enable") == [1] * 6
+    finally:
+        PoseFile(model).remove("folded")
 
 
 def test_a_stop_that_was_latched_elsewhere_is_respected(follower: str) -> None:

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.state import JointState
 
+    from .claim import Claim
+
 __all__ = ["Lesson", "Recording", "recording_writer"]
 
 _MOST_STATES = 500_000
@@ -36,20 +38,18 @@ class Lesson(Handle[None]):
         robot: The arm.
         writer: Keeps its states; nothing does if None.
         limp: Leave torque off at the end.
-        on_end: Is called at the end.
+        claim: That the arm is taught.
 
     Raises:
         HexwireError: The arm keeps its torque.
     """
 
-    def __init__(
-        self, robot: RobotDriver, writer: RecordingWriter | None, limp: bool, on_end: Callable[[], object]
-    ) -> None:
+    def __init__(self, robot: RobotDriver, writer: RecordingWriter | None, limp: bool, claim: Claim) -> None:
         self._states: list[JointState] = []
         self._begun = threading.Event()
-        self._how = (robot, limp, on_end)
+        self._limp = limp
         self._writer = writer
-        super().__init__(robot, "lesson", self._record)
+        super().__init__(robot, "lesson", self._record, claim)
         while not self._begun.wait(0.01):
             if self.done:
                 self.wait()
@@ -65,8 +65,11 @@ class Lesson(Handle[None]):
         rows = [(state.stamp, state.position) for state in self._states if state.names == names]
         return Taught.of(names, rows)
 
+    def played(self) -> Taught:
+        """What `Arm.play` plays of it; raises as `taught`."""
+        return self.taught
+
     def _record(self, ending: threading.Event) -> None:
-        robot, limp, on_end = self._how
         writer = self._writer
 
         def keep(state: JointState) -> None:
@@ -75,11 +78,9 @@ class Lesson(Handle[None]):
             if writer is not None:
                 writer.joint_state(state, wall_time(state))
 
-        try:
-            with told(), writer or nullcontext():
-                record_by_hand(robot, keep, torque_off_at_end=limp, on_start=self._begun.set, ended=ending.is_set)
-        finally:
-            on_end()
+        limp, begun = self._limp, self._begun.set
+        with told(), writer or nullcontext():
+            record_by_hand(self._robot, keep, torque_off_at_end=limp, on_start=begun, ended=ending.is_set)
 
 
 class Recording(Handle[int]):
@@ -107,6 +108,16 @@ class Recording(Handle[int]):
         self._writer, self._next = recording_writer(file, force), states
         super().__init__(robot, "recording", self._record)
 
+    def played(self) -> Path:
+        """What `Arm.play` plays of it.
+
+        Raises:
+            UsageError: It is not over.
+        """
+        if not self.done:
+            raise UsageError("the recording goes on: end() it before it is played")
+        return self.file
+
     def _record(self, ending: threading.Event) -> int:
         with self._writer as writer:
             for state in self._next():
@@ -121,7 +132,5 @@ class Recording(Handle[int]):
 def recording_writer(file: str | Path, force: bool) -> RecordingWriter:
     """A new recording; `force` replaces a file of that name. Raises `UsageError` if it cannot be written."""
     check_recording_name(file)
-    try:
+    with told():
         return RecordingWriter(file, force=force)
-    except UsageError as error:
-        raise UsageError(str(error).replace("--force", "force=True")) from None

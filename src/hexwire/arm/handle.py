@@ -5,32 +5,62 @@ Owns its thread, how it is ended, and how the program learns what came of it. Mu
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from types import TracebackType
 from typing import TYPE_CHECKING, Generic, Self, TypeVar
 
-from hexwire.errors import StoppedError
+from hexwire.arguments import SECONDS, check, or_none
+from hexwire.errors import HexwireError
+
+from .claim import WORK_ENDED, Claim, forget_ctrl_c
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.state import JointState
 
-__all__ = ["STOP_ENDS", "Handle", "MotionHandle", "told"]
+__all__ = ["STOPPED_ENDS", "STOP_ENDS", "Handle", "MotionHandle", "told"]
 
 _R = TypeVar("_R")
 
 STOP_ENDS = "resume() ends the stop, and moves nothing"
+STOPPED_ENDS = "clear it with 'hexwire resume'"
+
+_METHODS = {
+    "`hexwire resume` ends that": STOP_ENDS,
+    STOPPED_ENDS: STOP_ENDS,
+    "take it with --take": "take it with arm.driver.take(force=True)",
+    "`hexwire move NAME=DEGREES`": "move(NAME=deg(10))",
+    "choose one with --arm": "`hexwire play --arm NAME` plays one of them",
+    "with --from and --to": "with begin= and end=",
+    "--force overwrites": "force=True overwrites",
+    "with --port": "in connect()",
+}
+"""What a driver, a server or a file says of commands, and what is said of methods instead."""
+_ARGUMENTS = {
+    r"--robot (\w+) --baud (\d+)": r"robot='\1' and ?baud=\2 after the port",
+    r"--robot (\w+\d\w*)": r"robot='\1'",
+    r"--robot\b": "robot=",
+    r"--port (\w+://\w+)": r"connect('\1')",
+}
+"""Options of commands, and the arguments that they are; what is within back quotes stays a command."""
 
 
 @contextmanager
 def told() -> Iterator[None]:
-    """Say of a stop what ends it in a program, where a driver names the command."""
+    """Name methods and arguments to a program where a driver names commands and options."""
     try:
         yield
-    except StoppedError as error:
-        error.args = (str(error).replace("`hexwire resume` ends that", STOP_ENDS),)
+    except HexwireError as error:
+        text = said = str(error)
+        for words, method in _METHODS.items():
+            text = text.replace(words, method)
+        for option, argument in _ARGUMENTS.items():
+            text = re.sub(option, argument, text)
+        if text != said:
+            error.args = (text,)
         raise
 
 
@@ -41,20 +71,29 @@ class Handle(Generic[_R]):
         robot: Is stopped by Ctrl-C in `wait`.
         name: Of the thread.
         run: Is run in the thread, and returns soon after the event that it gets is set.
+        claim: What the arm does then; None for what moves nothing.
+
+    Attributes:
+        told: The program knows what came of it.
     """
 
-    def __init__(self, robot: RobotDriver, name: str, run: Callable[[threading.Event], _R]) -> None:
+    def __init__(
+        self, robot: RobotDriver, name: str, run: Callable[[threading.Event], _R], claim: Claim | None = None
+    ) -> None:
         self._robot, self._run = robot, run
-        self._ending, self._over = threading.Event(), threading.Event()
+        self._claim = claim
+        self._ending = threading.Event() if claim is None else claim.ending
+        self._over = threading.Event()
         self._results: list[_R] = []
         self._error: BaseException | None = None
-        self._told = False
+        self.told = False
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
 
     def _work(self) -> None:
         try:
-            self._results.append(self._run(self._ending))
+            with nullcontext() if self._claim is None else self._claim.doing_it():
+                self._results.append(self._run(self._ending))
         except BaseException as error:  # noqa: BLE001  # raised where the program waits
             self._error = error
         finally:
@@ -75,40 +114,59 @@ class Handle(Generic[_R]):
             TimeoutError: It has not ended in this time; it goes on.
             HexwireError: It failed.
         """
+        check("wait", "timeout", or_none(SECONDS), timeout)
         try:
-            over = self._over.wait(timeout)
+            # Half a million years, which no lock takes, are as good as no end.
+            over = self._over.wait(timeout if timeout is None or timeout < threading.TIMEOUT_MAX else None)
         except KeyboardInterrupt:
             self._robot.stop()
             raise
+        finally:
+            forget_ctrl_c()
         if not over:
             raise TimeoutError(f"it has not ended after {timeout:g} s, and goes on")
-        self._told = True
+        self.told = True
         if self._error is not None:
             raise self._error
         return self._results[0]
 
     def end(self) -> _R:
         """End it now, and return what came of it; raises as `wait`."""
-        self._ending.set()
+        self._end("cancelled by the program")
         return self.wait()
+
+    def cancel(self) -> _R:
+        """As `end`; a motion comes to rest and holds, and nothing is latched. Raises as `wait`."""
+        return self.end()
+
+    def _end(self, why: str) -> None:
+        if self._claim is None:
+            self._ending.set()
+        else:
+            self._claim.end(why)
+
+    @property
+    def progress(self) -> float:
+        """1 when it has ended; 0 until then, where nobody knows how long it takes."""
+        return float(self.done)
 
     def abandon(self) -> None:
         """End it because of an error elsewhere: what came of it does not matter."""
-        self._ending.set()
+        self._end("cancelled by an error elsewhere in the program")
         self._over.wait()
-        self._told = True
+        self.told = True
 
     @property
     def unheard(self) -> BaseException | None:
         """Why it failed, if it did, and nobody has waited for it."""
-        return None if self._told or not self.done else self._error
+        return None if self.told or not self.done else self._error
 
     def close(self) -> None:
         """End it at the end of the program's work with the arm; raises what `wait` has not raised yet."""
-        self._ending.set()
+        self._end(WORK_ENDED)
         self._over.wait()
         self._thread.join()
-        if not self._told:
+        if not self.told:
             self.wait()
 
     def __repr__(self) -> str:
@@ -131,19 +189,22 @@ class MotionHandle(Handle[_R]):
 
     Args:
         robot: See `Handle`.
-        run: Likewise.
+        run: See `Handle`.
         duration: Seconds that the motion takes.
+        claim: See `Handle`.
 
     Attributes:
         duration: Seconds that the motion takes.
         state: The newest state since it began; None until there is one.
     """
 
-    def __init__(self, robot: RobotDriver, run: Callable[[threading.Event], _R], duration: float) -> None:
+    def __init__(
+        self, robot: RobotDriver, run: Callable[[threading.Event], _R], duration: float, claim: Claim | None = None
+    ) -> None:
         self.duration = duration
         self.state: JointState | None = None
         self._began: float | None = None
-        super().__init__(robot, "motion", run)
+        super().__init__(robot, "motion", run, claim)
 
     def see(self, state: JointState) -> None:
         """Take a state of the motion."""
@@ -158,10 +219,6 @@ class MotionHandle(Handle[_R]):
         if self.state is None or self._began is None or not self.duration:
             return 0.0
         return min((self.state.stamp - self._began) / self.duration, 0.99)
-
-    def cancel(self) -> _R:
-        """Bring the joints to rest and hold; nothing is latched. Returns how the motion ended; raises as `wait`."""
-        return self.end()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

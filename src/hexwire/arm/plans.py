@@ -10,31 +10,39 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from hexwire.arguments import Wanted, check
-from hexwire.control.via import Place, joint_points, tip_poses
-from hexwire.errors import UsageError
+from hexwire.arguments import NAME, Wanted, check, shown
+from hexwire.control.pose_file import find_pose, without_gripper
+from hexwire.control.via import Place, straight, through
+from hexwire.errors import LimitError, UsageError
 from hexwire.model.aim import Aim
-from hexwire.motion.checks import InJoints
-from hexwire.motion.limits import slow_enough
-from hexwire.motion.line import Line, Lines
-from hexwire.motion.teach import Taught, approach
-from hexwire.motion.through import arm_path
-from hexwire.motion.waypoints import Scaled, Trajectory
+from hexwire.motion.teach import Taught
+from hexwire.motion.trajectory import Scaled, Trajectory
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.arm import ArmModel
     from hexwire.model.kinematics import KinematicModel
-    from hexwire.model.pose import Pose, Vector
+    from hexwire.model.pose import Vector
 
-__all__ = ["SHARE", "Plans", "Point", "approached", "edited", "is_number", "joint_angles", "length", "straight"]
+__all__ = [
+    "ANGLES",
+    "FARTHEST",
+    "SECONDS",
+    "SHARE",
+    "Plans",
+    "Point",
+    "edited",
+    "is_number",
+    "joint_angles",
+    "length",
+]
 
-Point = str | Mapping[str, float] | Sequence[float]
-"""A pose by name, radians by joint, or x, y, z in metres."""
+Point = str | Mapping[str, float] | Sequence[float] | Place
+"""A pose by name, radians by joint, x, y, z in metres, or a place with an aim of its own."""
 
-_FARTHEST = 3.0
+FARTHEST = 3.0
 """No arm reaches farther, or is so fast, metres or metres per second: somebody has given millimetres."""
 _TURN = 2 * math.pi
 """Nothing is turned farther, radians: somebody has given degrees."""
@@ -42,40 +50,67 @@ _TURN = 2 * math.pi
 
 def is_number(value: object) -> bool:
     """Whether a value is a finite number, NumPy's too."""
-    return not isinstance(value, bool) and isinstance(value, Real) and math.isfinite(value)
+    try:
+        return not isinstance(value, bool) and isinstance(value, Real) and math.isfinite(value)
+    except OverflowError:
+        return False
 
 
 SHARE = Wanted(
     "a share of the speed limits, above 0 and at most 1", lambda value: is_number(value) and 0 < value <= 1
 )
-_SECONDS = Wanted("a number of seconds", lambda value: isinstance(value, Real))
+ANGLES = Wanted("angles by joint, as in {'J1': 0.1}", lambda value: isinstance(value, Mapping))
+SECONDS = Wanted("a number of seconds above 0", lambda value: is_number(value) and value > 0)
 
 
 def length(what: str, value: float, unit: str = "m") -> float:
     """A length in metres, or a speed of the tip; raises `UsageError` for no number, or millimetres."""
     if not is_number(value):
-        raise UsageError(f"{what} is a number in {unit}, not {value!r}")
-    if abs(value) > _FARTHEST:
+        raise UsageError(f"{what} is a number in {unit}, not {shown(value)}")
+    if abs(value) > FARTHEST:
         raise UsageError(f"{what} cannot be {value:g} {unit}; for millimetres write mm({value:g})")
     return float(value)
 
 
 def _angle(what: str, value: float, most: float = _TURN) -> float:
     if not is_number(value):
-        raise UsageError(f"the angle of {what} is a number of radians, not {value!r}")
+        raise UsageError(f"the angle of {what} is a number of radians, not {shown(value)}")
     if abs(value) > most:
         raise UsageError(f"{what} cannot turn {value:g} radians; for degrees write deg({value:g})")
     return float(value)
 
 
-def joint_angles(model: ArmModel, target: Mapping[str, float]) -> dict[str, float]:
-    """Radians by joint, by the model's names; raises `UsageError` for a wrong or repeated joint, or degrees."""
+def joint_angles(
+    model: ArmModel, target: Mapping[str, float] | Iterable[tuple[str, float]], *, within: bool = False
+) -> dict[str, float]:
+    """Radians by joint, by the model's names.
+
+    Args:
+        model: The arm.
+        target: Radians by joint, ignoring case.
+        within: Refuse an angle outside the limits of its joint, too.
+
+    Raises:
+        UsageError: A joint is wrong or repeated, or has degrees; the text lists all faults.
+        LimitError: All faults are of limits.
+    """
     found: dict[str, float] = {}
-    for given, angle in target.items():
-        joint = model.joint(given)
-        if joint.name in found:
-            raise UsageError(f"{joint.name} is named twice")
-        found[joint.name] = _angle(joint.name, angle, max(_TURN, joint.maximum - joint.minimum))
+    wrong: list[UsageError] = []
+    for given, angle in target.items() if isinstance(target, Mapping) else target:
+        try:
+            joint = model.joint(check("joint", "name", NAME, given))
+            if joint.name in found:
+                raise UsageError(f"{joint.name} is named twice")
+            if within:
+                joint.check(angle)
+            found[joint.name] = _angle(joint.name, angle, max(_TURN, joint.maximum - joint.minimum))
+        except UsageError as error:
+            wrong.append(error)
+    texts = [str(error).removesuffix("; nothing was sent") for error in wrong]
+    if wrong and all(isinstance(error, LimitError) for error in wrong):
+        raise LimitError("; ".join([*texts, "nothing was sent"]))
+    if wrong:
+        raise UsageError("; ".join([*texts, "nothing was sent"] if within else texts))
     return found
 
 
@@ -102,12 +137,17 @@ class Plans:
             raise UsageError(f"no geometry is known for {self._model.name}, so its tip has no place")
         return kinematics
 
-    def pose(self, name: str) -> Mapping[str, float]:
-        """Radians by joint of a pose; raises `UsageError` if there is none of this name."""
-        if name not in self._poses:
-            known = ", ".join(self._poses)
-            raise UsageError(f"no pose {name!r} of {self._model.name}; known are: {known}")
-        return self._poses[name]
+    @property
+    def moved(self) -> tuple[str, ...]:
+        """The joints that a motion of the tip may move; all of an arm whose geometry is not known."""
+        kinematics = self._driver.kinematics
+        return self._model.names if kinematics is None else kinematics.joint_names
+
+    def pose(self, name: str, *, gripper: bool = True) -> Mapping[str, float]:
+        """Radians by joint of a pose, maybe without its gripper; raises `UsageError` if there is none."""
+        check("pose", "name", NAME, name)
+        angles = find_pose(self._model, self._poses, name)
+        return angles if gripper else without_gripper(self._model, angles)
 
     def aim(
         self,
@@ -121,9 +161,9 @@ class Plans:
         """Where the tool is to point; see `Aim`. Raises `UsageError` if this arm's tool cannot, or for degrees."""
         turns = None
         if rpy is not None:
-            angles = tuple(rpy) if isinstance(rpy, Iterable) else ()
+            angles = _row(rpy)
             if len(angles) != 3:
-                raise UsageError(f"rpy is roll, pitch and yaw in radians, not {rpy!r}")
+                raise UsageError(f"rpy is roll, pitch and yaw in radians, not {shown(rpy)}")
             turns = (_angle("roll", angles[0]), _angle("pitch", angles[1]), _angle("yaw", angles[2]))
         aim = Aim(
             down,
@@ -143,6 +183,8 @@ class Plans:
         axes: tuple[float | None, float | None, float | None],
         aim: Aim,
         relative: bool,
+        *,
+        gripper: bool = True,
     ) -> Callable[[dict[str, float]], list[Place | Mapping[str, float]]]:
         """What a person calls points, as a function of where the arm is.
 
@@ -152,6 +194,7 @@ class Plans:
             axes: Instead of points: x, y and z; None for one that stays as it is.
             aim: Where the tool is to point at places.
             relative: Places count from the tip, or from the point before.
+            gripper: Of a pose by its name, it goes where the pose has it.
 
         Raises:
             UsageError: A point is none.
@@ -162,7 +205,9 @@ class Plans:
         found: list[Place | Mapping[str, float]] = []
         for point in points:
             if isinstance(point, str):
-                found.append(self.pose(point))
+                found.append(self.pose(point, gripper=gripper))
+            elif isinstance(point, Place):
+                found.append(point)
             elif isinstance(point, Mapping):
                 found.append(joint_angles(self._model, point))
             else:
@@ -200,11 +245,15 @@ class Plans:
             LimitError: A place is out of reach.
         """
         share = check("move", "speed", SHARE, speed)
-        names, rows = joint_points(self._model, self._driver.kinematics, here, points)
-        path = arm_path(self._model, names, rows, speed=share if duration is None else 1.0)
+        # Before the path: a person hears of the angle that was asked for.
+        for point in points:
+            if isinstance(point, Mapping):
+                joint_angles(self._model, point, within=True)
+        fastest = share if duration is None else 1.0
+        path = through(self._model, self._driver.kinematics, here, points, speed=fastest)
         if duration is None:
             return path
-        if not path.duration <= check("move", "duration", _SECONDS, duration) < math.inf:
+        if not path.duration <= duration:
             raise UsageError(f"{duration:g} s is too short: the joints' limits need {path.duration:.2f} s for this")
         return Scaled(path, path.duration / duration) if path.duration else path
 
@@ -227,8 +276,11 @@ class Plans:
             HexwireError: As `through`.
         """
         speed, round_by = length("tip_speed", tip_speed, "m/s"), length("rounding", rounding)
-        goals = tip_poses(self.kinematics, here, points)
-        return straight(self._model, self.kinematics, here, goals, speed=speed, rounding=round_by)
+        if speed <= 0:
+            raise UsageError(f"tip_speed must be above 0 m/s, not {speed:g}")
+        if round_by < 0:
+            raise UsageError(f"rounding must be 0 m or more, not {round_by:g}")
+        return straight(self._model, self.kinematics, here, points, speed=speed, rounding=round_by)
 
     def played(
         self,
@@ -241,14 +293,12 @@ class Plans:
     ) -> Trajectory:
         """A recording, or another motion, as it is to be played; see `Arm.play` for the arguments."""
         if isinstance(motion, Trajectory):
-            return Scaled(motion, factor)
+            return motion if factor == 1.0 else Scaled(motion, factor)
         if not isinstance(motion, Taught):
             from .recorded import read_taught
 
             if not isinstance(motion, str | Path):
-                raise UsageError(
-                    f"play() takes a file, lesson.taught, recording.file or a trajectory, not {motion!r}"
-                )
+                raise UsageError(f"play() takes a file, a lesson, a recording or a trajectory, not {shown(motion)}")
             motion = read_taught(str(motion))
         return edited(motion, factor, begin, end, smooth, trim).within(self._model).trajectory()
 
@@ -262,53 +312,18 @@ def edited(taught: Taught, factor: float, begin: float, end: float, smooth: floa
     return taught.smoothed(smooth).faster(factor)
 
 
-def straight(
-    model: ArmModel,
-    kinematics: KinematicModel,
-    here: Mapping[str, float],
-    goals: Sequence[Pose],
-    *,
-    speed: float,
-    rounding: float,
-) -> Trajectory:
-    """Straight lines of the tip, as fast as the joints' limits allow and no faster than asked for.
-
-    Args:
-        model: The arm.
-        kinematics: Its geometry.
-        here: Present radians by joint.
-        goals: Poses of the tip at the end of each line.
-        speed: Of the tip, metres per second.
-        rounding: How far from a corner the tip may leave the lines, metres; 0 stops there.
-
-    Raises:
-        HexwireError: A line is not possible.
-    """
-    angles, gain = kinematics.from_joints(here), max(0.1, 4 * speed)
-    path = (
-        Line(kinematics, angles, goals[0], speed=speed, acceleration=gain)
-        if len(goals) == 1
-        else Lines(kinematics, angles, goals, rounding=rounding, speed=speed, acceleration=gain)
-    )
-    return slow_enough(model, InJoints(path, kinematics))
-
-
-def approached(model: ArmModel, path: Trajectory, here: Mapping[str, float], repeat: int) -> list[Trajectory]:
-    """A motion so many times, each time after the slow way to where it begins."""
-    legs: list[Trajectory] = []
-    at: Sequence[float] = [here[name] for name in path.names]
-    for _ in range(repeat):
-        first = approach(model, path.names, at, path.start)
-        legs += [first, path] if first.duration else [path]
-        at = path.goal
-    return legs
+def _row(values: Any) -> tuple[Any, ...]:
+    """Numbers in their order, such as NumPy's; nothing for what has none, as a set."""
+    if isinstance(values, Sequence) and not isinstance(values, str | bytes):
+        return tuple(values)
+    return tuple(values.tolist()) if getattr(values, "ndim", None) == 1 else ()
 
 
 def _place(verb: str, point: object) -> Vector:
-    values = tuple(point) if isinstance(point, Iterable) else ()
+    values = _row(point)
     if len(values) != 3 or not all(map(is_number, values)):
         example = f"{verb}((0, mm(200), mm(150)))"
-        raise UsageError(f"a place of {verb}() is x, y, z in metres, as in {example}, not {point!r}")
+        raise UsageError(f"a place of {verb}() is x, y, z in metres, as in {example}, not {shown(point)}")
     # The hint shows the number that is farthest off.
     length("a place", max(values, key=abs))
     return (float(values[0]), float(values[1]), float(values[2]))

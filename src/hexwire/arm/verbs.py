@@ -6,63 +6,96 @@ how a motion is checked, planned or run, nor which kind of robot it is.
 
 from __future__ import annotations
 
+import atexit
 import logging
 import math
+import sys
 import threading
-import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
+import weakref
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Self, TextIO, TypedDict, TypeVar, Unpack, overload
 
-from hexwire.arguments import WHOLE, Wanted, check
+from hexwire.arguments import FLAG, NAME, ROBOT, WHOLE, Wanted, check, one_of, or_none, shown, takes
 from hexwire.control import motions
-from hexwire.control import rest as resting
-from hexwire.control.following import Pair, following_rules, run_following
-from hexwire.control.gripping import GripResult, run_grip
+from hexwire.control.jaws import MOST_SECONDS
+from hexwire.control.loop import RateLoop, check_rate
+from hexwire.control.motion_options import unwatched_words
+from hexwire.control.outcomes import Reason
 from hexwire.control.pose_file import HOME
-from hexwire.control.power import end_stop
-from hexwire.control.reader import read_known, read_start
+from hexwire.control.power import end_stop, require_confirmed, switch_torque
+from hexwire.control.reader import raise_if_silent, read_known, read_start
+from hexwire.control.via import approached
 from hexwire.drivers.registry import connect as connect_driver
 from hexwire.drivers.values import StopMode
-from hexwire.errors import HexwireError, ServoError, StoppedError, UsageError
+from hexwire.errors import GoalError, HexwireError, LimitError, LinkError, StoppedError, UsageError
 from hexwire.model.aim import Tip
+from hexwire.model.gripper import OPENINGS, Opening
+from hexwire.model.state import JointTarget
 from hexwire.motion.teach import Taught
-from hexwire.motion.waypoints import Trajectory
+from hexwire.motion.trajectory import Trajectory
 
 from .blocks import Lesson, Recording, recording_writer
-from .handle import STOP_ENDS, Handle, MotionHandle, told
-from .plans import SHARE, Plans, Point, approached, is_number, joint_angles, length
+from .claim import WORK_ENDED, Claim, Claims, forget_ctrl_c
+from .front import Front
+from .handle import STOP_ENDS, STOPPED_ENDS, Handle, MotionHandle, told
+from .plans import ANGLES, SECONDS, SHARE, Plans, Point, is_number, joint_angles, length
 from .poses import Poses
 
 if TYPE_CHECKING:
-    from hexwire.control.motions import MotionObserver, MotionResult
+    from hexwire.control.following import Limit
+    from hexwire.control.motions import CheckedPath, MotionObserver, MotionResult
     from hexwire.drivers.base import RobotDriver
     from hexwire.epochs import Token
     from hexwire.model.arm import ArmModel, JointModel
     from hexwire.model.picture import Picture
     from hexwire.model.pose import Vector
-    from hexwire.model.state import JointState
+    from hexwire.model.state import JointState, NewestState
 
 __all__ = ["Arm", "connect"]
 
 _log = logging.getLogger(__name__)
 
+_attached: weakref.WeakSet[Arm] = weakref.WeakSet()
+"""Arms that are left when the interpreter ends."""
+
 _R = TypeVar("_R")
 _H = TypeVar("_H", bound=Handle[Any])
 
-Motion = str | Path | Taught | Trajectory
-"""A recording by its file, what `Arm.teach` has recorded, or a trajectory."""
-Opening = float | Literal["open", "close"]
-"""0 is closed, 1 fully open; or a word."""
-
-_OPENINGS = {"open": 1.0, "close": 0.0}
+_Run = Callable[[Claim, motions.MotionObserver], _R]
+Motion = str | Path | Taught | Trajectory | Lesson | Recording
+"""A recording by its file, what `Arm.teach` or `Arm.record` has recorded, or a trajectory."""
 _FORCE = Wanted("a share of full effort, 0 to 1", lambda value: is_number(value) and 0 <= value <= 1)
+_BEYOND = 0.05
+"""How far beyond 0 and 1 the measured opening of a gripper may be."""
+_FACTOR = Wanted("a factor above 0", lambda value: is_number(value) and value > 0)
+_TIME = Wanted("seconds, 0 or more", lambda value: is_number(value) and value >= 0)
+_END = Wanted(
+    "seconds, 0 or more", lambda value: _TIME.fits(value) or (isinstance(value, float) and value == math.inf)
+)
+_TIMES = Wanted("a whole number, 1 or more: how often", lambda value: WHOLE.fits(value) and value >= 1, WHOLE.plain)
+_FILE = Wanted("the name of a file", lambda value: isinstance(value, str | Path))
+_PRINTED = Wanted("a file that is open for text, such as sys.stderr", lambda value: hasattr(value, "write"))
+_LIMIT = Wanted(
+    "a number above 0, of all joints or by joint",
+    lambda value: (
+        all(map(_FACTOR.fits, value.values()))
+        if isinstance(value, Mapping)
+        else value is None or _FACTOR.fits(value)
+    ),
+)
 _STOPPED = 5
 """Status `stopped` of PROTOCOL.md section 6.2."""
-_UNWATCHED = "%s has no watchdog: if this program dies, the arm moves on for up to %.2g s"
+_ENDS = 5.0
+"""Most seconds in which a motion that was stopped, or lost its torque, comes to its end."""
+
+
+_NOT_LATCHED = "nothing is latched: ask for it again"
+_MOVES = "is in motion: wait for it, cancel it, or stop()"
+_ENDED = "this arm was detached, so the motion was ended before it arrived: connect() again"
 
 
 class _How(TypedDict, total=False):
@@ -79,6 +112,7 @@ class _Tip(TypedDict, total=False):
     roll: float | None
     rpy: Vector | None
     relative: bool
+    grip: Opening | None
 
 
 class _Goto(_Tip, _How):
@@ -103,6 +137,8 @@ class _Follow(TypedDict, total=False):
     mirror: bool
     meet: float
     force: float
+    max_speed: Limit
+    max_acceleration: Limit
     rate: float
 
 
@@ -144,7 +180,11 @@ def connect(
         LinkError: The port cannot be opened.
         ReplyTimeoutError: Nothing answers.
     """
-    driver = connect_driver(port, robot, trace=trace, **options)
+    check("connect", "port", or_none(NAME), port)
+    check("connect", "robot", or_none(NAME), robot)
+    check("connect", "trace", or_none(_PRINTED), trace)
+    with told():
+        driver = connect_driver(port, robot, trace=trace, **options)
     try:
         return Arm(driver, speed=speed, table=table, rest=rest)
     except BaseException:
@@ -157,14 +197,17 @@ class Arm:
 
     Angles are radians, lengths metres, times seconds: write ``deg(30)`` and ``mm(150)`` for others. Each motion is
     checked as a whole before anything moves; then torque is switched on where there is none, and the watchdog is
-    armed. A verb returns when the arm has come to rest, or raises. Ctrl-C stops the arm. With ``wait=False`` a verb
-    returns a handle at once. One motion runs at a time; any thread may read and stop.
+    armed. A verb returns when the arm has come to rest, or raises. Ctrl-C stops the arm. The lease of a shared arm
+    is taken by the first verb, and again by the next one where it was lost, unless another program holds it. With
+    ``wait=False`` a verb returns a handle at once. One motion runs at a time; any thread may read and stop. At the
+    end of the program, what still moves comes to rest; after Ctrl-C it is stopped.
 
     Args:
         driver: The attached robot.
         speed: See `connect`.
-        table: Likewise.
-        rest: Likewise.
+        table: See `connect`.
+        rest: See `connect`.
+        front: How a front calls its verbs; None for a program.
 
     Attributes:
         driver: The robot's driver, for what is not here.
@@ -180,18 +223,25 @@ class Arm:
         speed: float = 0.5,
         table: float | None = 0.0,
         rest: str | None = None,
+        front: Front | None = None,
     ) -> None:
-        self.driver = driver
+        self.driver: RobotDriver = check("Arm", "driver", ROBOT, driver)
+        self._front = Front() if front is None else front
+        self._told = told if front is None else nullcontext
         self.speed: float = check("connect", "speed", SHARE, speed)
-        self.table = None if table is None else length("table", table)
+        self.table = table
+        self._height()
         self.poses = Poses(driver.model, self.read)
         self._plans = Plans(driver, self.poses)
+        check("connect", "rest", or_none(NAME), rest)
         self._rest = rest if rest is None else self._plans.pose(rest)
-        self._free = threading.Lock()
-        self._doing = ""
+        self._claims = Claims()
         self._open = True
+        # The thread that detaches the arm: no other one may begin a motion.
+        self._ender: int | None = None
         self._handles: list[Handle[Any]] = []
         self._warned = False
+        _attached.add(self)
 
     # -- what it is and where -------------------------------------------------------------------------
 
@@ -210,6 +260,16 @@ class Arm:
         self._check_open()
         return self.driver.read()
 
+    def newest(self) -> NewestState:
+        """The newest state that is there, at once, with its age in seconds.
+
+        An arm that another program shares sends its states unasked: `read` waits for the next one, this does not,
+        and may give one from before the last order. Any other arm is asked, as by `read`.
+        """
+        self._check_open()
+        return self.driver.newest()
+
+    @takes(seconds=_END)
     def states(self, rate: float = 0.0, *, seconds: float = math.inf) -> Iterator[JointState]:
         """Read states again and again, also while a motion runs.
 
@@ -220,17 +280,18 @@ class Arm:
         Raises:
             UsageError: There is no such rate.
         """
-        if not is_number(rate) or rate < 0:
-            raise UsageError(f"a rate is a number per second, or 0 for the robot's own, not {rate!r}")
-        return self._states(1.0 / (rate or self.driver.command_rate), seconds)
+        return self._states(self._rate(rate), seconds)
 
-    def _states(self, period: float, seconds: float) -> Iterator[JointState]:
-        due = begin = time.monotonic()
-        while due - begin < seconds:
+    def _rate(self, rate: float) -> float:
+        if not is_number(rate) or rate < 0:
+            raise UsageError(f"a rate is a number per second, or 0 for the robot's own, not {shown(rate)}")
+        rate = rate or self.driver.command_rate
+        check_rate(rate)
+        return rate
+
+    def _states(self, rate: float, seconds: float) -> Iterator[JointState]:
+        for _ in RateLoop(rate).ticks(seconds):
             yield self.read()
-            # After a pause, states are not made up for.
-            due = max(due + period, time.monotonic())
-            time.sleep(max(0.0, due - time.monotonic()))
 
     @property
     def tip(self) -> Tip:
@@ -255,9 +316,11 @@ class Arm:
         """
         from hexwire.model.geometry import make_shapes
         from hexwire.model.picture import draw_arm
+        from hexwire.model.state import JointState
 
+        check("picture", "state", or_none(one_of(JointState)), state)
         shapes = make_shapes(self._plans.kinematics)
-        return draw_arm(shapes, (state or self.read()).positions, self.model.name)
+        return draw_arm(shapes, (self.read() if state is None else state).positions, self.model.name)
 
     @property
     def opening(self) -> float:
@@ -268,7 +331,8 @@ class Arm:
         """
         from hexwire.drivers.tools import Gripper
 
-        return Gripper(self.driver).share(self.read())
+        with self._told():
+            return Gripper(self.driver).share(self.read())
 
     # -- motions --------------------------------------------------------------------------------------
 
@@ -279,6 +343,7 @@ class Arm:
         /,
         *,
         relative: bool = False,
+        grip: Opening | None = None,
         speed: float | None = None,
         duration: float | None = None,
         wait: Literal[True] = True,
@@ -291,17 +356,20 @@ class Arm:
         /,
         *,
         relative: bool = False,
+        grip: Opening | None = None,
         speed: float | None = None,
         duration: float | None = None,
         wait: Literal[False],
         **joints: float,
     ) -> MotionHandle[MotionResult]: ...
+    @takes(relative=FLAG, speed=or_none(SHARE), duration=or_none(SECONDS), wait=FLAG)
     def move(
         self,
         goal: str | Mapping[str, float] | None = None,
         /,
         *,
         relative: bool = False,
+        grip: Opening | None = None,
         speed: float | None = None,
         duration: float | None = None,
         wait: bool = True,
@@ -312,6 +380,8 @@ class Arm:
         Args:
             goal: Radians by joint, or the name of a pose.
             relative: The angles count from where the joints are.
+            grip: Open or close the gripper at the same time, as in `grip`; of the result, `holds` says whether it
+                has an object, and `opening` how far it is open.
             speed: Share of the speed limits; that of the arm if None.
             duration: Seconds, instead of a speed; at least what the limits need.
             wait: Return when the arm has arrived; else at once with a `MotionHandle`.
@@ -326,7 +396,9 @@ class Arm:
             StoppedError: The arm is stopped, or was stopped on its way.
             ServoError: It did not arrive.
         """
-        named: Any = self._plans.pose(goal) if isinstance(goal, str) else goal or {}
+        named: Any = {} if goal is None else goal
+        if isinstance(goal, str):
+            named = self._plans.pose(goal, gripper=grip is None)
         if not isinstance(named, Mapping) or not (named or joints):
             raise UsageError("move() takes angles by joint, as in move(J1=deg(30)), or the name of a pose")
         if isinstance(goal, str) and relative:
@@ -336,12 +408,42 @@ class Arm:
             for name in more:
                 if name in angles:
                     raise UsageError(f"{name} is named twice")
-        return self._move(angles | more, relative, speed, duration, wait)
+        return self._move(angles | more, relative, speed, duration, wait, grip)
+
+    @takes(goal=ANGLES, duration=_TIME, wait=FLAG)
+    def send(self, goal: Mapping[str, float], /, *, duration: float = 1.0, wait: bool = True) -> MotionResult:
+        """Send angles to joints as one target: each servo goes there by itself, unless the board keeps the time.
+
+        Args:
+            goal: Radians by joint.
+            duration: Seconds; longer if a speed limit requires it.
+            wait: Return when the arm has arrived; else once the target is sent: the motion outlives the program.
+
+        Raises:
+            HexwireError: As `move`.
+        """
+        asked = self._asked()
+        target = JointTarget.of(joint_angles(self.model, goal), duration)
+        how = replace(self._front.options, table=self._height())
+
+        def run(claim: Claim, observer: MotionObserver) -> MotionResult:
+            result = motions.run_motion(
+                self.driver, target, how, wait=wait, observer=observer, asked=asked, rest=True
+            )
+            observer.ended(result)
+            silent = () if result.sent is None else result.sent.silent
+            raise_if_silent([(self.model.joint(name).servo_id, name) for name in silent])
+            self._require(result)
+            return result
+
+        sent: MotionResult = self._run(lambda observer: (run, duration), asked, wait=True)
+        return sent
 
     @overload
     def goto(self, *points: Point, wait: Literal[True] = True, **how: Unpack[_Goto]) -> MotionResult: ...
     @overload
     def goto(self, *points: Point, wait: Literal[False], **how: Unpack[_Goto]) -> MotionHandle[MotionResult]: ...
+    @takes(down=FLAG, relative=FLAG, speed=or_none(SHARE), duration=or_none(SECONDS), wait=FLAG)
     def goto(
         self,
         *points: Point,
@@ -353,6 +455,7 @@ class Arm:
         roll: float | None = None,
         rpy: Vector | None = None,
         relative: bool = False,
+        grip: Opening | None = None,
         speed: float | None = None,
         duration: float | None = None,
         wait: bool = True,
@@ -370,6 +473,7 @@ class Arm:
             roll: With `pitch`: angle of its last joint, radians; it stays if None.
             rpy: Roll, pitch and yaw of the tool of an arm with six joints, about the base's axes, radians.
             relative: A place counts from the tip, or from the point before.
+            grip: As for `move`.
             speed: As for `move`.
             duration: As for `move`.
             wait: As for `move`.
@@ -381,17 +485,19 @@ class Arm:
             HexwireError: As `move`; a place out of reach is a LimitError.
         """
         asked = self._asked()
-        wanted = self._plans.points("goto", points, (x, y, z), self._plans.aim(down, rpy, pitch, roll), relative)
+        aim = self._plans.aim(down, rpy, pitch, roll)
+        wanted = self._plans.points("goto", points, (x, y, z), aim, relative, gripper=grip is None)
 
         def plan(here: dict[str, float]) -> list[Trajectory]:
             return [self._plans.through(wanted(here), here, self._share(speed, duration), duration)]
 
-        return self._motion(plan, asked, wait)
+        return self._motion(plan, self._plans.moved, asked, wait, grip)
 
     @overload
     def line(self, *points: Point, wait: Literal[True] = True, **how: Unpack[_Lines]) -> MotionResult: ...
     @overload
     def line(self, *points: Point, wait: Literal[False], **how: Unpack[_Lines]) -> MotionHandle[MotionResult]: ...
+    @takes(down=FLAG, relative=FLAG, wait=FLAG)
     def line(
         self,
         *points: Point,
@@ -403,6 +509,7 @@ class Arm:
         roll: float | None = None,
         rpy: Vector | None = None,
         relative: bool = False,
+        grip: Opening | None = None,
         tip_speed: float = 0.05,
         rounding: float = 0.01,
         wait: bool = True,
@@ -419,6 +526,7 @@ class Arm:
             roll: As for `goto`.
             rpy: As for `goto`.
             relative: As for `goto`.
+            grip: As for `move`.
             tip_speed: Metres per second.
             rounding: How far from a corner the tip may leave the lines, metres; 0 stops there.
             wait: As for `move`.
@@ -436,12 +544,13 @@ class Arm:
         def plan(here: dict[str, float]) -> list[Trajectory]:
             return [self._plans.line(wanted(here), here, tip_speed, rounding)]
 
-        return self._motion(plan, asked, wait)
+        return self._motion(plan, self._plans.moved, asked, wait, grip)
 
     @overload
     def home(self, *, wait: Literal[True] = True, **how: Unpack[_How]) -> MotionResult: ...
     @overload
     def home(self, *, wait: Literal[False], **how: Unpack[_How]) -> MotionHandle[MotionResult]: ...
+    @takes(speed=or_none(SHARE), duration=or_none(SECONDS), wait=FLAG)
     def home(self, *, speed: float | None = None, duration: float | None = None, wait: bool = True) -> Any:
         """Go to the pose named home, which every arm has; as `move`."""
         return self._move(self._plans.pose(HOME), False, speed, duration, wait)
@@ -452,6 +561,7 @@ class Arm:
     def play(
         self, motion: Motion, /, *, wait: Literal[False], **how: Unpack[_Play]
     ) -> MotionHandle[MotionResult]: ...
+    @takes(factor=_FACTOR, begin=_TIME, end=_END, smooth=_TIME, trim=FLAG, repeat=_TIMES, wait=FLAG)
     def play(
         self,
         motion: Motion,
@@ -468,7 +578,7 @@ class Arm:
         """Go slowly to where a motion begins, and play it.
 
         Args:
-            motion: A recording (.mcap), what `teach` has recorded, or a trajectory.
+            motion: A recording (.mcap), what `teach` or `record` has recorded, or a trajectory.
             factor: 2 plays twice as fast.
             begin: Where a recording is to begin, seconds.
             end: Where it is to end, seconds.
@@ -484,23 +594,25 @@ class Arm:
             HexwireError: As `move`.
         """
         asked = self._asked()
-        if check("play", "repeat", WHOLE, repeat) < 1:
-            raise UsageError(f"play() repeats a motion at least once, not {repeat} times")
-        path = self._plans.played(motion, factor, begin, end, smooth, trim)
+        if isinstance(motion, Lesson | Recording):
+            motion = motion.played()
+        with self._told():
+            path = self._plans.played(motion, factor, begin, end, smooth, trim)
 
         def plan(here: dict[str, float]) -> list[Trajectory]:
             return approached(self.model, path, here, repeat)
 
-        return self._motion(plan, asked, wait)
+        return self._motion(plan, path.names, asked, wait)
 
     # -- the gripper ----------------------------------------------------------------------------------
 
     @overload
-    def grip(self, opening: Opening, /, *, wait: Literal[True] = True, **how: Unpack[_Grip]) -> GripResult: ...
+    def grip(self, opening: Opening, /, *, wait: Literal[True] = True, **how: Unpack[_Grip]) -> MotionResult: ...
     @overload
     def grip(
         self, opening: Opening, /, *, wait: Literal[False], **how: Unpack[_Grip]
-    ) -> MotionHandle[GripResult]: ...
+    ) -> MotionHandle[MotionResult]: ...
+    @takes(force=_FORCE, duration=SECONDS, wait=FLAG)
     def grip(
         self,
         opening: Opening,
@@ -519,7 +631,7 @@ class Arm:
             wait: As for `move`.
 
         Returns:
-            A `GripResult`, or the handle.
+            A `MotionResult`, or the handle: `holds` says whether it has an object, `opening` how far it is open.
 
         Raises:
             HexwireError: As `move`.
@@ -527,23 +639,26 @@ class Arm:
         return self._grip(opening, force, duration, wait)
 
     @overload
-    def open(self, *, duration: float = 0.8, wait: Literal[True] = True) -> GripResult: ...
+    def open(self, *, duration: float = 0.8, wait: Literal[True] = True) -> MotionResult: ...
     @overload
-    def open(self, *, duration: float = 0.8, wait: Literal[False]) -> MotionHandle[GripResult]: ...
+    def open(self, *, duration: float = 0.8, wait: Literal[False]) -> MotionHandle[MotionResult]: ...
+    @takes(duration=SECONDS, wait=FLAG)
     def open(self, *, duration: float = 0.8, wait: bool = True) -> Any:
         """Open the gripper; see `grip`."""
         return self._grip("open", 0.25, duration, wait)
 
     @overload
-    def close(self, *, wait: Literal[True] = True, **how: Unpack[_Grip]) -> GripResult: ...
+    def close(self, *, wait: Literal[True] = True, **how: Unpack[_Grip]) -> MotionResult: ...
     @overload
-    def close(self, *, wait: Literal[False], **how: Unpack[_Grip]) -> MotionHandle[GripResult]: ...
+    def close(self, *, wait: Literal[False], **how: Unpack[_Grip]) -> MotionHandle[MotionResult]: ...
+    @takes(force=_FORCE, duration=SECONDS, wait=FLAG)
     def close(self, *, force: float = 0.25, duration: float = 0.8, wait: bool = True) -> Any:
         """Close the gripper; see `grip`. `detach` ends the work with the arm."""
         return self._grip("close", force, duration, wait)
 
     # -- by hand --------------------------------------------------------------------------------------
 
+    @takes(file=or_none(_FILE), limp=FLAG, force=FLAG)
     def teach(self, file: str | Path | None = None, /, *, limp: bool = False, force: bool = False) -> Lesson:
         """Switch torque off and record how a hand moves the arm, until the ``with`` block ends; then it holds.
 
@@ -565,19 +680,18 @@ class Arm:
         if not limp and self.read().stopped:
             # It could not be held at the end.
             raise StoppedError("the lesson", _STOPPED, f"the arm is stopped; {STOP_ENDS}")
-        self._claim("is being taught: end() the lesson")
-        try:
+        claim = Claim(self._claims, None, "is being taught: end() the lesson")
+        with self._claimed(claim):
             writer = None if file is None else recording_writer(file, force)
-        except BaseException:
-            self._free.release()
-            raise
-        # From here on the end of the lesson gives the arm free, also if it fails at once.
-        return self._kept(Lesson(self.driver, writer, limp, self._free.release))
+            return self._kept(Lesson(self.driver, writer, limp, claim))
 
     @overload
     def follow(self, leader: Arm, *, wait: Literal[True] = True, **how: Unpack[_Follow]) -> None: ...
     @overload
     def follow(self, leader: Arm, *, wait: Literal[False], **how: Unpack[_Follow]) -> Handle[None]: ...
+    @takes(
+        mirror=FLAG, meet=SHARE, force=_FORCE, max_speed=_LIMIT, max_acceleration=_LIMIT, rate=_FACTOR, wait=FLAG
+    )
     def follow(
         self,
         leader: Arm,
@@ -585,45 +699,70 @@ class Arm:
         mirror: bool = False,
         meet: float = 0.2,
         force: float = 0.35,
+        max_speed: Limit = None,
+        max_acceleration: Limit = None,
         rate: float = 100.0,
         wait: bool = True,
     ) -> Handle[None] | None:
-        """Move as another arm, which is moved by hand, until Ctrl-C or a stop; then hold.
+        """Move as another arm, which is moved by hand, until Ctrl-C or a stop of either; then hold.
 
         Args:
             leader: The arm to follow; its torque is switched off: hold it.
             mirror: The arms face each other: base and wrist turn the other way.
             meet: Share of the speed limits until it has met the leader.
             force: Load, as a fraction of full scale, at which its gripper stops closing; 1 for no limit.
+            max_speed: Most radians per second once it has met the leader, of all joints or by name; None for what
+                the servos reach without a load.
+            max_acceleration: Most radians per second squared, likewise.
             rate: Cycles per second.
             wait: Return at the end; else at once, with a handle whose `end` ends it, as does its ``with`` block.
 
         Raises:
             UsageError: It cannot follow this arm; or another motion of this arm runs.
+            StoppedError: The leader or this arm is stopped, or was stopped meanwhile.
             HexwireError: An arm failed.
         """
+        from hexwire.control.following import Pair, run_following
+
         if not isinstance(leader, Arm):
-            raise UsageError(f"follow() takes another arm that connect() has opened, not {leader!r}")
+            raise UsageError(f"follow() takes another arm that connect() has opened, not {shown(leader)}")
+        asked = self._asked()
+        check_rate(rate)
+        self._check_open()
         if leader is self or leader.driver.url == self.driver.url:
             raise UsageError("an arm cannot follow itself")
-        checks = motions.MotionOptions(table=self.table).checks(self.driver)
-        rules = following_rules(leader.driver, self.driver, checks, mirror=mirror, meet=meet, force=force)
-        pair = Pair(leader.driver, self.driver, rules, lambda said: _log.info("%s", said), check=checks)
-        self._claim("follows another: end() that")
+        if leader.read().stopped:
+            raise StoppedError("following", _STOPPED, f"the leader is stopped; its {STOP_ENDS}")
+        pair = Pair.of(
+            leader.driver,
+            self.driver,
+            self._height(),
+            mirror=mirror,
+            meet=meet,
+            force=force,
+            max_speed=max_speed,
+            max_acceleration=max_acceleration,
+            asked=asked,
+            on_note=lambda said: _log.info("%s", said),
+        )
+        claim = Claim(self._claims, asked, "follows another: end() that", here=wait)
 
         def run(ending: threading.Event) -> None:
-            try:
+            with self._explained(asked):
                 run_following([pair], rate, ended=ending)
-            finally:
-                self._free.release()
+            if pair.leader_stopped:
+                raise StoppedError("following", _STOPPED, "the leader was stopped, so the follower holds")
 
-        if not wait:
-            return self._kept(Handle(self.driver, "follow", run))
         # Ctrl-C is the usual end: the follower holds.
-        with suppress(KeyboardInterrupt):
-            run(threading.Event())
+        with suppress(KeyboardInterrupt) if wait else nullcontext(), self._claimed(claim):
+            if not wait:
+                claim.watch()
+                return self._kept(Handle(self.driver, "follow", run, claim))
+            with claim.doing_it():
+                run(claim.ending)
         return None
 
+    @takes(file=_FILE, force=FLAG)
     def record(self, file: str | Path, /, *, rate: float = 0.0, force: bool = False) -> Recording:
         """Record states until the ``with`` block ends, whether the arm moves or not.
 
@@ -635,10 +774,13 @@ class Arm:
         Raises:
             UsageError: The file exists, or cannot be written.
         """
-        return self._kept(Recording(self.driver, file, force, lambda: self.states(rate)))
+        checked = self._rate(rate)
+        self._check_open()
+        return self._kept(Recording(self.driver, file, force, lambda: self._states(checked, math.inf)))
 
     # -- torque and stop ------------------------------------------------------------------------------
 
+    @takes(on=FLAG)
     def torque(self, on: bool = True, *joints: str) -> None:
         """Switch torque on, without motion, or off: then the arm sinks.
 
@@ -649,12 +791,13 @@ class Arm:
         Raises:
             ServoError: A joint has not confirmed it.
         """
-        wanted = tuple(self.model.joint(name).name for name in joints) or self.model.names
-        with told():
-            done = self.driver.torque(on, joints or None)
-        if missing := [name for name in wanted if name not in done]:
-            raise ServoError(f"{', '.join(missing)} did not confirm that torque is {'on' if on else 'off'}")
+        wanted = tuple(self.model.joint(check("torque", "joints", NAME, name)).name for name in joints)
+        self._check_open()
+        self._take()
+        with self._told():
+            switch_torque(self.driver, on, wanted or self.model.names, self._front.observer)
 
+    @takes(limp=FLAG)
     def stop(self, *, limp: bool = False) -> None:
         """Stop at once, whatever program moves the arm; nothing moves until `resume`. Any thread may call it.
 
@@ -665,15 +808,15 @@ class Arm:
             ServoError: A joint has not confirmed it.
         """
         done = self.driver.stop(StopMode.TORQUE_OFF if limp else StopMode.HOLD)
-        if missing := [name for name in self.model.names if name not in done]:
-            raise ServoError(f"{', '.join(missing)} did not confirm the stop; check the arm")
+        require_confirmed(self.model, self.model.names, done, "the stop")
 
-    def resume(self) -> None:
-        """End a stop; nothing moves."""
-        end_stop(self.driver)
+    def resume(self) -> bool:
+        """End a stop; nothing moves. Returns whether a watchdog had stopped the arm."""
+        return end_stop(self.driver)
 
     # -- the end --------------------------------------------------------------------------------------
 
+    @takes(torque_off=FLAG)
     def detach(self, *, torque_off: bool = False) -> None:
         """End what goes on, and close the connection; joints with torque hold.
 
@@ -685,6 +828,7 @@ class Arm:
         """
         errors: list[BaseException] = []
         try:
+            self._end_now()
             for handle in self._handles:
                 try:
                     handle.close()
@@ -692,8 +836,10 @@ class Arm:
                     errors.append(error)
         finally:
             self._handles.clear()
+            forget_ctrl_c()
             self.driver.detach(torque_off=torque_off)
             self._open = False
+            _attached.discard(self)
         if errors:
             raise errors[0]
 
@@ -703,23 +849,16 @@ class Arm:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if error is not None:
-            if isinstance(error, KeyboardInterrupt) and not all(handle.done for handle in self._handles):
-                self.driver.stop()
-            for handle in self._handles:
-                handle.abandon()
-            self.detach()
-            return
         torque_off = False
         try:
-            for handle in self._handles:
-                # A motion that was begun comes to its end.
-                if isinstance(handle, MotionHandle):
-                    handle.wait()
-            if self._rest is not None and not self.read().stopped:
-                self._move(self._rest, False, None, None, True)
-                torque_off = True
+            if error is None:
+                torque_off = self._finish()
+        except BaseException as failure:
+            error = failure
+            raise
         finally:
+            if error is not None:
+                self._abandon(stops=isinstance(error, KeyboardInterrupt))
             self.detach(torque_off=torque_off)
 
     def __repr__(self) -> str:
@@ -735,22 +874,97 @@ class Arm:
         if not self._open:
             raise UsageError("this arm is detached, as at the end of its with block: connect() again")
 
-    def _claim(self, doing: str = "is in motion: wait for it, cancel it, or stop()") -> None:
+    def _finish(self) -> bool:
+        """Let motions come to their end, and the arm rest; whether its torque may be switched off then."""
+        for handle in self._handles:
+            # Of others the end comes with `detach`; and what the program has heard already is not news.
+            if isinstance(handle, MotionHandle) and not handle.told:
+                handle.wait()
+        self._end_now()
+        if self._rest is None:
+            return False
+        state = self.read()
+        # What was made limp stays so.
+        rest = {name: angle for name, angle in self._rest.items() if name in state.torque_on}
+        if state.stopped or not rest:
+            return False
+        self._move(rest, False, None, None, True)
+        return True
+
+    def _abandon(self, *, stops: bool) -> None:
+        """End what goes on, whatever comes of it; with a stop, or with joints that come to rest."""
+        claim = self._claims.now
+        elsewhere = claim is not None and claim.thread != threading.get_ident()
+        if stops and (elsewhere or not all(handle.done for handle in self._handles)):
+            self.driver.stop()
+        self._end_now()
+        for handle in self._handles:
+            handle.abandon()
+
+    def _leave(self) -> None:
+        """Detach at the end of the interpreter, as at the end of a ``with`` block that raises."""
+        with suppress(HexwireError):
+            self._abandon(stops=isinstance(getattr(sys, "last_value", None), KeyboardInterrupt))
+        with suppress(HexwireError):
+            self.detach()
+
+    def _take(self) -> None:
+        """Take the lease of a shared arm, also one that was lost by silence: a person asks for this."""
+        if not self._front.dry_run:
+            with self._told():
+                self.driver.take()
+
+    @contextmanager
+    def _claimed(self, claim: Claim) -> Iterator[None]:
+        """Take the arm for what is begun in the block; what interrupts the block, such as Ctrl-C, ends it.
+
+        Raises:
+            UsageError: Another one goes on. One that was stopped, or lost its torque, ends at once.
+            LeaseError: Another program holds the lease of this shared arm.
+        """
+        try:
+            self._begin(claim)
+            yield
+        except BaseException as error:
+            # Nobody will have a handle of it.
+            claim.give_up(stops=isinstance(error, KeyboardInterrupt))
+            raise
+
+    def _begin(self, claim: Claim) -> None:
         self._check_open()
+        self._take()
+        forget_ctrl_c()
         for handle in self._handles:
             if (error := handle.unheard) is not None:
                 _log.error("what went on has failed, and nobody had waited for it: %s", error)
         self._handles = [handle for handle in self._handles if not handle.done]
-        if not self._free.acquire(blocking=False):
-            raise UsageError(f"this arm {self._doing}")
-        self._doing = doing
+        before = self._claims.now
+        ends = before is not None and before.asked is not None and not self.driver.epochs.holds(before.asked)
+        if doing := self._claims.take(claim, _ENDS if ends else 0.0):
+            raise UsageError(f"this arm {doing}")
+        if self._ender not in (None, threading.get_ident()):
+            raise UsageError(_ENDED)
+
+    def _end_now(self) -> None:
+        """Bring to rest what this or another thread has begun, and let no other one begin."""
+        self._ender = threading.get_ident()
+        claim = self._claims.now
+        if claim is not None and claim.thread != self._ender:
+            claim.end(WORK_ENDED)
+            claim.over.wait()
 
     def _kept(self, handle: _H) -> _H:
         self._handles.append(handle)
         return handle
 
     def _move(
-        self, angles: Mapping[str, float], relative: bool, speed: float | None, duration: float | None, wait: bool
+        self,
+        angles: Mapping[str, float],
+        relative: bool,
+        speed: float | None,
+        duration: float | None,
+        wait: bool,
+        grip: Opening | None = None,
     ) -> Any:
         plans = self._plans
 
@@ -758,109 +972,179 @@ class Arm:
             there = {name: here[name] + angle for name, angle in angles.items()} if relative else angles
             return [plans.through([there], here, self._share(speed, duration), duration)]
 
-        return self._motion(plan, self._asked(), wait)
+        return self._motion(plan, tuple(angles), self._asked(), wait, grip)
 
-    def _grip(self, opening: float | str, force: float, duration: float, wait: bool) -> Any:
+    def _grip(self, opening: Opening, force: float, duration: float, wait: bool) -> Any:
         asked = self._asked()
-        share = _OPENINGS.get(opening, math.nan) if isinstance(opening, str) else opening
-        if not is_number(share):
-            raise UsageError(f"grip() takes 'open', 'close' or an opening from 0 to 1, not {opening!r}")
+        share = _opening(opening)
 
-        held = check("grip", "force", _FORCE, force)
-
-        def run(ending: threading.Event, observer: MotionObserver) -> GripResult:
-            result = run_grip(
+        def run(claim: Claim, observer: MotionObserver) -> MotionResult:
+            result = motions.run_grip(
                 self.driver,
                 share,
                 duration,
-                force=held,
+                force=force,
                 observer=observer,
-                cancelled=ending.is_set,
+                cancelled=claim.ends,
                 asked=asked,
             )
-            self._require(result.motion)
-            return result
+            return self._told_of(result, claim, observer)
 
-        return self._run(lambda: (run, duration), asked, wait)
+        return self._run(lambda observer: (run, duration), asked, wait)
 
-    def _motion(self, plan: Callable[[dict[str, float]], list[Trajectory]], asked: Token, wait: bool) -> Any:
+    def _motion(
+        self,
+        plan: Callable[[dict[str, float]], list[Trajectory]],
+        joints: Sequence[str],
+        asked: Token,
+        wait: bool,
+        grip: Opening | None = None,
+    ) -> Any:
         """Run a motion, which is planned and checked in this thread: the caller gets what is wrong with it."""
+        opening = None if grip is None else _opening(grip)
+        how = replace(self._front.options, table=self._height())
 
-        def prepare() -> tuple[Callable[[threading.Event, MotionObserver], MotionResult], float]:
-            # Joints that a path of an earlier program still moves come to rest first.
-            with self.driver.epochs.using(asked):
-                self.driver.clear_path()
-            how = motions.MotionOptions(table=self.table)
-            path = motions.check_path(self.driver, plan(read_start(self.driver)), how)
-            last = path.legs[-1]
-            goal = dict(zip(last.names, last.goal, strict=True))
+        def prepare(
+            observer: MotionObserver,
+        ) -> tuple[_Run[MotionResult], float]:
+            if not self._front.dry_run:
+                # Joints that a path of an earlier program still moves come to rest first.
+                with self.driver.epochs.using(asked):
+                    self.driver.clear_path(joints)
+            start = read_start(self.driver)
+            with _beyond_limits():
+                path = motions.check_path(self.driver, plan(start), how, start=start, grip=opening)
+            observer.planned(path)
+            if self._front.dry_run:
+                return lambda claim, observer: motions.MotionResult(None), 0.0
 
-            def run(ending: threading.Event, observer: MotionObserver) -> MotionResult:
+            def run(claim: Claim, observer: MotionObserver) -> MotionResult:
                 result = motions.run_motion(
                     self.driver,
                     path,
                     how,
-                    until=lambda _: ending.is_set(),
+                    until=lambda _: claim.ends(),
                     observer=observer,
                     asked=asked,
+                    rest=True,
                 )
-                self._require(result)
-                return result if result.cut else replace(result, rest=resting.come_to_rest(self.driver, goal))
+                return self._told_of(result, claim, observer)
 
-            return run, sum(leg.duration for leg in path.legs)
+            meanwhile = 0.0 if opening is None else MOST_SECONDS
+            return run, max(meanwhile, sum(leg.duration for leg in path.legs))
 
         return self._run(prepare, asked, wait)
 
     def _run(
         self,
-        prepare: Callable[[], tuple[Callable[[threading.Event, MotionObserver], _R], float]],
+        prepare: Callable[[MotionObserver], tuple[_Run[_R], float]],
         asked: Token,
         wait: bool,
     ) -> Any:
         """Run a motion, here or in a thread of its own.
 
         Args:
-            prepare: Returns what runs it and its seconds, or raises what is wrong with it.
+            prepare: Gets who is told; returns what runs it and its seconds, or raises what is wrong with it.
             asked: When it was asked for.
             wait: Here.
         """
-        self._claim()
-        observer = _Observer(self)
+        stop = None if wait else self.driver.stop
+        claim = Claim(self._claims, asked, _MOVES, here=wait, stop=stop)
+        own = _Observer(self)
+        observer = self._front.observer if wait and self._front.observer is not None else own
+        with self._claimed(claim):
+            run, duration = prepare(observer)
+
+            def explained(ending: threading.Event | None = None) -> _R:
+                with self._explained(asked):
+                    return run(claim, observer)
+
+            if wait:
+                with claim.doing_it():
+                    result = explained()
+                if claim.why and getattr(result, "cut", False):
+                    raise UsageError(_ENDED)
+                return result
+            claim.watch()
+            handle = MotionHandle(self.driver, explained, duration, claim)
+            own.see = handle.see
+            return self._kept(handle)
+
+    @contextmanager
+    def _explained(self, asked: Token) -> Iterator[None]:
+        """Say of what was ended by a stop, or by torque off, that this is why."""
+        epochs = self.driver.epochs
         try:
-            run, duration = prepare()
-        except BaseException:
-            self._free.release()
-            raise
+            with self._told(), _beyond_limits():
+                yield
+        except HexwireError as error:
+            if epochs.limp_since(asked) and not epochs.stopped:
+                raise StoppedError("the motion", _STOPPED, f"torque was switched off; {_NOT_LATCHED}") from error
+            # A stop may be met as a lost lease, or as a request that was refused. The end of a connection stops the
+            # arm, too: then that end is the reason.
+            if isinstance(error, StoppedError | LinkError) or epochs.holds(asked):
+                raise
+            with self._told():
+                raise StoppedError("the motion", _STOPPED, f"the arm was stopped; {self._helps()}") from error
 
-        def claimed(ending: threading.Event) -> _R:
-            try:
-                with told():
-                    return run(ending, observer)
-            except HexwireError as error:
-                # A stop may be met as a lost lease, or as a request that was refused.
-                if isinstance(error, StoppedError) or self.driver.epochs.holds(asked):
-                    raise
-                raise StoppedError("the motion", _STOPPED, f"the arm was stopped; {STOP_ENDS}") from error
-            finally:
-                self._free.release()
-
-        if wait:
-            return claimed(threading.Event())
-        handle = MotionHandle(self.driver, claimed, duration)
-        observer.see = handle.see
-        return self._kept(handle)
+    def _height(self) -> float | None:
+        """The table's height, which a program may have set to anything."""
+        return None if self.table is None else length("table", self.table)
 
     def _share(self, speed: float | None, duration: float | None) -> float:
         if speed is not None and duration is not None:
             raise UsageError("give a speed or a duration, not both")
         return self.speed if speed is None else speed
 
+    def _told_of(self, result: MotionResult, claim: Claim, observer: MotionObserver) -> MotionResult:
+        """Tell how a motion has ended; raises as `_require`."""
+        if result.cut and claim.why:
+            result = replace(result, ended=claim.why)
+        observer.ended(result)
+        self._require(result)
+        return result
+
+    def _helps(self) -> str:
+        """What to do after a motion that was stopped: it may be over by now, or was none that is latched."""
+        with suppress(HexwireError):
+            if not (self.driver.epochs.stopped or self.driver.read().stopped):
+                return _NOT_LATCHED
+        return STOPPED_ENDS
+
     def _require(self, result: MotionResult) -> None:
         """Raise what a person must know of a motion that has not arrived."""
         if result.stopped is not None:
-            raise StoppedError("the motion", _STOPPED, f"{result.why}; {STOP_ENDS}")
+            raise StoppedError("the motion", _STOPPED, f"{result.why}; {self._helps()}")
         if not result.cut:
             result.require()
+
+
+def _leave_all() -> None:
+    for arm in tuple(_attached):
+        arm._leave()
+
+
+# Threads that move an arm would end with the interpreter, wherever the arm is then.
+atexit.register(_leave_all)
+
+
+@contextmanager
+def _beyond_limits() -> Iterator[None]:
+    """A path that is not allowed is a matter of limits, whoever has checked it."""
+    try:
+        yield
+    except GoalError as error:
+        if error.reason != Reason.PATH_NOT_ALLOWED:
+            raise
+        raise LimitError(*error.args) from error
+
+
+def _opening(given: Opening) -> float:
+    share = OPENINGS.get(given, math.nan) if isinstance(given, str) else given
+    if not is_number(share):
+        raise UsageError(f"grip() takes 'open', 'close' or an opening from 0 to 1, not {shown(given)}")
+    # A gripper that is open or closed is a little beyond its range, and may stay so.
+    return min(max(share, 0.0), 1.0) if -_BEYOND < share < 1.0 + _BEYOND else share
 
 
 class _Observer(motions.MotionObserver):
@@ -873,7 +1157,11 @@ class _Observer(motions.MotionObserver):
     def unwatched(self, seconds: float) -> None:
         if not self._arm._warned:
             self._arm._warned = True
-            _log.warning(_UNWATCHED, self._arm.model.name, seconds)
+            _log.warning("%s", unwatched_words(self._arm.driver, seconds))
+
+    def planned(self, path: CheckedPath) -> None:
+        if path.slowed:
+            _log.warning("%s", path.slowed)
 
     def seen(self, state: JointState) -> None:
         self.see(state)

@@ -418,7 +418,10 @@ class ServoBus(Openable):
 
     def sync_write_bytes(self, address: int, data: Mapping[int, bytes]) -> None:
         """Write neighbouring registers of several servos in one packet. Only the size of the packet is checked."""
-        packet = packets.make_sync_write(address, data)
+        self.post(packets.make_sync_write(address, data))
+
+    def post(self, packet: bytes) -> None:
+        """Send a packet that nobody answers and that moves servos, such as a sync write."""
         line = self._line
         # It always acts, so that it need not be asked whether it does.
         token = line.epochs.token("a servo packet")

@@ -422,11 +422,11 @@ def torque_off(bus: ServoBus, servo_ids: Sequence[int]) -> tuple[int, ...]:
     """
     bus.sync_write_raw("torque_enable", dict.fromkeys(servo_ids, 0))
     unsure = []
-    for servo_id in servo_ids:
-        if bus.read(servo_id, "torque_enable").raw != 0:
-            bus.write_raw(servo_id, "torque_enable", 0)
-            if bus.read(servo_id, "torque_enable").raw != 0:
-                unsure.append(servo_id)
+    for reading in bus.sync_read("torque_enable", servo_ids) if servo_ids else ():
+        if reading.raw != 0:
+            bus.write_raw(reading.servo_id, "torque_enable", 0)
+            if bus.read(reading.servo_id, "torque_enable").raw != 0:
+                unsure.append(reading.servo_id)
     return tuple(unsure)
 
 

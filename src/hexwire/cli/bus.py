@@ -202,8 +202,10 @@ def scan(all_rates: bool, ids: str, options: BusOptions, as_json: bool) -> None:
             if row.shared:
                 note(f"several servos seem to have id {row.servo_id}: connect one alone and `hexwire bus set-id`")
         if not found:
-            tried = "any rate" if all_rates else f"{opened.timing.baud} baud (--all-rates tries the others)"
-            raise ServoError(f"no servo answers at {tried}: check power and cable")
+            baud = opened.timing.baud  # 0 where the address has no rate
+            tried = f" at {baud} baud (--all-rates tries the others)" if baud else ""
+            tried = " at any rate" if all_rates else tried
+            raise ServoError(f"no servo answers{tried}: check power and cable")
 
 
 _TOO_MANY = 20

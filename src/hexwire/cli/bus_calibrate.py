@@ -19,11 +19,13 @@ import click
 
 from hexwire.errors import StoppedError, UsageError
 from hexwire.new_file import OutputFile
+from hexwire.system import TypedLines
+from hexwire.units import plain
 
 from .bus import BusOptions, bus_options, bus_url
 from .exits import note, shielded
 from .options import confirm, force_option, json_option, on_terminal
-from .output import answer, format_table, line_width, plain
+from .output import answer, format_table, line_width
 
 if TYPE_CHECKING:
     from hexwire.control.auto_calibration import AutoCalibration
@@ -47,6 +49,7 @@ _BEFORE_AUTO = (
     "- clear everything out of its reach",
     "- keep a hand at the switch of its supply; Ctrl-C leaves it without torque",
 )
+_typed = TypedLines()
 
 
 def _now() -> str:
@@ -262,17 +265,9 @@ def _told_at_ctrl_c() -> Iterator[None]:
 
 def _entered(seconds: float) -> bool:
     """Wait for some time; returns whether Enter was pressed."""
-    if sys.platform == "win32":
-        import msvcrt
-
-        time.sleep(seconds)
-        entered = any(msvcrt.getwch() == "\r" for _ in iter(msvcrt.kbhit, False))
-    else:
-        import select
-
-        entered = bool(select.select([sys.stdin], [], [], seconds)[0])
-        if entered and not sys.stdin.readline():
-            raise UsageError("the input has ended; give --seconds if nobody presses Enter")
+    entered = _typed.entered(seconds)
+    if entered is None:
+        raise UsageError("the input has ended; give --seconds if nobody presses Enter")
     return entered
 
 

@@ -24,11 +24,12 @@ from hexwire.bus.ids import parse_ids
 from hexwire.errors import HexwireError, ServoError
 from hexwire.model.state import JointFlag
 from hexwire.new_file import OutputFile
+from hexwire.units import plain
 
 from .bus import BusOptions, bus_options, known_servo, open_bus
 from .exits import note, shielded
 from .options import FiniteFloat, confirm, force_option, json_option, number_option, on_terminal, refuse_idle_force
-from .output import answer, format_table, line_width, plain, print_json, say, say_table, with_unit
+from .output import answer, format_table, line_width, print_json, say, say_table, with_unit
 from .plot import TimePlot, open_picture
 
 if TYPE_CHECKING:

@@ -25,7 +25,6 @@ import click
 from hexwire.errors import DeviceError, HexwireError, ServoError, UsageError
 
 from .exits import USAGE, note, shielded
-from .look import raise_if_silent
 from .options import attached, early_port, is_typed, number_option, observed_driver, on_terminal, resolve_url
 from .output import say
 
@@ -233,7 +232,7 @@ def turning_pose(model: ArmModel, start: tuple[float, ...]) -> tuple[float, ...]
 
 
 def _run(url: str, dialect: int | None, duration: float, rate: float | None, view: View) -> None:
-    from hexwire.control.reader import read_known
+    from hexwire.control.reader import raise_if_silent, read_known
     from hexwire.drivers.hex7bot import Hex7BotDriver
 
     robot = observed_driver(Hex7BotDriver).from_url(url, dialect=dialect)
@@ -271,9 +270,9 @@ def _move(
     from hexwire.control.motions import MotionObserver, MotionOptions, run_motion
     from hexwire.drivers.base import StopMode
     from hexwire.model.state import JointFlag
+    from hexwire.motion.quintic import Quintic
     from hexwire.motion.safety import SafetyLimits
-    from hexwire.motion.trajectory import Quintic
-    from hexwire.motion.waypoints import Spline, Waypoint
+    from hexwire.motion.trajectory import Spline, Waypoint
 
     from .draw import Sample
 
@@ -356,6 +355,8 @@ def _torque(robot: Hex7BotDriver, view: View) -> Iterator[None]:
     Raises:
         ServoError: A joint did not confirm that torque is off.
     """
+    from hexwire.control.power import switch_torque
+
     safety = "; the board switches it off if this program dies"
     if not robot.has_watchdog:
         safety = "; it stays on if this program is killed: dialect 1 has no watchdog"
@@ -365,18 +366,11 @@ def _torque(robot: Hex7BotDriver, view: View) -> Iterator[None]:
     except BaseException:
         with shielded():
             try:
-                _torque_off(robot)
+                switch_torque(robot, False, robot.model.names)
             except HexwireError as error:
                 note(f"warning: the arm may still have torque: {error}")
             else:
                 note("torque off: all joints")
         raise
     with shielded():
-        _torque_off(robot)
-
-
-def _torque_off(robot: Hex7BotDriver) -> None:
-    off = robot.torque(False)
-    left = [name for name in robot.model.names if name not in off]
-    if left:
-        raise ServoError(f"{', '.join(left)} did not confirm that torque is off")
+        switch_torque(robot, False, robot.model.names)

@@ -18,7 +18,9 @@ from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
-from .output import plain, shown, split_columns
+from hexwire.units import plain
+
+from .output import shown, split_columns
 
 if TYPE_CHECKING:
     from hexwire.model.state import JointState

@@ -83,14 +83,23 @@ def run(call: Callable[[], object]) -> int:
         _say("error", str(error))
         return USAGE if isinstance(error, UsageError) else DEVICE
     except BrokenPipeError:
-        # The reader of our output has closed the pipe. Buffered output must not be written again at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # The reader of our output has closed the pipe.
+        _forget_output()
         return DEVICE
     except OSError as error:
         what = f"{error.filename}: " if error.filename else ""
         _say("error", f"{what}{error.strerror or error}")
+        try:
+            sys.stdout.flush()
+        except OSError:
+            _forget_output()
         return DEVICE
     return result if isinstance(result, int) else OK
+
+
+def _forget_output() -> None:
+    """Have buffered output not be written again at exit; Python 3.13 would end with status 120."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _without_far_suggestions(error: click.NoSuchOption) -> click.UsageError:

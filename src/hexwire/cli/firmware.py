@@ -83,7 +83,7 @@ def flash(
 ) -> None:
     """Write the firmware to the board, and read its version back.
 
-    An installation from a package brings the firmware; from a checkout, or with --source, it is built first.
+    A wheel brings the firmware; in a copy of the repository, or with --source, it is built first.
     The joints keep their torque, but for some seconds nothing controls them: support the arm.
     """
     from hexwire.drivers import firmware as tools

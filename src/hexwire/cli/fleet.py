@@ -388,7 +388,7 @@ def play(
                 take=take,
                 dry_run=dry_run,
                 most_doubt=max_doubt / 1000,
-                tell=note if as_json else say,
+                tell=note if as_json else functools.partial(say, flush=True),
                 shield=shielded,
             )
         except KeyboardInterrupt:

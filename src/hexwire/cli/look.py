@@ -7,18 +7,18 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 import click
 
 from hexwire.errors import UsageError
+from hexwire.units import plain
 
 from .channel import all_option, probe_all
 from .exits import note
 from .options import RobotOptions, is_typed, json_option, number_option, on_terminal, open_robot, robot_options
-from .output import plain, print_json, say, say_table, with_unit
+from .output import print_json, say, say_table, with_unit
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import ProbeReport, RobotDriver
@@ -54,6 +54,7 @@ class _Ping:
 @json_option
 def ping(ids: tuple[int, ...], options: RobotOptions, as_json: bool) -> None:
     """Check which servos answer: all servos of the robot, or those with the given bus IDs."""
+    from hexwire.control.reader import raise_if_silent
     from hexwire.model.state import fault_names
 
     pings = []
@@ -81,6 +82,8 @@ def probe(everybody: bool, options: RobotOptions, as_json: bool) -> None:
     if everybody:
         probe_all(options, as_json)
         return
+    from hexwire.control.reader import raise_if_silent
+
     with open_robot(options) as robot:
         report = robot.probe()
     if as_json:
@@ -158,6 +161,7 @@ def _unplugged(timeout: float) -> list[PortInfo]:
 @json_option
 def state(watch: bool, rate: float, options: RobotOptions, as_json: bool) -> None:
     """Show all joints, once or live."""
+    from hexwire.control.reader import raise_if_silent
     from hexwire.model.state import COLUMNS
 
     with open_robot(options) as robot:
@@ -195,20 +199,6 @@ def joint_json(joint: JointReading, model: ArmModel) -> dict[str, object]:
         "clamped": bool(joint.flags & JointFlag.CLAMPED),
         "faults": fault_names(joint.flags),
     }
-
-
-def raise_if_silent(servos: Sequence[tuple[int, str | None]]) -> None:
-    """Raise an error that names the servos (pairs of id and joint) that did not answer, if there are any."""
-    from hexwire.errors import ServoError
-
-    if servos:
-        names = ", ".join(f"{servo_id} ({joint})" if joint else f"{servo_id}" for servo_id, joint in servos)
-        several = len(servos) > 1
-        raise ServoError(
-            f"servo{'s' if several else ''} {names} {'do' if several else 'does'} not answer: "
-            "check cable, power and id",
-            servo_id=servos[0][0],
-        )
 
 
 def state_json(state: JointState, model: ArmModel) -> dict[str, object]:

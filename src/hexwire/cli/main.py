@@ -59,6 +59,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "grip": ("hexwire.cli.power:grip", "Open or close the gripper."),
     "ioctl": ("hexwire.cli.channel:ioctl", "Send one special command to the robot, byte for byte."),
     "joystick": ("hexwire.cli.teleop:joystick", "Read a joystick, or send its state over a channel."),
+    "limits": ("hexwire.cli.places:limits", "Show how far and how fast each joint may move."),
     "line": ("hexwire.cli.motion:line", "Move the tool tip on a straight line."),
     "loopback": ("hexwire.cli.doctor:loopback", "Test a cable and adapter, with TX wired to RX."),
     "model": ("hexwire.cli.model:model", "Compute with the arm's geometry; no robot needed."),
@@ -66,6 +67,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "ping": ("hexwire.cli.look:ping", "Check which servos answer."),
     "play": ("hexwire.cli.motion:play", "Play a recording or waypoints."),
     "ports": ("hexwire.cli.look:ports", "List serial ports and the devices they probably belong to."),
+    "poses": ("hexwire.cli.places:poses", "List, save and delete poses by name."),
     "probe": ("hexwire.cli.look:probe", "Show the identity and condition of the board and its servos."),
     "pump": ("hexwire.cli.power:pump", "Control the suction cup: hold, release, off."),
     "record": ("hexwire.cli.record:record", "Inspect, convert and repair recordings."),
@@ -78,6 +80,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "studio": ("hexwire.cli.studio:studio", "Show the arm, its servos and its wire in a browser."),
     "teach": ("hexwire.cli.motion:teach", "Record a motion made by moving the arm by hand."),
     "teleop": ("hexwire.cli.teleop:teleop", "Move an arm by joystick."),
+    "tip": ("hexwire.cli.places:tip", "Show where the tip of the tool is."),
     "torque": ("hexwire.cli.power:torque", "Switch torque on (without moving the arm) or off."),
     "trace": ("hexwire.cli.trace:trace", "Decode recorded traffic."),
 }
@@ -85,13 +88,16 @@ COMMANDS: dict[str, tuple[str, str]] = {
 
 GROUPS: dict[str, tuple[str, ...]] = {
     "without an arm": ("demo", "sim", "studio", "model"),
-    "look": ("ports", "probe", "ping", "state", "registers"),
+    "look": ("ports", "probe", "ping", "state", "tip", "limits", "poses", "registers"),
     "move": ("move", "goto", "line", "play", "teach", "grip", "pump", "joystick", "teleop", "follow"),
     "stop, power": ("stop", "resume", "torque"),
     "share": ("serve", "fleet", "gateway", "cert", "conf"),
     "set up, mend": ("bus", "firmware", "doctor", "loopback", "trace", "record", "ioctl", "analyzers"),
 }
 """Every command once, by what it is for, as the help names them."""
+
+SPELLED = {"home": "goto home", "open": "grip open", "close": "grip close", "read": "state", "send": "move"}
+"""Verbs of `hexwire.Arm` that a command does under another name."""
 
 _WITHOUT_HARDWARE = "To try it without hardware, run 'hexwire sim board'; it prints the port of an emulated arm."
 _ANYWHERE = ("--trace", "--explain")
@@ -137,7 +143,7 @@ class _Program(LazyGroup):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         if args and args[0] not in COMMANDS and not args[0].startswith("-") and not ctx.resilient_parsing:
-            near = difflib.get_close_matches(args[0], COMMANDS, n=1)
+            near = [SPELLED[args[0]]] if args[0] in SPELLED else difflib.get_close_matches(args[0], COMMANDS, n=1)
             ctx.fail(f"no command {args[0]!r}" + (f"; did you mean {near[0]!r}?" if near else ""))
         return super().resolve_command(ctx, args)
 

@@ -21,7 +21,7 @@ from hexwire.errors import ConfigError, LimitError, UsageError
 from hexwire.inputs import LARGEST_TEXT, Item, parse_json, read_bytes, read_stream, read_text
 from hexwire.model.geometry import ROBOTS, kinematics_for, make_kinematics
 from hexwire.new_file import OutputFile
-from hexwire.units import decimal
+from hexwire.units import decimal, plain
 
 from .options import (
     DEFAULT_ROBOT,
@@ -34,14 +34,14 @@ from .options import (
     make_robot,
     refuse_idle_force,
 )
-from .output import line_width, plain, print_json, say, say_document, say_table
+from .output import line_width, print_json, say, say_document, say_table
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.kinematics import KinematicModel, Solution
     from hexwire.model.pose import Vector
 
-__all__ = ["make_robot_with", "model"]
+__all__ = ["make_robot_with", "model", "unit_of"]
 
 DEGREES = FiniteFloat("degrees")
 _OFF = math.radians(1.0)
@@ -49,6 +49,11 @@ _OFF = math.radians(1.0)
 _MOST = 1e6
 """Millimetres beyond the reach of any arm."""
 _ANGLES = "T0 T1 T2 T3 T4 [T5]"
+
+
+def unit_of(robot: str) -> float:
+    """Metres in the unit of a robot's coordinates."""
+    return 1.0 if robot == "puma260" else 1e-3
 
 
 def make_robot_with(links: str, options: RobotOptions) -> RobotDriver:
@@ -246,7 +251,7 @@ def _solve(
     from hexwire.model.pose import Pose, column, rotation_between, rotation_from_numbers, rotation_from_rpy
 
     seven = isinstance(arm, Hex7BotModel)
-    unit = 1.0 if arm.name == "puma260" else 1e-3
+    unit = unit_of(arm.name)
     rotation = turn.rotation
     if pose_file is not None:
         key = "position_m" if arm.name == "puma260" else "tip_mm"

@@ -23,14 +23,13 @@ from hexwire.model.geometry import make_kinematics
 from hexwire.units import decimal
 
 from .exits import note
-from .model import make_robot_with
-from .move import RunOptions, known_poses, run_legs
+from .model import make_robot_with, unit_of
+from .move import known_poses
 from .options import (
     FiniteFloat,
     NumbersCommand,
     RobotOptions,
     arm_option,
-    attached,
     confirm,
     force_option,
     host_timed_option,
@@ -39,6 +38,7 @@ from .options import (
     links_option,
     number_option,
     open_robot,
+    parse_opening,
     refuse_idle_force,
     robot_options,
     table_options,
@@ -47,13 +47,17 @@ from .output import answer
 from .plot import open_picture
 
 if TYPE_CHECKING:
+    from hexwire.arm.verbs import Arm
+    from hexwire.control.motion_result import MotionResult
     from hexwire.control.via import Place
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.kinematics import KinematicModel
     from hexwire.model.pose import Vector
     from hexwire.motion.teach import Taught
-    from hexwire.motion.waypoints import Trajectory
+    from hexwire.motion.trajectory import Trajectory
     from hexwire.new_file import OutputFile
+
+    from .verbs import RunOptions
 
 __all__ = [
     "Point",
@@ -132,18 +136,19 @@ def pose_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return packed
 
 
-def to_points(
-    points: Sequence[Point],
-    poses: Mapping[str, Mapping[str, float]],
-    model: KinematicModel | None,
-    aim: Aim,
-    relative: bool,
-) -> list[Place | Mapping[str, float]]:
-    """The points in metres and radians.
+_grip_option = click.option(
+    "--grip",
+    metavar="open|close|PERCENT",
+    help="Open or close the gripper meanwhile.",
+    callback=lambda ctx, param, text: None if text is None else parse_opening(text),
+)
+
+
+def to_points(points: Sequence[Point], model: KinematicModel | None, aim: Aim, relative: bool) -> list[Place | str]:
+    """The places in metres and radians; the poses by name.
 
     Args:
         points: As typed.
-        poses: The poses among them.
         model: Kinematics; None only without a place.
         aim: Where the tool is to point at places.
         relative: Places count from the point before them.
@@ -157,16 +162,21 @@ def to_points(
         aim.check(model, "--")
     elif aim.given:
         raise UsageError("the tool of an arm without a geometry cannot be aimed")
-    unit = _unit("" if model is None else model.name)
+    unit = unit_of("" if model is None else model.name)
     return [
-        poses[point] if isinstance(point, str)
+        point if isinstance(point, str)
         else Place((point[0] * unit, point[1] * unit, point[2] * unit), aim, relative=relative)
         for point in points
     ]  # fmt: skip
 
 
 def points_words(
-    points: Sequence[Point], model: KinematicModel | None, relative: bool, tips: Callable[[], Sequence[Vector]]
+    points: Sequence[Point],
+    model: KinematicModel | None,
+    relative: bool,
+    start: Mapping[str, float],
+    wanted: Sequence[Place | str],
+    poses: Mapping[str, Mapping[str, float]],
 ) -> str:
     """The points for people: places from the base, also where they were typed as relative.
 
@@ -174,21 +184,22 @@ def points_words(
         points: As typed.
         model: Kinematics, for the unit; None without places.
         relative: As typed.
-        tips: Returns where the tip is at each point, metres.
+        start: Radians by joint.
+        wanted: The points as `to_points` returned them.
+        poses: The poses among them.
     """
-    unit = _unit("" if model is None else model.name)
-    if relative:
-        there = [(x / unit, y / unit, z / unit) for x, y, z in tips()]
+    from hexwire.control.via import tip_poses
+
+    unit = unit_of("" if model is None else model.name)
+    if relative and model is not None:
+        ends = [poses[point] if isinstance(point, str) else point for point in wanted]
+        tips = [pose.position for pose in tip_poses(model, start, ends)]
+        there = [(x / unit, y / unit, z / unit) for x, y, z in tips]
         points = [point if isinstance(point, str) else place for point, place in zip(points, there, strict=True)]
     name = "mm" if unit == 1e-3 else "m"
     return ", ".join(
         point if isinstance(point, str) else " ".join(map(decimal, point)) + f" {name}" for point in points
     )
-
-
-def _unit(robot: str) -> float:
-    """Metres in the unit of coordinates."""
-    return 1.0 if robot == "puma260" else 1e-3
 
 
 def _motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -206,6 +217,8 @@ def _motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
         as_json: bool,
         **rest: Any,
     ) -> Any:
+        from .verbs import RunOptions
+
         # Before the robot is opened, so that the arm does not move if the picture cannot be written.
         with _picture(plot, rest["force"], rest.get("save")) as picture:
             if "save" not in rest:
@@ -241,6 +254,7 @@ def _picture(plot: str | None, force: bool, save: str | None) -> Iterator[Output
 @click.command(cls=NumbersCommand)
 @points_argument
 @pose_options
+@_grip_option
 @number_option("--speed", "PERCENT", "Percentage of the joints' speed limits.", above=0, default=50.0)
 @links_option
 @_motion_options
@@ -249,6 +263,7 @@ def goto(
     points: Sequence[Point],
     aim: Aim,
     relative: bool,
+    grip: float | None,
     speed: float,
     links: str,
     run: RunOptions,
@@ -263,31 +278,25 @@ def goto(
     Without --down, --rpy or --pitch, the tool keeps its direction relative to the arm. Five joints reach a
     position, a pitch and a roll; the heading of an SO-100 or SO-101 follows from the position.
     """
-    from hexwire.control.via import joint_points
-    from hexwire.motion.through import arm_path
-
     robot = make_robot_with(links, options)
-    poses = known_poses(robot.model, [point for point in points if isinstance(point, str)])
-    model = _geometry_of(robot) if len(poses) < len(points) else robot.kinematics
-    wanted = to_points(points, poses, model, aim, relative)
-    with attached(robot):
-        joints = robot.model.names if model is None else model.joint_names
-        start = _where(robot, joints, dry_run=run.dry_run)
-        names, rows = joint_points(robot.model, model, start, wanted)
-        path = arm_path(robot.model, names, rows, speed=min(1.0, speed / 100))
-
-        def tips() -> list[Vector]:
-            assert model is not None
-            postures = (start | dict(zip(names, row, strict=True)) for row in rows[1:])
-            return [model.forward(model.from_joints(posture)).position for posture in postures]
-
-        title = f"goto {points_words(points, model, relative, tips)}"
-        run_legs(robot, [(title, path)], start, run, title)
+    places = any(not isinstance(point, str) for point in points)
+    model = _geometry_of(robot) if places else robot.kinematics
+    _run_through(
+        "goto",
+        robot,
+        points,
+        model,
+        aim,
+        relative,
+        run,
+        lambda arm, wanted: arm.goto(*wanted, speed=min(1.0, speed / 100), grip=grip),
+    )
 
 
 @click.command(cls=NumbersCommand)
 @points_argument
 @pose_options
+@_grip_option
 @number_option("--speed", "MM/S", "Speed of the tip.", above=0, default=50.0)
 @click.option(
     "--round",
@@ -305,6 +314,7 @@ def line(
     points: Sequence[Point],
     aim: Aim,
     relative: bool,
+    grip: float | None,
     speed: float,
     rounding: float,
     links: str,
@@ -318,19 +328,43 @@ def line(
     Without --down, --rpy or --pitch, the tool keeps its direction in space. That of an SO-100 or SO-101 turns with
     the base unless it points straight down; its pitch stays.
     """
-    from hexwire.arm.plans import straight
-    from hexwire.control.via import tip_poses
+    from hexwire.arm.plans import FARTHEST
 
     robot = make_robot_with(links, options)
-    poses = known_poses(robot.model, [point for point in points if isinstance(point, str)])
-    model = _geometry_of(robot)
-    wanted = to_points(points, poses, model, replace(aim, fixed=True), relative)
-    with attached(robot):
-        start = _where(robot, model.joint_names, dry_run=run.dry_run)
-        goals = tip_poses(model, start, wanted)
-        path = straight(robot.model, model, start, goals, speed=speed / 1000, rounding=rounding / 1000)
-        title = f"line to {points_words(points, model, relative, lambda: [goal.position for goal in goals])}"
-        run_legs(robot, [(title, path)], start, run, title)
+    # More has no effect; the verb takes it for a mistake.
+    tip, rounded = min(speed / 1000, FARTHEST), min(rounding / 1000, FARTHEST)
+    _run_through(
+        "line to",
+        robot,
+        points,
+        _geometry_of(robot),
+        replace(aim, fixed=True),
+        relative,
+        run,
+        lambda arm, wanted: arm.line(*wanted, tip_speed=tip, rounding=rounded, grip=grip),
+    )
+
+
+def _run_through(
+    words: str,
+    robot: RobotDriver,
+    points: Sequence[Point],
+    model: KinematicModel | None,
+    aim: Aim,
+    relative: bool,
+    run: RunOptions,
+    call: Callable[[Arm, list[Place | str]], MotionResult],
+) -> None:
+    """Call a verb that takes points."""
+    from .verbs import run_verb
+
+    poses = known_poses(robot.model, [word for word in points if isinstance(word, str)])
+    wanted = to_points(points, model, aim, relative)
+
+    def title(start: Mapping[str, float]) -> str:
+        return f"{words} {points_words(points, model, relative, start, wanted, poses)}"
+
+    run_verb(robot, run, title, lambda arm: call(arm, wanted))
 
 
 @click.command()
@@ -374,11 +408,13 @@ def play(
     The arm first moves slowly to the start of the motion. With --fastest, waypoints need no times, and --speed is a
     share of the speed limits.
     """
-    from hexwire.arm.plans import approached, edited
+    from hexwire.arm.plans import edited
     from hexwire.inputs import LARGEST_DATA, read_bytes
     from hexwire.motion.through import arm_path
+    from hexwire.motion.trajectory import Scaled
     from hexwire.motion.waypoint_file import parse_points, parse_waypoints
-    from hexwire.motion.waypoints import Scaled
+
+    from .verbs import run_verb
 
     path: Trajectory | None = None
     names: tuple[str, ...] = ()
@@ -416,11 +452,8 @@ def play(
         path = inside.trajectory()
     if path is None:
         path = arm_path(robot.model, names, points, speed=min(1.0, speed))
-    with attached(robot):
-        start = _where(robot, path.names, dry_run=run.dry_run)
-        title = f"play {Path(file).name}"
-        legs = approached(robot.model, path, start, repeat)
-        run_legs(robot, [(title if leg is path else "approach", leg) for leg in legs], start, run, title)
+    played = path
+    run_verb(robot, run, lambda start: f"play {Path(file).name}", lambda arm: arm.play(played, repeat=repeat))
 
 
 @click.command()
@@ -478,26 +511,6 @@ def teach(
 
 def _geometry_of(robot: RobotDriver) -> KinematicModel:
     return robot.kinematics or make_kinematics(robot.model.name)
-
-
-def _where(robot: RobotDriver, joints: Sequence[str], *, dry_run: bool) -> dict[str, float]:
-    """Positions of the joints, radians; one that rests on its stop is at its limit.
-
-    If they follow a path that a program has left to the board, they come to rest first, unless nothing is to move.
-
-    Args:
-        robot: Attached.
-        joints: Those that are to move.
-        dry_run: None is to move.
-
-    Raises:
-        ServoError: A joint does not answer.
-    """
-    from hexwire.control.reader import read_start
-
-    if not dry_run:
-        robot.clear_path(joints)
-    return read_start(robot)
 
 
 def _save(taught: Taught, file: str, save: str, force: bool, as_json: bool) -> None:

@@ -19,6 +19,7 @@ from typing import IO, TYPE_CHECKING, Any, TypeVar
 import click
 
 from hexwire.errors import UsageError
+from hexwire.model.gripper import OPENINGS
 
 from .exits import note
 
@@ -51,6 +52,7 @@ __all__ = [
     "observing_states",
     "on_terminal",
     "open_robot",
+    "parse_opening",
     "port_option",
     "refuse_idle_force",
     "refuse_idle_table",
@@ -125,6 +127,13 @@ class FiniteFloat(click.ParamType[float]):
         if number <= self._above:
             self.fail(f"{value} is not above {self._above:g}", param, ctx)
         return number
+
+
+def parse_opening(how: str) -> float:
+    """How far a gripper is to open, 0 to 1: of `open`, `close` or a percentage."""
+    if how in OPENINGS:
+        return OPENINGS[how]
+    return FiniteFloat("percent", minimum=0).convert(how.removesuffix("%"), None, None) / 100
 
 
 def number_option(
@@ -300,7 +309,11 @@ def table_options(command: Callable[..., Any]) -> Callable[..., Any]:
     def packed(*args: Any, table: float, no_table: bool, **rest: Any) -> Any:
         if no_table and is_typed("table"):
             raise UsageError("--table and --no-table contradict each other")
-        return command(*args, table=None if no_table else table / 1000, **rest)
+        from hexwire.arm.plans import FARTHEST
+
+        # Farther has no other effect; the verb takes it for a mistake.
+        height = min(max(table / 1000, -FARTHEST), FARTHEST)
+        return command(*args, table=None if no_table else height, **rest)
 
     height = number_option("--table", "MM", "Height of the table above the arm's base.", default=0.0)
     return height(
@@ -499,7 +512,7 @@ def confirm(question: str, yes: bool, *, alone: str = "") -> None:
 def host_timed_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """``--host-timed``: the way of boards that cannot keep the time."""
     return click.option(
-        "--host-timed", is_flag=True, help="Send targets one by one, although the board can keep the time."
+        "--host-timed", is_flag=True, help="Send targets one by one, even if the board can keep the time."
     )(command)
 
 

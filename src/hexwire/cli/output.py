@@ -23,7 +23,6 @@ __all__ = [
     "folded",
     "format_table",
     "line_width",
-    "plain",
     "print_json",
     "say",
     "say_document",

@@ -5,20 +5,14 @@ Owns the messages about the outcome, and how a user types a tool command. Must n
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
 import click
 
-from hexwire.errors import DeviceError, ServoError
-
 from .channel import all_option, resume_all, stop_all
 from .exits import note
-from .move import hold_on_ctrl_c, unwatched_note
 from .options import (
     FiniteFloat,
     NumbersCommand,
@@ -26,13 +20,10 @@ from .options import (
     json_option,
     number_option,
     open_robot,
+    parse_opening,
     robot_options,
 )
-from .output import answer, plain, say
-
-if TYPE_CHECKING:
-    from hexwire.control.power import Torques
-    from hexwire.model.arm import ArmModel
+from .output import answer, say
 
 __all__ = ["grip", "pump", "resume", "stop", "torque"]
 
@@ -55,10 +46,14 @@ def torque(switch: str, joints: tuple[str, ...], options: RobotOptions, as_json:
 
     "on" moves nothing: the joints hold their position. After "off" the arm may sink or fall: hold it.
     """
+    from hexwire.arm.front import Front
+    from hexwire.arm.verbs import Arm
+
+    from .verbs import TorqueTeller
+
     with open_robot(options) as robot:
-        wanted = [robot.model.joint(name).name for name in joints] or list(robot.model.names)
-        confirmed = robot.torque(switch == "on", wanted)
-        _report(robot.model, wanted, confirmed, f"torque {switch}", as_json)
+        told = TorqueTeller(robot, f"torque {switch}", as_json)
+        Arm(robot, front=Front(told)).torque(switch == "on", *joints)
 
 
 @click.command()
@@ -76,7 +71,7 @@ def stop(torque_off: bool, everybody: bool, options: RobotOptions, as_json: bool
     if everybody:
         stop_all(options, torque_off=torque_off, as_json=as_json)
         return
-    from hexwire.control.power import Torques
+    from hexwire.control.power import Torques, require_confirmed
     from hexwire.drivers.base import StopMode
     from hexwire.errors import HexwireError
 
@@ -92,7 +87,10 @@ def stop(torque_off: bool, everybody: bool, options: RobotOptions, as_json: bool
         kept = robot.stop_kept_by
         if kept != "board":
             note(_KEPT.get(kept, _KEPT_NOT))
-        _report(robot.model, robot.model.names, confirmed, "stopped", as_json, torques)
+        missing = [name for name in robot.model.names if name not in confirmed]
+        data = {"did": "stopped", "confirmed": confirmed, "missing": missing} | asdict(torques)
+        answer(as_json, data, f"stopped, {torques}")
+        require_confirmed(robot.model, robot.model.names, confirmed, "the stop")
 
 
 @click.command()
@@ -107,11 +105,11 @@ def resume(everybody: bool, options: RobotOptions, as_json: bool) -> None:
     if everybody:
         resume_all(options, as_json)
         return
-    from hexwire.control.power import end_stop
+    from hexwire.arm.verbs import Arm
     from hexwire.model.state import JointFlag
 
     with open_robot(options) as robot:
-        tripped = end_stop(robot)
+        tripped = Arm(robot).resume()
         if tripped and not as_json:
             say("the watchdog of the program that fell silent is now off")
         state = robot.read()
@@ -126,35 +124,6 @@ def resume(everybody: bool, options: RobotOptions, as_json: bool) -> None:
         answer(as_json, data, words + (f"; unknown: {' '.join(unknown)}" if unknown else ""))
 
 
-def _report(
-    model: ArmModel,
-    wanted: Sequence[str],
-    confirmed: Sequence[str],
-    words: str,
-    as_json: bool,
-    torques: Torques | None = None,
-) -> None:
-    """Print which joints confirmed, or after a stop what they do.
-
-    Raises:
-        ServoError: Some did not.
-    """
-    from hexwire.errors import ServoError
-
-    missing = [model.joint(name) for name in wanted if name not in confirmed]
-    data = {"did": words, "confirmed": list(confirmed), "missing": [joint.name for joint in missing]}
-    if torques is None:
-        answer(as_json, data, f"{words}: {' '.join(confirmed) or 'none'}")
-    else:
-        answer(as_json, data | asdict(torques), f"{words}, {torques}")
-    if missing:
-        names = ", ".join(f"{joint.name} (servo {joint.servo_id})" for joint in missing)
-        raise ServoError(f"not confirmed by {names}", servo_id=missing[0].servo_id)
-
-
-_NAMED = {"open": 1.0, "close": 0.0}
-
-
 @click.command(cls=NumbersCommand)
 @click.argument("how", metavar="open|close|PERCENT")
 @number_option("--duration", "SECONDS", "Time from closed to open.", above=0, default=0.8)
@@ -166,37 +135,14 @@ def grip(how: str, duration: float, options: RobotOptions, as_json: bool) -> Non
     Closing ends when the jaws hold an object, and keeps a little pressure on it. If the board has a watchdog, it
     stops the gripper when this program dies.
     """
-    from hexwire.control.gripping import run_grip
-    from hexwire.control.motions import MotionObserver
-    from hexwire.control.reader import position_unknown
-    from hexwire.drivers.tools import Gripper
+    from hexwire.arm.front import Front
+    from hexwire.arm.verbs import Arm
 
-    share: float
-    if how in _NAMED:
-        share = _NAMED[how]
-    else:
-        share = FiniteFloat("percent", minimum=0).convert(how.removesuffix("%"), None, None) / 100
-    with open_robot(options) as robot:
-        joint = Gripper(robot).joint
+    from .verbs import GripTeller, hold_on_ctrl_c
 
-        class Teller(MotionObserver):
-            def unwatched(self, seconds: float) -> None:
-                unwatched_note(robot, seconds)
-
-        with hold_on_ctrl_c(robot):
-            gripped = run_grip(robot, share, duration, observer=Teller())
-        result, opened = gripped.motion, gripped.opening
-        if result.stopped is not None:
-            raise DeviceError(f"{result.why}; clear it with 'hexwire resume'")
-        if not math.isfinite(opened):
-            raise ServoError(
-                position_unknown([joint.name]),
-                servo_id=joint.servo_id,
-            )
-        words = f"{'holds an object at ' if gripped.holds else ''}{plain(100 * opened, 0)} % open"
-        answer(as_json, {"open_fraction": opened, "holds": gripped.holds}, words)
-        if not gripped.holds and not result.arrived:
-            raise ServoError(f"{joint.name} did not arrive", servo_id=joint.servo_id)
+    opening = parse_opening(how)
+    with open_robot(options) as robot, hold_on_ctrl_c(robot):
+        Arm(robot, front=Front(GripTeller(robot, as_json))).grip(opening, duration=duration)
 
 
 @click.command()

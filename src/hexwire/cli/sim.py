@@ -100,7 +100,16 @@ def serve_device(
         UsageError: Options that exclude each other, or this system has no pseudo-terminals for it.
     """
     if tcp is not None:
-        serve_on_tcp(device, tcp, link=link, baud=baud, reset_on_open=reset_on_open, stop=stop, announce=announce)
+        serve_on_tcp(
+            device,
+            tcp,
+            link=link,
+            baud=baud,
+            reset_on_open=reset_on_open,
+            hands=hands,
+            stop=stop,
+            announce=announce,
+        )
         return
     try:
         from hexwire.emulator.serve_pty import serve_board
@@ -125,6 +134,7 @@ def serve_on_tcp(
     link: str | None,
     baud: int,
     reset_on_open: bool = False,
+    hands: Hands | None = None,
     stop: Callable[[], bool],
     announce: Callable[[str], None],
 ) -> None:
@@ -137,7 +147,7 @@ def serve_on_tcp(
     host, port = parse_address(tcp)
     if not is_loopback(host):
         note(f"warning: anyone who reaches TCP on {host} can command this emulated arm")
-    serve_tcp(device, host, port, baud=baud, reset_on_open=reset_on_open, stop=stop, announce=announce)
+    serve_tcp(device, host, port, baud=baud, reset_on_open=reset_on_open, hands=hands, stop=stop, announce=announce)
 
 
 def no_terminals() -> NoReturn:
@@ -376,6 +386,7 @@ def bus(
     from hexwire.bus.servos import as_series
     from hexwire.emulator.bus_device import BusDevice, make_servos
     from hexwire.emulator.faults import FaultPlan
+    from hexwire.emulator.hand import Hands
     from hexwire.emulator.so_arms import make_so_arm
 
     rates = _parse_rates(baud)
@@ -404,7 +415,8 @@ def bus(
     with shown(twin, servos, ended.is_set, view=view) as (_, stop):
         if tcp is not None:
             device = BusDevice(servos, paced=bool(rates[0]), faults=plan, echo=echo)
-            serve_on_tcp(device, tcp, link=link, baud=0, stop=stop, announce=_announce_bus)
+            hands = Hands(servos, model)
+            serve_on_tcp(device, tcp, link=link, baud=0, hands=hands, stop=stop, announce=_announce_bus)
             return
         try:
             from hexwire.emulator.serve_bus import serve_bus
@@ -462,9 +474,9 @@ def hand(
     A joint without torque follows; one with torque gives way a little and returns. It ends at the mechanical
     stops of the arm. JOINT is a name such as elbow_flex or J2, or a servo's id.
 
-    --port is the port of 'hexwire sim board' or 'hexwire sim bus', or an address such as sim://so101 that another
-    program of yours has open and reads, such as 'hexwire serve'. If several do, give each a name, as in
-    sim://so101?name=left.
+    --port is the port of 'hexwire sim board' or 'hexwire sim bus', with --tcp one of this machine, or an address
+    such as sim://so101 that another program of yours has open and reads, such as 'hexwire serve'. If several do,
+    give each a name, as in sim://so101?name=left.
     """
     from hexwire.emulator.hand import HandOrder, usual_seconds
     from hexwire.emulator.serve_hand import move_by_hand

@@ -116,8 +116,8 @@ def studio(
     """Show the arm, its servos and its wire in a browser on this machine.
 
     Prints two addresses with keys: whoever knows the first can command the arm, the second is for watching. Nothing
-    moves until somebody takes control and holds a button; it ends when the button, the page or the connection is
-    let go. Ctrl-C ends the studio; the joints keep their torque.
+    moves until somebody takes control. A jog ends when its button is released, and every motion when its page is
+    hidden, closed or without a connection. Ctrl-C ends the studio; the joints keep their torque.
     """
     if find_spec("nicegui") is None:
         raise UsageError(_MISSING)

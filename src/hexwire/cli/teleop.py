@@ -6,6 +6,7 @@ Owns the command lines and the choice of the joystick. Must not know how a joyst
 from __future__ import annotations
 
 import contextlib
+import math
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -17,7 +18,6 @@ from hexwire.errors import UsageError
 
 from .exits import note, shielded
 from .model import make_robot_with
-from .move import unwatched_note
 from .options import (
     RobotOptions,
     attached,
@@ -138,7 +138,8 @@ def teleop(
     mode; buttons 0 and 1 close and open the gripper. Without --device, --from or --conf, the only joystick of this
     machine is used. If the board has a watchdog, it stops the arm when this program dies.
     """
-    from hexwire.control.guided import OVERLAP
+    from hexwire.control.motion_options import unwatched_words
+    from hexwire.control.operator_control import OVERLAP
     from hexwire.control.path_check import PathCheck
     from hexwire.control.teleop import TeleopController, run_teleop
     from hexwire.motion.teleop import JogMode, StickMap, Teleop
@@ -156,7 +157,7 @@ def teleop(
         StickMap(dead_man=dead_man),
         mode=JogMode(mode),
         share=speed,
-        check=check.posture,
+        check=check.guided(),
     )
     with _stick(device, url, conf) as stick, attached(robot):
         controller = TeleopController(rules, stick, 1.0 / rate, _tell)
@@ -164,7 +165,7 @@ def teleop(
         def announce() -> None:
             note(f"hold button {dead_man} to move {model.name}, {mode} jog; Ctrl-C ends it")
             if not robot.has_own_watchdog:
-                unwatched_note(robot, OVERLAP / rate)
+                note(f"note: {unwatched_words(robot, OVERLAP / rate)}")
 
         run_teleop(robot, controller, rate, check=check, on_ready=announce, shield=shielded)
 
@@ -208,6 +209,8 @@ def _stick(device: str | None, url: str | None, conf: str | None) -> Iterator[St
 @number_option(
     "--grip", "PERCENT", "Load at which the gripper stops closing; 100 for no limit.", above=0, default=35.0
 )
+@number_option("--max-speed", "DEG/S", "Most speed of a joint; else that of its servo without a load.", above=0)
+@number_option("--max-acceleration", "DEG/S2", "Most acceleration of a joint; else that of its servo.", above=0)
 @table_options
 def follow(
     arms: tuple[str, ...],
@@ -216,6 +219,8 @@ def follow(
     mirror: bool,
     meet: float,
     grip: float,
+    max_speed: float | None,
+    max_acceleration: float | None,
     table: float | None,
 ) -> None:
     """Let FOLLOWER move as LEADER, which is moved by hand; several pairs at once.
@@ -224,8 +229,7 @@ def follow(
     address of a shared arm, such as zenoh:lab/arm1, does for both. The leader has no torque: hold it. The follower
     first meets it slowly. It holds when the leader falls silent, and at the end.
     """
-    from hexwire.control.following import Pair, following_rules, run_following
-    from hexwire.control.path_check import PathCheck
+    from hexwire.control.following import Pair, run_following
     from hexwire.drivers.registry import is_address
 
     context = click.get_current_context()
@@ -248,13 +252,20 @@ def follow(
         _tell_apart(made[1::2])
     with ExitStack() as stack:
         pairs = []
-        for place in range(0, len(made), 2):
-            leader, follower = made[place], made[place + 1]
+        for name, leader, follower in zip(arms[1::2], made[::2], made[1::2], strict=True):
             refuse_idle_table(follower)
-            check = PathCheck.of(follower, table)
-            rules = following_rules(leader, follower, check, mirror=mirror, meet=meet, force=grip / 100)
-            ahead = is_address(leader.url)
-            pairs.append(Pair(leader, follower, rules, _teller(arms[place + 1], len(made) > 2), ahead, check))
+            pair = Pair.of(
+                leader,
+                follower,
+                table,
+                mirror=mirror,
+                meet=meet,
+                force=grip / 100,
+                max_speed=None if max_speed is None else math.radians(max_speed),
+                max_acceleration=None if max_acceleration is None else math.radians(max_acceleration),
+                on_note=_teller(name, len(made) > 2),
+            )
+            pairs.append(pair)
         for driver in made:
             stack.enter_context(attached(driver))
 

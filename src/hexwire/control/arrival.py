@@ -13,7 +13,7 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from hexwire.motion.waypoints import Sample
+    from hexwire.motion.trajectory import Sample
 
 __all__ = ["Arrival", "Deviation", "Tolerance", "Verdict", "deviations", "in_words", "off_goal"]
 

@@ -58,11 +58,11 @@ class Request:
     Attributes:
         trajectory: The trajectory to follow.
         path: Tolerances on the path, as in `Tolerances.overridden`.
-        goal: Tolerances at the goal; likewise.
-        goal_time: Seconds; likewise.
-        path_components: Likewise.
-        goal_components: Likewise.
-        only_minus_one: Likewise.
+        goal: Tolerances at the goal, as in `Tolerances.overridden`.
+        goal_time: Seconds, as in `Tolerances.overridden`.
+        path_components: Tolerances of components on the path, as in `Tolerances.overridden`.
+        goal_components: Tolerances of components at the goal, as in `Tolerances.overridden`.
+        only_minus_one: Which negative tolerances disable a check, as in `Tolerances.overridden`.
     """
 
     trajectory: TrajectoryGoal
@@ -190,6 +190,7 @@ class ClientGoals(Generic[_C]):
                 wanted=lambda: not goal.cancelled,
                 asked=goal.asked,
             )
+            self._arm.owner.begin_at_once()
         except GoalError as error:
             if not goal.cancelled:
                 _log.warning("goal refused: %s", self._in_log(Reason(error.reason), str(error)))

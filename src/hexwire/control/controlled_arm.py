@@ -24,6 +24,7 @@ from .diagnostics import Facts
 from .outcomes import Reason
 from .owner import RobotOwner
 from .path_check import PathCheck
+from .pose_file import find_pose
 from .power import Torques, switch_torque
 from .prepared import begin
 from .state_log import logging_states
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
     from hexwire.model.control_law import Laws
     from hexwire.model.state import JointState, SentTarget
     from hexwire.motion.teach import Taught
-    from hexwire.motion.waypoints import Sample, Trajectory
+    from hexwire.motion.trajectory import Sample, Trajectory
 
     from .goals import Tolerances, TrajectoryGoal
     from .known_state import KnownState
@@ -50,6 +51,8 @@ _log = logging.getLogger(__name__)
 _NEVER = 1e9
 _GRACE = 10.0
 """Default seconds after a motion's duration in which the arm must arrive."""
+_QUERY_WAIT = 0.5
+"""Most seconds for which a question waits: whoever asks it may be in a loop."""
 
 
 class ControlledArm:
@@ -63,7 +66,7 @@ class ControlledArm:
         on_sent: As in `RobotOwner`.
         monitored: As in `TrajectoryController`.
         clock: As in `RobotOwner`.
-        sleep: Likewise.
+        sleep: As in `RobotOwner`.
 
     Attributes:
         owner: The owner of the robot.
@@ -175,7 +178,7 @@ class ControlledArm:
             name: Name of the controller.
             goal: The trajectory.
             listener: As in `TrajectoryController.accept`.
-            tolerances: Likewise.
+            tolerances: As in `TrajectoryController.accept`.
             wanted: Called during the path check, which takes time, and after it: whether the goal is still wanted.
             accepting: Called right before it is accepted, under the lock of the controllers.
             received: Time to which the goal's delay refers, seconds of the owner's clock; now if None.
@@ -197,7 +200,7 @@ class ControlledArm:
             plan = controller.plan(goal, received, streamed=listener is None)
             with owner.locked():
                 start = controller.start(goal.delay, state, received)
-                begins = max(received + goal.delay, controller.follower.next_start(received))
+                begins = max(received + goal.delay, controller.generator.next_start(received))
                 others = self._meanwhile([name], begins)
             # Not under the lock, since the check of a long trajectory takes long.
             streamed = start if listener is None else None
@@ -219,12 +222,21 @@ class ControlledArm:
         owner.group.deliver()
 
     def query(self, name: str, delay: float) -> Sample:
-        """Desired state of a controller's joints in `delay` seconds; see `TrajectoryController.query`."""
+        """Desired state of a controller's joints in `delay` seconds; see `TrajectoryController.query`.
+
+        Raises:
+            GoalError: As from `TrajectoryController.query`; or the controllers have been busy for half a second.
+            HexwireError: There is no fresh state.
+        """
         owner = self.owner
-        state = owner.newest()
-        with owner.locked():
+        state, lock = owner.newest(), owner.locked()
+        if not lock.acquire(timeout=_QUERY_WAIT):
+            raise GoalError(f"the arm has been busy for {_QUERY_WAIT:g} s; ask again", reason=Reason.NOT_READY)
+        try:
             now = owner.now()
             return self.controllers[name].query(now + delay, now, state)
+        finally:
+            lock.release()
 
     def hold(self, name: str, why: str) -> None:
         """Hold a controller's joints at their last set-point."""
@@ -232,10 +244,11 @@ class ControlledArm:
             self.controllers[name].hold(why)
         self.owner.group.deliver()
 
-    def cancel(self, name: str, listener: GoalListener) -> None:
-        """Hold, if the active goal is this listener's."""
+    def cancel(self, name: str | None, listener: GoalListener) -> None:
+        """Hold, if the active goal is this listener's; each controller of which it is, if none is named."""
         with self.owner.locked():
-            self.controllers[name].cancel(listener)
+            for controller in self.controllers.values() if name is None else (self.controllers[name],):
+                controller.cancel(listener)
         self.owner.group.deliver()
 
     def set_points(
@@ -319,7 +332,7 @@ class ControlledArm:
         Raises:
             HexwireError: Its cause persists, or the robot refuses.
         """
-        if asked is not None and not self.owner.robot.epochs.holds(asked):
+        if asked is not None and self.owner.robot.epochs.stopped_since(asked):
             raise UsageError("the arm was stopped again; reset it again")
         self.owner.reset(asked)
         return "reset; nothing moves until the next command"
@@ -354,9 +367,7 @@ class ControlledArm:
             HexwireError: There is no such pose, the path is not allowed, or the arm did not arrive.
         """
         asked = self.mark() if asked is None else asked
-        goals = self.settings.poses.get(pose)
-        if goals is None:
-            raise UsageError(f"no pose {pose!r}; there are {', '.join(self.settings.poses) or 'none'}")
+        goals = find_pose(self.settings.model, self.settings.poses, pose)
         with TryLock(self._busy):
             off = self._move_to(goals, f"replaced by a motion to {pose}", asked)
         return ", ".join((f"at {pose}", *off))
@@ -431,8 +442,8 @@ class ControlledArm:
 
     def _counters(self) -> Mapping[str, int]:
         own = {
-            "stalls_of_the_loop": sum(c.follower.counters.slips for c in self.controllers.values()),
-            "set_points_lost": sum(c.follower.counters.lost for c in self.controllers.values()),
+            "stalls_of_the_loop": sum(c.generator.counters.slips for c in self.controllers.values()),
+            "set_points_lost": sum(c.generator.counters.lost for c in self.controllers.values()),
         }
         return own | (self.owner.robot.host_counters() if self.owner.connected else {})
 
@@ -440,12 +451,17 @@ class ControlledArm:
 
     def _meanwhile(self, names: Collection[str], when: float) -> list[Trajectory]:
         """What remains of the other controllers' trajectories at a time."""
-        paths = [c.follower.ahead(when) for name, c in self.controllers.items() if name not in names]
+        paths = [c.generator.ahead(when) for name, c in self.controllers.items() if name not in names]
         return [path for path in paths if path is not None]
 
     def _refuse_void(self, asked: Token) -> None:
-        """Refuse what was asked for before a stop; under the lock of the controllers, or to refuse it early."""
-        if not self.owner.robot.epochs.holds(asked):
+        """Refuse what was asked for before a stop or torque off; under the controllers' lock, or early."""
+        epochs = self.owner.robot.epochs
+        if not epochs.holds(asked):
+            if epochs.limp_since(asked):
+                raise GoalError(
+                    "torque was switched off since it was asked for; ask again", reason=Reason.NOT_READY
+                )
             raise GoalError("the arm was stopped since it was asked for; ask again", reason=Reason.STOPPED)
 
     def _all_joints(self) -> tuple[str, ...]:
@@ -496,7 +512,4 @@ class ControlledArm:
             return waiter.off
         finally:
             # If one fails, or the wait was interrupted, the others must not continue.
-            with owner.locked():
-                for key in paths:
-                    self.controllers[key].cancel(waiter)
-            owner.group.deliver()
+            self.cancel(None, waiter)

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING
 
 from hexwire.errors import GoalError, HexwireError
 from hexwire.model.state import JointState, JointTarget
-from hexwire.motion.follower import Follower, Mode, Ways
 from hexwire.motion.moving import joint_limits
 from hexwire.motion.safety import StopReason
+from hexwire.motion.set_point_generator import Mode, SetPointGenerator, Ways
 from hexwire.motion.takeover import take_over
-from hexwire.motion.waypoints import Sample
+from hexwire.motion.trajectory import Sample
 
 from .arrival import Arrival, Deviation, Verdict, off_goal
 from .goals import check_goal
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.model.control_law import Laws
     from hexwire.motion.safety import SafetyLimits
-    from hexwire.motion.waypoints import Trajectory
+    from hexwire.motion.trajectory import Trajectory
 
     from .goals import Tolerances, TrajectoryGoal
     from .settings import ControllerSettings
@@ -64,8 +64,8 @@ class Outline:
         plan: Of the goal.
         begins: Seconds, host clock.
         start: How its joints move then.
-        here: The same, as the follower begins there.
-        changes: `Follower.changes`.
+        here: The same, as the generator begins there.
+        changes: `SetPointGenerator.changes`.
         others: Positions of the arm's joints, radians.
         meanwhile: Trajectories of other controllers, from then on.
         streamed: Nobody waits for its end.
@@ -106,8 +106,8 @@ class TrajectoryController:
         monitored: Keep `progress` up to date between goals too, which costs a third of an idle cycle.
 
     Attributes:
-        settings: As given.
-        follower: Computes the set-points.
+        settings: Name, joints and tolerances.
+        generator: Computes the set-points.
         planning: Seconds that the last `prepare` took.
         off: Joints that were not at the goal at the last check of the arrival, worst first.
     """
@@ -125,7 +125,7 @@ class TrajectoryController:
         self.settings = settings
         self._monitored = monitored
         self._check = check
-        self.follower = Follower(arm, limits, lost_after=command_timeout, allowed=self._wrong)
+        self.generator = SetPointGenerator(arm, limits, lost_after=command_timeout, allowed=self._wrong)
         self.off: tuple[Deviation, ...] = ()
         self.planning = 0.0
         # What other controllers do while a goal begins.
@@ -155,12 +155,12 @@ class TrajectoryController:
     @property
     def busy(self) -> bool:
         """A goal is active or planned, or the joints are moving."""
-        return self._active is not None or self._pending is not None or not self.follower.done
+        return self._active is not None or self._pending is not None or not self.generator.done
 
     @property
     def moving(self) -> bool:
-        """The follower is moving the joints."""
-        return not self.follower.done
+        """The generator is moving the joints."""
+        return not self.generator.done
 
     @property
     def waiting(self) -> bool:
@@ -170,14 +170,14 @@ class TrajectoryController:
     @property
     def reason(self) -> StopReason | None:
         """Why it is stopped, or None."""
-        return self.follower.reason
+        return self.generator.reason
 
     @property
     def words(self) -> str:
         """The state of the controller in words."""
-        if self.follower.mode is Mode.STOPPED:
-            return f"stopped: {self.follower.reason}"
-        return "waiting for the start time" if self.waiting else self.follower.mode.value
+        if self.generator.mode is Mode.STOPPED:
+            return f"stopped: {self.generator.reason}"
+        return "waiting for the start time" if self.waiting else self.generator.mode.value
 
     @property
     def progress(self) -> Progress | None:
@@ -198,10 +198,10 @@ class TrajectoryController:
             GoalError: The arm is stopped, or the position of a joint is unknown.
         """
         self._refuse_if_stopped()
-        self.follower.observe(state)
+        self.generator.observe(state)
         try:
-            begins = max(now + delay, self.follower.next_start(now))
-            return self.follower.desired(self.joints, begins)
+            begins = max(now + delay, self.generator.next_start(now))
+            return self.generator.desired(self.joints, begins)
         except HexwireError as error:
             raise GoalError(str(error), reason=Reason.NOT_READY) from None
 
@@ -210,7 +210,7 @@ class TrajectoryController:
 
         Args:
             when: Seconds, host clock.
-            now: Likewise.
+            now: Seconds, host clock.
             state: The newest state.
 
         Raises:
@@ -218,14 +218,14 @@ class TrajectoryController:
                 the running motion.
         """
         self._refuse_if_stopped()
-        follows = self._active is not None and self._pending is None and self.follower.mode is Mode.TRAJECTORY
+        follows = self._active is not None and self._pending is None and self.generator.mode is Mode.TRAJECTORY
         begins = self._active.begins if self._active is not None and follows else now - _PAST
         if when < begins:
             text = f"the desired state of {now - when:.3g} s ago is not available"
             raise GoalError(text, reason=Reason.MALFORMED)
-        self.follower.observe(state)
+        self.generator.observe(state)
         try:
-            return self.follower.desired(self.joints, when)
+            return self.generator.desired(self.joints, when)
         except HexwireError as error:
             raise GoalError(str(error), reason=Reason.NOT_READY) from None
 
@@ -274,7 +274,7 @@ class TrajectoryController:
         """
         self._refuse_unready(trajectory.names, state)
         if streamed is not None:
-            trajectory = take_over(streamed, trajectory, joint_limits(self.follower.arm, trajectory.names))
+            trajectory = take_over(streamed, trajectory, joint_limits(self.generator.arm, trajectory.names))
         self._check.trajectory(trajectory, state.positions, meanwhile, wanted=wanted, goes_on=streamed is not None)
 
     def accept(
@@ -307,13 +307,13 @@ class TrajectoryController:
         if ready is not None:
             self.follow(ready.trajectory, state, now, listener=listener, tolerances=tolerances, ready=ready)
             return
-        if plan.goal.delay > 0.0 and plan.due > self.follower.next_start(now):
+        if plan.goal.delay > 0.0 and plan.due > self.generator.next_start(now):
             self._preempt("replaced by a new goal")
             self._pending = plan
             self._active = _active(listener, tolerances, plan.due, math.inf)
             return
         trajectory = self._due(
-            plan, state, now, self.follower.next_start(now), meanwhile, streamed=listener is None
+            plan, state, now, self.generator.next_start(now), meanwhile, streamed=listener is None
         )
         self._meanwhile = meanwhile
         try:
@@ -334,9 +334,9 @@ class TrajectoryController:
         streamed: bool,
     ) -> Outline:
         """What a goal begins with at a time; arguments as of `accept`, raises as `start`."""
-        start, follower = self.start(begins - now, state, now), self.follower
-        here = follower.here(self.joints, begins)
-        return Outline(plan, begins, start, here, follower.changes, state.positions, meanwhile, streamed)
+        start, generator = self.start(begins - now, state, now), self.generator
+        here = generator.here(self.joints, begins)
+        return Outline(plan, begins, start, here, generator.changes, state.positions, meanwhile, streamed)
 
     def prepare(self, outline: Outline) -> Ready:
         """Plan and check how a goal begins. This takes long, and changes nothing: it needs no lock.
@@ -358,7 +358,9 @@ class TrajectoryController:
             streamed=outline.streamed,
         )
         try:
-            ways = self.follower.ways(path, outline.here, passes=outline.streamed, at_once=at_once, allowed=allowed)
+            ways = self.generator.ways(
+                path, outline.here, passes=outline.streamed, at_once=at_once, allowed=allowed
+            )
         except GoalError:
             raise
         except HexwireError as error:
@@ -367,12 +369,12 @@ class TrajectoryController:
 
     def is_current(self, ready: Ready, now: float) -> bool:
         """Whether a goal still begins as it was prepared: nothing else was begun, and its joints move the same."""
-        outline, follower = ready.outline, self.follower
-        begins = max(outline.begins, follower.next_start(now))
+        outline, generator = ready.outline, self.generator
+        begins = max(outline.begins, generator.next_start(now))
         dated = bool(outline.plan.goal.delay) or outline.streamed
-        if follower.changes != outline.changes or (dated and begins > outline.begins):
+        if generator.changes != outline.changes or (dated and begins > outline.begins):
             return False
-        return follower.here(self.joints, begins) == outline.here
+        return generator.here(self.joints, begins) == outline.here
 
     def follow(
         self,
@@ -385,21 +387,21 @@ class TrajectoryController:
         at_once: bool = False,
         ready: Ready | None = None,
     ) -> None:
-        """Follow a trajectory that begins at the present position; otherwise as `accept` and `Follower.follow`."""
+        """Follow a trajectory that begins at the present position; see `accept`, `SetPointGenerator.follow`."""
         self._refuse_unready(trajectory.names, state)
-        self.follower.observe(state)
-        begins, ways = self.follower.next_start(now), None
+        self.generator.observe(state)
+        begins, ways = self.generator.next_start(now), None
         if ready is not None:
             begins, ways = max(begins, ready.outline.begins), ready.ways
         try:
             # Without somebody who waits for its end it is one of a stream.
-            self.follower.follow(trajectory, now, begins, passes=listener is None, at_once=at_once, ways=ways)
+            self.generator.follow(trajectory, now, begins, passes=listener is None, at_once=at_once, ways=ways)
         except GoalError:
             raise
         except HexwireError as error:
             raise GoalError(str(error), reason=Reason.PATH_NOT_ALLOWED) from None
         self._preempt("replaced by a new goal")
-        ends = now + self.follower.remaining(now)
+        ends = now + self.generator.remaining(now)
         self._active = _active(listener, tolerances or self.settings.tolerances, begins, ends)
 
     def set_points(self, positions: Mapping[str, float], state: JointState, now: float) -> None:
@@ -424,20 +426,20 @@ class TrajectoryController:
             GoalError: As `set_points`, or a joint is too far away.
         """
         self._refuse_unready(positions, state)
-        self.follower.observe(state)
+        self.generator.observe(state)
         try:
-            self.follower.desired(tuple(positions), 0.0)
+            self.generator.desired(tuple(positions), 0.0)
         except HexwireError as error:
             raise GoalError(str(error), reason=Reason.NOT_READY) from None
         if near < math.inf:
             self._refuse_far(positions, state, near)
 
     def _refuse_far(self, positions: Mapping[str, float], state: JointState, near: float) -> None:
-        following, far = self.follower.streaming, []
+        following, far = self.generator.streaming, []
         for name, angle in positions.items():
             if name not in following:
                 # A joint under load is some way off its last command; both are where it is.
-                (told,) = self.follower.desired((name,), 0.0).position
+                (told,) = self.generator.desired((name,), 0.0).position
                 gap = min(abs(angle - told), abs(angle - state.positions[name]))
                 if gap > near:
                     far.append(f"{name} by {gap:.3g} rad")
@@ -447,36 +449,36 @@ class TrajectoryController:
 
     def follow_set_points(self, positions: Mapping[str, float], now: float, laws: Laws = None) -> None:
         """Follow set-points after `check_set_points`; otherwise as `set_points`, with laws as in `set_point`."""
-        self.follower.set_point(positions, now, laws)
+        self.generator.set_point(positions, now, laws)
         self._preempt("replaced by set-points")
 
     def hold(self, why: str) -> None:
         """Hold the last set-point; the active goal is preempted."""
-        self.follower.hold()
+        self.generator.hold()
         self._preempt(why)
 
     def cancel(self, listener: GoalListener) -> None:
         """Hold, if the active goal is this listener's."""
         if self.listener is listener:
-            self.follower.hold()
+            self.generator.hold()
             self._end(Outcome.PREEMPTED, Reason.CANCELLED, "cancelled")
 
     def stop(self, reason: StopReason) -> None:
         """Latch a stop; the active goal is aborted."""
-        self.follower.stop(reason)
+        self.generator.stop(reason)
         why = Reason.PATH_TOLERANCE if reason.kind in _STOPS_BY_PATH else Reason.STOPPED
         self._end(Outcome.ABORTED, why, f"stopped: {reason}")
 
     def reset(self) -> None:
         """Clear a stop. Nothing moves."""
-        self.follower.reset()
+        self.generator.reset()
 
     def brake(self, why: str) -> bool:
         """End the motion within all limits; the active goal is aborted. Whether the joints still move."""
         # What a robot has been sent ahead is ended there.
-        if not self.follower.sent_ahead:
-            self.follower.hold()
-        if self.follower.sent_ahead or not self.follower.braking:
+        if not self.generator.onboard:
+            self.generator.hold()
+        if self.generator.onboard or not self.generator.braking:
             self.release(why)
             return False
         self._end(Outcome.ABORTED, Reason.NOT_READY, why)
@@ -484,35 +486,35 @@ class TrajectoryController:
 
     def brakes(self, now: float) -> bool:
         """Whether joints that brake still move at a time."""
-        return self.follower.braking or now < self.follower.due
+        return self.generator.braking or now < self.generator.due
 
     def release(self, why: str) -> None:
         """Forget the set-points, since the joints are no longer held; the active goal is aborted."""
-        self.follower.forget()
+        self.generator.forget()
         self._end(Outcome.ABORTED, Reason.NOT_READY, why)
 
     # -- the cycle ----------------------------------------------------------------------------------
 
     def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | StopReason | None:
-        """Run one cycle; see `Follower.cycle`."""
+        """Run one cycle; see `SetPointGenerator.cycle`."""
         self._begin_pending(state, now)
-        slips = self.follower.counters.slips
-        order = self.follower.cycle(state, now, lead)
+        slips = self.generator.counters.slips
+        order = self.generator.cycle(state, now, lead)
         active = self._active
         if isinstance(order, StopReason):
             self.stop(order)
         elif active is not None and self._pending is None:
-            # After a stall, the follower shifts the trajectory; the end shifts too.
-            if self.follower.mode is Mode.TRAJECTORY:
-                active.arrival.ends = now + self.follower.remaining(now)
-            elif self.follower.counters.slips > slips:
+            # After a stall, the generator shifts the trajectory; the end shifts too.
+            if self.generator.mode is Mode.TRAJECTORY:
+                active.arrival.ends = now + self.generator.remaining(now)
+            elif self.generator.counters.slips > slips:
                 active.arrival.ends = now + lead
         # A robot that keeps the time itself is only watched.
-        return order if self.follower.waits or isinstance(order, StopReason) else None
+        return order if self.generator.waits or isinstance(order, StopReason) else None
 
     def _begin_pending(self, state: JointState, now: float) -> None:
         pending, active = self._pending, self._active
-        soonest, settled = self.follower.next_start(now), self.follower.settled
+        soonest, settled = self.generator.next_start(now), self.generator.settled
         if pending is None or active is None:
             return
         # A robot that keeps the time itself is told early, and begins exactly then.
@@ -525,13 +527,13 @@ class TrajectoryController:
             self._refuse_unready(self.joints, state)
             streamed = active.listener is None
             path = self._due(pending, state, now, begins, streamed=streamed)
-            self.follower.follow(path, now, begins, passes=streamed)
+            self.generator.follow(path, now, begins, passes=streamed)
         except HexwireError as error:
-            self.follower.hold()
+            self.generator.hold()
             reason = Reason(error.reason) if isinstance(error, GoalError) else Reason.PATH_NOT_ALLOWED
             self._end(Outcome.ABORTED, reason, str(error))
         else:
-            active.begins, active.arrival.ends = begins, now + self.follower.remaining(now)
+            active.begins, active.arrival.ends = begins, now + self.generator.remaining(now)
 
     def _due(
         self,
@@ -579,7 +581,7 @@ class TrajectoryController:
             now: Seconds.
         """
         active = self._active
-        self.follower.observe(state, now)
+        self.generator.observe(state, now)
         if active is None and not self._monitored:
             self._progress = None
             return
@@ -594,13 +596,16 @@ class TrajectoryController:
         self._progress = Progress(self.joints, desired, position, speed, sampled)
         if active is None or self._pending is not None:
             return
-        if self.follower.mode is Mode.TRAJECTORY:
+        if self.generator.mode is Mode.TRAJECTORY:
             # Samples from before the trajectory do not count.
             if sampled > active.begins:
                 wrong = active.tolerances.path_violation(self.joints, desired, position, speed)
                 if wrong:
-                    self.follower.hold()
+                    self.generator.hold()
                     self._end(Outcome.ABORTED, Reason.PATH_TOLERANCE, wrong)
+        elif self.generator.onboard:
+            # The robot has not said yet how its path has ended: it may rest where it ran out of points.
+            return
         elif active.listener is None:
             self._active = None
         else:
@@ -613,11 +618,11 @@ class TrajectoryController:
 
     def _desired(self, ages: Sequence[float], stamp: float, now: float) -> Sample:
         """Desired state of each joint at the time of its sample; not beyond the last set-point."""
-        told = min(now, self.follower.due)
+        told = min(now, self.generator.due)
         youngest = min(ages)
         if not max(ages) - youngest > _TOGETHER:
-            return self.follower.desired(self.joints, min(stamp - youngest, told))
-        rows = [self.follower.desired(self.joints, min(stamp - age, told)) for age in ages]
+            return self.generator.desired(self.joints, min(stamp - youngest, told))
+        rows = [self.generator.desired(self.joints, min(stamp - age, told)) for age in ages]
         return Sample(*(tuple(row[k][i] for i, row in enumerate(rows)) for k in range(3)))
 
     # -- helpers --------------------------------------------------------------------------------------
@@ -630,7 +635,7 @@ class TrajectoryController:
 
     def _refuse_unready(self, names: Collection[str], state: JointState) -> None:
         self._refuse_if_stopped()
-        self._check.ready(names, state, self.follower.guard.limits.max_age)
+        self._check.ready(names, state, self.generator.guard.limits.max_age)
 
     def _preempt(self, why: str) -> None:
         self._end(Outcome.PREEMPTED, Reason.REPLACED, why)

@@ -120,7 +120,7 @@ class ChangeWatch:
         period: Seconds.
 
     Attributes:
-        period: As given; may change.
+        period: Seconds; may be changed.
     """
 
     def __init__(self, period: float = 1.0) -> None:

@@ -8,40 +8,48 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, ExitStack, nullcontext
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Self
 
-from hexwire.errors import UsageError
+from hexwire.drivers.registry import is_address
+from hexwire.errors import HexwireError, LeaseError, LinkError, UsageError
 from hexwire.model.gripper import jaws_of
 from hexwire.model.state import JointTarget
-from hexwire.motion.following import Following, GripForce
+from hexwire.motion.following import Behind, Following, GripForce
 from hexwire.motion.safety import StopReason, board_stop
 from hexwire.motion.teleop import Action
 
-from .guided import OVERLAP, GuidedController
+from .operator_control import OVERLAP, OperatorController
 from .owner import RobotOwner
+from .path_check import PathCheck
 from .target import holding
 from .teleop import hold_at_end
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
+    from hexwire.epochs import Token
+    from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState
 
-    from .path_check import PathCheck
-
-
 __all__ = [
+    "BehindCounter",
     "BriefReader",
     "FollowController",
     "FollowCounters",
+    "Limit",
     "Pair",
     "ReadAhead",
+    "ReplugReader",
     "following_rules",
+    "reopened",
     "run_following",
 ]
 
+Limit = float | Mapping[str, float] | None
+"""Of all joints or by name; None for none but that of the servos."""
 _FACING = ("shoulder_pan", "wrist_roll", "J1", "J4", "J6")
 """Joints that turn the other way when two arms face each other."""
 _STALL = 0.5
@@ -52,9 +60,24 @@ _REST_EVERY = 1.0
 """Seconds between readings of its voltages and the like, which take its line three times as long as a goal."""
 _POSITIONS_EVERY = 0.005
 """Seconds between readings of a follower's positions, where cycles are shorter: a goal with them takes its line
-twice as long. At 180 degrees per second that is 0.9 degrees."""
+twice as long. At 312 degrees per second that is 1.6 degrees."""
+_REPLUG, _AGAIN = 30.0, 0.2
+"""Seconds for which a cable that was pulled out is waited for, and between two tries to open its line again."""
 _LAST_READING = 0.5
 """Seconds for which the end waits for a leader that is being read."""
+
+
+class BehindCounter(Counter[str]):
+    """How often a joint was not sent where it was led, and why, as in ``elbow_flex speed``."""
+
+    def see(self, behind: Mapping[str, Behind]) -> str:
+        """Count what a cycle says; returns a note for the operator on what is new, or an empty one."""
+        if not behind:
+            return ""
+        found = {f"{name} {why.name.lower()}": f"{name} {why.value}" for name, why in behind.items()}
+        new = [text for key, text in found.items() if key not in self]
+        self.update(found.keys())
+        return "; ".join(new)
 
 
 @dataclass(slots=True)
@@ -65,14 +88,16 @@ class FollowCounters:
         cycles: Set-points decided.
         unanswered: Cycles in which a joint of the leader had no new position.
         pauses: How often the follower held because its leader was silent.
+        behind: Cycles in which joints were not sent where they were led.
     """
 
     cycles: int = 0
     unanswered: int = 0
     pauses: int = 0
+    behind: BehindCounter = field(default_factory=BehindCounter)
 
 
-class FollowController(GuidedController):
+class FollowController(OperatorController):
     """Moves all joints of a follower.
 
     It reads the leader in its own cycle, right before the set-point, so that no position waits for the next cycle.
@@ -119,11 +144,14 @@ class FollowController(GuidedController):
         step = self._rules.update(leader.positions, age, state.positions, loads, now)
         self.counters.pauses += step.action is Action.HOLD
         met, self._met = step.met and not self._met, step.met
-        self._say(step.note or ("the follower has met the leader" if met else ""))
+        behind = self.counters.behind.see(step.behind)
+        self._say(step.note or behind or ("the follower has met the leader" if met else ""))
         self.moving = step.action is Action.MOVE
         if step.action is Action.HOLD:
             return holding(self._rules.arm, state)
-        return JointTarget.of(step.positions, max(OVERLAP * period, step.least)) if step.positions else None
+        if not step.positions:
+            return None
+        return JointTarget.of(step.positions, max(OVERLAP * period, step.least), guided=True)
 
 
 class BriefReader:
@@ -175,19 +203,22 @@ class ReadAhead:
 
     Args:
         read: Reads the leader.
+
+    Attributes:
+        fault: What ended the reading.
     """
 
     def __init__(self, read: Callable[[], JointState]) -> None:
         self._read, self._state = read, read()
-        self._fault: BaseException | None = None
+        self.fault: BaseException | None = None
         self._ended = False
         self._thread = threading.Thread(target=self._run, name="leader", daemon=True)
         self._thread.start()
 
     def __call__(self) -> JointState:
         """The newest state, however old; raises what ended the reading."""
-        if self._fault is not None:
-            raise self._fault
+        if self.fault is not None:
+            raise self.fault
         return self._state
 
     def end(self) -> None:
@@ -200,7 +231,55 @@ class ReadAhead:
             while not self._ended:
                 self._state = self._read()
         except BaseException as error:  # noqa: BLE001  # raised in the follower's cycle
-            self._fault = error
+            self.fault = error
+
+
+class ReplugReader:
+    """Reads a leader. While its cable is pulled out its last state grows old, so that its follower holds.
+
+    Args:
+        leader: The leader.
+        on_note: As in `FollowController`.
+
+    Attributes:
+        gave_up: What its line said when it had been lost for half a minute; None before that.
+    """
+
+    def __init__(self, leader: RobotDriver, on_note: Callable[[str | StopReason], object]) -> None:
+        self._leader, self._on_note = leader, on_note
+        self._state: JointState | None = None
+        self._lost: LinkError | None = None
+        self._ends = self._next = -math.inf
+        self.gave_up: LinkError | None = None
+
+    def __call__(self) -> JointState:
+        """The newest state.
+
+        Raises:
+            LinkError: The line was lost for half a minute, or before it was ever read.
+            UsageError: A joint does not confirm that it has no torque after that.
+        """
+        leader = self._leader
+        if self._lost is None:
+            try:
+                self._state = leader.read_positions()
+            except LinkError as error:
+                self._on_note(f"{error}; the follower holds until the leader is there again")
+                self._lost, self._next = error, leader.now()
+                self._ends = self._next + _REPLUG
+            else:
+                return self._state
+        now = leader.now()
+        if now >= self._ends or self._state is None:
+            self.gave_up = self._lost
+            raise self._lost
+        if now >= self._next:
+            self._next = now + _AGAIN
+            if reopened(leader):
+                _release(leader)
+                self._lost = None
+                self._on_note("the leader is there again")
+        return self._state
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,6 +293,9 @@ class Pair:
         on_note: As in `FollowController`.
         ahead: The leader is read in a thread, since reading it may block, as on a network.
         check: Of the follower, as in `RobotOwner`.
+        asked: When following was asked for: a stop of the follower since then ends it, and so does torque off. If
+            None, following goes on after a stop that was ended, and the arms meet again.
+        led: When the leader was asked to lead: with `asked`, its stop since then ends following, too.
     """
 
     leader: RobotDriver
@@ -222,6 +304,51 @@ class Pair:
     on_note: Callable[[str | StopReason], object] = lambda said: None
     ahead: bool = False
     check: PathCheck | None = None
+    asked: Token | None = None
+    led: Token | None = None
+
+    @classmethod
+    def of(
+        cls,
+        leader: RobotDriver,
+        follower: RobotDriver,
+        table: float | None,
+        *,
+        mirror: bool,
+        meet: float,
+        force: float,
+        on_note: Callable[[str | StopReason], object],
+        max_speed: Limit = None,
+        max_acceleration: Limit = None,
+        asked: Token | None = None,
+    ) -> Self:
+        """A pair that follows by `following_rules`; a leader that another program serves is read ahead.
+
+        Args are those of `following_rules`, and the height of the table above the follower's base, metres, or None;
+        for `asked` see the class.
+        """
+        check = PathCheck.of(follower, table)
+        rules = following_rules(
+            leader,
+            follower,
+            check,
+            mirror=mirror,
+            meet=meet,
+            force=force,
+            max_speed=max_speed,
+            max_acceleration=max_acceleration,
+        )
+        return cls(leader, follower, rules, on_note, is_address(leader.url), check, asked, leader.epochs.mark())
+
+    @property
+    def wanted(self) -> bool:
+        """Nobody has stopped the follower or switched its torque off since following was asked for."""
+        return self.asked is None or self.follower.epochs.holds(self.asked)
+
+    @property
+    def leader_stopped(self) -> bool:
+        """Somebody has stopped the leader since it was asked to lead, which ends following."""
+        return self.asked is not None and self.led is not None and self.leader.epochs.stopped_since(self.led)
 
 
 def following_rules(
@@ -232,6 +359,8 @@ def following_rules(
     mirror: bool = False,
     meet: float = 0.2,
     force: float = 0.35,
+    max_speed: Limit = None,
+    max_acceleration: Limit = None,
 ) -> Following:
     """How an arm follows another one.
 
@@ -242,6 +371,12 @@ def following_rules(
         mirror: The arms face each other: base and wrist turn the other way.
         meet: Share of the speed limits until it has met the leader.
         force: Load, as a fraction of full scale, at which its gripper stops closing; 1 for no limit.
+        max_speed: Most radians per second once it has met the leader, of all joints or by name; None for what the
+            servos reach without a load.
+        max_acceleration: Most radians per second squared, likewise.
+
+    Raises:
+        UsageError: The arms have different joints, a joint does not exist, or its servo is not that fast.
     """
     model = follower.model
     jaws = jaws_of(model)
@@ -250,9 +385,17 @@ def following_rules(
         model,
         mirror=frozenset(name for name in _FACING if name in model.names) if mirror else frozenset(),
         share=meet,
+        speeds=_by_name(model, max_speed),
+        accelerations=_by_name(model, max_acceleration),
         grip=None if jaws is None or force >= 1.0 else GripForce(jaws, force),
-        check=check.posture,
+        check=check.guided(),
     )
+
+
+def _by_name(model: ArmModel, limit: Limit) -> Mapping[str, float] | None:
+    if limit is None or isinstance(limit, Mapping):
+        return limit
+    return dict.fromkeys(model.names, limit)
 
 
 def run_following(
@@ -277,12 +420,14 @@ def run_following(
         sleep: As in `RobotOwner`.
 
     Raises:
+        StoppedError: The follower was stopped, or its torque switched off, and its pair says `asked`.
         HexwireError: A robot failed or refused.
     """
     for pair in pairs:
         _release(pair.leader)
     for pair in pairs:
-        on = pair.follower.torque(True)
+        with pair.follower.epochs.using(pair.asked):
+            on = pair.follower.torque(True)
         if missing := [name for name in pair.rules.arm.names if name not in on]:
             raise UsageError(f"the follower {pair.follower.url} does not confirm torque of {', '.join(missing)}")
     on_ready()
@@ -290,29 +435,70 @@ def run_following(
     faults: list[BaseException] = []
 
     def follow(pair: Pair, shielded: Callable[[], AbstractContextManager[object]]) -> None:
-        read = pair.leader.read_positions
-        ahead = ReadAhead(read) if pair.ahead else None
-        controller = FollowController(pair.rules, ahead or read, pair.leader.now, 1.0 / rate, pair.on_note)
-        owner = RobotOwner(
-            pair.follower,
-            borrowed=True,
-            check=pair.check,
-            command_rate=rate,
-            sleep=sleep,
-            read=BriefReader(pair.follower),
-        )
+        follower = pair.follower
         with ExitStack() as steps:
+            ahead = ReadAhead(pair.leader.read_positions) if pair.ahead else None
             if ahead is not None:
                 steps.callback(ahead.end)
-            steps.enter_context(owner)
+            read = ReplugReader(pair.leader, pair.on_note)
+            controller = FollowController(pair.rules, ahead or read, pair.leader.now, 1.0 / rate, pair.on_note)
+            try:
+                while True:
+                    try:
+                        return own(pair, controller)
+                    except LinkError as lost:
+                        if read.gave_up is lost or (ahead is not None and ahead.fault is lost):
+                            raise
+                        wait_for(follower, lost, pair.on_note)
+            except LeaseError:
+                # It holds, or moves for another program, which must not be stopped by this one.
+                raise
+            except HexwireError:
+                if pair.wanted:
+                    with suppress(HexwireError):
+                        follower.stop()
+                raise
+            finally:
+                if follower.is_attached and pair.wanted:
+                    with shielded():
+                        hold_at_end(follower)
+
+    def own(pair: Pair, controller: FollowController) -> None:
+        follower = pair.follower
+        with RobotOwner(
+            follower,
+            borrowed=True,
+            check=pair.check,
+            asked=pair.asked,
+            command_rate=rate,
+            sleep=sleep,
+            read=BriefReader(follower),
+            # A stop would outlast a cable that is soon plugged in again: `follow` stops it otherwise.
+            stop_on_failure=False,
+        ) as owner:
             owner.group.members = (controller,)
             try:
                 while not ended.is_set():
+                    if pair.asked is not None:
+                        follower.epochs.check(pair.asked, "following")
+                    if pair.leader_stopped:
+                        ended.set()
+                        break
                     owner.turn()
             finally:
-                with shielded():
-                    controller.release("it is over")
-                    hold_at_end(pair.follower)
+                controller.release("it is over")
+
+    def wait_for(follower: RobotDriver, lost: LinkError, on_note: Callable[[str | StopReason], object]) -> None:
+        if is_address(follower.url):
+            # Its server keeps the arm safe, and has its own way to come back.
+            raise lost
+        on_note(f"{lost}; its servos hold until it is there again")
+        ends = follower.now() + _REPLUG
+        while not reopened(follower):
+            if ended.is_set() or follower.now() >= ends:
+                raise lost
+            (sleep or ended.wait)(_AGAIN)
+        on_note("the follower is there again")
 
     def run(pair: Pair) -> None:
         try:
@@ -336,6 +522,16 @@ def run_following(
                     thread.join()
     if faults:
         raise faults[0]
+
+
+def reopened(robot: RobotDriver) -> bool:
+    """Try to open the connection of a robot again; torque is as its servos have it. Returns whether it is open."""
+    try:
+        robot.detach()
+        robot.attach()
+    except HexwireError:
+        return False
+    return True
 
 
 def _release(leader: RobotDriver) -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from hexwire.errors import GoalError
-from hexwire.motion.waypoints import Sample
+from hexwire.motion.trajectory import Sample
 
 from .arrival import Tolerance, deviations, in_words
 from .outcomes import Reason
@@ -142,11 +142,11 @@ class Tolerances:
 
         Args:
             path: Joint, radians, radians per second, radians per second squared.
-            goal: Likewise.
+            goal: Those at the goal, in the same units.
             goal_time: Seconds.
             path_components: Like `path`, for components. The rotation of a joint is its angle; the joints of the
                 supported arms have no other component.
-            goal_components: Likewise.
+            goal_components: Like `goal`, for components.
             only_minus_one: Of the negative numbers only -1 disables a check; others are refused.
 
         Raises:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .outcomes import Ended, GoalListener
     from .path_check import PathCheck
 
-__all__ = ["Controller", "ControllerGroup", "ControllerLock"]
+__all__ = ["Controller", "ControllerGroup", "ControllerLock", "Goalless"]
 
 _log = logging.getLogger(__name__)
 
@@ -70,6 +70,22 @@ class Controller(Protocol):
 
     def take_ended(self) -> list[tuple[GoalListener, Ended]]:
         """Goals that have ended since the last call."""
+
+
+class Goalless:
+    """What controllers share that have no goals of clients: nobody hears of their end, and they latch no stop."""
+
+    reason: StopReason | None = None
+
+    def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
+        """Do nothing: a person, or who asked for the motion, watches it."""
+
+    def reset(self) -> None:
+        """Do nothing: an ended motion does not continue."""
+
+    def take_ended(self) -> list[tuple[GoalListener, Ended]]:
+        """There are no goals."""
+        return []
 
 
 class ControllerLock:
@@ -162,13 +178,14 @@ class ControllerGroup:
         return frozenset(reason.joint for reason in reasons if reason)
 
     def cycle(
-        self, state: JointState, speeds: Sequence[float], now: float, lead: float, *, due: bool
+        self, state: JointState, speeds: Sequence[float] | None, now: float, lead: float, *, due: bool
     ) -> JointTarget | StopReason | None:
         """Pass a state to all controllers; if a target is due, run one cycle of each.
 
         Args:
             state: Just read.
-            speeds: Velocities of the arm's joints, radians per second; NaN if unknown.
+            speeds: Velocities of the arm's joints, radians per second; NaN if unknown. None if the controllers have
+                judged this state before.
             now: Seconds.
             lead: Duration of a target, seconds.
             due: A target is due.
@@ -179,7 +196,8 @@ class ControllerGroup:
         orders: list[JointTarget | StopReason | None] = []
         with self.lock:
             for controller in self.members:
-                controller.judge(state, speeds, now)
+                if speeds is not None:
+                    controller.judge(state, speeds, now)
                 if due:
                     orders.append(controller.cycle(state, now, lead))
             targets = [order for order in orders if isinstance(order, JointTarget)]
@@ -197,7 +215,8 @@ class ControllerGroup:
         if not positions:
             return None
         laws = tuple(pair for target in targets for pair in target.laws)
-        return JointTarget(positions, max(target.duration for target in targets), laws)
+        guided = all(target.guided for target in targets)
+        return JointTarget(positions, max(target.duration for target in targets), laws, guided)
 
     def _outside(self, state: JointState, target: Iterable[tuple[str, float]]) -> StopReason | None:
         found = self.check.running(state.positions, dict(target)) if self.check is not None else ""
@@ -243,7 +262,7 @@ class ControllerGroup:
             False if there was another stop since; it stays latched.
         """
         with self.lock:
-            if not self.epochs.holds(asked):
+            if self.epochs.stopped_since(asked):
                 return False
             for controller in self.members:
                 controller.reset()

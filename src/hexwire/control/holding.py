@@ -78,12 +78,12 @@ def hold_moving(owner: RobotOwner, why: str) -> None:
         stop_or_log(owner, why)
 
 
-def brake_at_end(owner: RobotOwner, controller: TrajectoryController | TargetController) -> bool:
+def brake_at_end(owner: RobotOwner, *controllers: TrajectoryController | TargetController) -> bool:
     """Brake joints before their program ends, and wait until they rest.
 
     Args:
         owner: Of the arm; this thread makes its turns.
-        controller: Moves them, target by target.
+        *controllers: Move them, target by target.
 
     Returns:
         False if that is not possible: they must be told where to hold.
@@ -91,10 +91,10 @@ def brake_at_end(owner: RobotOwner, controller: TrajectoryController | TargetCon
     if owner.lead > SOON:
         return False
     with owner.locked():
-        braked = controller.brake("it is over")
-    while braked and controller.brakes(owner.now()):
+        braked = [controller for controller in controllers if controller.brake("it is over")]
+    while any(controller.brakes(owner.now()) for controller in braked):
         owner.turn()
-    return braked
+    return len(braked) == len(controllers)
 
 
 def stop_or_log(owner: RobotOwner, why: str, mode: StopMode = StopMode.HOLD) -> None:
@@ -104,7 +104,7 @@ def stop_or_log(owner: RobotOwner, why: str, mode: StopMode = StopMode.HOLD) -> 
     except HexwireError as error:
         _log.error("the stop was not confirmed: %s", error)
         return
-    if missing := [name for name in owner.robot.model.names if name not in confirmed]:
+    if missing := [name for name in owner.model.names if name not in confirmed]:
         _log.error("%s did not confirm the stop", ", ".join(missing))
 
 

@@ -8,7 +8,7 @@ threads; the age of the hold comes in by a call.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,8 @@ from hexwire.model.state import JointTarget, finite
 from hexwire.motion.safety import StopReason
 from hexwire.motion.teleop import Action, JogMode, StickMap, Teleop, within_limits
 
-from .attended import SILENCE
+from .group import Goalless
+from .hold_to_run import SILENCE
 from .target import holding
 
 if TYPE_CHECKING:
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from hexwire.model.kinematics import KinematicModel
     from hexwire.model.state import JointState
 
-    from .outcomes import Ended, GoalListener
     from .path_check import PathCheck
 
 __all__ = ["JogController", "JogRequest", "read_request"]
@@ -99,7 +99,7 @@ def _deflection(value: object) -> float:
     return number
 
 
-class JogController:
+class JogController(Goalless):
     """Moves the joints of an arm while a hold lasts. The owner's lock guards it, as every controller.
 
     Args:
@@ -110,7 +110,7 @@ class JogController:
 
     Attributes:
         joints: Names of all joints of the arm.
-        silence: As given; may be changed.
+        silence: Seconds without a sign of life after which the joints hold; may be changed.
         note: Message for the operator, such as a joint that is at its limit; empty if there is none.
     """
 
@@ -136,11 +136,6 @@ class JogController:
     def moving(self) -> bool:
         """A hold lasts, and its end has not been asked for."""
         return self.busy and not self._ends
-
-    @property
-    def reason(self) -> StopReason | None:
-        """Always None: a stop ends the hold, and the other controllers latch it."""
-        return None
 
     def begin(self, request: JogRequest, age: Callable[[], float], state: JointState) -> None:
         """Begin a hold; the caller has checked that the arm is not stopped, and released other controllers.
@@ -186,9 +181,6 @@ class JogController:
             raise UsageError("release first, to move other joints")
         self._request = request
 
-    def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
-        """Do nothing: the operator watches the arm."""
-
     def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | None:
         """The target of this cycle; when the hold has ended, the joints brake."""
         rules = self._rules
@@ -224,9 +216,6 @@ class JogController:
         """End the hold; it does not continue after a reset."""
         self._rules = None
 
-    def reset(self) -> None:
-        """Do nothing: nothing moves."""
-
     def brake(self, why: str) -> bool:
         """End the hold as if the button were released; whether there is one."""
         self._ends = True
@@ -235,10 +224,6 @@ class JogController:
     def release(self, why: str) -> None:
         """End the hold, without a target."""
         self._rules = None
-
-    def take_ended(self) -> list[tuple[GoalListener, Ended]]:
-        """There are no goals."""
-        return []
 
     def _axes(self) -> tuple[float, ...]:
         request = self._request

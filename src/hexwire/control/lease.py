@@ -240,7 +240,16 @@ class Lease:
         holder.active = max(holder.active, now - idle if idle > 0.0 else now)
         return holder
 
-    def admit(self, key: int, sequence: int, now: float, age: float | None = None, doubt: float = 0.0) -> Grant:
+    def admit(
+        self,
+        key: int,
+        sequence: int,
+        now: float,
+        age: float | None = None,
+        doubt: float = 0.0,
+        *,
+        frees: bool = False,
+    ) -> Grant:
         """Accept an order of the holder.
 
         Args:
@@ -249,6 +258,7 @@ class Lease:
             now: Seconds.
             age: Estimated age of a set-point, seconds; None for an order that may wait.
             doubt: Uncertainty of the age, seconds.
+            frees: It switches torque off: no stop voids it.
 
         Raises:
             LeaseError: The order is refused, and counted.
@@ -258,7 +268,7 @@ class Lease:
         except LeaseError:
             self.counters.without_lease += 1
             raise
-        if sequence <= holder.voided:
+        if sequence <= holder.voided and not frees:
             self.counters.out_of_order += 1
             raise self._late(f"order {sequence} was made before a stop of the same program; it is not done")
         if not sequence > holder.sequence:

@@ -25,7 +25,10 @@ if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.state import JointState, SentTarget
 
-__all__ = ["MotionObserver", "MotionOptions", "wanted_options"]
+    from .motion_result import MotionResult
+    from .path_check import CheckedPath
+
+__all__ = ["MotionObserver", "MotionOptions", "unwatched_words", "wanted_options"]
 
 _log = logging.getLogger(__name__)
 
@@ -119,14 +122,34 @@ def wanted_options(options: object) -> MotionOptions:
     return options
 
 
+def unwatched_words(robot: RobotDriver, seconds: float) -> str:
+    """That nothing stops the arm if this program, or the server of a shared arm, dies.
+
+    Args:
+        robot: The arm.
+        seconds: How long it then moves on.
+    """
+    where, dies = ("at its server", "its server") if robot.has_watchdog else ("on this port", "this program")
+    return (
+        f"{robot.model.name} has no watchdog {where}: if {dies} dies, the arm moves on to its last target, "
+        f"for up to {seconds:.2g} s"
+    )
+
+
 class MotionObserver:
     """Is called at the events of a motion, in the caller's thread. Override the methods you need.
 
     They do nothing here, but for `refused`, which logs a warning.
     """
 
+    def planned(self, path: CheckedPath) -> None:
+        """A verb of an arm has checked its path; nothing has moved yet."""
+
     def powered(self, joints: Sequence[str]) -> None:
         """Torque was switched on for these joints."""
+
+    def switched(self, joints: Sequence[str], confirmed: Sequence[str]) -> None:
+        """A verb has switched the torque of joints, and some have confirmed it; it then raises if not all have."""
 
     def unwatched(self, seconds: float) -> None:
         """There is no watchdog: if this program dies, the arm moves on for up to this many seconds."""
@@ -143,3 +166,6 @@ class MotionObserver:
 
     def seen(self, state: JointState) -> None:
         """A state was read during the motion."""
+
+    def ended(self, result: MotionResult) -> None:
+        """The motion of a verb has ended; it then raises what a person must know of one that has not arrived."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from hexwire.errors import ServoError
+from hexwire.model.state import condition
 from hexwire.motion.safety import StopReason
 
 from .arrival import Deviation
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["MotionResult"]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class MotionResult:
     """How a motion ended.
 
@@ -35,12 +36,15 @@ class MotionResult:
         cut: `until` ended the motion.
         powered: Joints whose torque was switched on for it.
         sent: A single target as sent, or None.
-        seconds: Time limit for the arrival, from the beginning.
+        seconds: How long it took; of one that the call did not wait for, how long it takes.
         state: The last state, or None.
         timing: Timing of the cycles.
         timed: The robot kept the time of the motion itself.
-        ended: Why it gave up its path to a target, although it was not stopped; or empty.
+        ended: Why it was cancelled, or gave up its path to a target, although it was not stopped; or empty.
         rest: Where the arm came to rest beside its goal, if that was waited for.
+        slowed: Why it took much longer than was planned; empty if it did not.
+        holds: The gripper moved, and there is an object between its jaws.
+        opening: How far it is open then: 0 is closed, 1 fully open; NaN if it did not move, or that is unknown.
     """
 
     arrived: bool | None
@@ -56,24 +60,41 @@ class MotionResult:
     timed: bool = False
     ended: str = ""
     rest: Rest | None = None
+    slowed: str = ""
+    holds: bool = False
+    opening: float = math.nan
 
     @property
     def why(self) -> str:
-        """Why the arm has not arrived; empty if it has."""
+        """Why the arm has not arrived; empty if it has, or if what ended the motion was wanted."""
         if self.stopped is not None:
-            return f"stopped: {self.stopped}"
+            # The server of a shared arm may have said so already.
+            return f"stopped: {str(self.stopped).removeprefix('stopped: ')}"
         if self.without_torque:
             return f"{', '.join(self.without_torque)} lost torque before the arrival"
-        if self.arrived is not False or self.cut:
+        if self.cut:
+            return self.ended
+        if self.arrived is not False:
             return ""
-        parts = [
-            f"{row.joint} is {math.degrees(row.by):.1f} deg{'/s' if row.of_speed else ''} off"
-            if row.by < math.inf
-            else f"the position of {row.joint} is unknown"
-            for row in self.off
-        ]
+        parts = []
+        for row in self.off:
+            known = f"{row.joint} is {math.degrees(row.by):.1f} deg{'/s' if row.of_speed else ''} off"
+            how = "ok" if self.state is None else condition(self.state[row.joint])
+            words = known if row.by < math.inf else f"the position of {row.joint} is unknown"
+            parts.append(words if how == "ok" else f"{words} ({how})")
         text = f"did not arrive: {', '.join(parts) or 'some joints have not reported since the end'}"
         return f"{text}; {self.ended}" if self.ended else text
+
+    def __repr__(self) -> str:
+        how = self.why or {None: "sent", True: "arrived", False: "ended before the goal"}[self.arrived]
+        parts = [f"{how}; {self.seconds:.2f} s"]
+        if self.rest is not None:
+            parts.append(f"{self.rest.joint} {math.degrees(self.rest.off):.2f} deg off")
+            if self.rest.tip is not None:
+                parts.append(f"tip {1000 * self.rest.tip:.1f} mm off")
+        if not math.isnan(self.opening):
+            parts.append(f"gripper {100 * self.opening:.0f} % open{' with an object' if self.holds else ''}")
+        return f"<MotionResult: {', '.join(parts)}>"
 
     def require(self) -> MotionResult:
         """Return itself, if the joints are at the goal or the call did not wait for it.
@@ -81,6 +102,6 @@ class MotionResult:
         Raises:
             ServoError: The arm was stopped, or did not arrive.
         """
-        if self.why:
+        if self.why and not self.cut:
             raise ServoError(self.why)
         return self

@@ -14,34 +14,31 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from hexwire.drivers.tools import Gripper
 from hexwire.errors import GoalError, HexwireError
 
-from .attended import SILENCE
 from .goals import Point, TrajectoryGoal
+from .hold_to_run import SILENCE
 from .holding import SOON, hold_moving
+from .jaws import Closing
 from .outcomes import Outcome, Reason
 from .preview import goal_of
+from .waiting import Waiter
 
 if TYPE_CHECKING:
-    from hexwire.drivers.tools import Gripper
     from hexwire.model.state import JointState
-    from hexwire.motion.waypoints import Trajectory
+    from hexwire.motion.trajectory import Trajectory
 
     from .outcomes import Ended
     from .preview import Preview
     from .shared import Order, SharedArm
 
-__all__ = ["Grip", "MotionRun", "Progress", "begin_motion"]
+__all__ = ["MotionRun", "Progress", "begin_motion"]
 
 _log = logging.getLogger(__name__)
 
 _FAREWELL = 0.1
 """Seconds that whoever ends it has, before it ends by itself."""
-_PRESSED = 3
-_PRESSING = 0.1
-"""Successive states and seconds in which the jaws press: the start of the motion takes effort too."""
-_STILL = math.radians(0.3)
-"""How far the jaws may move meanwhile: a board's states need not have a velocity that would show it."""
 _UNHURRIED = 3.0
 """The time of a relief over the shortest at the greatest speed: it begins while the joint is planned to close."""
 
@@ -71,19 +68,6 @@ class Progress:
     off: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Grip:
-    """A motion of the gripper.
-
-    Attributes:
-        gripper: The gripper.
-        share: Opening at its end: 0 is closed, 1 fully open.
-    """
-
-    gripper: Gripper
-    share: float
-
-
 class MotionRun:
     """One motion. Made by `begin_motion`; any thread may call its methods.
 
@@ -92,7 +76,7 @@ class MotionRun:
         orders: Makes an order of whoever began it; called for each controller.
         title: What it is, for people.
         plan: What it does.
-        grip: It is a motion of the gripper.
+        grip: The opening at its end, of a motion of the gripper: 0 is closed, 1 fully open.
         age: Returns the seconds since the last sign of life of whoever began it, infinite when it is being ended;
             must not wait.
         silence: Seconds without one after which it ends.
@@ -106,7 +90,7 @@ class MotionRun:
         title: str,
         plan: Preview,
         *,
-        grip: Grip | None = None,
+        grip: float | None = None,
         age: Callable[[], float] = lambda: 0.0,
         silence: float = SILENCE,
         on_end: Callable[[MotionRun], object] = lambda run: None,
@@ -114,15 +98,13 @@ class MotionRun:
         self._age, self._silence, self._leaving = age, silence, math.inf
         self._shared, self._arm, self._orders = shared, shared.arm, orders
         self._title, self._plan, self._path = title, plan, plan.require()
-        self._grip, self._on_end = grip, on_end
+        self._opening, self._on_end = grip, on_end
         self._lock = threading.Lock()
         self._outcome: Outcome | None = None
-        self._text, self._off, self._done = "", "", 0.0
-        # Controllers that have not reached their goals.
-        self._waiting = 0
-        # Successive states in which the jaws pressed, while they close, and the time of the first.
-        self._pressed, self._pressing, self._closing, self._holds = 0, 0.0, False, False
-        self._pressed_at = math.nan
+        self._text, self._done = "", 0.0
+        # Of the goals of all controllers that move.
+        self._goals = Waiter(0)
+        self._closing: Closing | None = None
 
     @property
     def over(self) -> bool:
@@ -134,9 +116,10 @@ class MotionRun:
         duration, lead = self._plan.duration, self._plan.lead_in
         if self._outcome is None:
             self._done = self._elapsed()
-            return Progress(self._title, self._done, duration, lead, holds=self._holds)
+            return Progress(self._title, self._done, duration, lead, holds=self._holds())
         done = duration if self._outcome is Outcome.SUCCEEDED else self._done
-        return Progress(self._title, done, duration, lead, self._outcome.value, self._text, self._holds, self._off)
+        off = "; ".join(self._goals.off)
+        return Progress(self._title, done, duration, lead, self._outcome.value, self._text, self._holds(), off)
 
     def end(self, why: str) -> None:
         """End it; the joints that it moves hold. Without effect after its end.
@@ -149,7 +132,7 @@ class MotionRun:
                 return
             self._done = self._elapsed()
             self._finish(Outcome.PREEMPTED, why)
-        self._cancel()
+        self._arm.cancel(None, self)
         owner = self._arm.owner
         if owner.lead > SOON and owner.connected:
             # A target that was sent lasts too long to wait for its end.
@@ -163,18 +146,13 @@ class MotionRun:
         with self._lock:
             if self._outcome is not None:
                 return
-            text = ended.text
-            if ended.outcome is Outcome.SUCCEEDED:
-                if text:
-                    self._off = f"{self._off}; {text}" if self._off else text
-                    text = ""
-                self._waiting -= 1
-                if self._waiting > 0:
-                    return
+            self._goals.ended(ended)
+            if not self._goals.is_over():
+                return
             self._done = self._elapsed()
-            self._finish(ended.outcome, text)
+            self._finish(ended.outcome, "" if ended.outcome is Outcome.SUCCEEDED else ended.text)
         # If one controller fails, the others must not go on.
-        self._cancel()
+        self._arm.cancel(None, self)
         self._on_end(self)
 
     # -- for `begin_motion` ---------------------------------------------------------------------------
@@ -189,10 +167,9 @@ class MotionRun:
                 self._finish(Outcome.SUCCEEDED, "")
             self._on_end(self)
             return
-        self._waiting = len(moving)
-        if self._grip is not None:
-            state = arm.owner.newest()
-            self._closing = self._grip.share < self._grip.gripper.share(state)
+        self._goals = Waiter(len(moving))
+        if self._opening is not None:
+            self._closing = Closing(Gripper(arm.owner.robot), self._opening, arm.owner.newest())
         # A new list, since the owner's thread may be going through the old one.
         arm.owner.observers = [*arm.owner.observers, self._see]
         try:
@@ -201,7 +178,7 @@ class MotionRun:
         except BaseException as error:
             with self._lock:
                 self._finish(Outcome.ABORTED, str(error))
-            self._cancel()
+            self._arm.cancel(None, self)
             raise
 
     # -- helpers --------------------------------------------------------------------------------------
@@ -209,7 +186,7 @@ class MotionRun:
     def _elapsed(self) -> float:
         owner = self._arm.owner
         now = owner.now()
-        left = max((c.follower.remaining(now) for c in self._arm.controllers.values()), default=0.0)
+        left = max((c.generator.remaining(now) for c in self._arm.controllers.values()), default=0.0)
         return max(0.0, self._plan.duration - left)
 
     def _finish(self, outcome: Outcome, text: str) -> None:
@@ -218,30 +195,18 @@ class MotionRun:
         owner = self._arm.owner
         owner.observers = [observer for observer in owner.observers if observer != self._see]
 
-    def _cancel(self) -> None:
-        for name in self._arm.controllers:
-            self._arm.cancel(name, self)
-
     def _see(self, state: JointState) -> None:
         """Look for signs of life, and whether the jaws press; called in the owner's thread with every state."""
         if self._is_silent(state.stamp):
             # Here too, so that it ends although nothing else of the program may work.
             self.end("no sign of life")
             return
-        grip = self._grip
-        if grip is None or not self._closing or self._holds:
-            return
-        if not grip.gripper.holds(state, grip.share):
-            self._pressed = 0
-            return
-        at = state[grip.gripper.joint.name].position
-        if not self._pressed or abs(at - self._pressed_at) > _STILL:
-            self._pressed, self._pressing, self._pressed_at = 0, state.stamp, at
-        self._pressed += 1
-        if self._pressed >= _PRESSED and state.stamp - self._pressing >= _PRESSING:
-            self._holds = True
+        if self._closing is not None and self._closing.see(state):
             # In a thread of its own, since the owner's must not wait for the check of a path.
             threading.Thread(target=self._keep, args=(state,), name="grip", daemon=True).start()
+
+    def _holds(self) -> bool:
+        return self._closing is not None and self._closing.holds
 
     def _is_silent(self, now: float) -> bool:
         age = self._age()
@@ -253,33 +218,34 @@ class MotionRun:
 
     def _keep(self, state: JointState) -> None:
         """Hold the object with little force instead of closing further."""
-        grip = self._grip
+        closing = self._closing
         with self._lock:
-            if grip is None or self._outcome is not None:
+            if closing is None or self._outcome is not None:
                 return
             self._done = self._elapsed()
             # First, since the goal is about to be replaced.
             self._finish(Outcome.SUCCEEDED, "")
-        target, arm = grip.gripper.grasp(state), self._arm
+        gripper, arm = closing.gripper, self._arm
+        target = gripper.grasp(state)
         try:
             for name, controller in arm.controllers.items():
-                if grip.gripper.joint.name not in controller.joints:
+                if gripper.joint.name not in controller.joints:
                     continue
                 with arm.owner.locked():
                     now = arm.owner.now()
                     here = dict(zip(controller.joints, controller.start(0.0, state, now).position, strict=True))
                     # The time of the point counts from now, and the robot may have what comes before that.
-                    wait = max(0.0, controller.follower.next_start(now) - now)
+                    wait = max(0.0, controller.generator.next_start(now) - now)
                 goal = here | dict(target.positions)
-                back = abs(goal[grip.gripper.joint.name] - here[grip.gripper.joint.name])
-                seconds = wait + max(target.duration, _UNHURRIED * back / grip.gripper.joint.max_speed)
+                back = abs(goal[gripper.joint.name] - here[gripper.joint.name])
+                seconds = wait + max(target.duration, _UNHURRIED * back / gripper.joint.max_speed)
                 rest = (0.0,) * len(goal)
                 point = Point(seconds, tuple(goal.values()), rest, rest)
                 relief = TrajectoryGoal(controller.joints, (point,), gives_way=True)
                 self._shared.follow(self._orders(), name, relief, None)
         except HexwireError as error:
             _log.warning("the gripper does not hold what it met with little force: %s", error)
-            self._cancel()
+            self._arm.cancel(None, self)
         self._on_end(self)
 
 
@@ -289,7 +255,7 @@ def begin_motion(
     title: str,
     make: Callable[[], Preview],
     *,
-    grip: Grip | None = None,
+    grip: float | None = None,
     wanted: Callable[[], bool] = lambda: True,
     age: Callable[[], float] = lambda: 0.0,
     silence: float = SILENCE,
@@ -302,11 +268,11 @@ def begin_motion(
         orders: As for `MotionRun`; one more order is made for the beginning itself.
         title: What it is, for people.
         make: Plans it; called when the arm holds.
-        grip: It is a motion of the gripper.
+        grip: The opening at its end, of a motion of the gripper: 0 is closed, 1 fully open.
         wanted: Asked right before it begins, since planning takes time.
         age: As for `MotionRun`.
-        silence: Likewise.
-        on_end: Likewise.
+        silence: As for `MotionRun`.
+        on_end: As for `MotionRun`.
 
     Raises:
         LeaseError: Whoever asks does not hold the lease.

@@ -10,7 +10,7 @@ from enum import Enum, StrEnum
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from hexwire.motion.waypoints import Sample
+    from hexwire.motion.trajectory import Sample
 
 __all__ = ["Ended", "GoalListener", "Outcome", "Progress", "Reason"]
 

@@ -1,7 +1,8 @@
 """What the owner of a robot sends to it: targets once per period, stops, torque, resets.
 
 Owns the reaction to a refused target, the rule that a target decided before a stop is not sent, and until when the
-joints move to what was sent. Must not know connections or threads: one thread makes all calls, except `send`.
+joints move to what was sent. Must not know connections or threads: one thread makes all calls, except `begin` and
+`send`.
 """
 
 from __future__ import annotations
@@ -11,15 +12,23 @@ import math
 import threading
 import time
 from collections.abc import Callable, Collection, Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from hexwire.errors import CommandRefusedError, HexwireError, LeaseError, StoppedError, UsageError
+from hexwire.errors import (
+    CommandRefusedError,
+    HexwireError,
+    LeaseError,
+    PreemptedError,
+    StoppedError,
+    UsageError,
+)
 from hexwire.model.state import JointFlag, JointTarget, SentTarget
-from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop
+from hexwire.motion.safety import STOP_COMMAND, TORQUE_OFF, StopReason, board_stop
 
+from .onboard_execution import OnboardExecution
 from .rate import Periodic
-from .sent_ahead import SentAhead
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -48,9 +57,9 @@ class Output:
         look_again: Reads a new state after a change and drops earlier ones.
         arm_watchdog: Called before every target: arms the watchdog, if it is wanted and not armed yet.
         asked: As in `RobotOwner`.
-        clock: Likewise.
-        sleep: Likewise.
-        timed: Likewise.
+        clock: As in `RobotOwner`.
+        sleep: As in `RobotOwner`.
+        timed: As in `RobotOwner`.
 
     Attributes:
         before: Called before targets are decided; may end motions.
@@ -74,9 +83,11 @@ class Output:
         self._robot, self._group, self._borrowed = robot, group, borrowed
         self._on_sent, self._look_again, self._arm_watchdog = on_sent, look_again, arm_watchdog
         self._clock = clock or robot.now
-        self._ahead: SentAhead | None = None
+        self._onboard: OnboardExecution | None = None
         if timed:
-            self._ahead = SentAhead(robot, group, clock=self._clock, sleep=sleep, arm_watchdog=arm_watchdog)
+            self._onboard = OnboardExecution(
+                robot, group, clock=self._clock, sleep=sleep, arm_watchdog=arm_watchdog
+            )
         self.before: Callable[[], object] = lambda: None
         self.refusal: Callable[[], HexwireError | None] | None = None
         # When each joint has reached its last target, owner's clock; infinite if only a special command knows.
@@ -91,6 +102,21 @@ class Output:
     def hurry(self) -> None:
         """Send a target after the next state, if none was sent for a period."""
         self._periodic.hurry()
+
+    def begin(self, state: JointState, period: float, lead: float) -> None:
+        """Send the first target of a motion that has begun, if none was sent for a period; in any thread.
+
+        Args:
+            state: The newest one; the controllers have judged it.
+            period: As in `update`.
+            lead: As in `update`.
+
+        Raises:
+            HexwireError: As `RobotDriver.write`.
+        """
+        with self.deciding:
+            self._periodic.hurry()
+            self._update(state, None, self._clock(), period, lead)
 
     def update(self, state: JointState, speeds: Sequence[float], now: float, period: float, lead: float) -> None:
         """Pass a state to the controllers; once per period, write their target.
@@ -109,30 +135,30 @@ class Output:
         """Joints that are moving to their last target or on a path of the robot, or may be."""
         now = self._clock()
         moving = {name for name, ends in self._ends.items() if now < ends}
-        if self._ahead is not None:
-            moving.update(self._ahead.joints)
+        if self._onboard is not None:
+            moving.update(self._onboard.joints)
         return tuple([name for name in self._robot.model.names if name in moving])
 
     def time_left(self) -> float:
         """Seconds until the last joint has reached its last target; 0 if none moves to one."""
         known = [ends for ends in self._ends.values() if ends < math.inf]
         left = max(0.0, max(known, default=0.0) - self._clock())
-        return left if self._ahead is None else max(left, self._ahead.time_left())
+        return left if self._onboard is None else max(left, self._onboard.feeder.time_left())
 
     @property
     def path_start(self) -> PathStart | None:
         """When the path that the robot follows, or waits to follow, starts; None if there is none."""
-        return None if self._ahead is None else self._ahead.start.given
+        return None if self._onboard is None else self._onboard.feeder.start.given
 
     def brake(self) -> tuple[str, ...]:
-        """Bring joints that follow a path of the robot to rest on it; returns them. Raises as `SentAhead.brake`."""
+        """Bring joints on a path of the robot to rest on it; returns them. Raises as `RobotOwner.brake`."""
         with self.deciding:
-            return () if self._ahead is None else self._ahead.brake()
+            return () if self._onboard is None else self._onboard.brake()
 
     def forget_path(self) -> None:
         """Forget a path of the robot, which was lost."""
-        if self._ahead is not None:
-            self._ahead.drop()
+        if self._onboard is not None:
+            self._onboard.drop()
 
     def set_free(self) -> None:
         """Count all joints as moving until each gets a target, holds, or was stopped."""
@@ -143,15 +169,23 @@ class Output:
         for name, _ in sent.positions:
             self._ends[name] = ends
 
-    def _update(self, state: JointState, speeds: Sequence[float], now: float, period: float, lead: float) -> None:
+    def _update(
+        self, state: JointState, speeds: Sequence[float] | None, now: float, period: float, lead: float
+    ) -> None:
         self.before()
         # Before anything is decided: a stop from here on voids the target, even if it is resumed.
         asked = self._robot.epochs.mark()
-        if asked.epoch is not self._known_stop.epoch:
+        stopped = asked.epoch is not self._known_stop.epoch
+        # The one motion of a borrowed robot would give the joints torque again; `torque` releases other motions.
+        limp = self._borrowed and asked.limp is not self._known_stop.limp
+        if stopped or limp:
             self._known_stop = asked
             # A borrowed robot runs one motion: a stop ends it even if nothing of it was sent yet.
             if (self._group.moving or self._borrowed) and self._group.reason is None:
-                self._group.stop(StopReason("board", "the arm was stopped by another caller"))
+                if not stopped:
+                    # A state from after it says which joints have lost it.
+                    self._group.cycle(self._robot.read(), speeds, now, lead, due=False)
+                self._group.stop(StopReason("board", STOP_COMMAND if stopped else TORQUE_OFF))
                 # Which voids what was asked for before; nothing has been decided yet.
                 asked = self._robot.epochs.mark()
         # The states of a borrowed robot are read once per period.
@@ -162,24 +196,24 @@ class Output:
             return
         if order is not None:
             self._periodic.done(now)
-        if self._ahead is not None:
+        if self._onboard is not None:
             # What was decided for joints whose path ends in this turn is void.
-            kept = self._ahead.joints
+            kept = self._onboard.joints
             # A change must reach the robot sooner than the next target is due.
-            if due or self._ahead.changed:
-                self._send_ahead(self._ahead, state, period, asked)
-            order = order if order is None else self._without(order, {*kept, *self._ahead.joints})
+            if due or self._onboard.changed:
+                self._execute_onboard(self._onboard, state, period, asked)
+            order = order if order is None else self._without(order, {*kept, *self._onboard.joints})
         if order is not None:
             self._write(order, asked, now + lead)
 
-    def _send_ahead(self, ahead: SentAhead, state: JointState, period: float, asked: Token) -> None:
+    def _execute_onboard(self, onboard: OnboardExecution, state: JointState, period: float, asked: Token) -> None:
         epochs = self._robot.epochs
         try:
             epochs.check(asked, "a path")
             with epochs.using(replace(asked, refusal=self.refusal)):
-                found = ahead.turn(state, period)
+                found = onboard.turn(state, period)
         except StoppedError:
-            ahead.drop()
+            onboard.drop()
             self._group.see_stop(board_stop(self._robot.read()) or StopReason("board", STOP_COMMAND))
             return
         except LeaseError as error:
@@ -228,10 +262,14 @@ class Output:
                 self._arm_watchdog()
             with epochs.using(asked if self.refusal is None else replace(asked, refusal=self._refusal(ends))):
                 sent = self._robot.write(target)
-        except StoppedError:
-            # States that are waiting may be older, for example after a stall in which the watchdog tripped.
-            self._group.see_stop(board_stop(self._robot.read()) or StopReason("board", STOP_COMMAND))
         except (CommandRefusedError, UsageError) as error:
+            # A robot may say first that a joint has no torque.
+            limp = epochs.limp_since(asked)
+            if isinstance(error, StoppedError) or (limp and self._borrowed):
+                # States that are waiting may be older, for example after a stall in which the watchdog tripped.
+                why = TORQUE_OFF if limp else STOP_COMMAND
+                self._group.see_stop(board_stop(self._robot.read()) or StopReason("board", why))
+                return
             if self._borrowed:
                 raise
             # For example after another program switched torque off: the motion is over, its set-points are void.
@@ -266,9 +304,9 @@ class Output:
             epochs.check(asked, "a target")
             # Also those at rest: what they were told before is not where their joints will be.
             self._group.release("another motion was asked for", [name for name, _ in target.positions])
-            if self._ahead is not None:
+            if self._onboard is not None:
                 with epochs.using(asked):
-                    self._ahead.brake([name for name, _ in target.positions])
+                    self._onboard.brake([name for name, _ in target.positions])
             try:
                 with epochs.using(asked):
                     sent = self._robot.write(target)
@@ -324,13 +362,13 @@ class Output:
         if on and self._group.reason is not None:
             raise UsageError(f"the arm is stopped ({self._group.reason}); reset it first")
         wanted = list(names)
-        if on and (self._group.busy or (self._ahead is not None and self._ahead.joints)):
+        if on and (self._group.busy or (self._onboard is not None and self._onboard.joints)):
             # Torque on means to hold the present position: it must not stop joints that are moving.
             have = set(self._robot.read().torque_on)
             wanted = [name for name in names if name not in have]
-        if on and self._ahead is not None:
+        if on and self._onboard is not None:
             # A robot refuses it for joints that leave a path.
-            self._ahead.brake(wanted)
+            self._onboard.brake(wanted)
         why = "one of its joints had no torque" if on else "torque was switched off"
         if not on:
             self._group.release(why, wanted)
@@ -338,8 +376,9 @@ class Output:
         confirmed = self._robot.torque(on, whom) if wanted else ()
         # Once more, for goals accepted meanwhile: set-points are void where a hand may move the joint.
         self._group.release(why, wanted)
-        # The next goal must see the new torque.
-        self._look_again()
+        # The next goal must see the new torque. After a stop, which may interrupt this, a reset looks again.
+        with nullcontext() if on else suppress(StoppedError, PreemptedError):
+            self._look_again()
         return tuple(name for name in names if name in confirmed or name not in wanted)
 
     def stop(self, reason: StopReason) -> None:

@@ -14,6 +14,8 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Self, TypeVar
 
+from hexwire.arguments import ROBOT
+from hexwire.arguments import check as check_argument
 from hexwire.drivers.values import StopMode
 from hexwire.errors import (
     DeviceError,
@@ -45,6 +47,7 @@ if TYPE_CHECKING:
     from hexwire.drivers.base import ProbeReport, RobotDriver
     from hexwire.drivers.timed_path import PathStart
     from hexwire.epochs import Token
+    from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState, JointTarget, SentTarget
 
     from .group import Controller, ControllerLock
@@ -102,7 +105,7 @@ class RobotOwner:
         read: Reads a state of a borrowed robot; the robot's `read` if None.
 
     Attributes:
-        robot: As given.
+        robot: The robot.
         group: The controllers; `start` fills it.
         connected: The robot answers.
         error: Why it is not connected; empty if it is.
@@ -132,6 +135,7 @@ class RobotOwner:
         sleep: Callable[[float], object] | None = None,
         read: Callable[[], JointState] | None = None,
     ) -> None:
+        check_argument("RobotOwner", "robot", ROBOT, robot)
         self.robot = robot
         self._read = read
         # What ends one motion of a borrowed robot, such as the end of this program's use, voids no call of others.
@@ -162,6 +166,8 @@ class RobotOwner:
         )
         # A stop that could not be sent, and must be when the robot is back.
         self._owes_stop = False
+        # What failed in another thread since the last turn.
+        self._failed: HexwireError | None = None
         self._reader: StateReader | None = None
         self._restarts = 0
         self._latest, self._calls = LatestState(publish_rate), QueuedCalls()
@@ -279,6 +285,11 @@ class RobotOwner:
             raise self._still_armed
 
     @property
+    def model(self) -> ArmModel:
+        """The robot's joints."""
+        return self.robot.model
+
+    @property
     def alive(self) -> bool:
         """The thread runs."""
         return self._thread is not None and self._thread.is_alive()
@@ -350,6 +361,24 @@ class RobotOwner:
     def hurry(self) -> None:
         """Send a target after the next state, if none was sent for a period: a motion has begun."""
         self._output.hurry()
+
+    def begin_at_once(self) -> None:
+        """As `hurry`, but in the caller's thread, without waiting for the next state.
+
+        Do not hold the lock of the controllers, nor another one that the owner takes. What fails here is reported
+        by the owner's next turn.
+        """
+        state = self._latest.state
+        if state is None or not self.connected or not self._may_send():
+            self._output.hurry()
+            return
+        try:
+            self._output.begin(state, self.command_period, self.lead)
+        except PreemptedError:
+            # A stop interrupted it, and handles the rest.
+            return
+        except HexwireError as error:
+            self._failed = error
 
     def call(self, call: Callable[[], _T]) -> _T:
         """Run a call in the owner's thread between two states, and wait for its result.
@@ -456,10 +485,14 @@ class RobotOwner:
             HexwireError: As `RobotDriver.write`.
         """
         self._check_reachable()
-        if self._wanted_watchdog and self.robot.has_watchdog and not self._covered:
-            # The owner's thread arms it in its first cycle. Do not wait for it: the caller may hold `deciding`.
+        if not self._may_send():
+            # Do not wait for the owner's thread: the caller may hold `deciding`.
             raise DeviceError("the watchdog is not armed yet; try again in a moment")
         return self._output.send(target, asked, holds=holds)
+
+    def _may_send(self) -> bool:
+        """Whether other threads may send: the owner's thread arms the watchdog, in its first cycle."""
+        return self._covered or not (self._wanted_watchdog and self.robot.has_watchdog)
 
     def stop(self, why: str, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
         """Latched stop, ahead of everything else: it does not wait for the lock of the controllers.
@@ -538,6 +571,8 @@ class RobotOwner:
             self._reconnect()
             return
         try:
+            if self._failed is not None:
+                raise self._failed
             if self._reader is None:
                 self._reader = self._begin_reading()
             state = self._reader.next()
@@ -609,7 +644,8 @@ class RobotOwner:
     def _begin(self) -> None:
         self._latest.begin(1.0 / self._publish_rate, max(_SILENT, 3.0 * self.command_period))
         self._output.forget_path()
-        self._reader, self._covered, self.connected, self.error = None, False, True, ""
+        self._reader, self._covered, self._failed = None, False, None
+        self.connected, self.error = True, ""
 
     def _begin_reading(self) -> StateReader:
         # First, since arming the watchdog clears the board's flag that it tripped.

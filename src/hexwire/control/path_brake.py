@@ -16,11 +16,11 @@ from hexwire.motion.eased import LONGEST, ease_out
 from hexwire.motion.moving import joint_limits
 from hexwire.motion.path_points import path_points
 from hexwire.motion.path_rest import path_rest
-from hexwire.motion.waypoints import Tail
+from hexwire.motion.trajectory import Tail
 
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
-    from hexwire.motion.waypoints import Trajectory
+    from hexwire.motion.trajectory import Trajectory
 
 __all__ = ["PathBrake", "plan_points"]
 
@@ -71,6 +71,8 @@ class PathBrake:
 
     def __init__(self, model: ArmModel, joints: Sequence[str]) -> None:
         self._model, self._joints = model, tuple(joints)
+        # Who sends a request asks once whether there is a brake at its end, and once for the brake.
+        self._last: tuple[Trajectory, float, list[TimedPoint]] | None = None
 
     def after(self, plan: Trajectory, time: float) -> list[TimedPoint]:
         """Points that bring the joints to rest after a time of a plan; empty if a brake would leave its path.
@@ -79,11 +81,14 @@ class PathBrake:
             plan: Of the same joints, in any order.
             time: Seconds of it; a multiple of 0.1 ms.
         """
+        last = self._last
+        if last is not None and last[0] is plan and last[1] == time:
+            return last[2]
         model, names = self._model, plan.names
         ranges = [(model.joint(name).minimum, model.joint(name).maximum) for name in names]
         found = path_rest(plan, time, joint_limits(model, names), ranges)
         rows = [(names.index(name), model.joint(name)) for name in self._joints]
-        return [
+        points = [
             TimedPoint(
                 round(point.time / _TICK) * _TICK,
                 tuple([point.position[i] for i, _ in rows]),
@@ -91,6 +96,8 @@ class PathBrake:
             )
             for point in found or ()
         ]
+        self._last = plan, time, points
+        return points
 
     def end(
         self,

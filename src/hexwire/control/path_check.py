@@ -7,15 +7,17 @@ motion; and while it runs, the combined targets of all controllers. Must not kno
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Self
 
 from hexwire.errors import GoalError, LimitError
 from hexwire.model.state import JointFlag
 from hexwire.motion.checks import check_move, check_trajectory
 from hexwire.motion.fence import Fence
-from hexwire.motion.waypoints import Sample, Spline, Tail, Trajectory
+from hexwire.motion.trajectory import Sample, Spline, Tail, Trajectory
 
 from .outcomes import Reason
 
@@ -27,11 +29,12 @@ if TYPE_CHECKING:
     from hexwire.motion.checks import MotionReport
     from hexwire.motion.safety import StopReason
 
-__all__ = ["PathCheck"]
+__all__ = ["CheckedPath", "PathCheck"]
 
 _BRIDGE_SAMPLES = 20
 _BRIDGE_STEP = 0.01
 """Number of samples of the path to the first point, and their least distance in seconds."""
+_NOWHERE = (math.inf, -math.inf)
 _LONGEST = 3600.0
 """Seconds; a longer trajectory takes too long to check, and is usually given in the wrong unit."""
 _BRIDGE_GRACE = 1.1
@@ -51,6 +54,26 @@ class _While(Trajectory):
         return self._of.at(t)
 
 
+@dataclass(frozen=True, slots=True)
+class CheckedPath:
+    """Trajectories that passed the path check, to run one after the other.
+
+    Attributes:
+        legs: The trajectories; each begins where the previous one ends.
+        reports: The result of the path check for each.
+        start: Where all joints are at the beginning, radians.
+        grip: How far the gripper opens or closes meanwhile: 0 is closed, 1 fully open; None if it stays. Jaws that
+            meet an object hold it with little force.
+        slowed: How long it takes, and why, if that is much longer than was asked for; else empty.
+    """
+
+    legs: tuple[Trajectory, ...]
+    reports: tuple[MotionReport, ...]
+    start: Mapping[str, float]
+    grip: float | None = None
+    slowed: str = ""
+
+
 class PathCheck:
     """Checks the paths of one arm; its controllers share it.
 
@@ -62,6 +85,8 @@ class PathCheck:
 
     def __init__(self, arm: ArmModel, kinematics: KinematicModel | None, table: float | None) -> None:
         self._arm, self._kinematics, self._table = arm, kinematics, table
+        self._bounds = {joint.name: (joint.minimum, joint.maximum) for joint in arm.joints}
+        self._known = frozenset(() if kinematics is None else kinematics.joint_names)
         self._running = None if kinematics is None else Fence(kinematics, table, moving=True)
         # Without a table, an arm without a joint coupling limit has only the limits of its joints.
         self._fenced = kinematics is not None and (table is not None or kinematics.has_coupling)
@@ -119,11 +144,11 @@ class PathCheck:
             LimitError: An angle is outside its limits.
             UsageError: There is no such joint.
         """
-        joint_of = self._arm.joint
+        bounds = self._bounds
         for name, angle in goal.items():
-            joint = joint_of(name)
-            if not joint.minimum <= angle <= joint.maximum:
-                joint.check(angle)
+            low, high = bounds.get(name, _NOWHERE)
+            if not low <= angle <= high:
+                self._arm.joint(name).check(angle)
 
     def target(self, here: Mapping[str, float], goal: Mapping[str, float]) -> None:
         """Check limits, and joint coupling limits and the table on the straight path of joints to a goal.
@@ -150,10 +175,17 @@ class PathCheck:
         Raises:
             LimitError: The goal is not allowed.
         """
+        self._posture(None, here, goal)
+
+    def guided(self) -> Callable[[Mapping[str, float], Mapping[str, float]], None]:
+        """`posture` for a stream of set-points in one thread: each begins where the last one ended."""
+        return partial(self._posture, None if self._kinematics is None else Fence(self._kinematics, self._table))
+
+    def _posture(self, fence: Fence | None, here: Mapping[str, float], goal: Mapping[str, float]) -> None:
         self.limits(goal)
-        if not self._fenced or self._kinematics is None or goal.keys().isdisjoint(self._kinematics.joint_names):
+        if not self._fenced or self._kinematics is None or goal.keys().isdisjoint(self._known):
             return
-        fence = Fence(self._kinematics, self._table)
+        fence = fence or Fence(self._kinematics, self._table)
         if found := fence.check_end(here, {**here, **goal}):
             raise LimitError(f"{'; '.join(found.values())}; nothing was sent")
 

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from hexwire.errors import GoalError
-from hexwire.motion.waypoints import Sample, Spline, Waypoint
+from hexwire.motion.trajectory import Sample, Spline, Waypoint
 
 from .outcomes import Reason
 
 if TYPE_CHECKING:
-    from .goals import Point, TrajectoryGoal
+    from .goals import TrajectoryGoal
 
 __all__ = ["Plan"]
 
@@ -25,9 +25,9 @@ _TICK = 1e-9
 _HAIR = 1e-6
 """Seconds; a last point closer to now counts as reached."""
 _EARLIEST = 0.3
-"""Seconds after its receipt at which a single point without velocity is due that is one of a stream. So near the
-next one, joints arrive no sooner anyway; and counted from the receipt, not from when they begin, the speed is even.
-"""
+"""Seconds after its receipt at which the last point of one of a stream is due at the earliest, if without velocity.
+So near the next one, joints arrive no sooner anyway; and counted from the receipt, not from when they begin, the
+speed is even."""
 _SOON = 0.01
 """Seconds to the last point of a stream that is due earlier than that."""
 _THERE = 1e-3
@@ -46,7 +46,7 @@ class Plan:
         streamed: It is one of a stream: its times count from when it was received, whenever it can begin.
 
     Attributes:
-        goal: As given.
+        goal: The goal, checked.
         due: When it should begin, seconds; ignored for a goal without a delay.
 
     Raises:
@@ -66,18 +66,13 @@ class Plan:
         self._partial = None in self._picks
         self._points = tuple(
             Waypoint(
-                self._arrival(point),
+                point.time,
                 self._row(point.positions),
                 self._row(point.velocities) if point.velocities else None,
                 self._row(point.accelerations) if point.accelerations else None,
             )
             for point in goal.points
         )
-
-    def _arrival(self, point: Point) -> float:
-        if not self._streamed or point.velocities or len(self.goal.points) > 1 or point.time <= _TICK:
-            return point.time
-        return max(point.time, _EARLIEST)
 
     def late(self, now: float) -> float:
         """Delay of the start at a time, seconds; 0 for a goal without a delay."""
@@ -118,9 +113,13 @@ class Plan:
             if not math.isfinite(value):
                 raise GoalError(f"the position of {name} is unknown; wait for its state", reason=Reason.NOT_READY)
         since = now - self.due if self.goal.delay or self._streamed else 0.0
-        if self._streamed and self._points[-1].time - since < _SOON and self._points[-1].time > _TICK:
+        last = self._points[-1]
+        one_of_stream = self._streamed and last.time > _TICK
+        if one_of_stream and last.velocity is not None and last.time - since < _SOON:
             return self._gone_on(start, since)
         left = tuple(point for point in self._points if point.time - since > _TICK)
+        if one_of_stream and last.velocity is None:
+            left = self._not_too_soon(start, left, since)
         if not left:
             if self.goal.delay:
                 raise self._too_late(since)
@@ -138,14 +137,23 @@ class Plan:
         acceleration = None if first.acceleration is None else self._moving(start.acceleration)
         return Spline(self._joints, (Waypoint(0.0, start.position, velocity, acceleration), *left), checked=True)
 
+    def _not_too_soon(self, start: Sample, left: tuple[Waypoint, ...], since: float) -> tuple[Waypoint, ...]:
+        """What counts of points without velocities of one of a stream: the last alone, and later, if it is near."""
+        last, soonest = self._points[-1], max(_EARLIEST, since + _SOON)
+        if last.time >= soonest:
+            return left
+        rows = [start.position, *(self._filled(point, start).position for point in left or (last,))]
+        columns = map(list, zip(*rows, strict=True))
+        goes_back = any(row not in (sorted(row), sorted(row, reverse=True)) for row in columns)
+        return left if left and goes_back else (Waypoint(soonest, last.position),)
+
     def _gone_on(self, start: Sample, since: float) -> Spline:
         """To where the last point of a stream, which is past, has gone on to with its velocity."""
         last = self._filled(self._points[-1], start)
-        on = (last.velocity or (0.0,) * len(self._joints), since + _SOON - last.time)
-        place = tuple([p + v * on[1] for p, v in zip(last.position, on[0], strict=True)])
-        velocity = None if last.velocity is None else self._moving(start.velocity)
-        there = Waypoint(_SOON, place, last.velocity)
-        return Spline(self._joints, (Waypoint(0.0, start.position, velocity), there), checked=True)
+        speeds, seconds = last.velocity or (0.0,) * len(self._joints), since + _SOON - last.time
+        place = tuple([p + v * seconds for p, v in zip(last.position, speeds, strict=True)])
+        begin = Waypoint(0.0, start.position, self._moving(start.velocity))
+        return Spline(self._joints, (begin, Waypoint(_SOON, place, speeds)), checked=True)
 
     def _here(self, start: Sample) -> Spline:
         """A goal that takes no time: planners send it when the arm, as it was measured, is at the goal already."""

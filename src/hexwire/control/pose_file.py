@@ -28,7 +28,16 @@ from .reader import position_unknown
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
 
-__all__ = ["HOME", "MOST_POSES", "PoseFile", "check_pose_name", "home_pose", "pose_folder"]
+__all__ = [
+    "HOME",
+    "MOST_POSES",
+    "PoseFile",
+    "check_pose_name",
+    "find_pose",
+    "home_pose",
+    "pose_folder",
+    "without_gripper",
+]
 
 HOME = "home"
 """Name of the pose that every arm has, unless its user has saved another one of this name."""
@@ -78,12 +87,36 @@ def home_pose(model: ArmModel) -> dict[str, float]:
     Returns:
         Radians by joint.
     """
+    middle = {joint.name: min(max(joint.offset, joint.minimum), joint.maximum) for joint in model.joints}
+    return without_gripper(model, middle)
+
+
+def without_gripper(model: ArmModel, angles: Mapping[str, float]) -> dict[str, float]:
+    """Angles by joint, but for the gripper, which stays where it is."""
     jaws = jaws_of(model)
-    return {
-        joint.name: min(max(joint.offset, joint.minimum), joint.maximum)
-        for joint in model.joints
-        if jaws is None or joint.name != jaws.joint
-    }
+    return {name: angle for name, angle in angles.items() if jaws is None or name != jaws.joint}
+
+
+def find_pose(
+    arm: ArmModel, poses: Mapping[str, Mapping[str, float]], name: str, instead: str = ""
+) -> Mapping[str, float]:
+    """The pose of this name: radians by joint.
+
+    Args:
+        arm: Whose poses these are.
+        poses: Those that there are.
+        name: As somebody gave it.
+        instead: What else it could have been, for the error.
+
+    Raises:
+        UsageError: There is no such pose.
+    """
+    if name in poses:
+        return poses[name]
+    known = ", ".join(poses) or "none"
+    if instead:
+        raise UsageError(f"{name!r} is neither {instead} nor a pose of {arm.name}; there are {known}")
+    raise UsageError(f"no pose {name!r} of {arm.name}; there are {known}")
 
 
 class PoseFile:

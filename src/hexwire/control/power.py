@@ -14,14 +14,17 @@ from hexwire.errors import ServoError
 from hexwire.model.state import JointFlag
 
 from .known_state import known_joints
+from .reader import raise_if_silent
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
+    from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState
 
+    from .motion_options import MotionObserver
     from .owner import RobotOwner
 
-__all__ = ["Stopped", "Torques", "end_stop", "give_torque", "switch_torque"]
+__all__ = ["Stopped", "Torques", "end_stop", "give_torque", "require_confirmed", "switch_torque"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,27 +144,30 @@ def give_torque(robot: RobotDriver, names: Sequence[str], state: JointState) -> 
     if not missing:
         return ()
     confirmed = robot.torque(True, missing)
-    silent = [(robot.model.joint(name).servo_id, name) for name in missing if name not in confirmed]
-    if silent:
-        several = len(silent) > 1
-        raise ServoError(
-            f"servo{'s' if several else ''} {', '.join(f'{servo_id} ({name})' for servo_id, name in silent)} "
-            f"{'do' if several else 'does'} not answer: check cable, power and id",
-            servo_id=silent[0][0],
-        )
+    raise_if_silent([(robot.model.joint(name).servo_id, name) for name in missing if name not in confirmed])
     return confirmed
 
 
-def switch_torque(owner: RobotOwner, on: bool, names: Sequence[str]) -> None:
-    """Switch torque on or off, and require that every joint confirms it.
+def switch_torque(
+    robot: RobotOwner | RobotDriver, on: bool, names: Sequence[str], observer: MotionObserver | None = None
+) -> None:
+    """Switch torque on or off, and require that every joint confirms it, after the observer was told which do.
 
     Raises:
         HexwireError: As `RobotOwner.torque`; or a joint did not confirm it, and the text names it.
     """
-    confirmed = owner.torque(on, names)
-    missing = [name for name in names if name not in confirmed]
+    confirmed = robot.torque(on, names)
+    if observer is not None:
+        observer.switched(names, confirmed)
+    require_confirmed(robot.model, names, confirmed, f"that torque is {'on' if on else 'off'}")
+
+
+def require_confirmed(model: ArmModel, names: Sequence[str], confirmed: Collection[str], what: str) -> None:
+    """Raise an error that names the joints, and their servos, that did not confirm something, if there are any."""
+    missing = [model.joint(name) for name in names if name not in confirmed]
     if missing:
-        raise ServoError(f"{', '.join(missing)} did not confirm that torque is {'on' if on else 'off'}")
+        servos = ", ".join(f"{joint.name} (servo {joint.servo_id})" for joint in missing)
+        raise ServoError(f"{servos} did not confirm {what}", servo_id=missing[0].servo_id)
 
 
 def end_stop(robot: RobotDriver) -> bool:

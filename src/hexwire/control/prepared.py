@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from hexwire.motion.follower import Mode
+from hexwire.motion.set_point_generator import Mode
 
 if TYPE_CHECKING:
-    from hexwire.motion.waypoints import Trajectory
+    from hexwire.motion.trajectory import Trajectory
 
     from .controller import TrajectoryController
     from .goals import Tolerances
@@ -53,12 +53,12 @@ def begin(
         HexwireError: It is refused; the previous motion goes on.
     """
     listener, tolerances = end
-    follower, streamed = controller.follower, listener is None
+    generator, streamed = controller.generator, listener is None
     for i in range(_TRIES + 1):
         with owner.locked():
             refuse()
             state, now = owner.newest(), owner.now()
-            soonest = follower.next_start(now)
+            soonest = generator.next_start(now)
             waits = plan.goal.delay > 0.0 and plan.due > soonest
             # What gives way needs no way, and must begin at once.
             if i == _TRIES or waits or plan.goal.gives_way:
@@ -68,8 +68,8 @@ def begin(
                 )
                 return
             # What follows set-points is where they will be, which nobody knows.
-            later = min(_LONGEST, 2.0 * controller.planning) if follower.mode is not Mode.STREAM else 0.0
-            begins = soonest + (later if not follower.done or streamed else 0.0)
+            later = min(_LONGEST, 2.0 * controller.planning) if generator.mode is not Mode.STREAM else 0.0
+            begins = soonest + (later if not generator.done or streamed else 0.0)
             outline = controller.outline(plan, state, now, begins, meanwhile(begins), streamed=streamed)
         ready = controller.prepare(outline)
         with owner.locked():

@@ -14,27 +14,23 @@ from typing import TYPE_CHECKING
 from hexwire.errors import GoalError, HexwireError, LimitError, UsageError
 from hexwire.model.aim import Tip, aimed_pose
 from hexwire.model.state import finite
-from hexwire.motion.checks import InJoints
 from hexwire.motion.joined import Joined, WithResting, sampled
-from hexwire.motion.limits import slow_enough
-from hexwire.motion.line import Line
 from hexwire.motion.teach import approach
-from hexwire.motion.through import arm_path
 
 from .goals import MAX_POINTS, Point, TrajectoryGoal
 from .outcomes import Reason
 from .path_check import PathCheck
 from .reader import position_unknown
-from .via import Place, chosen_solution, joint_points
+from .via import approached, chosen_solution, straight
 
 if TYPE_CHECKING:
     from hexwire.model.kinematics import KinematicModel
-    from hexwire.model.pose import Pose
     from hexwire.model.state import JointState
     from hexwire.motion.teach import Taught
-    from hexwire.motion.waypoints import Trajectory
+    from hexwire.motion.trajectory import Trajectory
 
     from .controlled_arm import ControlledArm
+    from .via import Place
 
 __all__ = ["PLAY_FACTORS", "Branch", "Planner", "Preview", "goal_of"]
 
@@ -169,40 +165,22 @@ class Planner:
             return Preview({}, refusal=position_unknown(unknown), unready=self._unready(state))
         angles = model.from_joints(here)
         pose = aimed_pose(model, angles, (x, y, z), place.aim, relative=place.relative)
-        if place.straight:
-            return self._straight(model, angles, pose, here, state, speed)
         solutions = sorted(model.inverse(pose), key=lambda s: (not s.allowed, s.distance(angles)))
         branches = tuple(Branch(s.branch, s.distance(angles), "; ".join(s.violations)) for s in solutions)
         try:
+            if place.straight:
+                along = straight(self._model, model, here, [place], speed=_TIP_SPEED * speed, rounding=0.0)
+                return self._checked(along, here, state)
             chosen = chosen_solution(model, pose, place.branch, angles, solutions)
         except LimitError as error:
+            # Of a line, the end may be allowed.
             near = model.to_joints(solutions[0].angles) if solutions else {}
             tip = Tip.of(model, solutions[0].angles) if solutions else None
-            refused = Preview(near, tip=tip, branches=branches, refusal=_plain(error))
-            return replace(refused, unready=self._unready(state))
-        found = self._to(model.to_joints(chosen.angles), here, state, speed)
-        return replace(found, branch=chosen.branch, branches=branches)
-
-    def through(self, points: Sequence[Place | Mapping[str, float]], *, speed: float = 0.3) -> Preview:
-        """Plan a motion through points without a stop at them.
-
-        Args:
-            points: Places of the tip, and poses as radians by joint; joints that a pose does not name stay.
-            speed: Share of the joints' speed limits.
-
-        Raises:
-            UsageError: There is no point or one is invalid, or a number is out of range.
-            HexwireError: The arm cannot be reached.
-        """
-        speed = _share(speed)
-        if not points:
-            raise UsageError("name at least one point")
-        state, here = self._here()
-        try:
-            names, rows = joint_points(self._model, self._kinematics, here, points)
-        except LimitError as error:
-            return Preview({}, refusal=_plain(error), unready=self._unready(state))
-        return self._checked(arm_path(self._model, names, rows, speed=_MARGIN * speed), here, state)
+            found = Preview(near, tip=tip, refusal=_plain(error), unready=self._unready(state))
+        else:
+            found = self._to(model.to_joints(chosen.angles), here, state, speed)
+            found = replace(found, branch=chosen.branch)
+        return found if place.straight else replace(found, branches=branches)
 
     def along(
         self,
@@ -235,31 +213,11 @@ class Planner:
         state, here = self._here()
         if unknown := [name for name in taught.names if not math.isfinite(here[name])]:
             return Preview({}, refusal=position_unknown(unknown), unready=self._unready(state))
-        start = [here[name] for name in taught.names]
-        lead = approach(self._model, taught.names, start, part.rows[0], speed=_MARGIN * _share(speed))
-        found = self._checked(Joined([lead, part.trajectory()]), here, state)
-        return replace(found, lead_in=lead.duration)
+        legs = approached(self._model, part.trajectory(), here, speed=_MARGIN * _share(speed))
+        found = self._checked(Joined(legs), here, state)
+        return replace(found, lead_in=sum(leg.duration for leg in legs[:-1]))
 
     # -- helpers --------------------------------------------------------------------------------------
-
-    def _straight(
-        self,
-        model: KinematicModel,
-        angles: Sequence[float],
-        pose: Pose,
-        here: Mapping[str, float],
-        state: JointState,
-        speed: float,
-    ) -> Preview:
-        try:
-            line = Line(model, angles, pose, speed=_TIP_SPEED * speed, acceleration=4.0 * _TIP_SPEED * speed)
-        except LimitError as error:
-            # The end may be allowed although the line to it is not.
-            near = next(iter(model.inverse(pose)), None)
-            goal = {} if near is None else model.to_joints(near.angles)
-            tip = None if near is None else Tip.of(model, near.angles)
-            return Preview(goal, tip=tip, refusal=_plain(error), unready=self._unready(state))
-        return self._checked(slow_enough(self._model, InJoints(line, model)), here, state)
 
     def _to(
         self, goals: Mapping[str, float], here: Mapping[str, float], state: JointState, speed: float

@@ -7,7 +7,7 @@ joint that does not answer is asked again. Must not know how the states are used
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Generator, Iterable
+from collections.abc import Callable, Collection, Generator, Iterable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -21,7 +21,15 @@ if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState
 
-__all__ = ["StateReader", "check_joints", "position_unknown", "read_known", "read_start", "read_state"]
+__all__ = [
+    "StateReader",
+    "check_joints",
+    "position_unknown",
+    "raise_if_silent",
+    "read_known",
+    "read_start",
+    "read_state",
+]
 
 _SILENCE = 0.5
 """Seconds without a report after which the robot is pinged."""
@@ -98,6 +106,18 @@ def read_start(robot: RobotDriver) -> dict[str, float]:
     if state.silent:
         raise ServoError(position_unknown(state.silent))
     return resting_inside(robot.model, state.positions)
+
+
+def raise_if_silent(servos: Sequence[tuple[int, str | None]]) -> None:
+    """Raise an error that names the servos (pairs of id and joint) that did not answer, if there are any."""
+    if servos:
+        names = ", ".join(f"{servo_id} ({joint})" if joint else f"{servo_id}" for servo_id, joint in servos)
+        several = len(servos) > 1
+        raise ServoError(
+            f"servo{'s' if several else ''} {names} {'do' if several else 'does'} not answer: "
+            "check cable, power and id",
+            servo_id=servos[0][0],
+        )
 
 
 def position_unknown(joints: Iterable[str]) -> str:

@@ -1,4 +1,4 @@
-"""Where an arm came to rest after a motion, beside where it should be.
+"""Whether an arm is at rest, and where it came to rest after a motion, beside where it should be.
 
 Owns how long to wait until it is at rest, and the distance of joints and tip. Must not know how it moved.
 """
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.state import JointState
 
-__all__ = ["Rest", "come_to_rest"]
+__all__ = ["Rest", "come_to_rest", "rest_in_words"]
 
 _SETTLES, _LOOK, _STILL = 0.6, 0.05, math.radians(0.05)
 """Most seconds until the arm is at rest, seconds between two looks, and radians that it may move between them."""
@@ -32,11 +32,13 @@ class Rest:
         joint: The worst joint.
         off: Its distance, radians; NaN if its position is unknown.
         tip: Distance of the tip from where the goal would have it, metres; None if it is unknown.
+        joints: Distance of each joint, radians, worst first; NaN if its position is unknown.
     """
 
     joint: str
     off: float
     tip: float | None
+    joints: tuple[tuple[str, float], ...] = ()
 
 
 def come_to_rest(
@@ -57,32 +59,65 @@ def come_to_rest(
     Raises:
         HexwireError: The robot does not answer.
     """
-    state = before = robot.read()
-    deadline = clock() + _SETTLES
-    while clock() < deadline:
-        sleep(_LOOK)
-        state = robot.read()
-        between = _between(before, state)
-        # States that were sampled at nearly the same time say nothing: a server that stalled sends several at once.
-        if between < 0.5 * _LOOK:
-            continue
-        most = _STILL * min(1.0, between / _LOOK)
-        if all(abs(state.position[i] - before.position[i]) < most for i in _heard(before, state)):
-            break
-        before = state
+    state, _ = _settle(robot.read, _SETTLES, clock, sleep)
     here = state.positions
     # An unknown position is the worst.
-    off, joint = max(
-        ((abs(here.get(name, math.nan) - angle), name) for name, angle in goal.items()),
-        key=lambda row: math.inf if math.isnan(row[0]) else row[0],
-    )
+    rows = [(name, abs(here.get(name, math.nan) - angle)) for name, angle in goal.items()]
+    rows.sort(key=lambda row: math.inf if math.isnan(row[1]) else row[1], reverse=True)
+    joint, off = rows[0]
     tip, kinematics = None, robot.kinematics
     if kinematics is not None and all(math.isfinite(here.get(name, math.nan)) for name in kinematics.joint_names):
         places = [
             kinematics.forward(kinematics.from_joints(angles)).position for angles in (here, {**here, **goal})
         ]
         tip = math.dist(*places)
-    return Rest(joint, off, tip)
+    return Rest(joint, off, tip, tuple(rows))
+
+
+def rest_in_words(
+    newest: Callable[[], JointState],
+    seconds: float,
+    *,
+    clock: Callable[[], float],
+    sleep: Callable[[float], object],
+) -> str:
+    """Whether the joints are at rest, after a stop: waits until they are.
+
+    Args:
+        newest: Returns the newest state.
+        seconds: The most to wait.
+        clock: Monotonic seconds.
+        sleep: Waits for a number of seconds.
+    """
+    _, moving = _settle(newest, seconds, clock, sleep)
+    if moving is None:
+        return f"no news of where they are for {seconds:g} s"
+    if not moving:
+        return "at rest"
+    return f"{', '.join(moving)} still {'moves' if len(moving) == 1 else 'move'} after {seconds:g} s"
+
+
+def _settle(
+    look: Callable[[], JointState], seconds: float, clock: Callable[[], float], sleep: Callable[[float], object]
+) -> tuple[JointState, tuple[str, ...] | None]:
+    """Wait until no joint moves; the last state, and which joints still moved then; None if nothing new came."""
+    state = before = look()
+    moving: tuple[str, ...] | None = None
+    deadline = clock() + seconds
+    while clock() < deadline:
+        sleep(_LOOK)
+        state = look()
+        between = _between(before, state)
+        # States that were sampled at nearly the same time say nothing: a server that stalled sends several at once.
+        if between < 0.5 * _LOOK:
+            continue
+        most = _STILL * min(1.0, between / _LOOK)
+        places = [(i, abs(state.position[i] - before.position[i])) for i in _heard(before, state)]
+        moving = tuple([state.names[i] for i, moved in places if not moved < most])
+        if not moving:
+            break
+        before = state
+    return state, moving
 
 
 def _heard(before: JointState, state: JointState) -> list[int]:

@@ -1,6 +1,6 @@
 """Work at a bare servo bus: who has control, one job at a time, and a stop that reaches every servo.
 
-Owns the bus while servos are searched, set up and tested by hand, without an arm. Whatever moves is attended: it
+Owns the bus while servos are searched, set up and tested by hand, without an arm. Whatever moves is held: it
 lasts while somebody holds it. Must not know pages or terminals, nor what a job does.
 
 A stop ends the job, voids what was not sent yet, and makes every servo with torque hold where it is; it is kept for
@@ -24,7 +24,7 @@ from hexwire.errors import DeviceError, LeaseError, StoppedError, UsageError
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.wire.command_frame import Status
 
-from .attended import SILENCE, Attended
+from .hold_to_run import SILENCE, HoldToRun
 from .lease import Grant, Lease
 
 if TYPE_CHECKING:
@@ -83,9 +83,9 @@ class ServoBench:
         silence: Seconds without a sign of life after which what somebody holds ends.
 
     Attributes:
-        bus: As given.
-        attended: What somebody holds.
-        silence: As given.
+        bus: The open bus.
+        hold_to_run: What somebody holds.
+        silence: Seconds without a sign of life after which what somebody holds ends.
         servo_ids: The servos that are known, at the bus's rate: a stop reaches these.
         why_stopped: Why it is stopped, in words; empty if it is not.
     """
@@ -94,7 +94,7 @@ class ServoBench:
         self, bus: ServoBus, *, clock: Callable[[], float] = time.monotonic, silence: float = SILENCE
     ) -> None:
         self.bus = bus
-        self.attended = Attended(clock=clock, silence=silence)
+        self.hold_to_run = HoldToRun(clock=clock, silence=silence)
         self.silence = silence
         self.servo_ids: tuple[int, ...] = ()
         self.why_stopped = ""
@@ -271,7 +271,7 @@ class ServoBench:
         """
         self.why_stopped = why
         self._cancel(why)
-        self.attended.end_all(why)
+        self.hold_to_run.end_all(why)
         with self.bus.epochs.stopping():
             # A search leaves the servos' rate for a while; at another rate they would not hear.
             self._at_home.wait(_PATIENCE)
@@ -299,7 +299,7 @@ class ServoBench:
     def shutdown(self) -> None:
         """End the job and what is held; waits a moment for the job. The servos keep their torque."""
         self._cancel("the bus is closed")
-        self.attended.end_all("the bus is closed")
+        self.hold_to_run.end_all("the bus is closed")
         until = self._clock() + 2.0
         while self._job is not None and self._clock() < until:
             time.sleep(0.005)

@@ -76,7 +76,7 @@ class SharedArm:
         clock: Counts the lease, seconds; by default a clock that also runs while the computer is suspended.
 
     Attributes:
-        arm: As given.
+        arm: The arm that is shared.
         path_check: The checks of a path.
         tripped: The holder's program fell silent, so that the arm was stopped.
     """
@@ -96,6 +96,8 @@ class SharedArm:
         self._on_change, self._clock = on_change, clock
         settings = arm.settings
         self.path_check = PathCheck(settings.model, settings.kinematics, settings.table)
+        # One stream of set-points, in whatever threads: under `deciding`.
+        self._posture = self.path_check.guided()
         # Guards the lease. Taken inside `deciding`, never the other way round.
         self._changed = threading.Condition(threading.RLock())
         # When the last trajectory ends, owner's clock.
@@ -275,13 +277,17 @@ class SharedArm:
 
     def torque(self, order: Order, on: bool, joints: Sequence[str] | None) -> tuple[str, ...]:
         """Switch torque on or off; arguments and result as in `RobotDriver.torque`."""
-        self._orders.admit(order)
+        self._orders.admit(order, frees=not on)
         model = self._robot.model
         wanted = set(model.names) if joints is None else {model.joint(name).name for name in joints}
         names = tuple(name for name in model.names if name in wanted)
-        if on and (reason := self._owner.group.reason) is not None:
-            raise StoppedError.unsent("torque", 0, f"the arm is stopped ({reason}); resume first")
-        return self._called(order, lambda: self._owner.torque(on, names))
+        try:
+            return self._called(order, lambda: self._owner.torque(on, names))
+        except UsageError:
+            # Not asked before, or a stop could come between the two.
+            if on and (reason := self._owner.group.reason) is not None:
+                raise StoppedError.unsent("torque", 0, f"the arm is stopped ({reason}); resume first") from None
+            raise
 
     def resume(self, order: Order) -> None:
         """End a stop. Nothing moves."""
@@ -323,10 +329,10 @@ class SharedArm:
 
         Args:
             order: Proof that it may be done.
-            controller: As there.
-            goal: As there.
-            listener: As there.
-            received: As there.
+            controller: Name of the controller.
+            goal: The trajectory.
+            listener: As in `TrajectoryController.accept`.
+            received: As in `ControlledArm.command`.
             latest: When it must have been checked, seconds of the owner's clock; later it is refused.
 
         Raises:
@@ -475,7 +481,7 @@ class SharedArm:
         joint = self._robot.model.joint
         turns = [abs(angle - here.get(name, angle)) / joint(name).max_speed for name, angle in goal.items()]
         if max(target.duration, *turns) <= _LONG:
-            self.path_check.posture(here, goal)
+            self._posture(here, goal)
         else:
             self.path_check.target(here, goal)
 

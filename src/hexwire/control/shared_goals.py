@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from hexwire.errors import GoalError
-from hexwire.motion.waypoints import Spline, Waypoint
+from hexwire.motion.trajectory import Spline, Waypoint
 
 from .goals import TrajectoryGoal, check_goal
 from .outcomes import Reason
@@ -94,7 +94,7 @@ class _Goal:
     ) -> None:
         self.report, self.confirmed, self.off = report, confirmed, ""
         self._controller, self._owner = controller, owner
-        self._slips = controller.follower.counters.slips
+        self._slips = controller.generator.counters.slips
         # Joint -> position at the start, time and distance of its last sample.
         self._from: dict[str, tuple[float, float, float]] = {}
 
@@ -105,16 +105,16 @@ class _Goal:
 
     def prepare(self) -> None:
         """Note who keeps the time, and how well the start is known. Between two cycles of the controllers."""
-        report, follower, given = self.report, self._controller.follower, self._owner.path_start
-        if follower.sent_ahead and given is not None and given.time > report.start - _BEFORE:
+        report, generator, given = self.report, self._controller.generator, self._owner.path_start
+        if generator.onboard and given is not None and given.time > report.start - _BEFORE:
             report.doubt, report.ready = given.uncertainty, BOARD
-        elif not follower.settled or not (self._controller.waiting or follower.sent_ahead):
+        elif not generator.settled or not (self._controller.waiting or generator.onboard):
             report.doubt, report.ready = self._owner.command_period, HOST
 
     def see(self, state: JointState) -> None:
         """Detect the first movement in a state."""
         report = self.report
-        report.slips = self._controller.follower.counters.slips - self._slips
+        report.slips = self._controller.generator.counters.slips - self._slips
         if report.moved is not None:
             return
         for name in self._controller.joints:
@@ -238,7 +238,7 @@ class SharedGoals:
         self._shared.admit(order)
         one = self._newest
         if one is not None and one.report.number == number:
-            self._end(one)
+            self._arm.cancel(None, one)
 
     def report(self, number: int) -> GoalReport | None:
         """What became of a trajectory; None unless it is the newest one."""
@@ -257,15 +257,11 @@ class SharedGoals:
             if late:
                 one.off = _UNCONFIRMED
         if late:
-            self._end(one)
+            self._arm.cancel(None, one)
 
     def _is_late(self, one: _Goal) -> bool:
         """Whether it must not begin, since nobody has confirmed it in time. Under the lock."""
         return not one.confirmed and self._shared.now() >= one.report.start - CONFIRM
-
-    def _end(self, one: _Goal) -> None:
-        for name in self._arm.controllers:
-            self._arm.cancel(name, one)
 
     def _controller(self, goal: TrajectoryGoal) -> str:
         for name, controller in self._arm.controllers.items():

@@ -60,12 +60,12 @@ class OrderCheck:
     ) -> None:
         self._lease, self._lock, self._clock, self._now = lease, lock, clock, now
 
-    def admit(self, order: Order) -> Grant:
-        """Accept an order of the holder; raises `LeaseError`, as `Lease.admit`."""
+    def admit(self, order: Order, *, frees: bool = False) -> Grant:
+        """Accept an order of the holder; raises `LeaseError`, as `Lease.admit`, which see for `frees`."""
         with self._lock:
             # Not earlier: waiting for the locks makes a set-point older.
             age = None if order.made is None else self._now() - order.made
-            return self._lease.admit(order.key, order.sequence, self._clock(), age, order.doubt)
+            return self._lease.admit(order.key, order.sequence, self._clock(), age, order.doubt, frees=frees)
 
     def refusal(self, key: int) -> LeaseError:
         """Count an order from somebody who does not hold the lease; returns the error for it."""

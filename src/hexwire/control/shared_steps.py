@@ -11,24 +11,24 @@ from typing import TYPE_CHECKING
 
 from hexwire.errors import StoppedError
 from hexwire.model.state import JointTarget, SentTarget
-from hexwire.motion.follower import Follower
 from hexwire.motion.limits import check_target, smooth_duration
+from hexwire.motion.set_point_generator import SetPointGenerator
 from hexwire.motion.together import Together
-from hexwire.motion.waypoints import Sample
+from hexwire.motion.trajectory import Sample
 
+from .group import Goalless
 from .output import SETTLING
-from .target import AHEAD, SteppedWay, straight
+from .target import AHEAD, SteppedWay, beginning, straight
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
+    from collections.abc import Collection, Mapping
 
     from hexwire.epochs import Token
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState
     from hexwire.motion.safety import StopReason
-    from hexwire.motion.waypoints import Trajectory
+    from hexwire.motion.trajectory import Trajectory
 
-    from .outcomes import Ended, GoalListener
     from .owner import RobotOwner
 
 __all__ = ["JointSteps", "SteppedTargets"]
@@ -37,7 +37,7 @@ _SHORT = 1.1
 """Targets up to this many such durations, such as streamed set-points, are sent whole; more than 1 for rounding."""
 
 
-class JointSteps:
+class JointSteps(Goalless):
     """A controller of one joint that moves it to its target in steps, or does nothing.
 
     Args:
@@ -47,7 +47,6 @@ class JointSteps:
 
     def __init__(self, joint: str, arm: ArmModel) -> None:
         self.joints = (joint,)
-        self.reason: StopReason | None = None
         self._arm = arm
         # Shared with the other joints of the target.
         self._way: SteppedWay | None = None
@@ -92,26 +91,21 @@ class JointSteps:
             return 0.0
         return max(0.0, way.ends - now) + 2.0 * way.step + SETTLING
 
-    def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
-        """Do nothing: the sender of the target checks the arrival."""
-
     def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | None:
         """The next step."""
         way = self._way
         if way is None:
             return None
-        place, duration = way.places(now)[self.joints[0]], AHEAD * way.step
-        if now >= way.ends:
-            self._way, duration = None, way.step
-        self.aimed(place, now + duration)
-        return JointTarget.of({self.joints[0]: place}, duration)
+        (joint,), step = self.joints, way.next(now)
+        if way.over:
+            self._way = None
+        place = dict(step.positions)[joint]
+        self.aimed(place, now + step.duration)
+        return JointTarget.of({joint: place}, step.duration)
 
     def stop(self, reason: StopReason) -> None:
         """End the motion. The other controllers latch the stop."""
         self._way, self._until = None, -math.inf
-
-    def reset(self) -> None:
-        """Do nothing: an ended motion does not continue."""
 
     def brake(self, why: str) -> bool:
         """Brake with the other joints of the target, which stay on their straight line; whether they do."""
@@ -124,10 +118,6 @@ class JointSteps:
         """End the motion."""
         self._way, self._until = None, -math.inf
 
-    def take_ended(self) -> list[tuple[GoalListener, Ended]]:
-        """Return nothing: steps have no goal."""
-        return []
-
 
 class SteppedTargets:
     """Sends targets through the owner of a robot, far ones in steps unless the robot has a watchdog.
@@ -138,9 +128,9 @@ class SteppedTargets:
 
     def __init__(self, owner: RobotOwner) -> None:
         self._owner = owner
-        model = owner.robot.model
+        model = owner.model
         self._members = {name: JointSteps(name, model) for name in model.names}
-        self._planner = Follower(model, allowed=self._wrong)
+        self._planner = SetPointGenerator(model, allowed=self._wrong)
 
     def send(self, target: JointTarget, asked: Token) -> SentTarget:
         """Send a target; the caller has `RobotOwner.deciding`.
@@ -169,7 +159,7 @@ class SteppedTargets:
                 self._members[name].aimed(angle, now + sent.duration)
             return sent
         way = self._plan(checked, here, now)
-        first = owner.send(JointTarget.of(way.places(now), AHEAD * step), asked)
+        first = owner.send(way.next(now), asked)
         with owner.locked():
             # A stop that came since then found no steps to end.
             robot.epochs.check(asked, "a move")
@@ -182,9 +172,8 @@ class SteppedTargets:
 
     def _plan(self, target: JointTarget, here: Mapping[str, float], now: float) -> SteppedWay:
         """The way to a far target; raises `LimitError` if none leads out of the present motion."""
-        owner, model, goal = self._owner, self._owner.robot.model, dict(target.positions)
-        # A joint whose position is unknown cannot be interpolated: it is sent directly to its target.
-        start = {name: here[name] if math.isfinite(here[name]) else angle for name, angle in goal.items()}
+        owner, model, goal = self._owner, self._owner.model, dict(target.positions)
+        start = beginning(here, goal)
         duration = max(target.duration, smooth_duration(model, start, goal))
         running = {name: way for name in goal if (way := self._members[name].way) is not None}
         if not running:

@@ -12,18 +12,17 @@ from typing import TYPE_CHECKING
 from hexwire.model.state import JointTarget, SentTarget
 from hexwire.motion.moving import brake, joint_limits
 from hexwire.motion.safety import StopReason, board_stop
-from hexwire.motion.waypoints import Sample, Spline, Waypoint
+from hexwire.motion.trajectory import Sample, Spline, Waypoint
 
 from .arrival import Arrival, Deviation, Tolerance, Verdict
+from .group import Goalless
 
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState
-    from hexwire.motion.waypoints import Trajectory
+    from hexwire.motion.trajectory import Trajectory
 
-    from .outcomes import Ended, GoalListener
-
-__all__ = ["AHEAD", "SingleMotion", "SteppedWay", "TargetController", "holding", "straight"]
+__all__ = ["AHEAD", "SingleMotion", "SteppedWay", "TargetController", "beginning", "holding", "straight"]
 
 AHEAD = 1.5
 """Duration of a step's target in steps, so that a late step does not pause the motion."""
@@ -52,12 +51,17 @@ def holding(arm: ArmModel, state: JointState, joints: Collection[str] | None = N
     return JointTarget.of(inside, duration) if inside else None
 
 
+def beginning(here: Mapping[str, float], goal: Mapping[str, float]) -> dict[str, float]:
+    """Where the way to a goal begins. A joint of unknown position has no way: it is sent to its goal at once."""
+    return {name: here[name] if math.isfinite(here[name]) else angle for name, angle in goal.items()}
+
+
 def straight(start: Mapping[str, float], goal: Mapping[str, float], duration: float) -> Spline:
     """A straight line of joints, slow at both ends and with limited jerk.
 
     Args:
         start: Radians by joint.
-        goal: Likewise, of some of these joints.
+        goal: Radians by joint, of some of these joints.
         duration: Seconds; 0 for a step.
     """
     if not duration:
@@ -76,14 +80,15 @@ class SteppedWay:
         step: Seconds between two steps.
 
     Attributes:
-        step: As given.
+        step: Seconds between two steps.
         told: The time for which the last step was.
         braking: The joints brake instead.
+        over: The last step was the last one.
     """
 
     def __init__(self, path: Trajectory, began: float, step: float) -> None:
         self._path, self._began = path, began
-        self.step, self.told, self.braking = step, began, False
+        self.step, self.told, self.braking, self.over = step, began, False, False
 
     @property
     def ends(self) -> float:
@@ -99,8 +104,13 @@ class SteppedWay:
         """How the joints move at a time."""
         return self._path.sample(time - self._began)
 
+    def next(self, now: float) -> JointTarget:
+        """The target of the next step. It lasts for longer than the step, but for the last one."""
+        self.over = now >= self.ends
+        return JointTarget.of(self.places(now), self.step if self.over else AHEAD * self.step)
+
     def places(self, now: float) -> dict[str, float]:
-        """The next step, radians by joint."""
+        """Where the next step leads, radians by joint."""
         self.told = now + self.step
         return dict(zip(self._path.names, self.at(self.told).position, strict=True))
 
@@ -116,14 +126,14 @@ class SteppedWay:
         return True
 
 
-class SingleMotion:
+class SingleMotion(Goalless):
     """What the controllers of one motion share: it ends once, and never begins again.
 
     Args:
         joints: Names.
 
     Attributes:
-        joints: As given.
+        joints: Names.
         over: The motion has ended.
         reason: Why it was stopped, or None.
     """
@@ -148,9 +158,6 @@ class SingleMotion:
         if not self.over:
             self.reason, self.over = reason, True
 
-    def reset(self) -> None:
-        """Do nothing: an ended motion does not continue."""
-
     def brake(self, why: str) -> bool:
         """Same as `release`: the robot has the whole target, or is told where to hold."""
         self.release(why)
@@ -159,10 +166,6 @@ class SingleMotion:
     def release(self, why: str) -> None:
         """End the motion."""
         self.over = True
-
-    def take_ended(self) -> list[tuple[GoalListener, Ended]]:
-        """Return nothing: the caller reads the attributes."""
-        return []
 
 
 class TargetController(SingleMotion):
@@ -207,8 +210,7 @@ class TargetController(SingleMotion):
         self.ended = ""
         self._target, self._tolerances, self._grace, self._early = target, tolerances, grace, early
         self._step, self._waits, self._arm = step, waits, arm
-        # A joint whose position is unknown cannot be interpolated: it is sent directly to its target.
-        self._start = {name: here[name] if math.isfinite(here[name]) else goal[name] for name in goal}
+        self._start = beginning(here, goal)
         self._way: SteppedWay | None = None
         self._now = -math.inf
         self._last = False
@@ -251,8 +253,9 @@ class TargetController(SingleMotion):
         if self._way is None:
             path = straight(self._start, dict(self._target.positions), self._target.duration)
             self._way = SteppedWay(path, now, self._step)
-        self._last = now >= self._way.ends
-        return JointTarget.of(self._way.places(now), self._step if self._last else AHEAD * self._step)
+        step = self._way.next(now)
+        self._last = self._way.over
+        return step
 
     @property
     def moving(self) -> bool:

@@ -187,7 +187,7 @@ def record_by_hand(
         rate: States per second; 0 for the robot's command rate.
         duration: Seconds.
         torque_off_at_end: Leave the torque off at the end. Otherwise all joints hold their position then, also
-            those that had no torque before.
+            those that had no torque before, unless torque was switched off once more meanwhile.
         on_start: Called once the arm has no torque.
         ended: Called after each state: whether the recording ends.
         sleep: Waits for so many seconds.
@@ -205,6 +205,7 @@ def record_by_hand(
         # An invalid rate is refused while the arm still has its torque.
         owner.turn()
         guiding.start(names)
+        begun = robot.epochs.mark()
         try:
             on_start()
             with suppress(KeyboardInterrupt):
@@ -212,7 +213,7 @@ def record_by_hand(
         finally:
             # A robot that failed may answer again.
             owner.connect()
-            guiding.stop(passing.stop, hold=not torque_off_at_end)
+            guiding.stop(passing.stop, hold=not (torque_off_at_end or robot.epochs.limp_since(begun)))
 
 
 def _turn_for(owner: RobotOwner, duration: float, ended: Callable[[], bool]) -> None:
@@ -321,6 +322,6 @@ class TeachMode:
         self._on_taught(taught)
         words = f"taught {taught.duration:.1f} s, {len(taught.times)} points"
         if self._folder:
-            tolerance = tolerance_of(self._owner.robot.model)
+            tolerance = tolerance_of(self._owner.model)
             words += f", saved as {save(taught, Path(self._folder), datetime.now(), tolerance=tolerance)}"
         return words

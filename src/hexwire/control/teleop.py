@@ -16,7 +16,7 @@ from hexwire.model.state import JointTarget
 from hexwire.motion.safety import StopReason, board_stop
 from hexwire.motion.teleop import Action, within_limits
 
-from .guided import OVERLAP, GuidedController
+from .operator_control import OVERLAP, OperatorController
 from .owner import RobotOwner
 from .target import holding
 
@@ -37,7 +37,7 @@ Stick = Callable[[], tuple[Sequence[float], int, float]]
 """Returns the newest axes (-1..1), buttons (bit i is button i) and their age in seconds, infinite at first."""
 
 
-class TeleopController(GuidedController):
+class TeleopController(OperatorController):
     """Moves all joints of an arm with a joystick.
 
     After a stop, the arm moves again when it was resumed and the button was released and pressed again.

@@ -1,7 +1,7 @@
-"""Points that a motion passes, as people name them: places of the tip, and poses of joints.
+"""Paths that people ask for: through places of the tip and poses of joints, on straight lines, along a motion.
 
-Owns how they become joint angles: each place is reached from the point before it, so that the tool and the elbow
-stay as they are. Nothing moves here. Must not know how points are typed, nor how fast the arm moves.
+Owns how points become joint angles, and paths through them: each place is reached from the point before it, so that
+the tool and the elbow stay as they are. Nothing moves here. Must not know how points are typed or sent.
 """
 
 from __future__ import annotations
@@ -14,6 +14,11 @@ from typing import TYPE_CHECKING
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.aim import Aim, aimed_pose
 from hexwire.model.state import finite
+from hexwire.motion.checks import InJoints
+from hexwire.motion.limits import slow_enough
+from hexwire.motion.line import Line, Lines
+from hexwire.motion.teach import approach
+from hexwire.motion.through import arm_path
 
 from .reader import position_unknown
 
@@ -21,8 +26,9 @@ if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.model.kinematics import KinematicModel, Solution
     from hexwire.model.pose import Pose, Vector
+    from hexwire.motion.trajectory import Trajectory
 
-__all__ = ["Place", "chosen_solution", "joint_points", "tip_poses"]
+__all__ = ["Place", "approached", "chosen_solution", "joint_points", "straight", "through", "tip_poses"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +128,83 @@ def tip_poses(
             now |= point
             poses.append(kinematics.forward(kinematics.from_joints(now)))
     return poses
+
+
+def through(
+    arm: ArmModel,
+    kinematics: KinematicModel | None,
+    here: Mapping[str, float],
+    points: Sequence[Place | Mapping[str, float]],
+    *,
+    speed: float = 1.0,
+) -> Trajectory:
+    """The fastest path of the joints through points, without a stop before the last.
+
+    Args:
+        arm: As for `joint_points`.
+        kinematics: As for `joint_points`.
+        here: As for `joint_points`.
+        points: As for `joint_points`.
+        speed: Share of the speed limits.
+
+    Raises:
+        HexwireError: As `joint_points`.
+    """
+    names, rows = joint_points(arm, kinematics, here, points)
+    return arm_path(arm, names, rows, speed=speed)
+
+
+def straight(
+    arm: ArmModel,
+    kinematics: KinematicModel,
+    here: Mapping[str, float],
+    points: Sequence[Place | Mapping[str, float]],
+    *,
+    speed: float,
+    rounding: float,
+) -> Trajectory:
+    """Straight lines of the tip, as fast as the joints' limits allow and no faster than asked for.
+
+    Args:
+        arm: The arm.
+        kinematics: Its geometry.
+        here: Present radians by joint.
+        points: Places and poses, at the end of each line.
+        speed: Of the tip, metres per second.
+        rounding: How far from a corner the tip may leave the lines, metres; 0 stops there.
+
+    Raises:
+        HexwireError: A line is not possible.
+    """
+    goals = tip_poses(kinematics, here, points)
+    angles, gain = kinematics.from_joints(here), max(0.1, 4 * speed)
+    path = (
+        Line(kinematics, angles, goals[0], speed=speed, acceleration=gain)
+        if len(goals) == 1
+        else Lines(kinematics, angles, goals, rounding=rounding, speed=speed, acceleration=gain)
+    )
+    return slow_enough(arm, InJoints(path, kinematics))
+
+
+def approached(
+    arm: ArmModel, path: Trajectory, here: Mapping[str, float], repeat: int = 1, *, speed: float = 0.5
+) -> list[Trajectory]:
+    """A motion so many times, each time after the slow way to where it begins.
+
+    Args:
+        arm: The arm.
+        path: The motion.
+        here: Present radians by joint.
+        repeat: How often.
+        speed: Share of the speed limits on the way.
+    """
+    legs: list[Trajectory] = []
+    at: Sequence[float] = [here[name] for name in path.names]
+    for _ in range(repeat):
+        first = approach(arm, path.names, at, path.start, speed=speed)
+        legs += [first, path] if first.duration else [path]
+        at = path.goal
+    return legs
 
 
 def chosen_solution(

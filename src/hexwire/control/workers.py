@@ -5,7 +5,6 @@ Owns the queues and their bounds. Must not know what is asked.
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import queue
 import threading
@@ -37,23 +36,22 @@ class Worker:
     """
 
     def __init__(self, name: str, most: int = _MOST) -> None:
-        self._jobs: queue.Queue[Callable[[], object] | None] = queue.Queue(most)
+        self._jobs: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
+        self._most = most
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
     def put(self, job: Callable[[], object]) -> bool:
         """Add a job; False if too many wait."""
-        try:
-            self._jobs.put_nowait(job)
-        except queue.Full:
+        if self._jobs.qsize() >= self._most:
             return False
+        self._jobs.put(job)
         return True
 
     def close(self, timeout: float) -> None:
         """End after the jobs that wait."""
-        with contextlib.suppress(queue.Full):
-            self._jobs.put(None, timeout=timeout)
-            self._thread.join(timeout)
+        self._jobs.put(None)
+        self._thread.join(timeout)
 
     def _run(self) -> None:
         while (job := self._jobs.get()) is not None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 from importlib import resources
 from pathlib import Path
 
@@ -22,7 +23,7 @@ _ARM_KEYS = ("name", "base", "baud", "calibration", "joints")
 _JOINT_KEYS = (
     "name", "servo_id", "series", "minimum_deg", "maximum_deg",  # these must be there
     "neutral", "sign", "offset_deg", "max_speed_deg_per_s", "max_acceleration_deg_per_s2",
-    "max_jerk_deg_per_s3", "gearing", "degrees_per_count",
+    "max_jerk_deg_per_s3", "free_speed_deg_per_s", "gearing", "degrees_per_count",
 )  # fmt: skip
 _LONGEST_NAME = 100
 _LONGEST_PATH = 4000
@@ -58,6 +59,7 @@ def profile_names() -> tuple[str, ...]:
     )
 
 
+@cache
 def load_profile(name: str) -> BusArmFile:
     """Load an arm profile that comes with hexwire.
 
@@ -166,4 +168,5 @@ def _joint(item: Item) -> JointModel:
         max_speed=math.radians(number("max_speed_deg_per_s", 90.0, 1e-3)),
         max_acceleration=change("max_acceleration_deg_per_s2", MAX_ACCELERATION),
         max_jerk=change("max_jerk_deg_per_s3", MAX_JERK),
+        free_speed=math.radians(number("free_speed_deg_per_s", 0.0, 0.0)),
     )

@@ -11,13 +11,13 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import wraps
+from functools import partial, wraps
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from hexwire.arguments import DATA, FLAG, NAME, NAMES, SECONDS, WHOLE, Wanted, check, checked, one_of, or_none
 from hexwire.epochs import Epochs
 from hexwire.errors import HexwireError, LinkError, NotSupportedError, ReplyTimeoutError, StoppedError, UsageError
-from hexwire.model.state import JointTarget
+from hexwire.model.state import JointTarget, NewestState
 from hexwire.wire.command_frame import Status
 
 from .robot_state import RobotState
@@ -44,7 +44,6 @@ _MODE = Wanted("a StopMode", lambda value: WHOLE.fits(value) and value in (*Stop
 _TARGET = Wanted("a JointTarget, as in JointTarget.of({'J1': 0.1})", lambda value: isinstance(value, JointTarget))
 _MANY = or_none(NAMES)
 _ARGUMENTS: dict[str, dict[str, Wanted]] = {
-    "write": {"target": _TARGET},
     "torque": {"on": FLAG, "joints": _MANY},
     "path": {"joints": _MANY, "smooth": FLAG, "brake": or_none(SECONDS), "outlives": FLAG},
     "clear_path": {"joints": _MANY},
@@ -67,24 +66,47 @@ _ARGUMENTS: dict[str, dict[str, Wanted]] = {
 
 def _check_arguments(cls: Any) -> None:
     """Have the methods of a robot refuse what a program passes by mistake, before anything is sent."""
-    for name, wanted in (_ARGUMENTS | cls._arguments).items():
+    for name, wanted in ({"write": {}} | _ARGUMENTS | cls._arguments).items():
         owner = next((base for base in cls.__mro__ if name in vars(base)), None)
         # A robot class above has this already, but a class that only adds methods has not.
         if owner is not None and (owner is cls or not issubclass(owner, RobotDriver)):
             method = vars(owner)[name]
-            setattr(cls, name, checked(_refusing_gains(method) if name == "write" else method, wanted))
+            if (adding := _WRAPPED.get(name)) is not None:
+                method = adding(method)
+            setattr(cls, name, checked(method, wanted) if wanted else method)
 
 
-def _refusing_gains(write: Callable[..., SentTarget]) -> Callable[..., SentTarget]:
-    """Have a robot refuse a target whose gains it would not obey, rather than follow it without."""
+def _refusing(write: Callable[..., SentTarget]) -> Callable[..., SentTarget]:
+    """Have a robot refuse what is no target, and gains that it would not obey, rather than follow without them."""
 
     @wraps(write)
     def refusing(self: RobotDriver, target: JointTarget) -> SentTarget:
+        if type(target) is not JointTarget:
+            check("write", "target", _TARGET, target)
         if target.laws and not self.obeys_gains:
             raise NotSupportedError(f"{self.model.name} takes positions only, no efforts and no gains")
         return write(self, target)
 
     return refusing
+
+
+def _voiding(torque: Callable[..., tuple[str, ...]]) -> Callable[..., tuple[str, ...]]:
+    """Have torque off void what was asked for before it, which would give torque again; no stop voids it."""
+
+    @wraps(torque)
+    def voiding(self: RobotDriver, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
+        if on:
+            return torque(self, on, joints)
+        return self.epochs.free(partial(torque, self, on, joints))
+
+    return voiding
+
+
+_WRAPPED: dict[str, Callable[[Callable[..., Any]], Callable[..., Any]]] = {
+    "write": _refusing,
+    "torque": _voiding,
+}
+"""What every robot adds to methods of these names."""
 
 
 class RobotDriver(ABC):
@@ -380,6 +402,18 @@ class RobotDriver(ABC):
     @abstractmethod
     def read(self) -> JointState:
         """Read all joints. A silent servo raises no error; its joint has the flag `JointFlag.SILENT`."""
+
+    def newest(self) -> NewestState:
+        """The newest state that is there, at once, with its age.
+
+        A robot that sends no states unasked is asked, as by `read`. One that does may have sent it before the last
+        order of this program was carried out.
+
+        Raises:
+            HexwireError: As `read`.
+        """
+        state = self.read()
+        return NewestState(state, max(0.0, self.now() - state.stamp))
 
     def read_positions(self, within: float = 0.0) -> JointState:
         """Read at least the positions of all joints, in the shortest time; the rest may be NaN. Else as `read`.

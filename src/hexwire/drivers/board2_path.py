@@ -45,7 +45,8 @@ _FINE = 8
 _MOST_TICKS = 0xFFFF
 _BITS_PER_BYTE = 10
 _PLENTY = 0.6
-"""Seconds of a path with which a board can be without points to rest for a request or two: braking needs 0.25."""
+"""Seconds of a path with which a board can be without points to rest for a request or two: a 7Bot
+needs 0.44 to brake."""
 _COUNTS_16 = 32767
 _ON_ITS_WAY = (PathState.RUNNING, PathState.BRAKING, PathState.DONE)
 
@@ -58,7 +59,7 @@ class BoardTime:
         baud: Of the line; 0 if bytes take no time that is known.
 
     Attributes:
-        now: As given.
+        now: The host's clock.
     """
 
     def __init__(self, now: Callable[[], float], baud: int) -> None:

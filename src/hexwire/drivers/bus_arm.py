@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -159,10 +160,9 @@ class BusArm(PlainDriver):
                     f"pings of servos {ids}", attempts=1 + bus.retries, instead=instead, advice=_ADVICE
                 )
             note_servos(bus)
-            for joint in here:
-                self._goals.learn(joint)
-            for i, joint in enumerate(self.model.joints):
-                self._torque[i] = self._read_torque(joint) if joint in here else None
+            self._goals.learn(here)
+            self._torque = [None] * len(self.model.joints)
+            self._read_torque(here)
         except BaseException:
             self._release()
             raise
@@ -176,7 +176,7 @@ class BusArm(PlainDriver):
         was, self._open = self._open, False
         try:
             if was and torque_off and self.bus.link.is_open:
-                servo_setup.torque_off(self.bus, [joint.servo_id for joint in self.model.joints])
+                self.epochs.free(partial(self.on_torque, False, self.model.names))
         finally:
             self._release()
 
@@ -187,11 +187,11 @@ class BusArm(PlainDriver):
     def probe(self) -> ProbeReport:
         self._check_attached()
         rows = []
-        for i, joint in enumerate(self.model.joints):
+        for joint in self.model.joints:
             probe = probe_joint(self.bus, joint, self.calibration)
             rows.append(probe)
             if probe.present:
-                self._torque[i] = self._read_torque(joint)
+                self._read_torque([joint])
         return ProbeReport(
             robot=self.model.name,
             link=self.url,
@@ -313,21 +313,20 @@ class BusArm(PlainDriver):
 
     def _checked(self, target: JointTarget) -> JointTarget:
         model, positions = self.model, self._positions
-        joints = [model.joint(name) for name, _ in target.positions]
-        if not all(self._torque):
+        if not all(self._torque) or len(positions) < len(model.names):
+            joints = [model.joint(name) for name, _ in target.positions]
             self._refuse_without_torque(joints)
-        if len(positions) < len(model.names) and any(joint.name not in positions for joint in joints):
-            self.read()
+            if any(joint.name not in positions for joint in joints):
+                self.read()
         return check_target(model, target, positions)
 
     def on_target(self, target: JointTarget) -> SentTarget:
         positions, joint_of = self._positions, self.model.joint
         duration = max(target.duration, _MIN_DURATION)
         moves = [(joint_of(name), angle) for name, angle in target.positions]
-        # One packet for each address and length of goal registers.
         packets, sent = self._goals.make_packets(moves, duration, positions)
-        for (address, _), rows in packets.items():
-            self.bus.sync_write_bytes(address, rows)
+        for packet in packets:
+            self.bus.post(packet)
         # The start of the next move, until the next read.
         positions.update(target.positions)
         return SentTarget(sent, duration)
@@ -338,13 +337,17 @@ class BusArm(PlainDriver):
             unsure = servo_setup.torque_off(self.bus, [self.model.joints[i].servo_id for i in wanted])
             for i in wanted:
                 self._torque[i] = self.model.joints[i].servo_id in unsure and None
+            self._goals.unbind([self.model.joints[i] for i in wanted if self._torque[i] is False])
             return tuple(self.model.joints[i].name for i in wanted if self._torque[i] is False)
-        for i in wanted:
-            joint = self.model.joints[i]
-            # Write the goal first: torque must hold the joint where it is, not drive it to an old goal.
-            if self._hold(joint):
+        # Goals first: torque must hold a joint where it is, not drive it to an old goal.
+        held = self._hold_together([self.model.joints[i] for i in wanted])
+        if held:
+            self.bus.sync_write_raw("torque_enable", {joint.servo_id: 1 for joint in held})
+            self._read_torque(held)
+        for joint in held:
+            if not self._torque[self.model.index(joint.name)]:
                 self.bus.write_raw(joint.servo_id, "torque_enable", 1)
-                self._torque[i] = self._read_torque(joint)
+                self._read_torque([joint])
         return tuple(self.model.joints[i].name for i in wanted if self._torque[i])
 
     def stop(self, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
@@ -383,19 +386,38 @@ class BusArm(PlainDriver):
             return True
         return not bus.write_bytes(servo_id, address, data).error
 
-    def _read_torque(self, joint: JointModel) -> bool | None:
-        raw = self.bus.read(joint.servo_id, "torque_enable").raw
-        return None if raw is None else bool(raw)
+    def _hold_together(self, joints: Sequence[JointModel]) -> list[JointModel]:
+        """Make the present positions of joints their goals; returns the joints of which the servos confirm it."""
+        bus, held = self.bus, list[JointModel]()
+        counts = bus.sync_read("present_position", [joint.servo_id for joint in joints]).raw if joints else ()
+        packets: dict[tuple[int, int], dict[int, bytes]] = {}
+        sent: dict[int, tuple[JointModel, int]] = {}
+        for joint, here in zip(joints, counts, strict=True):
+            if here is not None:
+                angle = self._positions[joint.name] = joint.counts_to_angle(here)
+                address, data = self._goals.make(joint, here, _MIN_DURATION, angle)
+                packets.setdefault((address, len(data)), {})[joint.servo_id] = data
+                sent[joint.servo_id] = joint, here
+        for (address, _), rows in packets.items():
+            bus.sync_write_bytes(address, rows)
+        held += [joint for joint, _ in sent.values() if joint.series == "seven_bot"]
+        # Nobody acknowledges such a packet. What a servo has not got, or keeps otherwise, it is sent alone.
+        asked = [servo_id for servo_id, (joint, _) in sent.items() if joint.series != "seven_bot"]
+        for reading in bus.sync_read("goal_position", asked) if asked else ():
+            joint, wanted = sent[reading.servo_id]
+            if reading.raw == wanted or self._hold(joint):
+                held.append(joint)
+        return held
+
+    def _read_torque(self, joints: Sequence[JointModel]) -> None:
+        readings = self.bus.sync_read("torque_enable", [joint.servo_id for joint in joints]) if joints else ()
+        for joint, reading in zip(joints, readings, strict=True):
+            self._torque[self.model.index(joint.name)] = None if reading.raw is None else bool(reading.raw)
 
     def _refuse_without_torque(self, joints: Sequence[JointModel]) -> None:
-        limp = []
-        for joint in joints:
-            i = self.model.index(joint.name)
-            if self._torque[i] is None:
-                self._torque[i] = self._read_torque(joint)
-            if not self._torque[i]:
-                limp.append(joint.name)
-        self._refuse_limp(limp)
+        index = self.model.index
+        self._read_torque([joint for joint in joints if self._torque[index(joint.name)] is None])
+        self._refuse_limp([joint.name for joint in joints if not self._torque[index(joint.name)]])
 
     def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:
         self._check_attached()

@@ -9,16 +9,19 @@ Loops send goals of all joints hundreds of times a second, so what depends on th
 from __future__ import annotations
 
 import math
-from struct import Struct
+from functools import lru_cache, partial
+from struct import unpack
 from typing import TYPE_CHECKING
 
 from hexwire.wire.registers import Series
+from hexwire.wire.servo_packet import make_sync_write, sync_write_packer
 from hexwire.wire.tables import DEFAULT_CEILING
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from hexwire.bus.servo_bus import ServoBus
+    from hexwire.bus.values import Reading
     from hexwire.model.arm import JointModel
 
 __all__ = ["SPEED_UNIT", "BusGoals"]
@@ -30,9 +33,9 @@ _PHASE_SPEED_UNIT = 0x04
 _SHORTEST, _LONGEST = 9, 0x7FFE
 """Milliseconds of a motion that a servo accepts; the shortest applies to the legacy series."""
 _FASTEST = 0x7FFF
-_STS_GOAL = Struct("<BHHH").pack
+_STS_ROW = "<BHHH"
 """Acceleration, position, time (the current ceiling of HLS) and speed, which are adjacent registers."""
-_STS_ROW = (Series.STS_SMS.register("acceleration").address, 7)
+_sts_packer = lru_cache(partial(sync_write_packer, Series.STS_SMS.register("acceleration").address, _STS_ROW))
 _STS_SERIES = frozenset((Series.STS_SMS.value, Series.HLS.value))
 _MOST_COUNTS = 0x7FFF
 """Goals of STS and HLS servos up to this count have no sign bit."""
@@ -55,16 +58,32 @@ class BusGoals:
         self._ceilings: dict[int, int] = {}
         self._rows: dict[str, _Row] = {}
 
-    def learn(self, joint: JointModel) -> None:
-        """Read the settings that the goals of a servo depend on."""
+    def learn(self, joints: Iterable[JointModel]) -> None:
+        """Read the settings that the goals of servos depend on."""
         self._rows.clear()
-        servo_id, series = joint.servo_id, Series(joint.series)
-        if series is Series.STS_SMS:
-            phase = self._bus.read(servo_id, "phase").raw
-            single = phase is not None and phase & _PHASE_SPEED_UNIT
-            self._speed_units[servo_id] = 1.0 if single else SPEED_UNIT
-        elif series is Series.HLS:
-            self._ceilings[servo_id] = self._bus.read(servo_id, "protection_current").raw or DEFAULT_CEILING
+        ids: dict[Series, list[int]] = {}
+        for joint in joints:
+            ids.setdefault(Series(joint.series), []).append(joint.servo_id)
+        for reading in self._read("phase", ids.get(Series.STS_SMS)):
+            single = reading.raw is not None and reading.raw & _PHASE_SPEED_UNIT
+            self._speed_units[reading.servo_id] = 1.0 if single else SPEED_UNIT
+        for reading in self._read("protection_current", ids.get(Series.HLS)):
+            self._ceilings[reading.servo_id] = reading.raw or DEFAULT_CEILING
+
+    def unbind(self, joints: Iterable[JointModel]) -> None:
+        """Take the last goal's speed from STS servos that have no torque, as if they had just been switched on.
+
+        Programs that give a goal without a speed, as LeRobot's own arms do, would crawl at it.
+        """
+        if ids := [joint.servo_id for joint in joints if joint.series == Series.STS_SMS.value]:
+            self._bus.sync_write_raw("goal_speed", dict.fromkeys(ids, 0))
+            # Nobody acknowledges such a packet, and the port may be closed next.
+            for reading in self._bus.sync_read("goal_speed", ids):
+                if reading.raw:
+                    self._bus.write_raw(reading.servo_id, "goal_speed", 0)
+
+    def _read(self, name: str, servo_ids: list[int] | None) -> Iterable[Reading]:
+        return self._bus.sync_read(name, servo_ids) if servo_ids else ()
 
     def speed_unit(self, joint: JointModel) -> float:
         """Counts per second of one unit of a servo's speed."""
@@ -96,7 +115,7 @@ class BusGoals:
 
     def make_packets(
         self, moves: Iterable[tuple[JointModel, float]], duration: float, starts: Mapping[str, float]
-    ) -> tuple[dict[tuple[int, int], dict[int, bytes]], tuple[tuple[str, float], ...]]:
+    ) -> tuple[list[bytes], tuple[tuple[str, float], ...]]:
         """Make the goals of several joints; each as by `make`.
 
         Args:
@@ -105,11 +124,10 @@ class BusGoals:
             starts: Angles at the start by joint name, radians, where they are known.
 
         Returns:
-            The bytes by servo id, for each address and length; and the angles as the servos round them.
+            One packet for each address and length; and the angles as the servos round them.
         """
-        packets: dict[tuple[int, int], dict[int, bytes]] = {}
-        sent, rows = [], self._rows
-        sts: dict[int, bytes] = {}
+        others: dict[tuple[int, int], dict[int, bytes]] = {}
+        sent, rows, fields = [], self._rows, list[int]()
         for joint, angle in moves:
             name = joint.name
             row = rows.get(name)
@@ -123,15 +141,19 @@ class BusGoals:
                 if 0 <= counts <= _MOST_COUNTS:
                     distance = abs(steps - round(sign * (start - offset) / scale))
                     speed = math.ceil(distance / duration / unit) or 1
-                    sts[servo_id] = _STS_GOAL(0, counts, ceiling, speed if speed < _FASTEST else _FASTEST)
+                    fields += servo_id, 0, counts, ceiling, speed if speed < _FASTEST else _FASTEST
                     sent.append((name, sign * steps * scale + offset))
                     continue
             counts = joint.angle_to_counts(angle)
             address, data = self.make(joint, counts, duration, start)
-            packets.setdefault((address, len(data)), {})[joint.servo_id] = data
+            if like_sts:
+                fields += servo_id, *unpack(_STS_ROW, data)
+            else:
+                others.setdefault((address, len(data)), {})[servo_id] = data
             sent.append((name, joint.counts_to_angle(counts)))
-        if sts:
-            packets.setdefault(_STS_ROW, {}).update(sts)
+        packets = [make_sync_write(address, data_of) for (address, _), data_of in others.items()]
+        if fields:
+            packets.append(_sts_packer(len(fields) // 5)(*fields))
         return packets, tuple(sent)
 
     def _make_row(self, joint: JointModel) -> _Row:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from hexwire.model.arm import JointModel
     from hexwire.model.calibration import Calibration
 
-__all__ = ["probe_joint"]
+__all__ = ["probe_joint", "ratings"]
 
 
 def probe_joint(bus: ServoBus, joint: JointModel, calibration: Calibration | None = None) -> JointProbe:
@@ -43,9 +43,18 @@ def _ratings(bus: ServoBus, servo_id: int) -> tuple[tuple[float, float] | None, 
     if "max_voltage" not in bus.series_of(servo_id).registers:
         return None, None
     low, high, hottest = (bus.read(servo_id, name) for name in ("min_voltage", "max_voltage", "max_temperature"))
-    told = low.raw is not None and high.raw is not None and low.raw < high.raw
-    supply = (low.value, high.value) if told else None
-    return supply, hottest.value if hottest.raw else None
+    return ratings(low.value, high.value, hottest.value)
+
+
+def ratings(low: float, high: float, hottest: float) -> tuple[tuple[float, float] | None, float | None]:
+    """What the stored limits of voltage (V) and temperature (deg C) say; None for one that says nothing.
+
+    Args:
+        low: Of the voltage; like the others NaN where it was not read.
+        high: Of the voltage.
+        hottest: Of the temperature.
+    """
+    return (low, high) if low < high else None, hottest if hottest > 0.0 else None
 
 
 def _at_odds(bus: ServoBus, joint: JointModel, calibration: Calibration | None) -> list[str]:

@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 from hexwire.arguments import DATA, FLAG, SECONDS, WHOLE, or_none, rows_of
@@ -155,7 +156,7 @@ class Hex7BotDriver(SessionDriver):
         board, self._board = self._board, None
         try:
             if board is not None and torque_off and self.session.is_open:
-                board.torque(False, None)
+                self.session.epochs.free(partial(board.torque, False, None))
         finally:
             self.session.close()
 

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import threading
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Any, TypeVar
 
 from hexwire.errors import CommandRefusedError, StoppedError, UsageError
 from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
@@ -21,11 +20,9 @@ from hexwire.wire.command_frame import Status
 from .base import RobotDriver
 from .values import StopMode
 
-if TYPE_CHECKING:
-    from hexwire.epochs import Token
-
 __all__ = ["PlainDriver"]
 
+_T = TypeVar("_T")
 _MAY_HAVE_TORQUE = JointFlag.TORQUE_ON | JointFlag.TORQUE_UNKNOWN
 
 
@@ -100,15 +97,17 @@ class PlainDriver(RobotDriver):
         return state if state.stopped == stopped else replace(state, stopped=stopped)
 
     def write(self, target: JointTarget) -> SentTarget:
-        with self._acting("a move"):
-            checked = self._checked(target)
-            return self.on_target(checked) or SentTarget(checked.positions, checked.duration)
+        return self._act("a move", self._send, target)
+
+    def _send(self, target: JointTarget) -> SentTarget:
+        checked = self._checked(target)
+        return self.on_target(checked) or SentTarget(checked.positions, checked.duration)
 
     def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
         model = self.model
         names = model.names if joints is None else tuple(model.joint(name).name for name in joints)
-        with self._acting("torque on" if on else "torque off", freeing=not on):
-            return _or_all(self.on_torque(on, names), model.names)
+        confirmed = self._act("torque on" if on else "torque off", self.on_torque, on, names, freeing=not on)
+        return _or_all(confirmed, model.names)
 
     def stop(self, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
         self._check_attached()
@@ -136,34 +135,30 @@ class PlainDriver(RobotDriver):
         self._mode, names = mode, self.model.names
         return _or_all(self.on_torque(False, names) if mode is StopMode.TORQUE_OFF else self.on_hold(), names)
 
-    @contextmanager
-    def _acting(self, what: str, *, freeing: bool = False) -> Iterator[None]:
-        """Take the turn for a call, unless a stop came after it; `freeing` for one that takes torque away."""
-        self._check_attached()
+    def _act(self, what: str, hook: Callable[..., _T], *given: Any, freeing: bool = False) -> _T:
+        """Call a hook in its turn, unless a stop came after the call; `freeing` for one that takes torque away."""
         epochs = self.epochs
+        if not self._open:
+            self._check_attached()
         with epochs.calling(what, freeing=freeing) as call, self._turn:
             token = call.token
             assert token is not None
             if freeing:
                 epochs.check(token, what)
             else:
-                self._refuse_if_stopped(what)
+                if epochs.stopped:
+                    self._refuse_if_stopped(what)
                 epochs.check_leaving(token, what)
             try:
-                yield
-            except BaseException:
-                self._stop_again(token)
-                raise
-            if self._stop_again(token):
+                found = hook(*given)
+            finally:
+                if again := epochs.stopped_here_since(token):
+                    # By a signal handler: what it interrupted may have been sent after the stop.
+                    with epochs.stopping():
+                        self._halt(self._mode)
+            if again:
                 epochs.check(token, what)
-
-    def _stop_again(self, token: Token) -> bool:
-        """Stop again after a stop by a signal handler: what it interrupted may have been sent after it."""
-        again = self.epochs.stopped_here_since(token)
-        if again:
-            with self.epochs.stopping():
-                self._halt(self._mode)
-        return again
+            return found
 
     def _check_attached(self) -> None:
         if not self._open:

@@ -31,7 +31,7 @@ class SessionDriver(RobotDriver):
         *others: Further sessions with the same robot.
 
     Attributes:
-        session: As given.
+        session: The session with the board or robot controller.
         sessions: Every session, `session` first, each once.
     """
 

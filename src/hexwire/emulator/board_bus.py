@@ -6,8 +6,9 @@ Owns the jobs that talk to servos. Knows nothing of frames.
 from __future__ import annotations
 
 from collections.abc import Generator, Iterable
+from functools import lru_cache
 
-from hexwire.session.servo_answers import expected_answer, match_answer
+from hexwire.session.servo_answers import Expected, expected_answer, match_answer
 from hexwire.wire import tables
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import (
@@ -44,6 +45,16 @@ _SAMPLE = {
 _TARGETS = {Series.SEVEN_BOT: "target_position", Series.HLS: "goal_position"}
 
 
+# A board asks the same of the same servos again and again, and a servo at rest answers the same.
+_read = lru_cache(maxsize=256)(make_read)
+_match = lru_cache(maxsize=256)(match_answer)
+
+
+@lru_cache(maxsize=256)
+def _expected(packet: bytes, acknowledged: bool) -> Expected:
+    return expected_answer(parse_packet(packet), acknowledges_writes=acknowledged)
+
+
 Sub = Generator[Wait, bytes | None, StatusPacket | None]
 Raw = Generator[Wait, bytes | None, bytes]
 Several = Generator[Wait, bytes | None, list[StatusPacket]]
@@ -76,12 +87,12 @@ class BoardBus:
     def ask(self, packet: bytes, *, tries: int = _TRIES, acknowledged: bool = True) -> Sub:
         """Send one packet and verify the answer; send it again if the answer is missing or bad."""
         state = self._state
-        expected = expected_answer(parse_packet(packet), acknowledges_writes=acknowledged)
+        expected = _expected(packet, acknowledged)
         for attempt in range(tries):
             answer = yield Transaction(packet, expected.length)
             if not expected.servo_ids:
                 return None
-            found = match_answer(answer or b"", packet, expected)
+            found = _match(answer or b"", packet, expected)
             if found is not None:
                 return found
             if strip_echo(answer or b"", packet):
@@ -161,7 +172,7 @@ class BoardBus:
         """Read an HLS servo's current ceiling if it is not known."""
         if joint.series is Series.HLS and not joint.ceiling:
             register = Series.HLS.register("goal_torque")
-            found = yield from self.ask(make_read(joint.servo_id, register.address, register.size))
+            found = yield from self.ask(_read(joint.servo_id, register.address, register.size))
             if found is not None:
                 # With a ceiling of 0 it could not move at all.
                 joint.ceiling = abs(register.decode(found.params)) or tables.DEFAULT_CEILING
@@ -170,7 +181,7 @@ class BoardBus:
         """Read a joint's torque switch and mode; returns 1 if it answered."""
         legacy = joint.series is Series.SEVEN_BOT
         first = _TORQUE if legacy else _MODE
-        status = yield from self.ask(make_read(joint.servo_id, first, _TORQUE - first + 1))
+        status = yield from self.ask(_read(joint.servo_id, first, _TORQUE - first + 1))
         if status is None:
             return 0
         # A legacy servo has no modes.
@@ -182,7 +193,7 @@ class BoardBus:
     def read_target(self, joint: JointSlot) -> Value:
         """Read the target of a joint's servo; None if it does not answer."""
         row = joint.series.register(_TARGETS[joint.series])
-        status = yield from self.ask(make_read(joint.servo_id, row.address, row.size))
+        status = yield from self.ask(_read(joint.servo_id, row.address, row.size))
         return None if status is None else row.decode(status.params)
 
     # -- state --------------------------------------------------------------------------------------
@@ -212,7 +223,7 @@ class BoardBus:
     def _poll_legacy(self, joint: JointSlot) -> Job:
         if joint.unsure and joint.present:
             yield from self.recheck(joint)
-        status = yield from self.ask(make_read(joint.servo_id, _PRESENT, 2), tries=_TRIES if joint.present else 1)
+        status = yield from self.ask(_read(joint.servo_id, _PRESENT, 2), tries=_TRIES if joint.present else 1)
         if status is None:
             joint.present = False
             return

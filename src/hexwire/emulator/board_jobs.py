@@ -67,6 +67,8 @@ class BusBuffer:
 
     def read(self, now: float) -> bytes:
         """Remove and return the bytes that have arrived."""
+        if not self._input:
+            return b""
         data = b"".join(data for when, data in self._input if when <= now)
         self._input = [(when, data) for when, data in self._input if when > now]
         return data

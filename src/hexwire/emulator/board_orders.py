@@ -66,14 +66,14 @@ class BoardOrders:
 
     def clamp(self, joint: JointSlot, position: int) -> int:
         """Clamp a position to the joint's stored limits; records whether that changed it."""
-        inside = clamp(self._state.facts(self._clock())[joint.servo_id], position)
+        inside = clamp(self._state.facts_of(joint, self._clock()), position)
         joint.clamped = inside != position
         return inside
 
     def slowest(self, targets: list[tuple[JointSlot, int]]) -> int:
         """Shortest duration of a move that the speed limits allow, milliseconds."""
-        facts = self._state.facts(self._clock())
-        return max((time_needed(facts[joint.servo_id], position) for joint, position in targets), default=0)
+        facts_of, now = self._state.facts_of, self._clock()
+        return max((time_needed(facts_of(joint, now), position) for joint, position in targets), default=0)
 
     def chapter_move(self, rows: list[ChapterRow], *, chapter: bool) -> Found:
         """The chapter's sync write: id, position and run time per row; checked like JOINT_MOVE.

@@ -26,7 +26,7 @@ class LineRate:
         own: The rate at which the board starts, bits per second; 0 if the line has none.
 
     Attributes:
-        own: As given.
+        own: The rate at which the board starts, bits per second; 0 if the line has none.
         now: The present rate.
     """
 

@@ -110,6 +110,7 @@ class BoardState:
     queue_high_water: int = 0
     stores_left: int = tables.SETTINGS_STORES
     stores_gained: float = 0.0
+    _index: dict[int, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         by_name = {series.value: series for series in Series}
@@ -117,6 +118,7 @@ class BoardState:
             JointSlot(servo_id, by_name[name])
             for servo_id, name in zip(tables.BOARD_JOINT_IDS, tables.BOARD_JOINT_SERIES, strict=True)
         ]
+        self._index = {joint.servo_id: index for index, joint in enumerate(self.joints)}
         limit = LimitRow(tables.DEFAULT_MINIMUM, tables.DEFAULT_MAXIMUM, tables.DEFAULT_SPEED)
         self.limits = self.settings.limits or [limit] * len(self.joints)
         offset = OffsetRow(tables.DEFAULT_NEUTRAL, tables.DEFAULT_SIGN)
@@ -151,21 +153,23 @@ class BoardState:
 
     def facts(self, now: float) -> dict[int, JointFacts]:
         """What the gate needs to know of the joints, by servo id."""
-        return {
-            joint.servo_id: JointFacts(
-                legacy=joint.series is Series.SEVEN_BOT,
-                torque_on=joint.torque_on,
-                positioning=joint.mode == 0,
-                position=joint.position if joint.present and joint.sampled_at is not None else None,
-                late_ms=joint.age(now) + 1 if joint.may_move else 0,
-                ceiling=joint.ceiling,
-                minimum=limit.minimum,
-                maximum=limit.maximum,
-                speed=limit.speed,
-                following=joint.following,
-            )
-            for joint, limit in zip(self.joints, self.limits, strict=True)
-        }
+        return {joint.servo_id: self.facts_of(joint, now) for joint in self.joints}
+
+    def facts_of(self, joint: JointSlot, now: float) -> JointFacts:
+        """The same of one joint."""
+        limit = self.limits[self._index[joint.servo_id]]
+        return JointFacts(
+            legacy=joint.series is Series.SEVEN_BOT,
+            torque_on=joint.torque_on,
+            positioning=joint.mode == 0,
+            position=joint.position if joint.present and joint.sampled_at is not None else None,
+            late_ms=joint.age(now) + 1 if joint.may_move else 0,
+            ceiling=joint.ceiling,
+            minimum=limit.minimum,
+            maximum=limit.maximum,
+            speed=limit.speed,
+            following=joint.following,
+        )
 
     def latch(self, *, torque_off: bool) -> None:
         """Latch a stop until RESUME: STOP arrived, or the watchdog tripped."""

@@ -11,6 +11,7 @@ ends without a word because the other side left. Must not know sockets.
 
 from __future__ import annotations
 
+import hmac
 import json
 from dataclasses import asdict, fields
 
@@ -36,14 +37,15 @@ class HandConversation:
     Args:
         hands: The joints.
         now: When it began.
+        key: What the other side says first; empty if its socket has proved who it is.
 
     Attributes:
         answer: The line for the other side; empty as long as there is none. After it the conversation is over.
     """
 
-    def __init__(self, hands: Hands, now: float) -> None:
+    def __init__(self, hands: Hands, now: float, key: bytes = b"") -> None:
         self.answer = b""
-        self._hands, self._until = hands, now + _PATIENCE
+        self._hands, self._until, self._key = hands, now + _PATIENCE, key
         self._heard = b""
         self._grip: Grip | None = None
 
@@ -60,7 +62,10 @@ class HandConversation:
         line, end, _ = self._heard.partition(b"\n")
         if len(line) > _LONGEST:
             self._answer({"error": f"an order has at most {_LONGEST} bytes"})
+        elif end and not hmac.compare_digest(line[: len(self._key)], self._key):
+            self._answer({"error": "this emulated arm belongs to another program or user"})
         elif end:
+            line = line[len(self._key) :]
             try:
                 self._grip = self._hands.take(_parse_order(line), now)
             except HexwireError as error:

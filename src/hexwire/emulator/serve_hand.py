@@ -1,7 +1,8 @@
-"""The connection of a hand to an emulated arm: a socket beside the arm's line, open only to this user.
+"""The connection of a hand to an emulated arm: a door beside the arm's line, open only to this user.
 
-Owns the sockets, their names, and how the arm at a port is found. The socket of a pseudo-terminal is named after
-the terminal, that of an arm inside a program after its address and the program. Must not know what hands do.
+Owns the conversations, the names of doors, and how the arm at a port is found. The door of a pseudo-terminal is
+named after the terminal, that of a TCP port after its number, that of an arm inside a program after its address and
+the program. Must not know what hands do.
 """
 
 from __future__ import annotations
@@ -12,24 +13,23 @@ import logging
 import os
 import re
 import socket
-import struct
-import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 from hexwire.errors import DeviceError, LinkNotFoundError, UsageError
-from hexwire.folders import make_private_folder, open_folder, runtime_folder
-from hexwire.link.url import parse_url
-from hexwire.system import user_id
+from hexwire.folders import make_private_folder, runtime_folder
+from hexwire.link.url import is_loopback, parse_url
 
 from .hand import HandOrder, HandResult, Hands
 from .hand_channel import HandConversation, parse_result, serialize_order
+from .serve_door import knock, open_door
 
-__all__ = ["HandServer", "find_arm", "inside_name", "move_by_hand", "terminal_name"]
+__all__ = ["HAND_PERIOD", "HandServer", "find_arm", "inside_name", "move_by_hand", "port_name", "terminal_name"]
 
 _log = logging.getLogger(__name__)
 
+HAND_PERIOD = 0.02
+"""Most seconds between two steps of a server that is busy."""
 _SUFFIX = ".hand"
 _MOST = 8
 """Conversations at a time."""
@@ -46,6 +46,11 @@ def terminal_name(path: str) -> str:
     return f"pts-{found[1]}" if found else ""
 
 
+def port_name(number: int) -> str:
+    """Name for the arm at a TCP port of this machine."""
+    return f"tcp-{number}"
+
+
 def inside_name(robot: str, name: str) -> str:
     """Name for an arm inside this program; each call returns a new one."""
     return f"{_inside(robot, name)}{os.getpid()}.{next(_numbers)}"
@@ -59,52 +64,30 @@ def _folder() -> Path:
     return runtime_folder() / "sim"
 
 
-@contextlib.contextmanager
-def _short(path: Path) -> Iterator[str]:
-    """An address for a socket's path, which may be longer than the system allows."""
-    with open_folder(path.parent) as folder:
-        yield f"/proc/self/fd/{folder.descriptor}/{path.name}"
-
-
 class HandServer:
     """Lets programs of this user move the joints of an emulated arm by hand.
 
     Args:
-        name: From `terminal_name` or `inside_name`.
+        name: From `terminal_name`, `port_name` or `inside_name`.
         hands: The joints.
     """
 
     def __init__(self, name: str, hands: Hands) -> None:
         self._path, self._hands = _folder() / f"{name}{_SUFFIX}", hands
         self._door: socket.socket | None = None
+        self._key = b""
         self._talks: list[tuple[socket.socket, HandConversation]] = []
 
     def open(self) -> None:
-        """Create the socket. If that fails, log a warning: the arm then works, but cannot be moved by hand."""
-        if sys.platform != "linux" or not hasattr(socket, "AF_UNIX"):
-            # `move_by_hand` says so.
-            return
-        door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        """Open the door. If that fails, log a warning: the arm then works, but cannot be moved by hand."""
         try:
             make_private_folder(_folder(), "set XDG_RUNTIME_DIR to a folder of yours")
-            # It gets its name when it listens: until then it would be taken for the leftover of a program that was
-            # killed. One such may have the name; it belongs to a terminal or program that is now ours.
-            early = self._path.with_name(f"{self._path.name}-{os.getpid()}")
-            with contextlib.suppress(FileNotFoundError):
-                early.unlink()
-            with _short(early) as address:
-                door.bind(address)
-            door.listen(_MOST)
-            early.replace(self._path)
+            self._door, self._key = open_door(self._path)
         except (OSError, UsageError) as error:
-            door.close()
             _log.warning("the emulated arm cannot be moved by hand: %s", error)
-            return
-        door.setblocking(False)
-        self._door = door
 
     def close(self) -> None:
-        """Let go of all joints and remove the socket."""
+        """Let go of all joints and remove the door."""
         for talk, conversation in self._talks:
             conversation.end()
             talk.close()
@@ -157,15 +140,15 @@ class HandServer:
                 talk.close()
                 continue
             talk.setblocking(False)
-            self._talks.append((talk, HandConversation(self._hands, now)))
+            self._talks.append((talk, HandConversation(self._hands, now, self._key)))
 
 
 def find_arm(port: str | None) -> Path:
-    """The socket of the emulated arm at a port.
+    """The door of the emulated arm at a port.
 
     Args:
-        port: A pseudo-terminal or a link to one, ``sim://so101`` or ``sim://so101?name=left`` for an arm inside
-            another program, or None for the only one of this user.
+        port: A pseudo-terminal or a link to one, ``tcp://127.0.0.1:7001`` for one of this machine, ``sim://so101``
+            or ``sim://so101?name=left`` for an arm inside another program, or None for the only one of this user.
 
     Raises:
         UsageError: Nothing is emulated at such a port, or several arms fit.
@@ -183,12 +166,14 @@ def find_arm(port: str | None) -> Path:
             fitting = sorted(path for path in folder.glob(f"*{_SUFFIX}") if re.fullmatch(pattern, path.name))
         elif url.scheme == "serial" and (name := terminal_name(url.path)):
             fitting = [folder / f"{name}{_SUFFIX}"]
+        elif url.scheme == "tcp" and is_loopback((address := url.host_port())[0]):
+            fitting = [folder / f"{port_name(address[1])}{_SUFFIX}"]
         elif url.scheme == "serial" and not os.path.lexists(url.path):
             raise LinkNotFoundError(f"there is no {url.path}; {advice}", url=port)
         else:
             raise UsageError(
                 f"{port} is not an emulated arm: hands move those of 'hexwire sim board', 'hexwire sim bus' and "
-                "sim://, on the machine where they run"
+                "sim://, on the machine where they run; one at a TCP port is tcp://127.0.0.1:PORT there"
             )
     alive = [path for path in fitting if _is_alive(path)]
     if not alive:
@@ -206,13 +191,15 @@ def _shown(path: Path) -> str:
     name = path.name.removesuffix(_SUFFIX)
     if found := re.fullmatch(r"sim-([^-]*)-(?:(.*)-)?([0-9]+)\.[0-9]+", name):
         return f"sim://{found[1]}{f'?name={found[2]}' if found[2] else ''} (pid {found[3]})"
-    return name.replace("pts-", "/dev/pts/")
+    return name.replace("pts-", "/dev/pts/").replace("tcp-", "tcp://127.0.0.1:")
 
 
 def _is_alive(path: Path) -> bool:
-    """Whether an emulator listens there; removes the socket of one that was killed."""
+    """Whether an emulator listens there; removes the door of one that was killed."""
+    if not os.path.lexists(path):
+        return False
     try:
-        _connect(path).close()
+        knock(path, _PATIENCE)[0].close()
     except ConnectionRefusedError:
         with contextlib.suppress(OSError):
             path.unlink()
@@ -220,23 +207,6 @@ def _is_alive(path: Path) -> bool:
     except OSError:
         return False
     return True
-
-
-def _connect(path: Path) -> socket.socket:
-    if sys.platform != "linux" or not hasattr(socket, "AF_UNIX"):
-        raise UsageError("emulated arms are moved by hand on Linux only")
-    talk = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    try:
-        talk.settimeout(_PATIENCE)
-        with _short(path) as address:
-            talk.connect(address)
-        _, uid, _ = struct.unpack("3i", talk.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
-        if uid != user_id():
-            raise PermissionError(f"{path} belongs to another user")
-    except BaseException:
-        talk.close()
-        raise
-    return talk
 
 
 def move_by_hand(port: str | None, order: HandOrder) -> HandResult:
@@ -258,8 +228,9 @@ def move_by_hand(port: str | None, order: HandOrder) -> HandResult:
     deadline = time.monotonic() + order.seconds + order.hold + _PATIENCE
     heard = b""
     try:
-        with _connect(path) as talk:
-            talk.sendall(line)
+        talk, key = knock(path, _PATIENCE)
+        with talk:
+            talk.sendall(key + line)
             while not heard.endswith(b"\n"):
                 talk.settimeout(max(0.001, deadline - time.monotonic()))
                 data = talk.recv(_READ)

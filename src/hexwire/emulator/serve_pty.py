@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 from hexwire.link.serial import terminal_rate
 
 from .serve import Arrivals, PacedLine, ServedDevice, deliver
-from .serve_hand import HandServer, terminal_name
+from .serve_hand import HAND_PERIOD, HandServer, terminal_name
 from .serve_link import TerminalName
 from .uart import heard_at
 
@@ -36,7 +36,6 @@ __all__ = ["PtyServer", "serve_board"]
 
 _IDLE = 0.25
 _SLICE = 0.001
-_HAND = 0.02
 _READ = 4096
 _MOST_LOOKS = 4
 """Looks for more bytes in a turn; a terminal keeps few, so whoever fills it so often is not silent."""
@@ -156,7 +155,7 @@ class PtyServer:
         if door is not None:
             for fd in door.descriptors():
                 poll.register(fd, select.POLLIN)
-            wait = min(wait, _HAND) if door.is_busy else wait
+            wait = min(wait, HAND_PERIOD) if door.is_busy else wait
         begun = time.monotonic()
         found = poll.poll(wait * 1000)
         events = [row for row in found if row[0] == self._master]

@@ -198,8 +198,8 @@ class SimBusLink(SimLink):
         device: The servos.
         rates: Its rate, as the only item; the device reads it there.
         hands: As in `SimLink`.
-        robot: Likewise.
-        name: Likewise.
+        robot: As in `SimLink`.
+        name: As in `SimLink`.
     """
 
     def __init__(

@@ -15,12 +15,15 @@ from hexwire.link.listener import Listener
 from hexwire.system import READABLE, make_poll
 
 from .serve import Arrivals, PacedLine, ServedDevice, deliver
+from .serve_hand import HAND_PERIOD, HandServer, port_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from hexwire.link.base import Link
     from hexwire.link.tcp import PeerLink
+
+    from .hand import Hands
 
 __all__ = ["TcpServer", "serve_queue", "serve_tcp"]
 
@@ -40,12 +43,22 @@ class TcpServer:
         port: Port; 0 selects a free one.
         baud: Rate of the emulated line between host and device; 0 is unpaced.
         reset_on_open: Reset the device when a host connects, as DTR does on an Arduino.
+        hands: The joints that programs of this user on this machine may move by hand; none if None.
     """
 
     def __init__(
-        self, device: ServedDevice, host: str, port: int, *, baud: int = 0, reset_on_open: bool = False
+        self,
+        device: ServedDevice,
+        host: str,
+        port: int,
+        *,
+        baud: int = 0,
+        reset_on_open: bool = False,
+        hands: Hands | None = None,
     ) -> None:
         self.device = device
+        self._hands = hands
+        self._door: HandServer | None = None
         self._listener = Listener(host, port)
         self._reset_on_open = reset_on_open
         self._to_board, self._to_host = PacedLine(baud), PacedLine(baud)
@@ -60,10 +73,15 @@ class TcpServer:
             LinkError: As `Listener.open`.
         """
         self._listener.open()
+        if self._hands is not None:
+            self._door = HandServer(port_name(self._listener.port), self._hands)
+            self._door.open()
         return self._listener.url.replace("tcp-listen:", "tcp:", 1)
 
     def close(self) -> None:
         """Hang up and stop listening."""
+        if self._door is not None:
+            self._door.close()
         self._hang_up()
         self._listener.close()
 
@@ -74,13 +92,20 @@ class TcpServer:
         wait = min([timeout, *(max(moment - now, 0.0) for moment in moments if moment is not None)])
         if self._paced and any(moment is not None for moment in moments[1:]):
             wait = min(wait, _SLICE)
-        poll, guest = make_poll(), self._guest
+        poll, guest, door = make_poll(), self._guest, self._door
         poll.register(self._listener.fileno(), READABLE)
+        by_hand = [] if door is None else door.descriptors()
+        for fd in by_hand:
+            poll.register(fd, READABLE)
+        if door is not None and door.is_busy:
+            wait = min(wait, HAND_PERIOD)
         if guest is not None:
             poll.register(guest.fileno(), READABLE)
         begun = time.monotonic()
         ready = {fd for fd, _ in poll.poll(wait * 1000.0)}
         arrived = self._arrivals.since(begun, wait, time.monotonic())
+        if door is not None and (door.is_busy or not ready.isdisjoint(by_hand)):
+            door.step(time.monotonic())
         try:
             called = self._listener.fileno() in ready
             if guest is not None and guest.fileno() in ready:
@@ -131,6 +156,7 @@ def serve_tcp(
     *,
     baud: int = 0,
     reset_on_open: bool = False,
+    hands: Hands | None = None,
     stop: Callable[[], bool],
     announce: Callable[[str], None],
 ) -> None:
@@ -138,14 +164,15 @@ def serve_tcp(
 
     Args:
         device: As in `TcpServer`.
-        host: Likewise.
-        port: Likewise.
-        baud: Likewise.
-        reset_on_open: Likewise.
+        host: As in `TcpServer`.
+        port: As in `TcpServer`.
+        baud: As in `TcpServer`.
+        reset_on_open: As in `TcpServer`.
+        hands: As in `TcpServer`.
         stop: Called at least every quarter of a second; True ends it.
         announce: Called with the address once the port is open.
     """
-    server = TcpServer(device, host, port, baud=baud, reset_on_open=reset_on_open)
+    server = TcpServer(device, host, port, baud=baud, reset_on_open=reset_on_open, hands=hands)
     try:
         announce(server.open())
         while not stop():

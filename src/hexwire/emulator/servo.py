@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
+from functools import lru_cache
 
 from hexwire.errors import RemoteProtocolError, UsageError
 from hexwire.wire.registers import Series
@@ -46,6 +47,9 @@ _CALIBRATE_MID = 128
 _PRESSES = 12
 """Counts from where a shaft stands to a goal that presses on what blocks it; a servo that holds is closer."""
 _NAMES = {code: name for name, code in INSTRUCTIONS.items()}
+_METHODS = {code: f"_do_{name.lower()}" for code, name in _NAMES.items()}
+# All servos of a bus parse the same packet.
+_rows_of = lru_cache(maxsize=64)(parse_sync_write)
 
 
 class EmulatedServo:
@@ -114,6 +118,8 @@ class EmulatedServo:
         self._pending: tuple[int, bytes] | None = None
         self._shown: tuple[object, ...] | None = ()
         self._goal = control.goal_name(series)
+        # Every servo of a bus compares its id with that of every request.
+        self._live, self._id_at = self.registers.live, self.registers.rows["id"].address
         # Kept here because each request asks for them: looking up a member of an enum is slow.
         self._baud_codes, self._instructions = series.baud_codes, series.instructions
         self._is_legacy = series is Series.SEVEN_BOT
@@ -125,7 +131,7 @@ class EmulatedServo:
     @property
     def servo_id(self) -> int:
         """The id it answers to now."""
-        return self.registers.get("id")
+        return self._live[self._id_at]
 
     @property
     def baud(self) -> int:
@@ -167,17 +173,19 @@ class EmulatedServo:
         until = int(now / TICK + 1e-6)
         motion, protection = self.motion, self.protection
         stall = motion.mechanics.stall_current
-        while self._tick < until:
+        advance, tick = protection.advance, self._tick
+        while tick < until:
             count = 1
             if motion.settled:
                 push = abs(motion.torque)
-                count = min(until - self._tick, protection.horizon(self._tick, push, push * stall))
+                count = min(until - tick, protection.horizon(tick, push, push * stall))
             else:
                 motion.tick()
                 push = abs(motion.torque)
-            if protection.advance(self._tick, count, push, push * stall, self._supply):
+            if advance(tick, count, push, push * stall, self._supply):
                 self._drive()
-            self._tick += count
+            tick += count
+            self._tick = tick
 
     def power_cycle(self, now: float, silent: float = 0.0) -> None:
         """Interrupt the supply: RAM is lost, the shaft stays, the servo answers again after `silent` seconds."""
@@ -200,7 +208,7 @@ class EmulatedServo:
     def is_addressed(self, packet: ServoPacket) -> bool:
         """Whether a request is for this servo, alone or among others."""
         asked = packet.servo_id
-        if asked == BROADCAST_ID or asked == self.registers.get("id"):
+        if asked == BROADCAST_ID or asked == self._live[self._id_at]:
             return True
         # Zero means no second id.
         return bool(self._is_hls and asked and asked == self.registers.get("secondary_id"))
@@ -214,17 +222,17 @@ class EmulatedServo:
         if not self.is_addressed(packet):
             # Nothing changes; the servo catches up in time at its next request or step.
             return None
-        own = self.servo_id
+        own = self._live[self._id_at]
         broadcast = packet.servo_id == BROADCAST_ID
         self.step(now)
         instruction = _NAMES.get(packet.instruction)
         if self._tick < self._silent_until or instruction not in self._instructions:
             return None
         if packet.servo_id == own or broadcast:
-            status: bytes | None = getattr(self, f"_do_{instruction.lower()}")(packet, own)
+            status: bytes | None = getattr(self, _METHODS[packet.instruction])(packet, own)
             return None if broadcast and instruction not in ("PING", "SYNC_READ") else status
         if instruction in ("WRITE", "REG_WRITE"):
-            getattr(self, f"_do_{instruction.lower()}")(packet, own)
+            getattr(self, _METHODS[packet.instruction])(packet, own)
         return None
 
     def _status(self, servo_id: int, params: bytes = b"") -> bytes:
@@ -308,7 +316,7 @@ class EmulatedServo:
 
     def _do_sync_write(self, packet: ServoPacket, own: int) -> bytes | None:
         try:
-            address, rows = parse_sync_write(packet)
+            address, rows = _rows_of(packet)
         except RemoteProtocolError:
             return None
         for servo_id, data in rows:

@@ -244,7 +244,11 @@ class Motion:
                 wanted = math.copysign(min(self._speed, slowing, distance / TICK), error)
         else:
             wanted = self._speed
-        change = max(-step, min(step, wanted - velocity))
+        change = wanted - velocity
+        if change > step:
+            change = step
+        elif change < -step:
+            change = -step
         heading = velocity or change
         friction = math.copysign(self.mechanics.friction, heading) if heading else 0.0
         need = change / TICK / self.mechanics.full_acceleration + friction - outside
@@ -278,6 +282,9 @@ class Motion:
             low = stops[0] if low is None else max(low, stops[0])
             high = stops[1] if high is None else min(high, stops[1])
         self.blocked = False
+        if (low is None or after > low) and (high is None or after < high):
+            self.position = after
+            return
         for bound, sign in ((low, -1.0), (high, 1.0)):
             # A shaft that presses against the bound counts as blocked too.
             if bound is not None and (after - bound) * sign >= 0 and self.velocity * sign > 0:

@@ -101,16 +101,25 @@ class Protection:
         """
         limits = self.limits
         before = self.status
-        self._overload = self._overload + count if torque >= limits.overload_torque else 0
-        self._current = self._current + count if current > limits.current else 0
-        if self._overload >= limits.overload_ticks:
-            self.status |= OVERLOAD
-        if self._current >= limits.current_ticks:
-            self.status |= CURRENT
+        if torque >= limits.overload_torque:
+            self._overload += count
+            if self._overload >= limits.overload_ticks:
+                self.status |= OVERLOAD
+        else:
+            self._overload = 0
+        if current > limits.current:
+            self._current += count
+            if self._current >= limits.current_ticks:
+                self.status |= CURRENT
+        else:
+            self._current = 0
         self._heat += count * int(torque * 1000) ** 2
         if (tick + count) % THERMAL_TICKS == 0:
             self._warm()
-        self.sense(volts)
+        low, high = limits.voltage
+        # A moving servo comes here each tick, and most of them have nothing to report.
+        if self.status or self.forced or not low <= volts <= high or self.temperature > limits.temperature:
+            self.sense(volts)
         return self.status != before
 
     def sense(self, volts: float) -> None:

@@ -66,13 +66,16 @@ class RegisterFile:
         self.series = series
         self.rows = series.registers
         self.firmware = firmware or FIRMWARE.get(series, (0, 0))
-        self._live = bytearray(256)
+        self.live = bytearray(256)
+        """Its bytes now: to be read; `put` and `write` change them."""
         self._stored = bytearray(256)
         self._has_lock = "lock" in self.rows
         self.version = 0
         """Incremented whenever a live value may have changed."""
-        # Addresses of unsigned registers of one byte: most are, and they are read and written very often.
+        # Registers are read and written very often. Addresses of those of one byte without a sign, which most are:
         self._plain = {r.name: r.address for r in self.rows.values() if r.size == 1 and r.sign_bit is None}
+        # Addresses of the low and the high byte of those of two, and the sign's place in the value, or 0.
+        self._words = {r.name: _word(r) for r in self.rows.values() if r.size == 2}
         # Owner of each address, so that a write finds its registers without a search.
         self._owner: list[Register | None] = [None] * 256
         for row in self.rows.values():
@@ -91,7 +94,7 @@ class RegisterFile:
             self.put(name, value)
         for name, value in (settings or {}).items():
             self.put(name, value)
-        self._stored[:] = self._live
+        self._stored[:] = self.live
         self.power_up()
 
     def power_up(self) -> None:
@@ -103,7 +106,7 @@ class RegisterFile:
                 self.put(row.name, assumed.get(row.name, row.default or 0))
             else:
                 span = slice(row.address, row.address + row.size)
-                self._live[span] = self._stored[span]
+                self.live[span] = self._stored[span]
         for name, source in _COPIES[self.series].items():
             self.put(name, self.get(source))
 
@@ -117,9 +120,17 @@ class RegisterFile:
         """Live value, signed."""
         at = self._plain.get(name)
         if at is not None:
-            return self._live[at]
+            return self.live[at]
+        word = self._words.get(name)
+        if word is not None:
+            low, high, sign = word
+            value = self.live[low] | self.live[high] << 8
+            if not sign:
+                return value
+            magnitude = value & (sign - 1)
+            return -magnitude if value & sign else magnitude
         row = self.rows[name]
-        return row.decode(bytes(self._live[row.address : row.address + row.size]))
+        return row.decode(bytes(self.live[row.address : row.address + row.size]))
 
     def stored(self, name: str) -> int:
         """Value that the next power-up restores, signed."""
@@ -131,12 +142,22 @@ class RegisterFile:
         self.version += 1
         at = self._plain.get(name)
         if at is not None:
-            self._live[at] = max(0, min(255, value))
+            self.live[at] = 0 if value < 0 else 255 if value > 255 else value
+            return
+        word = self._words.get(name)
+        if word is not None:
+            low, high, sign = word
+            most = sign - 1 if sign else 0xFFFF
+            if value < 0:
+                value = min(-value, most) | sign if sign else 0
+            elif value > most:
+                value = most
+            self.live[low], self.live[high] = value & 0xFF, value >> 8
             return
         row = self.rows[name]
         fits = row.fits
         clipped = max(fits[0], min(fits[-1], value))
-        self._live[row.address : row.address + row.size] = row.encode(clipped)
+        self.live[row.address : row.address + row.size] = row.encode(clipped)
 
     def put_stored(self, name: str, value: int) -> None:
         """Set a value from inside the servo and store it, whatever the lock says."""
@@ -145,18 +166,18 @@ class RegisterFile:
 
     def read(self, address: int, count: int) -> bytes:
         """Live bytes; fewer than asked for if they run past address 255."""
-        return bytes(self._live[address : address + count])
+        return bytes(self.live[address : address + count])
 
     def write(self, address: int, data: bytes) -> set[str]:
         """Write from the bus; returns the names of the registers it touched, changed or not."""
         self.version += 1
         locked = self._has_lock and bool(self.get("lock"))
-        before = bytes(self._live)
+        before = bytes(self.live)
         touched: dict[str, Register] = {}
         for at, byte in enumerate(data, address):
             row = self._owner[at] if at < 256 else None
             if row is not None and row.access == "rw":
-                self._live[at] = byte
+                self.live[at] = byte
                 touched[row.name] = row
         for row in list(touched.values()):
             value = self.get(row.name)
@@ -165,7 +186,7 @@ class RegisterFile:
             if not low <= value <= high:
                 if row.unit is None:
                     span = slice(row.address, row.address + row.size)
-                    self._live[span] = before[span]
+                    self.live[span] = before[span]
                     del touched[row.name]
                 else:
                     self.put(row.name, max(low, min(high, value)))
@@ -178,4 +199,10 @@ class RegisterFile:
 
     def _store(self, row: Register) -> None:
         span = slice(row.address, row.address + row.size)
-        self._stored[span] = self._live[span]
+        self._stored[span] = self.live[span]
+
+
+def _word(row: Register) -> tuple[int, int, int]:
+    first, second = row.address, row.address + 1
+    low, high = (second, first) if row.byte_order == "big" else (first, second)
+    return low, high, 0 if row.sign_bit is None else 1 << row.sign_bit

@@ -7,9 +7,10 @@ servos only through `receive`, and no board.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
 
 from hexwire.errors import UsageError
-from hexwire.wire.servo_packet import Instruction, ServoPacket, iter_packets
+from hexwire.wire.servo_packet import BROADCAST_ID, Instruction, ServoPacket, iter_packets
 
 from .faults import FaultPlan
 from .servo import EmulatedServo
@@ -19,6 +20,12 @@ __all__ = ["ServoWire"]
 
 _BITS = 10  # start, eight data, stop
 _SYNC_READ = Instruction.SYNC_READ
+
+
+@lru_cache(maxsize=256)
+def _requests(data: bytes) -> tuple[ServoPacket, ...]:
+    """The packets in some bytes; a board that polls its servos sends the same ones again and again."""
+    return tuple(iter_packets(data))
 
 
 class ServoWire:
@@ -89,7 +96,7 @@ class ServoWire:
         self._power(end)
         heard = bytearray(packet if self.echo else b"")
         if not self.faults.bus_dead(end):
-            for request in iter_packets(self.faults.bus_request(packet)):
+            for request in _requests(self.faults.bus_request(bytes(packet))):
                 answer, end = self._answer(request, end)
                 heard += answer
         self.free_at = end
@@ -110,12 +117,13 @@ class ServoWire:
     def _answer(self, request: ServoPacket, now: float) -> tuple[bytes, float]:
         """All answers to one request that ended at `now`."""
         replies: list[tuple[int, bytes, float]] = []
-        faultless = not self.faults.faults
+        # A faulty servo may babble at a request that is for another one.
+        told_apart = not self.faults.faults and request.servo_id != BROADCAST_ID
         baud = self.baud
         for servo in self.servos:
-            if faultless and not servo.is_addressed(request):
+            if told_apart and not servo.is_addressed(request):
                 continue
-            if baud and not same_rate(servo.baud, baud):
+            if baud and (rate := servo.baud) != baud and not same_rate(rate, baud):
                 continue
             # A servo answers with the id it had before the request: a write may change it.
             servo_id = servo.servo_id

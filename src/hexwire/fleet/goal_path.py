@@ -13,7 +13,7 @@ from hexwire.control.goals import MAX_POINTS
 from hexwire.control.outcomes import Outcome, Reason
 from hexwire.drivers.timed_path import PathReport, PathStart, PathState, TimedPath, TimedPoint
 from hexwire.errors import GoalError, UsageError
-from hexwire.motion.waypoints import Spline, Waypoint
+from hexwire.motion.trajectory import Spline, Waypoint
 
 from . import messages as m
 

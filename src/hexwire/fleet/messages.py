@@ -161,6 +161,8 @@ class Write(_Message, tag=1):
     names: _Names
     position: _Floats
     duration: float
+    # Clients of an older version do not send this.
+    guided: bool = False
 
 
 class Torque(_Message, tag=2):
@@ -195,8 +197,8 @@ class Follow(_Message, tag=6):
         names: Its joints.
         times: Seconds from the start, rising.
         positions: Radians, one row of joints after the other.
-        velocities: Likewise; empty for none.
-        accelerations: Likewise.
+        velocities: Radians per second, in the same order; empty for none.
+        accelerations: Radians per second squared, in the same order; empty for none.
         start: Owner's monotonic clock at the start, as the client estimates it, seconds.
         check: Only check the path, from its own first point; the answer has its duration.
         confirm: It begins only if a `Confirm` comes in time.
@@ -305,6 +307,7 @@ class Joint(_Message, tag=1):
     # Servers of an older version do not send these.
     max_acceleration: float = MAX_ACCELERATION
     max_jerk: float = MAX_JERK
+    free_speed: float = 0.0
 
 
 class Facts(_Message, tag=2):

@@ -10,6 +10,7 @@ machine both ends show certificates of the lab's authority (TLS).
 from __future__ import annotations
 
 import json
+import os
 import re
 from dataclasses import dataclass
 from typing import Any
@@ -62,6 +63,9 @@ _RETRY = {"period_init_ms": 250, "period_max_ms": 1000, "period_increase_factor"
 _STUCK = 0.25
 """Seconds for which an answer waits for a program that takes nothing; then its connection is closed. Behind such
 answers the questions of others wait, even a stop: 5 s by Zenoh's own limit, each time."""
+_THREADS = "(rx: (worker_threads: 1), app: (handover: net), acc: (handover: net), tx: (handover: net))"
+"""Zenoh's threads in a program that passes nothing on: one that receives, and one for all else, which goes on while
+the first one waits for a slow program. By itself Zenoh has six, and a message wakes up three of them."""
 _MOST_SESSIONS = 10_000
 """Programs that may be connected to a router; Zenoh's own limit is 1000."""
 
@@ -125,6 +129,9 @@ class Network:
         """
         zenoh = load_zenoh()
         zenoh.init_log_from_env_or("off")
+        if not self.router:
+            # Zenoh reads it once, when it starts its first thread.
+            os.environ.setdefault("ZENOH_RUNTIME", _THREADS)
         if self.files is not None:
             check_usable(self.files)
         config = zenoh.Config()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import queue
 import threading
 import time
 import weakref
@@ -18,7 +19,7 @@ from hexwire.errors import LinkClosedError, NotSupportedError
 
 from .names import HERE
 
-__all__ = ["Inbox", "NoAnswerError", "Node", "Pending", "Question", "load_zenoh"]
+__all__ = ["Inbox", "NoAnswerError", "Node", "Pending", "Publisher", "Question", "load_zenoh"]
 
 _log = logging.getLogger(__name__)
 
@@ -28,6 +29,8 @@ _RECEIVING = 1.0
 
 _WAITING = 64
 """Most samples that wait in an inbox."""
+_ASKED = 10_000
+"""Most questions that wait in a lane; there is no answer to more of them."""
 
 
 def load_zenoh() -> Any:
@@ -144,6 +147,35 @@ class Inbox:
         self._wake(b"")
 
 
+class Publisher:
+    """Publishes payloads under a key when it is called with them.
+
+    Args:
+        publisher: Zenoh's.
+        zenoh: Its module.
+
+    Attributes:
+        is_wanted: Whether somebody subscribes.
+    """
+
+    def __init__(self, publisher: Any, zenoh: Any) -> None:
+        self._publisher, self._closed = publisher, zenoh.ZError
+        self.is_wanted = False
+        # To ask for each payload would take as long as to publish it.
+        publisher.declare_matching_listener(zenoh.handlers.Callback(self._on_change, indirect=False))
+        if publisher.matching_status.matching:
+            self.is_wanted = True
+
+    def _on_change(self, status: Any) -> None:
+        self.is_wanted = status.matching
+
+    def __call__(self, payload: bytes) -> None:
+        try:
+            self._publisher.put(payload)
+        except self._closed:
+            _log.debug("the session is closed; nothing is published")
+
+
 class Node:
     """An open session. Any thread may call its methods.
 
@@ -158,8 +190,9 @@ class Node:
         self._session = session
         self._zenoh = load_zenoh()
         self._receivers: list[threading.Thread] = []
+        self._lanes: dict[str, queue.SimpleQueue[_Asked]] = {}
         # Also when a program ends without closing it.
-        self._closing = weakref.finalize(self, _close, session, self._zenoh.ZError, self._receivers)
+        self._closing = weakref.finalize(self, _close, session, self._zenoh.ZError, self._receivers, self._lanes)
 
     @property
     def is_closed(self) -> bool:
@@ -197,7 +230,7 @@ class Node:
         """Answer `ask_neighbours` of those who connect to this program."""
         key = HERE.replace("*", str(self._session.info.zid()))
 
-        self.answer(key, lambda question: question.reply(b""))
+        self.answer(key, lambda question: question.reply(b""), lane="questions")
 
     @property
     def routers(self) -> int:
@@ -269,9 +302,46 @@ class Node:
                 querier.undeclare()
         return False
 
-    def answer(self, key: str, on_question: Callable[[Question], object]) -> None:
-        """Answer questions; `on_question` gets each in a thread of Zenoh's, and must not wait."""
-        self._session.declare_queryable(key, lambda query: on_question(Question(key, query)), complete=True)
+    def answer(
+        self,
+        key: str,
+        on_question: Callable[[Question], object],
+        *,
+        lane: str = "",
+        at_once: Callable[[Question], bool] = lambda question: False,
+    ) -> None:
+        """Answer questions.
+
+        Args:
+            key: Where.
+            on_question: Called with each in a thread of its lane, and may wait for the program that asks.
+            lane: The keys of a lane share a thread; by default each key has its own.
+            at_once: Called before, in Zenoh's thread, while nothing else arrives: it must neither wait nor answer.
+                If it returns True, it has taken the question.
+        """
+        waiting = self._lane(lane or key)
+
+        def arrived(query: Any) -> None:
+            question = Question(key, query)
+            try:
+                if at_once(question):
+                    return
+            except Exception:  # noqa: BLE001  # logged; `on_question` may find another answer
+                _log.exception("a question at %s failed", key)
+            if waiting.qsize() < _ASKED:
+                waiting.put((on_question, question))
+
+        handler = self._zenoh.handlers.Callback(arrived, indirect=False)
+        self._session.declare_queryable(key, handler, complete=True)
+
+    def _lane(self, name: str) -> queue.SimpleQueue[_Asked]:
+        """The questions of a lane that wait for its thread."""
+        if name not in self._lanes:
+            waiting = self._lanes[name] = queue.SimpleQueue()
+            thread = threading.Thread(target=_answer_each, args=(waiting,), name=f"answer {name}", daemon=True)
+            self._receivers.append(thread)
+            thread.start()
+        return self._lanes[name]
 
     def subscribe(self, key: str, on_sample: Callable[[bytes, str], object]) -> Callable[[], None]:
         """Receive published samples in a thread of its own; returns a function that ends it.
@@ -312,8 +382,8 @@ class Node:
         wake = self.publisher(key, allowed_destination=zenoh.Locality.SESSION_LOCAL)
         return Inbox(subscriber, wake, zenoh.ZError)
 
-    def publisher(self, key: str, **options: Any) -> Callable[[bytes], None]:
-        """A function that publishes. A slow receiver never delays it; what cannot be delivered is dropped."""
+    def publisher(self, key: str, **options: Any) -> Publisher:
+        """What publishes under a key. A slow receiver never delays it; what cannot be delivered is dropped."""
         zenoh = self._zenoh
         publisher = self._session.declare_publisher(
             key,
@@ -324,13 +394,7 @@ class Node:
             reliability=zenoh.Reliability.BEST_EFFORT,
         )
 
-        def put(payload: bytes) -> None:
-            try:
-                publisher.put(payload)
-            except zenoh.ZError:
-                _log.debug("the session is closed; nothing is published")
-
-        return put
+        return Publisher(publisher, zenoh)
 
     def announce(self, key: str) -> None:
         """Be visible under a key as long as this session lasts."""
@@ -357,9 +421,29 @@ class Node:
         self._watches = [*getattr(self, "_watches", []), watch]
 
 
-def _close(session: Any, error: type[Exception], receivers: list[threading.Thread]) -> None:
+_Asked = tuple[Callable[[Question], object], Question] | None
+"""Who answers, and what; None ends the lane."""
+
+
+def _answer_each(waiting: queue.SimpleQueue[_Asked]) -> None:
+    while (asked := waiting.get()) is not None:
+        on_question, question = asked
+        try:
+            on_question(question)
+        except Exception:  # noqa: BLE001  # logged; the next question may be right
+            _log.exception("a question failed")
+
+
+def _close(
+    session: Any,
+    error: type[Exception],
+    receivers: list[threading.Thread],
+    lanes: dict[str, queue.SimpleQueue[_Asked]],
+) -> None:
     with contextlib.suppress(error):
         session.close()
+    for waiting in lanes.values():
+        waiting.put(None)
     # A thread that comes back from Zenoh into an interpreter that has ended would abort the program.
     for thread in receivers:
         if thread is not threading.current_thread():

@@ -21,7 +21,7 @@ from hexwire.control.reader import read_known
 from hexwire.control.shared_goals import CONFIRM, HOST
 from hexwire.errors import DeviceError, HexwireError, LeaseError, ServoError, UsageError
 from hexwire.motion.teach import approach
-from hexwire.motion.waypoints import Spline, Trajectory, Waypoint
+from hexwire.motion.trajectory import Spline, Trajectory, Waypoint
 
 from . import messages as m
 from .remote import RemoteRobot

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from hexwire.arguments import FLAG, SECONDS, WHOLE, Wanted, one_of
 from hexwire.drivers.base import RobotDriver
-from hexwire.drivers.values import ProbeReport, StopCause, StopLatch, StopMode
+from hexwire.drivers.values import ProbeReport, StopMode
 from hexwire.errors import (
     HexwireError,
     LeaseError,
@@ -32,8 +32,8 @@ from hexwire.errors import (
     RemoteProtocolError,
     UsageError,
 )
-from hexwire.model.state import JointState, JointTarget, SentTarget
-from hexwire.motion.waypoints import Spline
+from hexwire.model.state import JointState, JointTarget, NewestState, SentTarget
+from hexwire.motion.trajectory import Spline
 from hexwire.system import user_id
 
 from . import messages as m
@@ -158,6 +158,8 @@ class RemoteRobot(RobotDriver):
         self._lost = ""
         self._watchdog, self._watchdog_mode = 0.0, StopMode.HOLD
         self._used = time.monotonic()
+        # When the last order that was done was made.
+        self._ordered = -math.inf
         self._discarded = -math.inf
         self._refused = 0
         self._keeper: threading.Thread | None = None
@@ -390,6 +392,18 @@ class RemoteRobot(RobotDriver):
                 raise LinkLostError(f"{self.url} answers, but its robot sends no states", url=self.url)
         return state
 
+    def newest(self) -> NewestState:
+        """The newest state that has arrived; waits only for the first one. It may be from before the last order.
+
+        Raises:
+            LeaseError: As `read`.
+        """
+        self._use()
+        self._attached()
+        state = self._states.latest()
+        self._check_lease()
+        return super().newest() if state is None else NewestState(state, max(0.0, self.now() - state.stamp))
+
     def stream(self, period: float, timeout: float = 1.0, *, slow: float | None = None) -> Iterator[JointState]:
         """States at this period, or at that of the server if it is longer; `slow` has no effect. See `read`."""
         if not 0 < period < math.inf:
@@ -417,10 +431,13 @@ class RemoteRobot(RobotDriver):
     def _next(self, since: float, patience: float) -> JointState | None:
         self._attached()
         state = self._states.next(since, patience)
+        self._check_lease()
+        return state
+
+    def _check_lease(self) -> None:
         # The arm no longer does what this program believes, and nobody would stop the program otherwise.
         if self._lost and self._watchdog:
             raise LeaseError(self._lost)
-        return state
 
     def _ask_why(self) -> None:
         """Raise the reason why no states arrive: no such arm, no right, or no answer."""
@@ -430,7 +447,7 @@ class RemoteRobot(RobotDriver):
 
     def write(self, target: JointTarget) -> SentTarget:
         names, angles = zip(*target.positions, strict=True)
-        return sent_target(self._order("a move", m.Write(names, angles, target.duration)))
+        return sent_target(self._order("a move", m.Write(names, angles, target.duration, target.guided)))
 
     def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
         names = None if joints is None else tuple(joints)
@@ -474,14 +491,6 @@ class RemoteRobot(RobotDriver):
             self._order("resume", m.Resume(), freeing=True)
             self.epochs.resumed(token)
 
-    def stop_latch(self) -> StopLatch:
-        state = self.read()
-        if not (state.stopped or self.epochs.failed):
-            return StopLatch(StopCause.NONE)
-        if state.watchdog_tripped:
-            return StopLatch(StopCause.WATCHDOG)
-        return StopLatch(StopCause.HERE if self.epochs.stopped else StopCause.ELSEWHERE)
-
     def watchdog(self, timeout: float, mode: StopMode = StopMode.HOLD) -> None:
         """Have the server stop the arm when this program makes no call for `timeout` seconds; 0 disarms it.
 
@@ -518,6 +527,7 @@ class RemoteRobot(RobotDriver):
                 if error.lost:
                     self._lose(error.reason)
                 raise
+            self._ordered = made
             self._states.require(answer.done)
             return answer.value
 
@@ -655,13 +665,16 @@ class RemoteRobot(RobotDriver):
             self._states.refresh()
             lease, now, newest = self._lease, time.monotonic(), self._states.newest
             silence.look(now, self._states.arrived)
-            # Half a step early counts as in time.
-            if now - sent < limit / _BEATS - 0.5 * step:
-                continue
-            sent = now
             # Another server may have another clock: its computer was restarted.
             sender = newest.server if newest is not None else 0
-            if not lease and sender == server and now - measured < self._clock.period(now):
+            compared = sender == server and now - measured < self._clock.period(now)
+            # An order that was done has renewed the lease as well.
+            renewed = max(sent, self._ordered) if compared else sent
+            # Half a step early counts as in time.
+            if now - renewed < limit / _BEATS - 0.5 * step:
+                continue
+            sent = now
+            if not lease and compared:
                 continue
             beat = m.Beat(lease, now - self._used)
             key, message = (self._keys.lease(self._role), beat) if lease else (self._keys.ask, m.Ask("clock"))

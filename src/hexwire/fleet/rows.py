@@ -96,10 +96,11 @@ def arm_model(facts: m.Facts) -> ArmModel:
         numbers = (joint.offset, joint.scale, joint.minimum, joint.maximum)
         most = (joint.max_speed, joint.max_acceleration, joint.max_jerk)
         if not (
-            all(map(math.isfinite, (*numbers, *most)))
+            all(map(math.isfinite, (*numbers, *most, joint.free_speed)))
             and joint.minimum <= joint.maximum
             and joint.scale != 0.0
             and min(most) > 0.0
+            and joint.free_speed >= 0.0
             and joint.sign in (-1, 1)
         ):
             raise RemoteProtocolError(f"not the model of an arm: joint {joint.name} has impossible values")

@@ -12,8 +12,8 @@ from pathlib import Path
 from hexwire.errors import UsageError
 from hexwire.inputs import LARGEST_DATA, read_bytes
 from hexwire.motion.teach import Taught
+from hexwire.motion.trajectory import Spline, Waypoint
 from hexwire.motion.waypoint_file import parse_waypoints
-from hexwire.motion.waypoints import Spline, Waypoint
 from hexwire.trace.recording import arm_of, read_joint_states
 
 __all__ = ["assign", "read_motions"]

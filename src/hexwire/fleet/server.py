@@ -40,10 +40,11 @@ from .trajectories import do_goal_order, goal_row
 
 if TYPE_CHECKING:
     from hexwire.control.shared import SharedArm
+    from hexwire.epochs import Token
     from hexwire.model.state import JointState
 
     from .guard import NameGuard
-    from .node import Node, Question
+    from .node import Node, Publisher, Question
 
 __all__ = ["ArmServer"]
 
@@ -113,7 +114,7 @@ class ArmServer:
         self._ends: deque[tuple[float, int]] = deque(maxlen=_DONE)
         self._counting = threading.Lock()
         self._published = -1.0
-        self._publish: Callable[[bytes], None] = lambda payload: None
+        self._publish: Publisher
         self._publishing = threading.Lock()
         self._ending = threading.Event()
         self._probe: tuple[float, Any] | None = None
@@ -121,7 +122,6 @@ class ArmServer:
         self._stops: dict[StopMode, Gathering[tuple[Question, str]]] = {}
         self._questions: Gathering[tuple[Question, m.Ask]] = Gathering("questions", self._answer_questions)
         self._goals = SharedGoals(shared)
-        self._ticker = threading.Thread(target=self._tick, name="status", daemon=True)
 
     def start(self) -> None:
         """Offer the arm.
@@ -144,14 +144,14 @@ class ArmServer:
         node.watch_visible(keys.alive, self._on_token)
         if self._guard is not None:
             self._guard.watch(self._on_token)
-        node.answer(keys.stop, self._guarded(partial(self._on_stop, StopMode.HOLD)))
-        node.answer(keys.ask, self._guarded(self._on_question))
+        node.answer(keys.stop, self._guarded(partial(self._on_stop, StopMode.HOLD)), lane="stops")
+        node.answer(keys.ask, self._guarded(self._on_question), lane="questions")
         for role in _ROLES:
-            node.answer(keys.lease(role), self._guarded(partial(self._on_lease, role)))
-            node.answer(keys.order(role), self._guarded(partial(self._on_order, role)))
-            node.answer(keys.off(role), self._guarded(partial(self._on_stop, StopMode.TORQUE_OFF)))
+            node.answer(keys.lease(role), self._guarded(partial(self._on_lease, role)), lane="leases")
+            accept, refuse = partial(self._accept_order, role), self._guarded(self._refuse_order)
+            node.answer(keys.order(role), refuse, lane="questions", at_once=accept)
+            node.answer(keys.off(role), self._guarded(partial(self._on_stop, StopMode.TORQUE_OFF)), lane="stops")
         self._owner.observers.append(self._on_state)
-        self._ticker.start()
 
     def close(self) -> None:
         """End the answers; what was accepted is answered first."""
@@ -196,8 +196,9 @@ class ArmServer:
     def _on_state(self, state: JointState) -> None:
         self._send(state)
 
-    def _tick(self) -> None:
-        while not self._ending.wait(_STATUS):
+    def tell_until(self, ending: threading.Event) -> None:
+        """Wait for the end, and send messages while no states come."""
+        while not ending.wait(_STATUS):
             if self._shared.now() - self._published >= _STATUS:
                 # No states: the robot is lost, or a long request occupies its line.
                 self._send(None)
@@ -206,7 +207,9 @@ class ArmServer:
         with self._publishing:
             self._sequence += 1
             self._published = self._shared.now()
-            self._publish(m.encode(self._message(state)))
+            # Without readers, of which an arm at rest may have none, its states cost nothing more.
+            if self._publish.is_wanted:
+                self._publish(m.encode(self._message(state)))
 
     def _message(self, state: JointState | None) -> m.State:
         shared, owner = self._shared, self._owner
@@ -268,7 +271,7 @@ class ArmServer:
             self._ends.append((self._shared.now(), self._done))
 
     # -- what arrives -----------------------------------------------------------------------------------
-    # Called in threads of Zenoh's, which must not wait.
+    # Called in threads that must not wait for the arm.
 
     def _guarded(self, on_query: Callable[[Question], object]) -> Callable[[Question], None]:
         """So that a mistake in this program is answered and logged; Zenoh would only print it."""
@@ -346,29 +349,35 @@ class ArmServer:
         else:
             self._queue("leases", query, lambda: self._leave(request))
 
-    def _on_order(self, role: Role, query: Question) -> None:
-        from hexwire.control.shared import Order
+    def _accept_order(self, role: Role, query: Question) -> bool:
+        """Queue an order of the holder. Others do not fill its queue; undecoded, what is long costs as little."""
+        payload = query.payload
+        if not self._is_holder(payload):
+            return False
+        arrived = self._robot.epochs.mark()
+        return self._workers["orders"].put(
+            lambda: self._answer([query], lambda: self._do_order(role, payload, arrived))
+        )
 
+    def _is_holder(self, payload: bytes) -> bool:
         try:
-            payload = query.payload
             key, holder = m.lease_key(payload), self._shared.holder
-            if holder is None or holder.key != key:
-                # At once, so that a client without the lease cannot fill the queue of its holder; and undecoded,
-                # so that it costs as little if it is long.
-                self._refuse(query, self._shared.refusal(key))
-                return
-            envelope = m.decode(payload, m.Envelope)
-        except RemoteProtocolError as error:
+        except RemoteProtocolError:
+            return False
+        return holder is not None and holder.key == key
+
+    def _refuse_order(self, query: Question) -> None:
+        payload = query.payload
+        if self._is_holder(payload):
+            # More of its orders wait than there is room for; or it has just got the lease.
+            self._refuse_busy(query)
+            return
+        try:
+            error: HexwireError = self._shared.refusal(m.lease_key(payload))
+        except RemoteProtocolError as wrong:
             self.refused += 1
-            self._refuse(query, error)
-            return
-        order = Order(envelope.key, envelope.sequence, self._robot.epochs.mark())
-        if isinstance(envelope.order, m.Write):
-            order.made, order.doubt = envelope.made, envelope.doubt
-        if isinstance(envelope.order, m.Ioctl) and role < Role.MAINTAINER:
-            self._refuse(query, LeaseError("servo settings and firmware need the role maintainer", lost=False))
-            return
-        self._queue("orders", query, lambda: self._do(order, envelope))
+            error = wrong
+        self._refuse(query, error)
 
     def _parse(self, query: Question, kind: Any) -> Any:
         """The message of a query; None if it is not one, which was answered then."""
@@ -430,14 +439,22 @@ class ArmServer:
     def _leave(self, request: m.Leave) -> None:
         self._shared.leave(request.key, finish=request.finish)
 
-    def _do(self, order: Any, envelope: m.Envelope) -> object:
-        shared, what = self._shared, envelope.order
+    def _do_order(self, role: Role, payload: bytes, arrived: Token) -> object:
+        from hexwire.control.shared import Order
+
+        try:
+            envelope = m.decode(payload, m.Envelope)
+        except RemoteProtocolError:
+            self.refused += 1
+            raise
+        order, shared, what = Order(envelope.key, envelope.sequence, arrived), self._shared, envelope.order
         value: object = None
         if isinstance(what, m.Write):
+            order.made, order.doubt = envelope.made, envelope.doubt
             if len(what.names) != len(what.position):
                 raise UsageError("a target needs one position for each joint")
             positions = tuple(zip(what.names, what.position, strict=True))
-            sent = shared.write(order, JointTarget(positions, what.duration))
+            sent = shared.write(order, JointTarget(positions, what.duration, guided=what.guided))
             value = [
                 [name for name, _ in sent.positions],
                 [angle for _, angle in sent.positions],
@@ -453,6 +470,8 @@ class ArmServer:
             shared.watchdog(order, what.timeout, _mode(what.mode))
         elif isinstance(what, m.Follow | m.Confirm | m.Cancel):
             value = do_goal_order(self._goals, order, what)
+        elif role < Role.MAINTAINER:
+            raise LeaseError("servo settings and firmware need the role maintainer", lost=False)
         else:
             value = shared.ioctl(order, what.sub_cmd, what.data)
         self._count()

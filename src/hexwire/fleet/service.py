@@ -86,7 +86,8 @@ class _Served:
         try:
             with self._running(started):
                 self.is_shared = True
-                self._ending.wait()
+                assert self.server is not None
+                self.server.tell_until(self._ending)
         except HexwireError as error:
             # An interrupted start is no failure.
             if not self._ending.is_set():

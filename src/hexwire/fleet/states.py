@@ -72,6 +72,8 @@ class ArrivedStates:
     ) -> None:
         self.newest: m.State | None = None
         self.arrived = -math.inf
+        # The newest that tells of joints, or why there are none, and when it was taken.
+        self._telling: tuple[m.State, float] | None = None
         self.seen = self.lost = self.damaged = 0
         self._url, self._clock, self._inbox, self._now = url, clock, inbox, now
         self._done = 0
@@ -122,7 +124,7 @@ class ArrivedStates:
             # A new server restarts its count, and may use another clock.
             self._former.pop(state.server, None)
             self._former = dict.fromkeys([*self._former, before.server][-_SERVERS:])
-            self._done = 0
+            self._done, self._telling = 0, None
         elif before is not None:
             if state.sequence <= before.sequence:
                 # A newer one overtook it, or it arrived by two routes.
@@ -130,6 +132,9 @@ class ArrivedStates:
             self.lost += state.sequence - before.sequence - 1
         self.seen += 1
         self.newest, self.arrived = state, arrived
+        # One without joints and error only says that the server runs and its robot is busy.
+        if state.names or state.error:
+            self._telling = state, arrived
 
     def require(self, done: int) -> None:
         """Ignore states from before an order was done.
@@ -161,6 +166,14 @@ class ArrivedStates:
         if self._inbox is not None:
             self._inbox.wake()
 
+    def latest(self) -> JointState | None:
+        """The newest state, without waiting for one; None if none has arrived yet. Raises as `next`."""
+        self.refresh()
+        with self._changed:
+            if self._closed:
+                raise self._detached()
+            return None if self._telling is None else self._as_joint_state(*self._telling)
+
     def next(self, since: float, patience: float) -> JointState | None:
         """Wait for the first state that arrives after a time.
 
@@ -180,7 +193,6 @@ class ArrivedStates:
                 if self._closed:
                     break
                 state = self.newest
-                # A state without joints and error only says that the server runs and its robot is busy.
                 tells = state is not None and (state.names or state.error) and state.done >= self._done
                 if state is not None and tells and self.arrived > since:
                     return self._as_joint_state(state, self.arrived)
@@ -191,7 +203,10 @@ class ArrivedStates:
                     self._changed.wait(left)
                     continue
             self._receive(deadline)
-        raise LinkLostError(f"{self._url} was detached", url=self._url)
+        raise self._detached()
+
+    def _detached(self) -> LinkLostError:
+        return LinkLostError(f"{self._url} was detached", url=self._url)
 
     def _is_receiving(self) -> bool:
         """Whether another thread receives."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from hexwire.control.goals import Point, TrajectoryGoal
 from hexwire.control.shared_goals import GoalReport, SharedGoals
 from hexwire.errors import UsageError
-from hexwire.motion.waypoints import Spline
+from hexwire.motion.trajectory import Spline
 
 from . import messages as m
 

@@ -12,9 +12,11 @@ the origin of the stop: `epochs` decides which calls are affected.
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple, TypeVar
@@ -72,6 +74,8 @@ _OBEYED = frozenset((Status.OK, Status.SERVO_SILENT, Status.SERVO_FAULT))
 _HANDLE = Wanted("an IpcHandle, as in IpcHandle.from_url(...)", lambda value: isinstance(value, IpcHandle))
 _LOOK = 1.0
 """Seconds after which a wait checks again: a signal handler may have cancelled its request."""
+_SILENT_LONG = 1.5
+"""Seconds without an answer after which whoever waits is told; a request that is under way may end before."""
 _KEPT_RTTS = 8192
 _VOIDED = 3
 """How often a read is repeated after a stop or the watchdog has cancelled it on the board."""
@@ -290,7 +294,12 @@ class Session(Openable):
             negotiator = Negotiator(
                 self.connection, self.now(), boot_window=boot_window, ping_ids=ping_ids, dialect=dialect, look=look
             )
+            silent_long = self.now() + _SILENT_LONG if look else math.inf
             while negotiator.outcome is None:
+                if self.now() >= silent_long:
+                    silent_long = math.inf
+                    if hint := negotiator.hint(self.ipc.link.url, self.now()):
+                        _log.warning(hint)
                 if negotiator.paused:
                     self._look_for_servos()
                     wrong = find_robot(self.ipc.link, self.connection.remote, pings=dialect == tables.PROTO_HEXWIRE)
@@ -604,12 +613,15 @@ class Session(Openable):
         check("reply", "body", DATA, body)
         check("reply", "status", _STATUS, status)
         self.ipc.check_sends("a reply")
-        with self._turn.taken():
+
+        def answer() -> None:
             if request.frame.proto == tables.PROTO_CHAPTER:
                 self.connection.reply_dialect1(body, self.now(), dst=request.frame.src)
             else:
                 self.connection.reply(request, status, body, self.now())
             self._write()
+
+        self._turn.run(answer, self.ipc.link.wake)
 
     def report(self, cmd: int, body: bytes = b"") -> None:
         """Send a frame unasked; `stream` of the other end yields it.
@@ -620,10 +632,13 @@ class Session(Openable):
             ConfigError: The channel only receives.
         """
         self._check_request("report", cmd, body)
-        with self._turn.taken():
+
+        def tell() -> None:
             self._check_spoken()
             self.connection.report(cmd, body, self.now())
             self._write()
+
+        self._turn.run(tell, self.ipc.link.wake)
 
     def _check_spoken(self) -> None:
         """Over datagrams a server knows its peer only when that one has spoken."""
@@ -662,7 +677,11 @@ class Session(Openable):
         deadline = None if timeout is None else self.now() + timeout
         looked = False
         while True:
-            alone = self._turn.begin_listening(self.ipc.link.wake)
+            alone = self._turn.begin_listening(self.ipc.link.wake, queue.__len__)
+            if alone is None:
+                with suppress(IndexError):
+                    return queue.popleft()
+                continue
             try:
                 # A stop or a request goes first; reading can continue after it without loss.
                 while not (self._turn.urgent_waiting or (alone and self._turn.waiting)):
@@ -718,6 +737,7 @@ class Session(Openable):
                     raise PreemptedError(_PREEMPTED.format(command_name(cmd)))
                 if self.connection is not connection:
                     raise LinkLostError(f"{self.ipc.link.url} was lost and opened again", url=self.ipc.link.url)
+                self._turn.run_jobs()
                 self._step(self._now() + _LOOK, token)
         except BaseException as error:
             left = connection.abandon(ticket)

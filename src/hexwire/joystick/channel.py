@@ -209,6 +209,5 @@ class JoystickReceiver(Openable):
             local=int(ipc.module),
             remote=int(ipc.destination),
             type=int(ipc.type),
-            max_frame=tables.MAX_SERIAL_FRAME,
             numbers=random_number if ipc.keeps_messages else None,
         )

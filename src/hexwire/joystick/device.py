@@ -12,6 +12,7 @@ import struct
 import sys
 from abc import abstractmethod
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,7 @@ _MOST = 32
 # linux/joystick.h
 _EVENT = struct.Struct("<IhBB")
 _BUTTON, _AXIS, _INIT = 0x01, 0x02, 0x80
-_GET_AXES, _GET_BUTTONS = 0x80016A11, 0x80016A12
+_GET_AXES = 0x80016A11
 _FULL = 32767
 # linux/input-event-codes.h
 _EV_SYN, _EV_KEY, _EV_ABS, _SYN_DROPPED = 0x00, 0x01, 0x03, 3
@@ -119,19 +120,25 @@ class JsJoystick(JoystickDevice):
     def open(self) -> None:
         if sys.platform != "linux":
             raise UsageError("joysticks are read on Linux only; there, 'hexwire joystick send' sends one")
+        import fcntl
+
         try:
             self._fd = os.open(self.path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         except OSError as error:
             raise _explain(error, self.path) from error
-        self._rest = b""
         self._buttons = 0
-        # The kernel sends the complete state first; the counts give the number of axes before that.
-        self._axes = [0.0] * min(self._count(_GET_AXES), _MOST)
+        # The kernel sends the complete state first; before that, only the number of axes is known.
+        count = bytearray(1)
+        # Something that only has the format, such as a pipe, has no number.
+        with suppress(OSError):
+            fcntl.ioctl(self._fd, _GET_AXES, count)
+        self._axes = [0.0] * min(count[0], _MOST)
 
     def close(self) -> None:
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1
+            self._rest = b""
 
     def fileno(self) -> int:
         return self._fd
@@ -148,18 +155,6 @@ class JsJoystick(JoystickDevice):
                 self._set_axis(number, value / _FULL)
             elif kind & ~_INIT == _BUTTON:
                 self._set_button(number, bool(value))
-
-    def _count(self, request: int) -> int:
-        answer = bytearray(1)
-        if sys.platform != "linux":
-            return 0
-        import fcntl
-
-        try:
-            fcntl.ioctl(self._fd, request, answer)
-        except OSError:
-            return 0  # something that only has the format, such as a pipe
-        return answer[0]
 
 
 class EvdevJoystick(JoystickDevice):

@@ -2,12 +2,12 @@
 
 A line has two queues: the client writes ``/name.tx`` and reads ``/name.rx``, the server does the reverse. A server
 may have further lines for further clients, ``/name+2.tx`` and so on: a client takes the first that is free. Owns
-their names, the system's limits, and the search for abandoned queues; nothing is removed unless requested. Must not
-know what the bytes mean.
+their names, the system's limits, and the search for abandoned queues. Must not know what the bytes mean.
 
-A queue outlives the programs that use it. Messages that wait in it when an end opens it are old, perhaps meant for
-another program, so they are dropped. Another user may have created it and could read and write its traffic: a queue
-must belong to this user, or to a user trusted by name, and be closed to all others.
+A queue outlives the programs that use it: a server removes its own when it closes, unless a client still has them
+open, which would wait for the next server in vain. Messages that wait in it when an end opens it are old, perhaps
+meant for another program, so they are dropped. Another user may have created it and could read and write its
+traffic: a queue must belong to this user, or to a user trusted by name, and be closed to all others.
 """
 
 from __future__ import annotations
@@ -54,6 +54,7 @@ FURTHER_DEPTH = 3
 _NAME = re.compile(r"/?[A-Za-z0-9_.-]{1,200}")
 _INSTANT = 0.002
 """Seconds after which a queue that seemed to have an owner is looked at again."""
+_REMEDY = "remove stale ones: rm /dev/mqueue/NAME.* (if it is empty: sudo mount -t mqueue none /dev/mqueue)"
 _SETTINGS = Path("/proc/sys/fs/mqueue")
 _SAID = {"the maximum number of files": errno.EMFILE, "nsufficient space": errno.ENOSPC}
 """Part of an error's text -> its number."""
@@ -70,7 +71,8 @@ class QueueLink(PollLink):
         server: Be the server's end.
         depth: Number of unread messages at which a writer has to wait; an existing queue keeps its own depth.
         size: Longest message in bytes; likewise.
-        unlink: Remove both queues when this end is closed.
+        unlink: Remove both queues when this end is closed; False keeps them. If None, a server removes those of
+            this user, unless a client has them open.
         trust: Users, besides this one, whose queues are accepted; such a queue may be open to a group.
 
     Attributes:
@@ -88,7 +90,7 @@ class QueueLink(PollLink):
         server: bool = False,
         depth: int = DEFAULT_DEPTH,
         size: int = DEFAULT_SIZE,
-        unlink: bool = False,
+        unlink: bool | None = None,
         trust: Sequence[str] = (),
     ) -> None:
         if not _NAME.fullmatch(name):
@@ -117,7 +119,7 @@ class QueueLink(PollLink):
             server=url.choice("role", "client", ("client", "server")) == "server",
             depth=url.integer("depth", DEFAULT_DEPTH, 1, 65536),
             size=url.integer("size", DEFAULT_SIZE, 1, 1 << 24),
-            unlink=url.yes_no("unlink", False),
+            unlink=url.yes_no("unlink", False) if "unlink" in url.query else None,
             trust=[user for user in url.query.get("trust", "").split(",") if user],
         )
 
@@ -158,6 +160,20 @@ class QueueLink(PollLink):
         return False
 
     def _open_line(self, name: str) -> None:
+        self._open_both(name)
+        while any(queue is not None and not os.fstat(queue.mqd).st_nlink for queue in (self._inbox, self._outbox)):
+            # A server has removed them meanwhile.
+            self._drop_both()
+            self._open_both(name)
+        assert self._inbox is not None
+        self.dropped = 0
+        # At most one full queue: a peer that never stops writing must not block this end.
+        with contextlib.suppress(self._full_or_empty):
+            while self.dropped < self._inbox.max_messages:
+                self._inbox.receive()
+                self.dropped += 1
+
+    def _open_both(self, name: str) -> None:
         self._inbox = self._queue(name + (".tx" if self._server else ".rx"), reads=True)
         try:
             # The reader is the owner of a queue; its lock ends with the process, whatever happens to the queue.
@@ -172,12 +188,6 @@ class QueueLink(PollLink):
             ) from error
         self._outbox = self._queue(name + (".rx" if self._server else ".tx"), reads=False)
         self.max_message = self._outbox.max_message_size
-        self.dropped = 0
-        # At most one full queue: a peer that never stops writing must not block this end.
-        with contextlib.suppress(self._full_or_empty):
-            while self.dropped < self._inbox.max_messages:
-                self._inbox.receive()
-                self.dropped += 1
 
     @staticmethod
     def _lock(descriptor: int) -> None:
@@ -256,12 +266,29 @@ class QueueLink(PollLink):
             raise UsageError(f"{self.url}: trust={user}, but there is no such user") from error
 
     def _close(self) -> None:
+        if self._unlink or (self._unlink is None and self._is_over()):
+            for queue in (self._outbox, self._inbox):
+                if queue is not None:
+                    with contextlib.suppress(_posix_ipc().ExistentialError):
+                        queue.unlink()
+        self._drop_both()
+
+    def _is_over(self) -> bool:
+        """Whether a server's queues are of no use any more; the client's is then locked until it is closed."""
+        if not self._server or self._inbox is None or self._outbox is None:
+            return False
+        if any(os.fstat(queue.mqd).st_uid != user_id() for queue in (self._inbox, self._outbox)):
+            return False
+        try:
+            fcntl.flock(self._outbox.mqd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        return True
+
+    def _drop_both(self) -> None:
         for queue in (self._inbox, self._outbox):
             if queue is not None:
                 queue.close()
-                if self._unlink:
-                    with contextlib.suppress(_posix_ipc().ExistentialError):
-                        queue.unlink()
         self._inbox = self._outbox = None
 
     def _fileno(self) -> int:
@@ -301,13 +328,13 @@ class QueueLink(PollLink):
             )
         if number == errno.ENOSPC:
             return LinkError(
-                f"{self.url}: the system's {_setting('queues_max')} queues are all in use; remove stale ones, "
-                "or raise fs.mqueue.queues_max by sysctl",
+                f"{self.url}: the system's {_setting('queues_max')} queues are all in use; raise "
+                f"fs.mqueue.queues_max by sysctl, or {_REMEDY}",
                 url=self.url,
             )
         if number == errno.EMFILE:
             return LinkError(
-                f"{self.url}: this user's memory for queues is used up (ulimit -q); remove stale queues",
+                f"{self.url}: this user's memory for queues is used up (ulimit -q); {_REMEDY}",
                 url=self.url,
             )
         return LinkError(f"{self.url} cannot be opened: {error}", url=self.url)

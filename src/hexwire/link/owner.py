@@ -10,6 +10,8 @@ from pathlib import Path
 
 from hexwire.system import device_number, device_parts
 
+from .port_identity import same_device
+
 __all__ = ["device_owner", "lock_owner"]
 
 
@@ -42,7 +44,7 @@ def device_owner(device: str) -> str:
         return owner
     for process in Path("/proc").glob("[0-9]*"):
         try:
-            if any(device_number(fd.stat()) == device_number(status) for fd in (process / "fd").iterdir()):
+            if any(same_device(fd.stat(), status) for fd in (process / "fd").iterdir()):
                 return _program(process.name)
         except OSError:
             continue  # it has ended, or belongs to another user

@@ -124,12 +124,12 @@ def find_only_board() -> str:
         raise UsageError(f"several likely boards: {_in_words(boards)}; name one with --port")
     if ports:
         raise LinkNotFoundError(
-            f"no likely board among the serial ports: {_in_words(ports)}; plug it in, or name a port with --port "
-            "or HEXWIRE_PORT"
+            f"no likely board among the serial ports: {_in_words(ports)}; plug it in, name a port with --port or "
+            "HEXWIRE_PORT, or take an emulated arm: --port sim://hex7bot"
         )
     raise LinkNotFoundError(
-        "no serial port on this machine; plug the board in, or name a link with --port ('hexwire sim board' prints "
-        "the path of an emulated board)"
+        "no serial port on this machine; plug the board in, name a link with --port or HEXWIRE_PORT, or take an "
+        "emulated arm: --port sim://hex7bot"
     )
 
 

@@ -174,7 +174,7 @@ class SerialLink(PollLink):
             raise self._no_port("is not a serial port")
         # Before anything is set or locked: it may be a terminal in which a program runs.
         identity = self._check_identity()
-        self._claim()
+        self._claim(alone=not identity.terminal)
         self._apply_settings()
         if self._low_latency:
             self._ask_low_latency()
@@ -212,14 +212,19 @@ class SerialLink(PollLink):
 
     # --- opening, step by step --------------------------------------------------------------------
 
-    def _claim(self) -> None:
-        """Keep other programs out: the lock for programs that check it, TIOCEXCL for all others except root."""
+    def _claim(self, *, alone: bool) -> None:
+        """Keep other programs out: the lock for programs that check it, TIOCEXCL for all others except root.
+
+        The second one would outlive this program at a pseudo-terminal, which its other end holds open: no program
+        of an ordinary user could open it again.
+        """
         try:
             fcntl.flock(self._port, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise busy_port(self.device, self.url) from error
-        with contextlib.suppress(OSError):
-            fcntl.ioctl(self._port, termios.TIOCEXCL)
+        if alone:
+            with contextlib.suppress(OSError):
+                fcntl.ioctl(self._port, termios.TIOCEXCL)
 
     def _apply_settings(self) -> None:
         try:

@@ -43,6 +43,9 @@ MAX_DATAGRAM = 8192
 _RECEIVE_BUFFER = 1 << 20
 # Network errors about an earlier datagram when the peer is temporarily absent.
 _AWAY = (errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH, errno.EHOSTDOWN, errno.ETIMEDOUT)
+_SILENCE = 0.3
+"""Seconds without a valid datagram after which another port may be the peer: a program that is run again is one,
+and its first request is tried three times in 0.6 s."""
 Peer = tuple[object, ...]
 """Address and port of a client, as the system gives them."""
 
@@ -210,7 +213,7 @@ class UdpListenLink(_UdpBase):
         port: int = 0,
         *,
         peer: str = "",
-        silence: float = 1.0,
+        silence: float = _SILENCE,
         clock: Callable[[], float] = monotonic,
     ) -> None:
         peer = check_peer(host, port, peer)

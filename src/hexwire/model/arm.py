@@ -39,6 +39,8 @@ class JointModel:
         max_speed: Radians per second.
         max_acceleration: Of planned motion, radians per second squared.
         max_jerk: Of planned motion, radians per second cubed: how fast the acceleration may change.
+        free_speed: Radians per second that its servo reaches without a load, for set-points that follow a hand or a
+            program of which nobody knows what it wants next; 0 for `max_speed`.
     """
 
     name: str
@@ -53,6 +55,12 @@ class JointModel:
     max_speed: float
     max_acceleration: float = MAX_ACCELERATION
     max_jerk: float = MAX_JERK
+    free_speed: float = 0.0
+
+    @property
+    def guided_speed(self) -> float:
+        """Most radians per second of a guided target, see `JointTarget.guided`."""
+        return self.free_speed or self.max_speed
 
     def counts_to_angle(self, counts: float) -> float:
         """Joint angle in radians of a servo position in counts."""

@@ -7,12 +7,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 from hexwire.errors import UsageError
 
 from .arm import ArmModel
 
-__all__ = ["Jaws", "jaws_of"]
+__all__ = ["OPENINGS", "Jaws", "Opening", "jaws_of"]
+
+Opening = float | Literal["open", "close"]
+"""How far a gripper is open: 0 is closed, 1 fully open; or a word."""
+OPENINGS: dict[str, float] = {"open": 1.0, "close": 0.0}
 
 _GRIPPERS = {
     "hex7bot": ("J7", True),

@@ -82,10 +82,11 @@ class Hex7BotModel(KinematicModel):
 
     def from_joints(self, positions: Mapping[str, float]) -> tuple[float, ...]:
         joints = self.arm.joints[:6]
-        missing = [joint.name for joint in joints if joint.name not in positions]
-        if missing:
-            raise UsageError(f"the position of {', '.join(missing)} is missing")
-        return tuple(_NEUTRAL + joint.sign * (positions[joint.name] - joint.offset) for joint in joints)
+        try:
+            return tuple([_NEUTRAL + joint.sign * (positions[joint.name] - joint.offset) for joint in joints])
+        except KeyError:
+            missing = [joint.name for joint in joints if joint.name not in positions]
+            raise UsageError(f"the position of {', '.join(missing)} is missing") from None
 
     def to_joints(self, angles: Sequence[float]) -> dict[str, float]:
         self._finite(angles)
@@ -269,6 +270,20 @@ class Hex7BotModel(KinematicModel):
             "wrist": self.wrist(angles),
             "tool": self.forward(angles).position,
         }
+
+    def lowest(self, angles: Sequence[float]) -> tuple[str, float]:
+        # The heights of `points`, without the rest of them: this takes most of the time of a check.
+        self._finite(angles)
+        k = self.links
+        _, t1, t2, t3, t4, _ = angles
+        p = t2 - k.offset
+        elbow = k.e + k.a * math.sin(t1)
+        wrist = elbow + k.h * math.cos(p) - k.c * math.sin(p)
+        upward = math.cos(p) * math.cos(_NEUTRAL - t3) * math.cos(t4) - math.sin(p) * math.sin(t4)
+        tool = wrist + k.f * upward
+        if elbow <= min(wrist, tool):
+            return "elbow", elbow
+        return ("wrist", wrist) if wrist <= tool else ("tool", tool)
 
     def tool_down(self, position: Vector, angles: Sequence[float]) -> Matrix:
         # With the roll neutral R = Rz(t0) Ry(p + t4) Rz(-t5); down is p + t4 = 180 deg, and t5 stays.

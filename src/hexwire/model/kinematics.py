@@ -198,6 +198,20 @@ class KinematicModel(ABC):
     def points(self, angles: Sequence[float]) -> Mapping[str, Vector]:
         """Points of the arm that may hit the table, by name, metres."""
 
+    def lowest(self, angles: Sequence[float]) -> tuple[str, float]:
+        """Name and height of the lowest of these points, metres; every set-point is checked with it."""
+        points = self.points(angles)
+        name = min(points, key=lambda name: points[name][2])
+        return name, points[name][2]
+
+    @property
+    def levers(self) -> Mapping[str, float]:
+        """Most metres by which a radian of each of the driver's joints moves the lowest point up or down.
+
+        Empty if nobody has worked it out.
+        """
+        return {}
+
     @abstractmethod
     def from_joints(self, positions: Mapping[str, float]) -> tuple[float, ...]:
         """The model's angles for the driver's joint positions, radians.
@@ -313,6 +327,8 @@ class KinematicModel(ABC):
     def _finite(self, angles: Sequence[float]) -> None:
         if len(angles) != len(self.ranges):
             raise UsageError(f"{self.name} has {len(self.ranges)} joints here, got {len(angles)} angles")
+        if math.isfinite(sum(angles)):
+            return
         for limit, angle in zip(self.ranges, angles, strict=True):
             if not math.isfinite(angle):
                 raise UsageError(f"{limit.name} is {angle}, not a number")

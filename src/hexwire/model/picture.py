@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import pairwise, product
 
 from .palette import joint_colour
-from .pose import Vector, apply
+from .pose import Vector, apply, dot
 from .shapes import COLOURS, ArmShapes, Shape, moved
 
 __all__ = ["Picture", "draw_arm"]
@@ -61,16 +61,16 @@ def draw_arm(shapes: ArmShapes, positions: Mapping[str, float], title: str) -> P
     order = {name: i for i, name in enumerate(positions)}
 
     def seen(point: Vector) -> tuple[float, float]:
-        return 1000.0 * _dot(point, right), -1000.0 * _dot(point, up)
+        return 1000.0 * dot(point, right), -1000.0 * dot(point, up)
 
     facets = []
     for _, shape, pose in shapes.placed(known):
         colour = joint_colour(order.get(shape.joint, 0)) if shape.colour == "joint" else COLOURS[shape.colour][0]
         for corners, normal in _facets(shape):
             facing = apply(pose.rotation, normal)
-            if _dot(facing, eye) > 0.0:
+            if dot(facing, eye) > 0.0:
                 placed = [moved(pose, corner) for corner in corners]
-                depth = sum(_dot(corner, eye) for corner in placed) / len(placed)
+                depth = sum(dot(corner, eye) for corner in placed) / len(placed)
                 facets.append((depth, placed, _lit(colour, facing)))
     facets.sort(key=lambda facet: facet[0])
     reach = _TILE * math.ceil(0.5 * shapes.reach / _TILE)
@@ -136,10 +136,6 @@ def _on(height: float, radius: float, turn: float) -> Vector:
 
 
 def _lit(colour: str, normal: Vector) -> str:
-    length = math.sqrt(_dot(normal, normal)) or 1.0
-    share = _DARKEST + (1.0 - _DARKEST) * max(0.0, _dot(normal, _LIGHT) / length)
+    length = math.sqrt(dot(normal, normal)) or 1.0
+    share = _DARKEST + (1.0 - _DARKEST) * max(0.0, dot(normal, _LIGHT) / length)
     return "#" + "".join(f"{round(share * int(colour[i : i + 2], 16)):02x}" for i in (1, 3, 5))
-
-
-def _dot(a: Vector, b: Vector) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

@@ -244,11 +244,37 @@ class SoArmModel(KinematicModel):
             "tool": self.forward(angles).position,
         }
 
+    def lowest(self, angles: Sequence[float]) -> tuple[str, float]:
+        # The heights of `points`, each link bent once.
+        self._finite(angles)
+        k, bend, least, lowest = self.links, 0.0, math.inf, ""
+        height, hand = k.shoulder[1], self._tool(angles[4])[0]
+        for name, link, angle in (
+            ("elbow", k.upper, angles[1]),
+            ("wrist", k.forearm, angles[2]),
+            ("tool", hand, angles[3]),
+        ):
+            bend += angle if -1e3 < angle < 1e3 else math.remainder(angle, math.tau)
+            height += link[1] * math.cos(bend) - link[0] * math.sin(bend)
+            if height < least:
+                least, lowest = height, name
+        return lowest, least
+
+    @property
+    def levers(self) -> Mapping[str, float]:
+        k = self.links
+        ahead, *aside = k.tip
+        hand = math.hypot(k.hand + ahead, *aside)
+        forearm = hand + math.hypot(*k.forearm)
+        most = (0.0, forearm + math.hypot(*k.upper), forearm, hand, math.hypot(*aside))
+        return {r.name: lever for r, lever in zip(self.ranges, most, strict=True)}
+
     def from_joints(self, positions: Mapping[str, float]) -> tuple[float, ...]:
-        missing = [r.name for r in self.ranges if r.name not in positions]
-        if missing:
-            raise UsageError(f"the position of {', '.join(missing)} is missing")
-        return tuple(positions[r.name] for r in self.ranges)
+        try:
+            return tuple([positions[r.name] for r in self.ranges])
+        except KeyError:
+            missing = [r.name for r in self.ranges if r.name not in positions]
+            raise UsageError(f"the position of {', '.join(missing)} is missing") from None
 
     def to_joints(self, angles: Sequence[float]) -> dict[str, float]:
         self._finite(angles)
@@ -298,7 +324,7 @@ class SoArmModel(KinematicModel):
 
 def _sum(angles: Sequence[float]) -> float:
     """Sum of angles. Whole turns are left out, since the sum of huge angles is not finite."""
-    return sum(a if abs(a) < 1e3 else math.remainder(a, math.tau) for a in angles)
+    return sum([a if -1e3 < a < 1e3 else math.remainder(a, math.tau) for a in angles])
 
 
 def _plus(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:

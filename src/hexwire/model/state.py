@@ -10,8 +10,7 @@ import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from enum import IntFlag
-from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from hexwire.errors import UsageError
 from hexwire.units import plain
@@ -26,6 +25,7 @@ __all__ = [
     "JointReading",
     "JointState",
     "JointTarget",
+    "NewestState",
     "SentTarget",
     "condition",
     "fault_names",
@@ -294,6 +294,9 @@ class JointState:
 
     def _repr_html_(self) -> str:
         """The table as HTML, without columns of which nothing is known; its style is that of the page."""
+        # Only a notebook needs it, and every program starts with this file.
+        from html import escape
+
         rows = [joint.cells for joint in self]
         kept = [i for i, column in enumerate(zip(*rows, strict=True)) if set(column) != {"-"}]
         titles = "".join(f"<th>{COLUMNS[i]}</th>" for i in kept)
@@ -332,6 +335,18 @@ class JointState:
         return dict(zip(self.names, self.position, strict=True))
 
 
+class NewestState(NamedTuple):
+    """The newest state that is known of a robot.
+
+    Attributes:
+        state: All joints.
+        age: Seconds since its newest sample.
+    """
+
+    state: JointState
+    age: float
+
+
 @dataclass(frozen=True, slots=True)
 class JointTarget:
     """Target positions of joints, and the duration of the motion.
@@ -341,11 +356,14 @@ class JointTarget:
         duration: Duration of the motion, seconds.
         laws: Pairs of joint name and control law, for some of these joints of a robot that obeys them. Such a joint
             gets its position at once, whatever the duration is.
+        guided: A set-point that follows a hand or another program, not a planned motion: its joints may be as fast
+            as their servos are (`JointModel.free_speed`).
     """
 
     positions: tuple[tuple[str, float], ...]
     duration: float = 1.0
     laws: tuple[tuple[str, ControlLaw], ...] = ()
+    guided: bool = False
 
     def __post_init__(self) -> None:
         if self.laws and not {name for name, _ in self.laws} <= {name for name, _ in self.positions}:
@@ -371,21 +389,21 @@ class JointTarget:
         object.__setattr__(self, "duration", duration)
 
     @classmethod
-    def of(cls, positions: Mapping[str, float], duration: float = 1.0) -> JointTarget:
-        """Make a target from a mapping of joint name to radians.
+    def of(cls, positions: Mapping[str, float], duration: float = 1.0, *, guided: bool = False) -> JointTarget:
+        """Make a target from a mapping of joint name to radians; the rest as its attributes.
 
         Raises:
             UsageError: There is no joint, a joint occurs twice, or a value is not a number or out of range.
         """
-        if not isinstance(positions, Mapping):
+        if type(positions) is not dict and not isinstance(positions, Mapping):
             raise UsageError(f"a target maps joint names to radians; this is {positions!r}")
-        return cls(tuple(positions.items()), duration)
+        return cls(tuple(positions.items()), duration, guided=guided)
 
     def part(self, names: Collection[str]) -> JointTarget | None:
         """The target of some of its joints; None if it has none of them."""
         kept = tuple([pair for pair in self.positions if pair[0] in names])
         laws = tuple([pair for pair in self.laws if pair[0] in names])
-        return JointTarget(kept, self.duration, laws) if kept else None
+        return JointTarget(kept, self.duration, laws, self.guided) if kept else None
 
 
 def _pairs(positions: object) -> list[tuple[object, object]]:

@@ -16,7 +16,7 @@ from hexwire.model.kinematics import KinematicModel
 from hexwire.units import decimal
 
 from .fence import Fence
-from .waypoints import Sample, Trajectory
+from .trajectory import Sample, Trajectory
 
 __all__ = ["Finding", "InJoints", "MotionReport", "check_move", "check_trajectory"]
 

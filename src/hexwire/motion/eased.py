@@ -16,7 +16,7 @@ from itertools import pairwise
 
 from .slowed import Slowed, Stage
 from .speed_profile import JointLimits
-from .waypoints import Sample, Trajectory
+from .trajectory import Sample, Trajectory
 
 __all__ = ["LONGEST", "ease_out"]
 

@@ -47,6 +47,13 @@ class Fence:
         self._excess, self._floor = 0.0, -math.inf
         self._resting = True
         self._told: dict[str, float] = {}
+        self._levers = {} if table is None or model.has_coupling else model.levers
+        # The last end that was checked, and how far above the table its lowest point was: a posture so near to it
+        # that it cannot have come down to the table needs no other look.
+        self._end: Mapping[str, float] = {}
+        self._clear = -math.inf
+        # The newest look: a motion goes on from the posture that was looked at last.
+        self._seen: tuple[tuple[float, ...], tuple[float, str, float]] | None = None
 
     def begin(self, here: Mapping[str, float]) -> None:
         """Restart at the arm's present posture, in radians by the driver's joints.
@@ -100,8 +107,22 @@ class Fence:
 
     def check_end(self, here: Mapping[str, float], there: Mapping[str, float]) -> dict[str, str]:
         """Like `begin` and `check`, for a posture where the arm stays: not further in, or it would creep in."""
-        self.begin(here)
-        self.check(here)
+        self._angles(here)
+        if self._clear > 0.0:
+            end = self._end
+            if sum([lever * abs(there[name] - end[name]) for name, lever in self._levers.items()]) < self._clear:
+                return {}
+        self._excess, self._floor = 0.0, -math.inf if self._table is None else self._table
+        if not (found := self.check(there)):
+            # Allowed wherever the arm is now.
+            if self._levers and self._table is not None:
+                self._end, self._clear = dict(there), self.lowest - self._table
+            return found
+        _, excess, _, height = self._look(here)
+        # As `begin`, without what it grants for a way out.
+        self._excess = excess if excess > 0.0 else 0.0
+        if self._table is not None:
+            self._floor = height if height < self._table else self._table
         return self.check(there)
 
     def follow(self, here: Mapping[str, float], target: Mapping[str, float]) -> str:
@@ -137,12 +158,19 @@ class Fence:
 
     def _look(self, positions: Mapping[str, float]) -> tuple[tuple[float, ...], float, str, float]:
         """The model's angles, the excess over the joint coupling limit, the lowest point and its height."""
+        angles = self._angles(positions)
+        if angles is None:
+            return (), math.nan, "", math.nan
+        if self._seen is None or self._seen[0] != angles:
+            self._seen = angles, (self._model.coupling_excess(angles), *self._model.lowest(angles))
+        return angles, *self._seen[1]
+
+    def _angles(self, positions: Mapping[str, float]) -> tuple[float, ...] | None:
+        """The model's angles; None if one is unknown and the arm is `moving`, otherwise that is a `UsageError`."""
         angles = self._model.from_joints(positions)
-        if not all(map(math.isfinite, angles)):
-            if not self._moving:
-                unknown = ", ".join(sorted(name for name in self._joints if not math.isfinite(positions[name])))
-                raise UsageError(f"the position of {unknown} is unknown, so the path cannot be checked")
-            return angles, math.nan, "", math.nan
-        points = self._model.points(angles)
-        name = min(points, key=lambda name: points[name][2])
-        return angles, self._model.coupling_excess(angles), name, points[name][2]
+        if math.isfinite(sum(angles)) or all(map(math.isfinite, angles)):
+            return angles
+        if self._moving:
+            return None
+        unknown = ", ".join(sorted(name for name in self._joints if not math.isfinite(positions[name])))
+        raise UsageError(f"the position of {unknown} is unknown, so the path cannot be checked")

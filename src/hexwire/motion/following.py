@@ -10,6 +10,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from enum import Enum
+from types import MappingProxyType
+from typing import NamedTuple
 
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.arm import ArmModel, JointModel
@@ -17,19 +20,25 @@ from hexwire.model.gripper import Jaws
 
 from .teleop import Action
 
-__all__ = ["Follow", "Following", "GripForce"]
+__all__ = ["Behind", "Follow", "Following", "GripForce"]
 
 _LONGEST_STEP = 0.1
 """Longest time in seconds that one cycle integrates: a program that stalled must not catch up."""
 _MET = math.radians(1.5)
 """Distance at which a joint of the follower has met the leader's."""
-_MOST_LEAD = math.radians(12.0)
-"""How far a set-point may run ahead of a blocked joint, which must not jump when it is released."""
+_MOST_LEAD, _LEAD_TIME = math.radians(12.0), 0.1
+"""How far a set-point may run ahead of a blocked joint, which must not jump when it is released; and the seconds of
+its motion by which it may be further ahead of a joint that moves, since a servo with a load lags."""
+_TRAIL = 0.03
+"""Least seconds between the positions that tell how fast a joint moves."""
 _PUSHES, _STANDS = 0.1, math.radians(1.0)
 """Seconds of load without a motion of more than this, radians, after which jaws hold something: a servo reports
 load while it accelerates, brakes or turns fast, too."""
 _EASE_EVERY, _LEAST_SQUEEZE = 0.2, math.radians(0.3)
 """Seconds in which a servo answers a smaller squeeze with a smaller load; and the least squeeze, radians."""
+_GONE_WAY, _GONE_LOAD = 0.7, 0.5
+"""Shares of the squeeze and of the most load: jaws that close by more than the first, with less load than the
+second, hold nothing any more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +61,22 @@ class GripForce:
             raise UsageError(f"the gripper's force must be above 0 and at most 1, not {self.most:g}")
 
 
-@dataclass(frozen=True, slots=True)
-class Follow:
+class Behind(Enum):
+    """Why a joint is not sent where its leader's is; the value says it of the joint."""
+
+    LIMITS = "is led beyond its limits"
+    SPEED = "is led faster than it may move, and comes later"
+    ACCELERATION = "is led with more acceleration than it may have, and comes later"
+    HELD = "does not get on, so its set-point waits for it"
+    GRIP = "holds something, and closes no further"
+    FORBIDDEN = "is led where the arm must not go"
+    MEETING = "goes slowly to where it is led, at first"
+    """Of those whose caller has to know it: `Follow.behind` is about joints that have met the leader's."""
+    DISTANCE = "is led further at once than it may go"
+    """By a limit of the caller's."""
+
+
+class Follow(NamedTuple):
     """The outcome of one cycle.
 
     Attributes:
@@ -62,6 +85,7 @@ class Follow:
         met: Every joint of the follower has met the leader's.
         note: Message for the user; may be empty.
         least: Least seconds that the set-point must take: a joint outside its limits goes back slowly.
+        behind: Why joints that have met the leader's are not sent where it leads them, by name.
     """
 
     action: Action
@@ -69,26 +93,32 @@ class Follow:
     met: bool = False
     note: str = ""
     least: float = 0.0
+    behind: Mapping[str, Behind] = MappingProxyType({})
 
 
 class Following:
     """The rules, and the set-point. The two arms have joints of the same names.
 
     A joint that has not met the leader's joint moves towards it at `share` of its speed limit; from then on it
-    follows at the speed limit. After a pause of any kind the joints meet again.
+    follows as fast as its servo can. After a pause of any kind the joints meet again.
 
     Args:
         leader: Joints of the leader.
         follower: Joints and limits of the follower.
         mirror: Joints that move the other way, for two arms that face each other.
         share: Share of each joint's speed limit at which the follower meets the leader.
+        speeds: Most radians per second of joints by name; others are as fast as their servos are.
+        accelerations: Most radians per second squared, likewise.
         stale: Age of a leader's joint in seconds from which the follower holds.
         grip: How hard the gripper presses; None for no limit.
         check: Called with the set-point before and a new one, radians by name. Raises LimitError where the follower
             must not go.
 
+    Attributes:
+        presses: Whether the jaws hold something, or may: then the next cycle needs their load.
+
     Raises:
-        UsageError: The arms have different joints.
+        UsageError: The arms have different joints; or a joint does not exist, or is to be faster than its servo.
     """
 
     def __init__(
@@ -98,6 +128,8 @@ class Following:
         *,
         mirror: frozenset[str] = frozenset(),
         share: float = 0.2,
+        speeds: Mapping[str, float] | None = None,
+        accelerations: Mapping[str, float] | None = None,
         stale: float = 0.25,
         grip: GripForce | None = None,
         check: Callable[[Mapping[str, float], Mapping[str, float]], object] = lambda before, goal: None,
@@ -111,27 +143,38 @@ class Following:
         for name in mirror:
             follower.joint(name)
         self.arm = follower
-        self._mirror, self._share, self._stale, self._grip, self._check = mirror, share, stale, grip, check
-        self._leader = {name: leader.joint(name) for name in follower.names}
+        self._stale, self._grip, self._check = stale, grip, check
         # One cycle takes a few microseconds: what stays the same is looked up once.
         jaws = None if grip is None else grip.jaws.joint
+        fastest = {one.name: one.guided_speed for one in follower.joints} | _checked_speeds(follower, speeds or {})
+        self._accelerations = _checked(follower, accelerations or {}, "acceleration")
         self._rows = [
-            (one, one.name, one.minimum, one.maximum, one.max_speed, one.name == jaws) for one in follower.joints
+            (
+                one,
+                one.name,
+                *_way_to(one, leader.joint(one.name), jaws=one.name == jaws, mirror=one.name in mirror),
+                one.minimum,
+                one.maximum,
+                min(share * one.max_speed, fastest[one.name]),
+                fastest[one.name],
+                one.name == jaws,
+            )
+            for one in follower.joints
         ]
         self._active = False
         self._last = 0.0
         self._goal: dict[str, float] = {}
         self._met: set[str] = set()
+        # Of set-points that have a limit of acceleration, radians per second.
+        self._velocities: dict[str, float] = {}
+        # Two times, and the positions of the follower then.
+        self._trail: list[tuple[float, Mapping[str, float]]] = []
         # Where the jaws stood when they met something; None if they hold nothing.
         self._grasp: float | None = None
         self._squeeze = self._eased = 0.0
+        self.presses = False
         # Since when, and where, the jaws push without moving.
         self._push: tuple[float, float] | None = None
-
-    @property
-    def holds(self) -> bool:
-        """Whether the jaws hold something."""
-        return self._active and self._grasp is not None
 
     def pause(self) -> None:
         """Forget the set-point: the joints meet the leader's again."""
@@ -164,34 +207,57 @@ class Following:
             self._met.clear()
             self._grasp = self._push = None
             self._goal = {joint.name: _inside(joint, positions[joint.name]) for joint in self.arm.joints}
+            self._velocities.clear()
+            self._trail = [(now, dict(positions))] * 2
             self._last = now
         step = min(max(now - self._last, 0.0), _LONGEST_STEP)
         self._last = now
+        if now - self._trail[1][0] >= _TRAIL:
+            self._trail = [self._trail[1], (now, dict(positions))]
         before, goals, note, way_back = self._goal, {}, "", 0.0
-        for joint, name, low, high, speed, jaws in self._rows:
-            here, wanted = positions[name], leader[name]
-            if jaws and self._grip is not None:
-                load = loads.get(name, math.nan)
-                wanted = self._gripped(self._grip, self._wanted(joint, wanted), here, load, now)
-            elif self._mirror:
-                wanted = self._wanted(joint, wanted)
-            elif wanted < low:
-                wanted = low
-            elif wanted > high:
-                wanted = high
-            goals[name] = self._towards(joint, wanted, here, step)
+        behind: dict[str, Behind] = {}
+        met, accelerations = self._met, self._accelerations
+        for joint, name, factor, shift, low, high, meeting, fastest, jaws in self._rows:
+            here, wanted = positions[name], factor * leader[name] + shift
+            if not low <= wanted <= high:
+                wanted = low if wanted < low else high
+                if name in met and not jaws:
+                    behind[name] = Behind.LIMITS
+            if jaws and (loads or self._grasp is not None):
+                led = wanted
+                wanted = self._gripped(led, here, loads.get(name, math.nan), now)
+                if wanted != led:
+                    behind[name] = Behind.GRIP
+            way = wanted - before[name]
+            if -_MET <= way <= _MET:
+                met.add(name)
+            most = (fastest if name in met else meeting) * step
+            lead = wanted - here
+            if -most <= way <= most and -_MOST_LEAD <= lead <= _MOST_LEAD and name not in accelerations:
+                # Nearly every joint in nearly every cycle.
+                goals[name] = wanted
+            else:
+                goals[name], why = self._towards(joint, wanted, here, most, step)
+                if why is not None and name in met:
+                    behind[name] = why
             if not low <= here <= high:
                 # Joints outside their limits return to them as slowly as they meet the leader.
-                way_back = max(way_back, abs(_inside(joint, here) - here) / (self._share * speed))
+                way_back = max(way_back, abs(_inside(joint, here) - here) / meeting)
         if goals != before:
             try:
                 self._check(before, goals)
             except LimitError as error:
-                goals, note = self._as_far_as_allowed(before, goals), str(error).removesuffix("; nothing was sent")
+                wished, note = goals, str(error).removesuffix("; nothing was sent")
+                goals = self._as_far_as_allowed(before, wished)
+                behind.update({name: Behind.FORBIDDEN for name in met if goals[name] != wished[name]})
+        if accelerations and step > 0.0:
+            self._velocities = {name: (goals[name] - before[name]) / step for name in accelerations}
         self._goal = goals
-        met = len(self._met) == len(names)
+        if (grip := self._grip) is not None:
+            jaw = grip.jaws.joint
+            self.presses = self._grasp is not None or abs(goals[jaw] - positions[jaw]) > grip.squeeze
         # The caller gets them to read; the next cycle makes new ones.
-        return Follow(Action.MOVE, goals, met, note, way_back)
+        return Follow(Action.MOVE, goals, len(met) == len(names), note, way_back, behind)
 
     def _as_far_as_allowed(self, before: dict[str, float], wanted: dict[str, float]) -> dict[str, float]:
         """The joints that may move one after the other: a tool that touches the table slides along it."""
@@ -211,42 +277,67 @@ class Following:
         self._active = False
         return Follow(action, {}, False, note)
 
-    def _wanted(self, joint: JointModel, angle: float) -> float:
-        """Where the leader's joint leads the follower's."""
-        if self._grip is not None and joint.name == self._grip.jaws.joint:
-            # Jaws have different travels: a leader's handle and the follower's fingers are open or closed alike.
-            low, high = self._leader[joint.name].minimum, self._leader[joint.name].maximum
-            angle = joint.minimum + (angle - low) / (high - low) * (joint.maximum - joint.minimum)
-        if joint.name in self._mirror:
-            angle = -angle
-        return _inside(joint, angle)
+    def _towards(
+        self, joint: JointModel, wanted: float, here: float, most: float, step: float
+    ) -> tuple[float, Behind | None]:
+        """The next set-point of a joint, and why it is not where the joint is wanted.
 
-    def _towards(self, joint: JointModel, wanted: float, here: float, step: float) -> float:
-        name, most = joint.name, joint.max_speed * step
+        Args:
+            joint: The joint.
+            wanted: Where the leader leads it.
+            here: Where it is.
+            most: Most radians in this cycle.
+            step: Seconds of it.
+        """
+        name, why = joint.name, None
         goal = self._goal[name]
         way = wanted - goal
-        if -_MET <= way <= _MET:
-            self._met.add(name)
-        elif name not in self._met:
-            most *= self._share
-        if way > most:
-            wanted = goal + most
-        elif way < -most:
-            wanted = goal - most
-        # A blocked joint keeps its set-point near; one outside its limits goes back to them.
-        if wanted > here + _MOST_LEAD:
-            wanted = here + _MOST_LEAD
-        elif wanted < here - _MOST_LEAD:
-            wanted = here - _MOST_LEAD
-        return joint.minimum if wanted < joint.minimum else min(wanted, joint.maximum)
+        if not -most <= way <= most:
+            way, why = math.copysign(most, way), Behind.SPEED
+        if step > 0.0 and name in self._accelerations:
+            eased = self._eased_way(name, wanted - goal, way, step)
+            if eased != way:
+                way, why = eased, Behind.ACCELERATION
+        place = goal + way if why is not None else wanted
+        if step <= 0.0:
+            # The first cycle has no time for a way, which is nobody's limit.
+            place, why = goal, None
+        lead = place - here
+        if not -_MOST_LEAD <= lead <= _MOST_LEAD:
+            # A blocked joint keeps its set-point near; one outside its limits goes back to them.
+            further = _MOST_LEAD + _LEAD_TIME * max(0.0, math.copysign(1.0, lead) * self._velocity(name, here))
+            if abs(lead) > further:
+                place, why = here + math.copysign(further, lead), Behind.HELD
+        return _inside(joint, place), why
 
-    def _gripped(self, grip: GripForce, wanted: float, here: float, load: float, now: float) -> float:
+    def _eased_way(self, name: str, whole: float, way: float, step: float) -> float:
+        """The way of a set-point in a cycle, with a limited acceleration and the whole way to go."""
+        most, before = self._accelerations[name], self._velocities.get(name, 0.0)
+        change = most * step
+        # The highest speed from which it still stops there, in whole cycles.
+        slowing = (math.sqrt(change * change + 8.0 * most * abs(whole)) - change) / 2.0
+        wanted = math.copysign(min(abs(way) / step, slowing), way)
+        return step * min(max(wanted, before - change), before + change)
+
+    def _velocity(self, name: str, here: float) -> float:
+        """How fast a joint of the follower moves, radians per second."""
+        since, then = self._trail[0]
+        seconds = self._last - since
+        return (here - then[name]) / seconds if seconds > 0.0 else 0.0
+
+    def _gripped(self, wanted: float, here: float, load: float, now: float) -> float:
         """Where the jaws go: as the leader's do, but no further than to press on what is between them."""
+        grip = self._grip
+        assert grip is not None
         sign = math.copysign(1.0, grip.jaws.closed - grip.jaws.opened)
         if self._grasp is not None:
-            slipped = sign * (here - self._grasp) > 2.0 * grip.squeeze
-            if slipped or sign * (wanted - self._grasp) <= 0.0:
+            closed = sign * (here - self._grasp)
+            gone = closed > _GONE_WAY * self._squeeze and abs(load) < _GONE_LOAD * grip.most
+            if gone or sign * (wanted - self._grasp) <= 0.0:
                 self._grasp = None
+            if gone:
+                # Perhaps a hand has taken it: the jaws close slowly.
+                self._met.discard(grip.jaws.joint)
         if self._grasp is None and self._pushes(grip, sign * (wanted - here), here, load, now):
             self._grasp, self._squeeze, self._eased = here, grip.squeeze, now
         if self._grasp is None:
@@ -271,10 +362,42 @@ class Following:
         return now - self._push[0] >= _PUSHES
 
 
+def _checked(arm: ArmModel, limits: Mapping[str, float], what: str) -> dict[str, float]:
+    for name, most in limits.items():
+        arm.joint(name)
+        if not 0.0 < most < math.inf:
+            raise UsageError(f"the {what} of {name} must be above 0, not {math.degrees(most):g}")
+    return dict(limits)
+
+
+def _checked_speeds(arm: ArmModel, speeds: Mapping[str, float]) -> dict[str, float]:
+    for name, most in _checked(arm, speeds, "speed").items():
+        if most > (able := arm.joint(name).guided_speed) * (1.0 + 1e-9):
+            fast, able = math.degrees(most), math.degrees(able)
+            raise UsageError(
+                f"{name} reaches {able:g} degrees a second, not {fast:g}; an arm file may give another "
+                "free_speed_deg_per_s"
+            )
+    return dict(speeds)
+
+
 def _known(values: Mapping[str, float], names: tuple[str, ...]) -> bool:
     """Whether there is a finite value for each name."""
-    get = values.get
-    return all(map(math.isfinite, [get(name, math.nan) for name in names]))
+    try:
+        # One that is not finite makes the sum so.
+        return math.isfinite(sum(map(values.__getitem__, names)))
+    except KeyError:
+        return False
+
+
+def _way_to(joint: JointModel, leader: JointModel, *, jaws: bool, mirror: bool) -> tuple[float, float]:
+    """Factor and summand that make a follower's angle of its leader's."""
+    factor, shift = 1.0, 0.0
+    if jaws:
+        # Jaws have different travels: a leader's handle and the follower's fingers are open or closed alike.
+        factor = (joint.maximum - joint.minimum) / (leader.maximum - leader.minimum)
+        shift = joint.minimum - factor * leader.minimum
+    return (-factor, -shift) if mirror else (factor, shift)
 
 
 def _inside(joint: JointModel, angle: float) -> float:

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from hexwire.errors import UsageError
 
-from .waypoints import Sample, Trajectory
+from .trajectory import Sample, Trajectory
 
 __all__ = ["Joined", "WithResting", "sampled"]
 

@@ -15,7 +15,7 @@ from hexwire.model.kinematics import KinematicModel
 from hexwire.model.pose import Pose
 from hexwire.units import decimal
 
-from .waypoints import Sample
+from .trajectory import Sample
 
 __all__ = ["Knots"]
 

@@ -8,17 +8,25 @@ again with limits of its own.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from hexwire.errors import UsageError
 from hexwire.model.arm import ArmModel
 from hexwire.model.state import JointTarget
 
-from .trajectory import PEAK_ACCELERATION, PEAK_JERK, PEAK_SPEED
-from .waypoints import Scaled, Trajectory
+from .quintic import PEAK_ACCELERATION, PEAK_JERK, PEAK_SPEED
+from .trajectory import Scaled, Trajectory
 
-__all__ = ["check_target", "needed_duration", "rest_duration", "resting_inside", "slow_enough", "smooth_duration"]
+__all__ = [
+    "Slower",
+    "check_target",
+    "needed_duration",
+    "rest_duration",
+    "resting_inside",
+    "slow_enough",
+    "smooth_duration",
+]
 
 _STEP, _ROUNDING = 0.001, 1.001
 """Seconds between samples of a trajectory that may be too fast, and the factor for what happens between them."""
@@ -94,6 +102,26 @@ def smooth_duration(model: ArmModel, start: Mapping[str, float], goal: Mapping[s
     return longest
 
 
+class Slower(Scaled):
+    """A trajectory at a lower speed, because of one joint.
+
+    Args:
+        other: The trajectory.
+        times: How many times slower.
+        joint: Name of the joint.
+        at: Where the joints are then, radians.
+
+    Attributes:
+        planned: Seconds of the trajectory without that.
+        joint: Name of the joint.
+        place: Radians by joint.
+    """
+
+    def __init__(self, other: Trajectory, times: float, joint: str, at: Sequence[float]) -> None:
+        super().__init__(other, 1.0 / times)
+        self.planned, self.joint, self.place = other.duration, joint, dict(zip(other.names, at, strict=True))
+
+
 def slow_enough(model: ArmModel, trajectory: Trajectory) -> Trajectory:
     """A trajectory as fast as the limits of acceleration and jerk of its joints allow, and no faster than it is.
 
@@ -102,12 +130,14 @@ def slow_enough(model: ArmModel, trajectory: Trajectory) -> Trajectory:
     """
     joints = [model.joint(name) for name in trajectory.names]
     # Jerk falls with the cube of the speed; but where a cubic meets the next, with the square.
-    worst, before = 1.0, [0.0] * len(joints)
+    worst, before, cause = 1.0, [0.0] * len(joints), None
     for _, sample in trajectory.samples(_STEP):
         for a, b, joint in zip(sample.acceleration, before, joints, strict=True):
-            worst = max(worst, abs(a) / joint.max_acceleration, abs(a - b) / (_STEP * joint.max_jerk))
+            share = max(abs(a) / joint.max_acceleration, abs(a - b) / (_STEP * joint.max_jerk))
+            if share > worst:
+                worst, cause = share, (joint.name, sample.position)
         before = list(sample.acceleration)
-    return trajectory if worst <= 1.0 else Scaled(trajectory, 1.0 / (math.sqrt(worst) * _ROUNDING))
+    return trajectory if cause is None else Slower(trajectory, math.sqrt(worst) * _ROUNDING, *cause)
 
 
 def check_target(model: ArmModel, target: JointTarget, start: Mapping[str, float]) -> JointTarget:
@@ -119,26 +149,33 @@ def check_target(model: ArmModel, target: JointTarget, start: Mapping[str, float
         start: Present positions in radians by joint name, as far as they are known.
 
     Returns:
-        The target with the arm's own joint names, and a duration that respects every speed limit.
+        The target with the arm's own joint names, and a duration that respects every speed limit; that of a guided
+        target is the speed of the servo.
 
     Raises:
         LimitError: A position is outside its limits; nothing may be sent.
         UsageError: A joint does not exist, or is named twice.
     """
     # Every target of every cycle comes here: it is made anew only if something changes.
-    duration, positions, renamed, joint_of = target.duration, {}, False, model.joint
+    duration, renamed, joint_of = target.duration, False, model.joint
+    guided = target.guided
     for name, angle in target.positions:
         joint = joint_of(name)
         if not joint.minimum <= angle <= joint.maximum:
             joint.check(angle)
         own = joint.name
-        if own in positions:
-            raise UsageError(f"a target names {own} twice")
-        positions[own] = angle
         renamed |= own != name
+        most = joint.guided_speed if guided else joint.max_speed
         # False for a start that is missing, not a number or infinite.
-        if duration < (needed := abs(angle - start.get(own, math.nan)) / joint.max_speed) < math.inf:
+        if duration < (needed := abs(angle - start.get(own, math.nan)) / most) < math.inf:
             duration = needed
     if duration == target.duration and not renamed:
         return target
+    positions = {}
+    for name, angle in target.positions:
+        own = joint_of(name).name
+        if own in positions:
+            # A target itself refuses only the same spelling.
+            raise UsageError(f"a target names {own} twice")
+        positions[own] = angle
     return replace(target, positions=tuple(positions.items()), duration=duration)

@@ -20,7 +20,7 @@ from hexwire.model.pose import Pose, distance, multiply, rotation_between, slerp
 from .knots import Knots
 from .speed_profile import JointLimits, change_time
 from .through import Through
-from .waypoints import Sample, Trajectory
+from .trajectory import Sample, Trajectory
 
 __all__ = ["Line", "Lines"]
 

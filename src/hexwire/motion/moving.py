@@ -17,7 +17,7 @@ from hexwire.errors import LimitError
 from hexwire.model.arm import ArmModel
 
 from .speed_profile import JointLimits, Piece
-from .waypoints import Sample, Trajectory
+from .trajectory import Sample, Trajectory
 
 __all__ = ["Pieces", "Row", "State", "brake", "braking_time", "change", "joint_limits", "reach", "rest_range"]
 
@@ -158,7 +158,7 @@ class _Way:
 
     Args:
         begin: Radians, radians per second, radians per second squared.
-        end: Likewise.
+        end: The same, at its end.
         limits: Of the joint.
     """
 
@@ -313,24 +313,24 @@ def _ends(begin: Sample, end: Sample, limits: Sequence[JointLimits]) -> list[_Wa
     ]
 
 
-def _straight(begin: Sample, end: Sample, limits: Sequence[JointLimits]) -> Sequence[JointLimits]:
-    """Limits with which all joints move in the same way, if they begin at rest and end so or straight on.
+def _straight(begin: Sample, end: Sample, limits: Sequence[JointLimits]) -> tuple[_Way, list[float]] | None:
+    """The way of the joint with the longest one, and the shares of it that the joints have; None if they differ.
 
-    Then they move straight, as a trajectory was checked.
+    So joints move that begin at rest and end so or straight on: straight, as a trajectory was checked.
     """
     ways = [b - a for a, b in zip(begin.position, end.position, strict=True)]
     far = max(ways, key=abs)
-    if any(begin.velocity) or any(begin.acceleration) or any(end.acceleration) or not far:
-        return limits
-    on = end.velocity[ways.index(far)] / far
-    if any(abs(v - on * way) > _SAME for v, way in zip(end.velocity, ways, strict=True)):
-        return limits
-    rows = [[most / abs(way) for most in limit] for limit, way in zip(limits, ways, strict=True) if way]
-    speed, acceleration, jerk = (min(column) for column in zip(*rows, strict=True))
-    return [
-        JointLimits(speed * abs(way), acceleration * abs(way), jerk * abs(way)) if way else limit
-        for limit, way in zip(limits, ways, strict=True)
+    if any(begin.velocity) or any(begin.acceleration) or any(end.acceleration) or abs(far) <= _EXACT:
+        return None
+    lead = ways.index(far)
+    shares = [way / far for way in ways]
+    if any(abs(v - end.velocity[lead] * share) > _SAME for v, share in zip(end.velocity, shares, strict=True)):
+        return None
+    rows = [
+        [most / abs(way) for most in limit] for limit, way in zip(limits, ways, strict=True) if abs(way) > _EXACT
     ]
+    most = JointLimits(*(min(column) * abs(far) for column in zip(*rows, strict=True)))
+    return _Way((0.0, 0.0, 0.0), (far, end.velocity[lead], 0.0), most), shares
 
 
 def reach(
@@ -363,7 +363,8 @@ def reach(
         # There is a way to every speed within the limits, and none beyond them.
         slower = [max(-most.speed, min(w, most.speed)) for w, most in zip(end.velocity, limits, strict=True)]
         end = end._replace(velocity=tuple(slower))
-    ways = _ends(begin, end, _straight(begin, end, limits))
+    straight = _straight(begin, end, limits)
+    ways = _ends(begin, end, limits) if straight is None else [straight[0]]
     if longer:
         seconds = max(seconds, *((1.0 + _ROUNDING) * way.soonest() for way in ways))
     for _ in range((_TRIES if longer else 1) if known else 0):
@@ -373,6 +374,9 @@ def reach(
                 break
             found.append(pieces)
         else:
+            if straight is not None:
+                # A joint with next to nothing to go is no task of its own.
+                found = [[Piece(u, share * j) for u, j in found[0]] for share in straight[1]]
             states = zip(*begin, found, strict=True)
             return Pieces(names, [_rows(*state) for state in states], end.position, seconds)
         seconds = _GROWTH * seconds + _STEP

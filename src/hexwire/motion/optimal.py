@@ -13,7 +13,7 @@ from hexwire.errors import UsageError
 from .moving import reach
 from .speed_profile import JointLimits
 from .through import Through
-from .waypoints import Sample, Trajectory
+from .trajectory import Sample, Trajectory
 
 __all__ = ["Trapezoid", "time_optimal"]
 

@@ -15,7 +15,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from .speed_profile import JointLimits
-from .waypoints import Sample, Trajectory
+from .trajectory import Sample, Trajectory
 
 __all__ = ["RestPoint", "nearest_time", "path_rest"]
 

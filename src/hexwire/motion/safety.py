@@ -15,7 +15,7 @@ from typing import Any, Self
 from hexwire.errors import UsageError
 from hexwire.model.state import JointFlag, JointState
 
-__all__ = ["STOP_COMMAND", "Guard", "SafetyLimits", "StopReason", "board_stop", "silence"]
+__all__ = ["STOP_COMMAND", "TORQUE_OFF", "Guard", "SafetyLimits", "StopReason", "board_stop", "silence"]
 
 
 _SILENT = int(JointFlag.SILENT)
@@ -97,6 +97,8 @@ class StopReason:
 
 STOP_COMMAND = "a stop command has stopped the arm"
 """Text of a stop that was ordered, by this program or from elsewhere."""
+TORQUE_OFF = "torque was switched off"
+"""Text of a motion that ended because of that."""
 
 
 def board_stop(state: JointState) -> StopReason | None:

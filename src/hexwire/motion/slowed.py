@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from .moving import braking_time
 from .speed_profile import JointLimits
-from .waypoints import Sample, Trajectory
+from .trajectory import Sample, Tail, Trajectory
 
 __all__ = ["Slowed", "Stage", "slow_down", "start_on"]
 
@@ -88,15 +88,18 @@ class _Started(Trajectory):
     """
 
     def __init__(self, path: Trajectory, seconds: float) -> None:
-        self.names, self._path, self._seconds = path.names, path, seconds
+        self.names, self.path, self._stage = path.names, path, Stage(seconds, 0.0, 1.0)
         self.duration = max(seconds, path.duration + 0.5 * seconds)
 
     def at(self, t: float) -> Sample:
-        u = t / self._seconds
-        if u >= 1.0:
-            return self._path.sample(t - 0.5 * self._seconds)
-        rate, slope = u * u * (3.0 - 2.0 * u), 6.0 * u * (1.0 - u) / self._seconds
-        return _at_rate(self._path.sample(self._seconds * u * u * u * (1.0 - 0.5 * u)), rate, slope)
+        u = t / self._stage.seconds
+        rate, slope, _ = self._stage.rates(u) if u < 1.0 else (1.0, 0.0, 0.0)
+        return _at_rate(self.path.sample(self.place(t)), rate, slope)
+
+    def place(self, t: float) -> float:
+        """Seconds that have passed on the trajectory at a time."""
+        seconds = self._stage.seconds
+        return self._stage.place(t / seconds) if t < seconds else t - 0.5 * seconds
 
 
 def _at_rate(place: Sample, rate: float, slope: float) -> Sample:
@@ -130,6 +133,9 @@ def start_on(path: Trajectory, limits: Sequence[JointLimits]) -> Trajectory:
         How they do, in the shortest of some times that keeps the limits as well as the trajectory does, or the
         longest of them.
     """
+    if isinstance(path, Tail) and isinstance(started := path.whole, _Started):
+        # They were stopped on it before, and begin once more.
+        path = Tail(started.path, started.place(path.begin))
     least = _least(path, limits)
     # Where the trajectory itself goes beyond a limit, somebody asked for that.
     own = _shares(path, min(path.duration, 0.5 * _FACTORS[-1] * least), limits)

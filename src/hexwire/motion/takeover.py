@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 
 from .moving import Pieces, brake, braking_time, reach
 from .speed_profile import JointLimits
-from .waypoints import Sample, Spline, Trajectory
+from .trajectory import Sample, Spline, Trajectory
 
 __all__ = ["Takeover", "take_over"]
 
@@ -45,8 +45,8 @@ class Takeover(Trajectory):
         tail: From there to rest, or None if it ends there.
 
     Attributes:
-        head: As given: the part that is on no checked path.
-        tail: Likewise.
+        head: To where the joints join the trajectory: the part that is on no checked path.
+        tail: From where they leave it to rest, on no checked path either; None if it ends at rest.
     """
 
     def __init__(
@@ -89,7 +89,8 @@ def take_over(
     left, tail = body.duration, None
     keeps = _keeps(body, limits, free)
     fits = keeps and _same(begin, body.at(0.0))
-    if free >= body.duration and not (fits and not any(last.velocity)):
+    one_point = free >= body.duration or (passes and body.duration < _CLOSE)
+    if one_point and not (fits and not any(last.velocity)):
         seconds = body.duration
         if passes and not any(last.velocity):
             # Where the next point is to follow, the brake at this one must not begin before that.
@@ -110,7 +111,11 @@ def take_over(
     if fits:
         return body if tail is None else Takeover(None, body, 0.0, left, tail)
     # The way to its first point is only followed if that keeps the limits.
-    joined, head = _join(begin, body, limits, 0.0 if keeps else free, min(free, left), left)
+    first, latest = 0.0 if keeps else free, min(free, left)
+    if passes:
+        # One of a stream is joined where that is not hurried: the next one begins before.
+        first = latest = min(left, max(free, _CLOSE))
+    joined, head = _join(begin, body, limits, first, latest, left, soonest=passes and given)
     return Takeover(head, body, joined, left, tail)
 
 
@@ -163,14 +168,24 @@ def _tail(
 
 
 def _join(
-    begin: Sample, body: Trajectory, limits: Sequence[JointLimits], first: float, last: float, left: float
+    begin: Sample,
+    body: Trajectory,
+    limits: Sequence[JointLimits],
+    first: float,
+    last: float,
+    left: float,
+    *,
+    soonest: bool,
 ) -> tuple[float, Pieces]:
-    """Where the joints join a trajectory, not before a first time, and how; late at the last if nothing suits."""
+    """Where the joints join a trajectory, not before a first time, and how; late at the last if nothing suits.
+
+    Those that are late join it at an even pace, or as soon as they can.
+    """
     times = [t for t in _times(min(left, max(first, _LATEST))) if t >= first]
     for joined in times:
         if (head := reach(body.names, begin, body.at(joined), limits, joined)) is not None:
             return joined, head
-    for joined in times:
+    for joined in () if soonest else times:
         there = body.at(joined)
         for factor in _DELAYS:
             if (head := reach(body.names, begin, there, limits, factor * joined)) is not None:

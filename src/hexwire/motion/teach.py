@@ -17,7 +17,7 @@ from hexwire.units import decimal
 
 from .limits import resting_inside
 from .through import arm_path
-from .waypoints import Spline, Trajectory, Waypoint
+from .trajectory import Spline, Trajectory, Waypoint
 
 __all__ = ["Taught", "approach"]
 

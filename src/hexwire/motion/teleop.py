@@ -13,11 +13,12 @@ from enum import Enum
 
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.arm import ArmModel, JointModel
+from hexwire.model.gripper import jaws_of
 from hexwire.model.kinematics import KinematicModel
 
-from .guided_tool import GuidedTool
 from .moving import Pieces, State, brake, change, joint_limits, rest_range
-from .waypoints import Sample
+from .operator_tool import OperatorTool
+from .trajectory import Sample
 
 __all__ = ["Action", "Jog", "JogMode", "StickMap", "Teleop", "within_limits"]
 
@@ -144,7 +145,10 @@ class Teleop:
         self.kinematics = kinematics
         self.stick = stick or StickMap()
         self.mode = mode
-        self._tool = None if kinematics is None else GuidedTool(arm, kinematics)
+        jaws = jaws_of(arm)
+        # The direction in which the gripper closes.
+        self._closes = -1.0 if jaws is not None and jaws.closed < jaws.opened else 1.0
+        self._tool = None if kinematics is None else OperatorTool(arm, kinematics)
         self._limits = dict(zip(arm.names, joint_limits(arm, arm.names), strict=True))
         self._share = share
         self._linear = linear
@@ -324,7 +328,7 @@ class Teleop:
             deflections = {}
         first = len(self.stick.axes) if self.kinematics is None else len(self.kinematics.ranges)
         for name in self.arm.names[first : first + 1]:
-            pressed = (buttons >> self.stick.close & 1) - (buttons >> self.stick.open & 1)
+            pressed = self._closes * ((buttons >> self.stick.close & 1) - (buttons >> self.stick.open & 1))
             deflections[name] = max(-1.0, min(1.0, deflections.get(name, 0.0) + pressed))
         stopped = []
         for joint in self.arm.joints:
@@ -357,9 +361,12 @@ class Teleop:
             least, most = rest_range(after(share), limits)
             return low <= least and most <= high
 
-        inside = fits(1.0)
+        inside, whole = fits(1.0), (low, high)
         if end is not None:
             low, high = (low, max(here, min(high, end))) if speed > 0.0 else (min(here, max(low, end)), high)
+            if not fits(0.0):
+                # It is too fast to rest there, since the end was changed: it goes past, and comes back.
+                low, high = whole
         share = 1.0
         if not fits(share):
             # With none it brakes, as it was allowed to before.

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from .waypoints import Sample, Trajectory
+from .trajectory import Sample, Trajectory
 
 __all__ = ["Together"]
 

@@ -9,7 +9,7 @@ from hexwire.errors import ConfigError, UsageError
 from hexwire.inputs import Item, parse_json
 from hexwire.model.state import LONGEST
 
-from .waypoints import Spline, Waypoint
+from .trajectory import Spline, Waypoint
 
 __all__ = ["parse_points", "parse_waypoints"]
 

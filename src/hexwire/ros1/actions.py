@@ -9,10 +9,9 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from hexwire.control.client_goals import ClientGoals, Request
-from hexwire.control.goal_fields import tolerance_rows
+from hexwire.control.goal_fields import CODES, tolerance_rows
 from hexwire.control.outcomes import Outcome, Reason
 
-from .codes import CODES
 from .values import trajectory_of
 
 if TYPE_CHECKING:

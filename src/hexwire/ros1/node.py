@@ -14,7 +14,7 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from http.client import HTTPException
@@ -34,17 +34,11 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from std_srvs.srv import SetBool, SetBoolResponse, Trigger, TriggerResponse
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from hexwire.control.client_goals import ClientGoal
-from hexwire.control.controlled_arm import ControlledArm
-from hexwire.control.diagnostics import ChangeWatch, Level, Row, diagnose
-from hexwire.control.joint_commands import JointCommandStream
-from hexwire.control.rate import Periodic
-from hexwire.control.shutdown import Shutdown
+from hexwire.control.arm_node import ArmNode
+from hexwire.control.diagnostics import Level, Row
 from hexwire.control.stamps import StampClock
 from hexwire.control.teaching import to_points, tolerance_of
-from hexwire.control.workers import Together
 from hexwire.errors import DeviceError, HexwireError, UsageError
-from hexwire.log_limiter import LogLimiter
 
 from .actions import ActionGoals
 from .messages import control_msgs, control_srvs, osrf_msgs
@@ -52,10 +46,13 @@ from .parameters import load_parameters
 from .values import trajectory_of
 
 if TYPE_CHECKING:
+    from hexwire.control.controller import TrajectoryController
     from hexwire.control.known_state import KnownState
     from hexwire.control.outcomes import Progress
     from hexwire.model.state import JointState
     from hexwire.motion.teach import Taught
+
+    from .actions import ActionClient
 
 __all__ = ["run"]
 
@@ -68,8 +65,6 @@ _TICK = 0.1
 _MASTER_TROUBLE = (OSError, HTTPException, XmlRpcError, rosgraph.MasterException, rospy.ROSException)
 """Errors of calls to a master that is not running, or to another program at its address."""
 _SHUTDOWN_WAIT = 15.0
-_LONGEST_SHUTDOWN = 30.0
-"""Seconds from a signal to the end of the process; with a robot that does not answer, it takes about ten."""
 _RESULTS_WAIT = 0.2
 """Seconds to wait until the last results are sent: rospy sends in its own threads, and drops what is queued."""
 _ADDRESS_WAIT = 2.0
@@ -113,35 +108,27 @@ def run(argv: list[str]) -> int:
             rospy.signal_shutdown("the node has ended")
 
 
-class HardwareInterface:
+class HardwareInterface(ArmNode[ActionGoals]):
     """The node. `run` is its main loop; most other methods are callbacks."""
 
     def __init__(self) -> None:
         self._given = rospy.get_param("~", {})
         self._description = rospy.get_param("robot_description", None)
         self._parameters, robot = load_parameters(self._given)
-        self._settings = settings = self._parameters.settings
-        self._arm = ControlledArm(robot, settings, on_state=self._publish_state, on_taught=self._publish_taught)
-        self._stops: Together[str, str] = Together("stops", lambda said: self._arm.stop(said[0]))
-        self._joint_commands = JointCommandStream(self._arm)
+        self._settings = self._parameters.settings
+        super().__init__(robot, self._settings, self._parameters.diagnostics_rate)
         self._states: dict[str, rospy.Publisher] = {}
         self._servers: list[actionlib.ActionServer] = []
-        self._shutdown, self._ended = Shutdown(_LONGEST_SHUTDOWN), threading.Event()
-        self._log_limiter = LogLimiter()
-        self._watch = ChangeWatch(1.0 / self._parameters.diagnostics_rate)
-        self._state_due, self._feedback_due = Periodic(), Periodic()
+        self._ended = threading.Event()
         self._control = control_msgs()
         self._goals = ActionGoals(self._arm, self._control.FollowJointTrajectoryResult, rospy.Time.now)
 
     def run(self) -> int:
         """Connect, offer topics, services and actions, and run until the shutdown."""
-        for text in self._parameters.warnings:
-            _log.warning("%s", text)
+        odd = list(self._parameters.warnings)
         if rospy.get_param("/use_sim_time", False):
-            _log.warning("use_sim_time is set: stamps come from /clock, but the arm runs in real time")
-        # Until the arm is connected, nothing must be made safe, and the wait for a board may be long.
-        self._shutdown.interrupts = True
-        self._shutdown.listen()
+            odd.append("use_sim_time is set: stamps come from /clock, but the arm runs in real time")
+        self._listen(odd)
         rospy.on_shutdown(self._on_ros_shutdown)
         try:
             self._joint_states = rospy.Publisher("joint_states", JointStateMessage, queue_size=_QUEUE)
@@ -160,13 +147,7 @@ class HardwareInterface:
         except KeyboardInterrupt:
             return 0
         finally:
-            self._shutdown.interrupts = False
-            self._shutdown.request()
-            had_goals = self._goals.open
-            self._arm.shutdown()
-            self._goals.close()
-            self._stops.close(_RESULTS_WAIT)
-            if had_goals:
+            if self._make_safe(_RESULTS_WAIT):
                 time.sleep(_RESULTS_WAIT)
             for server in self._servers:
                 # Otherwise its timer publishes to a closed topic, which prints a traceback.
@@ -186,15 +167,11 @@ class HardwareInterface:
             self._ended.wait(_SHUTDOWN_WAIT)
 
     def _tick(self) -> None:
-        crash = self._arm.owner.crash
-        if crash is not None:
-            raise DeviceError(f"the node failed: {crash!r}") from crash
-        facts = self._arm.facts()
-        rows = diagnose(facts, states="joint_states")
-        if self._watch.due(rows, time.monotonic()):
+        if (due := self._diagnostics_due()) is not None:
+            rows, url = due
             message = DiagnosticArray()
             message.header.stamp = rospy.Time.now()
-            message.status = [self._status(row, self._parameters.hardware_id or facts.url) for row in rows]
+            message.status = [self._status(row, self._parameters.hardware_id or url) for row in rows]
             self._diagnostics.publish(message)
 
     @staticmethod
@@ -238,26 +215,15 @@ class HardwareInterface:
         )
 
     def _offer_services(self) -> None:
-        arm = self._arm
-        triggers: dict[str, Callable[[], str]] = {
-            "~stop": lambda: self._stops.ask("requested by service").result(),
-            "~reset": arm.reset,
-            "~teach/start": arm.teach_start,
-            "~teach/stop": arm.teach_stop,
-            "~teach/play": arm.teach_play,
-        }
-        triggers |= {f"~go_to/{pose}": partial(arm.go_to, pose) for pose in self._settings.poses}
-        for name, call in triggers.items():
-            rospy.Service(name, Trigger, partial(self._answer, TriggerResponse, call))
-        rospy.Service("~enable", SetBool, lambda r: self._answer(SetBoolResponse, partial(arm.enable, r.data)))
-
-    @staticmethod
-    def _answer(response: Callable[[bool, str], Any], call: Callable[[], str], request: object = None) -> Any:
-        try:
-            return response(True, call())
-        except HexwireError as error:
-            _log.warning("%s", error)
-            return response(False, str(error))
+        mark, stop = self._arm.mark, partial(self._stops.ask, "requested by service")
+        calls = {name: lambda call=call: call(mark()) for name, call in self._requests().items()}
+        for name, call in {"stop": lambda: self._stopped(stop()), **calls}.items():
+            rospy.Service(f"~{name}", Trigger, lambda _, call=call: TriggerResponse(*self._outcome(call)))
+        rospy.Service(
+            "~enable",
+            SetBool,
+            lambda asked: SetBoolResponse(*self._outcome(partial(self._arm.enable, asked.data, mark()))),
+        )
 
     def _query_state(self, name: str, request: Any) -> Any:
         # A time of zero means now, as in a stamp.
@@ -276,23 +242,10 @@ class HardwareInterface:
     # -- commands -------------------------------------------------------------------------------------
 
     def _on_command(self, name: str, message: Any) -> None:
-        try:
-            self._arm.command(name, trajectory_of(message, rospy.Time.now()))
-        except HexwireError as error:
-            self._warn(f"command refused: {error}")
+        self._follow("command", lambda: self._arm.command(name, trajectory_of(message, rospy.Time.now())))
 
     def _on_joint_commands(self, message: Any) -> None:
-        try:
-            without_effect = self._joint_commands.follow(message)
-        except HexwireError as error:
-            self._warn(f"joint_commands refused: {error}")
-        else:
-            if without_effect:
-                self._warn(f"joint_commands: {without_effect}", 60.0)
-
-    def _warn(self, text: str, period: float = 1.0) -> None:
-        if self._log_limiter.due(text, time.monotonic(), period):
-            _log.warning("%s", text)
+        self._follow("joint_commands", lambda: self._joint_commands.follow(message))
 
     # -- publishing -----------------------------------------------------------------------------------
 
@@ -304,27 +257,15 @@ class HardwareInterface:
         message.position = published.position
         message.velocity = published.velocity
         self._joint_states.publish(message)
-        now = time.monotonic()
-        if self._state_due.due(now, 1.0 / self._parameters.state_publish_rate):
-            self._publish_controllers()
-        if self._feedback_due.due(now, 1.0 / self._parameters.action_monitor_rate):
-            self._publish_feedback()
+        self._publish_progress(self._parameters.state_publish_rate, self._parameters.action_monitor_rate)
 
-    def _publish_controllers(self) -> None:
-        for name, controller in self._arm.controllers.items():
-            publisher = self._states.get(name)
-            if controller.progress is not None and publisher is not None and publisher.get_num_connections():
-                publisher.publish(self._progress(self._control.JointTrajectoryControllerState, controller.progress))
+    def _publish_controller(self, name: str, controller: TrajectoryController, progress: Progress) -> None:
+        publisher = self._states.get(name)
+        if publisher is not None and publisher.get_num_connections():
+            publisher.publish(self._progress(self._control.JointTrajectoryControllerState, progress))
 
-    def _publish_feedback(self) -> None:
-        for controller in self._arm.controllers.values():
-            goal, progress = controller.listener, controller.progress
-            # A board that keeps the time begins a moment after the acceptance: there is nothing to tell before.
-            begun = progress is not None and progress.stamp >= controller.begins
-            if isinstance(goal, ClientGoal) and goal.accepted and progress is not None and begun:
-                goal.client.handle.publish_feedback(
-                    self._progress(self._control.FollowJointTrajectoryFeedback, progress)
-                )
+    def _publish_feedback(self, client: ActionClient, progress: Progress, elapsed: float) -> None:
+        client.handle.publish_feedback(self._progress(self._control.FollowJointTrajectoryFeedback, progress))
 
     @staticmethod
     def _progress(kind: Any, progress: Progress) -> Any:

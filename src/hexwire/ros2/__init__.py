@@ -2,3 +2,34 @@
 
 Owns what only ROS 2 needs of an arm; `rmw` has the wire. What an arm does is decided in `hexwire.control`.
 """
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .rmw.node import Node
+
+__all__ = ["ros_node"]
+
+
+def ros_node(name: str) -> Node:
+    """A node of ROS 2 for a program of yours, without ROS; as a context manager it is open in its block.
+
+    Its domain is that of ROS_DOMAIN_ID, its router that of rmw_zenoh's environment variables, and its `types` makes
+    messages of ROS's own packages.
+
+    Args:
+        name: Its name.
+
+    Raises:
+        UsageError: A variable is not valid.
+    """
+    from .arguments import domain_of
+    from .rmw.node import Node, NodeOptions
+    from .rmw.types import Types
+    from .rmw.zenoh_session import ZenohSettings
+
+    zenoh = ZenohSettings.from_environment(os.environ)
+    return Node(NodeOptions(name, domain=domain_of(os.environ), zenoh=zenoh), Types())

@@ -10,9 +10,10 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from hexwire.control.client_goals import ClientGoals
+from hexwire.control.goal_fields import CODES as USUAL_CODES
+from hexwire.control.goal_fields import ErrorCode
 from hexwire.control.outcomes import Outcome, Reason
 
-from .codes import CODES, in_log
 from .values import request_of
 
 if TYPE_CHECKING:
@@ -21,9 +22,18 @@ if TYPE_CHECKING:
 
     from .rmw.action_server import GoalHandle
 
-__all__ = ["FOLLOW_JOINT_TRAJECTORY", "ActionClient", "ActionGoals"]
+__all__ = ["CODES", "FOLLOW_JOINT_TRAJECTORY", "ActionClient", "ActionGoals", "in_log"]
 
 FOLLOW_JOINT_TRAJECTORY = "control_msgs/action/FollowJointTrajectory"
+# A replaced goal is aborted with the code that ros2_controllers gives it. Before June 2026 it asked for CANCELED,
+# which the state of such a goal does not allow: ros-controls/ros2_controllers, pull request 2422.
+CODES = {**USUAL_CODES, Reason.REPLACED: ErrorCode.INVALID_GOAL}
+"""The error code of each reason."""
+
+
+def in_log(reason: Reason, text: str) -> str:
+    """A reason in the log, with its code: ROS 2 has no other place for why a goal is refused."""
+    return f"{CODES[reason].name}: {text}"
 
 
 class ActionClient:
@@ -34,7 +44,7 @@ class ActionClient:
         result: Makes a FollowJointTrajectory_Result.
 
     Attributes:
-        handle: As given.
+        handle: The client's goal.
     """
 
     def __init__(self, handle: GoalHandle, result: Callable[..., Any]) -> None:

@@ -12,21 +12,19 @@ from __future__ import annotations
 
 import json
 import stat
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from hexwire.errors import UsageError
 from hexwire.new_file import OutputFile
-from hexwire.trace.mcap_file import load_mcap
+from hexwire.trace.mcap_file import NewMcapFile, load_mcap
 
 from .rmw.distributions import NO_TYPE_HASH
 from .rmw.qos import DEFAULT, Qos
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from .rmw.types import MessageType, Types
 
 __all__ = ["BagWriter"]
@@ -34,8 +32,6 @@ __all__ = ["BagWriter"]
 METADATA = "metadata.yaml"
 _VERSION = 8
 """Version of ``metadata.yaml``, with policies as numbers: Humble reads it, and all that came after."""
-# Small chunks, since a crash loses the chunk that is being written.
-_CHUNK = 64 * 1024
 
 
 @dataclass(slots=True)
@@ -46,7 +42,7 @@ class _Topic:
     count: int = 0
 
 
-class BagWriter:
+class BagWriter(NewMcapFile):
     """Writes a bag; use it as a context manager, or `close` it.
 
     Args:
@@ -55,7 +51,7 @@ class BagWriter:
         force: Overwrite an existing bag of this name.
 
     Attributes:
-        folder: As given.
+        folder: The bag.
         count: Messages written.
 
     Raises:
@@ -63,26 +59,19 @@ class BagWriter:
     """
 
     def __init__(self, folder: str | Path, types: Types, *, force: bool = False) -> None:
-        writer_module = load_mcap("mcap.writer")
+        load_mcap("mcap.writer")
         self.folder = Path(folder)
-        self.count = 0
         self._types = types
         self._force = force
         self._file = f"{self.folder.name}_0.mcap"
         self._made = _make_folder(self.folder, {self._file, METADATA}, force)
         try:
-            self._out = OutputFile(self.folder / self._file, force=force, partial=True)
+            super().__init__(self.folder / self._file, "ros2", force=force)
         except UsageError:
             self._remove_folder()
             raise
-        self._writer = writer_module.Writer(
-            self._out.file, chunk_size=_CHUNK, compression=writer_module.CompressionType.ZSTD
-        )
-        self._writer.start(profile="ros2", library="hexwire")
         self._topics: dict[str, _Topic] = {}
         self._first, self._last = 2**63 - 1, 0
-        self._failed: OSError | None = None
-        self._closed = False
 
     def write(self, topic: str, message_type: str, message: Any, stamp: int, qos: Qos = DEFAULT) -> None:
         """Write a message.
@@ -98,17 +87,12 @@ class BagWriter:
             LocalProtocolError: The message has an unsuitable value.
             OSError: It cannot be written; nor can anything after it.
         """
-        if self._failed is not None:
-            raise self._failed
-        found = self._topics.get(topic)
-        if found is None:
-            found = self._topics[topic] = self._new_topic(topic, message_type, qos)
-        data = found.type.serialize(message)
-        try:
+        with self._writing():
+            found = self._topics.get(topic)
+            if found is None:
+                found = self._topics[topic] = self._new_topic(topic, message_type, qos)
+            data = found.type.serialize(message)
             self._writer.add_message(found.channel, stamp, data, stamp, found.count & 0xFFFFFFFF)
-        except OSError as error:
-            self._failed = error
-            raise
         found.count += 1
         self.count += 1
         self._first, self._last = min(self._first, stamp), max(self._last, stamp)
@@ -128,14 +112,7 @@ class BagWriter:
         """
         if self._closed:
             return
-        self._closed = True
-        try:
-            if self._failed is None:
-                self._writer.finish()
-        finally:
-            # Closing writes the buffer, which fails again after a write error.
-            with suppress(OSError) if self._failed is not None else nullcontext():
-                self._out.keep()
+        super().close()
         if self._failed is None:
             with OutputFile(self.folder / METADATA, force=self._force) as out:
                 out.file.write(self._metadata().encode())
@@ -143,20 +120,8 @@ class BagWriter:
     def discard(self) -> None:
         """Delete the bag. Does nothing if it is finished."""
         if not self._closed:
-            self._closed = True
-            self._out.discard()
+            super().discard()
             self._remove_folder()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        # An error ends the recording; what was recorded before is kept.
-        if kind is not None and not self.count:
-            self.discard()
-        self.close()
 
     def _remove_folder(self) -> None:
         if self._made:

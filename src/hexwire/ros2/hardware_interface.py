@@ -14,17 +14,10 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from hexwire.control.client_goals import ClientGoal
-from hexwire.control.controlled_arm import ControlledArm
-from hexwire.control.diagnostics import ChangeWatch, diagnose
-from hexwire.control.joint_commands import JointCommandStream
-from hexwire.control.rate import Periodic
+from hexwire.control.arm_node import ArmNode
 from hexwire.control.set_point_stream import SetPointStream
-from hexwire.control.shutdown import Shutdown
-from hexwire.control.stamps import StampClock
-from hexwire.control.workers import Together, Worker
+from hexwire.control.workers import Worker
 from hexwire.errors import DeviceError, HexwireError
-from hexwire.log_limiter import LogLimiter
 from hexwire.model.geometry import make_shapes
 from hexwire.model.urdf import make_urdf
 
@@ -36,18 +29,21 @@ from .rmw.keys import Role
 from .rmw.lifecycle import Lifecycle, State
 from .rmw.node import Deferred, Node
 from .rmw.parameters import Descriptor, ParameterServer
-from .rmw.qos import DEFAULT, LATCHED, Qos
+from .rmw.qos import LATCHED, Qos, Reliability
 from .rmw.times import nanoseconds_of
 from .rmw.types import Types
+from .ros_clock import RosClock
 from .set_points import ARRAY, of_array, of_joint_state
 from .settings import changed, descriptor_of
 from .transforms import TRANSFORMS, Transforms
-from .values import trajectory_of
+from .values import delay_of, trajectory_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from hexwire.control.controller import TrajectoryController
     from hexwire.control.known_state import KnownState
+    from hexwire.control.outcomes import Progress
     from hexwire.drivers.base import RobotDriver
     from hexwire.epochs import Token
     from hexwire.model.state import JointState
@@ -68,12 +64,10 @@ COMMANDS = "forward_position_controller/commands"
 WITH_GAINS, JOINT_COMMANDS = "joint_commands", "osrf_msgs/msg/JointCommands"
 """Topic and type of set-points with gains, as in ROS 1."""
 
-STRING = "std_msgs/msg/String"
+CLOCK, STRING = "rosgraph_msgs/msg/Clock", "std_msgs/msg/String"
 TRIGGER, SWITCH, QUERY = "std_srvs/srv/Trigger", "std_srvs/srv/SetBool", "control_msgs/srv/QueryTrajectoryState"
 
 _TICK = 0.1
-_LONGEST_SHUTDOWN = 30.0
-"""Seconds from a signal to the end of the process; with a robot that does not answer, it takes about ten."""
 _RESULTS_WAIT = 0.2
 """Seconds to wait until the last results are on their way."""
 _LOOK_AROUND = 1.0
@@ -85,10 +79,11 @@ _MOST_CALLS = 16
 _MOST_PASSED = 1000
 """Stops that have gone ahead of what still waits."""
 _NEWEST = Qos(depth=1)
+_CLOCK_QOS = Qos(depth=1, reliability=Reliability.BEST_EFFORT)
 _CLOSE_WAIT = 1.0
 
 
-class HardwareInterface:
+class HardwareInterface(ArmNode[ActionGoals]):
     """The node. `run` is its main loop; most other methods are callbacks.
 
     Args:
@@ -102,21 +97,15 @@ class HardwareInterface:
         self._types = types = Types(settings.distribution)
         self._reports = Reports(types)
         self._node = Node(options, types)
-        self._arm = ControlledArm(robot, settings.arm, on_state=self._publish_state, on_taught=self._publish_taught)
-        self._goals = ActionGoals(self._arm, types.action(FOLLOW_JOINT_TRAJECTORY).result)
+        super().__init__(robot, settings.arm, settings.own["diagnostics_rate"])
+        self._clock = RosClock(time.time_ns, time.monotonic, simulated=settings.use_sim_time)
+        self._goals = ActionGoals(self._arm, types.action(FOLLOW_JOINT_TRAJECTORY).result, self._clock.now)
         self._commands = SetPointStream(self._arm)
-        self._with_gains = JointCommandStream(self._arm)
         self._trajectories = Worker("trajectories", _TRAJECTORIES)
         self._passed: Inbox[None] = self._node.callbacks.inbox(_MOST_PASSED, lambda _: self._arm.void())
         self._calls = threading.BoundedSemaphore(_MOST_CALLS)
-        self._stops: Together[str, str] = Together("stops", lambda said: self._arm.stop(said[0]))
         self._stop_calls = threading.BoundedSemaphore(_MOST_CALLS)
         self._states: dict[str, Publisher] = {}
-        self._shutdown = Shutdown(_LONGEST_SHUTDOWN)
-        self._log_limiter = LogLimiter()
-        self._watch = ChangeWatch(1.0 / settings.own["diagnostics_rate"])
-        self._state_due, self._feedback_due = Periodic(), Periodic()
-        self._stamps = StampClock(time.time, time.monotonic)
         self._frames: Transforms | None = None
         self._for_manager: Publisher | None = None
         self._tf: Publisher | None = None
@@ -129,13 +118,10 @@ class HardwareInterface:
             LinkError: The robot's port or the Zenoh session cannot be opened.
             DeviceError: The robot does not answer, another node has this name, or the node failed.
         """
-        for text in self._settings.warnings:
-            _log.warning("%s", text)
+        odd = list(self._settings.warnings)
         if self._settings.use_sim_time:
-            _log.warning("use_sim_time has no effect: the arm runs in real time, and so do the stamps")
-        # Until the arm is connected, nothing must be made safe, and the wait for a board may be long.
-        self._shutdown.interrupts = True
-        self._shutdown.listen()
+            odd.append("use_sim_time is set: stamps come from /clock, but the arm runs in real time")
+        self._listen(odd)
         try:
             with self._opened_node():
                 return self._serve()
@@ -172,13 +158,8 @@ class HardwareInterface:
             while not self._shutdown.wait(_TICK):
                 self._tick()
         finally:
-            self._shutdown.interrupts = False
-            self._shutdown.request()
-            had_goals = self._goals.open
-            self._arm.shutdown()
-            self._goals.close()
+            had_goals = self._make_safe(_CLOSE_WAIT)
             self._trajectories.close(_CLOSE_WAIT)
-            self._stops.close(_CLOSE_WAIT)
             if self._lifecycle is not None:
                 self._lifecycle.mirror(State.FINALIZED)
             if had_goals:
@@ -203,14 +184,12 @@ class HardwareInterface:
         return len(found) - 1
 
     def _tick(self) -> None:
-        crash = self._arm.owner.crash
-        if crash is not None:
-            raise DeviceError(f"the node failed: {crash!r}") from crash
-        facts = self._arm.facts()
-        rows = diagnose(facts, states="joint_states")
-        if self._watch.due(rows, time.monotonic()):
-            hardware_id = self._settings.own["hardware_id"] or facts.url
-            self._diagnostics.publish(self._reports.diagnostics(rows, time.time(), self._node.name, hardware_id))
+        if (due := self._diagnostics_due()) is not None:
+            rows, url = due
+            hardware_id = self._settings.own["hardware_id"] or url
+            self._diagnostics.publish(
+                self._reports.diagnostics(rows, self._clock.now() / 1e9, self._node.name, hardware_id)
+            )
         if self._lifecycle is not None:
             self._lifecycle.mirror(arm_lifecycle.state_of(self._arm))
 
@@ -218,6 +197,8 @@ class HardwareInterface:
 
     def _offer_topics(self) -> None:
         node, own = self._node, self._settings.own
+        if self._clock.simulated:
+            node.subscribe("/clock", CLOCK, self._on_clock, _CLOCK_QOS)
         self._joint_states = node.publisher("joint_states", JOINT_STATE)
         if own["joint_states_topic"]:
             self._for_manager = node.publisher(own["joint_states_topic"], JOINT_STATE)
@@ -232,10 +213,10 @@ class HardwareInterface:
             self._frames = Transforms(self._types, make_shapes(kinematics))
             self._tf = node.publisher("/tf", TRANSFORMS, Qos(depth=100))
             fixed = node.publisher("/tf_static", TRANSFORMS, LATCHED)
-            fixed.publish(self._frames.fixed(self._reports.stamp(time.time())))
+            fixed.publish(self._frames.fixed(self._reports.stamp(self._clock.now() / 1e9)))
 
     def _offer_parameters(self) -> None:
-        server = ParameterServer(self._node, self._types, on_set=self._on_parameters)
+        server = ParameterServer(self._node, self._types, on_set=self._on_parameters, ros_time=self._clock.now)
         settings = self._settings
         for name, value in settings.flat().items():
             row, read_only = settings.row(name), not settings.may_change(name)
@@ -255,7 +236,7 @@ class HardwareInterface:
         for name in self._arm.controllers:
             at = self._settings.topic(name)
             self._states[name] = node.publisher(f"{at}/controller_state", CONTROLLER_STATE)
-            node.subscribe(f"{at}/joint_trajectory", TRAJECTORY, DEFAULT, partial(self._on_trajectory, name))
+            node.subscribe(f"{at}/joint_trajectory", TRAJECTORY, partial(self._on_trajectory, name))
             ActionServer(
                 node,
                 self._types,
@@ -263,26 +244,20 @@ class HardwareInterface:
                 FOLLOW_JOINT_TRAJECTORY,
                 on_goal=partial(self._goals.on_goal, name),
                 on_cancel=partial(self._goals.on_cancel, name),
+                ros_time=self._clock.now,
             )
             node.service(f"{at}/query_state", QUERY, partial(self._query_state, name))
-        node.subscribe(COMMANDS, ARRAY, _NEWEST, self._on_commands)
+        node.subscribe(COMMANDS, ARRAY, self._on_commands, _NEWEST)
         topic = self._settings.own["joint_commands_topic"]
         if topic:
-            node.subscribe(topic, JOINT_STATE, _NEWEST, partial(self._on_joint_commands, topic))
+            node.subscribe(topic, JOINT_STATE, partial(self._on_joint_commands, topic), _NEWEST)
         if topic != WITH_GAINS:
-            node.subscribe(WITH_GAINS, JOINT_COMMANDS, _NEWEST, self._on_with_gains)
+            node.subscribe(WITH_GAINS, JOINT_COMMANDS, self._on_with_gains, _NEWEST)
 
     def _offer_services(self) -> None:
-        arm, node = self._arm, self._node
-        calls: dict[str, Callable[[Token], str]] = {
-            "~/reset": arm.reset,
-            "~/teach/start": arm.teach_start,
-            "~/teach/stop": lambda asked: arm.teach_stop(),
-            "~/teach/play": arm.teach_play,
-        }
-        calls |= {f"~/go_to/{pose}": partial(arm.go_to, pose) for pose in self._settings.arm.poses}
-        for name, call in calls.items():
-            node.service(name, TRIGGER, partial(self._on_trigger, call))
+        node = self._node
+        for name, call in self._requests().items():
+            node.service(f"~/{name}", TRIGGER, partial(self._on_trigger, call))
         node.service("~/enable", SWITCH, self._on_enable)
         node.service("~/stop", TRIGGER, self._on_stop, urgent=True)
 
@@ -293,7 +268,7 @@ class HardwareInterface:
         # One stop answers all who ask before it begins; whether this one is answered or not.
         stopped = self._stops.ask("requested by service")
         busy = "so many stop the arm that this is not answered; it is being stopped"
-        return self._in_turn(response, stopped.result, self._stop_calls, busy)
+        return self._in_turn(response, partial(self._stopped, stopped), self._stop_calls, busy)
 
     def _on_trigger(self, call: Callable[[Token], str], request: Any) -> Any:
         response = self._types.service(TRIGGER).response
@@ -323,17 +298,14 @@ class HardwareInterface:
 
         return self._answer_later(response, work)
 
-    @staticmethod
-    def _answer_later(response: Callable[..., Any], call: Callable[[], str]) -> Deferred:
+    def _answer_later(self, response: Callable[..., Any], call: Callable[[], str]) -> Deferred:
         """Answer in a thread of its own, since the call waits for the arm."""
         answer = Deferred()
 
         def work() -> None:
             try:
-                answer.answer(response(success=True, message=call()))
-            except HexwireError as error:
-                _log.warning("%s", error)
-                answer.answer(response(success=False, message=str(error)))
+                success, message = self._outcome(call)
+                answer.answer(response(success=success, message=message))
             except Exception as error:  # noqa: BLE001  # logged, and told to the client
                 # The client must get an answer.
                 _log.exception("a service failed")
@@ -344,10 +316,8 @@ class HardwareInterface:
 
     def _query_state(self, name: str, request: Any) -> Any:
         response = self._types.service(QUERY).response
-        # A time of zero means now, as in a stamp.
-        when = nanoseconds_of(request.time)
         try:
-            desired = self._arm.query(name, (when - time.time_ns()) / 1e9 if when else 0.0)
+            desired = self._arm.query(name, delay_of(request.time, self._clock.now()))
         except HexwireError as error:
             return response(success=False, message=str(error))
         return response(
@@ -358,17 +328,18 @@ class HardwareInterface:
             acceleration=desired.acceleration,
         )
 
+    def _on_clock(self, message: Any, sent: int) -> None:
+        self._clock.take(nanoseconds_of(message.clock))
+
     # -- commands -------------------------------------------------------------------------------------
 
     def _on_trajectory(self, name: str, message: Any, sent: int) -> None:
         topic = f"{self._settings.topic(name)}/joint_trajectory"
-        now, received, asked = time.time_ns(), self._arm.owner.now(), self._arm.mark()
+        now, received, asked = self._clock.now(), self._arm.owner.now(), self._arm.mark()
 
         def follow() -> None:
-            try:
-                self._arm.command(name, trajectory_of(message, now), received=received, asked=asked)
-            except HexwireError as error:
-                self._warn(f"{topic} refused: {error}")
+            goal = partial(trajectory_of, message, now)
+            self._follow(topic, lambda: self._arm.command(name, goal(), received=received, asked=asked))
 
         # Reading a long one takes long, and its path check longer.
         if not self._trajectories.put(follow):
@@ -376,37 +347,23 @@ class HardwareInterface:
 
     def _on_commands(self, message: Any, sent: int) -> None:
         joints = [joint for controller in self._arm.controllers.values() for joint in controller.joints]
-        try:
-            self._commands.follow(of_array(message, joints), sent / 1e9)
-        except HexwireError as error:
-            self._warn(f"{COMMANDS} refused: {error}")
+        self._follow(COMMANDS, lambda: self._commands.follow(of_array(message, joints), sent / 1e9))
 
     def _on_with_gains(self, message: Any, sent: int) -> None:
-        try:
-            without_effect = self._with_gains.follow(message, sent / 1e9)
-        except HexwireError as error:
-            self._warn(f"{WITH_GAINS} refused: {error}")
-        else:
-            if without_effect:
-                self._warn(f"{WITH_GAINS}: {without_effect}", 60.0)
+        self._follow(WITH_GAINS, lambda: self._joint_commands.follow(message, sent / 1e9))
 
     def _on_joint_commands(self, topic: str, message: Any, sent: int) -> None:
-        try:
-            positions = of_joint_state(message)
-            if positions:
+        def follow() -> None:
+            if positions := of_joint_state(message):
                 self._arm.set_points(positions, near=self._settings.near)
-        except HexwireError as error:
-            self._warn(f"{topic} refused: {error}")
 
-    def _warn(self, text: str, period: float = 1.0) -> None:
-        if self._log_limiter.due(text, time.monotonic(), period):
-            _log.warning("%s", text)
+        self._follow(topic, follow)
 
     # -- publishing -----------------------------------------------------------------------------------
 
     def _publish_state(self, state: JointState, published: KnownState) -> None:
         own = self._settings.own
-        wall = self._stamps.stamp(state.stamp - published.age)
+        wall = self._clock.stamp(state.stamp - published.age)
         # For every state: nothing is made that nobody reads, and the same bytes go to both topics.
         both = self._joint_states, self._for_manager
         readers = [publisher for publisher in both if publisher is not None and publisher.has_readers]
@@ -418,30 +375,17 @@ class HardwareInterface:
         if self._tf is not None and self._frames is not None and self._tf.has_readers:
             positions = dict(zip(published.names, published.position, strict=True))
             self._tf.publish(self._frames.moving(positions, self._reports.stamp(wall)))
-        now = time.monotonic()
-        if self._state_due.due(now, 1.0 / own["state_publish_rate"]):
-            self._publish_controllers()
-        if self._feedback_due.due(now, 1.0 / own["action_monitor_rate"]):
-            self._publish_feedback()
+        self._publish_progress(own["state_publish_rate"], own["action_monitor_rate"])
 
-    def _publish_controllers(self) -> None:
-        for name, controller in self._arm.controllers.items():
-            publisher, progress = self._states.get(name), controller.progress
-            if progress is not None and publisher is not None and publisher.has_readers:
-                wall, elapsed = self._stamps.stamp(progress.stamp), progress.stamp - controller.begins
-                publisher.publish(self._reports.controller_state(progress, wall, elapsed))
+    def _publish_controller(self, name: str, controller: TrajectoryController, progress: Progress) -> None:
+        publisher = self._states.get(name)
+        if publisher is not None and publisher.has_readers:
+            wall, elapsed = self._clock.stamp(progress.stamp), progress.stamp - controller.begins
+            publisher.publish(self._reports.controller_state(progress, wall, elapsed))
 
-    def _publish_feedback(self) -> None:
-        for controller in self._arm.controllers.values():
-            goal, progress = controller.listener, controller.progress
-            if isinstance(goal, ClientGoal) and goal.accepted and progress is not None:
-                client: ActionClient = goal.client
-                wall = self._stamps.stamp(progress.stamp)
-                elapsed = progress.stamp - controller.begins
-                # A board that keeps the time begins a moment later: there is nothing to tell before.
-                if elapsed < 0.0:
-                    continue
-                client.handle.publish_feedback(self._reports.feedback(progress, wall, client.handle.goal, elapsed))
+    def _publish_feedback(self, client: ActionClient, progress: Progress, elapsed: float) -> None:
+        wall, goal = self._clock.stamp(progress.stamp), client.handle.goal
+        client.handle.publish_feedback(self._reports.feedback(progress, wall, goal, elapsed))
 
     def _publish_taught(self, taught: Taught) -> None:
         self._taught.publish(self._reports.taught(taught, self._settings.arm.model))

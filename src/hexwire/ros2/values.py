@@ -10,10 +10,30 @@ from typing import Any
 from hexwire.control.client_goals import Request
 from hexwire.control.goal_fields import component_rows, tolerance_rows, trajectory_goal
 from hexwire.control.goals import TrajectoryGoal
+from hexwire.control.outcomes import Reason
+from hexwire.errors import GoalError
 
 from .rmw.times import nanoseconds_of, seconds_of
 
-__all__ = ["request_of", "trajectory_of"]
+__all__ = ["delay_of", "request_of", "trajectory_of"]
+
+
+def delay_of(time: Any, now: int) -> float:
+    """Seconds until a builtin_interfaces Time; 0 for a time of 0, which means now.
+
+    Args:
+        time: The message.
+        now: Current ROS time, nanoseconds; 0 if a simulation has not told it yet.
+
+    Raises:
+        GoalError: There is no current time.
+    """
+    stamp = nanoseconds_of(time)
+    if stamp and not now:
+        text = "it has a time, but use_sim_time is set and nothing has come on /clock"
+        raise GoalError(text, reason=Reason.NOT_READY)
+    # Subtract times, not floats, which have a resolution of a microsecond at best.
+    return (stamp - now) / 1e9 if stamp else 0.0
 
 
 def trajectory_of(message: Any, now: int, multi_dof: Any = None) -> TrajectoryGoal:
@@ -21,13 +41,13 @@ def trajectory_of(message: Any, now: int, multi_dof: Any = None) -> TrajectoryGo
 
     Args:
         message: The message.
-        now: Current ROS time, nanoseconds.
+        now: As in `delay_of`.
         multi_dof: A trajectory_msgs/msg/MultiDOFJointTrajectory that comes with it.
+
+    Raises:
+        GoalError: As `delay_of`.
     """
-    stamp = nanoseconds_of(message.header.stamp)
-    # Subtract times, not floats, which have a resolution of a microsecond at best.
-    delay = (stamp - now) / 1e9 if stamp else 0.0
-    free = ()
+    delay, free = delay_of(message.header.stamp, now), ()
     if multi_dof is not None and multi_dof.points:
         free = tuple(multi_dof.joint_names) or ("joints without a name",)
     return trajectory_goal(message, delay, seconds_of, free)
@@ -38,7 +58,10 @@ def request_of(goal: Any, now: int) -> Request:
 
     Args:
         goal: The message.
-        now: Current ROS time, nanoseconds.
+        now: As in `delay_of`.
+
+    Raises:
+        GoalError: As `delay_of`.
     """
     return Request(
         trajectory_of(goal.trajectory, now, goal.multi_dof_trajectory),

@@ -291,10 +291,11 @@ class Connection(FrameMaker):
     def next_timeout(self) -> float | None:
         """Time at which to call `handle_timeout`, or None."""
         first = None
-        # Iterate over a copy: a signal handler may stop the arm at any line, which removes requests.
-        for pending in tuple(self._pending.values()):
-            if first is None or pending.deadline < first:
-                first = pending.deadline
+        if self._pending:
+            # Iterate over a copy: a signal handler may stop the arm at any line, which removes requests.
+            for pending in tuple(self._pending.values()):
+                if first is None or pending.deadline < first:
+                    first = pending.deadline
         for part in self._timed_parts:
             when = part.next_timeout()
             if when is not None and (first is None or when < first):

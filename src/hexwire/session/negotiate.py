@@ -26,6 +26,8 @@ __all__ = ["Negotiated", "NegotiationFailed", "Negotiator"]
 _ASK_WINDOW = 0.25
 _LOOK_AFTER = 2
 """Unanswered requests after which the caller may look for another device on the line."""
+_WORTH_SAYING = 1.0
+"""Seconds still to wait from which on a word about it helps."""
 _NOISE = 64
 _NETWORK = ("tcp:", "tcps:", "udp:", "mq:")
 _NOTHING = "check the port, the rate, and the board's power and firmware; `hexwire ports` lists ports"
@@ -179,6 +181,16 @@ class Negotiator:
             self._knows_identify = event.status in (Status.STOPPED, Status.BUSY) or self._knows_identify
             self._left_to_ask = None if self._knows_identify else self._left_to_ask
             self._next(now)
+
+    def hint(self, url: str, now: float) -> str:
+        """What to say of an address that is silent for long, though a board may still be booting there.
+
+        Empty for a serial port, where nothing but a board or servos can be, and if the end is near anyway.
+        """
+        left = self._deadline - now
+        if self.outcome is not None or left < _WORTH_SAYING or not url.startswith(_NETWORK):
+            return ""
+        return f"{url}: nothing has answered yet; {_NOBODY}. A board may be booting: {left:.0f} s more for it"
 
     def go_on(self, now: float) -> None:
         """End the pause."""

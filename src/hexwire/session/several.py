@@ -172,6 +172,8 @@ class SeveralRequests:
 
     def next_timeout(self) -> float | None:
         """Time at which to call `handle_timeout`, or None."""
+        if not self._asked:
+            return None
         return min((asked.deadline for asked in tuple(self._asked.values())), default=None)
 
     def handle_timeout(self, now: float) -> None:

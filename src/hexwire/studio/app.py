@@ -18,7 +18,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from hexwire.control.attended import FINE
+from hexwire.control.hold_to_run import FINE
 from hexwire.control.power import Stopped
 from hexwire.control.workers import Together
 from hexwire.errors import HexwireError, LeaseError, LinkNotFoundError
@@ -28,13 +28,13 @@ from .bus_source import live_row
 from .fleet_watch import FleetWatch
 from .holds import Holds
 from .live import Live
-from .shelf import Shelf
+from .recordings import Recordings
 from .source import Source
 from .tabs import Tab, Tabs
 from .wire_feed import WireFeed
 
 if TYPE_CHECKING:
-    from hexwire.control.attended import Entry
+    from hexwire.control.hold_to_run import Entry
     from hexwire.epochs import Token
 
     from .bus_source import BusSource
@@ -90,9 +90,9 @@ class Studio:
         recordings: Folder of recordings; this user's if None.
 
     Attributes:
-        access: As given.
+        access: The rules of access.
         source: What is open.
-        shelf: The recordings.
+        recordings: The recordings.
         tabs: The open tabs.
         wire: The traffic of what is open, and of files.
         fleet: The shared arms that this program may see.
@@ -110,7 +110,7 @@ class Studio:
         self.settings: dict[str, object] = {}
         self.plugged: list[Plugged] | None = None
         self.demo = ("", "")
-        self.shelf = Shelf(recordings)
+        self.recordings = Recordings(recordings)
         self.tabs = Tabs()
         self.wire = WireFeed()
         self.fleet = FleetWatch()
@@ -127,7 +127,7 @@ class Studio:
         # One thread each: of all that pages ask for, at most two things compete with the arm for the interpreter.
         self._pages = {right: ThreadPoolExecutor(1, "studio pages") for right in Right}
         # And a process each, with a thread that waits for it.
-        self._files = {right: self.shelf.process() for right in Right}
+        self._files = {right: self.recordings.process() for right in Right}
         self._asking = {right: ThreadPoolExecutor(1, "studio files") for right in Right}
         self._calls: Counter[str] = Counter()
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -271,7 +271,7 @@ class Studio:
         present = self.source.present
         if present is None:
             return None
-        present.attended.end_all(f"{who} stopped it")
+        present.hold_to_run.end_all(f"{who} stopped it")
         with self._stopping:
             return present.name, self._stops_of(present).ask(who)
 
@@ -316,8 +316,10 @@ class Studio:
             if begun is None:
                 raise
             shared = []
-        except HexwireError as error:
-            shared = [Stopped("the shared arms", False, error=str(error))]
+        except Exception as error:  # noqa: BLE001  # shown: the stop of what is open here is said all the same
+            if not isinstance(error, HexwireError):
+                _log.exception("the stop of the shared arms failed")
+            shared = [Stopped("the shared arms", False, error=str(error) or type(error).__name__)]
         if begun is None:
             return sorted(shared, key=lambda row: row.confirmed)
         own = await _outcome(*begun)
@@ -341,14 +343,14 @@ class Studio:
         """End what anybody holds; returns at once."""
         present = self.source.present
         if present is not None:
-            present.attended.end_all(why)
+            present.hold_to_run.end_all(why)
 
     def gone(self, tab: Tab) -> None:
         """The socket of a tab is closed: end what it holds, and give its control back."""
         self.holds.forget(tab)
         present = self.source.present
         if present is not None:
-            present.attended.end(tab.key, "its page was closed")
+            present.hold_to_run.end(tab.key, "its page was closed")
         if tab.grant:
             self.orders.submit(self.source.leave, tab)
 
@@ -356,7 +358,7 @@ class Studio:
         """A motion that was announced did not begin."""
         present = self.source.present
         if present is not None:
-            present.attended.end(entry.who, why, entry.number)
+            present.hold_to_run.end(entry.who, why, entry.number)
 
     def ended(self, entry: Entry) -> None:
         """A motion has ended: tell its tab."""
@@ -389,12 +391,12 @@ class Studio:
         taught = None
         if isinstance(recording, str):
             names = arm.settings.model.names
-            taught = self.shelf.taught(recording, topic if isinstance(topic, str) else None, names)
+            taught = self.recordings.taught(recording, topic if isinstance(topic, str) else None, names)
         arm.begin_run(tab, entry, args, arrived, lambda: self._tell_run(arm), taught=taught)
         self._tell_run(arm)
 
     def _tell_run(self, arm: ArmSource) -> None:
-        progress = arm.desk.progress
+        progress = arm.motions.progress
         if progress is not None:
             self.live.tell({"kind": "run", **asdict(progress)})
 
@@ -403,9 +405,9 @@ class Studio:
     def _changed(self) -> None:
         present = self.source.present
         # A recording ends with its arm.
-        self._workers[Right.OPERATE].submit(self.shelf.recorder.follow, self.source.arm)
+        self._workers[Right.OPERATE].submit(self.recordings.recorder.follow, self.source.arm)
         if present is not None:
-            present.attended.on_end = self.ended
+            present.hold_to_run.on_end = self.ended
         bus = self.source.bus
         if bus is not None:
             bus.on_change = lambda: self.soon(self.live.tell_facts)
@@ -427,7 +429,7 @@ class Studio:
             present = self.source.present
             if present is not None:
                 try:
-                    present.attended.check()
+                    present.hold_to_run.check()
                 except Exception:  # noqa: BLE001  # logged; a hold ends in the owner's cycle, too
                     _log.exception("the watch of holds failed")
 
@@ -436,7 +438,7 @@ class Studio:
         self._ending.set()
         if self._watch is not None:
             self._watch.join()
-        self.shelf.close()
+        self.recordings.close()
         self.source.close()
         for process in self._files.values():
             process.close()

@@ -15,14 +15,14 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from hexwire.control.attended import SILENCE, Attended, Entry, silence_for
 from hexwire.control.controlled_arm import ControlledArm
 from hexwire.control.history import History
+from hexwire.control.hold_to_run import SILENCE, Entry, HoldToRun, silence_for
 from hexwire.control.holding import SOON, hold_moving
 from hexwire.control.jog import JogController, read_request
 from hexwire.control.known_state import known_joints
 from hexwire.control.lease import Lease
-from hexwire.control.motion_desk import MotionDesk
+from hexwire.control.motion_service import MotionService
 from hexwire.control.pose_file import PoseFile
 from hexwire.control.power import Stopped, Torques
 from hexwire.control.shared import Order, SharedArm
@@ -63,14 +63,14 @@ class ArmSource:
         wall: Seconds since 1970.
 
     Attributes:
-        settings: As given.
-        driver: As given.
+        settings: The settings of the arm.
+        driver: The driver of the arm.
         arm: The arm.
         shared: The arm with its lease.
-        attended: What somebody holds.
+        hold_to_run: What somebody holds.
         jog: Moves joints while somebody holds a button.
         goals: Last set-point of each joint, radians.
-        desk: Motions to a goal, poses, teach mode.
+        motions: Motions to a goal, poses, teach mode.
         history: The last ten minutes.
         listeners: Called with each state and the goals, in the owner's thread; they must not wait.
     """
@@ -87,9 +87,9 @@ class ArmSource:
         owner = self.arm.owner
         owner.observers = [*owner.observers, self._keep]
         self._silence = silence
-        self.attended = Attended(silence=silence, clock=owner.now)
+        self.hold_to_run = HoldToRun(silence=silence, clock=owner.now)
         self.jog = JogController(settings.model, settings.kinematics, self.shared.path_check, silence=silence)
-        self.desk = MotionDesk(self.shared, PoseFile(settings.model))
+        self.motions = MotionService(self.shared, PoseFile(settings.model))
         self._asking = threading.Lock()
         self._answers: dict[str, tuple[float, Any, HexwireError | None]] = {}
         # Ends what was held, so that no thread that hears of an end waits for the line.
@@ -113,7 +113,7 @@ class ArmSource:
         """Connect and start; raises as `ControlledArm.connect`."""
         self.arm.connect()
         self._silence = silence_for(self.arm.owner.command_period, self._silence)
-        self.attended.silence = self.jog.silence = self._silence
+        self.hold_to_run.silence = self.jog.silence = self._silence
         self.arm.start()
         owner = self.arm.owner
         with owner.locked():
@@ -122,7 +122,7 @@ class ArmSource:
 
     def shutdown(self) -> None:
         """Stop a motion, and detach; the joints keep their torque."""
-        self.attended.end_all("the arm was closed")
+        self.hold_to_run.end_all("the arm was closed")
         try:
             self.shared.shutdown()
         except HexwireError as error:
@@ -161,7 +161,7 @@ class ArmSource:
 
     def leave(self, tab: Tab, grant: int) -> None:
         """Take control back from a tab; what moves holds."""
-        self.attended.end(tab.key, "control was given back")
+        self.hold_to_run.end(tab.key, "control was given back")
         # First: else the end of the lease overtakes it, and the motion's outcome blames the lease.
         self._settle()
         self.shared.leave(grant, finish=False)
@@ -182,7 +182,7 @@ class ArmSource:
     # -- holds ------------------------------------------------------------------------------------------
 
     def begin_jog(self, tab: Tab, entry: Entry, kind: str, args: Mapping[str, object], arrived: Token) -> None:
-        """Begin a jog that was announced to `attended`.
+        """Begin a jog that was announced to `hold_to_run`.
 
         Raises:
             HexwireError: It is refused; nothing moves.
@@ -206,7 +206,7 @@ class ArmSource:
             self.jog.begin(request, lambda: entry.age(owner.now()), state)
         owner.group.deliver()
         owner.hurry()
-        self.attended.begun(entry, lambda why: self._ender.submit(self._end_jog, why))
+        self.hold_to_run.begun(entry, lambda why: self._ender.submit(self._end_jog, why))
 
     def begin_run(
         self,
@@ -218,12 +218,12 @@ class ArmSource:
         *,
         taught: Taught | None = None,
     ) -> None:
-        """Begin a motion to a goal that was announced to `attended`; see `MotionDesk.begin`.
+        """Begin a motion to a goal that was announced to `hold_to_run`; see `MotionService.begin`.
 
         Args:
             tab: Whose motion it is.
             entry: Of the motion.
-            args: As for the desk.
+            args: As for the motion service.
             arrived: When it was asked for.
             on_end: Called when it has ended; must not wait.
             taught: What is played instead of the last taught motion.
@@ -234,11 +234,11 @@ class ArmSource:
         self._settle()
 
         def ended(run: MotionRun) -> None:
-            self.attended.end(entry.who, run.progress().text or "arrived", entry.number)
+            self.hold_to_run.end(entry.who, run.progress().text or "arrived", entry.number)
             on_end()
 
         now = self.arm.owner.now
-        run = self.desk.begin(
+        run = self.motions.begin(
             lambda: self.order(tab, arrived),
             args,
             wanted=lambda: not entry.ended,
@@ -247,7 +247,7 @@ class ArmSource:
             on_end=ended,
             taught=taught,
         )
-        self.attended.begun(entry, lambda why: self._ender.submit(run.end, why))
+        self.hold_to_run.begun(entry, lambda why: self._ender.submit(run.end, why))
 
     def _settle(self) -> None:
         """Wait until what was held before has ended, so that its end does not end what is begun now."""
@@ -291,7 +291,7 @@ class ArmSource:
             bits |= FrameBit.MAINTENANCE
         if known:
             bits |= FrameBit.KNOWN
-        if self.attended.entry is not None:
+        if self.hold_to_run.entry is not None:
             bits |= FrameBit.HELD
         for joint in state:
             if not joint.flags & JointFlag.TORQUE_ON:
@@ -346,7 +346,7 @@ class ArmSource:
             "stopped": str(reason) if reason is not None else "latched" if latched else "",
             "stops": self.stops,
             "torque": torque_words(torques),
-            "note": self.jog.note if self.attended.entry is not None else "",
+            "note": self.jog.note if self.hold_to_run.entry is not None else "",
         }
 
     def ask(self, what: str, call: Callable[[], _T]) -> _T:

@@ -31,7 +31,7 @@ from .arm_source import torque_words
 if TYPE_CHECKING:
     from hexwire.bus.backup import ServoBackup
     from hexwire.bus.servo_bus import ServoBus
-    from hexwire.control.attended import Attended
+    from hexwire.control.hold_to_run import HoldToRun
     from hexwire.control.lease import Grant
     from hexwire.epochs import Token
 
@@ -57,7 +57,7 @@ class BusSource:
         wall: Seconds since 1970.
 
     Attributes:
-        bus: As given.
+        bus: The open bus.
         bench: Who has control, the present job, and the stop.
         servos: What the last search found, in the order of rates and ids.
         live: The newest values by servo id, of the servos at the bus's rate.
@@ -96,9 +96,9 @@ class BusSource:
         self._reader.start()
 
     @property
-    def attended(self) -> Attended:
+    def hold_to_run(self) -> HoldToRun:
         """What somebody holds."""
-        return self.bench.attended
+        return self.bench.hold_to_run
 
     @property
     def holder(self) -> Grant | None:
@@ -127,7 +127,7 @@ class BusSource:
 
     def leave(self, tab: Tab, grant: int) -> None:
         """Take control back from a tab; what moves holds."""
-        self.bench.attended.end(tab.key, "control was given back")
+        self.bench.hold_to_run.end(tab.key, "control was given back")
         self.bench.leave(grant)
         self.on_change()
 

@@ -136,7 +136,7 @@ class _Files:
     async def download(self, request: Request) -> Response:
         """A recording as it is."""
         name = _text(request, "name")
-        path = self._present().shelf.library.present(name)
+        path = self._present().recordings.library.present(name)
         return FileResponse(path, media_type=_BYTES, filename=name, headers=_PLAIN)
 
     async def compare(self, request: Request) -> Response:
@@ -148,7 +148,7 @@ class _Files:
 
     async def twin(self, request: Request) -> Response:
         """What the twin did, later than ``after``."""
-        twin = self._present().shelf.twin
+        twin = self._present().recordings.twin
         if twin.history is None:
             raise UsageError("the twin has not moved yet")
         head: dict[str, Any] = {"state": asdict(twin.state), "names": list(twin.history.names)}
@@ -158,7 +158,7 @@ class _Files:
         """Take a file that somebody brings."""
         if request.scope[SESSION].right < Right.OPERATE:
             raise _RefusedError(403, WATCHING_ONLY)
-        name, most = _text(request, "name"), self._present().shelf.library.largest
+        name, most = _text(request, "name"), self._present().recordings.library.largest
         async with received(request, most) as path:
             if path is None:
                 raise _RefusedError(413, f"it is larger than {most >> 20} MiB")

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 from hexwire.control.known_state import KNOWN_FOR
 from hexwire.control.workers import MOST_GATHERED, Together
 from hexwire.errors import HexwireError, LinkNotFoundError, UsageError
+from hexwire.extras import extras_named
 
 if TYPE_CHECKING:
     from hexwire.control.power import Stopped
@@ -138,11 +139,12 @@ class FleetWatch:
         return begun
 
     def _stop_now(self, names: Collection[str] | None, who: str) -> list[Stopped]:
-        from hexwire.fleet.overview import stop_all
-        from hexwire.fleet.remote import whoami
-
         with contextlib.ExitStack() as stack:
             roster = self._roster or stack.enter_context(self._open())
+            # Only now: what is not installed, it says better.
+            from hexwire.fleet.overview import stop_all
+            from hexwire.fleet.remote import whoami
+
             return list(stop_all(roster, f"{who} of {whoami()}", only=names))
 
     def address(self, name: str) -> str:
@@ -190,9 +192,11 @@ class FleetWatch:
     def _open(self) -> Roster:
         from hexwire.fleet.address import router_network
         from hexwire.fleet.node import load_zenoh
-        from hexwire.fleet.roster import Roster
 
         load_zenoh()
+        # Zenoh may be there for ROS 2, without what the fleet needs besides.
+        with extras_named():
+            from hexwire.fleet.roster import Roster
         network: Network | None = router_network()
         self._router = ", ".join(network.connect) if network is not None else ""
         return Roster("**", network, on_change=lambda name, there: self._changed.set())

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from hexwire.errors import UsageError
 
 if TYPE_CHECKING:
-    from hexwire.control.attended import Entry
+    from hexwire.control.hold_to_run import Entry
     from hexwire.epochs import Token
 
     from .source import Source
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["Begin", "Holds"]
 
 Begin = Callable[["Tab", "Entry", Mapping[str, object], "Token"], object]
-"""Begins a motion for a tab; then it calls `Attended.begun` with how it ends. Runs in a thread and may wait. Raises
+"""Begins a motion for a tab, then calls `HoldToRun.begun` with how it ends. Runs in a thread and may wait. Raises
 `HexwireError` if it is refused. The token says when it was asked for: a stop since then voids it."""
 
 _JOGS = ("joint", "space", "drag")

@@ -25,7 +25,7 @@ __all__ = ["build_page", "every", "mount", "on_press"]
 
 _WITH_A_CONNECTION = (
     "() => (window.hexwire?.late"
-    " ? window.hexwire.say('There is no connection to the studio: what was pressed is not done') : emit())"
+    " ? window.hexwire.say('No connection to the studio: the button did nothing') : emit())"
 )
 _FACTS = (
     ("connection", "Connection"),

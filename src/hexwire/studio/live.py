@@ -6,8 +6,8 @@ the server and never waits for the arm: what may wait runs in threads. Must not 
 Up, JSON: ``{"do": "seen", "frames": 10}``, ``{"do": "hold", "id": 1, "kind": "joint", "args": {}, "stops": 0}``,
 ``{"do": "beat", "id": 1}`` (with ``args`` to change what is held), ``{"do": "release", "id": 1}``,
 ``{"do": "stop", "id": 1}``.
-Down: frames (`hexwire.studio.frames`), and JSON with a ``kind``: ``hello``, ``facts``, ``held``, ``ended``,
-``stopping``, ``news``, ``run`` (how far a motion to a goal is).
+Down: frames (`hexwire.studio.frames`), or a single 0 as a sign of life; and JSON with a ``kind``: ``hello``,
+``facts``, ``held``, ``ended``, ``stopping``, ``news``, ``run`` (how far a motion to a goal is).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from concurrent.futures import ThreadPoolExecutor
 
-    from hexwire.control.attended import Entry
+    from hexwire.control.hold_to_run import Entry
 
     from .access import Access
     from .holds import Holds
@@ -45,6 +45,8 @@ _FRAMES = 60.0
 """Frames per second at most."""
 _FACTS = 0.25
 """Seconds between two messages with facts that changed."""
+_SIGN_OF_LIFE = b"\0"
+"""In place of a frame while there is no new one: without it a page takes what it shows for what is no more."""
 _MOST_TEXTS = 64
 """Messages that may wait for a slow reader."""
 _AHEAD = 40
@@ -100,6 +102,11 @@ class _Socket:
         if self._sent - self.seen < _AHEAD:
             self._frame = frame
             self._wake.set()
+
+    def put_sign_of_life(self) -> None:
+        """Unless a frame waits, which is one, too."""
+        if self._frame is None:
+            self.put_frame(_SIGN_OF_LIFE)
 
     def put(self, message: dict[str, Any] | str) -> None:
         if len(self._texts) >= _MOST_TEXTS:
@@ -158,6 +165,8 @@ class Live:
                 if now >= next_facts:
                     next_facts = now + _FACTS
                     self.tell_facts()
+                    for socket in self._sockets:
+                        socket.put_sign_of_life()
                     passes.look(moving=arm is not None and arm.arm.owner.group.busy)
             except Exception:  # noqa: BLE001  # logged; the next frame may be right
                 _log.exception("a frame failed")
@@ -273,10 +282,10 @@ class Live:
         if present is None or not isinstance(number, int):
             return
         if what == "beat":
-            if present.attended.beat(tab.key, number) and "args" in order:
+            if present.hold_to_run.beat(tab.key, number) and "args" in order:
                 studio.holds.update(tab, order.get("args"))
         elif what == "release":
-            present.attended.end(tab.key, "released", number)
+            present.hold_to_run.end(tab.key, "released", number)
         elif what == "hold":
             if order.get("stops") != present.stops & 0xFFFFFFFF:
                 socket.put({"kind": "ended", "id": number, "why": "the arm was stopped meanwhile"})
@@ -285,7 +294,7 @@ class Live:
             studio.source.need_control(tab)
             arrived = present.mark()
             studio.holds.forget(tab)
-            entry = present.attended.begin(tab.key, number)
+            entry = present.hold_to_run.begin(tab.key, number)
             if entry is not None:
                 self._begin(socket, entry, order, arrived)
 

@@ -42,7 +42,7 @@ from .fleet_api import fleet_routes
 from .guard import SESSION, Guard
 from .layout import build_page
 from .page_sockets import guard_page_sockets
-from .shelf_api import shelf_routes
+from .recordings_api import recordings_routes
 from .wire_api import wire_routes
 
 __all__ = ["KEPT", "STATIC", "Server", "make_app", "url_of"]
@@ -187,7 +187,7 @@ def _make_pages() -> Any:
         Route("/stop", stop, methods=["POST"]),
         Route("/favicon.ico", icon),
         *make_routes(_present),
-        *shelf_routes(_present),
+        *recordings_routes(_present),
         Mount("/static", StaticFiles(directory=STATIC)),
         *wire_routes(_present),
         *fleet_routes(_present),

@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from hexwire.control.attended import SILENCE
+from hexwire.control.hold_to_run import SILENCE
 from hexwire.control.setting import Faults
 from hexwire.control.settings_reader import read_settings
 from hexwire.errors import HexwireError, LeaseError, LinkLostError, UsageError
@@ -213,7 +213,7 @@ class Source:
             self.leave(tab)
             raise
         if former is not None and former.key != tab.grant:
-            arm.attended.end_all(f"{tab.name} took control")
+            arm.hold_to_run.end_all(f"{tab.name} took control")
 
     def leave(self, tab: Tab) -> None:
         """Take control back from a tab; what moves holds."""

@@ -175,6 +175,14 @@ class RobotConformance:
         second = robot.read()
         assert first.stamp <= second.stamp <= robot.now()
 
+    def test_the_newest_state_has_an_age(self, robot: RobotDriver) -> None:
+        """`newest` gives a state of all joints, not older than the last one that was read."""
+        before = robot.read()
+        state, age = robot.newest()
+        assert state.names == robot.model.names
+        assert before.stamp <= state.stamp
+        assert 0.0 <= age <= robot.now() - state.stamp
+
     def test_positions_alone_are_those_of_a_state(self, robot: RobotDriver) -> None:
         """`read_positions` agrees with `read`."""
         state, positions = robot.read(), robot.read_positions()

@@ -1,8 +1,8 @@
-"""Reads the messages of an MCAP file one after the other, in bounded memory.
+"""Reads the messages of an MCAP file one after the other, in bounded memory, and writes such files.
 
-Owns finding records, decompressing chunks within limits, and the sentence that says where a file is truncated or
-damaged. The package ``mcap``, imported on first use, reads the contents of a record. Must not know topics, nor what
-messages mean.
+Owns finding records, decompressing chunks within limits, the sentence that says where a file is truncated or
+damaged, and what is left of a file that cannot be written to its end. The package ``mcap``, imported on first use,
+reads and writes the contents of a record. Must not know topics, nor what messages mean.
 
 A chunk that decompresses to more than 64 MiB, or a file that decompresses to more than 256 times its size, is a
 decompression bomb: reading ends there, as it does where a file is truncated or damaged; earlier messages are given.
@@ -13,11 +13,17 @@ from __future__ import annotations
 import io
 import zlib
 from collections.abc import Iterator
-from typing import Any, Protocol
+from contextlib import contextmanager, nullcontext, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from hexwire.errors import UsageError
+from hexwire.new_file import OutputFile
 
-__all__ = ["MAGIC", "Readable", "load_mcap", "read_records"]
+if TYPE_CHECKING:
+    from types import TracebackType
+
+__all__ = ["MAGIC", "NewMcapFile", "Readable", "load_mcap", "read_records"]
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -29,6 +35,8 @@ _BEST_RATIO = 256
 """Largest compression ratio of a file. Files of hexwire have 5 to 20."""
 _WINDOW = 1 << 26
 """Largest decompression window, bytes."""
+# Small chunks, since a crash loses the chunk that is being written.
+_CHUNK_SIZE = 64 * 1024
 _HEAD = 9
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _FOOTER = 3, 4, 5, 6, 2
 _READ = (_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _FOOTER)
@@ -38,6 +46,77 @@ class Readable(Protocol):
     """What is needed of an open file."""
 
     def read(self, size: int = -1, /) -> bytes: ...
+
+
+class NewMcapFile:
+    """An MCAP file that is written; use it as a context manager, or `close` it.
+
+    Args:
+        path: The file. Only its owner can read it.
+        profile: Of MCAP.
+        force: Overwrite an existing file; it is unchanged until this one is complete.
+
+    Attributes:
+        count: Messages written.
+
+    Raises:
+        UsageError: The file exists already or cannot be created, or the package ``mcap`` is not installed.
+    """
+
+    def __init__(self, path: str | Path, profile: str, *, force: bool) -> None:
+        module = load_mcap("mcap.writer")
+        self.count = 0
+        self._failed: OSError | None = None
+        self._closed = False
+        self._out = OutputFile(path, force=force, partial=True)
+        zstd = module.CompressionType.ZSTD
+        self._writer = module.Writer(self._out.file, chunk_size=_CHUNK_SIZE, compression=zstd)
+        self._writer.start(profile=profile, library="hexwire")
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """After an error, refuse all further writing: nothing after a partial chunk could be read."""
+        if self._failed is not None:
+            raise self._failed
+        try:
+            yield
+        except OSError as error:
+            self._failed = error
+            raise
+
+    def close(self) -> None:
+        """Finish the file. Does nothing if it is finished; after a write error, the file stays truncated.
+
+        Raises:
+            OSError: The end of the file cannot be written.
+            UsageError: Another program has put a file there meanwhile.
+        """
+        if self._closed:
+            return
+        self._closed = True
+        try:
+            if self._failed is None:
+                self._writer.finish()
+        finally:
+            # Closing writes the buffer, which fails again after a write error.
+            with suppress(OSError) if self._failed is not None else nullcontext():
+                self._out.keep()
+
+    def discard(self) -> None:
+        """Delete the file. Does nothing if it is finished."""
+        self._closed = True
+        self._out.discard()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        # An error ends the recording; what was recorded before is kept.
+        if kind is not None and not self.count:
+            self.discard()
+        self.close()
 
 
 class _DamageError(Exception):

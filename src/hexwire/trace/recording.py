@@ -11,22 +11,18 @@ import json
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from hexwire.errors import ConfigError, UsageError
 from hexwire.inputs import Item, open_file, parse_message
 from hexwire.model.state import JointState
-from hexwire.new_file import OutputFile
 
-from .mcap_file import load_mcap, read_records
+from .mcap_file import NewMcapFile, read_records
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from .mcap_file import Readable
 
 __all__ = [
@@ -52,8 +48,6 @@ JOINT_STATES = "/joint_states"
 _NSEC = 1_000_000_000
 _END_OF_TIME = 2**63 / _NSEC
 """Seconds since 1970 at which signed 64-bit nanoseconds overflow: in 2262."""
-# Small chunks, since a crash loses the chunk that is being written.
-_CHUNK = 64 * 1024
 
 _MOST_JOINTS = 253
 _MOST = 1e4
@@ -145,29 +139,18 @@ class RecordedJoints:
     topic: str = JOINT_STATES
 
 
-class RecordingWriter:
-    """Writes a recording; use it as a context manager, or `close` it.
+class RecordingWriter(NewMcapFile):
+    """Writes a recording; see `NewMcapFile`.
 
     Args:
         path: The file. Only its owner can read it.
         force: Overwrite an existing file; it is unchanged until the recording is complete.
-
-    Raises:
-        UsageError: The file exists already or cannot be created, or the package ``mcap`` is not installed.
     """
 
     def __init__(self, path: str | Path, *, force: bool = False) -> None:
-        writer_module = load_mcap("mcap.writer")
-        self._out = OutputFile(path, force=force, partial=True)
-        self._closed = False
-        self._writer = writer_module.Writer(
-            self._out.file, chunk_size=_CHUNK, compression=writer_module.CompressionType.ZSTD
-        )
-        self._writer.start(profile="", library="hexwire")
+        super().__init__(path, "", force=force)
         self._channels: dict[str, int] = {}
         self._sequence: dict[str, int] = {}
-        self._failed: OSError | None = None
-        self.count = 0
 
     def message(self, topic: str, schema: str, stamp: float, body: dict[str, Any]) -> None:
         """Write a JSON message.
@@ -200,17 +183,6 @@ class RecordingWriter:
             data=data,
         )
         self.count += 1
-
-    @contextmanager
-    def _writing(self) -> Iterator[None]:
-        """After an error, refuse all further writing: nothing after a partial chunk could be read."""
-        if self._failed is not None:
-            raise self._failed
-        try:
-            yield
-        except OSError as error:
-            self._failed = error
-            raise
 
     def raw(self, topic: str, stamp: float, data: bytes) -> None:
         """Write raw bytes, without a schema.
@@ -267,39 +239,6 @@ class RecordingWriter:
         ns = nanoseconds(stamp)
         body = {"timestamp": {"sec": ns // _NSEC, "nsec": ns % _NSEC}, "joints": joints, **(extra or {})}
         self.message(topic, "foxglove.JointStates", stamp, body)
-
-    def close(self) -> None:
-        """Finish the file. Does nothing if it is finished; after a write error, the file stays truncated.
-
-        Raises:
-            OSError: The end of the file cannot be written.
-        """
-        if self._closed:
-            return
-        self._closed = True
-        try:
-            if self._failed is None:
-                self._writer.finish()
-        finally:
-            # Closing writes the buffer, which fails again after a write error.
-            with suppress(OSError) if self._failed is not None else nullcontext():
-                self._out.keep()
-
-    def discard(self) -> None:
-        """Delete the file. Does nothing if it is finished."""
-        self._closed = True
-        self._out.discard()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        # An error ends the recording; what was recorded before is kept.
-        if kind is not None and not self.count:
-            self.discard()
-        self.close()
 
 
 def check_recording_name(file: str | Path) -> None:

@@ -57,6 +57,10 @@ class ModuleType(IntEnum):
         # The first one stays: two threads may ask for the same id at once, and members are compared by identity.
         return cls._value2member_map_.setdefault(value, member)
 
+    def __reduce_ex__(self, protocol: object) -> Any:
+        # By its number: before 3.11.4 Python asks for the name, which a class has only for the chapter's modules.
+        return type(self), (self.value,)
+
 
 class IpcType(IntEnum):
     """The chapter's Ipctype_e: the kind of channel. The chapter's spellings name the same members."""

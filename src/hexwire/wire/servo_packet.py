@@ -16,10 +16,11 @@ accepted.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import IntEnum
 from functools import lru_cache
-from typing import NamedTuple
+from struct import Struct, calcsize
+from typing import Any, NamedTuple
 
 from hexwire.errors import RemoteProtocolError, UsageError
 
@@ -64,16 +65,20 @@ __all__ = [
     "parse_sync_write",
     "status_end",
     "strip_echo",
+    "sync_write_packer",
     "undo_one_byte_swap",
 ]
 
 BOARD_ID = 0xFF
 """Id in errors of the board itself. No servo has it."""
 
+_CHECKSUMS = tuple(bytes((~(total + 2) & 0xFF,)) for total in range(256))
+"""Checksum by the low byte of the sum of the packet before it, with its header FF FF."""
 _QUIRK_LENGTH = 6
 _MAX_ERROR = 0x7F  # the vendor's SDK treats a higher error byte as noise
 _MIN_PACKET = 6
 _SYNC_WRITE = INSTRUCTIONS["SYNC_WRITE"]
+_UNEQUAL = "a sync write needs the same number of bytes, at least one, for every servo"
 _KNOWN = frozenset(INSTRUCTIONS.values())
 _new = tuple.__new__
 
@@ -132,12 +137,8 @@ def make_packet(servo_id: int, instruction: int, params: bytes = b"") -> bytes:
     length = len(params) + 2
     if length + 4 > MAX_SERVO_PACKET:
         raise UsageError(f"a packet of {length + 4} bytes is too long; at most {MAX_SERVO_PACKET}")
-    return _finished(bytes((servo_id, length, instruction)) + params)
-
-
-def _finished(body: bytes) -> bytes:
-    """Return the packet with header and checksum."""
-    return SERVO_HEADER + body + bytes((~sum(body) & 0xFF,))
+    packet = SERVO_HEADER + bytes((servo_id, length, instruction)) + params
+    return packet + _CHECKSUMS[sum(packet) & 0xFF]
 
 
 def _address(address: int) -> int:
@@ -234,18 +235,54 @@ def make_sync_write(address: int, data: Mapping[int, bytes] | Iterable[tuple[int
         address: First register address, the same for all.
         data: Bytes by id, in the byte order of each servo.
     """
-    items = list(data.items()) if isinstance(data, Mapping) else list(data)
-    ids = _checked_ids(tuple([servo_id for servo_id, _ in items]))
-    size = len(items[0][1])
-    length = len(items) * (size + 1) + 4
+    if not isinstance(data, dict):
+        data = list(data.items()) if isinstance(data, Mapping) else list(data)
+        ids, rows = tuple([servo_id for servo_id, _ in data]), [values for _, values in data]
+    else:
+        ids, rows = tuple(data), list(data.values())
+    fields, pack = _sync_write(address, ids, len(rows[0]) if rows else 0)
+    if set(map(len, rows)) != {len(rows[0])}:
+        raise UsageError(_UNEQUAL)
+    fields = fields.copy()
+    fields[1::2] = rows
+    return pack(*fields)
+
+
+@lru_cache(maxsize=256)
+def _sync_write(address: int, ids: tuple[int, ...], size: int) -> tuple[list[Any], Callable[..., bytes]]:
+    """What is the same in each SYNC_WRITE of some registers of some servos: the fields, and what packs them."""
+    _checked_ids(ids)
+    if not size:
+        raise UsageError(_UNEQUAL)
+    fields: list[Any] = []
+    for servo_id in ids:
+        fields += servo_id, b""
+    return fields, sync_write_packer(address, f"<{size}s", len(ids))
+
+
+def sync_write_packer(address: int, row: str, count: int) -> Callable[..., bytes]:
+    """What packs a SYNC_WRITE of the same registers of several servos, for loops that send it again and again.
+
+    Args:
+        address: First register address.
+        row: Byte order and fields of one servo's registers, as in `struct`.
+        count: Number of servos.
+
+    Returns:
+        A function of the id and the fields of one servo after the other.
+    """
+    size = calcsize(row)
+    length = count * (size + 1) + 4
     if length + 4 > MAX_SERVO_PACKET:
         raise UsageError(f"a packet of {length + 4} bytes is too long; at most {MAX_SERVO_PACKET}")
-    parts = [bytes((BROADCAST_ID, length, _SYNC_WRITE, _address(address), size))]
-    for i, (_, values) in enumerate(items):
-        if not len(values) == size > 0:
-            raise UsageError("a sync write needs the same number of bytes, at least one, for every servo")
-        parts += ids[i : i + 1], values
-    return _finished(b"".join(parts))
+    head = SERVO_HEADER + bytes((BROADCAST_ID, length, _SYNC_WRITE, _address(address), size))
+    pack = Struct(f"{row[0]}{len(head)}s" + f"B{row[1:]}" * count).pack
+
+    def packed(*fields: Any) -> bytes:
+        packet = pack(head, *fields)
+        return packet + _CHECKSUMS[sum(packet) & 0xFF]
+
+    return packed
 
 
 def make_status(servo_id: int, error: int = 0, params: bytes = b"", *, legacy: bool = False) -> bytes:

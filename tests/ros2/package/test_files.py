@@ -21,7 +21,14 @@ from hexwire.ros2.settings import load_settings
 
 # Debian's ament and catkin_pkg are modules of this one.
 SYSTEM_PYTHON = "/usr/bin/python3"
-ARGUMENTS = {"port": "sim://x", "router": "false", "rviz": "true", "panel": "true", "ros2_control": "false"}
+ARGUMENTS = {
+    "port": "sim://x",
+    "router": "false",
+    "rviz": "true",
+    "panel": "true",
+    "ros2_control": "false",
+    "servo": "false",
+}
 
 
 @pytest.fixture(params=ROBOTS)
@@ -176,7 +183,13 @@ def test_moveit_through_either(robot: str, tmp_path: Path) -> None:
         "robot_description_kinematics": "kinematics.yaml",
         "joint_limits": "joint_limits.yaml",
         "trajectory_execution": "moveit_controllers.yaml",
+        "pilz_cartesian_limits": "pilz_cartesian_limits.yaml",
     }
+    pipelines = moveit.options["planning_pipelines"]
+    assert pipelines["default_planning_pipeline"] == "ompl"
+    # MoveIt reads a file for each, or takes its own.
+    for name in pipelines["pipelines"]:
+        assert (package / f"config/{name}_planning.yaml").is_file(), name
     # MoveIt would ask a controller manager to switch, which the node is not.
     assert moveit.options["trajectory_execution"]["moveit_manage_controllers"] is False
     for switch, expected in (("false", "arm.launch.py"), ("true", "ros2_control.launch.py")):
@@ -195,6 +208,10 @@ def test_moveit_through_either(robot: str, tmp_path: Path) -> None:
         assert passed["rviz"] == "false"
     started = nodes(found)
     assert set(started) == {"static_transform_publisher", "move_group", "rviz2"}
+    (servo,) = nodes(found, servo="true").keys() - started.keys()
+    assert servo == "servo_node"
+    given = nodes(found, servo="true")[servo]["parameters"][0]["moveit_servo"]
+    assert given == yaml.safe_load((package / "config/servo.yaml").read_text(encoding="utf-8"))
     srdf = ET.parse(package / f"config/{robot}.srdf").find("virtual_joint")
     assert srdf is not None
     words = started["static_transform_publisher"]["arguments"]

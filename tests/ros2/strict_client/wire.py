@@ -316,7 +316,7 @@ class Graph:
 
     def asked(self) -> set[str]:
         """What a get of all tokens answers, as rmw_zenoh_cpp does when a context starts."""
-        replies = self._session.liveliness().get(self._key, timeout=10.0)
+        replies = self._session.liveliness().get(self._key, timeout=30.0)
         return {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
 
 

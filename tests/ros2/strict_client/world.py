@@ -88,13 +88,13 @@ class NodeProcess:
             return self.process.wait(30)
         except subprocess.TimeoutExpired:
             self.process.kill()
-            self.process.wait(10)
+            self.process.wait(30)
             raise AssertionError(f"the node does not end after {how.name}\n{self.said[-3000:]}") from None
 
     def kill(self) -> None:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.process.pid, signal.SIGKILL)
-        self.process.wait(10)
+        self.process.wait(30)
 
 
 class Arm:

@@ -39,7 +39,7 @@ NEEDED = (
 def tokens(session: zenoh.Session) -> list[list[str]]:
     deadline = time.monotonic() + 30
     while True:
-        replies = session.liveliness().get("@ros2_lv/0/**", timeout=5.0)
+        replies = session.liveliness().get("@ros2_lv/0/**", timeout=30.0)
         found = [str(reply.ok.key_expr).split("/") for reply in replies if reply.ok is not None]
         if all(any(part.endswith(name) for token in found for part in token) for name in NEEDED):
             return found
@@ -87,7 +87,7 @@ async def main(node: str) -> dict[str, Any]:
                         attachment=attachment,
                         target=zenoh.QueryTarget.ALL_COMPLETE,
                         consolidation=zenoh.ConsolidationMode.NONE,
-                        timeout=20.0,
+                        timeout=30.0,
                     )
                 )
             )

@@ -44,7 +44,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Arm, Path]]:
 @pytest.fixture(scope="module")
 def sdk(arm: tuple[Arm, Path]) -> dict[str, Any]:
     arm[0].rest()
-    return run("zenoh_sdk.py", arm[1], str(arm[0].port), NODE)
+    return run("zenoh_sdk.py", arm[1], str(arm[0].port), NODE, str(arm[1]))
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +80,18 @@ def test_the_sdk_hears_joint_states(sdk: dict[str, Any], arm: tuple[Arm, Path]) 
 def test_the_sdk_joins_late_and_gets_the_description(sdk: dict[str, Any]) -> None:
     assert "<robot" in sdk["description"]
     assert sdk["description"].rstrip().endswith("</robot>")
+
+
+def test_the_sdk_drives_the_life_cycle(sdk: dict[str, Any]) -> None:
+    assert sdk["lifecycle"] == ["active", True, "inactive", True, "active"]
+
+
+def test_a_bag_of_the_topics_is_read_by_rosbags(sdk: dict[str, Any], arm: tuple[Arm, Path]) -> None:
+    states, diagnostics = (sdk["bag"][topic] for topic in ("/joint_states", "/diagnostics"))
+    assert states["read"] == states["heard"] >= 3
+    assert states["names"] == arm[0].names
+    assert diagnostics["read"] == diagnostics["heard"] >= 3
+    assert diagnostics["status"][0].startswith("hardware_interface: ")
 
 
 def test_the_sdk_calls_a_service(sdk: dict[str, Any]) -> None:

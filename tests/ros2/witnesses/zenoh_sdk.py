@@ -1,6 +1,6 @@
 """What zenoh-ros2-sdk sees and does, as JSON on standard output; runs in the environment of the witnesses.
 
-    python zenoh_sdk.py PORT NODE
+    python zenoh_sdk.py PORT NODE FOLDER
 
 The SDK loads definitions from GitHub if it is not given any: it is given all, so nothing is fetched.
 """
@@ -12,12 +12,16 @@ import json
 import os
 import queue
 import sys
+import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 # GitPython looks for git when it is imported; nothing here needs it.
 os.environ["GIT_PYTHON_REFRESH"] = "quiet"
 
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 from zenoh_ros2_sdk import ROS2Publisher, ROS2ServiceClient, ROS2Subscriber
 from zenoh_ros2_sdk.discovery import get_service_names_and_types, get_topic_info, get_topic_names_and_types
@@ -32,7 +36,70 @@ def definition(name: str) -> str:
     return STORE.generate_msgdef(name, ros_version=2)[0]
 
 
-def main(port: int, node: str) -> dict[str, Any]:
+def record(folder: Path, topics: dict[str, str]) -> dict[str, dict[str, Any]]:
+    """A bag of what is published at topics, as `ros2 bag record` writes it; what rosbags reads in it, by topic."""
+    session = ZenohSession.get_instance().session
+    heard: dict[str, list[tuple[int, bytes]]] = {topic: [] for topic in topics}
+
+    def note(topic: str) -> Callable[[Any], None]:
+        return lambda sample: heard[topic].append((time.time_ns(), bytes(sample.payload.to_bytes())))
+
+    listeners = [session.declare_subscriber(f"0{topic}/**", note(topic)) for topic in topics]
+    deadline = time.monotonic() + 60.0
+    while min(map(len, heard.values())) < 3 and time.monotonic() < deadline:
+        time.sleep(0.05)
+    for listener in listeners:
+        listener.undeclare()
+    # In this thread: the writer is for one, and a listener may still have been at work.
+    rows = {topic: list(messages) for topic, messages in heard.items()}
+    with Writer(folder, version=9) as bag:
+        for topic, kind in topics.items():
+            place = bag.add_connection(topic, kind, typestore=STORE)
+            for stamp, data in rows[topic]:
+                bag.write(place, stamp, data)
+    found: dict[str, dict[str, Any]] = {topic: {"heard": len(each), "read": 0} for topic, each in rows.items()}
+    with AnyReader([folder]) as reader:
+        for place, _, data in reader.messages():
+            message = reader.deserialize(data, place.msgtype)
+            found[place.topic]["read"] += 1
+            found[place.topic]["names"] = list(getattr(message, "name", ()))
+            found[place.topic]["status"] = [row.name for row in getattr(message, "status", ())]
+    return found
+
+
+LIFECYCLE = "lifecycle_msgs/srv"
+NOTHING = "# nothing\n"
+
+
+def drive_lifecycle(node: str, at: dict[str, Any]) -> list[Any]:
+    """States of a managed node, and whether changes succeeded: deactivated, and activated again."""
+    state = "lifecycle_msgs/State current_state\n"
+    asked = "lifecycle_msgs/Transition transition\n"
+    rows = {"get_state": ("GetState", NOTHING, state), "change_state": ("ChangeState", asked, "bool success\n")}
+    inner = {name: definition(name) for name in ("lifecycle_msgs/msg/State", "lifecycle_msgs/msg/Transition")}
+    clients = {}
+    for name, (kind, request, response) in rows.items():
+        definitions = {"request_definition": request, "response_definition": response}
+        code = compute_service_type_hash(f"{LIFECYCLE}/{kind}", **definitions, dependencies=inner)
+        clients[name] = ROS2ServiceClient(
+            f"{node}/{name}", f"{LIFECYCLE}/{kind}", type_hash=code, **definitions, **at
+        )
+    transition = ZenohSession.get_instance().store.types["lifecycle_msgs/msg/Transition"]
+
+    def call(name: str, **fields: Any) -> Any:
+        # Its first request may come before its session knows the way.
+        return next((answer for _ in range(5) if (answer := clients[name].call(**fields)) is not None), None)
+
+    seen = [call("get_state").current_state.label]
+    for number, label in ((4, "deactivate"), (3, "activate")):
+        seen.append(bool(call("change_state", transition=transition(id=number, label=label)).success))
+        seen.append(call("get_state").current_state.label)
+    for client in clients.values():
+        client.close()
+    return seen
+
+
+def main(port: int, node: str, folder: Path) -> dict[str, Any]:
     at = {"router_ip": "127.0.0.1", "router_port": port, "domain_id": 0}
     ZenohSession.get_instance("127.0.0.1", port).store.register(STORE.fielddefs)
     seen: dict[str, Any] = {}
@@ -132,9 +199,12 @@ def main(port: int, node: str) -> dict[str, Any]:
             break
     seen["reached"] = bool(reached)
     publisher.close()
+    seen["lifecycle"] = drive_lifecycle(node, at)
+    kinds = {"/joint_states": "sensor_msgs/msg/JointState", "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray"}
+    seen["bag"] = record(folder / "bag", kinds)
     ZenohSession.get_instance().close()
     return seen
 
 
 if __name__ == "__main__":
-    json.dump(main(int(sys.argv[1]), sys.argv[2]), sys.stdout)
+    json.dump(main(int(sys.argv[1]), sys.argv[2], Path(sys.argv[3])), sys.stdout)

@@ -32,7 +32,7 @@ class Desk:
     def __init__(self, folder: Path) -> None:
         self.studio = Studio(Access(frozenset()))
         self.arm = self.studio.source.open("sim://hex7bot?name=calls", watchdog=5.0)
-        self.arm.desk.poses = PoseFile(self.arm.settings.model, folder)
+        self.arm.motions.poses = PoseFile(self.arm.settings.model, folder)
         until(lambda: self.arm.arm.owner.state is not None, "a state")
         self.tab = self.studio.tabs.open("s", Right.OPERATE)
         self.studio.source.take(self.tab)
@@ -98,13 +98,13 @@ def test_without_control_nothing_is_changed(desk: Desk) -> None:
     for call, args in calls.items():
         assert "does not have control" in desk.ask(call, **args)["error"]
     assert [row["name"] for row in desk.ask("poses")["poses"]] == ["home"]
-    assert not desk.arm.desk.teaching
+    assert not desk.arm.motions.teaching
 
 
 def test_teach_mode_begins_and_ends(desk: Desk) -> None:
     assert "no torque" in desk.ask("teach", on=True)["text"]
     assert desk.ask("taught") == {"teaching": True, "taught": None}
-    until(lambda: "text" in desk.ask("teach", on=False) or not desk.arm.desk.teaching, "the end")
+    until(lambda: "text" in desk.ask("teach", on=False) or not desk.arm.motions.teaching, "the end")
     assert desk.ask("taught")["teaching"] is False
 
 

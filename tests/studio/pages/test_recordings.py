@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from tests.studio.conftest import ask_for_long, shrink_views
-from tests.studio.test_shelf import record
+from tests.studio.test_recordings import record
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 @pytest.fixture
 def folder(studio: RunningStudio) -> Path:
     """The folder of recordings, empty."""
-    folder = Path(studio.studio.shelf.library.folder)
+    folder = Path(studio.studio.recordings.library.folder)
     shutil.rmtree(folder, ignore_errors=True)
     return folder
 
@@ -37,7 +37,7 @@ def test_the_session_is_recorded_and_plays_on_the_arm(operator: Page, folder: Pa
     operator.get_by_text("No recordings yet").wait_for()
     operator.get_by_role("button", name="Record the arm").click()
     operator.locator(".rc-recording", has_text="states").wait_for()
-    studio.until(lambda: studio.studio.shelf.recorder.state.states > 100, "states")
+    studio.until(lambda: studio.studio.recordings.recorder.state.states > 100, "states")
     operator.get_by_role("button", name="End the recording").click()
     operator.get_by_role("button", name="open 2").click()
     operator.locator(".uplot").first.wait_for()
@@ -113,7 +113,7 @@ def test_closing_the_page_ends_a_recording_that_plays_on_the_arm(
     studio.until(lambda: studio.arm.owner.group.moving, "motion")
     operator.close()
     studio.until(lambda: not studio.arm.owner.group.moving, "the end of the motion")
-    progress = studio.studio.source.arm.desk.progress
+    progress = studio.studio.source.arm.motions.progress
     assert (progress.title, progress.outcome) == ("a recording", "preempted")
 
 

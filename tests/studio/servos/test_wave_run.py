@@ -78,7 +78,7 @@ class Held:
         source = SimpleNamespace(need_bus=lambda: self.bus)
         holds = SimpleNamespace(add=lambda kind, begin: kinds.update({kind: begin}))
         add_wave(SimpleNamespace(source=source, holds=holds, live=view.studio.live))  # type: ignore[arg-type]
-        self.entry = self.bus.attended.begin("k", 1)
+        self.entry = self.bus.hold_to_run.begin("k", 1)
         self.over = threading.Event()
         # A test that fails must not wait for it.
         self.life = threading.Thread(target=self._live, daemon=True)
@@ -92,7 +92,7 @@ class Held:
 
     def _live(self) -> None:
         while not self.over.wait(0.02):
-            self.bus.attended.beat("k", 1)
+            self.bus.hold_to_run.beat("k", 1)
 
     def let_go(self) -> None:
         self.over.set()
@@ -100,8 +100,8 @@ class Held:
 
     def until_it_moves(self) -> None:
         servo, before = servo_of(self.view, 1), servo_of(self.view, 1).motion.position
-        until(lambda: abs(servo.motion.position - before) > 40 or self.bus.attended.entry is None, "motion")
-        assert self.bus.attended.entry is not None, self.view.told
+        until(lambda: abs(servo.motion.position - before) > 40 or self.bus.hold_to_run.entry is None, "motion")
+        assert self.bus.hold_to_run.entry is not None, self.view.told
 
     def end(self) -> dict[str, Any]:
         until(lambda: any("end" in row for row in self.view.told), "the end")
@@ -113,13 +113,13 @@ def test_a_wave_without_signs_of_life_ends_and_the_servo_holds(view: Any) -> Non
     held, servo = Held(view), servo_of(view, 1)
     held.until_it_moves()
     held.let_go()
-    view.bus.bench.silence = view.bus.attended.silence = 0.5
+    view.bus.bench.silence = view.bus.hold_to_run.silence = 0.5
     assert held.end()["end"] == "no sign of life"
     there = servo.motion.position
     threading.Event().wait(0.3)
     assert servo.motion.position == pytest.approx(there, abs=3)
     assert servo.torque_on
-    assert view.bus.attended.entry is None
+    assert view.bus.hold_to_run.entry is None
 
 
 def test_a_stop_or_a_release_ends_a_wave_and_nothing_from_before_a_stop_begins_one(view: Any) -> None:
@@ -138,7 +138,7 @@ def test_a_stop_or_a_release_ends_a_wave_and_nothing_from_before_a_stop_begins_o
     view.bus.stop("again")
     view.bus.resume()
     view.bus.mark = lambda: token
-    entry = view.bus.attended
+    entry = view.bus.hold_to_run
     entry._last.clear()
     late = Held(view)
     late.let_go()
@@ -163,4 +163,4 @@ def test_a_whole_wave_returns_and_leaves_the_torque_as_it_was(view: Any) -> None
 def test_a_servo_that_is_not_there_is_refused(view: Any) -> None:
     with pytest.raises(UsageError, match="servo 99 was not found"):
         Held(view, servo=99)
-    view.bus.attended.end_all("over")
+    view.bus.hold_to_run.end_all("over")

@@ -4,9 +4,14 @@ Owns the names that LeRobot looks up: it imports this package because of its nam
 configurations, and finds the class of `XConfig` as `X` here.
 """
 
+from .bimanual import BiHexwireSO101, BiHexwireSO101Leader
 from .config_hexwire import (
+    BiHexwireSO101Config,
+    BiHexwireSO101LeaderConfig,
+    HexwireGamepadConfig,
     HexwireHex7botConfig,
     HexwireHex7botLeaderConfig,
+    HexwireKeyboardConfig,
     HexwireRemoteConfig,
     HexwireRemoteLeaderConfig,
     HexwireSO100Config,
@@ -14,14 +19,23 @@ from .config_hexwire import (
     HexwireSO101Config,
     HexwireSO101LeaderConfig,
 )
+from .guides import HexwireGamepad, HexwireKeyboard
 from .leaders import HexwireHex7botLeader, HexwireRemoteLeader, HexwireSO100Leader, HexwireSO101Leader
 from .robots import HexwireHex7bot, HexwireRemote, HexwireSO100, HexwireSO101
 
 __all__ = [
+    "BiHexwireSO101",
+    "BiHexwireSO101Config",
+    "BiHexwireSO101Leader",
+    "BiHexwireSO101LeaderConfig",
+    "HexwireGamepad",
+    "HexwireGamepadConfig",
     "HexwireHex7bot",
     "HexwireHex7botConfig",
     "HexwireHex7botLeader",
     "HexwireHex7botLeaderConfig",
+    "HexwireKeyboard",
+    "HexwireKeyboardConfig",
     "HexwireRemote",
     "HexwireRemoteConfig",
     "HexwireRemoteLeader",

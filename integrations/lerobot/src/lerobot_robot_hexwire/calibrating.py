@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import datetime
 import math
-import select
 import sys
 import time
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING
 from hexwire.control.calibrating import CalibrationBench, counting_arm, store
 from hexwire.drivers.arm_file import load_calibration
 from hexwire.new_file import OutputFile
+from hexwire.system import TypedLines
 
 from .connection import RETRIES, faults
 
@@ -34,6 +34,7 @@ _FREE = """Every joint moves to its stops, for about two minutes:
 - put the arm down folded, with the gripper in the middle of its roll
 - clear everything out of its reach
 - keep a hand at the switch of its supply; Ctrl-C leaves it without torque"""
+_typed = TypedLines()
 
 
 def calibrate(arm: type[BusArm], link: Link, file: Path, *, auto: bool) -> None:
@@ -138,16 +139,10 @@ def _entered(seconds: float) -> bool:
     Raises:
         RuntimeError: Nobody can press it: the input has ended.
     """
-    if sys.platform == "win32":
-        import msvcrt
-
-        time.sleep(seconds)
-        return bool(msvcrt.kbhit()) and msvcrt.getwch() in "\r\n"
-    if not select.select([sys.stdin], [], [], seconds)[0]:
-        return False
-    if not sys.stdin.readline():
+    entered = _typed.entered(seconds)
+    if entered is None:
         raise RuntimeError("the input has ended; nothing was saved")
-    return True
+    return entered
 
 
 def _now() -> str:

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hexwire.control.following import reopened
 from hexwire.drivers.arm_file import load_calibration
 from hexwire.drivers.bus_arm import BusArm
 from hexwire.drivers.registry import load_driver, make_driver
@@ -85,6 +86,7 @@ class Connection:
         stored: What each servo of an arm on a servo bus has stored, by joint; empty for other arms.
         faults: What servos report while the arm is in use; None before it was opened.
         lost: How often the line was lost and opened again.
+        whose: What comes before each line in the log, as in ``left arm: ``; empty for an arm that is alone.
     """
 
     def __init__(
@@ -97,6 +99,7 @@ class Connection:
         self.stored: dict[str, ServoBlock] = {}
         self.faults: ServoFaults | None = None
         self.lost = 0
+        self.whose = ""
         self.calibration: Calibration | None = None
         self._driver: RobotDriver | None = None
         self._link: Link | None = None
@@ -190,7 +193,9 @@ class Connection:
             try:
                 state = driver.read_loads() if loads else driver.read_positions()
             except LinkError as error:
-                self.open_again(error)
+                # One patience for all of it: a line that is lost again and again does not keep its caller.
+                end = min(end, time.monotonic() + self.patience)
+                self.open_again(error, end)
                 continue
             except HexwireError as error:
                 raise translated(error) from error
@@ -205,23 +210,24 @@ class Connection:
             # A servo that was silent is soon asked without waiting for it.
             time.sleep(_SILENT)
 
-    def open_again(self, lost: LinkError) -> None:
+    def open_again(self, lost: LinkError, end: float = math.inf) -> None:
         """Open a line that was lost; torque is as the servos have it.
+
+        Args:
+            lost: What the line said.
+            end: Until when at most, monotonic seconds.
 
         Raises:
             ConnectionError: It was lost for longer than the patience.
         """
         driver, began = self.driver, time.monotonic()
-        while time.monotonic() < began + self.patience:
-            try:
-                driver.detach()
-                driver.attach()
-            except HexwireError:
-                time.sleep(_AGAIN)
-                continue
-            self.lost += 1
-            logger.warning("%s; it is open again after %.2f s", lost, time.monotonic() - began)
-            return
+        end = min(end, began + self.patience)
+        while time.monotonic() < end:
+            if reopened(driver):
+                self.lost += 1
+                logger.warning("%s%s; it is open again after %.2f s", self.whose, lost, time.monotonic() - began)
+                return
+            time.sleep(_AGAIN)
         raise translated(lost) from lost
 
     def _examine(self, driver: RobotDriver) -> None:
@@ -238,7 +244,7 @@ class Connection:
         if silent:
             raise ConnectionError(f"{', '.join(sorted(silent))} does not answer: check cable and power")
         probes = servos.probes(driver.model, self.stored) if self.stored else driver.probe().joints
-        self.faults = ServoFaults(driver.model, probes)
+        self.faults = ServoFaults(driver.model, probes, self.whose)
         self._refuse(self.faults.judge(state), driver)
         reversed_joints: tuple[str, ...] = ()
         if isinstance(driver, BusArm):
@@ -255,12 +261,11 @@ class Connection:
             reversed_joints = tuple(row.name for row in self.calibration.joints if row.drive_mode)
         self._values = JointValues(driver.model, degrees=self.degrees, reversed_joints=reversed_joints)
 
-    @staticmethod
-    def _refuse(findings: Sequence[Finding], driver: RobotDriver) -> None:
+    def _refuse(self, findings: Sequence[Finding], driver: RobotDriver) -> None:
         if bad := [one for one in findings if one.level is Level.BAD]:
             raise RuntimeError(told(bad, driver.model))
         if hints := [one for one in findings if one.level is Level.HINT]:
-            logger.warning("%s", told(hints, driver.model))
+            logger.warning("%s%s", self.whose, told(hints, driver.model))
 
 
 def _bus_arm(robot: str) -> type[BusArm]:

@@ -60,6 +60,10 @@ class HexwireDevice:
         """LeRobot's file; None for an arm that needs none."""
         return None
 
+    def say_whose(self, whose: str) -> None:
+        """Let each line in the log begin with a text, as in ``left arm: ``."""
+        self._arm.whose = whose
+
     # -- facts; nothing is sent -----------------------------------------------------------------------
 
     @property
@@ -69,6 +73,11 @@ class HexwireDevice:
     @property
     def is_connected(self) -> bool:
         return self._arm.is_open
+
+    @property
+    def was_connected(self) -> bool:
+        """Whether `disconnect` has something to do; also after the line was lost."""
+        return self._arm.was_opened
 
     @property
     def is_calibrated(self) -> bool:
@@ -124,6 +133,10 @@ class HexwireDevice:
             raise DeviceNotConnectedError(f"{self} is not connected.")
         self._release()
         logger.info("%s disconnected.", self)
+
+    def give_up(self) -> None:
+        """Close an arm that was connected just now, because something else was not. It moves nowhere before."""
+        self._release()
 
     def _release(self) -> None:
         """Close everything that is open."""

@@ -55,7 +55,7 @@ class JointValues:
                 first, last = last, first
             slope = (ends[1] - ends[0]) / (last - first)
             self._rows.append((name, slope, ends[0] - slope * first, *ends))
-        self._by_name = {row[0]: (joint, row) for joint, row in zip(self.joints, self._rows, strict=True)}
+        self._by_name = {row[0]: (joint, *row[1:]) for joint, row in zip(self.joints, self._rows, strict=True)}
         self._by_joint = dict(zip(self.joints, self._rows, strict=True))
 
     def values(self, angles: Iterable[float]) -> dict[str, float]:
@@ -88,7 +88,7 @@ class JointValues:
                 if key.endswith(SUFFIX):
                     raise ValueError(f"no joint {key.removesuffix(SUFFIX)!r}; there are {', '.join(self.joints)}")
                 continue
-            joint, (_, slope, shift, least, most) = found
+            joint, slope, shift, least, most = found
             value = float(given)
             if not least <= value <= most:
                 if not math.isfinite(value):

@@ -20,6 +20,7 @@ from .config_hexwire import (
 )
 from .connection import faults
 from .device import HexwireDevice, RemoteDevice, SoDevice
+from .robots import meet_again
 
 __all__ = [
     "HexwireHex7botLeader",
@@ -59,7 +60,12 @@ class HexwireLeader(HexwireDevice, Teleoperator):
             RuntimeError: It is not calibrated.
         """
         self._check_connected()
-        return self._arm.values.values(self._arm.read().position)
+        arm = self._arm
+        lost, values = arm.lost, arm.values
+        state = arm.read()
+        if arm.lost != lost:
+            meet_again()
+        return values.values(state.position)
 
     def send_feedback(self, feedback: dict[str, Any]) -> None:
         """Not supported, as by LeRobot's own leaders.

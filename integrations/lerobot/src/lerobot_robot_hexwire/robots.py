@@ -12,22 +12,23 @@ import math
 import time
 from collections.abc import Sequence
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
+from weakref import WeakSet
 
 from lerobot.cameras import Camera
 from lerobot.cameras.utils import make_cameras_from_configs
 from lerobot.motors import Motor, MotorNormMode
 from lerobot.robots import Robot
 from lerobot.robots.so_follower import SOFollower
-from lerobot.robots.utils import ensure_safe_goal_position
 
-from hexwire.control.following import following_rules
-from hexwire.control.guided import Notes
+from hexwire.arm.verbs import Arm
+from hexwire.control.following import BehindCounter, following_rules
+from hexwire.control.operator_control import Notes
 from hexwire.control.path_check import PathCheck
+from hexwire.control.pose_file import PoseFile
 from hexwire.errors import HexwireError, LinkError
-from hexwire.model.gripper import Jaws, jaws_of
 from hexwire.model.state import JointTarget, SentTarget
-from hexwire.motion.following import Following
+from hexwire.motion.following import Behind, Follow, Following
 
 from .config_hexwire import (
     HexwireHex7botConfig,
@@ -38,23 +39,30 @@ from .config_hexwire import (
 )
 from .connection import faults, translated
 from .device import HexwireDevice, RemoteDevice, SoDevice
-from .joint_values import SUFFIX
+from .joint_values import SUFFIX, names_of
+
+if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
 
 __all__ = ["HexwireHex7bot", "HexwireRemote", "HexwireRobot", "HexwireSO100", "HexwireSO101"]
 
 logger = logging.getLogger(__name__)
 
-_FRESH, _PRESSING = 0.25, 0.02
-"""Seconds for which an observation says where the arm is; then `send_action` reads it. The second one is for jaws
-that may press on something."""
-_AHEAD = math.radians(3.0)
-"""How far ahead of the jaws their set-point is when they may press."""
+_FRESH, _SOON, _FAR = 0.1, 0.02, math.radians(5.0)
+"""Seconds for which an observation says where the arm is; then `send_action` reads it. The second number is for
+jaws that may press on something, and for actions that are further away than the third, radians."""
 _ON_FAULT = ("warn", "raise", "torque_off")
 _PAUSE = 1.0
 """Seconds without an action after which the arm goes to the next one slowly, as at the beginning."""
+_ROUNDING = 1e-9
+"""Radians by which a joint that is sent where it is led may seem to be elsewhere."""
 _OVERLAP = 1.25
 """Duration of a motion, as a multiple of the time between two actions: the arm does not stop in between."""
 _SHORTEST, _LONGEST = 0.02, 0.1
+
+
+_connected: WeakSet[HexwireRobot] = WeakSet()
+"""The robots that have torque, for teleoperators that move a robot of this process."""
 
 
 def _pictures(name: str, camera: Camera) -> list[tuple[str, int, str]]:
@@ -64,10 +72,16 @@ def _pictures(name: str, camera: Camera) -> list[tuple[str, int, str]]:
 
 
 class HexwireRobot(HexwireDevice, Robot):
-    """An arm of hexwire that follows actions."""
+    """An arm of hexwire that follows actions.
+
+    Attributes:
+        clipped: How often a joint was not sent where an action leads it, and why, as in ``elbow_flex speed``.
+        check: Checks where it may be sent; of a robot that has torque.
+    """
 
     config_class: ClassVar[type[HexwireRobotConfig]] = HexwireRobotConfig
     config: HexwireRobotConfig
+    check: PathCheck
 
     def __init__(self, config: HexwireRobotConfig) -> None:
         super().__init__(config)
@@ -75,17 +89,23 @@ class HexwireRobot(HexwireDevice, Robot):
             raise ValueError(f"meet_speed must be above 0 and at most 1, not {config.meet_speed:g}")
         if not 0.0 < config.gripper_force <= 1.0:
             raise ValueError(f"gripper_force must be above 0 and at most 1, not {config.gripper_force:g}")
+        if config.table_mm is not None and not math.isfinite(config.table_mm):
+            raise ValueError(f"table_mm must be a height in millimetres or null, not {config.table_mm:g}")
         if config.on_fault not in _ON_FAULT:
             raise ValueError(f"on_fault is one of {', '.join(_ON_FAULT)}, not {config.on_fault!r}")
         self._begin(config)
-        _check_steps(config.max_relative_target, [row[0] for row in self._joints])
+        joints = [row[0] for row in self._joints]
+        for name in ("max_relative_target", "max_speed", "max_acceleration"):
+            _check_limit(name, getattr(config, name), joints)
         self.cameras = make_cameras_from_configs(config.cameras)
         # LeRobot's programs look for the joints here (lerobot-find-joint-limits).
         self.bus = SimpleNamespace(motors=self._motors())
+        self.clipped = BehindCounter()
         self._rules: Following | None = None
-        self._jaws: Jaws | None = None
         self._presses = False
         self._lost = 0
+        # The next action may have been made before the line was open again: it meets nobody.
+        self._late = False
         self._here: dict[str, float] = {}
         self._loads: dict[str, float] = {}
         self._here_at = self._sent_at = -math.inf
@@ -129,28 +149,97 @@ class HexwireRobot(HexwireDevice, Robot):
         if not self.is_calibrated:
             return
         driver = self._arm.driver
+        self._check_home()
         with faults():
             self._write_settings()
         self._torque(True)
         height = self.config.table_mm
         check = PathCheck.of(driver, None if height is None else height / 1000)
+        self.check = check
         self._rules = following_rules(
-            driver, driver, check, meet=self.config.meet_speed, force=self.config.gripper_force
+            driver,
+            driver,
+            check,
+            meet=self.config.meet_speed,
+            force=self.config.gripper_force,
+            max_speed=_radians(self.config.max_speed),
+            max_acceleration=_radians(self.config.max_acceleration),
         )
-        self._jaws = jaws_of(driver.model) if self.config.gripper_force < 1.0 else None
         self._presses = False
         self._here_at = self._sent_at = -math.inf
+        _connected.add(self)
+
+    def _check_home(self) -> None:
+        """Refuse a pose for the end that nobody has saved, while the arm is still where it is safe."""
+        name, driver = self.config.home_at_disconnect, self._arm.driver
+        if name is not None and name not in (known := PoseFile(driver.model).known()):
+            raise ValueError(
+                f"home_at_disconnect: no pose {name!r} of {driver.model.name}; known are: {', '.join(known)}"
+            )
+
+    def _go_home(self) -> bool:
+        """Go to the pose for the end, slowly; returns whether the arm has arrived, or was not to go anywhere."""
+        name = self.config.home_at_disconnect
+        if name is None:
+            return True
+        height = self.config.table_mm
+        logger.info("%s goes to its pose %s", self, name)
+        try:
+            arm = Arm(
+                self._arm.driver, speed=self.config.meet_speed, table=None if height is None else height / 1000
+            )
+            arm.move(name)
+        except (HexwireError, KeyboardInterrupt) as error:
+            logger.error(
+                "%s has not come to its pose %s, and keeps its torque: hold it before you switch that off: %s",
+                self,
+                name,
+                error if isinstance(error, HexwireError) else "interrupted",
+            )
+            if not isinstance(error, HexwireError):
+                raise
+            return False
+        return True
+
+    def give_up(self) -> None:
+        # It has gone nowhere yet, so it rests where it was put.
+        self._rules = None
+        super().give_up()
 
     def _release(self) -> None:
-        self._rules = None
+        _connected.discard(self)
+        had_torque, self._rules = self._rules is not None, None
         try:
-            if self.config.disable_torque_on_disconnect and self._arm.is_open:
+            home = self._arm.is_open and (not had_torque or self._go_home())
+            if home and self.config.disable_torque_on_disconnect:
                 self._torque(False, ": hold the arm")
         finally:
             super()._release()
             for camera in self.cameras.values():
                 if camera.is_connected:
                     camera.disconnect()
+
+    # -- for teleoperators of this process ---------------------------------------------------------------
+
+    @property
+    def driver(self) -> RobotDriver:
+        """The attached arm."""
+        return self._arm.driver
+
+    def place(self) -> dict[str, float]:
+        """Radians by joint, as measured a tenth of a second ago at most.
+
+        Raises:
+            ConnectionError: A joint does not answer.
+            RuntimeError: A servo reports a fault (`on_fault`).
+        """
+        if time.monotonic() - self._here_at > _FRESH:
+            self._read()
+        return self._here
+
+    def named(self, angles: dict[str, float]) -> dict[str, float]:
+        """The action that leads to angles in radians by joint."""
+        return self._arm.values.named(angles.items())
 
     # -- the loop -------------------------------------------------------------------------------------
 
@@ -177,7 +266,7 @@ class HexwireRobot(HexwireDevice, Robot):
         self._here, self._here_at = state.positions, time.monotonic()
         self._loads = dict(zip(state.names, state.load, strict=True)) if self._presses else {}
         if arm.lost != self._lost:
-            self._lost = arm.lost
+            self._lost, self._late = arm.lost, True
             self._pause()
         if arm.faults is not None and arm.faults.present and self.config.on_fault != "warn":
             self._fault(arm.faults.present)
@@ -212,35 +301,42 @@ class HexwireRobot(HexwireDevice, Robot):
                 (`on_fault`).
             ValueError: A value is not a number, or a joint does not exist; nothing was sent.
         """
-        self._check_connected()
+        if not self._arm.is_open:
+            self._check_connected()
         values, rules = self._arm.values, self._rules
         if rules is None:
             raise RuntimeError(f"{self} has no torque: connect it again")
         goal = values.angles(action)
         now = time.monotonic()
-        if now - self._here_at > (_PRESSING if self._presses else _FRESH):
+        age = now - self._here_at
+        if age > _FRESH or (age > _SOON and (self._presses or self._is_far(goal))):
             self._read()
+        capped: frozenset[str] = frozenset()
         if self.config.max_relative_target is not None:
-            goal = self._capped(goal)
+            goal, capped = self._capped(goal)
         period = now - self._sent_at
         if period > _PAUSE:
             rules.pause()
             self._goal = dict(self._here)
         self._goal.update(goal)
         step = rules.update(self._goal, 0.0, self._here, self._loads, now)
-        if self._notes.is_new(step.note, now):
-            logger.warning("%s", step.note)
+        behind = step.behind if step.met and not capped else self._behind(step, capped)
+        if behind or step.note:
+            for note in (self.clipped.see(behind), step.note if self._notes.is_new(step.note, now) else ""):
+                if note:
+                    logger.warning("%s%s", self._arm.whose, note)
+        if self._late:
+            self._late = False
+            rules.pause()
         if not goal:
             return {}
         target = step.positions
         if len(goal) < len(target):
             target = {name: target[name] for name in goal}
         duration = max(min(max(_OVERLAP * period, _SHORTEST), _LONGEST), step.least)
-        sent = self._write(JointTarget.of(target, duration))
+        sent = self._write(JointTarget(tuple(target.items()), duration, guided=True))
         self._sent_at = now
-        jaws = self._jaws
-        if jaws is not None:
-            self._presses = rules.holds or abs(step.positions[jaws.joint] - self._here[jaws.joint]) > _AHEAD
+        self._presses = rules.presses
         return values.named(sent.positions) if sent is not None else {}
 
     def _write(self, target: JointTarget) -> SentTarget | None:
@@ -255,30 +351,69 @@ class HexwireRobot(HexwireDevice, Robot):
             self._pause()
             raise translated(error) from error
 
-    def _capped(self, goal: dict[str, float]) -> dict[str, float]:
-        """The goal, no further from the present position than LeRobot's setting says."""
+    def _is_far(self, goal: dict[str, float]) -> bool:
+        here = self._here
+        return any(abs(angle - here[name]) > _FAR for name, angle in goal.items())
+
+    def _behind(self, step: Follow, capped: frozenset[str]) -> dict[str, Behind]:
+        """Why joints are not sent where the action leads them, also before they have met it."""
+        found = dict.fromkeys(capped, Behind.DISTANCE)
+        if not step.met:
+            there = step.positions
+            late = [name for name, angle in self._goal.items() if abs(there.get(name, angle) - angle) > _ROUNDING]
+            found.update(dict.fromkeys(late, Behind.MEETING))
+        return {**found, **step.behind}
+
+    def _capped(self, goal: dict[str, float]) -> tuple[dict[str, float], frozenset[str]]:
+        """The goal, no further from the present position than LeRobot's setting says; and what that changes."""
         values, most = self._arm.values, self.config.max_relative_target
-        pairs = {
-            name: (values.value(name, angle), values.value(name, self._here[name])) for name, angle in goal.items()
-        }
         assert most is not None
-        # LeRobot's function takes no whole number.
-        capped = ensure_safe_goal_position(pairs, most if isinstance(most, dict) else float(most))
-        return values.angles({name + SUFFIX: value for name, value in capped.items()})
+        wanted, here = values.named(goal.items()), values.named(self._here.items())
+        near = {}
+        for name, value in wanted.items():
+            limit = most[name.removesuffix(SUFFIX)] if isinstance(most, dict) else most
+            near[name] = min(max(value, here[name] - limit), here[name] + limit)
+        changed = frozenset(name.removesuffix(SUFFIX) for name in near if near[name] != wanted[name])
+        return (values.angles(near), changed) if changed else (goal, changed)
 
 
-def _check_steps(most: float | dict[str, float] | None, joints: Sequence[str]) -> None:
-    """Refuse a `max_relative_target` with which the arm would move another way than it should.
+def meet_again() -> None:
+    """Let the robots of this process meet their next action slowly: a leader was away."""
+    for robot in _connected:
+        robot._pause()
+
+
+def connected_robot(joints: Sequence[str]) -> HexwireRobot:
+    """The robot with these joints that this process has connected and that has torque.
+
+    Raises:
+        RuntimeError: There is none, or there are several.
+    """
+    found = [robot for robot in _connected if list(robot.action_features) == list(names_of(joints))]
+    if len(found) != 1:
+        many = "several robots" if found else "no robot"
+        raise RuntimeError(f"the program has connected {many} of hexwire with the joints {', '.join(joints)}")
+    return found[0]
+
+
+def _check_limit(field: str, most: float | dict[str, float] | None, joints: Sequence[str]) -> None:
+    """Refuse a limit with which the arm would move another way than it should.
 
     Raises:
         ValueError: It is not above 0, or its joints are not the arm's.
     """
-    steps = most if isinstance(most, dict) else {} if most is None else {"": most}
-    for name, step in steps.items():
-        if not (math.isfinite(step) and step > 0.0):
-            raise ValueError(f"max_relative_target{name and f' of {name}'} must be above 0, not {step:g}")
+    limits = most if isinstance(most, dict) else {} if most is None else {"": most}
+    for name, limit in limits.items():
+        if not (math.isfinite(limit) and limit > 0.0):
+            raise ValueError(f"{field}{name and f' of {name}'} must be above 0, not {limit:g}")
     if isinstance(most, dict) and set(most) != set(joints):
-        raise ValueError(f"max_relative_target names {', '.join(most)}; the joints are {', '.join(joints)}")
+        raise ValueError(f"{field} names {', '.join(most)}; the joints are {', '.join(joints)}")
+
+
+def _radians(most: float | dict[str, float] | None) -> float | dict[str, float] | None:
+    if isinstance(most, dict):
+        return {name: math.radians(one) for name, one in most.items()}
+    return None if most is None else math.radians(most)
 
 
 class HexwireSO101(SoDevice, HexwireRobot):

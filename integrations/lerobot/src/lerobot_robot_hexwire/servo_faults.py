@@ -45,14 +45,15 @@ class ServoFaults:
     Args:
         model: The arm.
         probes: The limits of its servos.
+        whose: What comes before a line in the log.
 
     Attributes:
         present: What is wrong now, in words; empty if nothing is.
         counts: How often each fault came, by joint and fault, as in ``gripper overload``.
     """
 
-    def __init__(self, model: ArmModel, probes: Sequence[JointProbe]) -> None:
-        self._model, self._probes = model, probes
+    def __init__(self, model: ArmModel, probes: Sequence[JointProbe], whose: str = "") -> None:
+        self._model, self._probes, self._whose = model, probes, whose
         self._before = (0,) * len(model.joints)
         self.present = ""
         self.counts: Counter[str] = Counter()
@@ -74,5 +75,5 @@ class ServoFaults:
         self._before = faults
         self.present = told([one for one in self.judge(state) if one.level is Level.BAD], self._model)
         if any(fault not in self.counts for fault in came):
-            logger.warning("%s", self.present)
+            logger.warning("%s%s", self._whose, self.present)
         self.counts.update(came)

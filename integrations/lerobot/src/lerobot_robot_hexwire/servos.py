@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from hexwire.bus.setup import write_setting
 from hexwire.drivers.base import JointProbe
 from hexwire.drivers.bus_checkup import explain_missing
+from hexwire.drivers.bus_probe import ratings
 from hexwire.errors import ServoError
 from hexwire.wire.registers import Series
 
@@ -32,6 +33,7 @@ GRIPPER = {"max_torque": 500, "protection_current": 250, "overload_torque": 25}
 """A gripper that presses for long does not burn out."""
 
 _REGISTERS = Series.STS_SMS.registers
+_RATINGS = ("min_voltage", "max_voltage", "max_temperature")
 _FIRST, _LAST = _REGISTERS["return_delay"], _REGISTERS["overload_torque"]
 
 
@@ -52,13 +54,9 @@ def probes(model: ArmModel, blocks: Mapping[str, ServoBlock]) -> tuple[JointProb
     found = []
     for joint in model.joints:
         block = blocks[joint.name]
-        low, high = (block.value(_REGISTERS[name]) for name in ("min_voltage", "max_voltage"))
-        hottest = block.value(_REGISTERS["max_temperature"])
-        supply = (low, high) if low < high else None
+        supply, hottest = ratings(*(block.value(_REGISTERS[name]) for name in _RATINGS))
         found.append(
-            JointProbe(
-                joint.name, joint.servo_id, joint.series, True, supply=supply, max_temperature=hottest or None
-            )
+            JointProbe(joint.name, joint.servo_id, joint.series, True, supply=supply, max_temperature=hottest)
         )
     return tuple(found)
 

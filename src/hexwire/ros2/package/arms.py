@@ -30,6 +30,7 @@ ACCELERATION = 6.0
 """Radians per second squared: what `hexwire goto` plans with. No arm's own limit is published."""
 
 _DIGITS = 4
+_SIX = 6
 
 # The same as in the parameter files of the ROS 1 package.
 _POSES: Mapping[str, Mapping[str, tuple[float, ...]]] = {
@@ -107,6 +108,11 @@ class PackageArm:
     def arm_joints(self) -> tuple[str, ...]:
         """Names of the joints that move the tool."""
         return tuple(joint.name for joint in self.joints if self.jaws is None or joint.name != self.jaws.joint)
+
+    @property
+    def joints_short_of_six(self) -> bool:
+        """It has too few joints for every orientation of its tool."""
+        return len(self.arm_joints) < _SIX
 
     @property
     def gripper_joints(self) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 
 from .arms import ACCELERATION, ARM_GROUP, GRIPPER_GROUP, PackageArm
 from .releases import Release
+from .tool_motion import REQUEST_ADAPTERS, tool_motion_files
 from .yaml_text import Value, yaml_text
 
 __all__ = ["configuration_files", "controller_of"]
@@ -20,13 +21,6 @@ _STOPPED = 0.1
 _GOAL = 0.05
 _START = 0.03
 _KDL = "kdl_kinematics_plugin/KDLKinematicsPlugin"
-_SIX = 6
-_REQUEST = (
-    "ResolveConstraintFrames",
-    "ValidateWorkspaceBounds",
-    "CheckStartStateBounds",
-    "CheckStartStateCollision",
-)
 _RESPONSE = ("AddTimeOptimalParameterization", "ValidateSolution", "DisplayMotionPath")
 _HUMBLE_REQUEST = (
     "AddTimeOptimalParameterization",
@@ -54,6 +48,7 @@ def configuration_files(arm: PackageArm, release: Release, package: str) -> dict
         "config/moveit_controllers.yaml": _moveit_controllers(arm),
         "config/ompl_planning.yaml": _planning(arm, release),
         "config/ros2_controllers.yaml": _controllers(arm, release),
+        **tool_motion_files(arm, release, controller_of(ARM_GROUP)),
     }
 
 
@@ -176,7 +171,7 @@ def _kinematics(arm: PackageArm) -> str:
         "kinematics_solver_timeout": 0.05,
     }
     head: tuple[str, ...] = ()
-    if len(arm.arm_joints) < _SIX:
+    if arm.joints_short_of_six:
         table["position_only_ik"] = True
         head = ("Five joints do not reach every orientation: the solver brings the tool to a position.",)
     return yaml_text({ARM_GROUP: table}, head=head)
@@ -194,7 +189,7 @@ def _planning(arm: PackageArm, release: Release) -> str:
     else:
         table = {
             "planning_plugins": ["ompl_interface/OMPLPlanner"],
-            "request_adapters": [f"default_planning_request_adapters/{name}" for name in _REQUEST],
+            "request_adapters": [f"default_planning_request_adapters/{name}" for name in REQUEST_ADAPTERS],
             "response_adapters": [f"default_planning_response_adapters/{name}" for name in _RESPONSE],
         }
     groups: Mapping[str, Value] = {

@@ -16,7 +16,9 @@ from hexwire.model.urdf import ROOT_LINK
 from .arms import make_arm
 from .configuration import configuration_files, controller_of
 from .description import PLANNING_FRAME, make_srdf, make_urdf_text
+from .foxglove import foxglove_layout
 from .releases import DEFAULT_RELEASE, Release, release
+from .tool_motion import PILZ
 
 __all__ = ["make_package", "package_name"]
 
@@ -63,6 +65,8 @@ def make_package(robot: str, links: str = "A", distribution: str = DEFAULT_RELEA
         "CONTROLLERS": json.dumps([controller_of(group) for group in arm.groups]),
         "DESCRIPTION_TOPIC": found.description_topic,
         "HARDWARE_PACKAGE": found.hardware_package,
+        "PILZ": PILZ,
+        "SERVO_PROGRAM": found.servo,
         "DEPENDS": _depends(found, gripper=arm.jaws is not None),
         "LIMITS": _limits(robot),
         "PORT": "/dev/ttyUSB0" if robot != "puma260" else "tcp://192.168.1.175:15030",
@@ -73,6 +77,7 @@ def make_package(robot: str, links: str = "A", distribution: str = DEFAULT_RELEA
     files = {
         f"urdf/{robot}.urdf": make_urdf_text(arm, found),
         f"config/{robot}.srdf": make_srdf(arm),
+        "foxglove/arm.json": foxglove_layout([joint.name for joint in arm.joints]),
         **configuration_files(arm, found, package),
     }
     folder = resources.files(__package__) / "templates"
@@ -93,8 +98,10 @@ def _depends(found: Release, *, gripper: bool) -> str:
         "moveit_kinematics",
         "moveit_planners_ompl",
         "moveit_ros_move_group",
+        "moveit_servo",
         "moveit_ros_visualization",
         "moveit_simple_controller_manager",
+        PILZ,
         "rmw_zenoh_cpp",
         "robot_state_publisher",
         "rviz2",

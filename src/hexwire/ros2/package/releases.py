@@ -29,6 +29,7 @@ class Release:
         gripper_package: The package with it.
         description_topic: Where the controller manager expects the robot description.
         one_planning_plugin: MoveIt takes one planning plug-in and a line of adapters, not lists of both.
+        servo: The program of MoveIt Servo. That of Humble has frames and a single margin among its parameters.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Release:
     gripper_package: str
     description_topic: str
     one_planning_plugin: bool = False
+    servo: str = "servo_node"
 
 
 _HUMBLE = Release(
@@ -51,6 +53,7 @@ _HUMBLE = Release(
     "gripper_controllers",
     "~/robot_description",
     one_planning_plugin=True,
+    servo="servo_node_main",
 )
 
 

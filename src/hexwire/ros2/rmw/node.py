@@ -205,15 +205,15 @@ class Node:
         return self._add(Publisher(self, endpoint, message, self._open_session))
 
     def subscribe(
-        self, topic: str, type_name: str, qos: Qos, callback: Callable[[Any, int], object]
+        self, topic: str, type_name: str, callback: Callable[[Any, int], object], qos: Qos = DEFAULT
     ) -> Subscription:
         """Declare a subscription; otherwise as `publisher`.
 
         Args:
             topic: Its name.
             type_name: Of its messages.
-            qos: Its quality of service.
             callback: Gets each message, and when it was sent, nanoseconds of Unix time. It must not wait long.
+            qos: Its quality of service.
         """
         message = self.types.message(type_name)
         endpoint = self._endpoint(Role.SUBSCRIPTION, self.resolve(topic), message, qos)

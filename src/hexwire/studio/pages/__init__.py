@@ -35,7 +35,7 @@ and creates NiceGUI elements for that tab. Only the part of the page below the h
   args)`` does all of it for a button, for the keyboard too; ``args`` may be a function. `hexwire.hold` returns a
   promise for the reason of its end.
 * A page adds its own kind on the server, once, with ``studio.holds.add("goto", begin)`` (see `holds.py`):
-  ``begin`` runs in a thread, starts the motion, and calls ``arm.attended.begun(entry, finish)``; ``finish(why)``
+  ``begin`` runs in a thread, starts the motion, and calls ``arm.hold_to_run.begun(entry, finish)``; ``finish(why)``
   must end it at once and must not wait. For a motion that needs no pressed button but must end with its page
   (playing a recording): ``hexwire.hold(kind, args, {attended: true})``, which ends when the page is hidden, closed
   or frozen.

@@ -70,9 +70,9 @@ def page_html(arm: ArmSource, emulated: str = "") -> str:
     left, right = [_view_html(kinematics is not None, emulated)], [joints_html(model)]
     if kinematics is not None:
         left += [tip_html(kinematics), space_html()]
-    if arm.desk.jaws is not None:
+    if arm.motions.jaws is not None:
         left.append(gripper_html())
-    right += [goto_html(model, kinematics), poses_html(gripper=arm.desk.jaws is not None), teach_html()]
+    right += [goto_html(model, kinematics), poses_html(gripper=arm.motions.jaws is not None), teach_html()]
     return (
         f'<div class="arm-page">{_bar_html()}'
         f'<div class="arm-left">{"".join(left)}</div><div class="arm-right">{"".join(right)}</div></div>'
@@ -81,7 +81,7 @@ def page_html(arm: ArmSource, emulated: str = "") -> str:
 
 def arguments(arm: ArmSource) -> dict[str, object]:
     """What `static/arm.js` is told about the arm."""
-    kinematics, model, jaws = arm.settings.kinematics, arm.settings.model, arm.desk.jaws
+    kinematics, model, jaws = arm.settings.kinematics, arm.settings.model, arm.motions.jaws
     return {
         "geometry": make_geometry(model, arm.settings.links),
         "joints": [{"name": joint.name, "min": joint.minimum, "max": joint.maximum} for joint in model.joints],

@@ -86,8 +86,8 @@ class ArmCalls:
 
     def tell_changes(self) -> None:
         """Tell the page when teach mode or the taught motion has changed; called now and then."""
-        desk = self._arm.desk
-        now = (desk.teaching, desk.taught)
+        motions = self._arm.motions
+        now = (motions.teaching, motions.taught)
         if now != self._told:
             self._told = now
             self._tell("taught", self._taught({}, self._tab))
@@ -106,30 +106,30 @@ class ArmCalls:
         }
 
     def _preview(self, args: Mapping[str, object], tab: Tab) -> dict[str, object]:
-        return plan_values(self._arm.desk.preview(args), self._arm)
+        return plan_values(self._arm.motions.preview(args), self._arm)
 
     def _poses(self, args: Mapping[str, object], tab: Tab) -> dict[str, object]:
-        return {"poses": [asdict(row) for row in self._arm.desk.pose_rows()]}
+        return {"poses": [asdict(row) for row in self._arm.motions.pose_rows()]}
 
     def _save(self, args: Mapping[str, object], tab: Tab) -> dict[str, object]:
         self._studio.need_control(tab)
         name, gripper, force = _text(args, "name"), args.get("gripper", True), args.get("force", False)
-        self._arm.desk.save_pose(name, gripper=gripper is True, force=force is True)
+        self._arm.motions.save_pose(name, gripper=gripper is True, force=force is True)
         return self._poses(args, tab)
 
     def _rename(self, args: Mapping[str, object], tab: Tab) -> dict[str, object]:
         self._studio.need_control(tab)
-        self._arm.desk.poses.rename(_text(args, "name"), _text(args, "new"))
+        self._arm.motions.poses.rename(_text(args, "name"), _text(args, "new"))
         return self._poses(args, tab)
 
     def _remove(self, args: Mapping[str, object], tab: Tab) -> dict[str, object]:
         self._studio.need_control(tab)
-        self._arm.desk.poses.remove(_text(args, "name"))
+        self._arm.motions.poses.remove(_text(args, "name"))
         return self._poses(args, tab)
 
     def _teach(self, args: Mapping[str, object], tab: Tab) -> dict[str, object]:
         self._studio.need_control(tab)
-        text = self._arm.desk.teach(self._arm.order(tab), args.get("on") is True)
+        text = self._arm.motions.teach(self._arm.order(tab), args.get("on") is True)
         return {"text": text}
 
     def _taught(self, args: Mapping[str, object], tab: Tab) -> dict[str, object]:
@@ -177,9 +177,9 @@ def plan_values(plan: Preview, arm: ArmSource) -> dict[str, object]:
 
 def taught_values(arm: ArmSource) -> dict[str, object]:
     """Teach mode and the taught motion for the browser; a long one with fewer rows."""
-    desk = arm.desk
-    taught = desk.taught
-    values: dict[str, object] = {"teaching": desk.teaching, "taught": None}
+    motions = arm.motions
+    taught = motions.taught
+    values: dict[str, object] = {"teaching": motions.teaching, "taught": None}
     if taught is not None:
         n = len(taught.times)
         step = max(1, math.ceil(n / _TAUGHT_ROWS))

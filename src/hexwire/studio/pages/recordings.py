@@ -1,7 +1,7 @@
 """The page Recordings: list, plot, play on the twin or the arm, compare two.
 
-Owns the frame of the page; `static/recordings.js` fills it from `hexwire.studio.shelf_api`. Must not know other
-pages.
+Owns the frame of the page; `static/recordings.js` fills it from `hexwire.studio.recordings_api`. Must not know
+other pages.
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ def build(view: View, servo_id: int) -> None:
         upload.props('accept=".json,application/json"').classes("hidden")
         pick = button("Load a backup", lambda: None, offline=True)
         pick.on("click", js_handler=f"() => getElement({upload.id}).$refs.qRef.pickFiles()")
-        upload.on("rejected", lambda: ui.notify("the file is larger than 1 MiB, or no JSON", type="negative"))
+        upload.on("rejected", lambda: ui.notify("the file is larger than 1 MiB, or not JSON", type="negative"))
     place = ui.element("div")
 
     async def take(ids: Sequence[int]) -> None:

@@ -31,8 +31,8 @@ def build(studio: Studio, arm: ArmSource) -> None:
     bare = arm.driver.servo_link is not None
     if bare:
         html(
-            "The arm is open and moved as a whole. Registers, ids, rates, calibration and waves need "
-            "the servos for themselves: the arm is then closed, and joints with torque hold where they are.",
+            "The arm is open as a whole. Registers, ids, rates, calibration and waves need "
+            "its servos one by one: this closes the arm, and joints with torque hold where they are.",
             "p",
             "sv-hint",
         )

@@ -31,7 +31,7 @@ def build(view: View, servo_id: int) -> None:
     section(
         "Id and rate",
         "The id is changed first, then the rate. Each is read back, and goes back if the servo does not answer. "
-        "Whatever is cut off meanwhile, the servo has its old or its new address, and is found there again.",
+        "If this is interrupted, the servo has its old or its new address, and is found there again.",
     )
     with ui.element("div").classes("sv-form"):
         new = ui.number("New id", value=servo_id, min=0, max=253, step=1, format="%d").props("dense outlined")

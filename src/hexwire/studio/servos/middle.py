@@ -78,7 +78,8 @@ def _calibration(view: View) -> None:
         pick = button("Load a calibration", lambda: None, offline=True)
         pick.on("click", js_handler=f"() => getElement({upload.id}).$refs.qRef.pickFiles()")
         upload.on(
-            "rejected", lambda: ui.notify("the file is larger than 256 KiB, or no .toml or .json", type="negative")
+            "rejected",
+            lambda: ui.notify("the file is larger than 256 KiB, or neither .toml nor .json", type="negative"),
         )
     place = ui.element("div")
     result = ui.element("div")

@@ -27,7 +27,7 @@ def build(view: View, servo_id: int) -> None:
     section(
         "Wave",
         "The servo moves to both sides of where it stands while you hold the button, and returns at the end. "
-        "Released earlier, it holds where it is.",
+        "If you release it earlier, the servo holds where it is.",
     )
     with ui.element("div").classes("sv-form"):
         shape = ui.select(list(SHAPES), value="sine", label="Shape").props("dense outlined options-dense")

@@ -1,7 +1,7 @@
 """Runs a wave for a tab, while somebody there holds its button.
 
 Owns what a page may ask for, and the messages about it. The motion belongs to `control.servo_wave`, and the rule
-that it ends with the hold to `control.attended`.
+that it ends with the hold to `control.hold_to_run`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from hexwire.motion.step_response import step_figures
 from hexwire.motion.waves import Wave
 
 if TYPE_CHECKING:
-    from hexwire.control.attended import Entry
+    from hexwire.control.hold_to_run import Entry
     from hexwire.epochs import Token
     from hexwire.studio.app import Studio
     from hexwire.studio.bus_source import BusSource
@@ -66,7 +66,7 @@ def add_wave(studio: Studio) -> None:
         run = _Run(studio, bus, tab, entry, arrived)
         thread = threading.Thread(target=run.work, args=(servo_id, wave), name="studio wave", daemon=True)
         # Its end is seen in each cycle: there is nothing more to be done for it.
-        bus.attended.begun(entry, lambda why: None)
+        bus.hold_to_run.begun(entry, lambda why: None)
         thread.start()
 
     studio.holds.add("wave", begin)
@@ -92,7 +92,7 @@ class _Run:
         self._send()
         message = {"kind": "wave", "end": why, "servo": servo_id, **figures_of(wave, end)}
         self._studio.live.tell(message, self._tab.key)
-        self._bus.attended.end(self._tab.key, why, self._entry.number)
+        self._bus.hold_to_run.end(self._tab.key, why, self._entry.number)
         self._bus.on_change()
 
     def _run(self, servo_id: int, wave: Wave, end: WaveEnd) -> None:

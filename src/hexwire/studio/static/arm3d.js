@@ -268,7 +268,7 @@ export class Arm3D {
     on(canvas, "pointerdown", () => canvas.focus({ preventScroll: true }));
     on(canvas, "webglcontextlost", (event) => {
       event.preventDefault();
-      this._say("The graphics of this browser were reset. The 3D view comes back by itself if they do.");
+      this._say("This browser's graphics were reset. The 3D view returns when they do.");
     });
     on(canvas, "webglcontextrestored", () => {
       this._note?.remove();

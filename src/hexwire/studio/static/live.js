@@ -4,7 +4,8 @@
 const BEAT = 60; // ms between two signs of life while something is held
 const SEEN = 10; // frames after which the server hears that they were seen; it sends only so many ahead
 const SURE = 300; // ms in which a stop is confirmed; after them it is sent again, by HTTP
-const HEARD = 900; // ms without a frame after which an arm is not heard
+const HEARD = 750; // ms without a word of the studio after which nothing is known; it says something four times a second
+const LOOK = 150; // ms between two looks at that: what is not known is grey within a second
 const READ = 8000; // ms for which a message stays in sight
 /** Bits of a joint, as `JointFlag`. The server sets `silent` for every joint of which nobody knows what it does now. */
 export const FLAG = { voltage: 1, encoder: 2, temperature: 4, current: 8, clamped: 16, overload: 32, torque: 64, silent: 128, unknown: 256 };
@@ -23,7 +24,7 @@ let told = { text: "", until: 0, urgent: false };
 let lasted = "";
 let seen = 0;
 let wasKnown = true;
-let heard = -Infinity; // when the last frame came
+let heard = -Infinity; // when the studio said something last
 
 const hexwire = {
   model: { robot: "", joints: [], space: false },
@@ -37,12 +38,15 @@ const hexwire = {
   get late() {
     return Boolean(window.did_handshake && !window.socket?.connected);
   },
-  /** Whether what is shown is from now: the server says so, and this page still hears it. */
+  /** Whether this page still hears the studio, which may hang although the connection is there. */
+  get heard() {
+    return hexwire.connected && performance.now() - heard < HEARD;
+  },
+  /** Whether what is shown is from now: the studio says so, and this page still hears it. */
   get known() {
     const { facts } = hexwire;
-    if (!hexwire.connected || !facts) return false;
-    if (facts.mode !== "arm") return facts.mode !== "bus" || facts.known;
-    return facts.known && performance.now() - heard < HEARD;
+    if (!facts || !hexwire.heard) return false;
+    return facts.known || (facts.mode !== "arm" && facts.mode !== "bus");
   },
   get holding() {
     return held !== null;
@@ -112,6 +116,7 @@ function open() {
     tell("link", true);
   };
   mine.onmessage = (event) => {
+    heard = performance.now();
     if (typeof event.data === "string") receive(JSON.parse(event.data));
     else draw(event.data);
   };
@@ -155,10 +160,9 @@ function receive(message) {
 
 function draw(bytes) {
   seen += 1;
-  heard = performance.now();
   if (seen % SEEN === 0) send({ do: "seen", frames: seen });
   const view = new DataView(bytes);
-  if (view.getUint8(0) !== 1) return;
+  if (view.getUint8(0) !== 1) return; // 0: a sign of life
   const n = view.getUint8(1);
   const bits = view.getUint16(2, true);
   const frame = {
@@ -341,8 +345,9 @@ function show(name, so) {
 
 /** Of when what is shown in grey is. */
 function since(facts) {
-  if (!facts.last) return "";
-  return `What is grey is from ${new Date(1000 * facts.last).toLocaleTimeString([], { hourCycle: "h23" })}. `;
+  const last = hexwire.heard ? 1000 * (facts.last ?? 0) : performance.timeOrigin + heard;
+  if (!(last > 0)) return "";
+  return `What is grey is from ${new Date(last).toLocaleTimeString([], { hourCycle: "h23" })}. `;
 }
 
 function header(facts) {
@@ -376,9 +381,10 @@ function header(facts) {
   show("torque-off", now && mine && facts.torque !== "off");
   document.body.classList.toggle("hw-stopped", arm && facts.stopped !== "");
   let lasting = "";
-  if (!link) lasting = "No connection to the studio. STOP is tried by another way; switch the arm's power off.";
+  if (!link) lasting = since(facts) + "No connection to the studio. STOP will try another way; switch the arm's power off.";
+  else if (!hexwire.heard && since(facts)) lasting = since(facts) + "The studio does not answer. STOP will be tried; switch the arm's power off";
   else if (arm && !facts.connected) lasting = since(facts) + `${bus ? "The servo bus cannot be read" : "The arm is not connected"}: ${facts.error}`;
-  else if (facts.mode === "arm" && !known) lasting = since(facts) + "The arm is silent: it may do anything. STOP is tried";
+  else if (facts.mode === "arm" && !known) lasting = since(facts) + "The arm is silent: it may do anything. STOP will be tried";
   else if (arm && facts.stopped) lasting = `Stopped: ${facts.stopped}`;
   banner(lasting, facts.note || "");
 }
@@ -425,5 +431,5 @@ setInterval(() => {
   mark();
   paint();
   if (hexwire.facts) header(hexwire.facts);
-}, 250);
+}, LOOK);
 open();

@@ -1,0 +1,5 @@
+import abc
+
+from .. import Robot
+
+class BiSOFollower(Robot, metaclass=abc.ABCMeta): ...

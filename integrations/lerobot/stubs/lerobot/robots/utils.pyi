@@ -1,3 +1,0 @@
-def ensure_safe_goal_position(
-    goal_present_pos: dict[str, tuple[float, float]], max_relative_target: float | dict[str, float]
-) -> dict[str, float]: ...

@@ -1,0 +1,5 @@
+import abc
+
+from .. import Teleoperator
+
+class BiSOLeader(Teleoperator, metaclass=abc.ABCMeta): ...

@@ -1,0 +1,73 @@
+"""What becomes of a motion that a verb in another thread waits for when the arm's ``with`` block ends."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.arm.arms import KINDS, TIMED, connected, marked
+from tests.waits import PATIENCE, eventually
+
+from hexwire import Arm, deg
+from hexwire.errors import HexwireError, StoppedError, UsageError
+
+QUICK = ("bus", "board", "timed board")
+
+
+def normally(arm: Arm) -> None:
+    arm.__exit__(None, None, None)
+
+
+def raising(error: BaseException) -> Callable[[Arm], None]:
+    return lambda arm: arm.__exit__(type(error), error, None)
+
+
+WAYS: dict[str, tuple[Callable[[Arm], None], bool]] = {
+    "the end": (normally, False),
+    "an error": (raising(ValueError("mine")), False),
+    "ctrl-c": (raising(KeyboardInterrupt()), True),
+    "detach": (lambda arm: arm.detach(), False),
+    "the end of the program": (lambda arm: arm._leave(), False),
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("kind", marked(KINDS | TIMED, QUICK))
+def test_the_end_of_the_block_ends_the_motion_of_a_verb_in_another_thread(
+    kind: str, way: str, tmp_path: Path
+) -> None:
+    leave, stops = WAYS[way]
+    raised: list[HexwireError] = []
+    left: list[tuple[bool, bool]] = []
+    with connected(kind, tmp_path) as arm:
+        arm.home()
+        joint = arm.model.names[0]
+
+        def move() -> None:
+            try:
+                arm.move({joint: deg(40)}, relative=True, duration=30.0)
+            except HexwireError as error:
+                raised.append(error)
+
+        def seen(*, torque_off: bool = False) -> None:
+            if not left:
+                left.append((arm._claims.now is not None, arm.read().stopped))
+            detach(torque_off=torque_off)
+
+        detach: Any = arm.driver.detach
+        arm.driver.detach = seen  # type: ignore[method-assign]
+        before = arm.read()[joint].position
+        thread = threading.Thread(target=move, daemon=True)
+        thread.start()
+        eventually(lambda: abs(arm.read()[joint].position - before) > deg(0.3))
+        with suppress(ValueError, KeyboardInterrupt):
+            leave(arm)
+        thread.join(PATIENCE)
+        assert not thread.is_alive()
+        assert left == [(False, stops)]
+        assert [type(error) for error in raised] == [StoppedError if stops else UsageError]
+        assert stops or "the motion was ended before it arrived" in str(raised[0])

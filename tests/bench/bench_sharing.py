@@ -1,0 +1,93 @@
+"""What one client costs that reads each state of a shared arm and answers it by a target, beside bare Zenoh.
+
+The arm is a fake one, so that what is measured is the sharing. Owners and clients run all the time and take turns
+in blocks; a figure is the median of the blocks, and a ratio the median of the ratios within each round.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE))
+
+import fleet_worker  # noqa: E402
+from fleet_blocks import Block, Process, in_rounds, middle, quantiles, ratio  # noqa: E402
+
+_ROUNDS = 5
+_SECONDS = 3.0
+_AIMS = ("at most 60", "at most 50", "of the owner, at most 8")
+
+
+def run() -> Iterator[str]:
+    """Measure; yields the lines to print."""
+    with tempfile.TemporaryDirectory(prefix="hw") as folder, ExitStack() as stack:
+        os.environ |= {"XDG_RUNTIME_DIR": folder, "XDG_STATE_HOME": folder}
+        os.environ.pop("HEXWIRE_PORT", None)
+        yield from _one_client(stack, Path(folder))
+
+
+def _one_client(stack: ExitStack, folder: Path) -> Iterator[str]:
+    ours, bare = "hexwire", "bare Zenoh"
+    unix = f"unixsock-stream/{folder}/bare.sock"
+    owners = {ours: Process(stack, "owner", "lab/arm1", "").ready()}
+    clients = {ours: Process(stack, "client", "zenoh:lab/arm1").ready()}
+    size = clients[ours].ask("size")["size"]
+    owners[bare] = Process(stack, "bare-owner", unix, size).ready()
+    clients[bare] = Process(stack, "bare-client", unix).ready()
+    idle = in_rounds(owners, _ROUNDS, lambda name: _idle(owners[name], clients[name]))
+    rounds = in_rounds(owners, _ROUNDS, lambda name: _work(owners[name], clients[name]))
+    yield f"states of {size} bytes at {fleet_worker.RATE:g} Hz, each answered by a target; CPU in ms/s of one core:"
+    for name in owners:
+        rows = [f"{key} {middle(rounds, name, key):.0f}" for key in ("owner", "client", "threads")]
+        if name == ours:
+            rows = [f"{row} (aim: {aim})" for row, aim in zip(rows, _AIMS, strict=True)]
+        rates = [middle(rounds, name, key) for key in ("states", "targets")]
+        yield f"  {name}: {', '.join(rows)}; {rates[0]:.0f} states and {rates[1]:.0f} targets a second"
+        yield f"  {name}: owner without a client {middle(idle, name, 'owner'):.0f}"
+    for what, aim in (("state", "at most 1.5"), ("command", "p50 at most 0.6 ms")):
+        for name in owners:
+            p50, p99 = (middle(rounds, name, f"{what} {key}") for key in ("p50", "p99"))
+            yield f"  {what}, p50 / p99 ms: {name} {p50:.3f} / {p99:.3f}"
+        p50, p99 = (ratio(rounds, ours, bare, f"{what} {key}") for key in ("p50", "p99"))
+        yield f"  {what}, ratio {ours} / {bare}: p50 {p50:.2f}, p99 {p99:.2f} (aim: {aim})"
+
+
+def _idle(owner: Process, client: Process) -> Block:
+    before = owner.ask("cpu")
+    client.ask("wait", seconds=_SECONDS)
+    after = owner.ask("cpu")
+    return {"owner": 1000 * (after["cpu"] - before["cpu"]) / (after["now"] - before["now"])}
+
+
+def _work(owner: Process, client: Process) -> Block:
+    owner.ask("targets")
+    before = owner.ask("cpu")
+    work = client.ask("work", seconds=_SECONDS)
+    after = owner.ask("cpu")
+    arrived = {_number(value): when for when, value in owner.ask("targets")["targets"]}
+    delays = [arrived[_number(value)] - sent for sent, value in work["sent"] if _number(value) in arrived]
+    rows = {f"state {key}": value for key, value in quantiles(work["ages"]).items()}
+    rows |= {f"command {key}": value for key, value in quantiles(delays).items()}
+    return {
+        **rows,
+        "owner": 1000 * (after["cpu"] - before["cpu"]) / (after["now"] - before["now"]),
+        "client": 1000 * work["cpu"] / work["seconds"],
+        "threads": after["threads"],
+        "states": len(work["ages"]) / work["seconds"],
+        "targets": len(arrived) / work["seconds"],
+    }
+
+
+def _number(target: float) -> int:
+    return round(target / fleet_worker.STEP)
+
+
+if __name__ == "__main__":
+    for line in run():
+        print(line, flush=True)

@@ -1,0 +1,171 @@
+"""The list of recordings, and what is done with them."""
+
+from __future__ import annotations
+
+import errno
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.studio.gate import GatedClient
+from tests.studio.running import until
+from tests.studio.test_recordings import record
+from tests.waits import eventually
+
+from hexwire.studio.access import Access, Right
+from hexwire.studio.app import Studio
+from hexwire.studio.recordings_api import recordings_routes
+
+
+class Client(GatedClient):
+    def __init__(self, studio: Studio) -> None:
+        super().__init__(studio, recordings_routes(lambda: studio))
+
+    def list(self) -> dict[str, Any]:
+        return dict(self.http.get("/data/recordings").json())
+
+    def do(self, what: str, **order: Any) -> dict[str, Any]:
+        return dict(self.http.post("/data/recordings", json={"do": what, **order}).json())
+
+
+@pytest.fixture
+def client(tmp_path: Path) -> Iterator[Client]:
+    studio = Studio(Access(frozenset()), tmp_path / "recordings")
+    try:
+        yield Client(studio)
+    finally:
+        studio.close()
+
+
+def test_it_lists_recordings_and_whether_the_open_arm_can_play_them(client: Client) -> None:
+    folder = client.studio.recordings.library.folder
+    record(folder, "mine.mcap")
+    record(folder, "other.mcap", joints=("K1",))
+    content = (folder / "mine.mcap").read_bytes()
+    (folder / "cut.mcap").write_bytes(content[: len(content) // 2])
+    rows = {row["name"]: row for row in client.list()["entries"]}
+    assert not rows["mine.mcap"]["fits"]
+    client.studio.source.open("sim://hex7bot?name=recordings")
+    rows = {row["name"]: row for row in client.list()["entries"]}
+    assert [rows[name]["fits"] for name in ("mine.mcap", "other.mcap")] == [True, False]
+    assert [rows[name]["twin"] for name in ("mine.mcap", "other.mcap")] == ["hex7bot", ""]
+    assert "truncated" in rows["cut.mcap"]["problem"]
+    assert client.list()["robot"] == "hex7bot"
+
+
+def test_the_session_is_recorded_until_its_end_or_until_the_arm_is_closed(client: Client) -> None:
+    assert "no arm is open" in client.do("record")["refused"]
+    studio = client.studio
+    studio.source.open("sim://hex7bot?name=recordings")
+    name = client.do("record")["name"]
+    until(lambda: client.list()["recorder"]["states"] > 3, "states")
+    # It is no damaged recording while it is being written.
+    assert client.list()["entries"] == []
+    assert client.do("end")["said"].startswith(name)
+    assert [row["name"] for row in client.list()["entries"]] == [name]
+    second = client.do("record")["name"]
+    until(lambda: client.list()["recorder"]["states"] > 3, "states")
+    studio.source.close()
+    until(lambda: client.list()["recorder"]["name"] == "", "the end of the recording")
+    rows = {row["name"]: row for row in client.list()["entries"]}
+    assert rows[second]["problem"] == ""
+
+
+def test_a_damaged_recording_is_recovered_and_one_is_removed(client: Client) -> None:
+    folder = client.studio.recordings.library.folder
+    record(folder, "a.mcap")
+    content = (folder / "a.mcap").read_bytes()
+    (folder / "a.mcap").write_bytes(content[:-40])
+    assert client.do("recover", name="a.mcap")["name"] == "a recovered.mcap"
+    assert client.do("remove", name="a.mcap") == {}
+    assert [row["name"] for row in client.list()["entries"]] == ["a recovered.mcap"]
+
+
+@pytest.mark.slow
+def test_the_twin_plays_a_part(client: Client) -> None:
+    record(client.studio.recordings.library.folder, "a.mcap")
+    started = client.do("twin", name="a.mcap", begin=1.0, end=2.0, factor=2.0)
+    assert started["robot"] == "hex7bot"
+    assert "the twin is moving" in client.do("twin", name="a.mcap")["refused"]
+    until(lambda: not client.list()["twin"]["busy"], "the end")
+    assert client.list()["twin"]["arrived"]
+    # Slowly, so that it is not over before a busy machine stops it.
+    client.do("twin", name="a.mcap", factor=0.1)
+    client.do("twin_stop")
+    assert client.list()["twin"]["ended"] == "stopped"
+
+
+def test_what_playing_on_the_arm_would_be_is_told_without_moving(client: Client) -> None:
+    record(client.studio.recordings.library.folder, "a.mcap")
+    arm = client.studio.source.open("sim://hex7bot?name=recordings")
+    until(lambda: arm.arm.owner.state is not None, "a state")
+
+    def planned() -> dict[str, Any] | None:
+        plan: dict[str, Any] = client.do("preview", name="a.mcap")
+        # On a busy machine an arm has not answered for a moment, and nothing can be planned.
+        return plan if "duration" in plan else None
+
+    plan = eventually(planned)
+    assert plan["duration"] > plan["lead_in"] > 0
+    assert plan["refusal"]
+    assert not arm.arm.owner.group.moving
+
+
+WRONG_ORDERS: list[tuple[Any, str]] = [
+    ({"do": "twin", "name": "a.mcap", "factor": 99}, "0.1 to 4 times"),
+    ({"do": "twin", "name": "a.mcap", "begin": 5, "end": 2}, "end after its beginning"),
+    ({"do": "twin", "name": "a.mcap", "begin": "x"}, "must be a number"),
+    ({"do": "twin", "name": "../a.mcap"}, "there is no recording"),
+    ({"do": "remove", "name": "../a.mcap"}, "cannot be the name"),
+    ({"do": "remove", "name": 5}, "name a recording"),
+    ({"do": "format"}, "no such order"),
+    ({"do": ["record"]}, "no such order"),
+    ([], "no order"),
+]
+
+
+def test_a_wrong_order_is_refused(client: Client) -> None:
+    record(client.studio.recordings.library.folder, "a.mcap")
+    for order, why in WRONG_ORDERS:
+        answer = client.http.post("/data/recordings", json=order)
+        assert answer.status_code == 200, order
+        assert why in answer.json()["refused"], order
+
+
+def test_a_long_or_broken_request_is_refused(client: Client) -> None:
+    assert client.http.post("/data/recordings", content=bytes(5000)).status_code == 413
+    assert client.http.post("/data/recordings", content=b"[" * 4000).json()["refused"]
+
+
+def test_a_folder_that_fails_is_told(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = client.studio.recordings.library.folder
+    record(folder, "a.mcap")
+    (folder / "a#1.mcap").write_bytes(b"x")
+    assert client.list()["remark"].startswith("1 file is not listed")
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(client.studio.recordings.recorder, "start", full)
+    client.studio.source.open("sim://hex7bot?name=recordings")
+    assert "No space left on device" in client.do("record")["refused"]
+    shutil.rmtree(folder)
+    folder.write_text("no folder")
+    assert "Not a directory" in client.list()["refused"]
+
+
+def test_who_only_watches_changes_nothing(client: Client) -> None:
+    client.right = Right.WATCH
+    record(client.studio.recordings.library.folder, "a.mcap")
+    for what in ("record", "end", "recover", "remove", "twin", "twin_stop"):
+        assert client.http.post("/data/recordings", json={"do": what, "name": "a.mcap"}).status_code == 403
+    assert len(client.list()["entries"]) == 1
+
+
+def test_the_shapes_of_the_arm_of_a_recording_are_given(client: Client) -> None:
+    found = client.http.get("/data/geometry", params={"robot": "so101"}).json()["geometry"]
+    assert found["name"] == "so101"
+    assert found["links"]
+    assert "not known" in client.http.get("/data/geometry", params={"robot": "../x"}).json()["refused"]
