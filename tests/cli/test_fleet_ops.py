@@ -7,11 +7,14 @@ import os
 import signal
 import socket
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
+from hypothesis import given
+from hypothesis import strategies as st
 from tests.fleet.conftest import Serve, runtime, serve  # noqa: F401  # fixtures
 from tests.system.programs import hexwire_program
 from tests.waits import eventually
@@ -22,6 +25,7 @@ from hexwire.drivers import registry
 from hexwire.fleet import overview
 from hexwire.fleet.endpoints import local_socket
 from hexwire.fleet.names import Role
+from hexwire.fleet.network import SILENT
 from hexwire.fleet.overview import Overview
 
 # ruff: noqa: F811  # fixtures that are imported
@@ -142,6 +146,63 @@ def test_watch_prints_all_arms_a_line_as_json(serve: Serve) -> None:
         assert program.wait(30) == 130
     assert [arm["name"] for arm in rows[-1]["arms"]] == ["lab/arm1"]
     assert rows[0]["time"] < rows[2]["time"]
+
+
+class CutOff:
+    """An arm that is cut off, in simulated time: it answers, then does not, then is gone from the roster.
+
+    Args:
+        cut: When, seconds.
+        gone: Seconds after which the roster misses it.
+    """
+
+    def __init__(self, cut: float, gone: float = SILENT) -> None:
+        self.time, self.cut, self.missed = 0.0, cut, cut + gone
+        self.changed = False
+        self.said: list[tuple[float, str]] = []
+
+    def now(self) -> float:
+        return self.time
+
+    def look(self, timeout: float) -> list[Overview]:
+        if self.time >= self.missed:
+            return []
+        if self.time < self.cut:
+            return [Overview("lab/arm1", "hex7bot", "pc")]
+        self.pass_by(timeout)
+        return [Overview("lab/arm1", why="is it halted?", silent=True)]
+
+    def show(self, rows: Sequence[Overview]) -> None:
+        self.said += [(self.time, "gone" if not rows else "no answer" if rows[0].silent else "ok")]
+        if self.time > self.missed + 2.0:
+            raise EOFError
+
+    def pass_by(self, seconds: float) -> None:
+        self.changed |= self.time < self.missed <= self.time + seconds
+        self.time += seconds
+
+    # As an event that the roster sets.
+
+    def clear(self) -> None:
+        self.changed = False
+
+    def wait(self, seconds: float) -> None:
+        if not self.changed:
+            self.pass_by(min(seconds, self.missed - self.time) if self.time < self.missed else seconds)
+
+
+@given(st.floats(1.0, 2.0), st.floats(2.0, 2 * SILENT))
+def test_watch_shows_an_arm_that_is_cut_off_within_a_second_and_as_gone_at_once(cut: float, gone: float) -> None:
+    arm = CutOff(cut, gone)
+    with pytest.raises(EOFError):
+        fleet_ops._follow(arm.look, arm.show, 2.0, arm, arm.now)  # type: ignore[arg-type]  # an event
+    words = [word for _, word in arm.said]
+    assert words == sorted(words, key=["ok", "no answer", "gone"].index), "in this order"
+    times = {word: when for when, word in reversed(arm.said)}
+    assert times["no answer"] - cut <= 1.0
+    # As soon as the roster misses it; a look that is under way ends first.
+    assert 0.0 <= times["gone"] - arm.missed <= 0.4
+    assert [when for when, _ in arm.said[:2]] == [0.0, 0.5]
 
 
 def shown(monkeypatch: pytest.MonkeyPatch, *steps: list[Overview]) -> list[str]:

@@ -109,6 +109,15 @@ def test_the_settings_leave_no_way_to_be_found() -> None:
     assert rows["transport/link/protocols"] == ["tls", "unixsock-stream"]
 
 
+@pytest.mark.parametrize("role", [{}, {"router": True}])
+def test_a_connection_is_lost_after_five_seconds_of_silence_which_five_signs_of_life_break(
+    role: dict[str, bool],
+) -> None:
+    rows = Network(**role)._settings(wait=True)  # type: ignore[arg-type]
+    assert rows["transport/link/tx/lease"] == 5000, "milliseconds"
+    assert rows["transport/link/tx/keep_alive"] == 5
+
+
 def test_who_listens_waits_a_quarter_of_a_second_for_a_program_that_takes_nothing(runtime: Path) -> None:
     """That nobody else is delayed then, only a frozen program proves: tests/fleet/test_node.py."""
     key = "transport/link/tx/queue/congestion_control/block/wait_before_close"

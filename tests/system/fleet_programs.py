@@ -5,6 +5,7 @@ Owns their start and end, and where they run. Ends only what it has started.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
@@ -13,22 +14,21 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO, Any
 
 from tests.system.fleet_watch import TIMEOUT, BoardLog, ClientLog, Span, violations
 from tests.system.programs import HEXWIRE, PATIENCE, environment
+from tests.waits import eventually
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 NAME = "lab/arm1"
 STOPPED = 3.0
-"""Seconds for which a program is stopped or cut off."""
+"""Seconds for which a program stays stopped that must miss something: far more than `TIMEOUT` of its lease."""
 _AGE, _STALL = re.compile(r"the set-point is (\d+) ms old"), 1000
 """How old a refused set-point was, and the age up to which that is a stall, milliseconds."""
-BACK = 30.0
-"""Most seconds until a program has found a server or router again."""
 
 
 class Program:
@@ -76,15 +76,23 @@ class Program:
         return time.monotonic()
 
     @contextmanager
-    def stopped(self, seconds: float) -> Iterator[Span]:
-        """SIGSTOP it for that time and the time of the block; yields when it began, and when it may end."""
-        begin = time.monotonic()
+    def stopped(self) -> Iterator[float]:
+        """SIGSTOP it during the block; yields from when on it does nothing."""
         self.process.send_signal(signal.SIGSTOP)
         try:
-            yield begin, begin + seconds
-            time.sleep(max(0.0, begin + seconds - time.monotonic()))
+            # A thread that is at work stops when it is interrupted next.
+            eventually(lambda: set(self._states()) == {"T"})
+            yield time.monotonic()
         finally:
             self.process.send_signal(signal.SIGCONT)
+
+    def _states(self) -> list[str]:
+        """What each of its threads does, as Linux says it."""
+        found = []
+        for task in Path(f"/proc/{self.process.pid}/task").glob("*/stat"):
+            with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # it has just ended
+                found.append(task.read_text().rpartition(")")[2].split()[0])
+        return found
 
     def cpu(self) -> float:
         """Seconds of processor time so far."""
@@ -96,8 +104,8 @@ class Program:
         pages = int(Path(f"/proc/{self.process.pid}/statm").read_text().split()[1])
         return pages * os.sysconf("SC_PAGE_SIZE")
 
-    def end(self) -> None:
-        """End it as a person would; by force if it does not."""
+    def terminate(self) -> None:
+        """End it as a person would; by force if it does not. Its output can still be read."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGCONT)
             self.process.terminate()
@@ -106,6 +114,10 @@ class Program:
             except subprocess.TimeoutExpired:
                 self.process.kill()
         self.process.wait(PATIENCE)
+
+    def end(self) -> None:
+        """As `terminate`, and close its pipes."""
+        self.terminate()
         for pipe in (self.process.stdin, self.process.stdout):
             if pipe is not None:
                 pipe.close()
@@ -240,16 +252,8 @@ class Scene:
             time.sleep(0.3)
             return self.position(number) == seen[-1]
 
-        self.came(rests, BACK)
+        eventually(rests)
         return seen[-1]
-
-    def came(self, found: Callable[[], object], seconds: float) -> float:
-        """Wait until something holds; returns after how many seconds it did."""
-        begin = time.monotonic()
-        while not found():
-            assert time.monotonic() < begin + seconds, f"not within {seconds} s"
-            time.sleep(0.02)
-        return time.monotonic() - begin
 
     def _program(
         self, words: Sequence[str], where: Sequence[str] = (), extra: dict[str, str] | None = None
@@ -292,7 +296,7 @@ class Lab(Scene):
             ("resume", {}),
             ("torque", {"on": True}),
         )
-        self.came(lambda: all("error" not in self.operator.ask(name, **named) for name, named in steps), BACK)
+        eventually(lambda: all("error" not in self.operator.ask(name, **named) for name, named in steps))
 
     def last(self, kind: str = "state", client: int = 0) -> dict[str, Any]:
         """The last row of a kind, of the reader or of another client."""
@@ -302,11 +306,11 @@ class Lab(Scene):
         """The operator sends set-points from now on; returns when the arm moves."""
         before = self.position(0)
         self.operator.do("stream", 20.0, J1=0.3)
-        self.came(lambda: abs(self.position(0) - before) > 10, BACK)
+        eventually(lambda: abs(self.position(0) - before) > 10)
 
     def setting_out(self, operator: ClientProgram | None = None) -> float:
         """Set out for a far target, and wait until the arm moves; returns where its first servo was."""
         before = self.position(0)
         (operator or self.operator).do("move", 6.0, J1=-0.7 if before > 2300 else 0.7)
-        self.came(lambda: abs(self.position(0) - before) > 10, BACK)
+        eventually(lambda: abs(self.position(0) - before) > 10)
         return before

@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.system.fleet_programs import BACK, NAME, STOPPED, Lab
+from tests.system.fleet_programs import NAME, STOPPED, Lab
 from tests.system.fleet_watch import TIMEOUT
 from tests.system.programs import PATIENCE
+from tests.waits import eventually
 
 pytestmark = pytest.mark.system
 
@@ -41,12 +42,12 @@ def lab(home: Lab) -> Iterator[Lab]:
 def test_an_operator_that_is_killed_leaves_an_arm_that_holds_and_says_why(lab: Lab) -> None:
     lab.setting_out()
     lab.operator.kill()
-    lab.came(lambda: f"lost the lease after {TIMEOUT:g} s of silence" in str(lab.last().get("held")), BACK)
+    eventually(lambda: f"lost the lease after {TIMEOUT:g} s of silence" in str(lab.last().get("held")))
     there = lab.resting(0)
     # Nobody needs to be asked for it now, and nothing moves by taking it.
     lab.operator = lab.client()
     lab.operator.do("take")
-    lab.came(lambda: lab.last()["held"] == "", BACK)
+    eventually(lambda: lab.last()["held"] == "")
     assert lab.position(0) == there
 
 
@@ -55,12 +56,12 @@ def test_a_server_that_is_killed_leaves_an_arm_that_its_board_stops(lab: Lab) ->
     lab.setting_out()
     killed = lab.server.kill()
     # Who reads learns of it, and who commands does.
-    lab.came(lambda: lab.last("lost").get("t", 0) > killed, BACK)
+    eventually(lambda: lab.last("lost").get("t", 0) > killed)
     assert lab.operator.ask("move", 1.0, J1=0.0)["error"] in ("LinkLostError", "LinkNotFoundError")
     there = lab.resting(0)
     lab.server = lab.serve()
     # The arm was stopped while nobody served it, and stays so.
-    lab.came(lambda: bool(lab.last()["stopped"]) and lab.last()["t"] > killed + 1, BACK)
+    eventually(lambda: bool(lab.last()["stopped"]) and lab.last()["t"] > killed + 1)
     # The operator finds the server again at a time of its own.
     refused: list[str] = []
 
@@ -68,7 +69,7 @@ def test_a_server_that_is_killed_leaves_an_arm_that_its_board_stops(lab: Lab) ->
         refused.append(lab.operator.ask("move", 1.0, J1=0.0)["error"])
         return refused[-1] not in ("LinkLostError", "LinkNotFoundError")
 
-    lab.came(asked, BACK)
+    eventually(asked)
     assert refused[-1] in ("LeaseError", "StoppedError"), refused
     assert lab.position(0) == there
     # The same programs go on, by hand.
@@ -81,16 +82,17 @@ def test_a_server_that_is_killed_leaves_an_arm_that_its_board_stops(lab: Lab) ->
 @pytest.mark.slow
 def test_an_operator_that_is_stopped_loses_the_lease_and_gets_an_error(lab: Lab) -> None:
     lab.swinging()
-    with lab.operator.stopped(STOPPED) as cut:
-        lab.cuts.append(cut)
-        lab.came(lambda: "lost the lease" in str(lab.last()["held"]), BACK)
+    with lab.operator.stopped() as begin:
+        eventually(lambda: "lost the lease" in str(lab.last()["held"]))
+        end = time.monotonic()
+    lab.cuts.append((begin, end))
     # It goes on with its stream, which is refused until it takes the lease again. The order that was under way may
     # have been left without an answer.
 
     def rows_refused() -> list[dict[str, Any]]:
-        return [row for row in lab.rows() if row["e"] == "refused" and row["t"] > cut[1] - 0.1]
+        return [row for row in lab.rows() if row["e"] == "refused" and row["t"] > end]
 
-    lab.came(lambda: len(rows_refused()) > 5, BACK)
+    eventually(lambda: len(rows_refused()) > 5)
     refused = rows_refused()
     assert {row["error"] for row in refused[1:]} == {"LeaseError"}
     lab.operator.do("rest")
@@ -98,10 +100,12 @@ def test_an_operator_that_is_stopped_loses_the_lease_and_gets_an_error(lab: Lab)
 
 def test_a_server_that_is_stopped_moves_nothing_when_it_goes_on(lab: Lab) -> None:
     lab.swinging()
-    with lab.server.stopped(STOPPED) as cut:
-        lab.cuts.append(cut)
+    with lab.server.stopped() as begin:
         there = lab.resting(0)
-    lab.came(lambda: bool(lab.last()["stopped"]) and lab.last()["t"] > cut[1], BACK)
+        time.sleep(STOPPED)
+        end = time.monotonic()
+    lab.cuts.append((begin, end))
+    eventually(lambda: bool(lab.last()["stopped"]) and lab.last()["t"] > end)
     lab.operator.do("rest")
     assert lab.operator.ask("move", 1.0, J1=0.0)["error"] in ("LeaseError", "StoppedError")
     # Neither what waited in its sockets nor what came later.
@@ -111,12 +115,14 @@ def test_a_server_that_is_stopped_moves_nothing_when_it_goes_on(lab: Lab) -> Non
 @pytest.mark.slow
 def test_a_stop_reaches_a_server_that_was_stopped_and_is_confirmed_only_then(lab: Lab) -> None:
     lab.setting_out()
-    with lab.server.stopped(STOPPED) as cut:
-        lab.cuts.append(cut)
+    with lab.server.stopped() as begin:
         lab.reader.send("stop")
+        time.sleep(STOPPED)
+        end = time.monotonic()
+    lab.cuts.append((begin, end))
     answer = lab.reader.answer()
     assert "error" not in answer, answer
-    assert answer["ended"] > cut[1]
+    assert answer["ended"] > end
     # What moves afterwards, `check` sees.
     lab.resting(0)
 
@@ -127,8 +133,9 @@ def test_a_reader_that_is_stopped_delays_nobody(lab: Lab) -> None:
     slow.do("watch", 0.01)
     lab.swinging()
     before = lab.server.memory()
-    with slow.stopped(STOPPED) as (begin, end):
-        pass
+    with slow.stopped() as begin:
+        time.sleep(STOPPED)
+        end = time.monotonic()
     assert lab.server.memory() - before < 20e6
     lab.operator.do("rest")
     rows = lab.rows()
@@ -190,8 +197,8 @@ def test_programs_whose_clock_runs_elsewhere_read_and_command(lab: Lab) -> None:
     lab.operator.do("release")
     begin = time.monotonic()
     other.do("stream", 20.0, J1=0.3)
-    lab.came(
-        lambda: [r for r in lab.rows() if r["e"] == "answered" and not r["refused"] and r["t"] > begin + 0.5], BACK
+    eventually(
+        lambda: [r for r in lab.rows() if r["e"] == "answered" and not r["refused"] and r["t"] > begin + 0.5]
     )
     other.do("rest")
     assert not lab.refused(begin)
@@ -212,7 +219,7 @@ def test_a_wall_clock_that_jumps_moves_nothing_and_loses_no_lease(lab: Lab) -> N
     for by in (-86400, 86400, 0):
         with offset.open("r+b") as file:
             file.write(struct.pack("=q", by))
-        lab.came(lambda by=by: abs(lab.reader.do("wall") - time.time() - by) < 100, BACK)
+        eventually(lambda by=by: abs(lab.reader.do("wall") - time.time() - by) < 100)
     lab.operator.do("rest")
     rows = lab.rows()
     assert not lab.refused(begin)
@@ -229,7 +236,7 @@ def test_an_owner_whose_computer_was_restarted_is_read_again(lab: Lab) -> None:
     back = f"-{max(1, min(1000, int(time.monotonic()) // 2))}"
     lab.server = lab.serve(where=["unshare", "--time", "--monotonic", back, "--boottime", back])
     started = time.monotonic()
-    lab.came(lambda: lab.last()["t"] > started, BACK)
+    eventually(lambda: lab.last()["t"] > started)
     lab.begin_all()
     lab.setting_out()
     lab.operator.do("stop")

@@ -26,8 +26,6 @@ pytestmark = pytest.mark.system
 NAMES = ("lab/arm1", "lab/arm2")
 WATCHDOG = 1.0
 """Seconds after which a server stops its arm when the program makes no call: what `fleet play` asks for."""
-HALTED = 3.0
-"""Seconds for which the program is halted."""
 POINTS = [(0.0, 0.0), (4.0, 0.8), (8.0, 0.0)]
 """Times and angles of J1, the same on both arms."""
 
@@ -154,9 +152,10 @@ def test_a_player_that_is_halted_leaves_arms_that_hold_and_ends_when_it_goes_on(
     stage: Stage, capsys: pytest.CaptureFixture[str]
 ) -> None:
     player = stage.play()
-    with player.stopped(HALTED) as (begin, end):
+    with player.stopped() as begin:
         show(capsys, "halted", stage.rest(begin, TIMEOUT + HOLD))
         assert all("lost the lease" in str(row["condition"]) for row in stage.arms())
+        end = time.monotonic()
     assert player.process.wait(PATIENCE) == 1
     assert "all arms are stopped" in stage.said()
     stage.rest(end, 0.0)

@@ -11,11 +11,11 @@ import json
 import math
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
@@ -34,6 +34,8 @@ from .options import (
 from .output import answer, print_json, say, say_table
 
 if TYPE_CHECKING:
+    from threading import Event
+
     from hexwire.control.shutdown import Shutdown
     from hexwire.fleet.network import Network
     from hexwire.fleet.node import Node
@@ -116,12 +118,23 @@ def watch(pattern: str, rate: float, router: Network | None, as_json: bool) -> N
     with Roster(pattern, router, on_change=lambda name, there: changed.set()) as roster:
         roster.settle(_SETTLE)
         with show if isinstance(show, _Table) else nullcontext():
-            while True:
-                begun = time.monotonic()
-                changed.clear()
-                show(look(roster, _SOON))
-                # An arm that does not answer does not slow the updates down.
-                changed.wait(max(0.0, begun + 1.0 / rate - time.monotonic()))
+            _follow(functools.partial(look, roster), show, rate, changed)
+
+
+def _follow(
+    look: Callable[[float], Sequence[Overview]],
+    show: Callable[[Sequence[Overview]], object],
+    rate: float,
+    changed: Event,
+    now: Callable[[], float] = time.monotonic,
+) -> NoReturn:
+    """Show the arms so many times a second, and when `changed` is set; `look` gets the time-out of an answer."""
+    while True:
+        begun = now()
+        changed.clear()
+        show(look(_SOON))
+        # An arm that does not answer does not slow the updates down.
+        changed.wait(max(0.0, begun + 1.0 / rate - now()))
 
 
 @fleet.command(short_help="Stop many arms at once.")
