@@ -135,14 +135,14 @@ lint: setup
 	$(BIN)/ruff format --check .
 
 types: setup
-	$(BIN)/mypy --strict src examples
+	$(BIN)/mypy --strict src packages/zenoh-ros2/src examples
 	@# LeRobot is not installed here; what the plug-in uses of it is in the stubs.
 	$(BIN)/mypy --strict '$(PLUGIN)/src'
 
 # What is guarded for another system is unreachable in these two. A cache serves one system.
 types-elsewhere: setup
-	$(BIN)/mypy --strict --no-warn-unreachable --platform darwin --cache-dir .mypy_cache/darwin src
-	$(BIN)/mypy --strict --no-warn-unreachable --platform win32 --cache-dir .mypy_cache/win32 src
+	$(BIN)/mypy --strict --no-warn-unreachable --platform darwin --cache-dir .mypy_cache/darwin src packages/zenoh-ros2/src
+	$(BIN)/mypy --strict --no-warn-unreachable --platform win32 --cache-dir .mypy_cache/win32 src packages/zenoh-ros2/src
 
 imports: setup
 	$(BIN)/lint-imports --no-cache
@@ -152,10 +152,10 @@ schema: setup
 
 # The code blocks of the documentation are tests too.
 tests: setup system-packages analyzers $(WITNESSES)/.ready $(RCLPY_READY)
-	$(BIN)/python -m pytest $(PYTEST_ARGS) $(SELECT) --markdown-docs tests $(wildcard README.md docs)
+	$(BIN)/python -m pytest $(PYTEST_ARGS) $(SELECT) --markdown-docs tests $(wildcard packages README.md docs)
 
 soak: setup system-packages $(WITNESSES)/.ready $(RCLPY_READY) ## run the tests that `make test` only samples at full length (an hour)
-	SOAK=1 $(BIN)/python -m pytest $(PYTEST_ARGS) -m soak --timeout 7200 tests
+	SOAK=1 $(BIN)/python -m pytest $(PYTEST_ARGS) -m soak --timeout 7200 tests packages
 
 lock: $(UV) ## rewrite uv.lock after a change in pyproject.toml
 	env -u UV_INDEX -u UV_EXTRA_INDEX_URL -u UV_FIND_LINKS $(UV) lock --default-index https://pypi.org/simple
@@ -166,8 +166,8 @@ lock-lerobot: $(UV) ## rewrite the versions and hashes of test-lerobot
 	    --default-index https://pypi.org/simple requirements.in -o requirements.txt
 
 lock-witnesses: $(UV) ## rewrite the versions and hashes of the ROS 2 programs of others that the tests use
-	for each in witnesses rclpy; do \
-	    cd "$(ROOT)/tests/ros2/$$each" && env -u UV_INDEX -u UV_EXTRA_INDEX_URL -u UV_FIND_LINKS $(UV) pip compile --quiet \
+	for each in tests/ros2/witnesses packages/zenoh-ros2/tests/rclpy; do \
+	    cd "$(ROOT)/$$each" && env -u UV_INDEX -u UV_EXTRA_INDEX_URL -u UV_FIND_LINKS $(UV) pip compile --quiet \
 	        --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
 	        --default-index https://pypi.org/simple requirements.in -o requirements.txt || exit 1; \
 	done
@@ -181,14 +181,14 @@ clean: ## remove everything that make has created
 system-packages:
 	@.ci/install-packages $(APT_TEST)
 
-$(READY): pyproject.toml uv.lock $(UV)
+$(READY): pyproject.toml packages/zenoh-ros2/pyproject.toml uv.lock $(UV)
 	$(UV) sync --quiet --frozen --python '$(PYTHON)' $(addprefix --extra ,$(EXTRAS)) </dev/null
 	@touch $@
 
 # The workers of pytest all compile the tests at the same time. This does it once, beside the type checker, which
 # leaves a processor free. What cannot be collected is told by the run that follows.
-$(BYTECODE): $(READY) $(shell find '$(ROOT)/src' '$(ROOT)/tests' -name '*.py')
-	@$(BIN)/python -m pytest --collect-only -qq tests >/dev/null 2>&1 || true
+$(BYTECODE): $(READY) $(shell find '$(ROOT)/src' '$(ROOT)/packages' '$(ROOT)/tests' -name '*.py')
+	@$(BIN)/python -m pytest --collect-only -qq tests packages >/dev/null 2>&1 || true
 	@touch $@
 
 # An environment of its own: LeRobot pins old versions of much.
@@ -206,7 +206,7 @@ $(WITNESSES)/.ready: tests/ros2/witnesses/requirements.txt $(UV)
 	@touch $@
 
 # Jazzy's own rclpy, rosidl and Fast DDS, as wheels; MoveIt, the controllers and rmw_zenoh are not among them.
-$(RCLPY)/.ready: tests/ros2/rclpy/requirements.txt $(UV)
+$(RCLPY)/.ready: packages/zenoh-ros2/tests/rclpy/requirements.txt $(UV)
 	$(UV) venv --quiet --clear --python '$(PYTHON)' '$(RCLPY)'
 	$(UV) pip install --quiet --python '$(RCLPY)' --no-deps --require-hashes -r $< </dev/null
 	@touch $@

@@ -43,6 +43,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = ROOT / "src/hexwire"
+PACKAGES = {"zenoh_ros2": ROOT / "packages/zenoh-ros2/src/zenoh_ros2"}
+"""Distributions of their own; each is a room, too."""
 WORK = ROOT / "build/mutants"
 REASONS = Path(__file__).with_name("mutation_survivors.toml")
 ROOT_ROOM = "root"
@@ -68,6 +70,7 @@ ROOMS = (
     "ros1",
     "studio",
     "cli",
+    *PACKAGES,
     ROOT_ROOM,
 )
 TESTS = {
@@ -86,6 +89,8 @@ TESTS = {
         "tests/test_units.py",
         "tests/ipc/test_session.py",
     ),
+    # hexwire's node uses all of the wire.
+    "zenoh_ros2": ("packages/zenoh-ros2/tests", "tests/ros2"),
     # A link of each kind passes the suite for links.
     "testing": ("tests/testing", "tests/link/test_memory.py"),
 }
@@ -331,8 +336,19 @@ def _plain_name(name: str) -> str:
 
 def files_of(room: str) -> list[Path]:
     """The modules of a room that have mutants."""
-    found = SOURCE.glob("*.py") if room == ROOT_ROOM else (SOURCE / room).rglob("*.py")
-    return sorted(path for path in found if path.relative_to(SOURCE).as_posix() not in GENERATED)
+    found = SOURCE.glob("*.py") if room == ROOT_ROOM else PACKAGES.get(room, SOURCE / room).rglob("*.py")
+    return sorted(path for path in found if short(path).as_posix() not in GENERATED)
+
+
+def short(path: Path) -> Path:
+    """The path of a module in the package hexwire, or that of another distribution with its name first."""
+    return path.relative_to(next((source.parent for source in PACKAGES.values() if source in path.parents), SOURCE))
+
+
+def source_of(relative: Path) -> Path:
+    """The file of a module by its short path."""
+    package = PACKAGES.get(relative.parts[0])
+    return SOURCE / relative if package is None else package.parent / relative
 
 
 def judges_of(room: str) -> tuple[str, ...]:
@@ -356,7 +372,7 @@ def mutated(path: Path) -> str:
 
 def find_mutants(path: Path) -> tuple[int, list[Mutant]]:
     """All mutants of a module, and those that count."""
-    relative = path.relative_to(SOURCE)
+    relative = short(path)
     module = module_of(relative)
     functions = functions_of(mutated(path))
     total, found = 0, []
@@ -373,8 +389,8 @@ def find_mutants(path: Path) -> tuple[int, list[Mutant]]:
 
 
 def module_of(relative: Path) -> str:
-    """What a file of the package is imported as."""
-    parts = ("hexwire", *relative.with_suffix("").parts)
+    """What a module is imported as, by its short path."""
+    parts = (*(() if relative.parts[0] in PACKAGES else ("hexwire",)), *relative.with_suffix("").parts)
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
@@ -422,7 +438,7 @@ class Copy:
         changed = set(files_of(counted)) if counted else set()
         for path in ROOT.iterdir():
             target = folder / path.name
-            if path.name in ("src", "tests"):
+            if path.name in ("packages", "src", "tests"):
                 _mirror(path, target, changed)
             elif path.name in ("pyproject.toml", "conftest.py"):
                 _mirror_file(path, target)
@@ -442,7 +458,8 @@ class Copy:
         venv.create(new, clear=True, symlinks=True)
         packages = Path("lib", f"python{sys.version_info.major}.{sys.version_info.minor}", "site-packages")
         # The first line precedes the source that is installed there.
-        lines = [str(self.folder / "src"), f"import site; site.addsitedir({str(real / packages)!r})"]
+        own_packages = [str(self.folder / source.parent.relative_to(ROOT)) for source in PACKAGES.values()]
+        lines = [str(self.folder / "src"), *own_packages, f"import site; site.addsitedir({str(real / packages)!r})"]
         (new / packages / "copy.pth").write_text("\n".join(lines) + "\n")
         for script in (real / "bin").iterdir():
             target = new / "bin" / script.name
@@ -481,7 +498,7 @@ class Copy:
 
     def refused_by_mypy(self) -> bool:
         """Whether it refuses the source as it is in this copy."""
-        command = [sys.executable, "-m", "mypy", "--strict", "--cache-dir", str(WORK / "mypy"), "src"]
+        command = [sys.executable, "-m", "mypy", "--strict", "--cache-dir", str(WORK / "mypy")]
         with _mypy:
             done = subprocess.run(command, cwd=self.folder, capture_output=True, text=True, check=False)
         if done.returncode not in (0, 1):
@@ -500,7 +517,7 @@ def _mirror(source: Path, target: Path, counted: set[Path]) -> None:
         if path.is_dir():
             _mirror(path, target / path.name, counted)
         elif path in counted:
-            text = count_calls(path.read_text(), module_of(path.relative_to(SOURCE)))
+            text = count_calls(path.read_text(), module_of(short(path)))
             _write_if_new(target / path.name, text)
         else:
             _mirror_file(path, target / path.name)
@@ -631,7 +648,7 @@ class Room:
         for mutant in left:
             relative = Path(mutant.place.partition(":")[0])
             key = mutant.name.rpartition(".")[2]
-            source = functions_of(mutated(SOURCE / relative))[key]
+            source = functions_of(mutated(source_of(relative)))[key]
             called = f"{module_of(relative)}:{function_of(mutant.name)}"
             at_import = "" in tests and called in tests[""].calls
             chosen = [name for name in choose(tests, called) if not (self.quick and tests[name].slow)]
@@ -641,8 +658,8 @@ class Room:
                     "module": module_of(relative),
                     "function": function_of(mutant.name),
                     "source": source,
-                    "file": str(copy.folder / "src/hexwire" / relative),
-                    "text": put_in((SOURCE / relative).read_text(), key, source),
+                    "file": str(copy.folder / source_of(relative).relative_to(ROOT)),
+                    "text": put_in(source_of(relative).read_text(), key, source),
                     "tests": [(name, tests[name].seconds) for name in chosen],
                     "all": [(name, tests[name].seconds) for name in choose(tests, "")] if at_import else [],
                     "limit": LIMIT,
@@ -684,12 +701,13 @@ class Room:
         """Let mypy look at a mutant in the copy of the source."""
         relative = Path(mutant.place.partition(":")[0])
         key = mutant.name.rpartition(".")[2]
-        path, before = copy.folder / "src/hexwire" / relative, (SOURCE / relative).read_text()
-        path.write_text(put_in(before, key, functions_of(mutated(SOURCE / relative))[key]))
+        source = source_of(relative)
+        path, before = copy.folder / source.relative_to(ROOT), source.read_text()
+        path.write_text(put_in(before, key, functions_of(mutated(source_of(relative)))[key]))
         try:
             return copy.refused_by_mypy()
         finally:
-            shutil.copy2(SOURCE / relative, path)
+            shutil.copy2(source, path)
 
 
 def _rows(path: Path) -> Iterator[dict[str, object]]:

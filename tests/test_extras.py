@@ -19,6 +19,7 @@ from typing import Any
 import pytest
 
 import hexwire
+import zenoh_ros2
 from hexwire.extras import EXTRAS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -147,10 +148,11 @@ OWN_EXTRA = {
     "fleet": {
         ("hexwire", "fleet", "record", "x.mcap"): "record",
         ("hexwire", "studio"): "studio",
+        ("hexwire-ros2",): "ros2",
     },
     "record": {
         ("hexwire", "record", "plot", "waypoints.json", "x.png"): "plots",
-        ("hexwire-ros2",): "ros2",
+        ("hexwire-ros2", "--ros-args", "--params-file", "waypoints.json"): "ros2",
     },
 }
 """An extra -> commands of an environment that has only this one, and the extra that each needs besides."""
@@ -219,6 +221,8 @@ def environment(folder: Path, extra: str = "") -> dict[str, str]:
     own = Path(str(distribution("hexwire")._path))  # type: ignore[attr-defined]  # there is no public name
     (site / own.name).symlink_to(own)
     (site / "hexwire").symlink_to(SOURCE)
+    if "zenoh-ros2" in closure("hexwire", extra):
+        (site / "zenoh_ros2").symlink_to(Path(zenoh_ros2.__file__).parent)
     (folder / "score.toml").write_text('[["lab/*"]]\n')
     (folder / "old.mcap").write_bytes(b"\x89MCAP0\r\n" * 2)
     (folder / "waypoints.json").write_text("[]")

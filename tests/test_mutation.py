@@ -163,7 +163,7 @@ def test_a_sample_is_random_and_stays_when_other_code_changes() -> None:
 def test_every_reason_is_for_code_that_is_still_there() -> None:
     for (place, change), reason in load_reasons().items():
         file, _, function = place.partition(":")
-        source = (ROOT / "src/hexwire" / file).read_text()
+        source = mutation.source_of(Path(file)).read_text()
         lines = {line.strip() for line in source.splitlines()}
         assert f"def {function}(" in source, place
         assert {line[1:] for line in change if line.startswith("-")} <= lines, f"{place} has changed: {change}"
@@ -173,13 +173,15 @@ def test_every_reason_is_for_code_that_is_still_there() -> None:
 def test_every_module_is_in_a_room_and_every_room_has_tests() -> None:
     files = [path for room in ROOMS for path in files_of(room)]
     generated = {SOURCE / name for name in mutation.GENERATED}
-    assert sorted(files) == sorted(set(SOURCE.rglob("*.py")) - generated)
+    every = {path for source in (SOURCE, *mutation.PACKAGES.values()) for path in source.rglob("*.py")}
+    assert sorted(files) == sorted(every - generated)
     assert [start for room in ROOMS for start in judges_of(room) if not (ROOT / start).exists()] == []
 
 
 def test_a_mutant_says_its_module_and_function() -> None:
     assert module_of(Path("studio/pages/arm.py")) == "hexwire.studio.pages.arm"
     assert module_of(Path("wire/__init__.py")) == "hexwire.wire"
+    assert module_of(Path("zenoh_ros2/cdr.py")) == "zenoh_ros2.cdr"
     assert function_of("hexwire.bus.machine.xǁMachineǁ_ask__mutmut_3") == "Machine._ask"
     assert function_of("hexwire.units.x_to_degrees__mutmut_1") == "to_degrees"
 

@@ -10,7 +10,8 @@ from tests.few import all_tests, slow_tests
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = ("safety.md", "hazards.md", "hazards-sharing.md", "stopping.md")
 TEXT = "\n".join((ROOT / "docs" / page).read_text(encoding="utf-8") for page in PAGES)
-NAMED = sorted(set(re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", TEXT)))
+PROOF = r"`((?:packages/[\w-]+/)?tests/[\w/]+\.py)::(\w+)`"
+NAMED = sorted(set(re.findall(PROOF, TEXT)))
 TABLES = re.findall(r"^\| hazard.*\n\|---.*\n((?:\|.*\n)+)", TEXT, re.MULTILINE)
 ROWS = [row for table in TABLES for row in table.splitlines()]
 
@@ -40,7 +41,7 @@ def test_every_hazard_has_a_proof() -> None:
 
 def test_every_hazard_has_a_proof_in_make_test() -> None:
     for row in ROWS:
-        proofs = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", row)
+        proofs = re.findall(PROOF, row)
         assert any(name not in slow_tests(ROOT / file) for file, name in proofs), (
             f"only `make test-all` proves: {row}"
         )

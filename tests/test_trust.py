@@ -114,7 +114,7 @@ def test_updates_are_proposed_for_all_that_is_locked() -> None:
     listed = {name.strip("/") for name in kinds["pip"]["directories"]}
     locked = {
         path.parent.relative_to(ROOT).as_posix()
-        for top in ("integrations", "tests")
+        for top in ("integrations", "packages", "tests")
         for path in (ROOT / top).rglob("requirements.txt")
     }
     assert listed == locked

@@ -22,7 +22,7 @@ from error_texts import ErrorText, error_texts  # found by the line above
 __all__ = ["Entry", "Subject", "differences", "pages", "subjects"]
 
 HERE = Path(__file__).resolve().parent
-SOURCE = HERE.parents[1] / "src" / "hexwire"
+SOURCES = (HERE.parents[1] / "src/hexwire", HERE.parents[1] / "packages/zenoh-ros2/src/zenoh_ros2")
 FOLDER = "reference/errors"
 _ORDER = (
     "command-line",
@@ -105,7 +105,7 @@ def differences(said: dict[str, ErrorText], listed: list[Subject]) -> list[str]:
 
 def pages() -> dict[str, str]:
     """Page of the site -> its text."""
-    said = error_texts(SOURCE)
+    said = error_texts(*SOURCES)
     index = [
         "# Errors",
         "",
@@ -150,7 +150,7 @@ def _kinds(text: ErrorText | None) -> str:
 
 def main() -> None:
     """Print what is wrong with the index."""
-    wrong = differences(error_texts(SOURCE), subjects())
+    wrong = differences(error_texts(*SOURCES), subjects())
     sys.stdout.write("".join(f"{line}\n" for line in wrong))
     sys.exit(1 if wrong else 0)
 

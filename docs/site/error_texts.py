@@ -128,10 +128,10 @@ def _assignments(nodes: Iterable[ast.AST]) -> dict[str, list[ast.expr]]:
 
 
 class _Source:
-    """All modules of a package."""
+    """All modules of some packages."""
 
-    def __init__(self, source: Path) -> None:
-        self.modules = [_read(path, source) for path in sorted(source.rglob("*.py"))]
+    def __init__(self, *sources: Path) -> None:
+        self.modules = [_read(path, source) for source in sources for path in sorted(source.rglob("*.py"))]
         self.kinds = self._kinds()
         self.calls: dict[str, list[tuple[_Module, ast.Call]]] = {}
         for module in self.modules:
@@ -331,28 +331,28 @@ def _label(node: ast.AST) -> str:
     return ""
 
 
-def error_texts(source: Path) -> dict[str, ErrorText]:
-    """Every error text of a package, in order.
+def error_texts(*sources: Path) -> dict[str, ErrorText]:
+    """Every error text of some packages, in order.
 
     Args:
-        source: The package's folder.
+        sources: The folders of the packages.
     """
-    return _found(source)[0]
+    return _found(*sources)[0]
 
 
-def silent(source: Path) -> list[str]:
+def silent(*sources: Path) -> list[str]:
     """Places whose exceptions have no words that were found: they pass on those of others.
 
     Args:
-        source: The package's folder.
+        sources: The folders of the packages.
     """
-    return _found(source)[1]
+    return _found(*sources)[1]
 
 
 @functools.cache
-def _found(source: Path) -> tuple[dict[str, ErrorText], list[str]]:
+def _found(*sources: Path) -> tuple[dict[str, ErrorText], list[str]]:
     """Both in one pass: reading a large package takes seconds, and its trees much memory."""
-    every = _Source(source)
+    every = _Source(*sources)
     found: dict[str, ErrorText] = {}
     with_words: set[ast.Call] = set()
     for call, kind, there, text in every.all():

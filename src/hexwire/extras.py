@@ -27,9 +27,9 @@ EXTRAS = {
     "pytest": "testing",
     "starlette": "studio",
     "uvicorn": "studio",
-    "xxhash": "ros2",
     "yaml": "ros2",
     "zenoh": "fleet",
+    "zenoh_ros2": "ros2",
 }
 """Package as it is imported -> the extra that installs it."""
 

@@ -20,10 +20,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "src"))
 
 import zenoh
 
-from hexwire.ros2.rmw.distributions import Distribution
-from hexwire.ros2.rmw.keys import data_key
-from hexwire.ros2.rmw.types import Types
-from hexwire.ros2.rmw.zenoh_session import ZenohSettings
+from zenoh_ros2.distributions import Distribution
+from zenoh_ros2.keys import data_key
+from zenoh_ros2.types import Types
+from zenoh_ros2.zenoh_session import ZenohSettings
 
 NAMES = [f"J{i}" for i in range(1, 8)]
 CONTROLLER = "joint_trajectory_controller"

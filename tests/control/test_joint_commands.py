@@ -27,9 +27,9 @@ from hexwire.model.control_law import ControlLaw
 from hexwire.model.puma260 import PUMA260
 from hexwire.model.state import JointTarget
 from hexwire.ros1.messages import _OSRF
-from hexwire.ros2.rmw.types import Types
 from hexwire.wire.modules import ModuleType
 from hexwire.wire.robot_bodies import COMMAND_ARRAYS, JointCommands
+from zenoh_ros2.types import Types
 
 STIFF = {"kp_position": 8.0, "kd_position": 1.5}
 QUIET = 2.0

@@ -17,15 +17,15 @@ from typing import Any
 import pytest
 from tests.control.arm_bench import Bench
 from tests.drivers.arms import Arm as EmulatedArm
-from tests.ros2.fake_node import Call, FakeNode, FakePublisher
 from tests.waits import turn_while_it_waits
+from zenoh_ros2_tests.fake_node import Call, FakeNode, FakePublisher
 
 from hexwire.control import arm_node
 from hexwire.control.controlled_arm import ControlledArm
 from hexwire.ros2 import hardware_interface
 from hexwire.ros2.hardware_interface import NAME, HardwareInterface
-from hexwire.ros2.rmw.node import NodeOptions
 from hexwire.ros2.settings import load_settings
+from zenoh_ros2.node import NodeOptions
 
 WALL = 1_700_000_000.0
 """Unix time at which the simulated time is 0."""

@@ -18,14 +18,14 @@ from typing import Any, TypeVar
 
 from tests.link.far_ends import free_port
 from tests.ros1.ros_world import PATIENCE, Program, PtyBoard, near, still, until
-from tests.ros2.world import Router
+from zenoh_ros2_tests.router import Router
 
 from hexwire.model.hex7bot import HEX7BOT
-from hexwire.ros2.rmw.distributions import Distribution
-from hexwire.ros2.rmw.node import Client, Node, NodeOptions, Publisher
-from hexwire.ros2.rmw.qos import DEFAULT, Qos
-from hexwire.ros2.rmw.types import Types
-from hexwire.ros2.rmw.zenoh_session import ZenohSettings
+from zenoh_ros2.distributions import Distribution
+from zenoh_ros2.node import Client, Node, NodeOptions, Publisher
+from zenoh_ros2.qos import DEFAULT, Qos
+from zenoh_ros2.types import Types
+from zenoh_ros2.zenoh_session import ZenohSettings
 
 __all__ = [
     "ABORTED",

@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 from tests.control.arm_bench import SPLIT, Bench
 from tests.motion.arms import HOME, NAMES
-from tests.ros2.fake_node import Call, FakeNode
 from tests.waits import eventually
+from zenoh_ros2_tests.fake_node import Call, FakeNode
 
 from hexwire.control.client_goals import ClientGoal
 from hexwire.control.goal_fields import ErrorCode
 from hexwire.ros2.actions import FOLLOW_JOINT_TRAJECTORY, ActionGoals
-from hexwire.ros2.rmw.action_server import ActionServer
-from hexwire.ros2.rmw.goals import CancelCode, GoalStatus
+from zenoh_ros2.action_server import ActionServer
+from zenoh_ros2.goals import CancelCode, GoalStatus
 
 J1 = HOME["J1"]
 

@@ -6,7 +6,7 @@ import pytest
 
 from hexwire.errors import ConfigError, UsageError
 from hexwire.ros2.arguments import domain_of, parse_arguments
-from hexwire.ros2.rmw.names import Kind, Remap
+from zenoh_ros2.names import Kind, Remap
 
 
 def test_what_stands_outside_is_not_for_ros() -> None:

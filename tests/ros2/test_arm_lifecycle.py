@@ -7,7 +7,7 @@ from tests.control.arm_bench import Bench
 
 from hexwire.errors import UsageError
 from hexwire.ros2.arm_lifecycle import carry_out, state_of
-from hexwire.ros2.rmw.lifecycle import Change, State
+from zenoh_ros2.lifecycle import Change, State
 
 
 @pytest.fixture

@@ -14,9 +14,9 @@ from rosbags.typesys import Stores, get_typestore
 
 from hexwire.errors import LocalProtocolError, UsageError
 from hexwire.ros2.bag import BagWriter
-from hexwire.ros2.rmw.distributions import Distribution
-from hexwire.ros2.rmw.qos import LATCHED
-from hexwire.ros2.rmw.types import Types
+from zenoh_ros2.distributions import Distribution
+from zenoh_ros2.qos import LATCHED
+from zenoh_ros2.types import Types
 
 TYPES = Types()
 STAMP = 1_700_000_000_123_456_789

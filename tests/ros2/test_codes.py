@@ -5,7 +5,7 @@ import pytest
 from hexwire.control.goal_fields import ErrorCode
 from hexwire.control.outcomes import Reason
 from hexwire.ros2.actions import CODES, in_log
-from hexwire.ros2.rmw.types import Types
+from zenoh_ros2.types import Types
 
 
 def test_the_codes_are_those_of_the_action() -> None:

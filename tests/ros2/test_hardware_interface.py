@@ -19,9 +19,9 @@ from tests.ros2.front_bench import CONTROLLER, TICK, WALL, Front, Goal, running
 
 from hexwire.errors import DeviceError
 from hexwire.ros2.hardware_interface import NAME
-from hexwire.ros2.rmw.names import parse_remap
-from hexwire.ros2.rmw.node import NodeOptions
-from hexwire.ros2.rmw.qos import Reliability
+from zenoh_ros2.names import parse_remap
+from zenoh_ros2.node import NodeOptions
+from zenoh_ros2.qos import Reliability
 
 AT = f"/{CONTROLLER}"
 ACTION = f"{AT}/follow_joint_trajectory/_action"

@@ -15,8 +15,8 @@ from tests.waits import eventually
 from hexwire.errors import UsageError
 from hexwire.model.state import JointState
 from hexwire.ros2.hardware_interface import NAME, HardwareInterface
-from hexwire.ros2.rmw.node import Deferred, NodeOptions
 from hexwire.ros2.settings import load_settings
+from zenoh_ros2.node import Deferred, NodeOptions
 
 
 class Resting:

@@ -14,7 +14,7 @@ from tests.ros1.ros_world import HEXWIRE, Program
 from tests.ros2.node_fixtures import SETTINGS, own_arm, world
 from tests.ros2.node_world import ABORTED, JOINTS, NODE, SUCCEEDED, Arm, Goal, PtyBoard, World, near, still, until
 
-from hexwire.ros2.rmw.qos import LATCHED
+from zenoh_ros2.qos import LATCHED
 
 __all__ = ["own_arm", "world"]
 

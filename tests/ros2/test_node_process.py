@@ -16,9 +16,9 @@ import pytest
 from tests.ros2.node_fixtures import arm, shared_arm, world
 from tests.ros2.node_world import ACTION, CONTROLLER, JOINTS, SUCCEEDED, Arm, Goal, near, still, until
 
-from hexwire.ros2.rmw.keys import data_key
-from hexwire.ros2.rmw.qos import ACTION_STATUS, DEFAULT, LATCHED
-from hexwire.ros2.rmw.zenoh_session import ZenohSettings
+from zenoh_ros2.keys import data_key
+from zenoh_ros2.qos import ACTION_STATUS, DEFAULT, LATCHED
+from zenoh_ros2.zenoh_session import ZenohSettings
 
 __all__ = ["arm", "shared_arm", "world"]
 

@@ -14,9 +14,9 @@ from tests.ros2.node_fixtures import SETTINGS, world
 from tests.ros2.node_world import JOINTS, SUCCEEDED, Arm, Goal, PtyBoard, World, near, until
 
 from hexwire.drivers import registry
-from hexwire.ros2.rmw.distributions import Distribution
-from hexwire.ros2.rmw.qos import LATCHED
 from hexwire.wire.robot_bodies import JointCommands
+from zenoh_ros2.distributions import Distribution
+from zenoh_ros2.qos import LATCHED
 
 __all__ = ["world"]
 

@@ -13,8 +13,8 @@ from hexwire.model.hex7bot import HEX7BOT
 from hexwire.motion.teach import Taught
 from hexwire.motion.trajectory import Sample
 from hexwire.ros2.reports import CONTROLLER_STATE, DIAGNOSTICS, JOINT_STATE, TRAJECTORY, Reports
-from hexwire.ros2.rmw.distributions import Distribution
-from hexwire.ros2.rmw.types import Types
+from zenoh_ros2.distributions import Distribution
+from zenoh_ros2.types import Types
 
 WALL = 1_700_000_000.25
 NEW = {Distribution.KILTED, Distribution.LYRICAL, Distribution.ROLLING}

@@ -298,9 +298,8 @@ def test_words_in_code_are_names_of_the_node(arm: Arm) -> None:
 )
 def test_messages_of_the_page_are_those_of_the_program(words: str) -> None:
     assert words in section("Troubleshooting")
-    files = [
-        path for room in ("ros2", "control", "cli") for path in (ROOT / "src" / "hexwire" / room).rglob("*.py")
-    ]
+    rooms = ["packages/zenoh-ros2/src", *(f"src/hexwire/{room}" for room in ("ros2", "control", "cli"))]
+    files = [path for room in rooms for path in (ROOT / room).rglob("*.py")]
     assert any(words in path.read_text(encoding="utf-8") for path in files)
 
 

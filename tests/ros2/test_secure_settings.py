@@ -9,16 +9,16 @@ from pathlib import Path
 import pytest
 from tests.fleet.lab import Lab
 from tests.link.far_ends import free_port
-from tests.ros2.tiny_types import Text, TinyTypes
-from tests.ros2.world import Router
 from tests.waits import eventually
+from zenoh_ros2_tests.router import Router
+from zenoh_ros2_tests.tiny_types import Text, TinyTypes
 
 from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.fleet.rights import Kind
-from hexwire.ros2.rmw.keys import Role
-from hexwire.ros2.rmw.node import Node, NodeOptions
-from hexwire.ros2.rmw.qos import LATCHED
 from hexwire.ros2.secure_settings import SecureSettings
+from zenoh_ros2.keys import Role
+from zenoh_ros2.node import Node, NodeOptions
+from zenoh_ros2.qos import LATCHED
 
 STRING = "std_msgs/msg/String"
 ECHO = "tiny_msgs/srv/Echo"

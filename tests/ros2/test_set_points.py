@@ -7,8 +7,8 @@ import math
 import pytest
 
 from hexwire.errors import UsageError
-from hexwire.ros2.rmw.types import Types
 from hexwire.ros2.set_points import ARRAY, of_array, of_joint_state
+from zenoh_ros2.types import Types
 
 TYPES = Types()
 STATE = TYPES.message("sensor_msgs/msg/JointState")

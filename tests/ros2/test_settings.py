@@ -9,11 +9,13 @@ from typing import Any
 import pytest
 
 from hexwire.control.setting import Setting
+from hexwire.control.settings import SETTINGS
 from hexwire.drivers import registry
 from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.link import ports
-from hexwire.ros2.rmw.distributions import Distribution
-from hexwire.ros2.settings import FOREIGN, OWN, PARAMETERS, NodeSettings, changed, load_settings
+from hexwire.ros2.settings import FOREIGN, OWN, PARAMETERS, NodeSettings, changed, descriptor_of, load_settings
+from zenoh_ros2.distributions import Distribution
+from zenoh_ros2.parameters import Descriptor
 
 PORT = {"port": "/dev/ttyUSB0"}
 TWO = {"controllers.arm.joints": ["J1", "J2"], "controllers.hand.joints": ["J7"]}
@@ -244,3 +246,32 @@ def test_every_row_is_told_in_one_line() -> None:
 def test_the_service_that_describes_types_can_be_left_out() -> None:
     assert load().describes_types
     assert not load(start_type_description_service=False).describes_types
+
+
+@pytest.mark.parametrize(
+    ("row", "low", "high", "constraints"),
+    [
+        (Setting("a", 1.0, "what", "Hz", low=0.5, high=2.0), 0.5, 2.0, ""),
+        (Setting("a", 1.0, "what", "Hz", low=0.5), 0.5, math.inf, "0.5 or more Hz"),
+        (
+            Setting("a", 1.0, "what", "Hz", low=0.0, high=2.0, above=True),
+            -math.inf,
+            math.inf,
+            "above 0 and at most 2 Hz",
+        ),
+        (Setting("a", 1.0, "what", "Hz", low=0.5, high=2.0, zero=True), -math.inf, math.inf, "0, or 0.5 to 2 Hz"),
+        (Setting("a", 1.0, "what", "Hz"), -math.inf, math.inf, ""),
+    ],
+)
+def test_the_descriptor_of_a_setting_says_its_bounds(
+    row: Setting, low: float, high: float, constraints: str
+) -> None:
+    assert descriptor_of(row, read_only=True) == Descriptor("what, Hz", constraints, True, low, high)
+
+
+def test_a_descriptor_refuses_nothing_that_its_setting_allows() -> None:
+    for row in SETTINGS:
+        described = descriptor_of(row, read_only=False)
+        if isinstance(row.default, float) and described.ranged:
+            assert row.allows(described.low)
+            assert row.allows(described.high)

@@ -8,9 +8,9 @@ import pytest
 
 from hexwire.control.client_goals import Request
 from hexwire.control.goals import ComponentTolerance, Point, TrajectoryGoal
-from hexwire.ros2.rmw.times import nanoseconds_of, seconds_of
-from hexwire.ros2.rmw.types import Types
 from hexwire.ros2.values import request_of, trajectory_of
+from zenoh_ros2.times import nanoseconds_of, seconds_of
+from zenoh_ros2.types import Types
 
 TYPES = Types()
 NOW = 1_700_000_000_500_000_000

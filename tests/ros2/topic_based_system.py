@@ -14,7 +14,7 @@ from typing import Any, Protocol
 from tests.ros2.front_bench import Front
 from tests.ros2.node_world import Peer, until
 
-from hexwire.ros2.rmw.qos import SENSOR_DATA, Qos
+from zenoh_ros2.qos import SENSOR_DATA, Qos
 
 STATE = "sensor_msgs/msg/JointState"
 PERIOD = 0.01

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 from pathlib import Path
 
-from tests.site.pages import ROOT, error_pages, error_texts
+from tests.site.pages import error_pages, error_texts
 
 SOURCE = """
 import click
@@ -89,7 +89,7 @@ def test_the_index_is_complete() -> None:
     # The trees of all files are a million objects, none of them garbage: half of the time is spent looking for it.
     gc.disable()
     try:
-        said = error_texts.error_texts(ROOT / "src" / "hexwire")
+        said = error_texts.error_texts(*error_pages.SOURCES)
     finally:
         gc.enable()
     assert len(said) > 1000
@@ -112,7 +112,7 @@ def test_a_missing_an_old_and_a_double_text_are_told() -> None:
 
 def test_what_only_passes_on_is_known() -> None:
     """An exception whose words were not found says what another one said, or is new: then find its words."""
-    passing = error_texts.silent(ROOT / "src" / "hexwire")
+    passing = error_texts.silent(*error_pages.SOURCES)
     words = ("error", "text", "why", "taken", "conflict", "found", "blocked", "words", "reason")
     assert [one for one in passing if not any(word in one.partition("(")[2] for word in words)] == []
     assert len(passing) < 40

@@ -371,7 +371,7 @@ def bag_recording(folder: str, *, force: bool, optional: bool = False) -> Iterat
     whose states are read, if it has a geometry.
     """
     from hexwire.ros2.bag_recording import BagRecording
-    from hexwire.ros2.rmw.types import Types
+    from zenoh_ros2.types import Types
 
     made: list[BagRecording] = []
 
@@ -407,7 +407,7 @@ def ros2(file: BinaryIO, folder: str, robot: str | None, force: bool, as_json: b
     """
     from hexwire.model.urdf import make_urdf
     from hexwire.ros2.bag_recording import BagRecording, convert
-    from hexwire.ros2.rmw.types import Types
+    from zenoh_ros2.types import Types
 
     robot = robot or click.get_current_context().find_root().params.get("robot")
     if robot is not None and robot not in ROBOTS:

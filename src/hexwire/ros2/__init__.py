@@ -9,9 +9,12 @@ import os
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .rmw.node import Node
+    from zenoh_ros2.node import Node
 
-__all__ = ["ros_node"]
+__all__ = ["LOGGERS", "ros_node"]
+
+LOGGERS = ("hexwire", "zenoh_ros2")
+"""Names of the loggers whose records are the log of a node."""
 
 
 def ros_node(name: str) -> Node:
@@ -26,10 +29,11 @@ def ros_node(name: str) -> Node:
     Raises:
         UsageError: A variable is not valid.
     """
+    from zenoh_ros2.node import Node, NodeOptions
+    from zenoh_ros2.types import Types
+    from zenoh_ros2.zenoh_session import ZenohSettings
+
     from .arguments import domain_of
-    from .rmw.node import Node, NodeOptions
-    from .rmw.types import Types
-    from .rmw.zenoh_session import ZenohSettings
 
     zenoh = ZenohSettings.from_environment(os.environ)
-    return Node(NodeOptions(name, domain=domain_of(os.environ), zenoh=zenoh), Types())
+    return Node(NodeOptions(name, domain=domain_of(os.environ), zenoh=zenoh, loggers=LOGGERS), Types())

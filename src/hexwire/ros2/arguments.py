@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hexwire.errors import UsageError
+from zenoh_ros2.keys import MOST_DOMAIN
+from zenoh_ros2.names import Remap, parse_remap
 
 from .params_file import Overrides, matches, parse_value, read_params_file
-from .rmw.keys import MOST_DOMAIN
-from .rmw.names import Remap, parse_remap
 
 __all__ = ["LEVELS", "RosArguments", "domain_of", "parse_arguments"]
 

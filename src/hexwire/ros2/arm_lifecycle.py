@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 
 from hexwire.control.readiness import Readiness, activate, deactivate, readiness
 from hexwire.errors import UsageError
-
-from .rmw.lifecycle import Change, State
+from zenoh_ros2.lifecycle import Change, State
 
 if TYPE_CHECKING:
     from hexwire.control.controlled_arm import ControlledArm

@@ -20,12 +20,11 @@ from typing import TYPE_CHECKING, Any
 from hexwire.errors import UsageError
 from hexwire.new_file import OutputFile
 from hexwire.trace.mcap_file import NewMcapFile, load_mcap
-
-from .rmw.distributions import NO_TYPE_HASH
-from .rmw.qos import DEFAULT, Qos
+from zenoh_ros2.distributions import NO_TYPE_HASH
+from zenoh_ros2.qos import DEFAULT, Qos
 
 if TYPE_CHECKING:
-    from .rmw.types import MessageType, Types
+    from zenoh_ros2.types import MessageType, Types
 
 __all__ = ["BagWriter"]
 

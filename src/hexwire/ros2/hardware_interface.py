@@ -20,18 +20,18 @@ from hexwire.control.workers import Worker
 from hexwire.errors import DeviceError, HexwireError
 from hexwire.model.geometry import make_shapes
 from hexwire.model.urdf import make_urdf
+from zenoh_ros2.action_server import ActionServer
+from zenoh_ros2.keys import Role
+from zenoh_ros2.lifecycle import Lifecycle, State
+from zenoh_ros2.node import Deferred, Node
+from zenoh_ros2.parameters import Descriptor, ParameterServer
+from zenoh_ros2.qos import LATCHED, Qos, Reliability
+from zenoh_ros2.times import nanoseconds_of
+from zenoh_ros2.types import Types
 
 from . import arm_lifecycle
 from .actions import FOLLOW_JOINT_TRAJECTORY, ActionClient, ActionGoals
 from .reports import CONTROLLER_STATE, DIAGNOSTICS, JOINT_STATE, TRAJECTORY, Reports
-from .rmw.action_server import ActionServer
-from .rmw.keys import Role
-from .rmw.lifecycle import Lifecycle, State
-from .rmw.node import Deferred, Node
-from .rmw.parameters import Descriptor, ParameterServer
-from .rmw.qos import LATCHED, Qos, Reliability
-from .rmw.times import nanoseconds_of
-from .rmw.types import Types
 from .ros_clock import RosClock
 from .set_points import ARRAY, of_array, of_joint_state
 from .settings import changed, descriptor_of
@@ -48,9 +48,9 @@ if TYPE_CHECKING:
     from hexwire.epochs import Token
     from hexwire.model.state import JointState
     from hexwire.motion.teach import Taught
+    from zenoh_ros2.callbacks import Inbox
+    from zenoh_ros2.node import NodeOptions, Publisher
 
-    from .rmw.callbacks import Inbox
-    from .rmw.node import NodeOptions, Publisher
     from .settings import NodeSettings
 
 __all__ = ["NAME", "HardwareInterface"]

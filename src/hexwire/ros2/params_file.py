@@ -13,8 +13,7 @@ from typing import Any
 
 from hexwire.errors import ConfigError, NotSupportedError, UsageError
 from hexwire.inputs import read_text
-
-from .rmw.names import check_node_name
+from zenoh_ros2.names import check_node_name
 
 __all__ = ["KEY", "Overrides", "matches", "parse_value", "read_params_file"]
 

@@ -17,8 +17,7 @@ from hexwire.fleet.network import tls_settings
 from hexwire.fleet.reach import why_unreachable
 from hexwire.link.certs import check_usable
 from hexwire.link.tls import TlsFiles
-
-from .rmw.zenoh_session import LISTEN, ZenohSettings, endpoints_in
+from zenoh_ros2.zenoh_session import LISTEN, ZenohSettings, endpoints_in
 
 __all__ = ["SecureSettings"]
 

@@ -14,12 +14,13 @@ from logging.handlers import QueueHandler, QueueListener
 from typing import Any
 
 from hexwire.errors import UsageError
+from zenoh_ros2.names import full_name, logger_name, remap_node
+from zenoh_ros2.node import NodeOptions
+from zenoh_ros2.zenoh_session import load_zenoh
 
+from . import LOGGERS
 from .arguments import LEVELS, RosArguments, domain_of, parse_arguments
 from .hardware_interface import NAME, HardwareInterface
-from .rmw.names import full_name, logger_name, remap_node
-from .rmw.node import NodeOptions
-from .rmw.zenoh_session import load_zenoh
 from .secure_settings import SecureSettings
 from .settings import load_settings
 
@@ -61,6 +62,7 @@ def run(words: Sequence[str], environ: Mapping[str, str]) -> int:
         enclave=arguments.enclave,
         zenoh=zenoh,
         rosout=arguments.rosout_logs,
+        loggers=LOGGERS,
         type_descriptions=settings.describes_types,
     )
     sys.setswitchinterval(_SWITCH)
@@ -93,29 +95,31 @@ def _zenoh(words: Sequence[str], environ: Mapping[str, str]) -> SecureSettings:
 
 @contextmanager
 def _console(arguments: RosArguments, name: str) -> Iterator[None]:
-    """Show hexwire's log on standard error, in a thread of its own: the arm must not wait for a console.
+    """Show the program's log on standard error, in a thread of its own: the arm must not wait for a console.
 
     Args:
         arguments: Which of it.
         name: Of the node's logger.
     """
-    logger = logging.getLogger("hexwire")
+    loggers = [logging.getLogger(each) for each in LOGGERS]
     lines: queue.SimpleQueue[logging.LogRecord | None] = queue.SimpleQueue()
     shown = logging.StreamHandler(sys.stderr)
     shown.setFormatter(_RosFormat(name))
     listener = QueueListener(lines, shown)
     # Without any handler, Python writes warnings to standard error all the same.
     handler = QueueHandler(lines) if arguments.stdout_logs else logging.NullHandler()
-    before = logger.level, logger.propagate
-    logger.addHandler(handler)
-    logger.propagate = False
-    logger.setLevel(arguments.level_of(name) or logging.INFO)
+    before = [(logger.level, logger.propagate) for logger in loggers]
+    for logger in loggers:
+        logger.addHandler(handler)
+        logger.propagate = False
+        logger.setLevel(arguments.level_of(name) or logging.INFO)
     listener.start()
     try:
         yield
     finally:
-        logger.removeHandler(handler)
-        logger.level, logger.propagate = before
+        for logger, (level, propagate) in zip(loggers, before, strict=True):
+            logger.removeHandler(handler)
+            logger.level, logger.propagate = level, propagate
         listener.stop()
         with suppress(OSError, ValueError):
             shown.flush()

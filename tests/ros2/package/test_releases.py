@@ -4,7 +4,7 @@ import pytest
 
 from hexwire.errors import UsageError
 from hexwire.ros2.package.releases import DEFAULT_RELEASE, RELEASES, release, usual_release
-from hexwire.ros2.rmw.distributions import Distribution
+from zenoh_ros2.distributions import Distribution
 
 
 def test_releases_are_the_nodes_distributions() -> None:
