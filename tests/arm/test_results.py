@@ -19,10 +19,11 @@ from tests.waits import PATIENCE, eventually
 from hexwire import Arm, MotionResult, deg, mm
 from hexwire.arm import verbs
 from hexwire.arm.front import Front
-from hexwire.arm.handle import STOPPED_ENDS, MotionHandle
+from hexwire.arm.handle import MotionHandle
 from hexwire.control.motion_options import MotionObserver
 from hexwire.control.path_check import CheckedPath
 from hexwire.control.pose_file import home_pose
+from hexwire.control.power import NOT_LATCHED, STOP_LATCHED, what_helps
 from hexwire.errors import StoppedError, UsageError
 
 SLOW: dict[str, Callable[[Arm], Callable[[], MotionHandle[Any]]]] = {
@@ -105,7 +106,7 @@ def test_whatever_ends_a_motion_says_once_what_helps(arm: Arm, how: str) -> None
         assert "hexwire resume" not in text
         # A request that was not sent says it in its own words.
         assert ("resume()" in text) == latched, (verb, text)
-        assert arm._helps() == (STOPPED_ENDS if how == "a stop" else "nothing is latched: ask for it again")
+        assert what_helps(arm.driver) == (STOP_LATCHED if how == "a stop" else NOT_LATCHED)
         # What was interrupted before it was sent says to call it again.
         assert latched or "nothing is latched" in text or "again" in text, (verb, text)
         arm.resume()
@@ -187,7 +188,7 @@ def test_an_arm_follows_no_leader_that_is_stopped_and_holds_when_its_leader_is(t
     (tmp_path / "a").mkdir()
     with connected("bus", tmp_path / "a") as leader, connected("bus", tmp_path / "a") as arm:
         insisted(leader.stop)
-        with pytest.raises(StoppedError, match=r"the leader is stopped; its resume\(\) ends the stop"):
+        with pytest.raises(StoppedError, match=r"^the leader is stopped; resume\(\) ends the stop, and"):
             arm.follow(leader)
         leader.resume()
         following = arm.follow(leader, wait=False)

@@ -22,7 +22,7 @@ from tests.motion.arms import HOME, at_rest, rest_to_rest
 from tests.waits import eventually
 
 import hexwire
-from hexwire import Arm, deg, mm
+from hexwire import Arm, connect, deg, mm
 from hexwire.arm import verbs
 from hexwire.arm.blocks import Lesson
 from hexwire.arm.handle import MotionHandle
@@ -705,6 +705,14 @@ def test_an_arm_follows_as_fast_as_its_servos_can_or_may(
     with swing.leader, swing.follower:
         Arm(swing.follower, table=None).follow(Arm(swing.leader), max_speed=most)
     assert 0.8 * late - 0.1 < swing.late < late
+
+
+def test_two_emulated_arms_of_one_address_are_two_arms() -> None:
+    with connect("sim://so101") as leader, connect("sim://so101") as follower:
+        with follower.follow(leader, wait=False) as following:
+            eventually(lambda: set(follower.read().torque_on) == set(follower.model.names))
+            assert not following.done
+        assert not leader.read().torque_on
 
 
 def test_one_arm_follows_another_until_the_block_ends(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +13,14 @@ import pytest
 from click.testing import CliRunner, Result
 from tests.control.swing import Swing
 from tests.defaults import default
+from tests.waits import PATIENCE
 
 from hexwire.cli.main import cli
 from hexwire.control import following
 from hexwire.control.following import Pair, run_following
 from hexwire.emulator.hand import HandOrder
 from hexwire.emulator.serve_hand import move_by_hand
+from hexwire.errors import LinkLostError
 from hexwire.trace.capture import Message, read_messages
 from hexwire.trace.recording import JOINT_STATES
 
@@ -37,9 +39,9 @@ def run(*words: str) -> Result:
         (("so101@/none/a", "so100@/none/a"), 2, "an arm is named twice"),
         (("a", "b", "--meet", "2"), 2, "--meet must be at most 1"),
         (("a", "b", "--grip", "101"), 2, "--grip must be at most 100"),
-        (("so101@/none/a", "so101@/none/b", "--max-speed", "400"), 2, "reaches 312 degrees a second, not 400"),
+        ((LEADER, FOLLOWER, "--max-speed", "400"), 2, "reaches 312 degrees a second, not 400"),
         (("so101@/none/a", "so101@/none/b"), 1, "/none/a does not exist"),
-        (("so101@/none/a", "hex7bot@/none/b"), 2, "so101 cannot lead hex7bot: it has no J1"),
+        ((LEADER, "sim://hex7bot"), 2, "so101 cannot lead hex7bot: it has no J1"),
         (("--leader", "a", "--follower", "b"), 2, "No such option '--leader'"),
         (("a", "b", "--leader", "c"), 2, "No such option '--leader'"),
         (("a", "b", "--table", "5", "--no-table"), 2, "--table and --no-table contradict each other"),
@@ -67,10 +69,9 @@ def test_the_followers_of_two_pairs_are_recorded_apart(
 ) -> None:
     """Each on a topic of its own, named by its arm, with its own description."""
 
-    def read_once(pairs: Sequence[Pair], *_: Any, **__: Any) -> None:
-        for pair in pairs:
-            pair.leader.read()
-            pair.follower.read()
+    def read_once(pair: Pair, *_: Any, **__: Any) -> None:
+        pair.leader.read()
+        pair.follower.read()
 
     monkeypatch.setattr(following, "run_following", read_once)
     for name, base in (("left", "so101"), ("right-1", "so100"), ("right.1", "so101")):
@@ -95,6 +96,21 @@ def test_the_followers_of_two_pairs_are_recorded_apart(
             "right_1": True,
             "right_1_2": False,
         }
+
+
+def test_a_fault_of_one_pair_ends_all_and_is_the_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[bool] = []
+
+    def one_fails(pair: Pair, rate: float, *, ended: threading.Event, **_: Any) -> None:
+        if "fails" in pair.follower.url:
+            raise LinkLostError("the cable of one is out")
+        seen.append(ended.wait(PATIENCE))
+
+    monkeypatch.setattr(following, "run_following", one_fails)
+    arms = [f"sim://so101?name=all_{name}" for name in ("a", "b", "c", "fails")]
+    result = run(*arms)
+    assert (result.exit_code, result.stderr) == (1, "error: the cable of one is out\n")
+    assert seen == [True]
 
 
 @pytest.mark.parametrize(

@@ -234,7 +234,7 @@ def by_leader(case: Case) -> None:
     leader.read_positions = lambda within=0.0: (leader.put(dict(step().positions)), leader.read())[1]  # type: ignore[method-assign]
     leader.torque = lambda on, joints=None: leader.model.names  # type: ignore[method-assign]
     rules = Following(leader.model, case.robot.model)
-    run_following([Pair(leader, case.robot, rules)], 20.0, on_ready=lambda: ended_by(case), sleep=case.time.sleep)
+    run_following(Pair(leader, case.robot, rules), 20.0, on_ready=lambda: ended_by(case), sleep=case.time.sleep)
 
 
 def ended_by(case: Case) -> None:

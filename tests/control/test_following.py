@@ -29,7 +29,7 @@ from hexwire.emulator.faults import FaultPlan
 from hexwire.emulator.hand import HandOrder, Hands
 from hexwire.emulator.serve import BoardLink, FakeClock
 from hexwire.emulator.so_arms import make_so_arm
-from hexwire.errors import HexwireError, UsageError
+from hexwire.errors import HexwireError, StoppedError, UsageError
 from hexwire.model.state import JointState
 from hexwire.motion.following import Following
 
@@ -269,7 +269,7 @@ def test_a_swing_is_followed_as_fast_as_the_servo_can(hertz: float, most: float 
         )
         one = Pair(leader, follower, rules, notes.append)
         with pytest.raises(KeyboardInterrupt):
-            run_following([one], 100.0, sleep=swing.sleep)
+            run_following(one, 100.0, sleep=swing.sleep)
     told = [str(note) for note in notes]
     fast = math.tau * hertz * 40.0 < (most or 312.0)
     assert told.count("shoulder_pan is led faster than it may move, and comes later") == int(not fast)
@@ -319,7 +319,7 @@ def test_a_leader_on_a_network_is_read_in_a_thread_that_ends_with_the_motion() -
             raise EndError
 
     with pytest.raises(EndError):
-        run_following([one], 1 / PERIOD, sleep=sleep)
+        run_following(one, 1 / PERIOD, sleep=sleep)
     assert "leader" not in {thread.name for thread in threading.enumerate()}
 
 
@@ -334,7 +334,7 @@ def test_at_the_end_the_follower_holds_with_torque() -> None:
             raise EndError
 
     with pytest.raises(EndError):
-        run_following([one], 1 / PERIOD, sleep=sleep)
+        run_following(one, 1 / PERIOD, sleep=sleep)
     state = follower.driver.read()
     assert state.torque_on == state.names
     goals = follower.goals
@@ -374,7 +374,7 @@ class Unplugged:
         clock.advance(seconds)
 
     def run(self) -> None:
-        run_following([self.pair], 1 / PERIOD, sleep=self.sleep)
+        run_following(self.pair, 1 / PERIOD, sleep=self.sleep)
 
 
 @pytest.mark.parametrize("which", ["leader", "follower"])
@@ -427,24 +427,60 @@ def test_a_leader_that_keeps_its_torque_is_refused() -> None:
     leader.device.wire.faults = FaultPlan(("silent:3",))
     goals = follower.goals
     with pytest.raises(UsageError, match="does not confirm that elbow_flex has no torque"):
-        run_following([one], 1 / PERIOD, sleep=clock.advance)
+        run_following(one, 1 / PERIOD, sleep=clock.advance)
     assert follower.goals == goals
 
 
-def test_a_fault_of_one_pair_ends_all() -> None:
-    """Each pair has a clock of its own, since they run in threads."""
-    clocks = FakeClock(), FakeClock()
-    first, _, follower = pair(clocks[0], [])
-    second, leader, other = pair(clocks[1], [])
+@pytest.mark.parametrize("how", ["by this program", "by another program"])
+def test_a_stop_of_the_leader_ends_it_and_the_follower_holds(how: str) -> None:
+    clock = FakeClock()
+    one, leader, follower = pair(clock, [])
+    begins, read = clock() + 1.0, leader.driver.read_positions
 
-    def ready() -> None:
-        leader.link.lost = True
+    def stopped(within: float = 0.0) -> JointState:
+        state = read(within)
+        if clock() < begins:
+            return state
+        if how == "by this program":
+            leader.driver.stop()
+        leader.hand("shoulder_pan", 40.0, clock())
+        return replace(state, stopped=how == "by another program")
+
+    leader.driver.read_positions = stopped  # type: ignore[method-assign]
+    before = follower.driver.read().position[0]
+    with pytest.raises(StoppedError, match=r"^the leader was stopped, so the follower holds$"):
+        run_following(one, 1 / PERIOD, sleep=clock.advance)
+    assert clock() - begins < 0.2
+    goals = follower.goals
+    clock.advance(2.0)
+    state = follower.driver.read()
+    assert (state.torque_on, state.stopped, follower.goals) == (state.names, False, goals)
+    assert math.degrees(state.position[0] - before) == pytest.approx(0.0, abs=2.0)
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ("stop", "^the follower was stopped; `hexwire resume` ends that$"),
+        ("stop that is over", "^the follower was stopped; nothing is latched: ask for it again$"),
+        ("torque off", "^the follower's torque was switched off; nothing is latched: ask for it again$"),
+    ],
+)
+def test_a_stop_of_the_follower_or_torque_off_ends_it_and_says_why(how: str, words: str) -> None:
+    clock = FakeClock()
+    one, _, follower = pair(clock, [])
+    ends = clock() + 1.0
 
     def sleep(seconds: float) -> None:
-        for clock in clocks:
-            clock.advance(seconds)
+        clock.advance(seconds)
+        if clock() > ends:
+            if how == "torque off":
+                follower.driver.torque(False)
+            else:
+                follower.driver.stop()
+            if how == "stop that is over":
+                follower.driver.resume()
 
-    with pytest.raises(HexwireError, match="unplugged"):
-        run_following([first, second], 1 / PERIOD, on_ready=ready, sleep=sleep)
-    for arm in (follower, other):
-        assert arm.driver.read().torque_on == arm.driver.model.names
+    with pytest.raises(StoppedError, match=words):
+        run_following(one, 1 / PERIOD, sleep=sleep)
+    assert bool(follower.driver.read().torque_on) == (how != "torque off")

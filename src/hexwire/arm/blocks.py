@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import nullcontext
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,7 @@ from hexwire.errors import UsageError
 from hexwire.motion.teach import Taught
 from hexwire.trace.recording import RecordingWriter, check_recording_name, wall_time
 
-from .handle import Handle, told
+from .handle import Handle
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -36,19 +36,31 @@ class Lesson(Handle[None]):
 
     Args:
         robot: The arm.
-        writer: Keeps its states; nothing does if None.
+        writer: Around what is done: gives what keeps its states, or None.
         limp: Leave torque off at the end.
+        rate: States per second.
+        seconds: When to end.
         claim: That the arm is taught.
+        telling: Around what is done: for whom errors are worded.
 
     Raises:
         HexwireError: The arm keeps its torque.
     """
 
-    def __init__(self, robot: RobotDriver, writer: RecordingWriter | None, limp: bool, claim: Claim) -> None:
+    def __init__(
+        self,
+        robot: RobotDriver,
+        writer: AbstractContextManager[RecordingWriter | None],
+        limp: bool,
+        rate: float,
+        seconds: float,
+        claim: Claim,
+        telling: Callable[[], AbstractContextManager[None]],
+    ) -> None:
         self._states: list[JointState] = []
         self._begun = threading.Event()
-        self._limp = limp
-        self._writer = writer
+        self._limp, self._rate, self._seconds = limp, rate, seconds
+        self._writer, self._telling = writer, telling
         super().__init__(robot, "lesson", self._record, claim)
         while not self._begun.wait(0.01):
             if self.done:
@@ -70,17 +82,22 @@ class Lesson(Handle[None]):
         return self.taught
 
     def _record(self, ending: threading.Event) -> None:
-        writer = self._writer
-
         def keep(state: JointState) -> None:
             if len(self._states) < _MOST_STATES:
                 self._states.append(state)
             if writer is not None:
                 writer.joint_state(state, wall_time(state))
 
-        limp, begun = self._limp, self._begun.set
-        with told(), writer or nullcontext():
-            record_by_hand(self._robot, keep, torque_off_at_end=limp, on_start=begun, ended=ending.is_set)
+        with self._telling(), self._writer as writer:
+            record_by_hand(
+                self._robot,
+                keep,
+                rate=self._rate,
+                duration=self._seconds,
+                torque_off_at_end=self._limp,
+                on_start=self._begun.set,
+                ended=ending.is_set,
+            )
 
 
 class Recording(Handle[int]):
@@ -89,23 +106,24 @@ class Recording(Handle[int]):
     Args:
         robot: The arm.
         file: Where they are kept.
-        force: Replace such a file.
+        writer: Keeps them there.
         states: Returns the states to record.
 
     Attributes:
         file: Where they are kept.
         states: Those of so far; of a long recording the first 500,000.
-
-    Raises:
-        UsageError: The file exists, or cannot be written.
     """
 
     def __init__(
-        self, robot: RobotDriver, file: str | Path, force: bool, states: Callable[[], Iterator[JointState]]
+        self,
+        robot: RobotDriver,
+        file: str | Path,
+        writer: RecordingWriter,
+        states: Callable[[], Iterator[JointState]],
     ) -> None:
         self.file = Path(file)
         self.states: list[JointState] = []
-        self._writer, self._next = recording_writer(file, force), states
+        self._writer, self._next = writer, states
         super().__init__(robot, "recording", self._record)
 
     def played(self) -> Path:
@@ -129,8 +147,10 @@ class Recording(Handle[int]):
             return writer.count
 
 
-def recording_writer(file: str | Path, force: bool) -> RecordingWriter:
+def recording_writer(
+    file: str | Path, force: bool, telling: Callable[[], AbstractContextManager[None]]
+) -> RecordingWriter:
     """A new recording; `force` replaces a file of that name. Raises `UsageError` if it cannot be written."""
     check_recording_name(file)
-    with told():
+    with telling():
         return RecordingWriter(file, force=force)

@@ -63,6 +63,7 @@ class Claim:
         over: It is over, and the arm may do something else.
         thread: The thread in which it is done, if that waits for it.
         why: Why it was to end; empty if it was not.
+        stops: Ctrl-C stops the arm.
     """
 
     def __init__(
@@ -78,6 +79,7 @@ class Claim:
         self.thread = threading.get_ident() if here else None
         self.ending, self.over = Ending(), threading.Event()
         self._claims, self._stop = claims, stop
+        self.stops = stop is not None
         self._turns = [True]
 
     def end(self, why: str) -> None:

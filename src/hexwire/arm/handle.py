@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from types import TracebackType
-from typing import TYPE_CHECKING, Generic, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
 from hexwire.arguments import SECONDS, check, or_none
+from hexwire.control.power import STOP_LATCHED
 from hexwire.errors import HexwireError
 
 from .claim import WORK_ENDED, Claim, forget_ctrl_c
@@ -21,16 +22,17 @@ if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.state import JointState
 
-__all__ = ["STOPPED_ENDS", "STOP_ENDS", "Handle", "MotionHandle", "told"]
+__all__ = ["STOP_ENDS", "Handle", "MotionHandle", "end_all", "told"]
 
 _R = TypeVar("_R")
 
+_INTERRUPTED = "cancelled by Ctrl-C"
+
 STOP_ENDS = "resume() ends the stop, and moves nothing"
-STOPPED_ENDS = "clear it with 'hexwire resume'"
 
 _METHODS = {
-    "`hexwire resume` ends that": STOP_ENDS,
-    STOPPED_ENDS: STOP_ENDS,
+    STOP_LATCHED: STOP_ENDS,
+    "clear it with 'hexwire resume'": STOP_ENDS,
     "take it with --take": "take it with arm.driver.take(force=True)",
     "`hexwire move NAME=DEGREES`": "move(NAME=deg(10))",
     "choose one with --arm": "`hexwire play --arm NAME` plays one of them",
@@ -68,7 +70,7 @@ class Handle(Generic[_R]):
     """Something that goes on in a thread of its own; at the end of a ``with`` block it is ended.
 
     Args:
-        robot: Is stopped by Ctrl-C in `wait`.
+        robot: Is stopped by Ctrl-C in `wait`, unless what goes on ends without a stop.
         name: Of the thread.
         run: Is run in the thread, and returns soon after the event that it gets is set.
         claim: What the arm does then; None for what moves nothing.
@@ -105,7 +107,7 @@ class Handle(Generic[_R]):
         return self._over.is_set()
 
     def wait(self, timeout: float | None = None) -> _R:
-        """Wait for its end, and return what came of it; Ctrl-C stops the arm.
+        """Wait for its end, and return what came of it. Ctrl-C stops the arm; a lesson or following holds it.
 
         Args:
             timeout: Seconds; None waits as long as it takes.
@@ -119,7 +121,10 @@ class Handle(Generic[_R]):
             # Half a million years, which no lock takes, are as good as no end.
             over = self._over.wait(timeout if timeout is None or timeout < threading.TIMEOUT_MAX else None)
         except KeyboardInterrupt:
-            self._robot.stop()
+            if self._claim is None or self._claim.stops:
+                self._robot.stop()
+            else:
+                self._end(_INTERRUPTED)
             raise
         finally:
             forget_ctrl_c()
@@ -227,3 +232,12 @@ class MotionHandle(Handle[_R]):
             self.wait()
         else:
             self.abandon()
+
+
+def end_all(handles: Iterable[Handle[Any]]) -> None:
+    """End all of these now, at the same time, whatever comes of it."""
+    handles = tuple(handles)
+    for handle in handles:
+        handle._end("cancelled by the program")
+    for handle in handles:
+        handle._over.wait()

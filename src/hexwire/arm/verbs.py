@@ -13,7 +13,7 @@ import sys
 import threading
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -26,10 +26,18 @@ from hexwire.control.loop import RateLoop, check_rate
 from hexwire.control.motion_options import unwatched_words
 from hexwire.control.outcomes import Reason
 from hexwire.control.pose_file import HOME
-from hexwire.control.power import end_stop, require_confirmed, switch_torque
+from hexwire.control.power import (
+    NOT_LATCHED,
+    STOP_LATCHED,
+    end_stop,
+    require_confirmed,
+    switch_torque,
+    what_helps,
+)
 from hexwire.control.reader import raise_if_silent, read_known, read_start
 from hexwire.control.via import approached
 from hexwire.drivers.registry import connect as connect_driver
+from hexwire.drivers.registry import is_same_arm
 from hexwire.drivers.values import StopMode
 from hexwire.errors import GoalError, HexwireError, LimitError, LinkError, StoppedError, UsageError
 from hexwire.model.aim import Tip
@@ -37,11 +45,12 @@ from hexwire.model.gripper import OPENINGS, Opening
 from hexwire.model.state import JointTarget
 from hexwire.motion.teach import Taught
 from hexwire.motion.trajectory import Trajectory
+from hexwire.trace.recording import RecordingWriter
 
 from .blocks import Lesson, Recording, recording_writer
 from .claim import WORK_ENDED, Claim, Claims, forget_ctrl_c
 from .front import Front
-from .handle import STOP_ENDS, STOPPED_ENDS, Handle, MotionHandle, told
+from .handle import Handle, MotionHandle, told
 from .plans import ANGLES, SECONDS, SHARE, Plans, Point, is_number, joint_angles, length
 from .poses import Poses
 
@@ -78,6 +87,7 @@ _END = Wanted(
 )
 _TIMES = Wanted("a whole number, 1 or more: how often", lambda value: WHOLE.fits(value) and value >= 1, WHOLE.plain)
 _FILE = Wanted("the name of a file", lambda value: isinstance(value, str | Path))
+_KEPT = Wanted("the name of a file", lambda value: _FILE.fits(value) or isinstance(value, RecordingWriter))
 _PRINTED = Wanted("a file that is open for text, such as sys.stderr", lambda value: hasattr(value, "write"))
 _LIMIT = Wanted(
     "a number above 0, of all joints or by joint",
@@ -93,7 +103,6 @@ _ENDS = 5.0
 """Most seconds in which a motion that was stopped, or lost its torque, comes to its end."""
 
 
-_NOT_LATCHED = "nothing is latched: ask for it again"
 _MOVES = "is in motion: wait for it, cancel it, or stop()"
 _ENDED = "this arm was detached, so the motion was ended before it arrived: connect() again"
 
@@ -658,14 +667,25 @@ class Arm:
 
     # -- by hand --------------------------------------------------------------------------------------
 
-    @takes(file=or_none(_FILE), limp=FLAG, force=FLAG)
-    def teach(self, file: str | Path | None = None, /, *, limp: bool = False, force: bool = False) -> Lesson:
+    @takes(file=or_none(_KEPT), seconds=_END, limp=FLAG, force=FLAG)
+    def teach(
+        self,
+        file: str | Path | RecordingWriter | None = None,
+        /,
+        *,
+        rate: float = 0.0,
+        seconds: float = math.inf,
+        limp: bool = False,
+        force: bool = False,
+    ) -> Lesson:
         """Switch torque off and record how a hand moves the arm, until the ``with`` block ends; then it holds.
 
         Hold the arm first: it sinks.
 
         Args:
-            file: Where the recording is kept (.mcap); nowhere if None.
+            file: Where the recording is kept (.mcap), or a writer that the caller closes; nowhere if None.
+            rate: States per second; 0 for the robot's command rate.
+            seconds: When to end by itself.
             limp: Leave torque off at the end.
             force: Replace such a file.
 
@@ -677,13 +697,19 @@ class Arm:
             StoppedError: The arm is stopped, so that it could not hold at the end.
             ServoError: A joint kept its torque.
         """
-        if not limp and self.read().stopped:
+        checked = self._rate(rate)
+        self._check_open()
+        with self._told():
             # It could not be held at the end.
-            raise StoppedError("the lesson", _STOPPED, f"the arm is stopped; {STOP_ENDS}")
+            if not limp and self.driver.read().stopped:
+                raise StoppedError("the lesson", _STOPPED, f"the arm is stopped; {STOP_LATCHED}")
         claim = Claim(self._claims, None, "is being taught: end() the lesson")
         with self._claimed(claim):
-            writer = None if file is None else recording_writer(file, force)
-            return self._kept(Lesson(self.driver, writer, limp, claim))
+            if file is None or isinstance(file, RecordingWriter):
+                writer: AbstractContextManager[RecordingWriter | None] = nullcontext(file)
+            else:
+                writer = recording_writer(file, force, self._told)
+            return self._kept(Lesson(self.driver, writer, limp, checked, seconds, claim, self._told))
 
     @overload
     def follow(self, leader: Arm, *, wait: Literal[True] = True, **how: Unpack[_Follow]) -> None: ...
@@ -729,10 +755,12 @@ class Arm:
         asked = self._asked()
         check_rate(rate)
         self._check_open()
-        if leader is self or leader.driver.url == self.driver.url:
+        if is_same_arm(leader.driver, self.driver):
             raise UsageError("an arm cannot follow itself")
         if leader.read().stopped:
-            raise StoppedError("following", _STOPPED, f"the leader is stopped; its {STOP_ENDS}")
+            with self._told():
+                raise StoppedError("following", _STOPPED, f"the leader is stopped; {STOP_LATCHED}")
+        observer = self._front.observer or motions.MotionObserver()
         pair = Pair.of(
             leader.driver,
             self.driver,
@@ -743,15 +771,13 @@ class Arm:
             max_speed=max_speed,
             max_acceleration=max_acceleration,
             asked=asked,
-            on_note=lambda said: _log.info("%s", said),
+            on_note=observer.noted,
         )
         claim = Claim(self._claims, asked, "follows another: end() that", here=wait)
 
         def run(ending: threading.Event) -> None:
             with self._explained(asked):
-                run_following([pair], rate, ended=ending)
-            if pair.leader_stopped:
-                raise StoppedError("following", _STOPPED, "the leader was stopped, so the follower holds")
+                run_following(pair, rate, on_ready=lambda: observer.powered(self.model.names), ended=ending)
 
         # Ctrl-C is the usual end: the follower holds.
         with suppress(KeyboardInterrupt) if wait else nullcontext(), self._claimed(claim):
@@ -776,7 +802,8 @@ class Arm:
         """
         checked = self._rate(rate)
         self._check_open()
-        return self._kept(Recording(self.driver, file, force, lambda: self._states(checked, math.inf)))
+        writer = recording_writer(file, force, self._told)
+        return self._kept(Recording(self.driver, file, writer, lambda: self._states(checked, math.inf)))
 
     # -- torque and stop ------------------------------------------------------------------------------
 
@@ -1079,13 +1106,15 @@ class Arm:
                 yield
         except HexwireError as error:
             if epochs.limp_since(asked) and not epochs.stopped:
-                raise StoppedError("the motion", _STOPPED, f"torque was switched off; {_NOT_LATCHED}") from error
+                raise StoppedError("the motion", _STOPPED, f"torque was switched off; {NOT_LATCHED}") from error
             # A stop may be met as a lost lease, or as a request that was refused. The end of a connection stops the
             # arm, too: then that end is the reason.
             if isinstance(error, StoppedError | LinkError) or epochs.holds(asked):
                 raise
             with self._told():
-                raise StoppedError("the motion", _STOPPED, f"the arm was stopped; {self._helps()}") from error
+                raise StoppedError(
+                    "the motion", _STOPPED, f"the arm was stopped; {what_helps(self.driver)}"
+                ) from error
 
     def _height(self) -> float | None:
         """The table's height, which a program may have set to anything."""
@@ -1104,17 +1133,10 @@ class Arm:
         self._require(result)
         return result
 
-    def _helps(self) -> str:
-        """What to do after a motion that was stopped: it may be over by now, or was none that is latched."""
-        with suppress(HexwireError):
-            if not (self.driver.epochs.stopped or self.driver.read().stopped):
-                return _NOT_LATCHED
-        return STOPPED_ENDS
-
     def _require(self, result: MotionResult) -> None:
         """Raise what a person must know of a motion that has not arrived."""
         if result.stopped is not None:
-            raise StoppedError("the motion", _STOPPED, f"{result.why}; {self._helps()}")
+            raise StoppedError("the motion", _STOPPED, f"{result.why}; {what_helps(self.driver)}")
         if not result.cut:
             result.require()
 

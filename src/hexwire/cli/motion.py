@@ -10,7 +10,7 @@ import functools
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -22,7 +22,7 @@ from hexwire.model.aim import Aim
 from hexwire.model.geometry import make_kinematics
 from hexwire.units import decimal
 
-from .exits import note
+from .exits import note, shielded
 from .model import make_robot_with, unit_of
 from .move import known_poses
 from .options import (
@@ -479,8 +479,9 @@ def teach(
 
     Torque is switched off, so the arm sinks unless somebody holds it.
     """
-    from hexwire.control.teach_mode import record_by_hand
-    from hexwire.trace.recording import RecordingWriter, check_recording_name, wall_time
+    from hexwire.arm.front import Front
+    from hexwire.arm.verbs import Arm
+    from hexwire.trace.recording import RecordingWriter, check_recording_name
 
     check_recording_name(file)
     with RecordingWriter(file, force=force) as recording:
@@ -491,16 +492,13 @@ def teach(
                     yes,
                     alone="the arm sinks when torque is switched off: hold it, and confirm with --yes",
                 )
-                record_by_hand(
-                    robot,
-                    lambda state: recording.joint_state(state, wall_time(state)),
-                    rate=rate or 0.0,
-                    duration=math.inf if duration is None else duration,
-                    torque_off_at_end=limp,
-                    on_start=lambda: note(
-                        "recording; Ctrl-C ends it" if duration is None else f"recording for {duration:g} s"
-                    ),
-                )
+                seconds = math.inf if duration is None else duration
+                lesson = Arm(robot, front=Front()).teach(recording, rate=rate or 0.0, seconds=seconds, limp=limp)
+                note("recording; Ctrl-C ends it" if duration is None else f"recording for {duration:g} s")
+                with suppress(KeyboardInterrupt):
+                    lesson.wait()
+                with shielded():
+                    lesson.end()
         except BaseException:
             if recording.count:
                 note(f"{recording.count} states are kept in {file}")

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import math
 import re
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
@@ -33,12 +34,14 @@ from .options import (
 from .output import print_json, say
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
+    from hexwire.arm.handle import Handle
     from hexwire.control.teleop import Stick
     from hexwire.drivers.base import RobotDriver
 
 __all__ = ["follow", "joystick", "teleop"]
+
+_LOOK = 0.05
+"""Seconds between two looks whether a pair has ended."""
 
 
 @click.group()
@@ -229,8 +232,11 @@ def follow(
     address of a shared arm, such as zenoh:lab/arm1, does for both. The leader has no torque: hold it. The follower
     first meets it slowly. It holds when the leader falls silent, and at the end.
     """
-    from hexwire.control.following import Pair, run_following
-    from hexwire.drivers.registry import is_address
+    from hexwire.arm.front import Front
+    from hexwire.arm.handle import end_all
+    from hexwire.arm.verbs import Arm
+
+    from .verbs import FollowTeller
 
     context = click.get_current_context()
     if context.find_root().params.get("port"):
@@ -250,35 +256,35 @@ def follow(
         raise UsageError("an arm is named twice")
     if len(made) > 2:
         _tell_apart(made[1::2])
+    for follower in made[1::2]:
+        refuse_idle_table(follower)
     with ExitStack() as stack:
-        pairs = []
-        for name, leader, follower in zip(arms[1::2], made[::2], made[1::2], strict=True):
-            refuse_idle_table(follower)
-            pair = Pair.of(
-                leader,
-                follower,
-                table,
-                mirror=mirror,
-                meet=meet,
-                force=grip / 100,
-                max_speed=None if max_speed is None else math.radians(max_speed),
-                max_acceleration=None if max_acceleration is None else math.radians(max_acceleration),
-                on_note=_teller(name, len(made) > 2),
-            )
-            pairs.append(pair)
         for driver in made:
             stack.enter_context(attached(driver))
-
-        def announce() -> None:
-            for pair, leader, follower in zip(pairs, arms[::2], arms[1::2], strict=True):
-                note(f"{follower} follows {leader}; Ctrl-C ends it, and it holds")
-                if not pair.follower.has_own_watchdog and not is_address(pair.follower.url):
-                    note(
-                        f"warning: nothing stops {follower} if this program dies: its servos go to their last "
-                        "set-point and hold there"
-                    )
-
-        run_following(pairs, rate, on_ready=announce, shield=shielded)
+        handles: list[Handle[None]] = []
+        try:
+            for place in range(0, len(made), 2):
+                leader, follower = made[place : place + 2]
+                told = FollowTeller(follower, *arms[place : place + 2], several=len(made) > 2)
+                handle = Arm(follower, table=table, front=Front(told)).follow(
+                    Arm(leader),
+                    mirror=mirror,
+                    meet=meet,
+                    force=grip / 100,
+                    max_speed=None if max_speed is None else math.radians(max_speed),
+                    max_acceleration=None if max_acceleration is None else math.radians(max_acceleration),
+                    rate=rate,
+                    wait=False,
+                )
+                handles.append(handle)
+            while not any(handle.done for handle in handles):
+                time.sleep(_LOOK)
+        finally:
+            # They end together, whatever ends one.
+            with shielded():
+                end_all(handles)
+        for handle in handles:
+            handle.wait()
 
 
 def _make(text: str, robot: str | None, *, observed: bool) -> RobotDriver:
@@ -306,11 +312,3 @@ def _tell_apart(followers: Sequence[RobotDriver]) -> None:
             name = f"{first}_{number}"
         taken.add(name)
         record_as(driver, name)
-
-
-def _teller(follower: str, several: bool) -> Callable[[object], None]:
-    def tell(said: object) -> None:
-        text = said if isinstance(said, str) else f"stopped: {said}; end this, then 'hexwire resume'"
-        note(f"{follower}: {text}" if several else text)
-
-    return tell

@@ -17,6 +17,7 @@ from hexwire.arm.front import Front
 from hexwire.arm.verbs import Arm
 from hexwire.control import motions
 from hexwire.control.motion_options import unwatched_words
+from hexwire.drivers.registry import is_address
 from hexwire.errors import HexwireError
 from hexwire.link.tap import Missed
 from hexwire.units import plain
@@ -33,9 +34,11 @@ if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.state import JointState, SentTarget
     from hexwire.motion.checks import MotionReport
+    from hexwire.motion.safety import StopReason
     from hexwire.new_file import OutputFile
 
 __all__ = [
+    "FollowTeller",
     "GripTeller",
     "MoveTeller",
     "RunOptions",
@@ -128,6 +131,35 @@ class GripTeller(Teller):
         if result.stopped is None and math.isfinite(result.opening):
             told = result.opening, result.holds
             answer(self._as_json, opening_json(*told), opening_words(*told))
+
+
+class FollowTeller(Teller):
+    """Tells of `follow` that it begins, and what its rules have to say.
+
+    Args:
+        robot: The follower.
+        leader: The leader, as typed.
+        follower: The follower, as typed.
+        several: There are other pairs, so that each note names the follower.
+    """
+
+    def __init__(self, robot: RobotDriver, leader: str, follower: str, *, several: bool) -> None:
+        super().__init__(robot)
+        self._leader, self._follower, self._several = leader, follower, several
+
+    def powered(self, joints: Sequence[str]) -> None:
+        """Tell who follows whom."""
+        note(f"{self._follower} follows {self._leader}; Ctrl-C ends it, and it holds")
+        if not self.robot.has_own_watchdog and not is_address(self.robot.url):
+            note(
+                f"warning: nothing stops {self._follower} if this program dies: its servos go to their last "
+                "set-point and hold there"
+            )
+
+    def noted(self, said: str | StopReason) -> None:
+        """Tell it; a stop is told by the error that it ends in."""
+        if isinstance(said, str):
+            note(f"{self._follower}: {said}" if self._several else said)
 
 
 class MoveTeller(Teller):

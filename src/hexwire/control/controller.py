@@ -467,7 +467,7 @@ class TrajectoryController:
         """Latch a stop; the active goal is aborted."""
         self.generator.stop(reason)
         why = Reason.PATH_TOLERANCE if reason.kind in _STOPS_BY_PATH else Reason.STOPPED
-        self._end(Outcome.ABORTED, why, f"stopped: {reason}")
+        self._end(Outcome.ABORTED, why, reason.outcome)
 
     def reset(self) -> None:
         """Clear a stop. Nothing moves."""

@@ -40,7 +40,7 @@ from .motion_options import MotionObserver
 from .motion_result import MotionResult
 from .outcomes import Outcome, Reason
 from .owner import RobotOwner
-from .power import give_torque
+from .power import NOT_LATCHED, give_torque, what_helps
 from .reader import position_unknown, read_known, read_state
 from .settings import ControllerSettings
 from .target import TargetController, holding
@@ -348,11 +348,8 @@ class Execution:
         reason, state = owner.group.reason, owner.state
         is_stopped = (state is not None and state.stopped) or not self._robot.epochs.holds(self._asked)
         if reason is not None and reason.kind == "board" and is_stopped:
-            latched = (state is not None and state.stopped) or self._robot.epochs.stopped
-            why = str(reason)
-            if not self._limp:
-                why = f"{reason}; `hexwire resume` ends that" if latched else f"{reason}; that is over: ask again"
-            raise StoppedError("the motion", Status.STOPPED, why)
+            helps = NOT_LATCHED if self._limp else what_helps(self._robot, state)
+            raise StoppedError("the motion", Status.STOPPED, f"{reason}; {helps}")
         self._observer.started(owner.timing)
 
     def _turn(
@@ -499,7 +496,7 @@ class Execution:
                         # Perhaps resumed since: then no state says so any more.
                         return board_stop(self._robot.read()) or StopReason("board", STOP_COMMAND)
                     if (why := _WHY.get(report.state)) is not None:
-                        return StopReason("board", report.why or why)
+                        return StopReason.of_outcome("board", report.why or why)
                 if feeder.leaving or self._done:
                     return None
                 feeder.forget_past()

@@ -10,21 +10,23 @@ import math
 import threading
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Self
 
 from hexwire.drivers.registry import is_address
-from hexwire.errors import HexwireError, LeaseError, LinkError, UsageError
+from hexwire.errors import HexwireError, LeaseError, LinkError, StoppedError, UsageError
 from hexwire.model.gripper import jaws_of
 from hexwire.model.state import JointTarget
 from hexwire.motion.following import Behind, Following, GripForce
 from hexwire.motion.safety import StopReason, board_stop
 from hexwire.motion.teleop import Action
+from hexwire.wire.command_frame import Status
 
 from .operator_control import OVERLAP, OperatorController
 from .owner import RobotOwner
 from .path_check import PathCheck
+from .power import NOT_LATCHED, what_helps
 from .target import holding
 from .teleop import hold_at_end
 
@@ -65,6 +67,8 @@ _REPLUG, _AGAIN = 30.0, 0.2
 """Seconds for which a cable that was pulled out is waited for, and between two tries to open its line again."""
 _LAST_READING = 0.5
 """Seconds for which the end waits for a leader that is being read."""
+_LEADER_STOPPED = "the leader was stopped, so the follower holds"
+_STOPPED, _LIMP = "the follower was stopped", "the follower's torque was switched off"
 
 
 class BehindCounter(Counter[str]):
@@ -108,6 +112,10 @@ class FollowController(OperatorController):
         now: Clock of the leader's states, seconds.
         period: Least seconds between two cycles.
         on_note: Called with a new note for the operator, or with the reason for a stop.
+
+    Attributes:
+        counters: What has happened so far.
+        leader_stopped: A state of the leader says that it is stopped, perhaps by another program.
     """
 
     def __init__(
@@ -120,7 +128,7 @@ class FollowController(OperatorController):
     ) -> None:
         super().__init__(rules.arm, period, on_note)
         self._rules, self._leader, self._now = rules, leader, now
-        self._met = False
+        self._met = self.leader_stopped = False
         self.counters = FollowCounters()
 
     def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | None:
@@ -130,10 +138,11 @@ class FollowController(OperatorController):
             # Nobody knows where the leader was moved meanwhile.
             self._rules.pause()
         leader = self._leader()
+        self.leader_stopped = self.leader_stopped or leader.stopped
         age = self._now() - leader.stamp + max(leader.age, default=math.inf)
         self.counters.cycles += 1
         self.counters.unanswered += any(one > 0.0 for one in leader.age)
-        if state.stopped or self._stopped:
+        if state.stopped or self._stopped or self.leader_stopped:
             self._stopped = False
             self._rules.pause()
             self.moving = False
@@ -282,11 +291,10 @@ class ReplugReader:
         return self._state
 
 
-@dataclass(frozen=True, slots=True)
 class Pair:
     """A leader and its follower, both attached.
 
-    Attributes:
+    Args:
         leader: Moved by hand; it gets no torque.
         follower: Follows.
         rules: How it follows.
@@ -294,18 +302,23 @@ class Pair:
         ahead: The leader is read in a thread, since reading it may block, as on a network.
         check: Of the follower, as in `RobotOwner`.
         asked: When following was asked for: a stop of the follower since then ends it, and so does torque off. If
-            None, following goes on after a stop that was ended, and the arms meet again.
-        led: When the leader was asked to lead: with `asked`, its stop since then ends following, too.
+            None, now.
     """
 
-    leader: RobotDriver
-    follower: RobotDriver
-    rules: Following
-    on_note: Callable[[str | StopReason], object] = lambda said: None
-    ahead: bool = False
-    check: PathCheck | None = None
-    asked: Token | None = None
-    led: Token | None = None
+    def __init__(
+        self,
+        leader: RobotDriver,
+        follower: RobotDriver,
+        rules: Following,
+        on_note: Callable[[str | StopReason], object] = lambda said: None,
+        ahead: bool = False,
+        check: PathCheck | None = None,
+        asked: Token | None = None,
+    ) -> None:
+        self.leader, self.follower, self.rules = leader, follower, rules
+        self.on_note, self.ahead, self.check = on_note, ahead, check
+        self.asked = follower.epochs.mark() if asked is None else asked
+        self._led = leader.epochs.mark()
 
     @classmethod
     def of(
@@ -338,17 +351,17 @@ class Pair:
             max_speed=max_speed,
             max_acceleration=max_acceleration,
         )
-        return cls(leader, follower, rules, on_note, is_address(leader.url), check, asked, leader.epochs.mark())
+        return cls(leader, follower, rules, on_note, is_address(leader.url), check, asked)
 
     @property
     def wanted(self) -> bool:
         """Nobody has stopped the follower or switched its torque off since following was asked for."""
-        return self.asked is None or self.follower.epochs.holds(self.asked)
+        return self.follower.epochs.holds(self.asked)
 
     @property
     def leader_stopped(self) -> bool:
-        """Somebody has stopped the leader since it was asked to lead, which ends following."""
-        return self.asked is not None and self.led is not None and self.leader.epochs.stopped_since(self.led)
+        """This program has stopped the leader since then."""
+        return self.leader.epochs.stopped_since(self._led)
 
 
 def following_rules(
@@ -399,72 +412,36 @@ def _by_name(model: ArmModel, limit: Limit) -> Mapping[str, float] | None:
 
 
 def run_following(
-    pairs: Sequence[Pair],
+    pair: Pair,
     rate: float,
     *,
     on_ready: Callable[[], object] = lambda: None,
-    shield: Callable[[], AbstractContextManager[object]] = nullcontext,
     ended: threading.Event | None = None,
     sleep: Callable[[float], object] | None = None,
 ) -> None:
-    """Let followers follow until an exception, such as KeyboardInterrupt, ends it; then all of them hold.
-
-    The first pair runs in the caller's thread, each other one in its own. A fault of one pair ends all.
+    """Let a follower follow until an exception, such as KeyboardInterrupt, or an event ends it; then it holds.
 
     Args:
-        pairs: At least one; no robot is in two of them.
+        pair: The leader and its follower.
         rate: Cycles per second.
-        on_ready: Called once, when the followers have torque and before anything can move.
-        shield: Put around the hold at the end; keeps signals from interrupting it.
+        on_ready: Called once, when the follower has torque and before anything can move.
         ended: Ends it, too, when it is set.
         sleep: As in `RobotOwner`.
 
     Raises:
-        StoppedError: The follower was stopped, or its torque switched off, and its pair says `asked`.
+        StoppedError: The follower or the leader was stopped, or the follower's torque switched off.
         HexwireError: A robot failed or refused.
     """
-    for pair in pairs:
-        _release(pair.leader)
-    for pair in pairs:
-        with pair.follower.epochs.using(pair.asked):
-            on = pair.follower.torque(True)
-        if missing := [name for name in pair.rules.arm.names if name not in on]:
-            raise UsageError(f"the follower {pair.follower.url} does not confirm torque of {', '.join(missing)}")
-    on_ready()
+    follower = pair.follower
     ended = threading.Event() if ended is None else ended
-    faults: list[BaseException] = []
+    _release(pair.leader)
+    with follower.epochs.using(pair.asked):
+        on = follower.torque(True)
+    if missing := [name for name in pair.rules.arm.names if name not in on]:
+        raise UsageError(f"the follower {follower.url} does not confirm torque of {', '.join(missing)}")
+    on_ready()
 
-    def follow(pair: Pair, shielded: Callable[[], AbstractContextManager[object]]) -> None:
-        follower = pair.follower
-        with ExitStack() as steps:
-            ahead = ReadAhead(pair.leader.read_positions) if pair.ahead else None
-            if ahead is not None:
-                steps.callback(ahead.end)
-            read = ReplugReader(pair.leader, pair.on_note)
-            controller = FollowController(pair.rules, ahead or read, pair.leader.now, 1.0 / rate, pair.on_note)
-            try:
-                while True:
-                    try:
-                        return own(pair, controller)
-                    except LinkError as lost:
-                        if read.gave_up is lost or (ahead is not None and ahead.fault is lost):
-                            raise
-                        wait_for(follower, lost, pair.on_note)
-            except LeaseError:
-                # It holds, or moves for another program, which must not be stopped by this one.
-                raise
-            except HexwireError:
-                if pair.wanted:
-                    with suppress(HexwireError):
-                        follower.stop()
-                raise
-            finally:
-                if follower.is_attached and pair.wanted:
-                    with shielded():
-                        hold_at_end(follower)
-
-    def own(pair: Pair, controller: FollowController) -> None:
-        follower = pair.follower
+    def own(controller: FollowController) -> None:
         with RobotOwner(
             follower,
             borrowed=True,
@@ -473,55 +450,59 @@ def run_following(
             command_rate=rate,
             sleep=sleep,
             read=BriefReader(follower),
-            # A stop would outlast a cable that is soon plugged in again: `follow` stops it otherwise.
+            # A stop would outlast a cable that is soon plugged in again: the end stops it otherwise.
             stop_on_failure=False,
         ) as owner:
             owner.group.members = (controller,)
             try:
                 while not ended.is_set():
-                    if pair.asked is not None:
-                        follower.epochs.check(pair.asked, "following")
-                    if pair.leader_stopped:
-                        ended.set()
-                        break
+                    if not pair.wanted:
+                        limp = follower.epochs.limp_since(pair.asked)
+                        why = f"{_LIMP}; {NOT_LATCHED}" if limp else f"{_STOPPED}; {what_helps(follower)}"
+                        raise StoppedError("following", Status.STOPPED, why)
+                    if pair.leader_stopped or controller.leader_stopped:
+                        raise StoppedError("following", Status.STOPPED, _LEADER_STOPPED)
                     owner.turn()
             finally:
                 controller.release("it is over")
 
-    def wait_for(follower: RobotDriver, lost: LinkError, on_note: Callable[[str | StopReason], object]) -> None:
+    def wait_for_follower(lost: LinkError) -> None:
         if is_address(follower.url):
             # Its server keeps the arm safe, and has its own way to come back.
             raise lost
-        on_note(f"{lost}; its servos hold until it is there again")
+        pair.on_note(f"{lost}; its servos hold until it is there again")
         ends = follower.now() + _REPLUG
         while not reopened(follower):
             if ended.is_set() or follower.now() >= ends:
                 raise lost
             (sleep or ended.wait)(_AGAIN)
-        on_note("the follower is there again")
+        pair.on_note("the follower is there again")
 
-    def run(pair: Pair) -> None:
+    with ExitStack() as steps:
+        ahead = ReadAhead(pair.leader.read_positions) if pair.ahead else None
+        if ahead is not None:
+            steps.callback(ahead.end)
+        read = ReplugReader(pair.leader, pair.on_note)
+        controller = FollowController(pair.rules, ahead or read, pair.leader.now, 1.0 / rate, pair.on_note)
         try:
-            follow(pair, nullcontext)
-        except BaseException as error:  # noqa: BLE001  # raised in the caller's thread
-            faults.append(error)
+            while True:
+                try:
+                    return own(controller)
+                except LinkError as lost:
+                    if read.gave_up is lost or (ahead is not None and ahead.fault is lost):
+                        raise
+                    wait_for_follower(lost)
+        except (LeaseError, StoppedError):
+            # It holds, or moves for another program, which must not be stopped by this one.
+            raise
+        except HexwireError:
+            if pair.wanted:
+                with suppress(HexwireError):
+                    follower.stop()
+            raise
         finally:
-            ended.set()
-
-    threads = [threading.Thread(target=run, args=(pair,), name="follower") for pair in pairs[1:]]
-    try:
-        for thread in threads:
-            thread.start()
-        follow(pairs[0], shield)
-    finally:
-        ended.set()
-        with shield():
-            for thread in threads:
-                # One that Ctrl-C kept from starting has no end either.
-                if thread.ident is not None:
-                    thread.join()
-    if faults:
-        raise faults[0]
+            if follower.is_attached and pair.wanted:
+                hold_at_end(follower)
 
 
 def reopened(robot: RobotDriver) -> bool:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from hexwire.arguments import FLAG, SECONDS, Wanted, check, one_of, or_none
 from hexwire.drivers.values import StopMode
 from hexwire.errors import UsageError
-from hexwire.motion.safety import SafetyLimits
+from hexwire.motion.safety import SafetyLimits, StopReason
 
 from .arrival import Tolerance
 from .loop import RateLoop, check_rate
@@ -139,7 +139,7 @@ def unwatched_words(robot: RobotDriver, seconds: float) -> str:
 class MotionObserver:
     """Is called at the events of a motion, in the caller's thread. Override the methods you need.
 
-    They do nothing here, but for `refused`, which logs a warning.
+    They do nothing here, but for `refused`, which logs a warning, and `noted`, which logs.
     """
 
     def planned(self, path: CheckedPath) -> None:
@@ -160,6 +160,10 @@ class MotionObserver:
     def refused(self, why: str) -> None:
         """The board does not follow the trajectory in its own time; targets are sent one by one instead."""
         _log.warning("targets are sent one by one, since the board does not follow this path itself: %s", why)
+
+    def noted(self, said: str | StopReason) -> None:
+        """What an operator must know who guides the arm, such as that it has met its leader."""
+        _log.info("%s", said)
 
     def started(self, timing: RateLoop) -> None:
         """The motion starts; `timing` has the timing of its cycles."""

@@ -68,8 +68,7 @@ class MotionResult:
     def why(self) -> str:
         """Why the arm has not arrived; empty if it has, or if what ended the motion was wanted."""
         if self.stopped is not None:
-            # The server of a shared arm may have said so already.
-            return f"stopped: {str(self.stopped).removeprefix('stopped: ')}"
+            return self.stopped.outcome
         if self.without_torque:
             return f"{', '.join(self.without_torque)} lost torque before the arrival"
         if self.cut:

@@ -6,11 +6,12 @@ Owns the error if a joint does not confirm, and what is said of an arm's torque.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from hexwire.drivers.values import StopCause, StopMode
-from hexwire.errors import ServoError
+from hexwire.errors import HexwireError, ServoError
 from hexwire.model.state import JointFlag
 
 from .known_state import known_joints
@@ -24,7 +25,22 @@ if TYPE_CHECKING:
     from .motion_options import MotionObserver
     from .owner import RobotOwner
 
-__all__ = ["Stopped", "Torques", "end_stop", "give_torque", "require_confirmed", "switch_torque"]
+__all__ = [
+    "NOT_LATCHED",
+    "STOP_LATCHED",
+    "Stopped",
+    "Torques",
+    "end_stop",
+    "give_torque",
+    "require_confirmed",
+    "switch_torque",
+    "what_helps",
+]
+
+STOP_LATCHED = "`hexwire resume` ends that"
+"""What to do after a stop that is latched."""
+NOT_LATCHED = "nothing is latched: ask for it again"
+"""What to do after any other end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,6 +184,19 @@ def require_confirmed(model: ArmModel, names: Sequence[str], confirmed: Collecti
     if missing:
         servos = ", ".join(f"{joint.name} (servo {joint.servo_id})" for joint in missing)
         raise ServoError(f"{servos} did not confirm {what}", servo_id=missing[0].servo_id)
+
+
+def what_helps(robot: RobotDriver, state: JointState | None = None) -> str:
+    """What to do after a stop of what was going on: the stop may be over by now, or was none that is latched.
+
+    Args:
+        robot: Attached.
+        state: Just read; None to read one.
+    """
+    with suppress(HexwireError):
+        if not (robot.epochs.stopped or (robot.read() if state is None else state).stopped):
+            return NOT_LATCHED
+    return STOP_LATCHED
 
 
 def end_stop(robot: RobotDriver) -> bool:

@@ -31,6 +31,7 @@ __all__ = [
     "PORT_VARIABLE",
     "connect",
     "is_address",
+    "is_same_arm",
     "load_bus_arm",
     "load_driver",
     "make_driver",
@@ -170,6 +171,11 @@ def is_address(port: str) -> bool:
     """Whether a text names a robot, as in ``zenoh:lab/arm1``, and not a link to one."""
     scheme, colon, _ = port.partition(":")
     return bool(colon) and any(point.name == scheme for point in _points(_ADDRESSES))
+
+
+def is_same_arm(one: RobotDriver, other: RobotDriver) -> bool:
+    """Whether two drivers move one arm, as far as their addresses tell; each ``sim://`` is an arm of its own."""
+    return one is other or (one.url == other.url and not one.url.startswith("sim://"))
 
 
 def connect(

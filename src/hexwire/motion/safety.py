@@ -19,6 +19,7 @@ __all__ = ["STOP_COMMAND", "TORQUE_OFF", "Guard", "SafetyLimits", "StopReason", 
 
 
 _SILENT = int(JointFlag.SILENT)
+_STOPPED = "stopped: "
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +94,16 @@ class StopReason:
 
     def __str__(self) -> str:
         return self.text
+
+    @property
+    def outcome(self) -> str:
+        """How what was going on has ended, in words."""
+        return f"{_STOPPED}{self.text}"
+
+    @classmethod
+    def of_outcome(cls, kind: str, outcome: str) -> Self:
+        """The reason of which another program has said the `outcome`, or the reason itself."""
+        return cls(kind, outcome.removeprefix(_STOPPED))
 
 
 STOP_COMMAND = "a stop command has stopped the arm"
