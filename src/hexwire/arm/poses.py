@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from typing import TYPE_CHECKING, NoReturn
 
 from hexwire.arguments import FLAG, NAME, check, or_none
-from hexwire.control.pose_file import PoseFile, check_pose_name
+from hexwire.control.pose_file import PoseFile, check_pose_name, refuse_taken
 from hexwire.errors import UsageError
 
 from .plans import ANGLES, joint_angles
@@ -56,8 +56,7 @@ class Poses(MutableMapping[str, Mapping[str, float]]):
         check("poses.save", "force", FLAG, force)
         check("poses.save", "angles", or_none(ANGLES), angles)
         wanted = None if angles is None else joint_angles(self._model, angles)
-        if not force and check_pose_name(name) in self:
-            raise UsageError(f"there is a pose {check_pose_name(name)!r} already; force=True replaces it")
+        refuse_taken(check_pose_name(name), () if force else self, "force=True replaces it")
         return self._file.save(name, self._read().positions if wanted is None else wanted, force=force)
 
     def __getitem__(self, name: str) -> Mapping[str, float]:
@@ -66,14 +65,12 @@ class Poses(MutableMapping[str, Mapping[str, float]]):
     def __setitem__(self, name: str, angles: Mapping[str, float]) -> None:
         check("a pose", "name", NAME, name)
         check("a pose", "angles", ANGLES, angles)
-        wanted, known = joint_angles(self._model, angles), self._file.known().get(check_pose_name(name))
+        name, wanted = check_pose_name(name), joint_angles(self._model, angles)
         # A program that sets its poses may be run again.
-        if known is not None and not _same(known, wanted):
-            raise UsageError(
-                f"there is a pose {name!r} already; poses.save({name!r}, angles, force=True) replaces it"
-            )
-        if known is None:
-            self._file.save(name, wanted, force=True)
+        if name in self and _same(self[name], wanted):
+            return
+        refuse_taken(name, self, f"poses.save({name!r}, angles, force=True) replaces it")
+        self._file.save(name, wanted, force=True)
 
     def __delitem__(self, name: str) -> None:
         if name not in self._file.load():

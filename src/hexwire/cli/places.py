@@ -83,7 +83,7 @@ def limits(options: RobotOptions, as_json: bool) -> None:
 def poses(save: str | None, delete: str | None, force: bool, options: RobotOptions, as_json: bool) -> None:
     """List the poses of this kind of arm, to which `hexwire move` and `goto` go by name; save or delete one."""
     from hexwire.arm.verbs import Arm
-    from hexwire.control.pose_file import PoseFile
+    from hexwire.control.pose_file import PoseFile, check_pose_name, refuse_taken
 
     if save is not None and delete is not None:
         raise UsageError("--save and --delete contradict each other")
@@ -92,8 +92,7 @@ def poses(save: str | None, delete: str | None, force: bool, options: RobotOptio
     robot = make_robot(options)
     arm = Arm(robot)
     if save is not None:
-        if not force and save in arm.poses:
-            raise UsageError(f"there is a pose {save!r} already; --force replaces it")
+        refuse_taken(check_pose_name(save), () if force else arm.poses, "--force replaces it")
         with attached(robot):
             arm.poses.save(save, force=force)
     elif delete is not None:

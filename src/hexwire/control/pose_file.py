@@ -10,7 +10,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,6 +36,7 @@ __all__ = [
     "find_pose",
     "home_pose",
     "pose_folder",
+    "refuse_taken",
     "without_gripper",
 ]
 
@@ -77,6 +78,21 @@ def check_pose_name(name: str) -> str:
     if not name.isprintable() or any(c in '"\\' for c in name) or name.count(".") > _MOST_DOTS:
         raise UsageError(f"the name {name!a} has a character that a name cannot have")
     return name
+
+
+def refuse_taken(name: str, poses: Container[str], instead: str) -> None:
+    """Refuse a name that a pose has already.
+
+    Args:
+        name: As `check_pose_name` returns it.
+        poses: Those that there are.
+        instead: What to do, for the error.
+
+    Raises:
+        UsageError: A pose has it.
+    """
+    if name in poses:
+        raise UsageError(f"there is a pose {name!r} already; {instead}")
 
 
 def home_pose(model: ArmModel) -> dict[str, float]:
@@ -175,8 +191,7 @@ class PoseFile:
                 raise UsageError(position_unknown([joint]))
             self._model.joint(joint).check(angle)
         with self._changing() as poses:
-            if name in poses and not force:
-                raise UsageError(f"there is a pose {name!r} already; choose another name, or replace it")
+            refuse_taken(name, () if force else poses, "choose another name, or replace it")
             if name not in poses and len(poses) >= MOST_POSES:
                 raise UsageError(f"there are {MOST_POSES} poses already; remove one first")
             poses[name] = dict(angles)
@@ -205,8 +220,7 @@ class PoseFile:
         with self._changing() as poses:
             if name not in poses:
                 raise UsageError(f"there is no pose {name[:_LONGEST_NAME]!r}")
-            if new in poses and new != name:
-                raise UsageError(f"there is a pose {new!r} already; choose another name")
+            refuse_taken(new, poses.keys() - {name}, "choose another name")
             rows = [(new if known == name else known, angles) for known, angles in poses.items()]
             poses.clear()
             poses.update(rows)
