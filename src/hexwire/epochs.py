@@ -234,9 +234,19 @@ class Epochs:
 
     def holds(self, token: Token) -> bool:
         """Whether requests of that call may still be sent."""
-        if token.urgent:
+        if self._undisturbed(token) or token.urgent:
             return True
         return self._refused(token) is None and (token.refusal is None or token.refusal() is None)
+
+    def _undisturbed(self, token: Token) -> bool:
+        """Whether nothing has come since that call, and nothing else can refuse it: the usual case."""
+        return (
+            token.epoch is self._current
+            and token.voided is self._voided
+            and token.limp is self._limp
+            and not token.stopped
+            and token.refusal is token.late is None
+        )
 
     def _refused(self, token: Token) -> str | None:
         """Why requests of that call must not be sent any more; None if they may."""
@@ -271,14 +281,8 @@ class Epochs:
             StoppedError: The arm was stopped after the call.
             HexwireError: The refusal of the token.
         """
-        if (
-            token.epoch is self._current
-            and token.voided is self._voided
-            and token.limp is self._limp
-            and not token.stopped
-            and token.refusal is token.late is None
-        ):
-            return  # the usual case; it must be fast, since the line is idle meanwhile
+        if self._undisturbed(token):
+            return  # the line is idle meanwhile
         self.check(token, what)
         if token.late is not None and (error := token.late()) is not None:
             raise error

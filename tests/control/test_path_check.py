@@ -228,7 +228,11 @@ def test_a_stream_of_set_points_is_checked_as_each_of_them_is(rows: list[tuple[f
     check = PathCheck(arm, kinematics_for(arm), 0.0)
     names = [each.name for each in arm.joints][1:4]
     here = {each.name: each.inside(each.offset) for each in arm.joints}
-    stream = check.guided()
+    guided = check.guided()
+
+    def stream(here: Mapping[str, float], goal: Mapping[str, float]) -> None:
+        check.limits(goal)
+        guided(here, goal)
 
     def refusal(of: Callable[[Mapping[str, float], Mapping[str, float]], object]) -> str:
         try:

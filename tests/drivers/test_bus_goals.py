@@ -23,14 +23,14 @@ def joint(series: str, servo_id: int = 1) -> JointModel:
 
 
 def test_an_sts_goal_is_acceleration_position_nothing_and_speed() -> None:
-    goals = BusGoals(make_bus((1,))[0])
+    goals = BusGoals(make_bus((1,))[0], {})
     # From 0 to 1000 counts in a second is 1000 counts/s: 20 units.
     assert goals.make(joint("sts_sms"), 1000, 1.0, 0.0) == (41, bytes.fromhex("00 E8 03 00 00 14 00"))
 
 
 def test_speed_counts_single_steps_where_the_servo_says_so() -> None:
     bus, _ = make_bus((1,))
-    goals, arm = BusGoals(bus), joint("sts_sms")
+    goals, arm = BusGoals(bus, {}), joint("sts_sms")
     assert goals.speed_unit(arm) == SPEED_UNIT
     goals.learn([arm])
     before = goals.speed_unit(arm)
@@ -44,7 +44,7 @@ def test_speed_counts_single_steps_where_the_servo_says_so() -> None:
 
 def test_an_hls_goal_has_the_servos_own_current_ceiling() -> None:
     bus, _ = make_bus((4,), (Series.HLS,))
-    goals, arm = BusGoals(bus), joint("hls", 4)
+    goals, arm = BusGoals(bus, {}), joint("hls", 4)
     goals.learn([arm])
     ceiling = bus.read(4, "protection_current").raw
     assert ceiling
@@ -53,21 +53,21 @@ def test_an_hls_goal_has_the_servos_own_current_ceiling() -> None:
 
 
 def test_a_legacy_goal_is_position_and_time() -> None:
-    goals = BusGoals(make_bus((1,), (Series.SEVEN_BOT,))[0])
+    goals = BusGoals(make_bus((1,), (Series.SEVEN_BOT,))[0], {})
     assert goals.make(joint("seven_bot"), 0x123, 0.5, None) == (0x2A, bytes.fromhex("01 23 01 F4"))
     # Below 9 ms such a servo does not move.
     assert goals.make(joint("seven_bot"), -4, 0.0, None)[1] == bytes.fromhex("00 00 00 09")
 
 
 def test_from_where_nobody_knows_a_goal_is_as_slow_as_can_be() -> None:
-    goals = BusGoals(make_bus((1,))[0])
+    goals = BusGoals(make_bus((1,))[0], {})
     _, data = goals.make(joint("sts_sms"), 4000, 0.1, None)
     assert int.from_bytes(data[5:], "little") == 1
 
 
 @pytest.mark.parametrize("duration", [1e-6, 1e9])
 def test_no_time_is_too_short_or_too_long(duration: float) -> None:
-    goals = BusGoals(make_bus((1,))[0])
+    goals = BusGoals(make_bus((1,))[0], {})
     for series in ("sts_sms", "scs", "hls", "seven_bot"):
         _, data = goals.make(joint(series), 4000, duration, -math.pi)
         assert data[-2:] != b"\0\0" or series == "scs"
@@ -79,18 +79,18 @@ def test_no_time_is_too_short_or_too_long(duration: float) -> None:
     )
 )
 def test_goals_of_several_joints_are_those_of_each_one(moves: list[tuple[str, float, float | None]]) -> None:
-    goals = BusGoals(make_bus((1,))[0])
     arms = [
         JointModel(f"J{i}", i, series, 2048, (-1) ** i, 0.1 * i, 0.0015, -9.0, 9.0, 9.0)
         for i, (series, _, _) in enumerate(moves, 1)
     ]
+    goals = BusGoals(make_bus((1,))[0], {arm.name: arm for arm in arms})
     starts = {arm.name: start for arm, (_, _, start) in zip(arms, moves, strict=True) if start is not None}
     wanted = {
         (arm.servo_id, *goals.make(arm, arm.angle_to_counts(angle), 0.05, start))
         for arm, (_, angle, start) in zip(arms, moves, strict=True)
     }
     angles = [angle for _, angle, _ in moves]
-    packets, sent = goals.make_packets(zip(arms, angles, strict=True), 0.05, starts)
+    packets, sent = goals.make_packets(zip([arm.name for arm in arms], angles, strict=True), 0.05, starts)
     rows = [parse_sync_write(parse_packet(packet)) for packet in packets]
     assert {(i, address, data) for address, found in rows for i, data in found} == wanted
     assert len({(address, len(found[0][1])) for address, found in rows}) == len(rows)
@@ -103,9 +103,10 @@ def test_goals_of_several_joints_are_those_of_each_one(moves: list[tuple[str, fl
 def test_what_was_learned_counts_from_then_on() -> None:
     """The prepared goals of a joint are made anew."""
     bus, _ = make_bus((1,))
-    goals, arm = BusGoals(bus), joint("sts_sms")
-    before = goals.make_packets([(arm, 1.0)], 1.0, {"a": 0.0})
+    arm = joint("sts_sms")
+    goals = BusGoals(bus, {"a": arm})
+    before = goals.make_packets([("a", 1.0)], 1.0, {"a": 0.0})
     bus.write_raw(1, "lock", 0)
     bus.write_raw(1, "phase", (bus.read(1, "phase").raw or 0) ^ 0x04)
     goals.learn([arm])
-    assert goals.make_packets([(arm, 1.0)], 1.0, {"a": 0.0}) != before
+    assert goals.make_packets([("a", 1.0)], 1.0, {"a": 0.0}) != before

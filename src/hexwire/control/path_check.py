@@ -175,17 +175,21 @@ class PathCheck:
         Raises:
             LimitError: The goal is not allowed.
         """
-        self._posture(None, here, goal)
+        self.limits(goal)
+        self.guided()(here, goal)
 
     def guided(self) -> Callable[[Mapping[str, float], Mapping[str, float]], None]:
-        """`posture` for a stream of set-points in one thread: each begins where the last one ended."""
-        return partial(self._posture, None if self._kinematics is None else Fence(self._kinematics, self._table))
+        """`posture` for a stream of set-points in one thread: each begins where the last one ended.
 
-    def _posture(self, fence: Fence | None, here: Mapping[str, float], goal: Mapping[str, float]) -> None:
-        self.limits(goal)
-        if not self._fenced or self._kinematics is None or goal.keys().isdisjoint(self._known):
+        Its caller keeps each joint within its limits, or asks `limits`.
+        """
+        if self._kinematics is None or not self._fenced:
+            return lambda here, goal: None
+        return partial(self._posture, Fence(self._kinematics, self._table))
+
+    def _posture(self, fence: Fence, here: Mapping[str, float], goal: Mapping[str, float]) -> None:
+        if goal.keys().isdisjoint(self._known):
             return
-        fence = fence or Fence(self._kinematics, self._table)
         if found := fence.check_end(here, {**here, **goal}):
             raise LimitError(f"{'; '.join(found.values())}; nothing was sent")
 

@@ -481,6 +481,7 @@ class SharedArm:
         joint = self._robot.model.joint
         turns = [abs(angle - here.get(name, angle)) / joint(name).max_speed for name, angle in goal.items()]
         if max(target.duration, *turns) <= _LONG:
+            self.path_check.limits(goal)
             self._posture(here, goal)
         else:
             self.path_check.target(here, goal)

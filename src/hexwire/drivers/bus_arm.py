@@ -94,7 +94,7 @@ class BusArm(PlainDriver):
             self._epochs = bus.epochs
         self._memory = StopMemory(link.url)
         self._torque: list[bool | None] = [None] * len(self.model.joints)
-        self._goals = BusGoals(self.bus)
+        self._goals = BusGoals(self.bus, self.model.by_name)
         self._reader = PositionReader(self.model)
         self._positions, self._sampled = self._reader.positions, self._reader.sampled
 
@@ -321,10 +321,8 @@ class BusArm(PlainDriver):
         return check_target(model, target, positions)
 
     def on_target(self, target: JointTarget) -> SentTarget:
-        positions, joint_of = self._positions, self.model.joint
-        duration = max(target.duration, _MIN_DURATION)
-        moves = [(joint_of(name), angle) for name, angle in target.positions]
-        packets, sent = self._goals.make_packets(moves, duration, positions)
+        positions, duration = self._positions, max(target.duration, _MIN_DURATION)
+        packets, sent = self._goals.make_packets(target.positions, duration, positions)
         for packet in packets:
             self.bus.post(packet)
         # The start of the next move, until the next read.

@@ -40,9 +40,9 @@ _STS_SERIES = frozenset((Series.STS_SMS.value, Series.HLS.value))
 _MOST_COUNTS = 0x7FFF
 """Goals of STS and HLS servos up to this count have no sign bit."""
 
-_Row = tuple["JointModel", bool, int, int, float, float, int, float, int]
-"""What the goals of a joint depend on: the joint, whether its servo is STS or HLS, id, sign, offset, scale,
-neutral, unit of speed, ceiling."""
+_Row = tuple[bool, int, int, float, float, int, float, int]
+"""What the goals of a joint depend on: whether its servo is STS or HLS, id, sign, offset, scale, neutral, unit of
+speed, ceiling."""
 
 
 class BusGoals:
@@ -50,10 +50,11 @@ class BusGoals:
 
     Args:
         bus: The bus of its servos.
+        joints: Its joints by name.
     """
 
-    def __init__(self, bus: ServoBus) -> None:
-        self._bus = bus
+    def __init__(self, bus: ServoBus, joints: Mapping[str, JointModel]) -> None:
+        self._bus, self._joints = bus, joints
         self._speed_units: dict[int, float] = {}
         self._ceilings: dict[int, int] = {}
         self._rows: dict[str, _Row] = {}
@@ -114,12 +115,12 @@ class BusGoals:
         return series.register("acceleration").address, data + series.register("goal_speed").encode(speed)
 
     def make_packets(
-        self, moves: Iterable[tuple[JointModel, float]], duration: float, starts: Mapping[str, float]
+        self, moves: Iterable[tuple[str, float]], duration: float, starts: Mapping[str, float]
     ) -> tuple[list[bytes], tuple[tuple[str, float], ...]]:
         """Make the goals of several joints; each as by `make`.
 
         Args:
-            moves: Joints with the angles to which they go, radians.
+            moves: Names of joints with the angles to which they go, radians.
             duration: Seconds.
             starts: Angles at the start by joint name, radians, where they are known.
 
@@ -127,13 +128,13 @@ class BusGoals:
             One packet for each address and length; and the angles as the servos round them.
         """
         others: dict[tuple[int, int], dict[int, bytes]] = {}
-        sent, rows, fields = [], self._rows, list[int]()
-        for joint, angle in moves:
-            name = joint.name
+        sent, rows = [], self._rows
+        fields: list[int] = []
+        for name, angle in moves:
             row = rows.get(name)
-            if row is None or row[0] is not joint:
-                rows[name] = row = self._make_row(joint)
-            _, like_sts, servo_id, sign, offset, scale, neutral, unit, ceiling = row
+            if row is None:
+                rows[name] = row = self._make_row(self._joints[name])
+            like_sts, servo_id, sign, offset, scale, neutral, unit, ceiling = row
             start = starts.get(name)
             if like_sts and start is not None:
                 steps = round(sign * (angle - offset) / scale)
@@ -144,6 +145,7 @@ class BusGoals:
                     fields += servo_id, 0, counts, ceiling, speed if speed < _FASTEST else _FASTEST
                     sent.append((name, sign * steps * scale + offset))
                     continue
+            joint = self._joints[name]
             counts = joint.angle_to_counts(angle)
             address, data = self.make(joint, counts, duration, start)
             if like_sts:
@@ -158,7 +160,6 @@ class BusGoals:
 
     def _make_row(self, joint: JointModel) -> _Row:
         return (
-            joint,
             joint.series in _STS_SERIES,
             joint.servo_id,
             joint.sign,

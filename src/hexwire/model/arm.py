@@ -113,25 +113,26 @@ class ArmModel:
         joints: Joint models, in the order of every tuple of joint values.
         geometry: Robot whose geometry this arm has; empty if `name` says it.
         names: Joint names in order.
+        by_name: The joints by name, for loops that look each of them up in every cycle; `joint` ignores case.
     """
 
     name: str
     joints: tuple[JointModel, ...]
     geometry: str = ""
     names: tuple[str, ...] = field(init=False, repr=False, compare=False)
-    _by_name: Mapping[str, int] = field(init=False, repr=False, compare=False)
-    _joints: Mapping[str, JointModel] = field(init=False, repr=False, compare=False)
+    by_name: Mapping[str, JointModel] = field(init=False, repr=False, compare=False)
+    _indices: Mapping[str, int] = field(init=False, repr=False, compare=False)
     _by_id: Mapping[int, int] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        by_name = {joint.name: i for i, joint in enumerate(self.joints)}
+        indices = {joint.name: i for i, joint in enumerate(self.joints)}
         by_id = {joint.servo_id: i for i, joint in enumerate(self.joints)}
-        if len(by_name) != len(self.joints) or len(by_id) != len(self.joints):
+        if len(indices) != len(self.joints) or len(by_id) != len(self.joints):
             raise UsageError(f"{self.name}: two joints share a name or a servo id")
         # Stored, since every state is compared with them.
-        object.__setattr__(self, "names", tuple(by_name))
-        object.__setattr__(self, "_by_name", by_name)
-        object.__setattr__(self, "_joints", {joint.name: joint for joint in self.joints})
+        object.__setattr__(self, "names", tuple(indices))
+        object.__setattr__(self, "by_name", {joint.name: joint for joint in self.joints})
+        object.__setattr__(self, "_indices", indices)
         object.__setattr__(self, "_by_id", by_id)
 
     @classmethod
@@ -161,8 +162,7 @@ class ArmModel:
         Raises:
             UsageError: There is no such joint; the text lists the joints.
         """
-        # Asked for each joint of each target.
-        return self._joints.get(name) or self.joints[self.index(name)]
+        return self.by_name.get(name) or self.joints[self.index(name)]
 
     def index(self, name: str) -> int:
         """Index of a joint.
@@ -170,9 +170,9 @@ class ArmModel:
         Raises:
             UsageError: There is no joint of this name.
         """
-        i = self._by_name.get(name)
+        i = self._indices.get(name)
         if i is None:
-            i = next((i for known, i in self._by_name.items() if known.lower() == name.lower()), None)
+            i = next((i for known, i in self._indices.items() if known.lower() == name.lower()), None)
         if i is None:
             raise UsageError(f"no joint {name!r}; {self.name} has {', '.join(self.names)}")
         return i

@@ -107,11 +107,12 @@ class Fence:
 
     def check_end(self, here: Mapping[str, float], there: Mapping[str, float]) -> dict[str, str]:
         """Like `begin` and `check`, for a posture where the arm stays: not further in, or it would creep in."""
-        self._angles(here)
         if self._clear > 0.0:
             end = self._end
+            # Nobody needs to know where the arm is now: so near to the last end it is allowed from anywhere.
             if sum([lever * abs(there[name] - end[name]) for name, lever in self._levers.items()]) < self._clear:
                 return {}
+        self._angles(here)
         self._excess, self._floor = 0.0, -math.inf if self._table is None else self._table
         if not (found := self.check(there)):
             # Allowed wherever the arm is now.

@@ -157,10 +157,10 @@ def check_target(model: ArmModel, target: JointTarget, start: Mapping[str, float
         UsageError: A joint does not exist, or is named twice.
     """
     # Every target of every cycle comes here: it is made anew only if something changes.
-    duration, renamed, joint_of = target.duration, False, model.joint
+    duration, renamed, joints = target.duration, False, model.by_name
     guided = target.guided
     for name, angle in target.positions:
-        joint = joint_of(name)
+        joint = joints.get(name) or model.joint(name)
         if not joint.minimum <= angle <= joint.maximum:
             joint.check(angle)
         own = joint.name
@@ -173,7 +173,7 @@ def check_target(model: ArmModel, target: JointTarget, start: Mapping[str, float
         return target
     positions = {}
     for name, angle in target.positions:
-        own = joint_of(name).name
+        own = model.joint(name).name
         if own in positions:
             # A target itself refuses only the same spelling.
             raise UsageError(f"a target names {own} twice")
