@@ -21,10 +21,10 @@ from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.drivers.puma260 import Puma260Driver
 from hexwire.drivers.registry import load_bus_arm
 from hexwire.emulator.board import make_hex7bot_board
+from hexwire.emulator.bus_arms import make_bus_arm
 from hexwire.emulator.bus_device import BusDevice
 from hexwire.emulator.puma import EmulatedPuma
 from hexwire.emulator.serve import BoardLink, FakeClock, ServedDevice
-from hexwire.emulator.so_arms import make_so_arm
 from hexwire.errors import HexwireError, UsageError
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
@@ -63,7 +63,7 @@ def puma260(link: Link) -> RobotDriver:
 ROBOTS: dict[str, tuple[Callable[[float], ServedDevice], Callable[[Link], RobotDriver]]] = {
     "board": (lambda start: make_hex7bot_board(start=start), hex7bot),
     "chapter's board": (lambda start: make_hex7bot_board(dialect=1, start=start), hex7bot),
-    "servos": (lambda start: BusDevice(make_so_arm("so101", start=start).servos), load_bus_arm("so101")),
+    "servos": (lambda start: BusDevice(make_bus_arm("so101", start=start).servos), load_bus_arm("so101")),
     "puma260": (lambda start: EmulatedPuma(start=start).connect(), puma260),
 }
 

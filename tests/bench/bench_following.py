@@ -17,9 +17,9 @@ from hexwire.control.owner import RobotOwner
 from hexwire.control.ownership import release
 from hexwire.control.path_check import PathCheck
 from hexwire.drivers.bus_arm import So101Arm
+from hexwire.emulator.bus_arms import make_bus_arm
 from hexwire.emulator.bus_device import BusDevice
 from hexwire.emulator.serve import BoardLink, FakeClock
-from hexwire.emulator.so_arms import make_so_arm
 from hexwire.model.state import JointState
 
 _JOINT = "shoulder_pan"
@@ -62,7 +62,7 @@ class _Rig:
         self.clock = FakeClock()
         self.began = self.clock()
         self._angle = angle
-        made = make_so_arm("so101", start=self.clock())
+        made = make_bus_arm("so101", start=self.clock())
         self.servo = made.servos[0]
         device = BusDevice(made.servos, paced=True, host_baud=lambda: 1_000_000)
         self.arm = So101Arm(BoardLink(device, self.clock))

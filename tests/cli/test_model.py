@@ -257,7 +257,7 @@ def test_ros2_package_does_not_mix_two_arms(tmp_path: Path) -> None:
     ("words", "reason"),
     [
         (("--distribution", "foxy"), "no ROS 2 distribution 'foxy'"),
-        (("--robot", "sevenbot"), "no geometry is known for 'sevenbot'"),
+        (("--robot", "sevenbot"), "no geometry is known for robot 'sevenbot'"),
         (("--links", "C"), "no link set 'C'"),
     ],
 )

@@ -294,7 +294,7 @@ def test_a_speed_that_leaves_no_time_is_refused(bench: Any, tmp_path: Path) -> N
 # -- five joints on a servo bus ---------------------------------------------------------------------------
 
 
-class SoArm:
+class EmulatedArm:
     """An emulated SO-100 or SO-101, and what its kinematics say of it."""
 
     def __init__(self, run: Callable[..., Result], robot: str) -> None:
@@ -327,9 +327,9 @@ class SoArm:
 
 
 @pytest.fixture(params=["so101", pytest.param("so100", marks=pytest.mark.slow), "left.toml"])
-def so_arm(request: pytest.FixtureRequest, so_bench: Callable[..., Result], tmp_path: Path) -> SoArm:
+def so_arm(request: pytest.FixtureRequest, so_bench: Callable[..., Result], tmp_path: Path) -> EmulatedArm:
     if request.param != "left.toml":
-        return SoArm(so_bench, request.param)
+        return EmulatedArm(so_bench, request.param)
     # An arm with a calibration of its own; its wrist_roll goes no further than 60 degrees.
     ends = [*[(1000, 3000)] * 4, (1365, 2731), (1900, 3200)]
     joints = tuple(
@@ -339,10 +339,10 @@ def so_arm(request: pytest.FixtureRequest, so_bench: Callable[..., Result], tmp_
     (tmp_path / "cal.toml").write_text(Calibration("so101", "", joints).serialize(), encoding="utf-8")
     file = tmp_path / "left.toml"
     file.write_text('name = "left"\nbase = "so101"\ncalibration = "cal.toml"\n', encoding="utf-8")
-    return SoArm(so_bench, str(file))
+    return EmulatedArm(so_bench, str(file))
 
 
-def test_five_joints_go_to_a_position_and_a_pitch_and_follow_a_line(so_arm: SoArm) -> None:
+def test_five_joints_go_to_a_position_and_a_pitch_and_follow_a_line(so_arm: EmulatedArm) -> None:
     out = so_arm.ok("goto", "240", "60", "80", "--pitch", "70", "--roll", "30")
     assert out.startswith("goto 240 60 80 mm: ")
     assert out.endswith("arrived\n")
@@ -377,7 +377,7 @@ def test_five_joints_go_to_a_position_and_a_pitch_and_follow_a_line(so_arm: SoAr
 def test_what_five_joints_cannot_do_is_refused_before_anything_moves(
     so_bench: Callable[..., Result], words: tuple[str, ...], error: str
 ) -> None:
-    arm = SoArm(so_bench, "so101")
+    arm = EmulatedArm(so_bench, "so101")
     before = arm.angles()
     result = arm.run(*words)
     assert (result.exit_code, result.stdout) == (2, "")
@@ -387,7 +387,7 @@ def test_what_five_joints_cannot_do_is_refused_before_anything_moves(
     assert not any(joint["torque_on"] for joint in arm.state()["joints"])
 
 
-def test_limits_of_the_calibration_choose_the_branch(so_arm: SoArm) -> None:
+def test_limits_of_the_calibration_choose_the_branch(so_arm: EmulatedArm) -> None:
     result = so_arm.run("goto", "240", "0", "80", "--pitch", "70", "--roll", "75")
     if so_arm.robot in SO_ARMS:
         assert result.exit_code == 0, result.output
@@ -409,7 +409,7 @@ def test_an_arm_that_rests_on_a_stop_moves_and_plays_what_it_was_taught_there(
     (tmp_path / "cal.toml").write_text(Calibration("so101", "", joints).serialize(), encoding="utf-8")
     file = tmp_path / "left.toml"
     file.write_text('name = "left"\nbase = "so101"\ncalibration = "cal.toml"\n', encoding="utf-8")
-    arm = SoArm(so_bench, str(file))
+    arm = EmulatedArm(so_bench, str(file))
     names, rest = load_profile("so101").model.names, math.radians((2048 - 2100) * 360 / 4096)
     with RecordingWriter(tmp_path / "a.mcap") as writer:
         for i in range(41):

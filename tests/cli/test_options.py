@@ -124,7 +124,7 @@ def test_the_arm_of_a_model_may_stand_before_the_command() -> None:
     ):
         assert '"robot": "puma260"' in CliRunner().invoke(cli, words).stdout
     result = CliRunner().invoke(cli, ["--robot", "chain", "model", "fk", *zero])
-    assert (result.exit_code, "no geometry is known for 'chain'" in result.stderr) == (2, True)
+    assert (result.exit_code, "no geometry is known for robot 'chain'" in result.stderr) == (2, True)
 
 
 @pytest.mark.parametrize("series", ["sts", "sms", "STS", "sts_sms"])

@@ -99,7 +99,7 @@ def test_a_file_that_is_no_recording_leaves_no_bag(tmp_path: Path) -> None:
 def test_a_robot_without_a_geometry_is_refused(recorded: Path, tmp_path: Path) -> None:
     result = run("record", "ros2", str(recorded), str(tmp_path / "bag"), "--robot", "sevenbot")
     assert result.exit_code == 2
-    assert "no geometry is known for 'sevenbot'" in result.stderr
+    assert "no geometry is known for robot 'sevenbot'" in result.stderr
 
 
 def test_a_command_makes_one_kind_of_recording(tmp_path: Path) -> None:

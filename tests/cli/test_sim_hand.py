@@ -14,8 +14,8 @@ from click.testing import CliRunner, Result
 
 from hexwire.bus.servo_bus import ServoBus
 from hexwire.cli.main import cli
+from hexwire.emulator.bus_arms import make_bus_arm
 from hexwire.emulator.serve_bus import serve_bus
-from hexwire.emulator.so_arms import make_so_arm
 from hexwire.link.serial import SerialLink
 
 
@@ -26,7 +26,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def port() -> Iterator[str]:
-    arm = make_so_arm("so101", start=time.monotonic())
+    arm = make_bus_arm("so101", start=time.monotonic())
     paths: queue.Queue[str] = queue.Queue()
     ended = threading.Event()
     thread = threading.Thread(

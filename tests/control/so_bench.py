@@ -8,10 +8,10 @@ from contextlib import contextmanager
 
 from hexwire.control.calibrating import CalibrationBench, counting_arm
 from hexwire.drivers.bus_arm import So101Arm
+from hexwire.emulator.bus_arms import EmulatedArm, make_bus_arm
 from hexwire.emulator.bus_device import BusDevice
 from hexwire.emulator.faults import FaultPlan
 from hexwire.emulator.serve import BoardLink
-from hexwire.emulator.so_arms import SoArm, make_so_arm
 
 NAMES = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 
@@ -38,7 +38,7 @@ class SoBench:
         leader: bool = False,
         any_horns: bool = True,
     ) -> None:
-        self.arm: SoArm = make_so_arm("so101", any_horns=any_horns, seed=seed, leader=leader)
+        self.arm: EmulatedArm = make_bus_arm("so101", any_horns=any_horns, seed=seed, leader=leader)
         if pose is not None:
             draw = random.Random(pose)
             for servo in self.arm.servos:

@@ -6,9 +6,9 @@ import math
 from dataclasses import replace
 
 from hexwire.drivers.bus_arm import So101Arm
+from hexwire.emulator.bus_arms import make_bus_arm
 from hexwire.emulator.bus_device import BusDevice
 from hexwire.emulator.serve import BoardLink, FakeClock
-from hexwire.emulator.so_arms import make_so_arm
 from hexwire.model.state import JointState
 
 AMPLITUDE, MET = 40.0, 1.0
@@ -39,7 +39,7 @@ class Swing:
         self._asked = 0.0
 
     def _arm(self, url: str, *, leader: bool = False) -> tuple[So101Arm, object]:
-        made = make_so_arm("so101", leader=leader, start=self.clock())
+        made = make_bus_arm("so101", leader=leader, start=self.clock())
         link = BoardLink(BusDevice(made.servos, paced=True, host_baud=lambda: 1_000_000), self.clock)
         link.url = url
         return So101Arm(link), made.servos[0]

@@ -107,7 +107,7 @@ def test_what_must_not_be_changed_and_what_to_think_about() -> None:
     plan.receive([seen(1, kind="12 V")._replace(info=info(1, 2570), remarks=(Remark(True, "old firmware"),))])
     assert plan.step.blocked == ""
     assert plan.step.warning == (
-        "a leader arm has servos for 7.4 V, and this one is made for 12 V; an SO arm has sts3215 servos, and this "
+        "a leader arm has servos for 7.4 V, and this one is made for 12 V; this arm has sts3215 servos, and this "
         "is a hls3606; old firmware"
     )
 

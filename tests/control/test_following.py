@@ -24,11 +24,11 @@ from hexwire.control.owner import RobotOwner
 from hexwire.control.ownership import release
 from hexwire.control.path_check import PathCheck
 from hexwire.drivers.bus_arm import So101Arm
+from hexwire.emulator.bus_arms import make_bus_arm
 from hexwire.emulator.bus_device import BusDevice
 from hexwire.emulator.faults import FaultPlan
 from hexwire.emulator.hand import HandOrder, Hands
 from hexwire.emulator.serve import BoardLink, FakeClock
-from hexwire.emulator.so_arms import make_so_arm
 from hexwire.errors import HexwireError, StoppedError, UsageError
 from hexwire.model.state import JointState
 from hexwire.motion.following import Following
@@ -41,7 +41,7 @@ class Arm:
     """An emulated SO-101 and its driver."""
 
     def __init__(self, clock: FakeClock, *, leader: bool = False, faults: tuple[str, ...] = ()) -> None:
-        self.made = make_so_arm("so101", leader=leader, start=clock())
+        self.made = make_bus_arm("so101", leader=leader, start=clock())
         self.device = BusDevice(
             self.made.servos, paced=True, host_baud=lambda: 1_000_000, faults=FaultPlan(faults, seed=3)
         )

@@ -10,9 +10,9 @@ from hexwire.bus.values import Readings
 from hexwire.drivers.arm_file import load_profile
 from hexwire.drivers.bus_arm import So101Arm
 from hexwire.drivers.bus_positions import PositionReader
+from hexwire.emulator.bus_arms import make_bus_arm
 from hexwire.emulator.bus_device import BusDevice
 from hexwire.emulator.serve import BoardLink, FakeClock
-from hexwire.emulator.so_arms import make_so_arm
 from hexwire.model.state import JointFlag
 from hexwire.wire.registers import Series
 
@@ -24,7 +24,7 @@ ON = [True] * 6
 def simulated() -> So101Arm:
     """An arm in simulated time: no answer is late because the computer is busy."""
     clock = FakeClock()
-    servos = make_so_arm("so101", start=clock()).servos
+    servos = make_bus_arm("so101", start=clock()).servos
     return So101Arm(BoardLink(BusDevice(servos, host_baud=lambda: 1_000_000), clock))
 
 

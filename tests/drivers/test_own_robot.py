@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from tests.packages import install
 
 from hexwire.cli.main import cli
 from hexwire.drivers.registry import connect, load_driver, robot_names
@@ -17,17 +19,6 @@ DOCS = Path(__file__).parents[2] / "docs"
 PAGE = "\n".join((DOCS / page).read_text(encoding="utf-8") for page in ("adding-a-robot.md", "robot-on-a-line.md"))
 
 
-def install(folder: Path, entry: str, code: str) -> None:
-    """Put a package where the interpreter finds it, as pip does."""
-    info = folder / "swing-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: swing\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(f"[hexwire.robots]\n{entry}\n")
-    (folder / "swing").mkdir()
-    (folder / "swing" / "__init__.py").write_text("")
-    (folder / "swing" / "driver.py").write_text(code)
-
-
 @pytest.fixture
 def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder of packages; what is imported from it is forgotten afterwards."""
@@ -35,6 +26,10 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in [name for name in sys.modules if name.partition(".")[0] == "swing"]:
         monkeypatch.delitem(sys.modules, name)
     return tmp_path
+
+
+def put(folder: Path, entries: Mapping[str, str], code: str) -> None:
+    install(folder, "swing", {"hexwire.robots": entries}, {"swing/__init__.py": "", "swing/driver.py": code})
 
 
 def drivers() -> str:
@@ -47,8 +42,7 @@ def drivers() -> str:
 
 
 def test_the_robots_of_the_pages_are_found(page: Path) -> None:
-    entries = re.findall(r'^(\w+) = "(swing\..*)"$', PAGE, re.MULTILINE)
-    install(page, "\n".join(f"{name} = {value}" for name, value in entries), drivers())
+    put(page, dict(re.findall(r'^(\w+) = "(swing\..*)"$', PAGE, re.MULTILINE)), drivers())
     assert {"hex7bot", "puma260", "pretend", "swing"} <= set(robot_names())
     driver = load_driver("swing")
     assert (driver.__name__, driver.model.names) == ("SwingDriver", ("J1", "J2"))
@@ -62,7 +56,7 @@ def test_the_robots_of_the_pages_are_found(page: Path) -> None:
 
 @pytest.mark.slow
 def test_a_robot_without_a_session_works_with_the_command_line(page: Path) -> None:
-    install(page, "pretend = swing.driver:PretendDriver", drivers())
+    put(page, {"pretend": "swing.driver:PretendDriver"}, drivers())
     run = CliRunner()
 
     def hexwire(*words: str) -> Result:
@@ -86,6 +80,6 @@ def test_a_robot_without_a_session_works_with_the_command_line(page: Path) -> No
 
 
 def test_what_is_no_driver_is_refused(page: Path) -> None:
-    install(page, "swing = swing.driver:SwingDriver", "SwingDriver = dict")
+    put(page, {"swing": "swing.driver:SwingDriver"}, "SwingDriver = dict")
     with pytest.raises(UsageError, match="of robot 'swing' is not a RobotDriver class"):
         load_driver("swing")

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import io
-from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -30,13 +29,6 @@ def test_an_arm_on_a_servo_bus_loads_and_another_robot_is_refused() -> None:
     assert registry.load_bus_arm("so101") is registry.load_driver("so101")
     with pytest.raises(UsageError, match="puma260 is not an arm on a servo bus"):
         registry.load_bus_arm("puma260")
-
-
-def test_an_entry_point_that_is_no_driver(monkeypatch: pytest.MonkeyPatch) -> None:
-    point = EntryPoint("bad", "pathlib:Path", "hexwire.robots")
-    monkeypatch.setattr(registry, "_points", lambda group: (point,))
-    with pytest.raises(UsageError, match="is not a RobotDriver class"):
-        registry.load_driver("bad")
 
 
 def test_connect_takes_the_port_given_then_that_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:

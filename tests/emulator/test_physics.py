@@ -13,10 +13,10 @@ from hexwire.cli.main import cli
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.emulator.arms import HEX7BOT_START
 from hexwire.emulator.board import make_hex7bot_board
+from hexwire.emulator.bus_arms import make_bus_arm
 from hexwire.emulator.hand import Grip, HandOrder, Hands
 from hexwire.emulator.physics import PhysicsTwin
 from hexwire.emulator.serve import BoardLink, FakeClock
-from hexwire.emulator.so_arms import make_so_arm
 from hexwire.errors import UsageError
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
@@ -141,7 +141,7 @@ class SoBody:
     """An SO-101 whose servos move a body, with hands at it."""
 
     def __init__(self, table: bool = True, **options: Any) -> None:
-        self.arm = make_so_arm("so101", **options)
+        self.arm = make_bus_arm("so101", **options)
         self.twin = PhysicsTwin(self.arm.servos, self.arm.model, table=table)
         self.hands = Hands(self.arm.servos, self.arm.model)
         self.now = 0.0
@@ -225,7 +225,7 @@ def test_a_servo_that_counts_its_turns_anew_does_not_move_the_body() -> None:
 def test_an_so_arm_lifts_a_payload_and_sags_under_it() -> None:
     heights = []
     for payload in (0.0, 0.3):
-        arm = make_so_arm("so101")
+        arm = make_bus_arm("so101")
         PhysicsTwin(arm.servos, arm.model, payload=payload)
         for servo in arm.servos:
             servo._write(servo.series.registers["torque_enable"].address, b"\x01")

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from hexwire.drivers.arm_file import load_profile
+from hexwire.emulator.bus_arms import make_bus_arm
 from hexwire.emulator.physics_body import CAMERA, make_body, puppet_poses, puppets
-from hexwire.emulator.so_arms import make_so_arm
 from hexwire.model.geometry import kinematics_for, make_kinematics, make_shapes
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.shapes import ArmShapes
@@ -64,7 +64,7 @@ def test_it_has_the_joints_of_the_arm_and_its_weight(robot: str) -> None:
 
 
 def test_an_so_arm_that_was_made_has_this_body() -> None:
-    model = kinematics_for(make_so_arm("so101").model)
+    model = kinematics_for(make_bus_arm("so101").model)
     assert model is not None
     _, data = posed(make_shapes(model), dict.fromkeys(load_profile("so101").model.names, 0.0))
     # The lengths of the public URDF, over the foot of the arm.

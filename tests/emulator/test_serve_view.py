@@ -12,9 +12,9 @@ import pytest
 
 from hexwire.emulator import serve_view
 from hexwire.emulator.board import make_hex7bot_board
+from hexwire.emulator.bus_arms import make_bus_arm
 from hexwire.emulator.physics import PhysicsTwin
 from hexwire.emulator.serve_view import TwinView, open_window
-from hexwire.emulator.so_arms import make_so_arm
 from hexwire.errors import UsageError
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 
@@ -50,7 +50,7 @@ class Window:
 
 
 def so_view() -> tuple[PhysicsTwin, Any, Window, TwinView]:
-    arm = make_so_arm("so101")
+    arm = make_bus_arm("so101")
     twin = PhysicsTwin(arm.servos, arm.model)
     window = Window()
     return twin, arm, window, TwinView(twin, arm.servos, window)

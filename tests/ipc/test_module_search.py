@@ -15,10 +15,10 @@ from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.drivers.puma260 import Puma260Driver
 from hexwire.drivers.registry import load_bus_arm
 from hexwire.emulator.board import make_hex7bot_board
+from hexwire.emulator.bus_arms import make_bus_arm
 from hexwire.emulator.bus_device import BusDevice
 from hexwire.emulator.puma import EmulatedPuma
 from hexwire.emulator.serve import BoardLink, FakeClock, ServedDevice
-from hexwire.emulator.so_arms import make_so_arm
 from hexwire.errors import ReplyTimeoutError, WrongDeviceError
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.mistaken import find_robot
@@ -46,7 +46,7 @@ DEVICES: dict[str, Callable[[float], ServedDevice]] = {
     "puma260": lambda start: EmulatedPuma(start=start).connect(),
     "board": lambda start: make_hex7bot_board(start=start),
     "chapter": lambda start: make_hex7bot_board(dialect=1, start=start),
-    "servos": lambda start: BusDevice(make_so_arm("so101", start=start).servos),
+    "servos": lambda start: BusDevice(make_bus_arm("so101", start=start).servos),
     "web": lambda start: Server(b"HTTP/1.1 400 Bad Request\r\nServer: x\r\n\r\n"),
     "page": lambda start: Server(b'<!DOCTYPE HTML>\n<html lang="en">'),
     "ssh": lambda start: Server(b"SSH-2.0-OpenSSH_9.6\r\n", first=True),

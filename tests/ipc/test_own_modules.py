@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from tests.packages import install as install_package
 
 from hexwire.errors import ConfigError, UsageError
 from hexwire.ipc import channel as channels
@@ -25,11 +26,8 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install
     monkeypatch.syspath_prepend(tmp_path)
 
     def put(name: str, code: str, attribute: str) -> None:
-        info = tmp_path / f"{name}-1.0.dist-info"
-        info.mkdir()
-        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
-        (info / "entry_points.txt").write_text(f"[{channels.ENTRY_POINT_GROUP}]\nall = {name}:{attribute}\n")
-        (tmp_path / f"{name}.py").write_text(code)
+        entries = {channels.ENTRY_POINT_GROUP: {"all": f"{name}:{attribute}"}}
+        install_package(tmp_path, name, entries, {f"{name}.py": code})
         channels._load_modules.cache_clear()
 
     yield put

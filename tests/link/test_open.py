@@ -1,30 +1,29 @@
 from __future__ import annotations
 
-import importlib.metadata
-from importlib.metadata import EntryPoint
+from pathlib import Path
 
 import pytest
+from tests.packages import install
 
 from hexwire.errors import LinkNotFoundError, UsageError
-from hexwire.link.base import Link
-from hexwire.link.memory import memory_pair
 from hexwire.link.open import ENTRY_POINT_GROUP, known_schemes, make_link, open_link
-from hexwire.link.url import LinkUrl
+
+RADIO = """
+from hexwire.link.memory import memory_pair
 
 
-def make_memory(url: LinkUrl) -> Link:
-    """What another package registers for its scheme."""
+def make_memory(url):
     url.check_keys(("capacity",))
     return memory_pair(capacity=url.integer("capacity", 4096, 1, 1 << 20))[0]
+"""
 
 
 @pytest.fixture
-def other_package(monkeypatch: pytest.MonkeyPatch) -> None:
-    point = EntryPoint("radio", f"{__name__}:make_memory", ENTRY_POINT_GROUP)
-    monkeypatch.setattr(EntryPoint, "load", lambda self: make_memory)
-
-    monkeypatch.setattr(
-        importlib.metadata, "entry_points", lambda group: [point] if group == "hexwire.links" else []
+def other_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A package with a scheme of its own."""
+    monkeypatch.syspath_prepend(tmp_path)
+    install(
+        tmp_path, "radio", {ENTRY_POINT_GROUP: {"radio": "hexwire_radio:make_memory"}}, {"hexwire_radio.py": RADIO}
     )
 
 

@@ -10,14 +10,15 @@ import pytest
 
 from hexwire.drivers.arm_file import load_arm_file, load_profile
 from hexwire.errors import ConfigError, UsageError
-from hexwire.model.geometry import ROBOTS, kinematics_for, kinematics_or_none, make_kinematics
+from hexwire.model.arms import arms_with_geometry
+from hexwire.model.geometry import kinematics_for, kinematics_or_none, make_kinematics
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 
 OWN = "name='bench'\na=120\nb=40\nc=190.5\nd=24.28\ne=79\nf=30\ng=12\nh=34.8\noffset=90\n"
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", arms_with_geometry())
 def test_every_robot_that_is_named_has_one(robot: str) -> None:
     assert make_kinematics(robot).name == robot
     model = kinematics_or_none(robot)
@@ -82,6 +83,6 @@ def test_asking_which_robots_there_are_loads_no_model() -> None:
         "import sys\n"
         "import hexwire.model.geometry\n"
         "loaded = {name for name in sys.modules if name.startswith('hexwire.model.')}\n"
-        "assert loaded == {'hexwire.model.geometry'}, loaded\n"
+        "assert loaded == {'hexwire.model.geometry', 'hexwire.model.arms'}, loaded\n"
     )
     subprocess.run([sys.executable, "-P", "-c", code], check=True)

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 import random
-from dataclasses import replace
 
 import pytest
 
 from hexwire.drivers.arm_file import load_profile
-from hexwire.errors import UsageError
-from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.pose import IDENTITY, Matrix, Pose, Vector, apply, multiply, rotation_from_rpy, rotation_z
 from hexwire.model.so_arm import SoArmModel
-from hexwire.model.so_arm_links import SO_ARMS, is_so_arm, so_arm_links
+from hexwire.model.so_arm_links import SO_ARMS
 
 Row = tuple[Vector, Vector, Vector]
 """Of a joint: place and roll, pitch, yaw of its frame in that of the link before; its axis."""
@@ -117,16 +114,6 @@ def test_limits_of_the_so100_are_at_most_three_degrees_beyond_the_published_ones
 
 
 def test_reach_is_that_of_the_two_lengths() -> None:
-    links = so_arm_links("so101")
+    links = SO_ARMS["so101"]
     assert links.lengths == pytest.approx((0.116, 0.135), abs=1e-4)
     assert links.reach == pytest.approx((0.019, 0.251), abs=1e-4)
-    with pytest.raises(UsageError, match="no links of 'so99'; there are so100, so101"):
-        so_arm_links("so99")
-
-
-def test_an_arm_of_a_file_is_still_an_so_arm() -> None:
-    arm = load_profile("so101").model
-    assert is_so_arm(arm)
-    assert is_so_arm(replace(arm, name="left", geometry="so101"))
-    assert not is_so_arm(replace(arm, name="left", geometry=""))
-    assert not is_so_arm(HEX7BOT)

@@ -22,9 +22,9 @@ from tests.site.test_blocks import ALL, MADE_UP, OWN, PAGES, inline_commands
 from tests.waits import PATIENCE
 
 from hexwire.emulator.board import make_hex7bot_board
+from hexwire.emulator.bus_arms import make_bus_arm
 from hexwire.emulator.bus_device import BusDevice
 from hexwire.emulator.serve_pty import PtyServer
-from hexwire.emulator.so_arms import make_so_arm
 
 ROOT = Path(__file__).resolve().parents[2]
 NOT_HERE = {
@@ -84,7 +84,7 @@ def ports(tmp_path: Path) -> Iterator[dict[str, str]]:
                 ("/dev/ttyACM0", make_hex7bot_board(start=start)),
                 ("/dev/ttyACM1", make_hex7bot_board(start=start)),
                 ("/dev/ttyUSB0", make_hex7bot_board(start=start)),
-                ("servos", BusDevice(make_so_arm("so101", start=start).servos)),
+                ("servos", BusDevice(make_bus_arm("so101", start=start).servos)),
             )
         }
 

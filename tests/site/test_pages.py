@@ -101,7 +101,7 @@ def test_links_to_code_lead_to_the_reference_or_say_where_it_is(tree: Path) -> N
 # --- the pages of this repository ---------------------------------------------------------------------------------
 
 NAV = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"]
-FOR_DRIVERS = ("adding-a-robot.md", "robot-on-a-line.md")
+FOR_DRIVERS = ("adding-a-robot.md", "adding-an-arm.md", "robot-on-a-line.md")
 ROS = {
     "docs/ros.md: hexwire.ros1.path",
     "docs/ros.md: hexwire.ros1.messages",

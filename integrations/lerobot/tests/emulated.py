@@ -29,7 +29,7 @@ from lerobot.motors.feetech import FeetechMotorsBus  # noqa: E402
 from hexwire.control.calibrating import store  # noqa: E402
 from hexwire.drivers.arm_file import load_calibration  # noqa: E402
 from hexwire.drivers.bus_arm import So101Arm  # noqa: E402
-from hexwire.emulator.so_arms import make_so_arm  # noqa: E402
+from hexwire.emulator.bus_arms import make_bus_arm  # noqa: E402
 from hexwire.errors import HexwireError  # noqa: E402
 
 CALIBRATION = HOME / "lerobot" / "calibration"
@@ -54,7 +54,7 @@ def bus(*options: str) -> Iterator[str]:
 def calibration_text(*, leader: bool = False) -> str:
     """LeRobot's file for such an arm, with the middles and ends that it was assembled with."""
     rows = {}
-    for joint in make_so_arm("so101", leader=leader, seed=1).model.joints:
+    for joint in make_bus_arm("so101", leader=leader, seed=1).model.joints:
         offset = (joint.neutral - 2047 + 2048) % 4096 - 2048
         low, high = joint.count_limits
         half = 2047 if joint.name == "wrist_roll" else (high - low) // 2 - 6

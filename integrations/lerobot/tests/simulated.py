@@ -21,10 +21,10 @@ from lerobot_robot_hexwire import (
 from hexwire.control.calibrating import store
 from hexwire.drivers.arm_file import load_calibration
 from hexwire.drivers.bus_arm import So101Arm
+from hexwire.emulator.bus_arms import make_bus_arm
 from hexwire.emulator.bus_device import BusDevice
 from hexwire.emulator.serve import BoardLink, FakeClock
 from hexwire.emulator.servo import EmulatedServo
-from hexwire.emulator.so_arms import make_so_arm
 
 PERIOD = 1 / 60
 
@@ -34,7 +34,7 @@ class Sim:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, *, leader: bool = False) -> None:
         self.leader = leader
-        made = make_so_arm("so101", leader=leader, seed=1)
+        made = make_bus_arm("so101", leader=leader, seed=1)
         self.servos: list[EmulatedServo] = list(made.servos)
         self.link = BoardLink(BusDevice(self.servos, host_baud=lambda: 1_000_000), FakeClock())
         self.clock: FakeClock = self.link.clock

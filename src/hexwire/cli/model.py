@@ -19,7 +19,8 @@ import click
 
 from hexwire.errors import ConfigError, LimitError, UsageError
 from hexwire.inputs import LARGEST_TEXT, Item, parse_json, read_bytes, read_stream, read_text
-from hexwire.model.geometry import ROBOTS, kinematics_for, make_kinematics
+from hexwire.model.arms import arm_with_geometry, arms_with_geometry, record_of
+from hexwire.model.geometry import kinematics_for, make_kinematics
 from hexwire.new_file import OutputFile
 from hexwire.units import decimal, plain
 
@@ -53,7 +54,8 @@ _ANGLES = "T0 T1 T2 T3 T4 [T5]"
 
 def unit_of(robot: str) -> float:
     """Metres in the unit of a robot's coordinates."""
-    return 1.0 if robot == "puma260" else 1e-3
+    record = record_of(robot)
+    return 1e-3 if record is None else record.unit
 
 
 def make_robot_with(links: str, options: RobotOptions) -> RobotDriver:
@@ -70,13 +72,11 @@ def _robot_option(command: Callable[..., Any]) -> Callable[..., Any]:
     @functools.wraps(command)
     def packed(*args: Any, robot: str | None, **rest: Any) -> Any:
         robot = robot or click.get_current_context().find_root().params.get("robot") or DEFAULT_ROBOT
-        if robot not in ROBOTS:
-            raise UsageError(f"no geometry is known for {robot!r}; choose one of {', '.join(ROBOTS)}")
+        arm_with_geometry(robot)
         return command(*args, robot=robot, **rest)
 
-    return click.option("--robot", metavar="NAME", help=f"Arm: {', '.join(ROBOTS)}.  [default: {DEFAULT_ROBOT}]")(
-        packed
-    )
+    known = ", ".join(arms_with_geometry())
+    return click.option("--robot", metavar="NAME", help=f"Arm: {known}.  [default: {DEFAULT_ROBOT}]")(packed)
 
 
 @click.group()
@@ -254,7 +254,7 @@ def _solve(
     unit = unit_of(arm.name)
     rotation = turn.rotation
     if pose_file is not None:
-        key = "position_m" if arm.name == "puma260" else "tip_mm"
+        key = "position_m" if unit_of(arm.name) == 1.0 else "tip_mm"
         if key not in pose_file or "rotation" not in pose_file:
             raise UsageError(f"the pose needs {key} (three numbers) and rotation (three rows of three)")
         numbers = _numbers_of(pose_file[key], 3)

@@ -24,7 +24,8 @@ from hexwire.errors import UsageError
 from hexwire.inputs import open_file, parse_message
 from hexwire.link.base import Link
 from hexwire.link.tap import Missed, Passed, TapLink, wrap_new_links
-from hexwire.model.geometry import ROBOTS, make_kinematics
+from hexwire.model.arms import arms_with_geometry
+from hexwire.model.geometry import make_kinematics
 from hexwire.new_file import OutputFile
 
 from .exits import note, tell_missed
@@ -397,7 +398,7 @@ def _urdf_of(robot: RobotDriver) -> str:
 @record.command()
 @click.argument("file", type=InputFile())
 @click.argument("folder")
-@click.option("--robot", metavar="NAME", help=f"Arm whose URDF the bag gets: {', '.join(ROBOTS)}.")
+@click.option("--robot", metavar="NAME", help=f"Arm whose URDF the bag gets: {', '.join(arms_with_geometry())}.")
 @force_option
 @json_option
 def ros2(file: BinaryIO, folder: str, robot: str | None, force: bool, as_json: bool) -> None:
@@ -410,8 +411,6 @@ def ros2(file: BinaryIO, folder: str, robot: str | None, force: bool, as_json: b
     from zenoh_ros2.types import Types
 
     robot = robot or click.get_current_context().find_root().params.get("robot")
-    if robot is not None and robot not in ROBOTS:
-        raise UsageError(f"no geometry is known for {robot!r}; choose one of {', '.join(ROBOTS)}")
     urdf = "" if robot is None else make_urdf(make_kinematics(robot))
     recording = BagRecording(folder, Types(), force=force)
     recording.urdf = urdf

@@ -331,7 +331,7 @@ def _parse_rates(text: str) -> list[int]:
 @sim.command()
 @click.option(
     "--arm",
-    type=click.Choice(("so100", "so101")),
+    metavar="NAME",
     help="The six servos of this arm, assembled but not calibrated, with its mechanical stops.",
 )
 @click.option("--leader", is_flag=True, help="With --arm, a leader arm, whose gears a hand moves easily.")
@@ -384,10 +384,10 @@ def bus(
     'hexwire sim hand' moves them by hand.
     """
     from hexwire.bus.servos import as_series
+    from hexwire.emulator.bus_arms import make_bus_arm
     from hexwire.emulator.bus_device import BusDevice, make_servos
     from hexwire.emulator.faults import FaultPlan
     from hexwire.emulator.hand import Hands
-    from hexwire.emulator.so_arms import make_so_arm
 
     rates = _parse_rates(baud)
     model: ArmModel | None = None
@@ -397,7 +397,7 @@ def bus(
             raise UsageError(f"the servos of {arm} are known; leave out {' and '.join(wrong)}")
         if rates not in ([0], [_ARM_BAUD]):
             raise UsageError(f"the servos of {arm} are set to {_ARM_BAUD} baud; leave out --baud, or make it 0")
-        made = make_so_arm(arm, leader=leader, seed=seed, start=time.monotonic())
+        made = make_bus_arm(arm, leader=leader, seed=seed, start=time.monotonic())
         servos, model = made.servos, made.model
         if physics:
             from hexwire.emulator.physics import PhysicsTwin

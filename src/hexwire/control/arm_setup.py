@@ -6,10 +6,6 @@ point; the picture of the arm; and what a servo should be. Pure. Must not know a
 
 New servos all have id 1, so at most one of them may be connected at a time. Servos that are set up already may stay
 connected, and are recognized by their id. Id 1 itself belongs to the last joint that is set up.
-
-Sources: gear ratios and part numbers from the bill of materials of TheRobotStudio/SO-ARM100 and the vendor's list
-(STS3215-C001: 7.4 V, 1:345; C018: 12 V, 1:345; C044: 7.4 V, 1:191; C046: 7.4 V, 1:147). The model number of all of
-them is the same.
 """
 
 from __future__ import annotations
@@ -20,7 +16,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple
 
 from hexwire.bus.survey import Remark
-from hexwire.model.so_arm_links import is_so_arm
+from hexwire.model.arms import assembly_of
 
 if TYPE_CHECKING:
     from hexwire.bus.setup import ServoInfo
@@ -29,32 +25,8 @@ if TYPE_CHECKING:
 __all__ = ["ArmSetup", "SeenServo", "SetupStep", "StepKind", "label", "picture"]
 
 FACTORY_ID = 1
-_MODELS = ("sts3215", "sts3250")
-_WHERE = {
-    "shoulder_pan": "in the base; it turns the whole arm",
-    "shoulder_lift": "at the shoulder; it leans the upper arm",
-    "elbow_flex": "at the elbow; it bends the forearm",
-    "wrist_flex": "at the wrist; it bends the gripper",
-    "wrist_roll": "behind the gripper; it rolls it",
-    "gripper": "in the gripper; it moves the jaw or trigger",
-}
-_LEADER_GEARS = {
-    "shoulder_pan": "1:191 (C044)",
-    "shoulder_lift": "1:345 (C001)",
-    "elbow_flex": "1:191 (C044)",
-    "wrist_flex": "1:147 (C046)",
-    "wrist_roll": "1:147 (C046)",
-    "gripper": "1:147 (C046)",
-}
-_PICTURE = (
-    "             {3}-------{4}-{5}-{6}",
-    "            /",
-    "           /",
-    "         {2}",
-    "          |",
-    "         {1}",
-    "      =========== base",
-)
+_NOTES = 7
+"""Lines that the notes beside a picture need."""
 
 
 class SeenServo(NamedTuple):
@@ -143,6 +115,7 @@ class ArmSetup:
 
     def __init__(self, model: ArmModel, baud: int, *, leader: bool | None = None, only: str | None = None) -> None:
         self.model, self.baud, self.leader = model, baud, leader
+        self._assembly = assembly_of(model)
         self.order: tuple[JointModel, ...] = tuple(
             sorted(model.joints, key=lambda joint: (joint.servo_id == FACTORY_ID, -joint.servo_id))
         )
@@ -225,8 +198,9 @@ class ArmSetup:
         blocked = servo.blocked
         warnings = [remark.text for remark in servo.remarks if remark.text != blocked]
         model = servo.info.model_name if servo.info is not None else ""
-        if self._so_arm and model and model not in _MODELS:
-            warnings.insert(0, f"an SO arm has sts3215 servos, and this is a {model}")
+        usual = () if self._assembly is None else self._assembly.servo_models
+        if usual and model and model not in usual:
+            warnings.insert(0, f"this arm has {usual[0]} servos, and this is a {model}")
         if self.leader and servo.kind == "12 V":
             warnings.insert(0, "a leader arm has servos for 7.4 V, and this one is made for 12 V")
         others = {row.servo_id: row for row in self._seen if row is not servo}
@@ -263,10 +237,6 @@ class ArmSetup:
             rows.append(f"servos for {' and for '.join(sorted(kinds))} are mixed: no supply fits both")
         return tuple(rows)
 
-    @property
-    def _so_arm(self) -> bool:
-        return is_so_arm(self.model)
-
     def _connect(self, joint: JointModel) -> str:
         how = "alone" if self.only is not None else "alone, or with those that are set up"
         return f"connect the servo of {joint.name}: {how}"
@@ -274,31 +244,30 @@ class ArmSetup:
 
 def label(model: ArmModel, joint: str, *, leader: bool | None) -> str:
     """The gears of a joint's servo and the part number with them, as on its label; empty if not known."""
-    name = model.geometry or model.name
-    if not is_so_arm(model) or leader is None or (leader and name != "so101"):
-        return ""
-    return _LEADER_GEARS.get(joint, "") if leader else "1:345 (C001 for 7.4 V, C018 for 12 V)"
+    assembly = assembly_of(model)
+    return "" if assembly is None or leader is None else assembly.label(joint, leader=leader)
 
 
 def picture(setup: ArmSetup) -> tuple[str, ...]:
     """The arm from its side, as lines of text: (6) is the servo to connect, [5] is set up; none for other arms."""
     model = setup.model
-    if not is_so_arm(model):
+    assembly = assembly_of(model)
+    if assembly is None or not assembly.picture:
         return ()
     target = setup.target
     marks = {}
     for joint in model.joints:
         form = "({})" if target is joint else "[{}]" if joint.name in setup.done else " {} "
         marks[str(joint.servo_id)] = form.format(joint.servo_id)
-    text = list(_PICTURE)
+    text = [*assembly.picture, *[""] * (_NOTES - len(assembly.picture))]
     for i, line in enumerate(text):
         for number, mark in marks.items():
             line = line.replace(f"{{{number}}}", mark)
         text[i] = line.rstrip()
     if target is not None:
         text[2] = f"{text[2]:32}({target.servo_id}) {target.name}"
-        text[3] = f"{text[3]:32}{_WHERE.get(target.name, '')}"
+        text[3] = f"{text[3]:32}{assembly.joint(target.name).where}"
         gears = label(model, target.name, leader=setup.leader)
         text[4] = f"{text[4]:32}{f'gears {gears}' if gears else ''}"
-    text[6] = f"{text[6]:32}[ ] is set up"
+    text[-1] = f"{text[-1]:32}[ ] is set up"
     return tuple(line.rstrip() for line in text)

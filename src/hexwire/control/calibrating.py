@@ -22,8 +22,8 @@ from hexwire.bus import setup as servo_setup
 from hexwire.drivers.arm_file import BusArmFile
 from hexwire.errors import HexwireError, NotSupportedError, ServoError, StoppedError, UsageError
 from hexwire.model.arm import ArmModel
+from hexwire.model.arms import assembly_of
 from hexwire.model.calibration import Calibration
-from hexwire.model.so_arm_links import is_so_arm
 from hexwire.wire.command_frame import Status
 
 from .auto_calibration import COUNT, FORCE, USUAL_FORCE, AutoCalibration
@@ -141,7 +141,9 @@ class CalibrationBench:
             StoppedError: The arm was stopped; it holds with low torque.
             ServoError: Something odd happened; the text says what and to which joint.
         """
-        if not is_so_arm(self.model) or any(joint.series != "sts_sms" for joint in self.model.joints):
+        assembly = assembly_of(self.model)
+        known = assembly is not None and assembly.finds_stops
+        if not known or any(joint.series != "sts_sms" for joint in self.model.joints):
             raise NotSupportedError(f"the order of motions is known only for SO arms, not for {self.model.name}")
         start = self._at_rest()
         gains = {joint.name: self.arm.bus.read(joint.servo_id, "position_p").raw for joint in self.model.joints}

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from hexwire.errors import UsageError
+from hexwire.model.arms import assembly_of
 from hexwire.model.calibration import Calibration, JointCalibration
-from hexwire.model.so_arm_links import is_so_arm
 
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel, JointModel
@@ -38,8 +38,9 @@ _UNSEEN = 1024
 
 
 def endless_joints(model: ArmModel) -> tuple[str, ...]:
-    """Joints without mechanical stops, whose middle a person shows: wrist_roll of an SO arm."""
-    return ("wrist_roll",) if is_so_arm(model) else ()
+    """Joints without mechanical stops, whose middle a person shows: wrist_roll of an SO-101."""
+    assembly = assembly_of(model)
+    return () if assembly is None else assembly.endless
 
 
 class ServoFacts(NamedTuple):

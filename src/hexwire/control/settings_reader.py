@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 from hexwire.drivers.registry import DEFAULT_ROBOT, PORT_VARIABLE, is_address, load_driver, make_driver, robot_at
 from hexwire.errors import HexwireError, LimitError, LinkError, UsageError
 from hexwire.link.ports import find_only_board
-from hexwire.model.geometry import ROBOTS, kinematics_for
+from hexwire.model.arms import record_of
+from hexwire.model.geometry import kinematics_for, kinematics_or_none
 from hexwire.motion.safety import SafetyLimits
 
 from .arrival import Tolerance
@@ -146,7 +147,8 @@ def _make_driver(values: dict[str, Any], faults: Faults) -> tuple[RobotDriver | 
 
 def _make_kinematics(values: dict[str, Any], like: RobotDriver, faults: Faults) -> KinematicModel | None:
     robot, links = values["robot"], values["links"]
-    if links != _ROWS["links"].default and robot != "hex7bot":
+    record = record_of(robot)
+    if links != _ROWS["links"].default and (record is None or not record.link_sets):
         faults.add("links", f"only the hex7bot has link sets; omit it for {robot}")
         return None
     try:
@@ -315,7 +317,7 @@ def _check_together(values: Mapping[str, Any], model: ArmModel | None, faults: F
         and values["check_table"]
         and model is not None
         and values["kinematics"] is None
-        and (model.geometry or robot) not in ROBOTS
+        and kinematics_or_none(model.geometry or robot) is None
     ):
         switch = f"{faults.mark}check_table"
         faults.add("table_height", f"{robot} has no geometry for this check; set {switch} to false")

@@ -14,6 +14,7 @@ from pathlib import Path
 from hexwire.errors import ConfigError, UsageError
 from hexwire.inputs import Faults, Item, parse_toml, read_text
 from hexwire.model.arm import MAX_ACCELERATION, MAX_JERK, ArmModel, JointModel
+from hexwire.model.arms import record_of
 from hexwire.model.calibration import Calibration
 from hexwire.wire.registers import Series
 
@@ -116,8 +117,10 @@ def _parse(text: str, file: str) -> BusArmFile:
     baud, calibration, geometry = _BAUD, None, ""
     try:
         if "base" in arm:
-            geometry = arm["base"].text(_LONGEST_NAME)
-            base = load_profile(geometry)
+            base_name = arm["base"].text(_LONGEST_NAME)
+            base = load_profile(base_name)
+            # An arm that has a record may have the servos of another one, and a geometry of its own.
+            geometry = "" if record_of(name) is not None else base_name
             joints, baud = list(base.model.joints), base.baud
         if "baud" in arm:
             baud = arm["baud"].integer(1200, 12_000_000)

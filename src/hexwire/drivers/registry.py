@@ -1,6 +1,7 @@
-"""Robots by name, found through the entry-point group ``hexwire.robots``.
+"""Robots by name, found through the entry-point groups ``hexwire.arms`` and ``hexwire.robots``.
 
-Owns the lookup. A package that adds a robot names its `RobotDriver` class there; nothing here lists robots.
+Owns the lookup. A package names the record of an arm in the first, which names its `RobotDriver`, or the
+`RobotDriver` of a robot of which nothing else is to be known in the second; nothing here lists robots.
 """
 
 from __future__ import annotations
@@ -8,16 +9,17 @@ from __future__ import annotations
 import io
 import os
 import re
-import sys
 from collections.abc import Callable
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib import resources
+from importlib.metadata import EntryPoint
 from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
 from hexwire.arguments import Wanted, check
 from hexwire.errors import UsageError
-from hexwire.extras import extras_named
+from hexwire.extras import extras_named, installed
 from hexwire.link.tap import TRACE_VARIABLE, wrap_new_links
+from hexwire.model.arms import arm_names, record_of
 
 from .base import RobotDriver
 
@@ -63,19 +65,18 @@ _ADDRESSES = "hexwire.addresses"
 """Entry points of drivers for addresses that name a robot, not a link to one: ``zenoh:lab/arm1``."""
 
 
-@cache
-def _installed(group: str, path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
-    # Reading the metadata of all packages takes milliseconds, and a command asks several times.
-    return tuple(entry_points(group=group))
-
-
-def _points(group: str) -> tuple[EntryPoint, ...]:
-    return _installed(group, tuple(sys.path))
-
-
 def robot_names() -> tuple[str, ...]:
     """Names of the installed robots, sorted."""
-    return tuple(sorted({point.name for point in _points(_GROUP)}))
+    return tuple(sorted({*arm_names(), *(point.name for point in installed(_GROUP))}))
+
+
+@cache
+def _file_class(package: str, file: str) -> type[RobotDriver]:
+    """The driver class of an arm on a servo bus, of the TOML file in a package."""
+    from .bus_arm import arm_class
+
+    with resources.as_file(resources.files(package) / file) as path:
+        return arm_class(path)
 
 
 def load_driver(name: str) -> type[RobotDriver]:
@@ -92,12 +93,18 @@ def load_driver(name: str) -> type[RobotDriver]:
         from .bus_arm import arm_class
 
         return arm_class(name)
-    for point in _points(_GROUP):
-        if point.name == name:
-            driver = point.load()
-            if not (isinstance(driver, type) and issubclass(driver, RobotDriver)):
-                raise UsageError(f"entry point {point.value!r} of robot {name!r} is not a RobotDriver class")
-            return driver
+    record = record_of(name)
+    points = [point for point in installed(_GROUP) if point.name == name]
+    if record is not None:
+        package, _, file = record.driver.partition(":")
+        if file.endswith(".toml"):
+            return _file_class(package, file)
+        points.insert(0, EntryPoint(name, record.driver, _GROUP))
+    for point in points:
+        driver = point.load()
+        if not (isinstance(driver, type) and issubclass(driver, RobotDriver)):
+            raise UsageError(f"entry point {point.value!r} of robot {name!r} is not a RobotDriver class")
+        return driver
     raise UsageError(f"no robot {name!r}; installed are {', '.join(robot_names()) or 'none'}")
 
 
@@ -151,7 +158,7 @@ def make_driver(
         LinkError: Nobody answers at the address.
     """
     if is_address(port):
-        point = next(point for point in _points(_ADDRESSES) if point.name == port.partition(":")[0])
+        point = next(point for point in installed(_ADDRESSES) if point.name == port.partition(":")[0])
         with extras_named():
             driver = point.load()
         return prepare(driver).from_url(port, robot=robot, **options)
@@ -170,7 +177,7 @@ def robot_at(port: str | None) -> str:
 def is_address(port: str) -> bool:
     """Whether a text names a robot, as in ``zenoh:lab/arm1``, and not a link to one."""
     scheme, colon, _ = port.partition(":")
-    return bool(colon) and any(point.name == scheme for point in _points(_ADDRESSES))
+    return bool(colon) and any(point.name == scheme for point in installed(_ADDRESSES))
 
 
 def is_same_arm(one: RobotDriver, other: RobotDriver) -> bool:

@@ -2,9 +2,6 @@
 
 Owns bodies, geoms, light, floor and camera. Links with a mass are simulated; those that only follow, such as a
 second jaw, are puppets: they are seen and touch nothing. Must not know servos. The caller brings ``mujoco``.
-
-Centres of mass of the SO arms are rounded from the public URDF of the SO-101 (`so101_new_calib` in
-TheRobotStudio/SO-ARM100), in one plane; the SO-100 has nearly the same links.
 """
 
 from __future__ import annotations
@@ -14,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from hexwire.model.arms import Rod, record_of
 from hexwire.model.palette import joint_colour
 from hexwire.model.pose import Vector, quaternion, rotation_from_rpy
 from hexwire.model.shapes import COLOURS, ArmShapes, Shape, ShapeJoint, ShapeLink
@@ -25,8 +23,8 @@ CAMERA = "view"
 
 _DAMPING = 0.05
 _FRICTION = 0.02
-_SO_RADIUS = 0.012
-"""Of the rods whose inertia the SO arms' links have, metres."""
+_ROD_RADIUS = 0.012
+"""Of the rods whose inertia an arm's record gives the links, metres."""
 _TABLE = 1.0
 """Half the length of the table, metres."""
 _SIDE, _RISE = 0.95, 0.38
@@ -39,26 +37,6 @@ class _Mass:
     centre: Vector
     turn: tuple[float, float, float, float]
     moments: tuple[float, float, float]
-
-
-@dataclass(frozen=True, slots=True)
-class _SoLink:
-    """Centre of mass of a link from its joint, length of the rod that has its inertia, and kilograms."""
-
-    centre: Vector
-    length: float
-    mass: float
-
-
-_SO_LINKS: Mapping[str, _SoLink] = {
-    # The first one from the axis of shoulder_lift, because the joint before it is elsewhere in the two arms.
-    "shoulder": _SoLink((-0.0004, 0.0, -0.0292), 0.0621, 0.1),
-    "upper_arm": _SoLink((0.0084, 0.0, 0.0898), 0.116, 0.103),
-    "lower_arm": _SoLink((0.0981, 0.0, 0.0032), 0.135, 0.104),
-    "wrist": _SoLink((0.0386, 0.0, 0.0), 0.0611, 0.079),
-    "gripper_body": _SoLink((0.0252, 0.0, 0.0), 0.0981, 0.087),
-    "jaw": _SoLink((0.03, 0.0, 0.0), 0.07, 0.012),
-}
 
 
 def make_body(mujoco: Any, shapes: ArmShapes, *, table: bool = True) -> Any:
@@ -117,13 +95,14 @@ def puppet_poses(
 def _hinge(mujoco: Any, body: Any, joint: ShapeJoint, shapes: ArmShapes) -> None:
     hinge = body.add_joint(name=joint.name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=joint.axis)
     hinge.range = joint.limits[:2]
-    if not _is_so(shapes):
+    if not _rods(shapes):
         # Of the powers of the speed, only the first.
         hinge.damping, hinge.frictionloss = [_DAMPING, 0.0, 0.0], _FRICTION
 
 
 def _weigh(body: Any, link: ShapeLink, shapes: ArmShapes) -> None:
-    mass = _so_mass(link, shapes) if _is_so(shapes) else _mass(link)
+    rod = _rods(shapes).get(link.name)
+    mass = _mass(link) if rod is None else _rod_mass(rod, link, shapes)
     body.mass, body.ipos, body.iquat = mass.kilograms, mass.centre, mass.turn
     body.inertia = mass.moments
     body.explicitinertial = True
@@ -138,21 +117,20 @@ def _mass(link: ShapeLink) -> _Mass:
     return _Mass(inertia.mass, middle, _turn(quaternion(rotation_from_rpy(*rpy))), (across, across, along))
 
 
-def _so_mass(link: ShapeLink, shapes: ArmShapes) -> _Mass:
-    own = _SO_LINKS[link.name]
-    x, y, z = own.centre
-    if link.name == "shoulder":
-        lift = next(joint for joint in shapes.joints if joint.name == "shoulder_lift").place
-        x, y, z = x + lift[0], y + lift[1], z + lift[2]
-    if link.name == "jaw" and link.inertia is not None:
-        # The hinge of the SO-101 is beside the plane of the arm, the jaw is in it.
+def _rod_mass(rod: Rod, link: ShapeLink, shapes: ArmShapes) -> _Mass:
+    x, y, z = rod.centre
+    if rod.reference:
+        place = next(joint for joint in shapes.joints if joint.name == rod.reference).place
+        x, y, z = x + place[0], y + place[1], z + place[2]
+    if rod.in_plane and link.inertia is not None:
         y = link.inertia.start[1]
-    moment = own.mass * (3 * _SO_RADIUS**2 + own.length**2) / 12
-    return _Mass(own.mass, (x, y, z), (1.0, 0.0, 0.0, 0.0), (moment, moment, moment))
+    moment = rod.mass * (3 * _ROD_RADIUS**2 + rod.length**2) / 12
+    return _Mass(rod.mass, (x, y, z), (1.0, 0.0, 0.0, 0.0), (moment, moment, moment))
 
 
-def _is_so(shapes: ArmShapes) -> bool:
-    return shapes.name in {"so100", "so101"}
+def _rods(shapes: ArmShapes) -> Mapping[str, Rod]:
+    record = record_of(shapes.name)
+    return {} if record is None else record.rods
 
 
 # -- what is seen ---------------------------------------------------------------------------------------------

@@ -9,27 +9,37 @@ from __future__ import annotations
 import re
 import threading
 import time
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint
 from typing import TYPE_CHECKING
 
 from hexwire.errors import LinkBusyError, LinkClosedError, UsageError
 from hexwire.link.base import Link, LinkKind
+from hexwire.model.arms import arm_record, simulated_arms
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 
 from .board import make_hex7bot_board
+from .bus_arms import make_bus_arm
 from .bus_device import BusDevice
 from .hand import Hands
 from .physics import PhysicsTwin
 from .serve_hand import HandServer, inside_name
-from .so_arms import SO_ARMS, make_so_arm
 from .stalls import STALLS
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
     from hexwire.link.url import LinkUrl
+    from hexwire.model.arm import ArmModel
 
     from .serve import ServedDevice
+    from .servo import EmulatedServo
 
-__all__ = ["SimBusLink", "SimLink", "make_sim_link"]
+__all__ = ["SIM_OPTIONS", "SimArm", "SimBusLink", "SimLink", "emulate_bus_arm", "emulate_hex7bot", "make_sim_link"]
+
+SIM_OPTIONS = ("seed", "physics", "name")
+"""The options that every emulated arm has."""
 
 _SERVO_BAUD = 115200
 """Rate of the servo bus of the emulated board, as set by the chapter's sketch."""
@@ -42,43 +52,69 @@ _LOOK = 0.02
 _NAME = re.compile(r"[A-Za-z0-9_.]{1,40}")
 
 
+@dataclass(frozen=True, slots=True)
+class SimArm:
+    """What `sim://NAME` opens.
+
+    Attributes:
+        device: The emulated board or bus.
+        servos: Its servos.
+        model: Its joints, which a hand can move.
+        rates: The rate of a servo bus as the only item; None for a board.
+        physics: What `PhysicsTwin` simulates, if that is not `model`.
+    """
+
+    device: ServedDevice
+    servos: Sequence[EmulatedServo]
+    model: ArmModel
+    rates: list[int] | None = None
+    physics: Hex7BotModel | None = None
+
+
+def emulate_hex7bot(url: LinkUrl, *, seed: int, start: float) -> SimArm:
+    """A Hex7Bot with its board; the option ``dialect`` is 1 or 2."""
+    url.check_keys(("dialect", *SIM_OPTIONS))
+    dialect = url.integer("dialect", 2, 1, 2)
+    board = make_hex7bot_board(dialect=dialect, baud=_SERVO_BAUD, seed=seed, start=start)
+    return SimArm(board, board.wire.servos, HEX7BOT, physics=Hex7BotModel())
+
+
+def emulate_bus_arm(url: LinkUrl, *, seed: int, start: float) -> SimArm:
+    """The servos of an arm's assembly; the options ``leader`` and ``any_horns`` are as in `make_bus_arm`."""
+    url.check_keys(("leader", "any_horns", *SIM_OPTIONS))
+    leader, any_horns = url.yes_no("leader", False), url.yes_no("any_horns", False)
+    arm = make_bus_arm(url.netloc, leader=leader, any_horns=any_horns, seed=seed, start=start)
+    rates = [_BUS_BAUD]
+    return SimArm(BusDevice(arm.servos, paced=True, host_baud=lambda: rates[0]), arm.servos, arm.model, rates)
+
+
 def make_sim_link(url: LinkUrl) -> SimLink:
     """Make the link of an emulated arm.
 
-    ``sim://hex7bot`` has the options ``dialect`` (1 or 2), ``sim://so101`` and ``sim://so100`` have ``leader`` and
-    ``any_horns`` (0 or 1, see `make_so_arm`). All have ``seed``, ``physics`` (1: in MuJoCo) and
-    ``name``, by which `hexwire sim hand` tells arms of one kind apart.
+    All have the options `SIM_OPTIONS`: ``seed``, ``physics`` (1: in MuJoCo) and ``name``, by which
+    `hexwire sim hand` tells arms of one kind apart. The arm's record says by `ArmRecord.emulate` what makes it, a
+    function like those above; without it `emulate_bus_arm` does.
 
     Raises:
         UsageError: There is no such emulated arm, an option is wrong, or MuJoCo is not installed.
     """
-    robot, board = url.netloc, url.netloc == "hex7bot"
-    if not (board or robot in SO_ARMS) or url.path not in ("", "/"):
-        raise UsageError(
-            f"{url.text}: there is no such emulated arm; write sim://hex7bot, sim://so100 or sim://so101"
-        )
-    url.check_keys((*(("dialect",) if board else ("leader", "any_horns")), "seed", "physics", "name"))
+    robot, known = url.netloc, [f"sim://{name}" for name in simulated_arms()]
+    if robot not in simulated_arms() or url.path not in ("", "/"):
+        raise UsageError(f"{url.text}: there is no such emulated arm; write {', '.join(known[:-1])} or {known[-1]}")
+    record = arm_record(robot)
+    make: Callable[..., SimArm] = emulate_bus_arm
+    if record.emulate:
+        make = EntryPoint(robot, record.emulate, "hexwire.arms").load()
     name = url.query.get("name", "")
     if "name" in url.query and not _NAME.fullmatch(name):
         raise UsageError(f"{url.text}: name must have 1 to 40 letters, digits, points and underscores")
-    seed, start = url.integer("seed", 0, 0, 2**31), time.monotonic()
-    device: ServedDevice
-    rates = [0 if board else _BUS_BAUD]
-    if board:
-        dialect = url.integer("dialect", 2, 1, 2)
-        made = make_hex7bot_board(dialect=dialect, baud=_SERVO_BAUD, seed=seed, start=start)
-        servos, model, device = made.wire.servos, HEX7BOT, made
-    else:
-        leader, any_horns = url.yes_no("leader", False), url.yes_no("any_horns", False)
-        arm = make_so_arm(robot, leader=leader, any_horns=any_horns, seed=seed, start=start)
-        servos, model = arm.servos, arm.model
-        device = BusDevice(servos, paced=True, host_baud=lambda: rates[0])
+    arm = make(url, seed=url.integer("seed", 0, 0, 2**31), start=time.monotonic())
     if url.yes_no("physics", False):
-        PhysicsTwin(servos, Hex7BotModel() if board else model)
-    hands = Hands(servos, model)
-    if board:
-        return SimLink(url.text, device, hands=hands, robot=robot, name=name)
-    return SimBusLink(url.text, device, rates, hands=hands, robot=robot, name=name)
+        PhysicsTwin(arm.servos, arm.physics or arm.model)
+    hands = Hands(arm.servos, arm.model)
+    if arm.rates is None:
+        return SimLink(url.text, arm.device, hands=hands, robot=robot, name=name)
+    return SimBusLink(url.text, arm.device, arm.rates, hands=hands, robot=robot, name=name)
 
 
 class SimLink(Link):

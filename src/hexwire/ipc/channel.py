@@ -17,6 +17,7 @@ from functools import cache
 from urllib.parse import quote
 
 from hexwire.errors import ConfigError, UsageError
+from hexwire.extras import installed
 from hexwire.link.url import is_loopback
 from hexwire.wire.modules import MAX_MODULE, IpcType, ModuleType, known_modules, module_named, register_module
 
@@ -54,10 +55,7 @@ def load_own_modules() -> None:
 
 @cache
 def _load_modules(path: tuple[str, ...]) -> None:
-    # Imported late: it takes longer than everything else here.
-    from importlib.metadata import entry_points
-
-    for point in entry_points(group=ENTRY_POINT_GROUP):
+    for point in installed(ENTRY_POINT_GROUP):
         found = point.load()
         if isinstance(found, type) and issubclass(found, enum.Enum):
             found = {name: member.value for name, member in found.__members__.items()}

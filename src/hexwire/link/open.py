@@ -11,14 +11,14 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, cast
 
 from hexwire.errors import UsageError
+from hexwire.extras import installed
 
 from .base import Link
 from .tap import tapped
 from .url import LinkUrl, parse_url
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-    from importlib.metadata import EntryPoint
+    from collections.abc import Callable
 
 __all__ = ["ENTRY_POINT_GROUP", "build_link", "known_schemes", "make_link", "open_link"]
 
@@ -39,7 +39,7 @@ _BUILT_IN: dict[str, tuple[str, str]] = {
 
 def known_schemes() -> list[str]:
     """All schemes that `make_link` accepts, including those of other packages."""
-    return sorted({*_BUILT_IN, *(point.name for point in _other_packages())})
+    return sorted({*_BUILT_IN, *(point.name for point in installed(ENTRY_POINT_GROUP))})
 
 
 def make_link(url: str) -> Link:
@@ -66,18 +66,11 @@ def build_link(url: str) -> Link:
             # A module for another system says what to use here.
             raise UsageError(f"{url}: this system has no such link: {error}") from error
         return cast(Link, make(parts))
-    for point in _other_packages():
+    for point in installed(ENTRY_POINT_GROUP):
         if point.name == parts.scheme:
             build = cast("Callable[[LinkUrl], Link]", point.load())
             return build(parts)
     raise UsageError(f"{url}: unknown scheme {parts.scheme!r}; known: {', '.join(known_schemes())}")
-
-
-def _other_packages() -> Iterable[EntryPoint]:
-    # Reading the packages' metadata takes longer than everything else here, and is rarely needed.
-    from importlib.metadata import entry_points
-
-    return entry_points(group=ENTRY_POINT_GROUP)
 
 
 def open_link(url: str) -> Link:

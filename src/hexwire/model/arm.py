@@ -135,6 +135,11 @@ class ArmModel:
         object.__setattr__(self, "_indices", indices)
         object.__setattr__(self, "_by_id", by_id)
 
+    @property
+    def kind(self) -> str:
+        """Name of the robot whose geometry, gripper and assembly this arm has, see `hexwire.model.arms`."""
+        return self.geometry or self.name
+
     @classmethod
     def of(cls, name: str, limits: Mapping[str, tuple[float, float]], *, max_speed: float) -> ArmModel:
         """An arm whose driver speaks in angles: its joints have limits, but no counts.

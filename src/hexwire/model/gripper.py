@@ -1,6 +1,6 @@
-"""Which joint of an arm opens and closes its gripper, and which of its limits is closed.
+"""The joint that opens and closes a gripper: how far it is open at an angle, and the angle for an opening.
 
-Owns this for the arms whose gripper is known. Must not know servos, nor how a gripper is moved.
+Which joint it is, says the arm's record. Must not know servos, nor how a gripper is moved.
 """
 
 from __future__ import annotations
@@ -12,20 +12,13 @@ from typing import Literal
 from hexwire.errors import UsageError
 
 from .arm import ArmModel
+from .arms import record_of
 
 __all__ = ["OPENINGS", "Jaws", "Opening", "jaws_of"]
 
 Opening = float | Literal["open", "close"]
 """How far a gripper is open: 0 is closed, 1 fully open; or a word."""
 OPENINGS: dict[str, float] = {"open": 1.0, "close": 0.0}
-
-_GRIPPERS = {
-    "hex7bot": ("J7", True),
-    "sevenbot": ("J7", True),
-    "so100": ("gripper", False),
-    "so101": ("gripper", False),
-}
-"""By robot: the gripper's joint, and whether its upper limit is closed, as on the 7Bot, or its lower one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +57,9 @@ class Jaws:
 
 def jaws_of(arm: ArmModel) -> Jaws | None:
     """The gripper of an arm; None if it has none, or if nobody knows how it opens."""
-    name, at_maximum = _GRIPPERS.get(arm.geometry or arm.name, ("", False))
-    if name not in arm.names:
+    record = record_of(arm.kind)
+    if record is None or record.gripper not in arm.names:
         return None
-    joint = arm.joint(name)
-    ends = (joint.maximum, joint.minimum) if at_maximum else (joint.minimum, joint.maximum)
-    return Jaws(name, *ends)
+    joint = arm.joint(record.gripper)
+    ends = (joint.maximum, joint.minimum) if record.closed_at_maximum else (joint.minimum, joint.maximum)
+    return Jaws(joint.name, *ends)

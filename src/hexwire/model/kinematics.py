@@ -255,6 +255,10 @@ class KinematicModel(ABC):
         """Pitch and roll that `aimed` takes, radians, at joint angles; None for an arm of six joints."""
         return None
 
+    def within_arm(self) -> KinematicModel:
+        """The same model with limits restricted to those of the robot's joints, for motion."""
+        return self
+
     def for_arm(self, arm: ArmModel) -> KinematicModel:
         """The same model with the limits of one arm's joints, if its joints are the model's."""
         return self

@@ -17,16 +17,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
-from hexwire.errors import UsageError
 
 from .kinematics import JointRange
 
-if TYPE_CHECKING:
-    from .arm import ArmModel
-
-__all__ = ["SO_ARMS", "SoArmLinks", "is_so_arm", "so_arm_links"]
+__all__ = ["SO_ARMS", "SoArmLinks"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,19 +127,3 @@ SO_ARMS = {
     ),
 }
 """The published arms by the name of the robot."""
-
-
-def is_so_arm(arm: ArmModel) -> bool:
-    """Whether an arm is one of the published arms, also in a file with its own limits or calibration."""
-    return (arm.geometry or arm.name) in SO_ARMS
-
-
-def so_arm_links(name: str) -> SoArmLinks:
-    """Links of a published arm.
-
-    Raises:
-        UsageError: There is none of this name.
-    """
-    if name not in SO_ARMS:
-        raise UsageError(f"no links of {name!r}; there are {', '.join(sorted(SO_ARMS))}")
-    return SO_ARMS[name]

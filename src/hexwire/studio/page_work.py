@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from hexwire.errors import HexwireError, UsageError
+from hexwire.model.arms import simulated_arms
 from hexwire.trace.library import Library
 from hexwire.trace.saving import saved_traffic
 from hexwire.trace.series import column_name, write_csv, write_mcap
@@ -30,7 +31,7 @@ from .columns import history_columns, series_columns
 from .geometry import make_geometry
 from .page_process import BEAT
 from .plotted import Plotted
-from .twins import TWINS, model_of, twin_for
+from .twins import model_of, twin_for
 from .wire_files import WireFiles
 
 if TYPE_CHECKING:
@@ -144,7 +145,7 @@ class PageWork:
         Raises:
             UsageError: It cannot.
         """
-        if robot not in TWINS:
+        if robot not in simulated_arms():
             raise UsageError("the shapes of this arm are not known")
         return _json({"geometry": make_geometry(model_of(robot))})
 

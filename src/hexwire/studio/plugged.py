@@ -10,18 +10,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from hexwire.drivers.board_reset import reset_hazard
-from hexwire.drivers.registry import robot_names
+from hexwire.drivers.bus_arm import BusArm
+from hexwire.drivers.registry import load_driver, robot_names
 from hexwire.link.diagnose import Finding, Level, diagnose_port, diagnose_system
 from hexwire.link.owner import device_owner
 from hexwire.link.ports import PortInfo, list_ports
+from hexwire.model.arms import arm_record, simulated_arms
 
 __all__ = ["Plugged", "emulated", "find_plugged", "robots"]
-
-_EMULATED = (
-    ("sim://hex7bot", "an emulated Hex7Bot with its board"),
-    ("sim://so101", "an emulated SO-101 on a servo bus"),
-    ("sim://so100", "an emulated SO-100 on a servo bus"),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +46,8 @@ def robots() -> tuple[str, ...]:
 
 def emulated() -> tuple[Plugged, ...]:
     """Arms that need no hardware."""
-    return tuple(Plugged(url, guess, (url.removeprefix("sim://"),)) for url, guess in _EMULATED)
+    records = [arm_record(name) for name in simulated_arms()]
+    return tuple(Plugged(each.emulated, f"an emulated {each.title}", (each.name,)) for each in records)
 
 
 def find_plugged(
@@ -101,6 +98,6 @@ def _row(
     if port.likely_board:
         likely.append("hex7bot")
     if port.likely_adapter:
-        likely += [name for name in robot_names() if name in ("so101", "so100", "sevenbot", "chain")]
+        likely += [name for name in robot_names() if issubclass(load_driver(name), BusArm)]
     usb = f" (USB {port.usb_id})" if port.usb_id else ""
     return Plugged(port.device, port.guess + usb, tuple(dict.fromkeys(likely)), obstacle, "; ".join(advice))

@@ -20,8 +20,7 @@ from hexwire.control.setting import Faults
 from hexwire.control.settings_reader import read_settings
 from hexwire.control.shared import Order, SharedArm
 from hexwire.errors import HexwireError, UsageError
-
-from .twins import TWINS
+from hexwire.model.arms import simulated_arms
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -120,7 +119,7 @@ class Twin:
         """Begin a motion; returns when the emulated arm moves.
 
         Args:
-            robot: Its kind, one of `TWINS`.
+            robot: Its kind, one of `simulated_arms`.
             title: What is played, for people.
             make: Makes the motion for the joints of that arm.
             begin: First second of it to play.
@@ -132,8 +131,8 @@ class Twin:
             UsageError: It plays already, or there is no such arm.
             HexwireError: The motion is refused, as the real arm would refuse it.
         """
-        if robot not in TWINS:
-            raise UsageError(f"there is no emulated {robot}; there are {', '.join(TWINS)}")
+        if robot not in simulated_arms():
+            raise UsageError(f"there is no emulated {robot}; there are {', '.join(simulated_arms())}")
         with self._lock:
             if self.busy:
                 raise UsageError("the twin is moving; stop it first")

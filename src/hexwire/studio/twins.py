@@ -1,6 +1,6 @@
-"""Which arms can be emulated in this program, and which of them can play a recording.
+"""Which of the arms that can be emulated in this program can play a recording.
 
-Owns the list. Must not know how one is emulated (`twin`).
+Must not know how one is emulated (`twin`).
 """
 
 from __future__ import annotations
@@ -10,21 +10,19 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from hexwire.drivers.registry import load_driver
+from hexwire.model.arms import simulated_arms
 
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
 
-__all__ = ["TWINS", "model_of", "twin_for"]
-
-TWINS = ("hex7bot", "so101", "so100")
-"""Arms that can be emulated in this program."""
+__all__ = ["model_of", "twin_for"]
 
 
 def twin_for(robot: str, joints: Sequence[str]) -> str:
     """The emulated arm that can play a recording; empty if there is none."""
-    if robot in TWINS:
+    if robot in simulated_arms():
         return robot
-    return next((name for name in TWINS if joints and set(joints) <= set(model_of(name).names)), "")
+    return next((name for name in simulated_arms() if joints and set(joints) <= set(model_of(name).names)), "")
 
 
 @functools.cache

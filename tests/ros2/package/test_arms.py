@@ -10,7 +10,8 @@ import yaml
 import hexwire.ros1
 from hexwire.drivers.arm_file import load_profile
 from hexwire.errors import UsageError
-from hexwire.model.geometry import ROBOTS, make_kinematics, make_shapes
+from hexwire.model.arms import arms_with_geometry
+from hexwire.model.geometry import make_kinematics, make_shapes
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.hex7bot_links import LINK_SETS
 from hexwire.model.puma260 import PUMA260
@@ -19,7 +20,7 @@ from hexwire.ros2.package.arms import ARM_GROUP, GRIPPER_GROUP, make_arm
 CONFIG = Path(hexwire.ros1.__file__).parent / "share/hexwire/config"
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", arms_with_geometry())
 def test_limits_are_within_those_of_driver_and_description_and_close_to_them(robot: str) -> None:
     model = {"hex7bot": HEX7BOT, "puma260": PUMA260}.get(robot) or load_profile(robot).model
     drawn = {joint.name: joint.limits for joint in make_shapes(make_kinematics(robot)).joints}
@@ -34,7 +35,7 @@ def test_limits_are_within_those_of_driver_and_description_and_close_to_them(rob
         own.check(joint.upper)
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", arms_with_geometry())
 def test_poses_are_those_of_the_ros_1_package(robot: str) -> None:
     file = yaml.safe_load((CONFIG / f"{robot}.yaml").read_text(encoding="utf-8"))
     arm = make_arm(robot)
@@ -42,7 +43,7 @@ def test_poses_are_those_of_the_ros_1_package(robot: str) -> None:
     assert arm.pose_speed == file["pose_speed"]
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", arms_with_geometry())
 def test_poses_are_allowed(robot: str) -> None:
     arm = make_arm(robot)
     limits = {joint.name: joint for joint in arm.joints}

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import yaml
 
-from hexwire.model.geometry import ROBOTS
+from hexwire.model.arms import arms_with_geometry
 from hexwire.ros2.package.arms import PackageArm, make_arm
 from hexwire.ros2.package.configuration import configuration_files, controller_of
 from hexwire.ros2.package.description import make_urdf_text
@@ -19,7 +19,7 @@ from hexwire.ros2.settings import load_settings
 JTC = "joint_trajectory_controller/JointTrajectoryController"
 
 
-@pytest.fixture(params=ROBOTS)
+@pytest.fixture(params=arms_with_geometry())
 def arm(request: pytest.FixtureRequest) -> PackageArm:
     return make_arm(request.param)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pinocchio
 import pytest
 
-from hexwire.model.geometry import ROBOTS
+from hexwire.model.arms import arms_with_geometry
 from hexwire.model.urdf import make_urdf
 from hexwire.ros2.package.arms import PackageArm, make_arm
 from hexwire.ros2.package.collisions import idle_pairs
@@ -19,7 +19,7 @@ from hexwire.ros2.package.releases import RELEASES, release
 from hexwire.ros2.settings import OWN
 
 
-@pytest.fixture(params=ROBOTS)
+@pytest.fixture(params=arms_with_geometry())
 def arm(request: pytest.FixtureRequest) -> PackageArm:
     return make_arm(request.param)
 

@@ -13,7 +13,7 @@ import yaml
 from tests.ros2.package.launch_stand_ins import Thing, described, holds, stand_ins, text
 
 from hexwire.errors import UsageError
-from hexwire.model.geometry import ROBOTS
+from hexwire.model.arms import arms_with_geometry
 from hexwire.ros2.arguments import parse_arguments
 from hexwire.ros2.package import RELEASES, make_package, package_name
 from hexwire.ros2.package.releases import release
@@ -31,7 +31,7 @@ ARGUMENTS = {
 }
 
 
-@pytest.fixture(params=ROBOTS)
+@pytest.fixture(params=arms_with_geometry())
 def robot(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 

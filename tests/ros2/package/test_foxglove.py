@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from tests.ros2.front_bench import running
 
-from hexwire.model.geometry import ROBOTS
+from hexwire.model.arms import arms_with_geometry
 from hexwire.ros2.package import make_package
 from hexwire.ros2.package.arms import make_arm
 
@@ -34,7 +34,7 @@ def leaves(node: Any) -> Iterator[str]:
     yield from leaves(node["second"])
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", arms_with_geometry())
 def test_every_panel_is_shown_once_and_has_its_settings(robot: str) -> None:
     found = layout(robot)
     panels = list(leaves(found["layout"]))
@@ -42,7 +42,7 @@ def test_every_panel_is_shown_once_and_has_its_settings(robot: str) -> None:
     assert [panel.partition("!")[0] for panel in panels] == ["3D", "Plot", "DiagnosticSummary", "RosOut"]
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", arms_with_geometry())
 def test_each_joint_has_its_line(robot: str) -> None:
     rows = layout(robot)["configById"]["Plot!positions"]["paths"]
     assert [row["label"] for row in rows] == [joint.name for joint in make_arm(robot).joints]

@@ -8,7 +8,7 @@ import pytest
 import yaml
 from tests.ros2.package.test_configuration import read
 
-from hexwire.model.geometry import ROBOTS
+from hexwire.model.arms import arms_with_geometry
 from hexwire.ros2.package.arms import PackageArm, make_arm
 from hexwire.ros2.package.configuration import controller_of
 from hexwire.ros2.package.releases import RELEASES, release
@@ -62,7 +62,7 @@ HUMBLE: dict[str, type] = {
 SINCE_JAZZY = {"use_smoothing", "max_expected_latency", "joint_limit_margins", "check_octomap_collisions"}
 
 
-@pytest.fixture(params=ROBOTS)
+@pytest.fixture(params=arms_with_geometry())
 def arm(request: pytest.FixtureRequest) -> PackageArm:
     return make_arm(request.param)
 

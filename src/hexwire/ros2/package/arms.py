@@ -11,15 +11,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from hexwire.drivers.arm_file import load_profile
-from hexwire.model.arm import ArmModel
+from hexwire.drivers.registry import load_driver
+from hexwire.model.arms import arm_with_geometry
 from hexwire.model.geometry import make_kinematics, make_shapes
 from hexwire.model.gripper import Jaws, jaws_of
-from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.hex7bot_links import LINK_SETS
 from hexwire.model.kinematics import KinematicModel
-from hexwire.model.puma260 import PUMA260
 from hexwire.model.shapes import ArmShapes
 
 __all__ = ["ACCELERATION", "ARM_GROUP", "GRIPPER_GROUP", "NamedPose", "PackageArm", "PackageJoint", "make_arm"]
@@ -31,21 +29,6 @@ ACCELERATION = 6.0
 
 _DIGITS = 4
 _SIX = 6
-
-# The same as in the parameter files of the ROS 1 package.
-_POSES: Mapping[str, Mapping[str, tuple[float, ...]]] = {
-    "hex7bot": {
-        "home": (-0.087, 0.960, -0.044, 0.0, 0.0, 0.0),
-        "ready": (-0.087, 0.904, 0.499, 0.0, 1.029, 0.0),
-        "rest": (-0.087, 2.007, 0.305, 0.0, 0.0, 0.0),
-    },
-    "puma260": {"home": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), "ready": (0.0, -0.8, -0.4, 0.0, 1.2, 0.0)},
-    "so100": {"home": (0.0, 0.0, 0.0, 0.0, 0.0)},
-    "so101": {"home": (0.0, 0.0, 0.0, 0.0, 0.0)},
-}
-_DRAWN_IN = ("rest", ("A", "B"))
-"""The 7Bot's pose in which other link sets than these may touch themselves: those of V1 do."""
-_POSE_SPEED: Mapping[str, float] = {"hex7bot": 0.3, "puma260": 0.3, "so100": 0.15, "so101": 0.15}
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +121,7 @@ def make_arm(robot: str, links: str = "A") -> PackageArm:
     """The arm of a robot that has a geometry.
 
     Args:
-        robot: One of `hexwire.model.geometry.ROBOTS`.
+        robot: One of `hexwire.model.arms.arms_with_geometry`.
         links: Link set of the 7Bot, as in `make_kinematics`.
 
     Raises:
@@ -146,7 +129,8 @@ def make_arm(robot: str, links: str = "A") -> PackageArm:
     """
     kinematics = make_kinematics(robot, links)
     shapes = make_shapes(kinematics)
-    model = _model(robot)
+    record = arm_with_geometry(robot)
+    model = load_driver(robot).from_url(record.port).model
     jaws = jaws_of(model)
     drawn = {joint.name: joint.limits for joint in shapes.joints}
     joints = []
@@ -160,8 +144,8 @@ def make_arm(robot: str, links: str = "A") -> PackageArm:
     own = _links(kinematics, links)
     poses = [
         NamedPose(name, ARM_GROUP, dict(zip(names, angles, strict=True)))
-        for name, angles in _POSES[robot].items()
-        if name != _DRAWN_IN[0] or own in _DRAWN_IN[1]
+        for name, angles in record.poses.items()
+        if own in record.poses_of_links.get(name, (own,))
     ]
     if jaws is not None:
         grip = next(joint for joint in joints if joint.name == jaws.joint)
@@ -175,7 +159,7 @@ def make_arm(robot: str, links: str = "A") -> PackageArm:
         tuple(joints),
         jaws,
         tuple(poses),
-        _POSE_SPEED[robot],
+        record.pose_speed,
     )
 
 
@@ -185,8 +169,3 @@ def _links(kinematics: KinematicModel, given: str) -> str:
         return ""
     own = kinematics.links
     return own.name if LINK_SETS.get(own.name) == own else str(Path(given).absolute())
-
-
-def _model(robot: str) -> ArmModel:
-    known = {"hex7bot": HEX7BOT, "puma260": PUMA260}
-    return known[robot] if robot in known else load_profile(robot).model

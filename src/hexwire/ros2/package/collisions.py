@@ -43,7 +43,8 @@ class IdlePair:
 def idle_pairs(arm: PackageArm) -> tuple[IdlePair, ...]:
     """The pairs of an arm, sorted.
 
-    Of a link set that is nobody's but the user's, no pair counts as one that never touches: it was not sampled.
+    Of a link set that is nobody's but the user's, no pair counts as one that never touches: it was not sampled. Of
+    an arm of which no link set was sampled, only neighbours count.
     """
     table = _table()
     near = adjacent_pairs(arm.shapes)
@@ -52,7 +53,9 @@ def idle_pairs(arm: PackageArm) -> tuple[IdlePair, ...]:
     if found is None:
         others = [rows for key, rows in table.items() if key.split(".")[0] == arm.name]
         found = {
-            reason: frozenset.intersection(*(rows[reason] for rows in others)) for reason in ("Always", "Default")
+            reason: frozenset.intersection(*(rows[reason] for rows in others))
+            for reason in ("Always", "Default")
+            if others
         }
     for reason in SAMPLED:
         for pair in found.get(reason, ()):

@@ -11,6 +11,8 @@ from importlib import resources
 from xml.sax.saxutils import escape
 
 import hexwire
+from hexwire.model.arms import arm_with_geometry
+from hexwire.model.kinematics import KinematicModel
 from hexwire.model.urdf import ROOT_LINK
 
 from .arms import make_arm
@@ -45,7 +47,7 @@ def make_package(robot: str, links: str = "A", distribution: str = DEFAULT_RELEA
     """The texts of a package's files, by path in its folder; the same for the same arguments.
 
     Args:
-        robot: One of `hexwire.model.geometry.ROBOTS`.
+        robot: One of `hexwire.model.arms.arms_with_geometry`.
         links: Link set of the 7Bot, as in `make_kinematics`.
         distribution: Name of a ROS 2 distribution, one of `RELEASES`.
 
@@ -53,7 +55,7 @@ def make_package(robot: str, links: str = "A", distribution: str = DEFAULT_RELEA
         UsageError: No such robot, link set or distribution; or as `make_kinematics`.
     """
     found = release(distribution)
-    arm = make_arm(robot, links)
+    arm, record = make_arm(robot, links), arm_with_geometry(robot)
     package = package_name(robot)
     names = {
         "PACKAGE": package,
@@ -68,10 +70,10 @@ def make_package(robot: str, links: str = "A", distribution: str = DEFAULT_RELEA
         "PILZ": PILZ,
         "SERVO_PROGRAM": found.servo,
         "DEPENDS": _depends(found, gripper=arm.jaws is not None),
-        "LIMITS": _limits(robot),
-        "PORT": "/dev/ttyUSB0" if robot != "puma260" else "tcp://192.168.1.175:15030",
-        "SIM": "tcp://127.0.0.1:15030" if robot == "puma260" else f"sim://{robot}",
-        "SIM_PROGRAM": ", while `hexwire sim puma260` runs" if robot == "puma260" else "",
+        "LIMITS": _limits(arm.kinematics),
+        "PORT": record.port,
+        "SIM": record.emulated,
+        "SIM_PROGRAM": f", while `{record.emulator}` runs" if record.emulator else "",
         "FRAMES": _frames([link.name for link in arm.shapes.links]),
     }
     files = {
@@ -114,8 +116,8 @@ def _depends(found: Release, *, gripper: bool) -> str:
     return "\n".join(f"  <exec_depend>{escape(name)}</exec_depend>" for name in sorted(packages))
 
 
-def _limits(robot: str) -> str:
-    if robot == "hex7bot":
+def _limits(kinematics: KinematicModel) -> str:
+    if kinematics.has_coupling:
         return "the joint coupling limit between upper arm and forearm, and the table"
     return "the table"
 
