@@ -33,7 +33,7 @@ from hexwire.drivers.registry import load_driver
 from hexwire.drivers.values import StopMode
 from hexwire.errors import HexwireError, UsageError
 from hexwire.model.arm import ArmModel
-from hexwire.model.geometry import ROBOTS
+from hexwire.model.arms import arms_with_geometry
 from hexwire.model.kinematics import KinematicModel
 from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
 from hexwire.motion.following import Following
@@ -267,7 +267,7 @@ FRONTS: dict[str, Callable[[Case], object]] = {
 }
 
 
-@few("robot", ROBOTS, "hex7bot", "so101")
+@few("robot", arms_with_geometry(), "hex7bot", "so101")
 def test_every_front_refuses_a_motion_through_the_table(robot: str) -> None:
     model = load_driver(robot).from_url("tcp://127.0.0.1:1" if robot == "puma260" else "/dev/null").model
     for front, move in FRONTS.items():
@@ -283,7 +283,7 @@ def test_every_front_refuses_a_motion_through_the_table(robot: str) -> None:
 WAYS = ("target", "target, not waited for", "trajectory", "check_path", "what replaces a motion")
 
 
-@few("robot, front", product(ROBOTS, WAYS), *zip(cycle(ROBOTS), WAYS, strict=False))
+@few("robot, front", product(arms_with_geometry(), WAYS), *zip(cycle(arms_with_geometry()), WAYS, strict=False))
 def test_answers_that_are_missed_before_a_motion_switch_no_check_off(robot: str, front: str) -> None:
     """A position that is unknown for a moment, as of an arm behind a busy computer."""
     case = Case(load_driver(robot).from_url("tcp://127.0.0.1:1" if robot == "puma260" else "/dev/null").model)
@@ -303,7 +303,7 @@ def test_answers_that_are_missed_before_a_motion_switch_no_check_off(robot: str,
     assert case.robot.lowest > -SLACK
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", arms_with_geometry())
 def test_the_check_is_switched_off_by_name_only(robot: str) -> None:
     model = load_driver(robot).from_url("tcp://127.0.0.1:1" if robot == "puma260" else "/dev/null").model
     for options in ({"check_geometry": False}, {"table": None}):
@@ -358,7 +358,7 @@ WRONG: dict[str, tuple[Callable[[Any], object], str]] = {
 }
 
 
-@pytest.mark.parametrize("robot", [*ROBOTS, "own"])
+@pytest.mark.parametrize("robot", [*arms_with_geometry(), "own"])
 def test_what_a_program_passes_by_mistake_is_told_what_is_wanted(robot: str) -> None:
     """Before anything is sent, so that it needs no robot that is attached."""
     if robot == "own":
