@@ -19,6 +19,8 @@ __all__ = [
     "FLAG",
     "NAME",
     "NAMES",
+    "PORT",
+    "POSE",
     "ROBOT",
     "SECONDS",
     "WHOLE",
@@ -91,6 +93,10 @@ WHOLE = Wanted("a whole number", _is_whole, _plain_number)
 SECONDS = Wanted("a number of seconds", _is_number, _plain_number)
 DATA = Wanted("bytes, as in b'\\x01'", lambda value: isinstance(value, bytes | bytearray), _plain_bytes)
 NAME = Wanted("a name, as in 'J1'", lambda value: isinstance(value, str))
+PORT = Wanted(
+    "a port, as in '/dev/ttyUSB0', or an address, as in 'sim://hex7bot'", lambda value: isinstance(value, str)
+)
+POSE = Wanted("the name of a pose, as in 'rest'", lambda value: isinstance(value, str))
 NAMES = Wanted("several names, as in ['J1']", _are_names, _plain_names)
 ROBOT = Wanted(
     "the driver of a robot: arm.driver of the arm that hexwire.connect() returns, which itself has verbs, "

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-import pytest
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
-from hexwire import HexwireError, UsageError
+import pytest
+from tests.arm.arms import connected
+
+from hexwire import Arm, HexwireError, JointFlag, ServoError, UsageError, connect
 from hexwire.arm.handle import told
 from hexwire.drivers.tools import Gripper
-from hexwire.errors import WrongDeviceError
+from hexwire.errors import LinkLostError, WrongDeviceError
 from hexwire.ipc.mistaken import is_puma, is_servo_bus
 from hexwire.model.puma260 import PUMA260
 
@@ -21,6 +27,8 @@ SAID = {
     "a robot unknown": (WrongDeviceError("check power, cable, and --robot if"), "cable, and robot= if"),
     "several ports": (UsageError("several likely boards: a, b; name one with --port"), "name one in connect()"),
     "no port": (UsageError("emulated arm: --port sim://hex7bot"), "emulated arm: connect('sim://hex7bot')"),
+    "a lost line": (LinkLostError("u was lost"), "u was lost (connect() again once it is there)"),
+    "a detached arm": (UsageError("the driver is not attached; call attach() first"), "this arm is detached"),
     "a file": (UsageError("a.mcap already exists; --force overwrites it"), "force=True overwrites it"),
 }
 
@@ -40,3 +48,42 @@ def test_an_arm_without_a_gripper_is_moved_by_name() -> None:
 
     with pytest.raises(UsageError, match=r"as in move\(NAME=deg\(10\)\)"), told():
         Gripper(Robot())  # type: ignore[arg-type]  # only its model is asked for
+
+
+ASKED: dict[str, Callable[[Arm], object]] = {
+    "read": Arm.read,
+    "newest": Arm.newest,
+    "states": lambda arm: next(arm.states()),
+    "tip": lambda arm: arm.tip,
+    "opening": lambda arm: arm.opening,
+    "stop": Arm.stop,
+    "resume": Arm.resume,
+    "torque": Arm.torque,
+    "home": Arm.home,
+}
+
+
+@pytest.mark.parametrize("verb", ASKED)
+def test_a_detached_arm_says_so(verb: str) -> None:
+    arm = connect("sim://hex7bot")
+    arm.detach()
+    with pytest.raises(UsageError, match=r"^this arm is detached, .*: connect\(\) again$"):
+        ASKED[verb](arm)
+
+
+def test_a_joint_that_is_silent_is_named_by_the_tip(tmp_path: Path) -> None:
+    with connected("bus", tmp_path) as arm:
+        silent = replace(arm.read(), flags=(JointFlag.SILENT,) * 6, position=(math.nan,) * 6)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(arm.driver, "read", lambda: silent)
+            with pytest.raises(ServoError, match=r"^the position of shoulder_pan, .* is unknown"):
+                _ = arm.tip
+
+
+def test_a_pose_that_is_not_there_is_told_with_those_that_are(tmp_path: Path) -> None:
+    with connected("bus", tmp_path) as arm:
+        with pytest.raises(KeyError, match=r"^no pose 'rst' of so101; there are home$"):
+            _ = arm.poses["rst"]
+        with pytest.raises(UsageError, match="no pose 'rst'"):
+            del arm.poses["rst"]
+        assert arm.poses.get("rst") is None

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
 from hexwire.arguments import SECONDS, check, or_none
 from hexwire.control.power import STOP_LATCHED
-from hexwire.errors import HexwireError
+from hexwire.errors import HexwireError, LinkClosedError, LinkLostError
 
 from .claim import WORK_ENDED, Claim, forget_ctrl_c
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.state import JointState
 
-__all__ = ["STOP_ENDS", "Handle", "MotionHandle", "end_all", "told"]
+__all__ = ["DETACHED", "STOP_ENDS", "Handle", "MotionHandle", "end_all", "told"]
 
 _R = TypeVar("_R")
 
@@ -30,7 +30,11 @@ _INTERRUPTED = "cancelled by Ctrl-C"
 
 STOP_ENDS = "resume() ends the stop, and moves nothing"
 
+DETACHED = "this arm is detached, as at the end of its with block: connect() again"
+
+_AGAIN = "connect() again once it is there"
 _METHODS = {
+    "the driver is not attached; call attach() first": DETACHED,
     STOP_LATCHED: STOP_ENDS,
     "clear it with 'hexwire resume'": STOP_ENDS,
     "take it with --take": "take it with arm.driver.take(force=True)",
@@ -61,6 +65,8 @@ def told() -> Iterator[None]:
             text = text.replace(words, method)
         for option, argument in _ARGUMENTS.items():
             text = re.sub(option, argument, text)
+        if isinstance(error, LinkLostError | LinkClosedError) and _AGAIN not in text:
+            text += f" ({_AGAIN})"
         if text != said:
             error.args = (text,)
         raise

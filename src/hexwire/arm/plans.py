@@ -12,7 +12,7 @@ from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hexwire.arguments import NAME, Wanted, check, shown
+from hexwire.arguments import NAME, POSE, Wanted, check, shown
 from hexwire.control.pose_file import find_pose, without_gripper
 from hexwire.control.via import Place, straight, through
 from hexwire.errors import LimitError, UsageError
@@ -145,7 +145,7 @@ class Plans:
 
     def pose(self, name: str, *, gripper: bool = True) -> Mapping[str, float]:
         """Radians by joint of a pose, maybe without its gripper; raises `UsageError` if there is none."""
-        check("pose", "name", NAME, name)
+        check("pose", "name", POSE, name)
         angles = find_pose(self._model, self._poses, name)
         return angles if gripper else without_gripper(self._model, angles)
 

@@ -9,8 +9,8 @@ import math
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from typing import TYPE_CHECKING, NoReturn
 
-from hexwire.arguments import FLAG, NAME, check, or_none
-from hexwire.control.pose_file import PoseFile, check_pose_name, refuse_taken
+from hexwire.arguments import FLAG, POSE, check, or_none
+from hexwire.control.pose_file import PoseFile, check_pose_name, no_pose, refuse_taken
 from hexwire.errors import UsageError
 
 from .plans import ANGLES, joint_angles
@@ -22,6 +22,12 @@ if TYPE_CHECKING:
 __all__ = ["Poses"]
 
 _ROUNDED = math.radians(0.01)
+
+
+class _NoPoseError(UsageError, KeyError):
+    """What a mapping raises, in words."""
+
+    __str__ = Exception.__str__
 
 
 class Poses(MutableMapping[str, Mapping[str, float]]):
@@ -52,7 +58,7 @@ class Poses(MutableMapping[str, Mapping[str, float]]):
         Raises:
             UsageError: The name is wrong or taken, or the position of a joint is unknown.
         """
-        check("poses.save", "name", NAME, name)
+        check("poses.save", "name", POSE, name)
         check("poses.save", "force", FLAG, force)
         check("poses.save", "angles", or_none(ANGLES), angles)
         wanted = None if angles is None else joint_angles(self._model, angles)
@@ -60,10 +66,13 @@ class Poses(MutableMapping[str, Mapping[str, float]]):
         return self._file.save(name, self._read().positions if wanted is None else wanted, force=force)
 
     def __getitem__(self, name: str) -> Mapping[str, float]:
-        return self._file.known()[name]
+        known = self._file.known()
+        if name not in known:
+            raise _NoPoseError(no_pose(self._model, known, name))
+        return known[name]
 
     def __setitem__(self, name: str, angles: Mapping[str, float]) -> None:
-        check("a pose", "name", NAME, name)
+        check("a pose", "name", POSE, name)
         check("a pose", "angles", ANGLES, angles)
         name, wanted = check_pose_name(name), joint_angles(self._model, angles)
         # A program that sets its poses may be run again.
@@ -74,7 +83,7 @@ class Poses(MutableMapping[str, Mapping[str, float]]):
 
     def __delitem__(self, name: str) -> None:
         if name not in self._file.load():
-            raise KeyError(name)
+            raise _NoPoseError(no_pose(self._model, self, name))
         self._file.remove(name)
 
     def clear(self) -> NoReturn:

@@ -19,7 +19,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Self, TextIO, TypedDict, TypeVar, Unpack, overload
 
-from hexwire.arguments import FLAG, NAME, ROBOT, WHOLE, Wanted, check, one_of, or_none, shown, takes
+from hexwire.arguments import FLAG, NAME, PORT, POSE, ROBOT, WHOLE, Wanted, check, one_of, or_none, shown, takes
 from hexwire.control import motions
 from hexwire.control.jaws import MOST_SECONDS
 from hexwire.control.loop import RateLoop, check_rate
@@ -34,12 +34,12 @@ from hexwire.control.power import (
     switch_torque,
     what_helps,
 )
-from hexwire.control.reader import raise_if_silent, read_known, read_start
+from hexwire.control.reader import position_unknown, raise_if_silent, read_known, read_start
 from hexwire.control.via import approached
 from hexwire.drivers.registry import connect as connect_driver
 from hexwire.drivers.registry import is_same_arm
 from hexwire.drivers.values import StopMode
-from hexwire.errors import GoalError, HexwireError, LimitError, LinkError, StoppedError, UsageError
+from hexwire.errors import GoalError, HexwireError, LimitError, LinkError, ServoError, StoppedError, UsageError
 from hexwire.model.aim import Tip
 from hexwire.model.gripper import OPENINGS, Opening
 from hexwire.model.state import JointTarget
@@ -50,7 +50,7 @@ from hexwire.trace.recording import RecordingWriter
 from .blocks import Lesson, Recording, recording_writer
 from .claim import WORK_ENDED, Claim, Claims, forget_ctrl_c
 from .front import Front
-from .handle import Handle, MotionHandle, told
+from .handle import DETACHED, Handle, MotionHandle, told
 from .plans import ANGLES, SECONDS, SHARE, Plans, Point, is_number, joint_angles, length
 from .poses import Poses
 
@@ -86,6 +86,7 @@ _END = Wanted(
     "seconds, 0 or more", lambda value: _TIME.fits(value) or (isinstance(value, float) and value == math.inf)
 )
 _TIMES = Wanted("a whole number, 1 or more: how often", lambda value: WHOLE.fits(value) and value >= 1, WHOLE.plain)
+_ROBOT_NAME = Wanted("the name of a robot, as in 'so101', or an arm file", lambda value: isinstance(value, str))
 _FILE = Wanted("the name of a file", lambda value: isinstance(value, str | Path))
 _KEPT = Wanted("the name of a file", lambda value: _FILE.fits(value) or isinstance(value, RecordingWriter))
 _PRINTED = Wanted("a file that is open for text, such as sys.stderr", lambda value: hasattr(value, "write"))
@@ -189,8 +190,8 @@ def connect(
         LinkError: The port cannot be opened.
         ReplyTimeoutError: Nothing answers.
     """
-    check("connect", "port", or_none(NAME), port)
-    check("connect", "robot", or_none(NAME), robot)
+    check("connect", "port", or_none(PORT), port)
+    check("connect", "robot", or_none(_ROBOT_NAME), robot)
     check("connect", "trace", or_none(_PRINTED), trace)
     with told():
         driver = connect_driver(port, robot, trace=trace, **options)
@@ -242,7 +243,7 @@ class Arm:
         self._height()
         self.poses = Poses(driver.model, self.read)
         self._plans = Plans(driver, self.poses)
-        check("connect", "rest", or_none(NAME), rest)
+        check("connect", "rest", or_none(POSE), rest)
         self._rest = rest if rest is None else self._plans.pose(rest)
         self._claims = Claims()
         self._open = True
@@ -266,8 +267,8 @@ class Arm:
 
     def read(self) -> JointState:
         """Read all joints. A silent servo raises no error; its joint has the flag `JointFlag.SILENT`."""
-        self._check_open()
-        return self.driver.read()
+        with self._asking():
+            return self.driver.read()
 
     def newest(self) -> NewestState:
         """The newest state that is there, at once, with its age in seconds.
@@ -275,8 +276,8 @@ class Arm:
         An arm that another program shares sends its states unasked: `read` waits for the next one, this does not,
         and may give one from before the last order. Any other arm is asked, as by `read`.
         """
-        self._check_open()
-        return self.driver.newest()
+        with self._asking():
+            return self.driver.newest()
 
     @takes(seconds=_END)
     def states(self, rate: float = 0.0, *, seconds: float = math.inf) -> Iterator[JointState]:
@@ -311,7 +312,10 @@ class Arm:
             ServoError: A joint does not answer.
         """
         kinematics = self._plans.kinematics
-        state = read_known(self.driver, kinematics.joint_names)
+        with self._asking():
+            state = read_known(self.driver, kinematics.joint_names)
+            if unknown := [name for name in kinematics.joint_names if name in state.silent]:
+                raise ServoError(position_unknown(unknown))
         return Tip.of(kinematics, kinematics.from_joints(state.positions))
 
     def picture(self, state: JointState | None = None) -> Picture:
@@ -698,8 +702,7 @@ class Arm:
             ServoError: A joint kept its torque.
         """
         checked = self._rate(rate)
-        self._check_open()
-        with self._told():
+        with self._asking():
             # It could not be held at the end.
             if not limp and self.driver.read().stopped:
                 raise StoppedError("the lesson", _STOPPED, f"the arm is stopped; {STOP_LATCHED}")
@@ -834,12 +837,14 @@ class Arm:
         Raises:
             ServoError: A joint has not confirmed it.
         """
-        done = self.driver.stop(StopMode.TORQUE_OFF if limp else StopMode.HOLD)
-        require_confirmed(self.model, self.model.names, done, "the stop")
+        with self._told():
+            done = self.driver.stop(StopMode.TORQUE_OFF if limp else StopMode.HOLD)
+            require_confirmed(self.model, self.model.names, done, "the stop")
 
     def resume(self) -> bool:
         """End a stop; nothing moves. Returns whether a watchdog had stopped the arm."""
-        return end_stop(self.driver)
+        with self._told():
+            return end_stop(self.driver)
 
     # -- the end --------------------------------------------------------------------------------------
 
@@ -899,7 +904,14 @@ class Arm:
 
     def _check_open(self) -> None:
         if not self._open:
-            raise UsageError("this arm is detached, as at the end of its with block: connect() again")
+            raise UsageError(DETACHED)
+
+    @contextmanager
+    def _asking(self) -> Iterator[None]:
+        """Ask the arm something, in a ``with`` block."""
+        self._check_open()
+        with self._told():
+            yield
 
     def _finish(self) -> bool:
         """Let motions come to their end, and the arm rest; whether its torque may be switched off then."""
@@ -1080,7 +1092,8 @@ class Arm:
         own = _Observer(self)
         observer = self._front.observer if wait and self._front.observer is not None else own
         with self._claimed(claim):
-            run, duration = prepare(observer)
+            with self._told():
+                run, duration = prepare(observer)
 
             def explained(ending: threading.Event | None = None) -> _R:
                 with self._explained(asked):

@@ -10,7 +10,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -35,6 +35,7 @@ __all__ = [
     "check_pose_name",
     "find_pose",
     "home_pose",
+    "no_pose",
     "pose_folder",
     "refuse_taken",
     "without_gripper",
@@ -129,10 +130,15 @@ def find_pose(
     """
     if name in poses:
         return poses[name]
-    known = ", ".join(poses) or "none"
     if instead:
+        known = ", ".join(poses) or "none"
         raise UsageError(f"{name!r} is neither {instead} nor a pose of {arm.name}; there are {known}")
-    raise UsageError(f"no pose {name!r} of {arm.name}; there are {known}")
+    raise UsageError(no_pose(arm, poses, name))
+
+
+def no_pose(arm: ArmModel, poses: Iterable[str], name: str) -> str:
+    """That there is no pose of this name, and which there are."""
+    return f"no pose {name!r} of {arm.name}; there are {', '.join(poses) or 'none'}"
 
 
 class PoseFile:

@@ -111,7 +111,8 @@ class BusArm(PlainDriver):
     def from_url(cls, url: str, **options: Any) -> Self:
         """Make a driver for the adapter that `url` names; options as in the constructor."""
         if unknown := set(options) - {"arm", "calibration"}:
-            raise UsageError(f"an arm on a servo bus has no option {', '.join(sorted(unknown))}")
+            names = ", ".join(sorted(unknown))
+            raise UsageError(f"an arm on a servo bus has no option {names}; its address may, as in ?baud=57600")
         from hexwire.link.open import make_link
 
         return cls(make_link(url), **options)
