@@ -3,7 +3,7 @@
 Needs LeRobot's environment: that of `make test-lerobot`, or the Python that HEXWIRE_BENCH_LEROBOT names. Both sides
 run on the same emulated pair of arms (`busemu pair`), whose lines are paced at 1 Mbaud, in turns and each in a
 process of its own. `python tests/bench/bench_lerobot.py --write` also puts the figures into
-docs/figures.md.
+docs/figures-lerobot.md.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ import lerobot_pair as pair  # noqa: E402
 
 _ROOT = _HERE.parents[1]
 _USUAL = _ROOT / "build" / "lerobot" / "bin" / "python"
-_PAGE = _ROOT / "docs" / "figures.md"
+_PAGE = _ROOT / "docs" / "figures-lerobot.md"
 _BEGIN, _END = ("<!-- figures of the benchmark (lerobot): " + word + " -->\n" for word in ("begin", "end"))
 _NAMES = ("hexwire", "lerobot")
 _BARE = "bare"
@@ -52,7 +52,7 @@ def run(*, write: bool = False) -> list[str]:
     """Measure.
 
     Args:
-        write: Put the figures into docs/figures.md.
+        write: Put the figures into docs/figures-lerobot.md.
 
     Returns:
         The lines to print.

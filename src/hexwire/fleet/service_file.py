@@ -48,7 +48,7 @@ _LEASE = Setting("lease", TIMEOUT, "silence after which a lease is lost", "s", l
 _NETWORK_KEYS = ("listen", "router", "ca", "cert", "key", "access")
 _MOST_ENDPOINTS = 8
 _MOST_ARMS = 128
-"""Arms of one program. An owner takes 2.3 % of a core at 100 Hz, and 0.3 % at 20 Hz (docs/figures.md): 43
+"""Arms of one program. An owner takes 2.3 % of a core at 100 Hz, and 0.3 % at 20 Hz (docs/figures-sharing.md): 43
 at the one rate take all of the time of a program, 128 at the other half of it. More need several programs."""
 
 
