@@ -82,8 +82,9 @@ class Poses(MutableMapping[str, Mapping[str, float]]):
         self._file.save(name, wanted, force=True)
 
     def __delitem__(self, name: str) -> None:
-        if name not in self._file.load():
-            raise _NoPoseError(no_pose(self._model, self, name))
+        saved = self._file.load()
+        if name not in saved:
+            raise _NoPoseError(no_pose(self._model, saved, name))
         self._file.remove(name)
 
     def clear(self) -> NoReturn:
