@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from hexwire.errors import ConfigError, UsageError
-from hexwire.ros2.arguments import domain_of, parse_arguments
+from hexwire.ros2.arguments import parse_arguments
 from zenoh_ros2.names import Kind, Remap
 
 
@@ -100,18 +100,6 @@ def test_faults_have_the_words_of_rcl(words: list[str], text: str) -> None:
 def test_a_huge_value_is_refused() -> None:
     with pytest.raises(UsageError):
         parse_arguments(["--ros-args", "-p", "a:=" + "x" * 100_000])
-
-
-@pytest.mark.parametrize(("text", "domain"), [("", 0), ("0", 0), ("42", 42), ("232", 232)])
-def test_the_domain_is_read(text: str, domain: int) -> None:
-    assert domain_of({"ROS_DOMAIN_ID": text}) == domain
-    assert domain_of({}) == 0
-
-
-@pytest.mark.parametrize("text", ["-1", "x", "1.5", "99999999999", "٣"])
-def test_another_domain_is_refused(text: str) -> None:
-    with pytest.raises(UsageError, match="ROS_DOMAIN_ID is not an integral number"):
-        domain_of({"ROS_DOMAIN_ID": text})
 
 
 def test_a_fault_in_a_file_names_its_line(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Bags of ROS 2, read by rosbags."""
+"""The files of a bag, read by rosbags; what is in them is tested with `zenoh_ros2`."""
 
 from __future__ import annotations
 
@@ -6,15 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
-from mcap.reader import make_reader
-from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from hexwire.errors import LocalProtocolError, UsageError
 from hexwire.ros2.bag import BagWriter
-from zenoh_ros2.distributions import Distribution
 from zenoh_ros2.qos import LATCHED
 from zenoh_ros2.types import Types
 
@@ -59,57 +55,6 @@ def test_rosbags_reads_the_bag(bag: Path) -> None:
     assert [stamp for stamp, _ in found] == [STAMP, STAMP + 10_000_000, STAMP + 20_000_000]
     assert [message.position.tolist() for _, message in found] == [[0.0, -1.0], [0.5, -1.0], [1.0, -1.0]]
     assert found[0][1].name == ["J1", "J2"]
-
-
-def test_rosbags_knows_the_types_from_the_bag_alone(bag: Path) -> None:
-    with AnyReader([bag], default_typestore=get_typestore(Stores.EMPTY)) as reader:
-        texts = [
-            reader.deserialize(data, each.msgtype).data
-            for each, _, data in reader.messages()
-            if each.topic == "/robot_description"
-        ]
-    assert texts == ["<robot/>"]
-
-
-def test_the_latched_topic_is_offered_as_such(bag: Path) -> None:
-    information = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    assert information["version"] == 8
-    assert information["ros_distro"] == "jazzy"
-    rows = {
-        row["topic_metadata"]["name"]: row["topic_metadata"] for row in information["topics_with_message_count"]
-    }
-    (latched,), (usual,) = (
-        yaml.safe_load(rows[topic]["offered_qos_profiles"]) for topic in ("/robot_description", "/joint_states")
-    )
-    assert (latched["durability"], latched["depth"]) == (1, 1)
-    assert (usual["durability"], usual["reliability"], usual["history"], usual["depth"]) == (2, 1, 1, 10)
-    assert usual["lifespan"] == {"sec": 9223372036, "nsec": 854775807}
-    assert rows["/joint_states"]["type_description_hash"] == TYPES.message("sensor_msgs/msg/JointState").hash
-
-
-def test_the_mcap_file_has_the_profile_of_ros_2(bag: Path) -> None:
-    with (bag / "arm_0.mcap").open("rb") as file:
-        reader = make_reader(file)
-        assert reader.get_header().profile == "ros2"
-        summary = reader.get_summary()
-    assert summary is not None
-    assert {(each.name, each.encoding) for each in summary.schemas.values()} == {
-        (STRING, "ros2msg"),
-        ("sensor_msgs/msg/JointState", "ros2msg"),
-    }
-    assert {each.message_encoding for each in summary.channels.values()} == {"cdr"}
-    joint_states = next(each for each in summary.channels.values() if each.topic == "/joint_states")
-    assert joint_states.metadata["topic_type_hash"].startswith("RIHS01_a13ee3a3")
-    assert "durability: 2" in joint_states.metadata["offered_qos_profiles"]
-
-
-def test_a_distribution_without_hashes_writes_none(tmp_path: Path) -> None:
-    types = Types(Distribution.HUMBLE)
-    with BagWriter(tmp_path / "b", types) as writer:
-        writer.write("/text", STRING, types.message(STRING)(data="x"), STAMP)
-    text = (tmp_path / "b" / "metadata.yaml").read_text()
-    assert 'type_description_hash: ""' in text
-    assert "ros_distro: humble" in text
 
 
 def test_an_empty_bag_is_complete(tmp_path: Path) -> None:

@@ -13,9 +13,10 @@ from tests.waits import eventually
 from zenoh_ros2_tests.router import Router
 from zenoh_ros2_tests.tiny_types import Text, TinyTypes
 
-from hexwire.errors import LinkNotFoundError, UsageError
+from hexwire.errors import UsageError
 from hexwire.fleet.rights import Kind
 from hexwire.ros2.secure_settings import SecureSettings
+from zenoh_ros2 import RouterNotFoundError
 from zenoh_ros2.keys import Role
 from zenoh_ros2.node import Node, NodeOptions
 from zenoh_ros2.qos import LATCHED
@@ -65,7 +66,7 @@ def test_settings_that_let_anybody_move_the_arm_are_warned_of(
 def test_without_a_router_it_gives_up_and_says_why() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     settings = SecureSettings(connect=(endpoint,), overrides=(("mode", '"client"'),), attempts=1)
-    with pytest.raises(LinkNotFoundError, match=rf"nobody answers at {endpoint} \(Connection refused\)"):
+    with pytest.raises(RouterNotFoundError, match=rf"nobody answers at {endpoint} \(Connection refused\)"):
         settings.open()
 
 
@@ -145,7 +146,7 @@ def test_what_keeps_a_node_from_its_router_is_said(
     stranger = Lab(tmp_path)
     stranger.issue("arm", Kind.ROS, "0")
     zenoh = SecureSettings(connect=(lab.endpoint,), **stranger.files("arm"), attempts=2)
-    with pytest.raises(LinkNotFoundError, match="its certificate is not of the authority"):
+    with pytest.raises(RouterNotFoundError, match="its certificate is not of the authority"):
         Node(NodeOptions("arm", zenoh=zenoh), TinyTypes()).open()
     assert "its certificate is not of the authority" in caplog.text
     assert "This node waits for a Zenoh router: start one with `hexwire fleet router`" in caplog.text

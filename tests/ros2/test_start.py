@@ -13,6 +13,7 @@ from hexwire.ros2 import start
 from hexwire.ros2.arguments import parse_arguments
 from hexwire.ros2.secure_settings import SecureSettings
 from hexwire.ros2.start import _console, _zenoh
+from hexwire.ros2.wire import own_errors
 
 
 @pytest.mark.parametrize(
@@ -90,7 +91,7 @@ def test_the_router_is_the_usual_one_unless_it_is_named() -> None:
 def test_what_cannot_be_the_way_to_a_router_is_refused(
     words: list[str], environ: dict[str, str], text: str
 ) -> None:
-    with pytest.raises(UsageError, match=text):
+    with pytest.raises(UsageError, match=text), own_errors():
         _zenoh(words, environ)
 
 

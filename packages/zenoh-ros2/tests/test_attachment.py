@@ -5,8 +5,8 @@ import zenoh.ext
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.errors import RemoteProtocolError
 from zenoh_ros2.attachment import Attachment
+from zenoh_ros2.errors import RemoteProtocolError
 
 BIG = st.integers(0, 2**63 - 1)
 

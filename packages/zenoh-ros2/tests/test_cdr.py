@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from zenoh_ros2_tests.messages import Rosbags, messages, with_type
 
-from hexwire.errors import LocalProtocolError, RemoteProtocolError
 from zenoh_ros2.cdr import MOST_BYTES
+from zenoh_ros2.errors import LocalProtocolError, RemoteProtocolError
 from zenoh_ros2.types import Types
 
 TYPES = Types()

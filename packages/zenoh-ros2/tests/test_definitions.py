@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.errors import UsageError
 from zenoh_ros2.definitions import (
     Constant,
     Field,
@@ -18,6 +17,7 @@ from zenoh_ros2.definitions import (
     parse_message,
     parse_service,
 )
+from zenoh_ros2.errors import UsageError
 
 NAME = "robot_msgs/msg/Arm"
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.errors import UsageError
+from zenoh_ros2.errors import UsageError
 from zenoh_ros2.goals import MOST_GOALS, CancelCode, Goal, Goals, GoalStatus
 
 TIMEOUT = 10.0

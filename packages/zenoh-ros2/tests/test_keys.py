@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.errors import RemoteProtocolError
-from zenoh_ros2.keys import Endpoint, Role, data_key, gid_of, parse_token
+from zenoh_ros2.errors import RemoteProtocolError, UsageError
+from zenoh_ros2.keys import Endpoint, Role, data_key, domain_of, gid_of, parse_token
 from zenoh_ros2.qos import DEFAULT
 
 # As in the design document of rmw_zenoh, with the form of the quality of service that it has now.
@@ -83,3 +83,15 @@ def test_the_quality_of_service_is_written_in_canonical_form() -> None:
     spelled_out = PUBLISHER.replace("::,7:,:,:,,", "1:2:1,7:,:,:1,,")
     assert parse_token(spelled_out).token == PUBLISHER
     assert DEFAULT.key == "::,10:,:,:,,"
+
+
+@pytest.mark.parametrize(("text", "domain"), [("", 0), ("0", 0), ("42", 42), ("232", 232)])
+def test_the_domain_is_read(text: str, domain: int) -> None:
+    assert domain_of({"ROS_DOMAIN_ID": text}) == domain
+    assert domain_of({}) == 0
+
+
+@pytest.mark.parametrize("text", ["-1", "x", "1.5", "99999999999", "٣"])
+def test_another_domain_is_refused(text: str) -> None:
+    with pytest.raises(UsageError, match="ROS_DOMAIN_ID is not an integral number"):
+        domain_of({"ROS_DOMAIN_ID": text})

@@ -10,8 +10,8 @@ import pytest
 from tests.waits import eventually
 from zenoh_ros2_tests.fake_node import Call, FakeNode
 
-from hexwire.errors import UsageError
 from zenoh_ros2.distributions import Distribution
+from zenoh_ros2.errors import UsageError
 from zenoh_ros2.lifecycle import TRANSITIONS, Change, Lifecycle, State
 from zenoh_ros2.qos import Qos
 from zenoh_ros2.types import Types

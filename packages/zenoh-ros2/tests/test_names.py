@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from hexwire.errors import UsageError
+from zenoh_ros2.errors import UsageError
 from zenoh_ros2.names import Kind, Remap, expand, logger_name, parse_remap, remap_node, resolve
 
 

@@ -11,8 +11,8 @@ from tests.waits import eventually
 from zenoh_ros2_tests.router import Router
 from zenoh_ros2_tests.tiny_types import HASH, Text, TinyTypes
 
-from hexwire.errors import LinkClosedError
 from zenoh_ros2.distributions import Distribution
+from zenoh_ros2.errors import SessionClosedError, UsageError
 from zenoh_ros2.keys import Role
 from zenoh_ros2.node import Node, NodeOptions
 from zenoh_ros2.qos import LATCHED, ROSOUT
@@ -22,6 +22,7 @@ from zenoh_ros2.zenoh_session import ZenohSettings
 pytestmark = pytest.mark.system
 
 STRING = "std_msgs/msg/String"
+FEEDBACK = "control_msgs/action/FollowJointTrajectory_FeedbackMessage"
 ECHO = "tiny_msgs/srv/Echo"
 CHATTER = f"0/chatter/std_msgs::msg::dds_::String_/{HASH}"
 ECHO_KEY = f"0/echo/tiny_msgs::srv::dds_::Echo_/{HASH}"
@@ -63,7 +64,7 @@ def test_everything_comes_back_when_the_router_restarts(
 
 
 def test_a_node_must_be_open_to_publish() -> None:
-    with pytest.raises(LinkClosedError, match="/talker is not open"):
+    with pytest.raises(SessionClosedError, match="/talker is not open"):
         Node(NodeOptions("talker"), TinyTypes()).publisher("chatter", STRING)
 
 
@@ -207,3 +208,14 @@ def test_made_up_nodes_do_not_fill_the_log(
     eventually(lambda: any(each.node == "end" for each in node.graph.find(Role.CLIENT)))
     assert caplog.text.count("Another node has the name") == 50
     assert (len(tokens), end.name) == (199, "/echo")
+
+
+def test_a_node_takes_domain_router_and_distribution_from_the_environment() -> None:
+    variables = {"ROS_DOMAIN_ID": "7", "ROS_DISTRO": "kilted", "ZENOH_ROUTER_CHECK_ATTEMPTS": "3"}
+    node = Node.from_environment("talker", environment=variables)
+    assert (node.full_name, node.options.domain, node.options.zenoh.attempts) == ("/talker", 7, 3)
+    assert Types(Distribution.KILTED).message(FEEDBACK).hash == node.types.message(FEEDBACK).hash
+    assert Types().message(FEEDBACK).hash != node.types.message(FEEDBACK).hash
+    assert Distribution.from_environment({}) is Distribution.JAZZY
+    with pytest.raises(UsageError, match="ROS_DISTRO is 'foxy'; this package knows humble, jazzy"):
+        Node.from_environment("talker", environment={"ROS_DISTRO": "foxy"})

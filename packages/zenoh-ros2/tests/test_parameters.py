@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from zenoh_ros2_tests.fake_node import FakeNode
 
-from hexwire.errors import UsageError
 from zenoh_ros2.distributions import Distribution
+from zenoh_ros2.errors import UsageError
 from zenoh_ros2.parameters import Descriptor, ParameterServer, ParameterType, Value, type_of
 from zenoh_ros2.qos import Qos
 from zenoh_ros2.types import Types

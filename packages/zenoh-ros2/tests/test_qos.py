@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.errors import RemoteProtocolError
+from zenoh_ros2.errors import RemoteProtocolError
 from zenoh_ros2.qos import (
     ACTION_STATUS,
     DEFAULT,

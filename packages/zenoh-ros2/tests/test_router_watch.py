@@ -8,6 +8,7 @@ from zenoh_ros2 import router_watch
 from zenoh_ros2.router_watch import RouterWatch
 
 LOG = logging.getLogger("test_router_watch")
+REMEDY = "start one somewhere"
 
 
 @pytest.fixture(autouse=True)
@@ -17,11 +18,11 @@ def _short(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_missing_router_is_told_with_what_to_do(caplog: pytest.LogCaptureFixture) -> None:
-    watch = RouterWatch(lambda: 0, ["tcp/localhost:7447"], LOG)
+    watch = RouterWatch(lambda: 0, ["tcp/localhost:7447"], REMEDY, LOG)
     assert not watch.wait(2)
     text = (
-        "Unable to connect to a Zenoh router at tcp/localhost:7447. Start one with `hexwire fleet router` or "
-        "`ros2 run rmw_zenoh_cpp rmw_zenohd`; until then other nodes do not see this one"
+        "Unable to connect to a Zenoh router at tcp/localhost:7447. Start one somewhere; until then other nodes do "
+        "not see this one"
     )
     assert [record.getMessage() for record in caplog.records] == [text]
     assert not watch.wait(11)
@@ -29,7 +30,7 @@ def test_a_missing_router_is_told_with_what_to_do(caplog: pytest.LogCaptureFixtu
 
 
 def test_a_router_that_is_there_is_not_mentioned(caplog: pytest.LogCaptureFixture) -> None:
-    watch = RouterWatch(lambda: 1, ["tcp/localhost:7447"], LOG)
+    watch = RouterWatch(lambda: 1, ["tcp/localhost:7447"], REMEDY, LOG)
     assert watch.wait(1)
     watch.look()
     assert caplog.records == []
@@ -37,13 +38,13 @@ def test_a_router_that_is_there_is_not_mentioned(caplog: pytest.LogCaptureFixtur
 
 def test_waiting_without_limit_ends_when_the_router_comes() -> None:
     answers = iter([0] * 50 + [1] * 1000)
-    assert RouterWatch(lambda: next(answers), [], LOG).wait(0)
+    assert RouterWatch(lambda: next(answers), [], REMEDY, LOG).wait(0)
 
 
 def test_a_router_that_comes_or_goes_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
     count = [0]
-    watch = RouterWatch(lambda: count[0], ["tcp/a:1"], LOG)
+    watch = RouterWatch(lambda: count[0], ["tcp/a:1"], REMEDY, LOG)
     for number in (0, 1, 1, 0, 0, 1):
         count[0] = number
         watch.look()
@@ -56,7 +57,7 @@ def test_a_router_that_comes_or_goes_is_told_once(caplog: pytest.LogCaptureFixtu
 
 def test_the_thread_ends() -> None:
     looks: list[int] = []
-    watch = RouterWatch(lambda: len(looks.append(1) or looks), [], LOG)
+    watch = RouterWatch(lambda: len(looks.append(1) or looks), [], REMEDY, LOG)
     watch.start()
     watch.stop()
     seen = len(looks)

@@ -6,8 +6,8 @@ import pytest
 from tests.few import few
 from zenoh_ros2_tests.messages import NAMES, messages_of
 
-from hexwire.errors import UsageError
 from zenoh_ros2.distributions import Distribution
+from zenoh_ros2.errors import UsageError
 from zenoh_ros2.types import Types
 
 

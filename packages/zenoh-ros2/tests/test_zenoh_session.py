@@ -9,7 +9,7 @@ from tests.link.far_ends import free_port
 from tests.waits import eventually
 from zenoh_ros2_tests.router import Router
 
-from hexwire.errors import ConfigError, LinkClosedError, LinkNotFoundError, LinkPermissionError, UsageError
+from zenoh_ros2.errors import ConfigError, RouterNotFoundError, SessionClosedError, SessionError, UsageError
 from zenoh_ros2.zenoh_session import Request, ZenohSettings
 
 STRING = "std_msgs/msg/String"
@@ -131,7 +131,7 @@ def test_a_file_replaces_the_settings_and_overrides_change_it(tmp_path: Path, ro
 def test_without_the_router_of_another_machine_it_waits_or_gives_up() -> None:
     overrides = (("mode", '"client"'),)
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with pytest.raises(LinkNotFoundError, match=f"nobody answers at {endpoint}"):
+    with pytest.raises(RouterNotFoundError, match=f"nobody answers at {endpoint}"):
         ZenohSettings(connect=(endpoint,), overrides=overrides, attempts=1).open()
     routers: list[Router] = []
     session = ZenohSettings(connect=(endpoint,), overrides=overrides).open(
@@ -148,11 +148,11 @@ def test_a_session_opens_without_a_router() -> None:
     assert session.routers == 0
     session.close()
     assert session.is_closed
-    with pytest.raises(LinkClosedError, match="is closed"):
+    with pytest.raises(SessionClosedError, match="is closed"):
         session.declare_token("a/b")
 
 
 @pytest.mark.system
 def test_an_endpoint_that_is_taken_cannot_be_listened_on(router: Router) -> None:
-    with pytest.raises(LinkPermissionError, match="cannot open a Zenoh session"):
+    with pytest.raises(SessionError, match="cannot open a Zenoh session"):
         ZenohSettings(connect=(router.endpoint,), listen=(router.endpoint,)).open()

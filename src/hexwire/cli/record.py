@@ -372,7 +372,7 @@ def bag_recording(folder: str, *, force: bool, optional: bool = False) -> Iterat
     whose states are read, if it has a geometry.
     """
     from hexwire.ros2.bag_recording import BagRecording
-    from zenoh_ros2.types import Types
+    from zenoh_ros2 import Types
 
     made: list[BagRecording] = []
 
@@ -408,7 +408,7 @@ def ros2(file: BinaryIO, folder: str, robot: str | None, force: bool, as_json: b
     """
     from hexwire.model.urdf import make_urdf
     from hexwire.ros2.bag_recording import BagRecording, convert
-    from zenoh_ros2.types import Types
+    from zenoh_ros2 import Types
 
     robot = robot or click.get_current_context().find_root().params.get("robot")
     urdf = "" if robot is None else make_urdf(make_kinematics(robot))

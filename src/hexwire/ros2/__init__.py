@@ -9,19 +9,16 @@ import os
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from zenoh_ros2.node import Node
+    from zenoh_ros2 import Node
 
-__all__ = ["LOGGERS", "ros_node"]
-
-LOGGERS = ("hexwire", "zenoh_ros2")
-"""Names of the loggers whose records are the log of a node."""
+__all__ = ["ros_node"]
 
 
 def ros_node(name: str) -> Node:
     """A node of ROS 2 for a program of yours, without ROS; as a context manager it is open in its block.
 
     Its domain is that of ROS_DOMAIN_ID, its router that of rmw_zenoh's environment variables, and its `types` makes
-    messages of ROS's own packages.
+    messages of ROS's own packages. It is one of the package `zenoh_ros2`, which has its exceptions.
 
     Args:
         name: Its name.
@@ -29,11 +26,10 @@ def ros_node(name: str) -> Node:
     Raises:
         UsageError: A variable is not valid.
     """
-    from zenoh_ros2.node import Node, NodeOptions
-    from zenoh_ros2.types import Types
-    from zenoh_ros2.zenoh_session import ZenohSettings
+    from zenoh_ros2 import Node, NodeOptions, Types, domain_of
 
-    from .arguments import domain_of
+    from .wire import LOGGERS, RouterSettings, own_errors
 
-    zenoh = ZenohSettings.from_environment(os.environ)
-    return Node(NodeOptions(name, domain=domain_of(os.environ), zenoh=zenoh, loggers=LOGGERS), Types())
+    with own_errors():
+        zenoh = RouterSettings.from_environment(os.environ)
+        return Node(NodeOptions(name, domain=domain_of(os.environ), zenoh=zenoh, loggers=LOGGERS), Types())

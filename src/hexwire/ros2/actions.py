@@ -19,7 +19,7 @@ from .values import request_of
 if TYPE_CHECKING:
     from hexwire.control.controlled_arm import ControlledArm
     from hexwire.control.outcomes import Ended
-    from zenoh_ros2.action_server import GoalHandle
+    from zenoh_ros2 import GoalHandle
 
 __all__ = ["CODES", "FOLLOW_JOINT_TRAJECTORY", "ActionClient", "ActionGoals", "in_log"]
 

@@ -13,12 +13,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hexwire.errors import UsageError
-from zenoh_ros2.keys import MOST_DOMAIN
-from zenoh_ros2.names import Remap, parse_remap
+from zenoh_ros2 import Remap, parse_remap
+from zenoh_ros2 import UsageError as RosUsageError
 
 from .params_file import Overrides, matches, parse_value, read_params_file
 
-__all__ = ["LEVELS", "RosArguments", "domain_of", "parse_arguments"]
+__all__ = ["LEVELS", "RosArguments", "parse_arguments"]
 
 _log = logging.getLogger(__name__)
 
@@ -83,20 +83,6 @@ class RosArguments:
         return self.level or 0
 
 
-def domain_of(environment: Mapping[str, str]) -> int:
-    """The domain that ROS_DOMAIN_ID names; 0 if it is not set.
-
-    Raises:
-        UsageError: It is not a whole number in range.
-    """
-    text = environment.get("ROS_DOMAIN_ID", "")
-    if not text:
-        return 0
-    if not (text.isascii() and text.isdigit()) or len(text) > 10 or int(text) > MOST_DOMAIN:
-        raise UsageError(f"ROS_DOMAIN_ID is not an integral number from 0 to {MOST_DOMAIN}: {text[:80]!r}")
-    return int(text)
-
-
 def parse_arguments(words: Sequence[str]) -> RosArguments:
     """Read a command line without the name of the program.
 
@@ -150,7 +136,7 @@ class _Parser:
     def _other(self, word: str) -> None:
         try:
             rule = parse_remap(word)
-        except UsageError:
+        except RosUsageError:
             self._others.append(word)
             return
         self._remaps.append(rule)
@@ -189,7 +175,7 @@ class _Parser:
         word = self._words.pop(0)
         try:
             return read(word)
-        except UsageError as error:
+        except (UsageError, RosUsageError) as error:
             shown = word if len(word) <= 200 else f"{word[:200]}..."
             raise UsageError(f"Couldn't parse {what}: '{flag} {shown}'. Error: {error}") from None
 

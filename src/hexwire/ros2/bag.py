@@ -1,44 +1,28 @@
-"""Bags of ROS 2: a folder with an MCAP file in ROS 2's profile, and the ``metadata.yaml`` that `ros2 bag` reads.
+"""Bags of ROS 2, in files that are made as safely as a recording.
 
-Owns both files. Schemas are ``ros2msg``, messages are CDR, so Foxglove and PlotJuggler open the MCAP file alone.
-Must not know what is recorded. Needs the package ``mcap``, imported on first use.
-
-    arm/                the bag: `ros2 bag play arm`
-    arm/arm_0.mcap      its messages
-    arm/metadata.yaml   written when the bag is complete; `ros2 bag reindex` makes it for one that is not
+Owns the folder and its files; `zenoh_ros2` has what is in them. Must not know what is recorded. Needs the package
+``mcap``, imported on first use.
 """
 
 from __future__ import annotations
 
-import json
 import stat
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hexwire.errors import UsageError
 from hexwire.new_file import OutputFile
 from hexwire.trace.mcap_file import NewMcapFile, load_mcap
-from zenoh_ros2.distributions import NO_TYPE_HASH
-from zenoh_ros2.qos import DEFAULT, Qos
+from zenoh_ros2 import DEFAULT, Qos
+from zenoh_ros2.bag import METADATA, PROFILE, BagMessages, mcap_name
+
+from .wire import own_errors
 
 if TYPE_CHECKING:
-    from zenoh_ros2.types import MessageType, Types
+    from zenoh_ros2 import Types
 
 __all__ = ["BagWriter"]
-
-METADATA = "metadata.yaml"
-_VERSION = 8
-"""Version of ``metadata.yaml``, with policies as numbers: Humble reads it, and all that came after."""
-
-
-@dataclass(slots=True)
-class _Topic:
-    type: MessageType
-    qos: Qos
-    channel: int
-    count: int = 0
 
 
 class BagWriter(NewMcapFile):
@@ -60,47 +44,26 @@ class BagWriter(NewMcapFile):
     def __init__(self, folder: str | Path, types: Types, *, force: bool = False) -> None:
         load_mcap("mcap.writer")
         self.folder = Path(folder)
-        self._types = types
         self._force = force
-        self._file = f"{self.folder.name}_0.mcap"
-        self._made = _make_folder(self.folder, {self._file, METADATA}, force)
+        file = mcap_name(self.folder)
+        self._made = _make_folder(self.folder, {file, METADATA}, force)
         try:
-            super().__init__(self.folder / self._file, "ros2", force=force)
+            super().__init__(self.folder / file, PROFILE, force=force)
         except UsageError:
             self._remove_folder()
             raise
-        self._topics: dict[str, _Topic] = {}
-        self._first, self._last = 2**63 - 1, 0
+        self._messages = BagMessages(self._writer, file, types)
 
     def write(self, topic: str, message_type: str, message: Any, stamp: int, qos: Qos = DEFAULT) -> None:
-        """Write a message.
-
-        Args:
-            topic: Its topic, with the slash; created on first use.
-            message_type: Full name of its type, as in ``sensor_msgs/msg/JointState``.
-            message: The message.
-            stamp: Nanoseconds since 1970.
-            qos: What its publisher offers: `ros2 bag play` offers the same.
+        """Write a message; see `zenoh_ros2.bag.BagMessages.write`.
 
         Raises:
             LocalProtocolError: The message has an unsuitable value.
             OSError: It cannot be written; nor can anything after it.
         """
-        with self._writing():
-            found = self._topics.get(topic)
-            if found is None:
-                found = self._topics[topic] = self._new_topic(topic, message_type, qos)
-            data = found.type.serialize(message)
-            self._writer.add_message(found.channel, stamp, data, stamp, found.count & 0xFFFFFFFF)
-        found.count += 1
+        with self._writing(), own_errors():
+            self._messages.write(topic, message_type, message, stamp, qos)
         self.count += 1
-        self._first, self._last = min(self._first, stamp), max(self._last, stamp)
-
-    def _new_topic(self, topic: str, message_type: str, qos: Qos) -> _Topic:
-        type_ = self._types.message(message_type)
-        schema = self._writer.register_schema(type_.name, "ros2msg", type_.text.encode())
-        metadata = {"offered_qos_profiles": _qos_text(qos), "topic_type_hash": _hash_of(type_)}
-        return _Topic(type_, qos, self._writer.register_channel(topic, "cdr", schema, metadata))
 
     def close(self) -> None:
         """Finish the bag. Does nothing if it is finished; after a write error, its MCAP file stays truncated.
@@ -114,7 +77,7 @@ class BagWriter(NewMcapFile):
         super().close()
         if self._failed is None:
             with OutputFile(self.folder / METADATA, force=self._force) as out:
-                out.file.write(self._metadata().encode())
+                out.file.write(self._messages.metadata().encode())
 
     def discard(self) -> None:
         """Delete the bag. Does nothing if it is finished."""
@@ -126,48 +89,6 @@ class BagWriter(NewMcapFile):
         if self._made:
             with suppress(OSError):
                 self.folder.rmdir()
-
-    def _metadata(self) -> str:
-        first, duration = (self._first, self._last - self._first) if self.count else (0, 0)
-        times = [f"nanoseconds_since_epoch: {first}", f"nanoseconds: {duration}"]
-        # JSON is YAML, too: it quotes what needs it.
-        lines = [
-            "rosbag2_bagfile_information:",
-            f"  version: {_VERSION}",
-            "  storage_identifier: mcap",
-            "  duration:",
-            f"    {times[1]}",
-            "  starting_time:",
-            f"    {times[0]}",
-            f"  message_count: {self.count}",
-            "  topics_with_message_count:" + ("" if self._topics else " []"),
-        ]
-        for name, topic in self._topics.items():
-            lines += [
-                "    - topic_metadata:",
-                f"        name: {json.dumps(name)}",
-                f"        type: {topic.type.name}",
-                "        serialization_format: cdr",
-                f"        offered_qos_profiles: {json.dumps(_qos_text(topic.qos))}",
-                f"        type_description_hash: {json.dumps(_hash_of(topic.type))}",
-                f"      message_count: {topic.count}",
-            ]
-        lines += [
-            '  compression_format: ""',
-            '  compression_mode: ""',
-            "  relative_file_paths:",
-            f"    - {json.dumps(self._file)}",
-            "  files:",
-            f"    - path: {json.dumps(self._file)}",
-            "      starting_time:",
-            f"        {times[0]}",
-            "      duration:",
-            f"        {times[1]}",
-            f"      message_count: {self.count}",
-            "  custom_data: ~",
-            f"  ros_distro: {self._types.distribution.value}",
-        ]
-        return "\n".join([*lines, ""])
 
 
 def _make_folder(folder: Path, files: set[str], force: bool) -> bool:
@@ -187,28 +108,3 @@ def _make_folder(folder: Path, files: set[str], force: bool) -> bool:
     except OSError as error:
         raise UsageError(f"{folder} cannot be created: {error.strerror}; choose another place") from None
     return True
-
-
-def _hash_of(type_: MessageType) -> str:
-    return "" if type_.hash == NO_TYPE_HASH else type_.hash
-
-
-def _qos_text(qos: Qos) -> str:
-    """A list with one quality of service, as `ros2 bag` has it up to version 8."""
-
-    def duration(name: str, value: tuple[int, int]) -> list[str]:
-        return [f"  {name}:", f"    sec: {value[0]}", f"    nsec: {value[1]}"]
-
-    return "\n".join(
-        [
-            f"- history: {int(qos.history)}",
-            f"  depth: {qos.depth}",
-            f"  reliability: {int(qos.reliability)}",
-            f"  durability: {int(qos.durability)}",
-            *duration("deadline", qos.deadline),
-            *duration("lifespan", qos.lifespan),
-            f"  liveliness: {int(qos.liveliness)}",
-            *duration("liveliness_lease_duration", qos.lease),
-            "  avoid_ros_namespace_conventions: false",
-        ]
-    )

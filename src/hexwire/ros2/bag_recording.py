@@ -27,8 +27,7 @@ from hexwire.inputs import parse_message
 from hexwire.model.state import JointState
 from hexwire.trace.capture import BYTES, Message, read_messages
 from hexwire.trace.recording import JOINT_STATES, nanoseconds, parse_joints
-from zenoh_ros2.qos import LATCHED
-from zenoh_ros2.types import Types
+from zenoh_ros2 import LATCHED, Types
 
 from .bag import BagWriter
 

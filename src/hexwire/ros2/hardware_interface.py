@@ -20,14 +20,21 @@ from hexwire.control.workers import Worker
 from hexwire.errors import DeviceError, HexwireError
 from hexwire.model.geometry import make_shapes
 from hexwire.model.urdf import make_urdf
-from zenoh_ros2.action_server import ActionServer
-from zenoh_ros2.keys import Role
-from zenoh_ros2.lifecycle import Lifecycle, State
-from zenoh_ros2.node import Deferred, Node
-from zenoh_ros2.parameters import Descriptor, ParameterServer
-from zenoh_ros2.qos import LATCHED, Qos, Reliability
-from zenoh_ros2.times import nanoseconds_of
-from zenoh_ros2.types import Types
+from zenoh_ros2 import (
+    LATCHED,
+    ActionServer,
+    Deferred,
+    Descriptor,
+    Lifecycle,
+    Node,
+    ParameterServer,
+    Qos,
+    Reliability,
+    Role,
+    State,
+    Types,
+    nanoseconds_of,
+)
 
 from . import arm_lifecycle
 from .actions import FOLLOW_JOINT_TRAJECTORY, ActionClient, ActionGoals
@@ -37,6 +44,7 @@ from .set_points import ARRAY, of_array, of_joint_state
 from .settings import changed, descriptor_of
 from .transforms import TRANSFORMS, Transforms
 from .values import delay_of, trajectory_of
+from .wire import refusals
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -48,8 +56,7 @@ if TYPE_CHECKING:
     from hexwire.epochs import Token
     from hexwire.model.state import JointState
     from hexwire.motion.teach import Taught
-    from zenoh_ros2.callbacks import Inbox
-    from zenoh_ros2.node import NodeOptions, Publisher
+    from zenoh_ros2 import Inbox, NodeOptions, Publisher
 
     from .settings import NodeSettings
 
@@ -115,7 +122,8 @@ class HardwareInterface(ArmNode[ActionGoals]):
         """Connect, offer topics, services and actions, and run until a signal ends it; returns the exit status.
 
         Raises:
-            LinkError: The robot's port or the Zenoh session cannot be opened.
+            LinkError: The robot's port cannot be opened.
+            RosError: The Zenoh session cannot be opened.
             DeviceError: The robot does not answer, another node has this name, or the node failed.
         """
         odd = list(self._settings.warnings)
@@ -224,6 +232,7 @@ class HardwareInterface(ArmNode[ActionGoals]):
             server.declare(name, value, said)
         server.offer()
 
+    @refusals()
     def _on_parameters(self, changes: Mapping[str, object]) -> None:
         settings = changed(self._settings, changes)
         self._arm.adopt(settings.arm)

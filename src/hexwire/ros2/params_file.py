@@ -11,9 +11,10 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from hexwire.errors import ConfigError, NotSupportedError, UsageError
+from hexwire.errors import ConfigError, NotSupportedError
 from hexwire.inputs import read_text
-from zenoh_ros2.names import check_node_name
+from zenoh_ros2 import UsageError as RosUsageError
+from zenoh_ros2 import check_node_name
 
 __all__ = ["KEY", "Overrides", "matches", "parse_value", "read_params_file"]
 
@@ -159,7 +160,7 @@ class _Reader:
             for part in pattern[1:].split("/"):
                 if part not in ("*", "**"):
                     check_node_name(part)
-        except UsageError as error:
+        except RosUsageError as error:
             raise self._fault(event, str(error)) from None
         return pattern
 

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from hexwire.control.teaching import to_points, tolerance_of
-from zenoh_ros2.times import seconds_of, time_fields
+from zenoh_ros2 import seconds_of, time_fields
 
 if TYPE_CHECKING:
     from hexwire.control.diagnostics import Row
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from hexwire.control.outcomes import Progress
     from hexwire.model.arm import ArmModel
     from hexwire.motion.teach import Taught
-    from zenoh_ros2.types import Types
+    from zenoh_ros2 import Types
 
 __all__ = ["CONTROLLER_STATE", "DIAGNOSTICS", "JOINT_STATE", "TRAJECTORY", "Reports"]
 

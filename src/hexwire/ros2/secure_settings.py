@@ -17,7 +17,9 @@ from hexwire.fleet.network import tls_settings
 from hexwire.fleet.reach import why_unreachable
 from hexwire.link.certs import check_usable
 from hexwire.link.tls import TlsFiles
-from zenoh_ros2.zenoh_session import LISTEN, ZenohSettings, endpoints_in
+from zenoh_ros2 import LISTEN, endpoints_in
+
+from .wire import RouterSettings
 
 __all__ = ["SecureSettings"]
 
@@ -25,7 +27,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
-class SecureSettings(ZenohSettings):
+class SecureSettings(RouterSettings):
     """Settings of a session that moves an arm; with certificates, all passes through the router.
 
     Attributes:
@@ -75,7 +77,7 @@ class SecureSettings(ZenohSettings):
 
     def rows(self) -> dict[str, Any]:
         """Zenoh's settings: those of any node, and the certificates."""
-        rows = ZenohSettings.rows(self)
+        rows = RouterSettings.rows(self)
         return rows | (tls_settings(self.files) if self.files is not None else {})
 
     def check(self) -> None:

@@ -19,9 +19,7 @@ from hexwire.control.settings import CHANGEABLE, REPORT_SETTINGS, SETTINGS
 from hexwire.control.settings_reader import read_settings, reread
 from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.link.ports import find_only_board
-from zenoh_ros2 import type_descriptions
-from zenoh_ros2.distributions import Distribution
-from zenoh_ros2.parameters import Descriptor
+from zenoh_ros2 import Descriptor, Distribution, type_descriptions
 
 if TYPE_CHECKING:
     from hexwire.control.settings import ControllerSettings, Settings

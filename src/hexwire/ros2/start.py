@@ -14,15 +14,13 @@ from logging.handlers import QueueHandler, QueueListener
 from typing import Any
 
 from hexwire.errors import UsageError
-from zenoh_ros2.names import full_name, logger_name, remap_node
-from zenoh_ros2.node import NodeOptions
-from zenoh_ros2.zenoh_session import load_zenoh
+from zenoh_ros2 import NodeOptions, domain_of, full_name, load_zenoh, logger_name, remap_node
 
-from . import LOGGERS
-from .arguments import LEVELS, RosArguments, domain_of, parse_arguments
+from .arguments import LEVELS, RosArguments, parse_arguments
 from .hardware_interface import NAME, HardwareInterface
 from .secure_settings import SecureSettings
 from .settings import load_settings
+from .wire import LOGGERS, own_errors
 
 __all__ = ["run"]
 
@@ -35,6 +33,7 @@ message that it publishes, and servos that are asked one by one on a slow line s
 _SEVERITIES = {number: name for name, number in LEVELS.items()}
 
 
+@own_errors()
 def run(words: Sequence[str], environ: Mapping[str, str]) -> int:
     """Run the node until a signal ends it.
 
@@ -48,7 +47,7 @@ def run(words: Sequence[str], environ: Mapping[str, str]) -> int:
     Raises:
         UsageError: Arguments or parameters are wrong; the text names the first ones.
         LinkError: The robot's port or the Zenoh session cannot be opened.
-        DeviceError: Zenoh is not installed, the robot does not answer, or the node failed.
+        DeviceError: The robot does not answer, or the node failed.
     """
     load_zenoh()
     arguments = parse_arguments(words)

@@ -12,7 +12,7 @@ from hexwire.model.pose import multiply, quaternion, rotation_about, rotation_fr
 
 if TYPE_CHECKING:
     from hexwire.model.shapes import ArmShapes, ShapeJoint
-    from zenoh_ros2.types import Types
+    from zenoh_ros2 import Types
 
 __all__ = ["TRANSFORMS", "Transforms"]
 

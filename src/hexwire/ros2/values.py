@@ -12,7 +12,7 @@ from hexwire.control.goal_fields import component_rows, tolerance_rows, trajecto
 from hexwire.control.goals import TrajectoryGoal
 from hexwire.control.outcomes import Reason
 from hexwire.errors import GoalError
-from zenoh_ros2.times import nanoseconds_of, seconds_of
+from zenoh_ros2 import nanoseconds_of, seconds_of
 
 __all__ = ["delay_of", "request_of", "trajectory_of"]
 

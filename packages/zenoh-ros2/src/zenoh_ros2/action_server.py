@@ -16,9 +16,8 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from hexwire.errors import UsageError
-
 from .distributions import Distribution
+from .errors import UsageError
 from .goals import Goal, Goals, GoalStatus
 from .node import Deferred
 from .qos import ACTION_STATUS, DEFAULT

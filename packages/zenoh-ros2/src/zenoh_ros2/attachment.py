@@ -8,7 +8,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from hexwire.errors import RemoteProtocolError
+from .errors import RemoteProtocolError
 
 __all__ = ["GID", "Attachment", "pack_attachment"]
 

@@ -13,9 +13,8 @@ import struct
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from hexwire.errors import RemoteProtocolError
-
 from .definitions import PRIMITIVES, Definition, Field, FieldType, Kind
+from .errors import RemoteProtocolError
 
 __all__ = ["LITTLE", "MOST_BYTES", "MOST_PADDING", "Lookup", "make_parser", "make_serializer"]
 

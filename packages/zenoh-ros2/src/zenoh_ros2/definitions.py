@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import Enum
 from keyword import iskeyword
 
-from hexwire.errors import UsageError
+from .errors import UsageError
 
 __all__ = [
     "EMPTY",

@@ -6,7 +6,10 @@ released packages (ros/rosdistro) of August 2026.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import Enum
+
+from .errors import UsageError
 
 __all__ = ["NO_TYPE_HASH", "Distribution"]
 
@@ -22,6 +25,20 @@ class Distribution(Enum):
     KILTED = "kilted"
     LYRICAL = "lyrical"
     ROLLING = "rolling"
+
+    @classmethod
+    def from_environment(cls, environment: Mapping[str, str]) -> Distribution:
+        """The distribution that ROS_DISTRO names; Jazzy if it is not set.
+
+        Raises:
+            UsageError: There is no such distribution here.
+        """
+        name = environment.get("ROS_DISTRO", "") or cls.JAZZY.value
+        try:
+            return cls(name)
+        except ValueError:
+            known = ", ".join(each.value for each in cls)
+            raise UsageError(f"ROS_DISTRO is {name[:80]!r}; this package knows {known}") from None
 
     @property
     def has_type_hashes(self) -> bool:

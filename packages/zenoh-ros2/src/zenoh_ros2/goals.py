@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Generic, TypeVar
 
-from hexwire.errors import UsageError
+from .errors import UsageError
 
 __all__ = ["MOST_GOALS", "CancelCode", "Goal", "GoalStatus", "Goals"]
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 
-from hexwire.errors import RemoteProtocolError
-
+from .errors import RemoteProtocolError
 from .keys import Endpoint, Role, parse_token
 
 __all__ = ["Graph"]

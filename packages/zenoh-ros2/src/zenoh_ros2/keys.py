@@ -7,15 +7,25 @@ sessions, nor what is done with an endpoint.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from hexwire.errors import NotSupportedError, RemoteProtocolError
-
 from .attachment import GID
+from .errors import RemoteProtocolError, UsageError
 from .qos import Qos, parse_qos
 
-__all__ = ["MOST_DOMAIN", "SPACE", "Endpoint", "Role", "data_key", "gid_of", "graph_pattern", "parse_token"]
+__all__ = [
+    "MOST_DOMAIN",
+    "SPACE",
+    "Endpoint",
+    "Role",
+    "data_key",
+    "domain_of",
+    "gid_of",
+    "graph_pattern",
+    "parse_token",
+]
 
 MOST_DOMAIN = 2**32 - 1
 """The greatest ROS_DOMAIN_ID."""
@@ -59,6 +69,20 @@ def data_key(domain: int, name: str, type_name: str, type_hash: str) -> str:
 def graph_pattern(domain: int) -> str:
     """All tokens of a domain."""
     return f"{SPACE}/{domain}/**"
+
+
+def domain_of(environment: Mapping[str, str]) -> int:
+    """The domain that ROS_DOMAIN_ID names; 0 if it is not set.
+
+    Raises:
+        UsageError: It is not a whole number in range.
+    """
+    text = environment.get("ROS_DOMAIN_ID", "")
+    if not text:
+        return 0
+    if not (text.isascii() and text.isdigit()) or len(text) > 10 or int(text) > MOST_DOMAIN:
+        raise UsageError(f"ROS_DOMAIN_ID is not an integral number from 0 to {MOST_DOMAIN}: {text[:80]!r}")
+    return int(text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,15 +138,9 @@ class Endpoint:
 
 
 def gid_of(token: str) -> bytes:
-    """Id of the endpoint with a token: 16 bytes.
+    """Id of the endpoint with a token: 16 bytes."""
+    from xxhash import xxh3_128_intdigest
 
-    Raises:
-        NotSupportedError: The package `xxhash` is not installed.
-    """
-    try:
-        from xxhash import xxh3_128_intdigest
-    except ImportError:
-        raise NotSupportedError("ROS 2 needs xxhash, which is not installed: pip install 'hexwire[ros2]'") from None
     return xxh3_128_intdigest(token.encode()).to_bytes(GID, "little")
 
 

@@ -13,8 +13,7 @@ from collections.abc import Callable
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from hexwire.errors import HexwireError
-
+from .errors import RosError
 from .node import Deferred
 from .qos import DEFAULT
 
@@ -233,7 +232,7 @@ class Lifecycle:
         try:
             self._on_change(change)
             success = True
-        except HexwireError as error:
+        except RosError as error:
             _log.warning("%s: %s was not done: %s", self._name, change.label, error)
         except Exception:  # noqa: BLE001
             # The client must get an answer.

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Flag, auto
 
-from hexwire.errors import UsageError
+from .errors import UsageError
 
 __all__ = [
     "Kind",

@@ -7,28 +7,29 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
-
-from hexwire.errors import LinkClosedError, UsageError
-from hexwire.log_limiter import LogLimiter
+from typing import Any, Self, TypeVar
 
 from . import type_descriptions
 from .callbacks import Callbacks, Inbox
+from .distributions import Distribution
+from .errors import SessionClosedError, UsageError
 from .graph import Graph
-from .keys import MOST_DOMAIN, Endpoint, Role, gid_of, graph_pattern
+from .keys import MOST_DOMAIN, Endpoint, Role, domain_of, gid_of, graph_pattern
 from .logging import LOG, TIME, RosoutHandler
 from .mismatches import describe_mismatch
 from .names import Kind, Remap, full_name, logger_name, remap_node, resolve
 from .parts import MessageCodec, Part, ServiceCodec, TypeSource
 from .qos import DEFAULT, ROSOUT, SERVICES, Qos
-from .router_watch import START_ONE, RouterWatch
+from .router_watch import RouterWatch
 from .services import Client, Deferred, Service
 from .topics import Publisher, Subscription
+from .types import Types
 from .zenoh_session import Session, ZenohSettings
 
 __all__ = ["Client", "Deferred", "Node", "NodeOptions", "Publisher", "Service", "Subscription"]
@@ -99,7 +100,6 @@ class Node:
         self._urgent = Callbacks(f"{self.name}, urgent")
         self.log = logging.getLogger(f"{__name__}.{self.full_name.strip('/').replace('/', '.')}")
         self._lock = threading.Lock()
-        self._limiter = LogLimiter()
         self._session: Session | None = None
         self._parts: list[Part] = []
         self._next_id = 0
@@ -107,6 +107,25 @@ class Node:
         self._news = self.callbacks.inbox(_MOST_NEWS, self._noticed)
         self._more_types: dict[str, Any] = {}
         self._told: deque[float] = deque()
+
+    @classmethod
+    def from_environment(
+        cls, name: str, types: TypeSource | None = None, environment: Mapping[str, str] = os.environ
+    ) -> Self:
+        """A node with the domain and the router that the variables of `rmw_zenoh` name.
+
+        Args:
+            name: Its name.
+            types: Its messages and services; without any, all that the package has, of the distribution that
+                ROS_DISTRO names, or Jazzy.
+            environment: The variables.
+
+        Raises:
+            UsageError: A variable, or the name, is not valid.
+        """
+        zenoh = ZenohSettings.from_environment(environment)
+        options = NodeOptions(name, domain=domain_of(environment), zenoh=zenoh)
+        return cls(options, types or Types(Distribution.from_environment(environment)))
 
     @property
     def full_name(self) -> str:
@@ -123,9 +142,8 @@ class Node:
 
         Raises:
             ConfigError: A file of settings cannot be used.
-            LinkNotFoundError: There is no router in the given time.
-            LinkPermissionError: The session cannot be opened.
-            NotSupportedError: Zenoh or xxhash is not installed.
+            RouterNotFoundError: There is no router in the given time.
+            SessionError: The session cannot be opened.
             UsageError: A setting of Zenoh is not valid.
         """
         gid_of("")
@@ -141,7 +159,9 @@ class Node:
             self._serve_type_descriptions()
         attempts = 1 if settings.attempts is None else settings.attempts
         if attempts >= 0:
-            router = RouterWatch(lambda: session.routers, session.endpoints, self.log)
+            router = RouterWatch(
+                lambda: session.routers, session.endpoints, settings.how_to_start_a_router, self.log
+            )
             router.wait(attempts)
             router.start()
             self._end.insert(0, router.stop)
@@ -197,7 +217,7 @@ class Node:
             qos: Its quality of service.
 
         Raises:
-            LinkClosedError: The node is not open.
+            SessionClosedError: The node is not open.
             UsageError: The name is not valid.
         """
         message = self.types.message(type_name)
@@ -248,11 +268,6 @@ class Node:
         endpoint = self._endpoint(Role.CLIENT, self.resolve(name, Kind.SERVICE), service, qos)
         return self._add(Client(self, endpoint, service, self._open_session))
 
-    def warn(self, text: str) -> None:
-        """Log a warning, at most once a second."""
-        if self._limiter.due(text, time.monotonic()):
-            self.log.warning("%s", text)
-
     def show(self, endpoint: Endpoint) -> Callable[[], None]:
         """Show the token of an endpoint; returns a function that takes it back. For the endpoints."""
         self.graph.add(endpoint.token)
@@ -275,7 +290,8 @@ class Node:
             self._more_types[kind.hash] = kind
 
     def _miss_router(self, why: str) -> None:
-        self.log.warning("%s. This node waits for a Zenoh router: %s", why, START_ONE)
+        remedy = self.options.zenoh.how_to_start_a_router
+        self.log.warning("%s. This node waits for a Zenoh router: %s", why, remedy)
 
     def _types_in_use(self) -> dict[str, Any]:
         with self._lock:
@@ -310,7 +326,7 @@ class Node:
     @property
     def _open_session(self) -> Session:
         if self._session is None:
-            raise LinkClosedError(f"the node {self.full_name} is not open")
+            raise SessionClosedError(f"the node {self.full_name} is not open")
         return self._session
 
     def _endpoint(

@@ -15,10 +15,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
-from hexwire.errors import HexwireError, UsageError
-
 from . import type_descriptions
 from .distributions import Distribution
+from .errors import RosError, UsageError
 from .qos import PARAMETER_EVENTS, PARAMETERS
 from .times import time_fields
 
@@ -217,7 +216,7 @@ class ParameterServer:
             changes: New values by name.
 
         Raises:
-            HexwireError: A parameter is not declared, read-only, of another type, or its value is refused.
+            RosError: A parameter is not declared, read-only, of another type, or its value is refused.
         """
         with self._lock:
             if not changes and self._refuses_none:
@@ -326,7 +325,7 @@ class ParameterServer:
     def _set_some(self, rows: Iterable[Any]) -> Any:
         try:
             self.set({row.name: _value_of(row.name, row.value) for row in rows})
-        except HexwireError as error:
+        except RosError as error:
             return self._set_result(successful=False, reason=str(error))
         return self._set_result(successful=True)
 

@@ -6,6 +6,9 @@ fields of messages, nor Zenoh.
 
 from __future__ import annotations
 
+import logging
+import math
+import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -15,6 +18,10 @@ from .keys import Endpoint, gid_of
 from .qos import Qos
 
 __all__ = ["MessageCodec", "Owner", "Part", "ServiceCodec", "TypeSource"]
+
+
+_PAUSE = 1.0
+"""Least seconds between two warnings of an endpoint."""
 
 
 class MessageCodec(Protocol):
@@ -81,15 +88,13 @@ class Owner(Protocol):
 
     graph: Graph
     callbacks: Callbacks
+    log: logging.Logger
 
     def show(self, endpoint: Endpoint) -> Callable[[], None]:
         """Show a token; returns a function that takes it back."""
 
     def forget(self, part: Part) -> None:
         """Forget an endpoint that has ended."""
-
-    def warn(self, text: str) -> None:
-        """Log a warning, at most once a second."""
 
 
 class Part:
@@ -102,6 +107,7 @@ class Part:
         self._owner, self.endpoint = owner, endpoint
         self.gid = gid_of(endpoint.token)
         self._end: list[Callable[[], None]] = []
+        self._warned = -math.inf
 
     @property
     def qos(self) -> Qos:
@@ -112,6 +118,13 @@ class Part:
     def _begin(self, end: Callable[[], None]) -> None:
         """Show it to others: once it works."""
         self._end = [self._owner.show(self.endpoint), end]
+
+    def _warn(self, text: str) -> None:
+        """Log a warning, unless there was one in the last second: what arrives must not fill the log."""
+        now = time.monotonic()
+        if now - self._warned >= _PAUSE:
+            self._warned = now
+            self._owner.log.warning("%s", text)
 
     def close(self) -> None:
         """End it; its token first."""

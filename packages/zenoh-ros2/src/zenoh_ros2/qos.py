@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
-from hexwire.errors import RemoteProtocolError
+from .errors import RemoteProtocolError
 
 __all__ = [
     "ACTION_STATUS",

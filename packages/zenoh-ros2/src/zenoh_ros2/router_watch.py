@@ -9,10 +9,8 @@ import logging
 import threading
 from collections.abc import Callable, Sequence
 
-__all__ = ["START_ONE", "RouterWatch"]
+__all__ = ["RouterWatch"]
 
-START_ONE = "start one with `hexwire fleet router` or `ros2 run rmw_zenoh_cpp rmw_zenohd`"
-"""What to do without a router."""
 _LOOK = 0.05
 _PERIOD = 1.0
 """Seconds between two looks, and of one attempt."""
@@ -27,11 +25,14 @@ class RouterWatch:
     Args:
         routers: Number of routers that the session is connected to.
         endpoints: Where they are expected.
+        remedy: What to do without one, beginning with a verb.
         log: Where to say it.
     """
 
-    def __init__(self, routers: Callable[[], int], endpoints: Sequence[str], log: logging.Logger) -> None:
-        self._routers, self._log = routers, log
+    def __init__(
+        self, routers: Callable[[], int], endpoints: Sequence[str], remedy: str, log: logging.Logger
+    ) -> None:
+        self._routers, self._remedy, self._log = routers, remedy, log
         self._where = " or ".join(endpoints) or "any endpoint"
         self._stop = threading.Event()
         self._had = False
@@ -88,7 +89,7 @@ class RouterWatch:
         self._log.warning(
             "Unable to connect to a Zenoh router at %s. %s; until then other nodes do not see this one",
             self._where,
-            START_ONE[0].upper() + START_ONE[1:],
+            self._remedy[0].upper() + self._remedy[1:],
         )
 
     def _run(self) -> None:

@@ -11,10 +11,9 @@ import time
 from collections.abc import Callable, Collection
 from typing import Any
 
-from hexwire.errors import LinkTimeoutError, ProtocolError, RemoteProtocolError
-
 from .attachment import Attachment
 from .callbacks import Callbacks
+from .errors import NoAnswerError, ProtocolError, RemoteProtocolError
 from .keys import Endpoint, Role
 from .parts import Owner, Part, ServiceCodec
 from .zenoh_session import Request, Session
@@ -107,7 +106,7 @@ class Service(Part):
         dropped = self._inbox.put(request)
         if dropped is not None:
             dropped.drop()
-            self._owner.warn(f"a request to {self.name} is dropped: too many wait")
+            self._warn(f"a request to {self.name} is dropped: too many wait")
 
     def _handle(self, request: Request) -> None:
         try:
@@ -117,7 +116,7 @@ class Service(Part):
         except ProtocolError as error:
             self.malformed += 1
             request.drop()
-            self._owner.warn(f"a request to {self.name} is dropped: {error}")
+            self._warn(f"a request to {self.name} is dropped: {error}")
             return
         try:
             response = self._callback(message)
@@ -208,7 +207,7 @@ class Client(Part):
             timeout: Seconds.
 
         Raises:
-            LinkTimeoutError: There is no answer in that time.
+            NoAnswerError: There is no answer in that time.
             LocalProtocolError: A field of the request does not fit its type.
         """
         payload = self.type.request.serialize(request)
@@ -221,9 +220,9 @@ class Client(Part):
                 attachment = Attachment.parse(attached)
                 response = self.type.response.parse(answer)
             except ProtocolError as error:
-                self._owner.warn(f"an answer of {self.name} is dropped: {error}")
+                self._warn(f"an answer of {self.name} is dropped: {error}")
                 continue
             if (attachment.gid, attachment.sequence) == (self.gid, sequence):
                 return response
-            self._owner.warn(f"an answer of {self.name} is dropped: it is for another request")
-        raise LinkTimeoutError(f"{self.name} gives no answer")
+            self._warn(f"an answer of {self.name} is dropped: it is for another request")
+        raise NoAnswerError(f"{self.name} gives no answer")

@@ -10,9 +10,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from hexwire.errors import ProtocolError
-
 from .attachment import Attachment, pack_attachment
+from .errors import ProtocolError
 from .keys import Endpoint, Role
 from .parts import MessageCodec, Owner, Part
 from .qos import History
@@ -109,6 +108,6 @@ class Subscription(Part):
             message = self.type.parse(payload)
         except ProtocolError as error:
             self.malformed += 1
-            self._owner.warn(f"a message of {self.topic} is dropped: {error}")
+            self._warn(f"a message of {self.topic} is dropped: {error}")
             return
         self._callback(message, attachment.stamp)

@@ -18,8 +18,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, ClassVar, TypeVar
 
-from hexwire.errors import LocalProtocolError, RemoteProtocolError, UsageError
-
 from .cdr import MOST_BYTES, MOST_PADDING, make_parser, make_serializer
 from .definitions import (
     PRIMITIVES,
@@ -34,6 +32,7 @@ from .definitions import (
     parse_service,
 )
 from .distributions import NO_TYPE_HASH, Distribution
+from .errors import LocalProtocolError, RemoteProtocolError, UsageError
 from .faults import find_fault
 from .type_hash import IndividualDescription, describe, individual_of, type_hash
 

@@ -15,21 +15,19 @@ import time
 import weakref
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Self
 
-from hexwire.errors import (
+from .errors import (
     ConfigError,
-    LinkClosedError,
-    LinkNotFoundError,
-    LinkPermissionError,
-    NotSupportedError,
+    RouterNotFoundError,
+    SessionClosedError,
+    SessionError,
     UsageError,
 )
-from hexwire.inputs import read_text
-
 from .qos import History, Qos, Reliability
 
-__all__ = ["LISTEN", "Request", "Session", "ZenohSettings", "endpoints_in", "load_zenoh"]
+__all__ = ["LISTEN", "Request", "Session", "ZenohSettings", "endpoints_in", "load_zenoh", "open_router"]
 
 _log = logging.getLogger(__name__)
 
@@ -44,7 +42,7 @@ _STUCK = 20.0
 """Seconds for which an answer waits for a client that takes nothing; then its connection is closed. One that is
 silent for 10 s ends before: the other side notices that and connects again, while it never would otherwise."""
 _LARGEST = 16 * 1024 * 1024
-"""Most bytes of a message; `rmw_zenoh` takes 1 GiB. No message for an arm comes near."""
+"""Most bytes of a message, so that no sender can fill the memory; `rmw_zenoh` takes 1 GiB."""
 _AGAIN = 1.0
 """Seconds between two attempts to open a session."""
 _SAID = 10
@@ -61,17 +59,9 @@ Published = tuple[Callable[[bytes, bytes], None], Callable[[], bool], Callable[[
 
 
 def load_zenoh() -> Any:
-    """Zenoh's module.
+    """Zenoh's module, which takes long to load."""
+    import zenoh.ext
 
-    Raises:
-        NotSupportedError: It is not installed.
-    """
-    try:
-        import zenoh.ext
-    except ImportError:
-        raise NotSupportedError(
-            "ROS 2 needs Eclipse Zenoh, which is not installed: pip install 'hexwire[ros2]'"
-        ) from None
     return zenoh
 
 
@@ -163,9 +153,8 @@ class ZenohSettings:
 
         Raises:
             ConfigError: The file of settings cannot be used.
-            LinkNotFoundError: There is no router in the given time.
-            LinkPermissionError: It cannot listen.
-            NotSupportedError: Zenoh is not installed.
+            RouterNotFoundError: There is no router in the given time.
+            SessionError: It cannot listen.
             UsageError: Zenoh or `check` refuses a setting.
         """
         zenoh = load_zenoh()
@@ -179,10 +168,10 @@ class ZenohSettings:
                 return Session(zenoh.open(self._config(zenoh)), endpoints_in(config, "connect"))
             except zenoh.ZError as error:
                 if json.loads(config.get_json("mode")) != "client":
-                    raise LinkPermissionError(f"cannot open a Zenoh session: {_first_line(error)}") from None
+                    raise SessionError(f"cannot open a Zenoh session: {_first_line(error)}") from None
             tries += 1
             if tries == (self.attempts or 0):
-                raise LinkNotFoundError(self._why_unreachable(config))
+                raise RouterNotFoundError(self._why_unreachable(config))
             if tries % _SAID == 1:
                 missing(self._why_unreachable(config))
             time.sleep(_AGAIN)
@@ -193,6 +182,23 @@ class ZenohSettings:
         Raises:
             UsageError: A setting cannot be used.
         """
+
+    def read_config_file(self) -> str:
+        """The text of `config_file`.
+
+        Raises:
+            ConfigError: It cannot be read.
+        """
+        try:
+            return Path(self.config_file).read_text(encoding="utf-8")
+        except (OSError, UnicodeError) as error:
+            why = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+            raise ConfigError(self.config_file, f"cannot be read: {why}") from None
+
+    @property
+    def how_to_start_a_router(self) -> str:
+        """What to do without a router, for the log."""
+        return "start one with `ros2 run rmw_zenoh_cpp rmw_zenohd` or `python -m zenoh_ros2`"
 
     def why_unreachable(self, endpoint: str) -> str:
         """Why the router at an endpoint cannot be reached, in one line."""
@@ -214,11 +220,9 @@ class ZenohSettings:
         if self.config_file:
             rows = []
             try:
-                config = zenoh.Config.from_json5(read_text(self.config_file))
+                config = zenoh.Config.from_json5(self.read_config_file())
             except zenoh.ZError as error:
-                raise ConfigError(
-                    f"Invalid configuration file: {_first_line(error)}", file=self.config_file
-                ) from None
+                raise ConfigError(self.config_file, f"Invalid configuration file: {_first_line(error)}") from None
         for key, value in (*rows, *self.overrides):
             try:
                 config.insert_json5(key, value)
@@ -229,6 +233,29 @@ class ZenohSettings:
         if self.config_file or self.overrides:
             self.check_replaced(config)
         return config
+
+
+def open_router(listen: str) -> Session:
+    """Open a session that is a router for nodes, until it is closed.
+
+    Args:
+        listen: The endpoint where nodes connect.
+
+    Raises:
+        SessionError: It cannot listen there.
+    """
+    zenoh = load_zenoh()
+    zenoh.init_log_from_env_or("off")
+    config = zenoh.Config()
+    rows = ZenohSettings(connect=(), listen=(listen,)).rows() | {"mode": "router"}
+    # It passes on what others take.
+    del rows["transport/link/rx/max_message_size"]
+    try:
+        for key, value in rows.items():
+            config.insert_json5(key, json.dumps(value))
+        return Session(zenoh.open(config))
+    except zenoh.ZError as error:
+        raise SessionError(f"there can be no router at {listen}: {_first_line(error)}") from None
 
 
 def endpoints_in(config: Any, kind: str) -> tuple[str, ...]:
@@ -448,7 +475,7 @@ class Session:
         try:
             yield
         except self._zenoh.ZError as error:
-            raise LinkClosedError(f"the Zenoh session is closed: {_first_line(error)}") from None
+            raise SessionClosedError(f"the Zenoh session is closed: {_first_line(error)}") from None
 
 
 def _bytes(data: Any) -> bytes | None:

@@ -6,7 +6,7 @@ import struct
 from dataclasses import dataclass, field
 from typing import Any
 
-from hexwire.errors import LocalProtocolError, RemoteProtocolError
+from zenoh_ros2.errors import LocalProtocolError, RemoteProtocolError
 
 _HEAD = b"\x00\x01\x00\x00"
 HASH = "RIHS01_" + "ab" * 32

@@ -1,0 +1,79 @@
+"""What hexwire adds to `zenoh_ros2`, on whose wire its node is: its exceptions, its log, its words for a router.
+
+Owns which exception of that package is which of hexwire. Must not know nodes, nor arms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from hexwire import errors
+from hexwire.inputs import read_text
+from zenoh_ros2 import ZenohSettings
+from zenoh_ros2 import errors as ros
+
+__all__ = ["LOGGERS", "RouterSettings", "own_errors", "refusals"]
+
+LOGGERS = ("hexwire", "zenoh_ros2")
+"""Names of the loggers whose records are the log of a node."""
+
+_KINDS: dict[type[ros.RosError], type[errors.HexwireError]] = {
+    ros.RouterNotFoundError: errors.LinkNotFoundError,
+    ros.SessionClosedError: errors.LinkClosedError,
+    ros.SessionError: errors.LinkPermissionError,
+    ros.NoAnswerError: errors.LinkTimeoutError,
+    ros.LocalProtocolError: errors.LocalProtocolError,
+    ros.RemoteProtocolError: errors.RemoteProtocolError,
+    ros.ProtocolError: errors.ProtocolError,
+    ros.UsageError: errors.UsageError,
+}
+"""Exceptions of the wire and those of hexwire that say the same; the first that fits counts."""
+
+
+@contextmanager
+def own_errors() -> Iterator[None]:
+    """In this context, an exception of the wire becomes that of hexwire, with its text.
+
+    Raises:
+        HexwireError: One of the wire.
+    """
+    try:
+        yield
+    except ros.ConfigError as error:
+        raise errors.ConfigError(error.reason, file=error.file) from None
+    except ros.RosError as error:
+        kind = next((own for theirs, own in _KINDS.items() if isinstance(error, theirs)), errors.HexwireError)
+        raise kind(str(error)) from None
+
+
+@contextmanager
+def refusals() -> Iterator[None]:
+    """In this context of a callback, an exception of hexwire refuses what the client asks, with its text.
+
+    Raises:
+        RefusedError: One of hexwire.
+    """
+    try:
+        yield
+    except errors.HexwireError as error:
+        raise ros.RefusedError(str(error)) from error
+
+
+@dataclass(frozen=True, slots=True)
+class RouterSettings(ZenohSettings):
+    """Settings of a session, with hexwire's bounds for files, and its router."""
+
+    def read_config_file(self) -> str:
+        """The text of `config_file`.
+
+        Raises:
+            ConfigError: It cannot be read.
+        """
+        return read_text(self.config_file)
+
+    @property
+    def how_to_start_a_router(self) -> str:
+        """What to do without a router, for the log."""
+        return "start one with `hexwire fleet router` or `ros2 run rmw_zenoh_cpp rmw_zenohd`"
