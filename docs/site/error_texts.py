@@ -140,7 +140,7 @@ class _Source:
 
     def _kinds(self) -> set[str]:
         """Names of the exceptions whose words are hexwire's."""
-        kinds = _FOREIGN | _ENDS | {"HexwireError"}
+        kinds = _FOREIGN | _ENDS | {"HexwireError", "RosError"}
         classes = [one for module in self.modules for one in module.classes]
         grown = -1
         while grown != len(kinds):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from tests.control.arm_bench import Bench
 
+from hexwire.errors import UsageError
 from hexwire.ros2.arm_lifecycle import carry_out, state_of
-from zenoh_ros2 import RefusedError
 from zenoh_ros2.lifecycle import Change, State
 
 
@@ -33,7 +33,7 @@ def test_deactivate_stops_and_keeps_the_torque_and_activate_clears_no_stop_of_ot
     assert state_of(bench.arm) is State.ACTIVE
     carry_out(bench.arm, Change.DEACTIVATE)
     bench.arm.stop("somebody")
-    with pytest.raises(RefusedError, match="reset it first"):
+    with pytest.raises(UsageError, match="reset it first"):
         bench.ask(lambda: carry_out(bench.arm, Change.ACTIVATE))
     assert state_of(bench.arm) is State.INACTIVE
 
@@ -50,7 +50,7 @@ def test_deactivate_stops_and_keeps_the_torque_and_activate_clears_no_stop_of_ot
 )
 def test_what_could_let_the_arm_fall_or_lose_it_is_refused(bench: Bench, change: Change, why: str) -> None:
     bench.ask(lambda: carry_out(bench.arm, Change.ACTIVATE))
-    with pytest.raises(RefusedError, match=why):
+    with pytest.raises(UsageError, match=why):
         carry_out(bench.arm, change)
     bench.turn(0.5)
     assert state_of(bench.arm) is State.ACTIVE

@@ -9,7 +9,7 @@ from tests.waits import eventually
 from zenoh_ros2_tests.tiny_types import HASH, Text, TextType
 
 from zenoh_ros2.attachment import Attachment
-from zenoh_ros2.errors import NoAnswerError
+from zenoh_ros2.errors import ServiceTimeoutError
 from zenoh_ros2.node import Deferred, Node
 
 pytestmark = pytest.mark.system
@@ -106,7 +106,7 @@ def test_a_service_that_fails_gives_no_answer_and_goes_on(make_node: Callable[..
     make_node("server").service("echo", ECHO, answer)
     client = make_node("client").client("echo", ECHO)
     assert client.wait_for_service(10)
-    with pytest.raises(NoAnswerError, match="/echo"):
+    with pytest.raises(ServiceTimeoutError, match="/echo"):
         client.call(Text("bad"), 10)
     assert client.call(Text("good"), 10) == Text("good")
 
@@ -115,7 +115,7 @@ def test_requests_of_a_client_that_has_ended_are_forgotten(make_node: Callable[.
     service = make_node("server").service("echo", ECHO, lambda request: Deferred())
     client = make_node("client").client("echo", ECHO)
     assert client.wait_for_service(10)
-    with pytest.raises(NoAnswerError):
+    with pytest.raises(ServiceTimeoutError):
         client.call(Text("x"), 1)
     eventually(lambda: service.pending == 1)
     client.close()

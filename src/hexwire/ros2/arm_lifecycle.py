@@ -12,9 +12,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from hexwire.control.readiness import Readiness, activate, deactivate, readiness
-from zenoh_ros2 import Change, RefusedError, State
-
-from .wire import refusals
+from hexwire.errors import UsageError
+from zenoh_ros2 import Change, State
 
 if TYPE_CHECKING:
     from hexwire.control.controlled_arm import ControlledArm
@@ -42,12 +41,11 @@ def carry_out(arm: ControlledArm, change: Change) -> None:
     """Carry out a client's request, for `Lifecycle`.
 
     Raises:
-        RefusedError: It is refused, or failed; the text says why.
+        HexwireError: It is refused, or failed; the text says why.
     """
-    if change not in (Change.ACTIVATE, Change.DEACTIVATE):
-        raise RefusedError(_REFUSED[change.label])
-    with refusals():
-        if change is Change.ACTIVATE:
-            activate(arm, asked=arm.mark())
-        else:
-            deactivate(arm)
+    if change is Change.ACTIVATE:
+        activate(arm, asked=arm.mark())
+    elif change is Change.DEACTIVATE:
+        deactivate(arm)
+    else:
+        raise UsageError(_REFUSED[change.label])

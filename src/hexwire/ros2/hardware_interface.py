@@ -44,7 +44,6 @@ from .set_points import ARRAY, of_array, of_joint_state
 from .settings import changed, descriptor_of
 from .transforms import TRANSFORMS, Transforms
 from .values import delay_of, trajectory_of
-from .wire import refusals
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -153,7 +152,7 @@ class HardwareInterface(ArmNode[ActionGoals]):
                 partial(arm_lifecycle.carry_out, self._arm),
                 partial(arm_lifecycle.state_of, self._arm),
             )
-            self._lifecycle = Lifecycle(self._node, self._types, carry_out, present)
+            self._lifecycle = Lifecycle(self._node, self._types, carry_out, present, HexwireError)
             self._arm.connect()
             self._shutdown.interrupts = False
             # Once more: it takes a moment until all others are known.
@@ -224,7 +223,13 @@ class HardwareInterface(ArmNode[ActionGoals]):
             fixed.publish(self._frames.fixed(self._reports.stamp(self._clock.now() / 1e9)))
 
     def _offer_parameters(self) -> None:
-        server = ParameterServer(self._node, self._types, on_set=self._on_parameters, ros_time=self._clock.now)
+        server = ParameterServer(
+            self._node,
+            self._types,
+            on_set=self._on_parameters,
+            ros_time=self._clock.now,
+            refused_by=HexwireError,
+        )
         settings = self._settings
         for name, value in settings.flat().items():
             row, read_only = settings.row(name), not settings.may_change(name)
@@ -232,7 +237,6 @@ class HardwareInterface(ArmNode[ActionGoals]):
             server.declare(name, value, said)
         server.offer()
 
-    @refusals()
     def _on_parameters(self, changes: Mapping[str, object]) -> None:
         settings = changed(self._settings, changes)
         self._arm.adopt(settings.arm)

@@ -14,7 +14,7 @@ from hexwire.inputs import read_text
 from zenoh_ros2 import ZenohSettings
 from zenoh_ros2 import errors as ros
 
-__all__ = ["LOGGERS", "RouterSettings", "own_errors", "refusals"]
+__all__ = ["LOGGERS", "RouterSettings", "own_errors"]
 
 LOGGERS = ("hexwire", "zenoh_ros2")
 """Names of the loggers whose records are the log of a node."""
@@ -23,7 +23,7 @@ _KINDS: dict[type[ros.RosError], type[errors.HexwireError]] = {
     ros.RouterNotFoundError: errors.LinkNotFoundError,
     ros.SessionClosedError: errors.LinkClosedError,
     ros.SessionError: errors.LinkPermissionError,
-    ros.NoAnswerError: errors.LinkTimeoutError,
+    ros.ServiceTimeoutError: errors.LinkTimeoutError,
     ros.LocalProtocolError: errors.LocalProtocolError,
     ros.RemoteProtocolError: errors.RemoteProtocolError,
     ros.ProtocolError: errors.ProtocolError,
@@ -41,24 +41,9 @@ def own_errors() -> Iterator[None]:
     """
     try:
         yield
-    except ros.ConfigError as error:
-        raise errors.ConfigError(error.reason, file=error.file) from None
     except ros.RosError as error:
         kind = next((own for theirs, own in _KINDS.items() if isinstance(error, theirs)), errors.HexwireError)
         raise kind(str(error)) from None
-
-
-@contextmanager
-def refusals() -> Iterator[None]:
-    """In this context of a callback, an exception of hexwire refuses what the client asks, with its text.
-
-    Raises:
-        RefusedError: One of hexwire.
-    """
-    try:
-        yield
-    except errors.HexwireError as error:
-        raise ros.RefusedError(str(error)) from error
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,6 @@ from collections.abc import Callable
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from .errors import RosError
 from .node import Deferred
 from .qos import DEFAULT
 
@@ -137,6 +136,7 @@ class Lifecycle:
             until `mirror` says something else.
         present: Returns the present state, as for `mirror`: whoever has just asked for something else sees what
             it did. None for that of the last `mirror`.
+        refused_by: The errors of `on_change` that refuse; any other is a fault of the program, and logged as one.
     """
 
     def __init__(
@@ -145,8 +145,9 @@ class Lifecycle:
         types: Types,
         on_change: Callable[[Change], object],
         present: Callable[[], State] | None = None,
+        refused_by: type[Exception] = ValueError,
     ) -> None:
-        self._on_change, self._present = on_change, present
+        self._on_change, self._present, self._refused_by = on_change, present, refused_by
         message = types.message
         self._state_message = message("lifecycle_msgs/msg/State")
         self._transition_message = message("lifecycle_msgs/msg/Transition")
@@ -232,7 +233,7 @@ class Lifecycle:
         try:
             self._on_change(change)
             success = True
-        except RosError as error:
+        except self._refused_by as error:
             _log.warning("%s: %s was not done: %s", self._name, change.label, error)
         except Exception:  # noqa: BLE001
             # The client must get an answer.

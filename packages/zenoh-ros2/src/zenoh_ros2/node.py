@@ -141,10 +141,9 @@ class Node:
         """Appear in the graph. The node connects to the router in the background, and again after a loss.
 
         Raises:
-            ConfigError: A file of settings cannot be used.
             RouterNotFoundError: There is no router in the given time.
             SessionError: The session cannot be opened.
-            UsageError: A setting of Zenoh is not valid.
+            UsageError: A setting of Zenoh is not valid, or a file of them.
         """
         gid_of("")
         settings = self.options.zenoh

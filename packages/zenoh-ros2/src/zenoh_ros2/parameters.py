@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from . import type_descriptions
 from .distributions import Distribution
-from .errors import RosError, UsageError
+from .errors import UsageError
 from .qos import PARAMETER_EVENTS, PARAMETERS
 from .times import time_fields
 
@@ -143,6 +143,7 @@ class ParameterServer:
         on_set: Gets new values by name, before they are stored: it refuses them with an error whose text is the
             reason, or takes them, all together. Called in one thread at a time; must not wait long.
         ros_time: Returns the ROS time, nanoseconds.
+        refused_by: The errors of `on_set` that refuse.
     """
 
     def __init__(
@@ -152,8 +153,9 @@ class ParameterServer:
         *,
         on_set: Callable[[Mapping[str, Value]], object] = lambda changes: None,
         ros_time: Callable[[], int] = time.time_ns,
+        refused_by: type[Exception] = ValueError,
     ) -> None:
-        self._node, self._on_set, self._ros_time = node, on_set, ros_time
+        self._node, self._on_set, self._ros_time, self._refused_by = node, on_set, ros_time, refused_by
         message = types.message
         self._value_message = message("rcl_interfaces/msg/ParameterValue")
         self._parameter_message = message("rcl_interfaces/msg/Parameter")
@@ -216,7 +218,7 @@ class ParameterServer:
             changes: New values by name.
 
         Raises:
-            RosError: A parameter is not declared, read-only, of another type, or its value is refused.
+            UsageError: A parameter is not declared, read-only, of another type, or out of its range.
         """
         with self._lock:
             if not changes and self._refuses_none:
@@ -325,7 +327,7 @@ class ParameterServer:
     def _set_some(self, rows: Iterable[Any]) -> Any:
         try:
             self.set({row.name: _value_of(row.name, row.value) for row in rows})
-        except RosError as error:
+        except (UsageError, self._refused_by) as error:
             return self._set_result(successful=False, reason=str(error))
         return self._set_result(successful=True)
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from .attachment import Attachment
 from .callbacks import Callbacks
-from .errors import NoAnswerError, ProtocolError, RemoteProtocolError
+from .errors import ProtocolError, RemoteProtocolError, ServiceTimeoutError
 from .keys import Endpoint, Role
 from .parts import Owner, Part, ServiceCodec
 from .zenoh_session import Request, Session
@@ -207,7 +207,7 @@ class Client(Part):
             timeout: Seconds.
 
         Raises:
-            NoAnswerError: There is no answer in that time.
+            ServiceTimeoutError: There is no answer in that time.
             LocalProtocolError: A field of the request does not fit its type.
         """
         payload = self.type.request.serialize(request)
@@ -225,4 +225,4 @@ class Client(Part):
             if (attachment.gid, attachment.sequence) == (self.gid, sequence):
                 return response
             self._warn(f"an answer of {self.name} is dropped: it is for another request")
-        raise NoAnswerError(f"{self.name} gives no answer")
+        raise ServiceTimeoutError(f"{self.name} gives no answer")

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any, Self
 
 from .errors import (
-    ConfigError,
     RouterNotFoundError,
     SessionClosedError,
     SessionError,
@@ -152,7 +151,7 @@ class ZenohSettings:
             missing: Called now and then while it waits for the router of another machine, with the reason.
 
         Raises:
-            ConfigError: The file of settings cannot be used.
+            UsageError: The file of settings cannot be used.
             RouterNotFoundError: There is no router in the given time.
             SessionError: It cannot listen.
             UsageError: Zenoh or `check` refuses a setting.
@@ -187,13 +186,13 @@ class ZenohSettings:
         """The text of `config_file`.
 
         Raises:
-            ConfigError: It cannot be read.
+            UsageError: It cannot be read.
         """
         try:
             return Path(self.config_file).read_text(encoding="utf-8")
         except (OSError, UnicodeError) as error:
             why = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-            raise ConfigError(self.config_file, f"cannot be read: {why}") from None
+            raise UsageError(f"{self.config_file} cannot be read: {why}") from None
 
     @property
     def how_to_start_a_router(self) -> str:
@@ -222,7 +221,8 @@ class ZenohSettings:
             try:
                 config = zenoh.Config.from_json5(self.read_config_file())
             except zenoh.ZError as error:
-                raise ConfigError(self.config_file, f"Invalid configuration file: {_first_line(error)}") from None
+                why = _first_line(error)
+                raise UsageError(f"{self.config_file}: Invalid configuration file: {why}") from None
         for key, value in (*rows, *self.overrides):
             try:
                 config.insert_json5(key, value)

@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from zenoh_ros2_tests.tiny_types import TinyTypes
 
-from zenoh_ros2.errors import NoAnswerError
+from zenoh_ros2.errors import ServiceTimeoutError
 from zenoh_ros2.node import Node, NodeOptions
 from zenoh_ros2.zenoh_session import ZenohSettings
 
@@ -29,7 +29,7 @@ def main() -> None:
         request = client.type.request(data="x")
 
         def ask() -> None:
-            with contextlib.suppress(NoAnswerError):
+            with contextlib.suppress(ServiceTimeoutError):
                 client.call(request, 600)
 
         threading.Thread(target=ask, daemon=True).start()
