@@ -77,6 +77,7 @@ TESTS = {
     # What a session's requests and stops are to each other is proved with a session.
     ROOT_ROOM: (
         "tests/test_arguments.py",
+        "tests/test_closing_links.py",
         "tests/test_epochs.py",
         "tests/test_errors.py",
         "tests/test_extras.py",

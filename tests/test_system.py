@@ -3,6 +3,7 @@ from __future__ import annotations
 import os
 import signal
 import socket
+import struct
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -92,3 +93,32 @@ def test_enter_is_awaited_at_a_pipe_as_at_a_keyboard_until_the_input_ends(
         os.close(writer)
         # As without a console: nobody can press Enter, and who waits for it must not wait for ever.
         assert typed.entered(PATIENCE) is None
+
+
+def test_a_connection_that_would_wait_in_close_does_not_and_others_are_left_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def lingers(end: socket.socket) -> tuple[int, int]:
+        return struct.unpack("=ii", end.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, 8))
+
+    with socket.create_server(("127.0.0.1", 0)) as door, socket.socket(socket.AF_UNIX) as other:
+        ends = [socket.create_connection(door.getsockname()) for _ in range(2)]
+        try:
+            for end in (*ends, other):
+                end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("=ii", 1, 10))
+            ports = {(ends[0].getsockname()[1], ends[0].getpeername()[1]), (0, 0)}
+            with monkeypatch.context() as patch:
+                patch.setattr(system.sys, "platform", "win32")
+                assert system.close_at_once(ports) == 0
+            assert system.close_at_once([]) == 0
+            assert lingers(ends[0])[0]
+            assert system.close_at_once(ports) == 1
+            assert not lingers(ends[0])[0]
+            assert [lingers(end) for end in (ends[1], other)] == [(1, 10)] * 2
+            assert system.close_at_once(ports) == 0
+            # They are open, and wait for nothing in between.
+            assert [end.getblocking() for end in ends] == [True, True]
+            ends[0].sendall(b"a")
+        finally:
+            for end in ends:
+                end.close()

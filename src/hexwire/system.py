@@ -1,4 +1,4 @@
-"""What differs between operating systems: users, devices, flags of files, signals, waiting for input.
+"""What differs between operating systems: users, devices, flags of files, sockets, signals, waiting for input.
 
 Owns these differences, so that no other module asks which system it runs on, except those that exist for one system
 only. Linux is the system hexwire is made for; where another one has no such thing, the value here says so. Must not
@@ -12,13 +12,15 @@ import math
 import os
 import select
 import signal
+import struct
 import sys
 import threading
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
 __all__ = [
     "BINARY",
@@ -33,6 +35,7 @@ __all__ = [
     "WRITABLE",
     "Poll",
     "TypedLines",
+    "close_at_once",
     "device_number",
     "device_parts",
     "end_by_alarm",
@@ -63,6 +66,9 @@ END_SIGNALS: tuple[signal.Signals, ...] = tuple(
 )
 """Signals that end a program, besides Ctrl-C: SIGTERM, and SIGHUP if there is one."""
 
+
+_LINGER = struct.Struct("=ii")
+"""Of SO_LINGER: whether `close` waits, and how many seconds."""
 
 SLEEP_ERROR = 120e-6 if sys.platform == "linux" else math.inf
 """Seconds by which a short `time.sleep` is usually late at most: 50 us are the system's tolerance, the rest goes by
@@ -136,6 +142,49 @@ def lock_file(descriptor: int, *, wait: bool = False) -> bool:
     except OSError:
         return False
     return True
+
+
+# --- sockets -----------------------------------------------------------------------------------------------------
+
+
+def close_at_once(ports: Collection[tuple[int, int]]) -> int:
+    """Let `close` of TCP sockets of this program not wait until the other side has everything, whoever opened them.
+
+    Only Linux waits there with a socket that is not to wait (SO_LINGER). What is left is delivered all the same.
+
+    Args:
+        ports: Of each, the own one and that of the other side.
+
+    Returns:
+        How many would have waited.
+    """
+    found = 0
+    for path in Path("/proc/self/fd").iterdir() if sys.platform == "linux" and ports else ():
+        # Any of them may be closed meanwhile.
+        with contextlib.suppress(OSError):
+            if str(path.readlink()).startswith("socket:"):
+                found += _let_close(os.dup(int(path.name)), ports)
+    return found
+
+
+def _let_close(descriptor: int, ports: Collection[tuple[int, int]]) -> bool:
+    import socket
+
+    try:
+        end = socket.socket(fileno=descriptor)
+    except OSError:
+        os.close(descriptor)
+        raise
+    with end:
+        if end.type != socket.SOCK_STREAM or end.family not in (socket.AF_INET, socket.AF_INET6):
+            return False
+        if (end.getsockname()[1], end.getpeername()[1]) not in ports:
+            return False
+        size = _LINGER.size
+        if not _LINGER.unpack(end.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, size))[0]:
+            return False
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _LINGER.pack(0, 0))
+        return True
 
 
 # --- signals -----------------------------------------------------------------------------------------------------

@@ -144,7 +144,8 @@ class Network:
             if endpoint.startswith(f"{UNIX}/"):
                 make_socket_folder()
         try:
-            node = Node(zenoh.open(config), cert=self.cert)
+            local = all(each.startswith(f"{UNIX}/") for each in (*self.listen, *self.connect))
+            node = Node(zenoh.open(config), cert=self.cert, local=local)
         except zenoh.ZError as error:
             raise self._failure(_first_line(error)) from None
         if self.listen:

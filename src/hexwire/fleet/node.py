@@ -15,6 +15,7 @@ import weakref
 from collections.abc import Callable
 from typing import Any
 
+from hexwire.closing_links import close_at_once
 from hexwire.errors import LinkClosedError, NotSupportedError
 
 from .names import HERE
@@ -182,15 +183,18 @@ class Node:
     Args:
         session: As Zenoh opened it.
         cert: Certificate of this program; empty for none.
+        local: All its connections stay on this machine and in Unix sockets.
     """
 
-    def __init__(self, session: Any, *, cert: str = "") -> None:
+    def __init__(self, session: Any, *, cert: str = "", local: bool = False) -> None:
         self.cert = cert
         # Zenoh's stubs leave out the types of what ends a session.
         self._session = session
         self._zenoh = load_zenoh()
         self._receivers: list[threading.Thread] = []
         self._lanes: dict[str, queue.SimpleQueue[_Asked]] = {}
+        if not local:
+            self._receivers.append(close_at_once(session, self._zenoh.handlers.RingChannel(1)))
         # Also when a program ends without closing it.
         self._closing = weakref.finalize(self, _close, session, self._zenoh.ZError, self._receivers, self._lanes)
 
