@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -20,6 +21,7 @@ from tests.control.arm_bench import (
     order,
 )
 from tests.motion.arms import HOME, NAMES
+from tests.waits import PATIENCE
 
 from hexwire.control.diagnostics import diagnose
 from hexwire.control.goals import Point, TrajectoryGoal
@@ -659,3 +661,31 @@ def test_a_query_never_waits_for_a_busy_arm_for_longer_than_half_a_second(monkey
     monkeypatch.undo()
     assert bench.arm.query("", 0.0).velocity == (0.0,) * len(NAMES)
     assert lock._depth == 0
+
+
+@pytest.mark.parametrize("dialect", [1, 2])
+def test_a_query_waits_for_no_line(monkeypatch: pytest.MonkeyPatch, dialect: int) -> None:
+    """Wherever in a motion the line is held: the owner waits for it without the lock of the controllers."""
+    bench = make_bench(dialect=dialect)
+    held, free_again = threading.Event(), threading.Event()
+    write, skipped = bench.link.write, 0
+
+    def hold(data: bytes, deadline: float | None = None) -> None:
+        nonlocal skipped
+        skipped -= 1
+        if skipped == 0:
+            held.set()
+            assert free_again.wait(PATIENCE)
+        write(data, deadline)
+
+    monkeypatch.setattr(bench.link, "write", hold)
+    bench.command(order((1.0, {"J1": HOME["J1"] + 0.3}), (3.0, HOME)))
+    for number in range(12):
+        skipped = 1 + number % 3
+        turning = bench.begin(lambda: bench.until(held.is_set))
+        assert held.wait(PATIENCE)
+        assert len(bench.arm.query("", 0.0).position) == len(NAMES)
+        free_again.set()
+        turning.answer()
+        held.clear()
+        free_again.clear()
