@@ -397,6 +397,20 @@ def test_torque_off_leaves_no_speed_behind(monkeypatch: pytest.MonkeyPatch, deta
     assert [servo.registers.get("goal_speed") for servo in device.wire.servos] == [0] * 6
 
 
+def test_a_joint_that_rests_at_its_goal_can_be_left_without_a_speed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One on its way keeps its speed: it would go on as fast as its servo can."""
+    arm, device = _make(So101Arm, monkeypatch)
+    arm.torque(True)
+    arm.write(JointTarget.of({"shoulder_pan": arm.read()["shoulder_pan"].position + 0.5}, 2.0))
+    arm.unbind()
+    speeds = [servo.registers.get("goal_speed") for servo in device.wire.servos]
+    assert speeds[0] > 0
+    assert speeds[1:] == [0] * 5
+    assert [servo.registers.get("torque_enable") for servo in device.wire.servos] == [1] * 6
+    arm.torque(False, ["shoulder_pan"])
+    arm.unbind()
+
+
 def test_recent_positions_do_not_let_goals_pile_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each takes half a millisecond of the line; to read is to wait for them."""
     arm, _ = _make(So101Arm, monkeypatch)

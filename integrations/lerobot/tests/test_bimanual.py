@@ -146,7 +146,11 @@ def test_what_is_wrong_says_which_arm(ports: list[str], caplog: pytest.LogCaptur
     with pytest.raises(ValueError, match="right arm: the action of gripper is nan"):
         robot.send_action({"right_gripper.pos": math.nan})
     caplog.set_level(logging.WARNING)
-    robot.send_action(seen | {"left_shoulder_pan.pos": seen["left_shoulder_pan.pos"] + 4.0})
+    away = seen["left_shoulder_pan.pos"] + 4.0
+    with pytest.raises(ValueError, match="right arm: the action of gripper is nan"):
+        robot.send_action({"left_shoulder_pan.pos": away, "right_gripper.pos": math.nan})
+    assert caplog.records == [], "nor is the other one sent anywhere"
+    robot.send_action(seen | {"left_shoulder_pan.pos": away})
     said = "left arm: shoulder_pan goes slowly to where it is led, at first"
     assert [row.message for row in caplog.records] == [said]
     robot.disconnect()

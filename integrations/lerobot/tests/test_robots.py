@@ -184,6 +184,8 @@ def test_connecting_twice_and_torque_at_the_end(arm: HexwireSO101, follower: str
     robot.connect()
     robot.disconnect()
     assert registers(follower, "torque_enable") == [1] * 6
+    # LeRobot's own arm gives its goals no speed, and would crawl at that of the last one.
+    assert registers(follower, "goal_speed") == [0] * 6
 
 
 def test_at_the_end_it_goes_to_a_saved_pose_before_its_torque_is_off(follower: str) -> None:

@@ -49,6 +49,8 @@ _LIVE_FIRST, _LIVE_COUNT, _TO_LOAD = 56, 15, 6
 _MIN_DURATION = 0.02
 _MOST_BACKLOG = 0.001
 """Seconds that the line may be behind with goals while old positions serve for new ones."""
+_THERE = math.radians(1.0)
+"""How far a joint may be from its goal and count as there: a servo that holds a load sags."""
 _SILENT = int(JointFlag.SILENT)
 _ADVICE = "check power, cable, and --robot if it is another one; `hexwire doctor` looks for the reason"
 
@@ -348,6 +350,23 @@ class BusArm(PlainDriver):
                 self.bus.write_raw(joint.servo_id, "torque_enable", 1)
                 self._read_torque([joint])
         return tuple(self.model.joints[i].name for i in wanted if self._torque[i])
+
+    def unbind(self) -> None:
+        """Take the last goal's speed from joints with torque that are where they were sent; torque off does of all.
+
+        Others keep it: on its way, or once nothing is in its way, a joint would go on as fast as its servo can.
+        """
+        self._check_attached()
+        bus, joints = self.bus, [joint for on, joint in zip(self._torque, self.model.joints, strict=True) if on]
+        ids = [joint.servo_id for joint in joints]
+        if not ids:
+            return
+        rows = zip(joints, bus.sync_read("goal_position", ids), bus.sync_read("present_position", ids), strict=True)
+        self._goals.unbind(
+            joint
+            for joint, goal, here in rows
+            if goal.raw is not None and here.raw is not None and abs(goal.raw - here.raw) * joint.scale <= _THERE
+        )
 
     def stop(self, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
         self._check_attached()

@@ -72,7 +72,7 @@ class BusGoals:
             self._ceilings[reading.servo_id] = reading.raw or DEFAULT_CEILING
 
     def unbind(self, joints: Iterable[JointModel]) -> None:
-        """Take the last goal's speed from STS servos that have no torque, as if they had just been switched on.
+        """Take the last goal's speed from STS servos that do not move, as if they had just been switched on.
 
         Programs that give a goal without a speed, as LeRobot's own arms do, would crawl at it.
         """

@@ -159,11 +159,15 @@ class BiHexwireSO101(BiDevice, Robot):
         return _prefixed(left, right)
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
-        """Send both arms towards an action; see `HexwireRobot.send_action`."""
+        """Send both arms towards an action, or neither; see `HexwireRobot.send_action`."""
         left, right = (
             {key.removeprefix(f"{side}_"): value for key, value in action.items() if key.startswith(f"{side}_")}
             for side in (LEFT, RIGHT)
         )
+        with _told_of(LEFT):
+            self.left_arm.wanted(left)
+        with _told_of(RIGHT):
+            self.right_arm.wanted(right)
         with _told_of(LEFT):
             left = self.left_arm.send_action(left)
         with _told_of(RIGHT):

@@ -26,6 +26,7 @@ from hexwire.control.following import BehindCounter, following_rules
 from hexwire.control.operator_control import Notes
 from hexwire.control.path_check import PathCheck
 from hexwire.control.pose_file import PoseFile
+from hexwire.drivers.bus_arm import BusArm
 from hexwire.errors import HexwireError, LinkError
 from hexwire.model.state import JointTarget, SentTarget
 from hexwire.motion.following import Behind, Follow, Following
@@ -213,11 +214,16 @@ class HexwireRobot(HexwireDevice, Robot):
             home = self._arm.is_open and (not had_torque or self._go_home())
             if home and self.config.disable_torque_on_disconnect:
                 self._torque(False, ": hold the arm")
+            elif had_torque and self._arm.is_open:
+                self._keep_torque()
         finally:
             super()._release()
             for camera in self.cameras.values():
                 if camera.is_connected:
                     camera.disconnect()
+
+    def _keep_torque(self) -> None:
+        """Leave the arm to another program as it holds."""
 
     # -- for teleoperators of this process ---------------------------------------------------------------
 
@@ -284,6 +290,19 @@ class HexwireRobot(HexwireDevice, Robot):
             what += "; its torque is off"
         raise RuntimeError(what)
 
+    def wanted(self, action: dict[str, Any]) -> dict[str, float]:
+        """Angles to which an action leads, radians by joint; nothing is sent, nor read.
+
+        Raises:
+            DeviceNotConnectedError: As `send_action`, and so are RuntimeError and ValueError.
+        """
+        if not self._arm.is_open:
+            self._check_connected()
+        values = self._arm.values
+        if self._rules is None:
+            raise RuntimeError(f"{self} has no torque: connect it again")
+        return values.angles(action)
+
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
         """Send the arm towards an action.
 
@@ -301,12 +320,9 @@ class HexwireRobot(HexwireDevice, Robot):
                 (`on_fault`).
             ValueError: A value is not a number, or a joint does not exist; nothing was sent.
         """
-        if not self._arm.is_open:
-            self._check_connected()
+        goal = self.wanted(action)
         values, rules = self._arm.values, self._rules
-        if rules is None:
-            raise RuntimeError(f"{self} has no torque: connect it again")
-        goal = values.angles(action)
+        assert rules is not None
         now = time.monotonic()
         age = now - self._here_at
         if age > _FRESH or (age > _SOON and (self._presses or self._is_far(goal))):
@@ -427,6 +443,12 @@ class HexwireSO101(SoDevice, HexwireRobot):
     def _write_settings(self) -> None:
         self._arm.driver.torque(False)
         super()._write_settings()
+
+    def _keep_torque(self) -> None:
+        driver = self._arm.driver
+        assert isinstance(driver, BusArm)
+        with faults():
+            driver.unbind()
 
 
 class HexwireSO100(HexwireSO101):
