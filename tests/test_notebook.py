@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import asyncio
 import json
 from pathlib import Path
 from typing import Any
@@ -67,3 +68,64 @@ def test_it_runs_from_top_to_bottom(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     for words in ("there after", "is outside its limits", "the tip is at", "a stop command has stopped the arm"):
         assert words in said, said
     assert (tmp_path / "first_steps.mcap").is_file()
+
+
+MOVES = """
+import hexwire
+from hexwire import deg
+arm = hexwire.connect("sim://so101", speed=1.0)
+motion = arm.move({arm.model.names[0]: deg(40)}, relative=True, duration=60.0, wait=False)
+"""
+SAYS = """
+try:
+    motion.wait(30)
+except hexwire.StoppedError:
+    print("stopped", arm.read().stopped)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.system
+@pytest.mark.parametrize("where", ["between cells", "in another cell"])
+def test_the_stop_button_stops_what_an_earlier_cell_has_begun(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    for name in ("HOME", "XDG_RUNTIME_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR", "IPYTHONDIR"):
+        monkeypatch.setenv(name, str(tmp_path))
+    asyncio.run(pressed(where))
+
+
+async def pressed(where: str) -> None:
+    """Begin a motion in one cell, and press the button."""
+    from jupyter_client.manager import start_new_async_kernel
+
+    manager, kernel = await start_new_async_kernel(kernel_name="python3")
+    said: list[str] = []
+    inside = asyncio.Event()
+
+    def hear(message: dict[str, Any]) -> None:
+        said.append(message["content"].get("text", ""))
+        if said[-1] == "inside\n":
+            inside.set()
+
+    async def run(code: str) -> str:
+        answer = await kernel.execute_interactive(code, timeout=60, output_hook=hear)
+        return str(answer["content"].get("ename", "ok"))
+
+    try:
+        assert await run(MOVES) == "ok"
+        if where == "in another cell":
+            cell = asyncio.create_task(run("import time; print('inside', flush=True); time.sleep(50)"))
+            await inside.wait()
+        await manager.interrupt_kernel()
+        if where == "in another cell":
+            assert await cell == "KeyboardInterrupt"
+        assert await run(SAYS) == "ok"
+        assert "stopped True" in "".join(said)
+        # A button that has nothing to end does nothing.
+        await manager.interrupt_kernel()
+        assert await run("arm.detach(); print('detached')") == "ok"
+        assert "detached" in "".join(said)
+    finally:
+        kernel.stop_channels()
+        await manager.shutdown_kernel(now=True)

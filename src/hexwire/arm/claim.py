@@ -10,6 +10,7 @@ done by it, nor wait for what it has interrupted.
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -123,9 +124,9 @@ class Claim:
         """Have Ctrl-C end it, wherever this program is then, if this is its main thread without a handler."""
         if threading.current_thread() is not threading.main_thread():
             return
-        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-            signal.signal(signal.SIGINT, _on_ctrl_c)
         _going.add(self)
+        _handle_ctrl_c()
+        _outlast_cell()
 
     def release(self) -> None:
         """Let the next one begin."""
@@ -178,8 +179,31 @@ def forget_ctrl_c() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def _handle_ctrl_c(*_: object) -> None:
+    if _going and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _on_ctrl_c)
+
+
 def _on_ctrl_c(number: int, frame: FrameType | None) -> None:
+    _between_cells(number, frame)
+    signal.default_int_handler(number, frame)
+
+
+def _between_cells(number: int, frame: FrameType | None) -> None:
     # No stop here: the main thread may hold what a stop waits for. What goes on stops the arm within a cycle.
     for claim in tuple(_going):
         claim.ending.interrupted = True
-    signal.default_int_handler(number, frame)
+
+
+def _outlast_cell() -> None:
+    """In a notebook, have its stop button end what goes on between cells and in later ones.
+
+    The kernel gives each cell the default handler, and ignores the button between them. Nothing there waits for a
+    KeyboardInterrupt, which would end the kernel.
+    """
+    find = getattr(sys.modules.get("IPython"), "get_ipython", None)
+    shell = None if find is None else find()
+    kernel = getattr(shell, "kernel", None)
+    if shell is not None and getattr(kernel, "saved_sigint_handler", None) is signal.SIG_IGN:
+        kernel.saved_sigint_handler = _between_cells  # type: ignore[union-attr]
+        shell.events.register("pre_run_cell", _handle_ctrl_c)
