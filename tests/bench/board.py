@@ -12,8 +12,7 @@ from pathlib import Path
 
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.bus_device import make_servos
-from hexwire.emulator.serve_bus import serve_bus
-from hexwire.emulator.serve_pty import PtyServer
+from hexwire.emulator.serve_pty import PtyServer, serve_bus
 from hexwire.wire.registers import Series
 
 __all__ = ["board", "cpu", "cpu_ns", "memory", "servo_bus"]

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from hexwire.bus.servo_bus import ServoBus
 from hexwire.cli.main import cli
-from hexwire.emulator import serve_bus as emulator_serve_bus
+from hexwire.emulator import serve_pty
 from hexwire.emulator.servo import EmulatedServo
 from hexwire.emulator.servo_motion import Motion
 from hexwire.link.serial import SerialLink
@@ -43,7 +43,7 @@ def test_invalid_values_are_refused(words: tuple[str, ...]) -> None:
 
 def test_an_arm_has_its_servos_and_names(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[list[EmulatedServo], dict[str, Any]]] = []
-    monkeypatch.setattr(emulator_serve_bus, "serve_bus", lambda servos, **rest: asked.append((servos, rest)))
+    monkeypatch.setattr(serve_pty, "serve_bus", lambda servos, **rest: asked.append((servos, rest)))
     for words in (["--arm", "so101", "--physics"], ["--arm", "so100", "--leader", "--baud", "0"], ["--ids", "1,2"]):
         assert CliRunner().invoke(cli, ["sim", "bus", *words]).exit_code == 0
     follower, leader, plain = asked

@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 from hexwire.bus.servo_bus import ServoBus
 from hexwire.cli.main import cli
 from hexwire.emulator.bus_arms import make_bus_arm
-from hexwire.emulator.serve_bus import serve_bus
+from hexwire.emulator.serve_pty import serve_bus
 from hexwire.link.serial import SerialLink
 
 

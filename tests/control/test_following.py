@@ -20,8 +20,7 @@ from hexwire.control.following import (
     following_rules,
     run_following,
 )
-from hexwire.control.owner import RobotOwner
-from hexwire.control.ownership import release
+from hexwire.control.owner import RobotOwner, release
 from hexwire.control.path_check import PathCheck
 from hexwire.drivers.bus_arm import So101Arm
 from hexwire.emulator.bus_arms import make_bus_arm

@@ -14,7 +14,7 @@ from tests.motion.arms import HOME
 
 from hexwire.control.controlled_arm import ControlledArm
 from hexwire.control.goals import Point, TrajectoryGoal
-from hexwire.control.joint_commands import JointCommandStream
+from hexwire.control.set_point_stream import JointCommandStream
 from hexwire.control.setting import Faults
 from hexwire.control.settings_reader import read_settings
 from hexwire.drivers.puma260 import Puma260Driver

@@ -11,8 +11,7 @@ from tests.waits import eventually
 
 from hexwire.control import owner as module
 from hexwire.control.known_state import KnownState
-from hexwire.control.owner import RobotOwner
-from hexwire.control.ownership import claim
+from hexwire.control.owner import RobotOwner, claim
 from hexwire.drivers.values import StopMode
 from hexwire.errors import (
     DeviceError,

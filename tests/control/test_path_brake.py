@@ -14,8 +14,8 @@ from tests.few import few
 from tests.motion.arms import HOME, cubic_at
 from tests.motion.fastest import fastest, keeps
 
-from hexwire.control import path_brake
-from hexwire.control.path_brake import PathBrake, plan_points
+from hexwire.control import board_path_feeder
+from hexwire.control.board_path_feeder import PathBrake, plan_points
 from hexwire.drivers.board2_path import MOST_BODY
 from hexwire.drivers.timed_path import REST_POINTS, TimedPoint
 from hexwire.errors import CommandRefusedError, StoppedError, UsageError
@@ -113,7 +113,7 @@ def test_every_path_at_its_limits_is_ended_on_it_or_beside_it_within_them(
             slowed.append(found)
         return found
 
-    monkeypatch.setattr(path_brake, "ease_out", noted)
+    monkeypatch.setattr(board_path_feeder, "ease_out", noted)
     for _ in range(5):
         way = fastest(draw, HEX7BOT)
         names = way.names

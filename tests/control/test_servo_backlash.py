@@ -9,7 +9,7 @@ import pytest
 from tests.bus.bus_bench import make_bus
 
 from hexwire.bus.servo_bus import ServoBus
-from hexwire.control.servo_backlash import measure_backlash
+from hexwire.control.servo_wave import measure_backlash
 from hexwire.emulator.servo import EmulatedServo
 from hexwire.errors import HexwireError, ServoError, UsageError
 

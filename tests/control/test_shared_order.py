@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from hexwire.control.lease import Lease
-from hexwire.control.shared_order import Order, OrderCheck
+from hexwire.control.shared import Order, OrderCheck
 from hexwire.epochs import Epochs
 from hexwire.errors import LeaseError
 

@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.model import states
 
-from hexwire.control import teaching
-from hexwire.control.teaching import TOLERANCE, Teacher, save, to_points, tolerance_of
+from hexwire.control import teach_mode
+from hexwire.control.teach_mode import TOLERANCE, Teacher, save, to_points, tolerance_of
 from hexwire.errors import HexwireError, UsageError
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.hex7bot import HEX7BOT
@@ -63,7 +63,7 @@ def waved(seconds: float, names: int = 3) -> Taught:
     )
 
 
-def miss(taught: Taught, points: tuple[teaching.Point, ...]) -> float:
+def miss(taught: Taught, points: tuple[teach_mode.Point, ...]) -> float:
     """By how much lines through the points miss the worst sample, radians."""
     way = Spline(taught.names, [Waypoint(point.time, point.positions) for point in points])
     return max(

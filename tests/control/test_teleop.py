@@ -9,8 +9,7 @@ from typing import NamedTuple, NoReturn
 
 import pytest
 
-from hexwire.control.owner import RobotOwner
-from hexwire.control.ownership import release
+from hexwire.control.owner import RobotOwner, release
 from hexwire.control.path_check import PathCheck
 from hexwire.control.teleop import TeleopController, run_teleop
 from hexwire.drivers.base import RobotDriver

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from tests.model.states import make_state
 
-from hexwire.control.wave import WaveController
+from hexwire.control.servo_wave import WaveController
 from hexwire.model.state import JointFlag, JointReading, JointState
 from hexwire.motion.safety import StopReason
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
+from hexwire.emulator.board_chapter import SketchReceiver
 from hexwire.emulator.serve import BoardLink, FakeClock
-from hexwire.emulator.sketch import SketchReceiver
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
 from hexwire.session.policy import ReconnectPolicy, RetryPolicy

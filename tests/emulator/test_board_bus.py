@@ -3,9 +3,21 @@ from __future__ import annotations
 import pytest
 from tests.emulator.boards import ALL, Bench, u16
 
+from hexwire.emulator.board_bus import BusBuffer
 from hexwire.wire import servo_packet as sp
 from hexwire.wire.command_frame import Command, Status
 from hexwire.wire.commands import Stats, TransactRequest
+
+
+def test_bytes_are_there_from_their_time_on_and_are_read_once() -> None:
+    buffer = BusBuffer()
+    buffer.put(b"ab", 1.0)
+    buffer.put(b"c", 2.0)
+    assert (buffer.waiting(0.9), buffer.read(0.9)) == (0, b"")
+    assert (buffer.waiting(1.0), buffer.waiting(2.0)) == (2, 3)
+    assert buffer.read(1.5) == b"ab"
+    assert buffer.read(1.5) == b""
+    assert (buffer.waiting(3.0), buffer.read(3.0)) == (1, b"c")
 
 
 def counters(bench: Bench) -> dict[str, int]:

@@ -1,14 +1,138 @@
 from __future__ import annotations
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from tests.emulator.boards import Bench
 from tests.frames import frame_bytes
 
 from hexwire.emulator.board import make_hex7bot_board
+from hexwire.emulator.board_chapter import (
+    SketchFrame,
+    SketchReceiver,
+    is_packet,
+    no_answer,
+    status_bytes,
+    sync_write_rows,
+)
 from hexwire.emulator.serve import BoardLink, FakeClock
 from hexwire.session.decoder import FrameDecoder
 from hexwire.wire import servo_packet as sp
 from hexwire.wire.command_frame import Command, Frame
+
+
+def test_a_silent_servo() -> None:
+    assert no_answer(3, ping=True) == bytes.fromhex("FF F5 03 06 05 F1")
+    assert no_answer(5, ping=False) == bytes.fromhex("FF F5 05 04 01 00 00 F5")
+
+
+@pytest.mark.parametrize(
+    ("request_", "answer", "sent"),
+    [
+        (sp.make_ping(0), sp.StatusPacket(0, 0, b"", legacy=True), "FF F5 00 06 00 F9"),
+        (sp.make_ping(4), sp.StatusPacket(4, 0, b"", legacy=False), "FF FF 04 02 00 F9"),
+        (sp.make_read(0, 56, 2), sp.StatusPacket(0, 0, b"\x08\x05", legacy=True), "FF F5 00 04 00 05 08 EE"),
+        (sp.make_read(4, 56, 2), sp.StatusPacket(4, 0, b"\x08\x05", legacy=False), "FF FF 04 04 00 08 05 EA"),
+    ],
+)
+def test_an_answer(request_: bytes, answer: sp.StatusPacket, sent: str) -> None:
+    assert status_bytes(sp.parse_packet(request_), answer) == bytes.fromhex(sent)
+
+
+def test_rows_end_at_an_id_that_is_no_joint() -> None:
+    rows = {0: b"\x34\x08\x64\x00", 1: b"\x35\x08\x65\x00", 7: b"\x00\x08\x00\x00", 2: b"\x00\x08\x00\x00"}
+    packet = sp.make_sync_write(0x2A, rows)
+    for verified in (True, False):
+        assert sync_write_rows(packet, 7, verified=verified) == [(0, 0x834, 100), (1, 0x835, 101)]
+
+
+def test_only_one_board_looks_at_register_and_checksum() -> None:
+    elsewhere = sp.make_sync_write(0x30, {0: b"\x34\x08\x64\x00"})
+    damaged = sp.make_sync_write(0x2A, {0: b"\x34\x08\x64\x00"})[:-1] + b"\0"
+    for packet in (elsewhere, damaged):
+        assert sync_write_rows(packet, 7, verified=False) == [(0, 0x834, 100)]
+        assert sync_write_rows(packet, 7, verified=True) == []
+    assert not is_packet(damaged)
+    assert sync_write_rows(sp.make_ping(0), 7, verified=False) == []
+
+
+def frame(cmd: int = 2, body: bytes = b"", nsec: int = 0) -> bytes:
+    return frame_bytes(cmd, body, proto=1, time_nsec=nsec)
+
+
+def frames_of(receiver: SketchReceiver, data: bytes) -> list[SketchFrame]:
+    receiver.put(data, busy=False)
+    found = []
+    while (one := receiver.next_frame()) is not None:
+        found.append(one)
+        receiver.put(b"", busy=False)
+    return found
+
+
+def test_a_clean_frame_is_taken_as_it_is() -> None:
+    body = sp.make_read(6, 0x3C, 2)
+    (one,) = frames_of(SketchReceiver(), b"noise" + frame(2, body))
+    assert (one.cmd, one.body, one.length, one.short, one.hangs) == (2, body, 52, False, False)
+
+
+def test_0d_0a_in_the_header_makes_a_short_frame_and_leaves_the_rest_as_noise() -> None:
+    receiver = SketchReceiver()
+    (one,) = frames_of(receiver, frame(2, sp.make_ping(0), nsec=0x0A0D))
+    assert one.short
+    assert receiver.waiting == 0
+
+
+def test_0d_0a_in_the_body_executes_the_half_with_stale_bytes() -> None:
+    receiver = SketchReceiver()
+    old = sp.make_sync_write(0x2A, dict.fromkeys(range(7), b'\x11"3D'))
+    frames_of(receiver, frame(3, old))
+    new = sp.make_sync_write(0x2A, {0: b"\x55\x66\x77\x00", 1: b"\x0d\x0a\x77\x00", 2: b"\x55\x66\x77\x00"})
+    (one,) = frames_of(receiver, frame(3, new))
+    assert one.body[7:12] == b"\x00\x55\x66\x77\x00"
+    assert one.body[17:22] == b"\x02\x11\x22\x33\x44"
+
+
+def test_a_full_buffer_hangs_it_for_ever() -> None:
+    receiver = SketchReceiver()
+    assert frames_of(receiver, b"\x5a\xfa\xfa\x5a" + bytes(250)) == []
+    assert receiver.hung
+    assert frames_of(receiver, frame()) == []
+
+
+def test_a_long_packet_would_hang_it() -> None:
+    (one,) = frames_of(SketchReceiver(), frame(2, bytes(64)))
+    assert one.hangs
+    (one,) = frames_of(SketchReceiver(), frame(3, bytes(64)))
+    assert not one.hangs
+
+
+def test_while_it_is_busy_the_ring_holds_63_bytes() -> None:
+    receiver = SketchReceiver()
+    receiver.put(frame(3, bytes(44)), busy=True)
+    assert (receiver.waiting, receiver.lost) == (63, 88 - 63)
+    assert receiver.next_frame() is None
+
+
+def test_what_came_behind_a_frame_waits_in_the_ring() -> None:
+    receiver = SketchReceiver()
+    receiver.put(frame() + frame(3, bytes(60)), busy=False)
+    assert receiver.next_frame() is not None
+    assert receiver.waiting == 63
+    assert receiver.lost == 104 - 63
+
+
+@given(st.lists(st.binary(max_size=120), max_size=20), st.booleans())
+def test_any_bytes_in_any_pieces_are_bounded_and_raise_nothing(pieces: list[bytes], busy: bool) -> None:
+    receiver = SketchReceiver()
+    for piece in pieces:
+        receiver.put(piece, busy=busy)
+        if busy:
+            assert receiver.waiting <= 63
+        while (one := receiver.next_frame()) is not None:
+            assert len(one.data) == 254
+            assert one.length <= 254
+            assert isinstance(one.body, bytes)
+
 
 # The chapter's log, the tails as they were before a port with ICRNL had its way with them.
 LOG = [

@@ -5,8 +5,7 @@ from typing import Any
 
 import pytest
 
-from hexwire.emulator.board_bus import BoardBus
-from hexwire.emulator.board_jobs import Transaction
+from hexwire.emulator.board_bus import BoardBus, Transaction
 from hexwire.emulator.board_orders import BoardOrders
 from hexwire.emulator.board_state import BoardState, Settings
 from hexwire.emulator.gate import RefusedError

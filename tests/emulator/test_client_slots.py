@@ -3,7 +3,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.emulator.client_slots import ClientSlots
+from hexwire.emulator.serve_puma import ClientSlots
 
 
 def test_clients_are_admitted_until_all_seats_are_taken() -> None:

@@ -11,7 +11,7 @@ import pytest
 from hexwire.bus.servo_bus import ServoBus
 from hexwire.bus.setup import scan
 from hexwire.emulator.bus_device import make_servos
-from hexwire.emulator.serve_bus import serve_bus
+from hexwire.emulator.serve_pty import serve_bus
 from hexwire.link.serial import SerialLink
 from hexwire.wire.registers import Series
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hexwire.emulator.serve_link import TerminalName
+from hexwire.emulator.serve_pty import TerminalName
 from hexwire.errors import UsageError
 
 GONE = "/dev/pts/1048576"

@@ -19,8 +19,7 @@ from tests.drivers.puma_server import served_puma
 from hexwire.bus import timing
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
 from hexwire.emulator.bus_device import make_servos
-from hexwire.emulator.serve_bus import serve_bus
-from hexwire.emulator.serve_pty import PtyServer
+from hexwire.emulator.serve_pty import PtyServer, serve_bus
 from hexwire.emulator.servo import EmulatedServo
 from hexwire.session.policy import RetryPolicy
 from hexwire.wire.registers import Series

@@ -6,10 +6,10 @@ import pytest
 from tests.bus.bus_bench import BusLink, make_bus
 
 from hexwire.emulator.board import make_hex7bot_board
+from hexwire.emulator.board_chapter import SketchReceiver
 from hexwire.emulator.faults import FaultPlan
 from hexwire.emulator.serve import BoardLink, FakeClock, ServedDevice
-from hexwire.emulator.sketch import SketchReceiver
-from hexwire.emulator.uart import heard_at
+from hexwire.emulator.servo_wire import heard_at
 from hexwire.errors import ReplyTimeoutError, WrongDeviceError
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.mistaken import find_servos

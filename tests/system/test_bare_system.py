@@ -12,14 +12,13 @@ from threading import Event, Thread
 import pytest
 
 from hexwire.emulator.bus_device import BusDevice, make_servos
-from hexwire.emulator.serve_bus import serve_bus
+from hexwire.emulator.serve_pty import serve_bus
 from hexwire.emulator.serve_tcp import TcpServer
 from hexwire.wire.registers import Series
 
 PROGRAM = Path(__file__).with_name("bare_system.py")
 # For one system only, and said so. Nobody needs them elsewhere: `make_link` chooses another link, `sim` offers TCP.
 LINUX_ONLY = {
-    "hexwire.emulator.serve_bus",
     "hexwire.emulator.serve_pty",
     "hexwire.link.mqueue",
     "hexwire.link.serial",

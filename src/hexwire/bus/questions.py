@@ -21,7 +21,6 @@ from .machine import ADAPTER_TIME, BusMachine, Conversation
 from .plan import LEGACY_READ, SyncReadPlan
 
 if TYPE_CHECKING:
-    from hexwire.session.servo_answers import AnswerCollector
     from hexwire.wire.servo_packet import StatusPacket
 
 __all__ = ["BlockAnswers", "ask_block", "ask_many", "ask_one", "ask_registers", "is_there", "places", "settle"]

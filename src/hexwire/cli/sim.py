@@ -419,7 +419,7 @@ def bus(
             serve_on_tcp(device, tcp, link=link, baud=0, hands=hands, stop=stop, announce=_announce_bus)
             return
         try:
-            from hexwire.emulator.serve_bus import serve_bus
+            from hexwire.emulator.serve_pty import serve_bus
         except ImportError:
             no_terminals()
         serve_bus(

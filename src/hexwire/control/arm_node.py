@@ -20,9 +20,9 @@ from hexwire.log_limiter import LogLimiter
 from .client_goals import ClientGoal, ClientGoals
 from .controlled_arm import ControlledArm
 from .diagnostics import ChangeWatch, Row, diagnose
-from .joint_commands import JointCommandStream
 from .rate import Periodic
 from .rest import rest_in_words
+from .set_point_stream import JointCommandStream
 from .shutdown import Shutdown
 from .workers import Together
 

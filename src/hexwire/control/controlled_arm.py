@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 from hexwire.drivers.values import StopMode
 from hexwire.errors import GoalError, HexwireError, UsageError
 from hexwire.motion.teach import approach
+from hexwire.trace.chapter_log import format_positions
 
 from .controller import TrajectoryController
 from .diagnostics import Facts
@@ -27,7 +28,7 @@ from .path_check import PathCheck
 from .pose_file import find_pose
 from .power import Torques, switch_torque
 from .prepared import begin
-from .state_log import logging_states
+from .rate import Periodic
 from .teach_mode import TeachMode
 from .waiting import TryLock, Waiter
 
@@ -44,9 +45,32 @@ if TYPE_CHECKING:
     from .outcomes import GoalListener
     from .settings import Settings
 
-__all__ = ["ControlledArm"]
+__all__ = ["ControlledArm", "logging_states"]
 
 _log = logging.getLogger(__name__)
+
+_PERIOD = 1.0
+
+
+def logging_states(
+    on_state: Callable[[JointState, KnownState], object], name: str
+) -> Callable[[JointState, KnownState], object]:
+    """The receiver of states of a `RobotOwner`, which logs them too.
+
+    Args:
+        on_state: Receives every state, before it is logged.
+        name: The robot's, for the log.
+    """
+    due = Periodic()
+
+    def both(state: JointState, published: KnownState) -> None:
+        on_state(state, published)
+        if due.due(state.stamp, _PERIOD):
+            degrees = [math.degrees(angle) for angle in state.position]
+            _log.info("%s", "\n".join(format_positions(state.names, degrees, name=name)))
+
+    return both
+
 
 _NEVER = 1e9
 _GRACE = 10.0

@@ -1,8 +1,10 @@
 """The one owner of a moving robot: it reads states, lets the controllers decide, and writes targets.
 
-Owns the read-update-write cycle, the watchdog during it, and the reaction to a failure of the robot: everything
-stops and goals end. It runs in its own thread and reconnects, or in the caller's thread with a robot borrowed from
-the caller. Must not know who sends requests, nor how its reports are used.
+Owns the read-update-write cycle, the watchdog during it, calls that other threads queue for it, with their time
+limits, that a robot has one owner in a program (two would send targets in turn and disarm each other's watchdog),
+and the reaction to a failure of the robot: everything stops and goals end. It runs in its own thread and
+reconnects, or in the caller's thread with a robot borrowed from the caller. Must not know who sends requests, nor
+how its reports are used.
 """
 
 from __future__ import annotations
@@ -10,9 +12,12 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future, wait
 from contextlib import ExitStack, suppress
-from typing import TYPE_CHECKING, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
+from weakref import WeakValueDictionary
 
 from hexwire.arguments import ROBOT
 from hexwire.arguments import check as check_argument
@@ -32,11 +37,9 @@ from hexwire.errors import (
 )
 from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop
 
-from .calls import QueuedCalls, voided_by_stop
 from .group import ControllerGroup
-from .newest import LatestState
+from .known_state import LatestState
 from .output import Output
-from .ownership import claim, release
 from .path_check import PathCheck
 from .reader import StateReader, check_joints
 from .waiting import join_or_abort
@@ -46,7 +49,7 @@ if TYPE_CHECKING:
 
     from hexwire.drivers.base import ProbeReport, RobotDriver
     from hexwire.drivers.timed_path import PathStart
-    from hexwire.epochs import Token
+    from hexwire.epochs import Epochs, Token
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState, JointTarget, SentTarget
 
@@ -54,11 +57,111 @@ if TYPE_CHECKING:
     from .known_state import KnownState
     from .loop import RateLoop
 
-__all__ = ["RobotOwner"]
+__all__ = ["QueuedCalls", "RobotOwner", "claim", "release", "voided_by_stop"]
+
+# By the robot's `id`, which stays the robot's as long as its owner exists, since the owner refers to it.
+_owners: WeakValueDictionary[int, object] = WeakValueDictionary()
+
+
+def claim(robot: RobotDriver, owner: object) -> None:
+    """Make this the owner of a robot.
+
+    Raises:
+        UsageError: Another owner has it.
+    """
+    if _owners.setdefault(id(robot), owner) is not owner:
+        raise UsageError("the robot is already in motion for another caller; wait until that ends, or stop it")
+
+
+def release(robot: RobotDriver, owner: object) -> None:
+    """Give a robot up; without effect if another owner has it."""
+    if _owners.get(id(robot)) is owner:
+        del _owners[id(robot)]
+
+
+_T = TypeVar("_T")
+
+
+def voided_by_stop(call: Callable[[], _T], epochs: Epochs | None) -> Callable[[], _T]:
+    """Wrap a call so that a stop between now and its execution voids it.
+
+    Args:
+        call: The call.
+        epochs: The stops of the robot, if it has any.
+    """
+    if epochs is None:
+        return call
+    # Perhaps part of an earlier call, such as an order that arrived before the stop.
+    asked = epochs.of_this_call or epochs.mark()
+
+    def dated() -> _T:
+        with epochs.using(asked):
+            return call()
+
+    return dated
+
+
+class QueuedCalls:
+    """Calls from other threads that wait for the owner.
+
+    Args:
+        timeout: Seconds that a caller waits until its call begins, and then until it ends.
+    """
+
+    def __init__(self, timeout: float = 10.0) -> None:
+        self._timeout = timeout
+        self._waiting: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
+
+    def call(self, call: Callable[[], _T]) -> _T:
+        """Queue a call and wait for its result.
+
+        Raises:
+            DeviceError: It did not begin in time and was dropped; or it did not end in time.
+            Exception: What the call raised, or the error passed to `fail`.
+        """
+        future: Future[_T] = Future()
+        self._waiting.append((call, future))
+        # Not `result(timeout)`, whose timeout looks like one raised by the call.
+        wait((future,), self._timeout)
+        if future.cancel():
+            raise DeviceError(f"the robot was busy for {self._timeout:g} s; nothing was done")
+        # It is running or done.
+        wait((future,), self._timeout)
+        if not future.done():
+            raise DeviceError(f"the robot has not finished within {self._timeout:g} s")
+        return future.result()
+
+    def run(self) -> None:
+        """Run all queued calls, in the owner's thread.
+
+        Raises:
+            LinkError: A call found the line lost; both its caller and the owner get the error.
+            PreemptedError: A stop interrupted a call; likewise.
+        """
+        while self._waiting:
+            call, future = self._waiting.popleft()
+            if not future.set_running_or_notify_cancel():
+                continue
+            try:
+                result = call()
+            except BaseException as error:
+                future.set_exception(error)
+                # A lost line concerns the owner too, and so does an error that is not an Exception.
+                if isinstance(error, LinkError | PreemptedError) or not isinstance(error, Exception):
+                    raise
+            else:
+                future.set_result(result)
+
+    def fail(self, error: Exception) -> None:
+        """Raise an error in all queued callers; none of their calls runs."""
+        while self._waiting:
+            _, future = self._waiting.popleft()
+            if future.set_running_or_notify_cancel():
+                future.set_exception(error)
+
 
 _log = logging.getLogger(__name__)
 
-_T = TypeVar("_T")
 
 _RETRY = 0.5
 """Seconds between two attempts to reconnect."""

@@ -1,32 +1,108 @@
-"""A wave with one servo of a bus: the servo as an arm of one joint, moved by the owner like every other robot.
+"""Waves with one servo of a bus: the servo as an arm of one joint, moved by the owner like every other robot.
 
-Owns the limits of such an arm, the torque around a wave, and what ends it: the caller, a fault, silence, a stop.
-Must not know terminals or pages; the shape is a `Wave` or any function of time.
+Owns the controller that moves it back and forth about a position and records how it follows, the limits of such an
+arm, the torque around a wave, the measurement of backlash by a small one, and what ends it: time, the caller, a
+fault, silence, a stop. Must not know terminals or pages; the shape is a `Wave` or any function of time.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from hexwire.drivers.arm_file import BusArmFile
 from hexwire.drivers.bus_arm import BusArm
-from hexwire.errors import ServoError, UsageError
+from hexwire.errors import HexwireError, ServoError, UsageError
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.state import JointFlag, JointTarget
+from hexwire.motion.backlash import BACKLASH_AMPLITUDE, BACKLASH_SECONDS, backlash, backlash_angle
 
 from .owner import RobotOwner
 from .path_check import PathCheck
 from .reader import read_known
-from .wave import WaveController
+from .target import SingleMotion
 
 if TYPE_CHECKING:
     from hexwire.bus.servo_bus import ServoBus
-    from hexwire.model.state import JointReading
+    from hexwire.model.state import JointReading, JointState
 
-__all__ = ["WAVE_RATE", "WaveEnd", "WaveSample", "and_back", "bring_back", "one_servo", "run_wave", "standing"]
+__all__ = [
+    "WAVE_RATE",
+    "WaveController",
+    "WaveEnd",
+    "WaveSample",
+    "and_back",
+    "bring_back",
+    "measure_backlash",
+    "one_servo",
+    "run_wave",
+    "standing",
+]
+
+
+class WaveController(SingleMotion):
+    """Moves one joint for a time. Nothing is sent ahead: each target lasts one period.
+
+    Args:
+        start: The joint, where it stands.
+        wave: Distance from there at a time since the beginning, radians.
+        seconds: Duration.
+        period: Seconds between two targets.
+        most_silent: Number of states in a row without an answer of the joint that end the wave.
+        on_sample: Called with the time of each answer since the beginning, the last target, and the answer.
+
+    Attributes:
+        fault: Why it ended early; empty if it did not.
+        missed: Number of states without an answer.
+    """
+
+    def __init__(
+        self,
+        start: JointReading,
+        wave: Callable[[float], float],
+        seconds: float,
+        *,
+        period: float,
+        most_silent: int,
+        on_sample: Callable[[float, float, JointReading], object],
+    ) -> None:
+        super().__init__((start.name,))
+        self.fault, self.missed = "", 0
+        self._start, self._wave, self._seconds, self._period = start, wave, seconds, period
+        self._most_silent, self._on_sample = most_silent, on_sample
+        self._silent, self._target = 0, math.nan
+
+    def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
+        """Record an answer; end at a fault, or if the joint stays silent."""
+        joint = state[self._start.name]
+        # Noise destroys an answer now and then; that is no reason to stop.
+        self._silent = self._silent + 1 if joint.flags & JointFlag.SILENT else 0
+        self.missed += bool(self._silent)
+        if self._silent >= self._most_silent:
+            self._end(f"fell silent: {self._silent} samples in a row are missing; check cable and power")
+        elif faults := joint.flags.faults & ~JointFlag.SILENT:
+            self._end(f"stopped: {faults}")
+        elif not self._silent and self.moving:
+            self._on_sample(now - self._begun, self._target, joint)
+
+    def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | None:
+        """The next target."""
+        if self._begun == -math.inf:
+            self._begun = now
+        if now - self._begun >= self._seconds:
+            self.over = True
+        if self.over:
+            return None
+        self._target = self._start.position + self._wave(now - self._begun)
+        return JointTarget.of({self._start.name: self._target}, self._period)
+
+    def _end(self, fault: str) -> None:
+        if not self.over:
+            self.fault, self.over = fault, True
+
 
 WAVE_RATE = 50.0
 """Goals and samples per second."""
@@ -206,3 +282,54 @@ def bring_back(arm: BusArm, start: JointReading, *, keep_torque: bool, sleep: Ca
     arm.write(JointTarget.of({start.name: start.position}, duration=_RETURN))
     sleep(_RETURN + 0.2)
     return keep_torque or bool(arm.torque(False))
+
+
+def measure_backlash(
+    bus: ServoBus,
+    servo_id: int,
+    *,
+    clock: Callable[[], float],
+    sleep: Callable[[float], object],
+    go_on: Callable[[], bool] = lambda: True,
+    shield: Callable[[], AbstractContextManager[object]] = nullcontext,
+) -> float:
+    """Move a servo by 3 degrees to either side, three times, and back.
+
+    Args:
+        bus: The open bus, which knows the servo's series.
+        servo_id: The servo.
+        clock: Monotonic seconds.
+        sleep: Waits for a number of seconds.
+        go_on: Asked before each goal; the wave ends as soon as it returns False.
+        shield: Protects the way back from signals.
+
+    Returns:
+        The backlash, radians; NaN if it was ended early.
+
+    Raises:
+        UsageError: The servo is too near to one of its limits, or not in position mode.
+        ServoError: It is silent, has a fault, or was stopped.
+        StoppedError: The arm is stopped.
+    """
+    with one_servo(bus, servo_id, BACKLASH_AMPLITUDE) as arm:
+        start = standing(arm)
+        had_torque = bool(start.flags & JointFlag.TORQUE_ON)
+        if not arm.torque(True):
+            raise ServoError(f"servo {servo_id} does not confirm its torque", servo_id=servo_id)
+        end = WaveEnd()
+
+        def back() -> None:
+            # Refused after a stop: the servo holds where it is.
+            with shield():
+                if not bring_back(arm, start, keep_torque=had_torque, sleep=sleep):
+                    raise ServoError(f"servo {servo_id} does not confirm its torque off", servo_id=servo_id)
+
+        try:
+            run_wave(arm, start, backlash_angle, BACKLASH_SECONDS, end, go_on=go_on, clock=clock, sleep=sleep)
+        except BaseException:
+            # What ended it must be reported first.
+            with suppress(HexwireError):
+                back()
+            raise
+        back()
+    return backlash((row.t, row.position) for row in end.samples)

@@ -24,18 +24,16 @@ from hexwire.wire.modules import ModuleType
 from hexwire.wire.tables import PROTO_CHAPTER
 
 from .arms import make_hex7bot_servos
-from .board_bus import BoardBus
-from .board_chapter import ChapterDialect
+from .board_bus import BUS_TIMEOUT, BoardBus, BusBuffer, Delay, Job, Pause, Transaction
+from .board_chapter import ChapterDialect, SketchReceiver
 from .board_dialect1 import Dialect1
 from .board_dialect2 import Dialect2
-from .board_jobs import BUS_TIMEOUT, BusBuffer, Delay, Job, Pause, Transaction
 from .board_rate import LineRate
 from .board_state import BoardState, Settings
 from .board_stop import StopQueue
 from .board_trajectory import Trajectory
 from .faults import FaultPlan
 from .servo_wire import ServoWire
-from .sketch import SketchReceiver
 
 __all__ = ["EmulatedBoard", "make_hex7bot_board"]
 

@@ -1,25 +1,192 @@
-"""Dialect 1 on the chapter's board: its `decode()` and what it calls.
+"""Dialect 1 on the chapter's board: how its sketch takes frames off the line, its `decode()`, and what it calls.
 
-Owns the replies of the chapter's sketch, byte for byte, and its delays when the bus is paced. It verifies nothing,
-and passes on whatever is in the serial buffer of the bus. Knows nothing of links.
+Owns the receive loop of the printed sketch, hazards and all, its replies, byte for byte, and its delays when the
+bus is paced. Frames end at the first 0D 0A after the sync word, in a buffer that keeps the bytes of earlier frames;
+bytes that arrive while a command runs have 63 bytes of room. The sketch verifies nothing, and passes on whatever is
+in the serial buffer of the bus. Tests use it to show that a host never sends what such a board would misread. Knows
+nothing of links.
 """
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, NamedTuple
 
+from hexwire.errors import RemoteProtocolError
 from hexwire.session.connection import Connection
 from hexwire.session.dialect1 import SHORT_FRAME_PACKET, UNKNOWN_COMMAND_PACKET
 from hexwire.wire.command_frame import Command, Frame
 from hexwire.wire.registers import Series
-from hexwire.wire.servo_packet import make_write
+from hexwire.wire.servo_packet import (
+    Instruction,
+    ServoPacket,
+    StatusPacket,
+    make_board_error,
+    make_legacy_ping_status,
+    make_status,
+    make_write,
+    parse_packet,
+)
+from hexwire.wire.tables import BOARD_ERRORS
 
-from .board_jobs import BusBuffer, Clock, Delay, Job, Send
+from .board_bus import BusBuffer, Clock, Delay, Job, Send
 from .board_state import BoardState
-from .chapter_packets import TARGET, no_answer, sync_write_rows
-from .sketch import SketchFrame
 
-__all__ = ["MIDDLE", "ChapterDialect"]
+__all__ = [
+    "MIDDLE",
+    "TARGET",
+    "ChapterDialect",
+    "ChapterRow",
+    "SketchFrame",
+    "SketchReceiver",
+    "is_packet",
+    "no_answer",
+    "status_bytes",
+    "sync_write_rows",
+]
+
+TARGET = Series.SEVEN_BOT.register("target_position").address
+_ROW = 5
+
+ChapterRow = tuple[int, int, int]
+"""Servo id, position in counts, run time in milliseconds."""
+
+
+def no_answer(servo_id: int, *, ping: bool) -> bytes:
+    """The board's own packet for a servo that does not answer."""
+    return make_board_error(BOARD_ERRORS["ping_silent" if ping else "read_silent"], servo_id)
+
+
+def status_bytes(packet: ServoPacket, status: StatusPacket) -> bytes:
+    """What the chapter's board would send for this answer."""
+    params = status.params
+    if status.legacy and packet.instruction == Instruction.PING:
+        return make_legacy_ping_status(status.servo_id, status.error)
+    if status.legacy and len(params) == 2 and packet.instruction == Instruction.READ:
+        params = params[::-1]
+    return make_status(status.servo_id, status.error, params, legacy=status.legacy)
+
+
+def sync_write_rows(body: bytes, joints: int, *, verified: bool) -> list[ChapterRow]:
+    """Rows of a sync write as `arm_sync_write` takes them.
+
+    Args:
+        body: The packet.
+        joints: Number of joints; an id that is not below it ends the rows.
+        verified: Check register and checksum, as hexwire's board does; the chapter's checks neither.
+    """
+    if len(body) < 11 or body[4] != Instruction.SYNC_WRITE or body[3] < 9 or body[6] != 4:
+        return []
+    if verified and (body[5] != TARGET or not is_packet(body)):
+        return []
+    rows = []
+    offset, total = 7, body[3]
+    while offset < total and offset + _ROW <= len(body) and body[offset] < joints:
+        row = body[offset : offset + _ROW]
+        rows.append((row[0], row[1] | row[2] << 8, row[3] | row[4] << 8))
+        offset += _ROW
+    return rows
+
+
+def is_packet(body: bytes) -> bool:
+    """Whether bytes are one whole servo packet."""
+    try:
+        parse_packet(body)
+    except RemoteProtocolError:
+        return False
+    return True
+
+
+_BUFFER = 254
+_RING = 63
+
+
+class SketchFrame(NamedTuple):
+    """What the sketch takes for a frame.
+
+    Attributes:
+        data: The whole buffer, stale bytes included.
+        length: Number of bytes of it that arrived this time.
+    """
+
+    data: bytes
+    length: int
+
+    @property
+    def short(self) -> bool:
+        """Too short for a command, by the sketch's own test."""
+        return self.length <= 40
+
+    @property
+    def hangs(self) -> bool:
+        """Whether the sketch waits forever for room for this packet."""
+        return not self.short and self.cmd in (Command.PING, Command.READ) and self.data[36] > _RING
+
+    @property
+    def cmd(self) -> int:
+        """Command code, perhaps of an earlier frame."""
+        return self.data[38]
+
+    @property
+    def body(self) -> bytes:
+        """The body by the low byte of its length field, perhaps with bytes of an earlier frame."""
+        return self.data[40 : 40 + self.data[36]]
+
+
+class SketchReceiver:
+    """The sketch's `loop()`, a byte at a time, behind the ring of the Arduino core.
+
+    Attributes:
+        hung: 254 bytes came after a sync word without 0D 0A: the sketch takes no more until reset.
+        lost: Bytes that the ring had no room for.
+    """
+
+    def __init__(self) -> None:
+        self.hung = False
+        self.lost = 0
+        self._ring = bytearray()
+        self._buffer = bytearray(_BUFFER)
+        self._head = 0
+        self._window = 0
+
+    @property
+    def waiting(self) -> int:
+        """Bytes in the ring."""
+        return len(self._ring)
+
+    def put(self, data: bytes, *, busy: bool) -> None:
+        """Take bytes off the line. While the sketch is busy with a command, what the ring cannot hold is lost."""
+        self._ring += data
+        if busy and len(self._ring) > _RING:
+            self.lost += len(self._ring) - _RING
+            del self._ring[_RING:]
+
+    def next_frame(self) -> SketchFrame | None:
+        """Read bytes to the end of what the sketch takes for a frame; None if there is no end yet."""
+        while self._ring and not self.hung:
+            byte = self._ring.pop(0)
+            if not self._head:
+                self._window = (self._window << 8 | byte) & 0xFFFFFFFF
+                if self._window == 0x5AFAFA5A:
+                    self._buffer[:4] = b"\x5a\xfa\xfa\x5a"
+                    self._head = 4
+                continue
+            last = self._buffer[self._head - 1]
+            self._buffer[self._head] = byte
+            self._head += 1
+            if last == 0x0D and byte == 0x0A:
+                frame = SketchFrame(bytes(self._buffer), self._head)
+                self._head = self._window = 0
+                if len(self._ring) > _RING:
+                    # It is busy from here on.
+                    self.lost += len(self._ring) - _RING
+                    del self._ring[_RING:]
+                return frame
+            if self._head >= _BUFFER:
+                self.hung = True
+        if self.hung:
+            self._ring.clear()
+        return None
+
 
 MIDDLE = 2048
 """Counts of every joint in the middle pose."""

@@ -14,11 +14,10 @@ from hexwire.session.dialect1 import UNKNOWN_COMMAND_PACKET
 from hexwire.wire.command_frame import Command, Frame
 from hexwire.wire.servo_packet import parse_packet
 
-from .board_bus import BoardBus
-from .board_jobs import Clock, Job
+from .board_bus import BoardBus, Clock, Job
+from .board_chapter import is_packet, no_answer, status_bytes, sync_write_rows
 from .board_orders import BoardOrders
 from .board_state import BoardState
-from .chapter_packets import is_packet, no_answer, status_bytes, sync_write_rows
 from .gate import RefusedError, check_packet
 
 __all__ = ["Dialect1"]

@@ -31,17 +31,15 @@ from hexwire.wire.commands import (
 )
 from hexwire.wire.servo_packet import BROADCAST_ID
 
-from .board_bus import BoardBus
-from .board_jobs import Clock, Job, Pause, Wait
+from .board_bus import BoardBus, Clock, Job, Pause, Wait
+from .board_chapter import status_bytes, sync_write_rows
 from .board_messages import BoardMessages, Consumer
 from .board_orders import BoardOrders
 from .board_rate import LineRate
 from .board_state import BoardState, JointSlot
 from .board_stop import Stopping, StopQueue
 from .board_table import BoardTable, TableMessage
-from .board_trajectory import Trajectory
-from .board_trajectory_commands import TrajectoryCommands
-from .chapter_packets import status_bytes, sync_write_rows
+from .board_trajectory import Trajectory, TrajectoryCommands
 from .gate import MAX_REPLY, RefusedError, check_packet
 
 __all__ = ["Dialect2"]

@@ -19,7 +19,7 @@ from hexwire.wire.commands import FRAGMENT_HEAD_SIZE, FragmentHead, parse_missin
 from hexwire.wire.servo_table import TABLE_HEAD_SIZE, ServoTable
 from hexwire.wire.tables import EXT_REPLY
 
-from .board_jobs import Clock, Job, Wait
+from .board_bus import Clock, Job, Wait
 from .board_table import BoardTable
 from .gate import RefusedError
 

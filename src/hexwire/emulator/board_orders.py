@@ -10,10 +10,9 @@ from collections.abc import Generator, Iterable
 from hexwire.wire.command_frame import Status
 from hexwire.wire.servo_packet import ServoPacket
 
-from .board_bus import BoardBus
-from .board_jobs import Clock, Job, Wait
+from .board_bus import BoardBus, Clock, Job, Wait
+from .board_chapter import ChapterRow
 from .board_state import BoardState, JointSlot
-from .chapter_packets import ChapterRow
 from .gate import Gate, Passed, RefusedError, clamp, time_needed, written_ids
 
 __all__ = ["BoardOrders"]

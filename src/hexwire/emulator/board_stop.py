@@ -11,8 +11,7 @@ from dataclasses import dataclass, field
 
 from hexwire.session.events import Request
 
-from .board_bus import BoardBus
-from .board_jobs import Clock, Job, Pause, Wait
+from .board_bus import BoardBus, Clock, Job, Pause, Wait
 from .board_state import JointSlot
 
 __all__ = ["StopQueue", "Stopped", "Stopping"]

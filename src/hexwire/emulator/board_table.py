@@ -16,8 +16,7 @@ from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import make_read, make_write, parse_packet
 from hexwire.wire.servo_table import TABLE_HEAD_SIZE, TABLE_REGISTERS, ServoTable
 
-from .board_bus import BoardBus
-from .board_jobs import Job, Transaction, Wait
+from .board_bus import BoardBus, Job, Transaction, Wait
 from .board_orders import BoardOrders
 from .board_state import BoardState, JointSlot
 from .board_trajectory import Trajectory

@@ -16,8 +16,7 @@ from hexwire.wire.servo_packet import BROADCAST_ID
 
 from .faults import FaultPlan
 from .servo import EmulatedServo
-from .servo_wire import ServoWire
-from .uart import heard_at, same_rate
+from .servo_wire import ServoWire, heard_at, same_rate
 
 __all__ = ["BusDevice", "make_servos"]
 

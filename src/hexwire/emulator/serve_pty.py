@@ -1,6 +1,9 @@
-"""An emulated device behind a pseudo-terminal, for other programs. For Linux; elsewhere, see `serve_tcp`.
+"""An emulated device behind a pseudo-terminal, for other programs: a board, or servos on a bus adapter.
 
-Owns the terminal, its rate, and its name. Must not know what the device is.
+For Linux; elsewhere, see `serve_tcp`. Owns the terminal, its rate, the loops, and the name: a symbolic link, which
+never replaces one that another program still serves, that belongs to another user, or that leads to anything but a
+pseudo-terminal. A bus keeps the line's timing more finely than a board needs it, and follows the rate that the host
+has set: servos set to another rate do not understand it. Must not know who is on the other side.
 """
 
 from __future__ import annotations
@@ -10,31 +13,43 @@ import sys
 if sys.platform != "linux":
     raise ImportError("pseudo-terminals for emulated arms are for Linux; give the emulator --tcp HOST:PORT")
 
+import contextlib
 import errno
+import hashlib
 import os
+import re
 import select
+import socket
 import stat
 import termios
 import time
 import tty
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hexwire.errors import UsageError
+from hexwire.folders import open_folder
 from hexwire.link.serial import terminal_rate
+from hexwire.system import user_id, user_name
 
+from .bus_device import BusDevice
+from .faults import FaultPlan
+from .hand import Hands
 from .serve import Arrivals, PacedLine, ServedDevice, deliver
 from .serve_hand import HAND_PERIOD, HandServer, terminal_name
-from .serve_link import TerminalName
-from .uart import heard_at
+from .servo_wire import heard_at
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from hexwire.model.arm import ArmModel
 
-    from .hand import Hands
+    from .servo import EmulatedServo
 
-__all__ = ["PtyServer", "serve_board"]
+__all__ = ["PtyServer", "TerminalName", "serve_board", "serve_bus"]
 
+_TERMINAL = re.compile(r"/dev/pts/[0-9]+")
 _IDLE = 0.25
+_BUS_IDLE = 0.02
 _SLICE = 0.001
 _READ = 4096
 _MOST_LOOKS = 4
@@ -42,6 +57,105 @@ _MOST_LOOKS = 4
 _BAUD_RATES = {
     getattr(termios, name): int(name[1:]) for name in dir(termios) if name[:1] == "B" and name[1:].isdigit()
 }
+
+
+class TerminalName:
+    """A symbolic link to a terminal while it is served.
+
+    While the link exists, an abstract socket is bound that stands for it, so that another emulator can tell a name
+    in use from one left behind. The system releases the socket however this program ends.
+
+    Args:
+        link: Path of the link.
+        terminal: The terminal's own path.
+
+    Raises:
+        UsageError: The link cannot be made, or something that must stay has its name.
+    """
+
+    def __init__(self, link: Path, terminal: str) -> None:
+        self._link = link
+        self._terminal = terminal
+        try:
+            self._folder = open_folder(link.parent).descriptor
+        except UsageError as error:
+            raise UsageError(f"cannot make the link {link} (--link): {error}") from None
+        self._claim: socket.socket | None = None
+        try:
+            self._claim = self._claimed()
+            self._look()
+            self._make()
+        except OSError as error:
+            self._release()
+            raise UsageError(f"cannot make the link {link}: {error.strerror}; choose another --link") from error
+        except BaseException:
+            self._release()
+            raise
+
+    def remove(self) -> None:
+        """Remove the link if it still leads to our terminal, which must still be open."""
+        if self._folder < 0:
+            return
+        with contextlib.suppress(OSError):
+            found = os.stat(self._link.name, dir_fd=self._folder, follow_symlinks=False)
+            ours = stat.S_ISLNK(found.st_mode) and found.st_uid == user_id()
+            if ours and os.readlink(self._link.name, dir_fd=self._folder) == self._terminal:
+                os.unlink(self._link.name, dir_fd=self._folder)
+        self._release()
+
+    def _release(self) -> None:
+        os.close(self._folder)
+        self._folder = -1
+        if self._claim is not None:
+            self._claim.close()
+
+    def _claimed(self) -> socket.socket | None:
+        """The socket that stands for this name, by whatever path it is reached."""
+        folder = os.fstat(self._folder)
+        name = f"{folder.st_dev}:{folder.st_ino}:{self._link.name}"
+        claim = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            claim.bind(b"\0hexwire-link:" + hashlib.sha256(os.fsencode(name)).hexdigest().encode())
+        except OSError as error:
+            claim.close()
+            if error.errno == errno.EADDRINUSE:
+                raise UsageError(
+                    f"{self._link} is in use by another emulator; stop that one, or choose another --link"
+                ) from None
+            return None
+        return claim
+
+    def _look(self) -> None:
+        """Refuse to replace what is not a link that an emulator of this user has left behind."""
+        try:
+            found = os.stat(self._link.name, dir_fd=self._folder, follow_symlinks=False)
+        except FileNotFoundError:
+            return
+        if not stat.S_ISLNK(found.st_mode):
+            raise UsageError(f"{self._link} exists and is not a symbolic link; choose another --link")
+        if found.st_uid != user_id():
+            owner = user_name(found.st_uid)
+            raise UsageError(f"{self._link} is a link that belongs to {owner}; choose another --link")
+        target = os.readlink(self._link.name, dir_fd=self._folder)
+        if not _TERMINAL.fullmatch(target):
+            raise UsageError(f"{self._link} links to {target}, not to a pseudo-terminal; choose another --link")
+        if target == self._terminal:
+            return
+        with contextlib.suppress(FileNotFoundError):
+            terminal = Path(target).stat()
+            # A terminal younger than the link only reuses the number.
+            if terminal.st_uid == user_id() and terminal.st_ctime_ns <= found.st_mtime_ns:
+                raise UsageError(
+                    f"{self._link} leads to {target}, which another program of yours has open; stop that program, "
+                    "or choose another --link"
+                )
+
+    def _make(self) -> None:
+        """Make the link, in place of one that `_look` has allowed to replace."""
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(self._link.name, dir_fd=self._folder)
+        # Fails if another process made it first.
+        os.symlink(self._terminal, self._link.name, dir_fd=self._folder)
 
 
 class PtyServer:
@@ -276,5 +390,50 @@ def serve_board(
         announce(path)
         while not stop():
             server.run_once()
+    finally:
+        server.close()
+
+
+def serve_bus(
+    servos: Sequence[EmulatedServo],
+    *,
+    baud: int,
+    stop: Callable[[], bool],
+    announce: Callable[[str], None],
+    link: str | Path | None = None,
+    faults: FaultPlan | None = None,
+    echo: bool = False,
+    arm: ArmModel | None = None,
+) -> None:
+    """Serve a bus until told to stop.
+
+    Args:
+        servos: The servos on it.
+        baud: Rate of the servos, of the first if they differ; with 0, bytes take no time and every servo hears any
+            rate.
+        stop: Called at least every 20 ms; True ends it.
+        announce: Called with the path once the terminal is open.
+        link: Path of a symbolic link to make to the terminal.
+        faults: Scripted faults.
+        echo: The adapter hears itself.
+        arm: Names of the joints, for hands; None if it is no arm.
+    """
+    server: PtyServer | None = None
+
+    def host_baud() -> int:
+        return (None if server is None else terminal_rate(server.fileno())) or baud
+
+    device = BusDevice(servos, paced=bool(baud), faults=faults, echo=echo, host_baud=host_baud)
+    server = PtyServer(device, link=link, hands=Hands(servos, arm))
+    path = server.open()
+    try:
+        announce(path)
+        while not stop():
+            due = device.answer_due
+            if due is None:
+                server.run_once(_BUS_IDLE)
+            else:
+                time.sleep(max(0.0, due - time.monotonic()))
+                server.run_once(0.0)
     finally:
         server.close()

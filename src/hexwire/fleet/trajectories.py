@@ -17,7 +17,7 @@ from hexwire.motion.trajectory import Spline
 from . import messages as m
 
 if TYPE_CHECKING:
-    from hexwire.control.shared_order import Order
+    from hexwire.control.shared import Order
 
 __all__ = ["do_goal_order", "follow_message", "goal_row", "trajectory_goal"]
 

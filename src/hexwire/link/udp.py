@@ -22,7 +22,6 @@ from .tcp import find_addresses, host_and_port
 from .url import LinkUrl, is_loopback, split_host_port
 
 if TYPE_CHECKING:
-    import socket
     from collections.abc import Callable
 
 __all__ = [

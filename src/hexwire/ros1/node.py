@@ -37,7 +37,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from hexwire.control.arm_node import ArmNode
 from hexwire.control.diagnostics import Level, Row
 from hexwire.control.stamps import StampClock
-from hexwire.control.teaching import to_points, tolerance_of
+from hexwire.control.teach_mode import to_points, tolerance_of
 from hexwire.errors import DeviceError, HexwireError, UsageError
 
 from .actions import ActionGoals

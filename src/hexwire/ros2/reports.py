@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from hexwire.control.teaching import to_points, tolerance_of
+from hexwire.control.teach_mode import to_points, tolerance_of
 from zenoh_ros2 import seconds_of, time_fields
 
 if TYPE_CHECKING:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import re
 
-from hexwire.control.motion_request import read_motion
+from hexwire.control.motion_service import read_motion
 from hexwire.studio.pages.arm_teach import teach_html
 
 
