@@ -242,7 +242,7 @@ def test_an_arm_that_is_not_on_a_servo_bus(monkeypatch: pytest.MonkeyPatch, tmp_
 
 
 def test_the_plan_is_known_to_the_view() -> None:
-    auto = AutoCalibration(SoBench().described.model, plan=auto_calibration.so_arm_plan())
+    auto = AutoCalibration(SoBench().described.model)
     rows = bus_calibrate._auto_rows(auto)
     assert rows[3] == ("wrist_flex", "-", "", "looks for its lower stop")
 

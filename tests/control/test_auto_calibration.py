@@ -7,15 +7,19 @@ import re
 
 import pytest
 
-from hexwire.control.auto_calibration import COUNT, AutoCalibration, Go, Seek, so_arm_plan
+from hexwire.control.auto_calibration import COUNT, AutoCalibration
 from hexwire.drivers.arm_file import load_profile
 from hexwire.model.arm import ArmModel
+from hexwire.model.arms import Go, Seek
+from hexwire.model.arms.so_arm import SO101
 from hexwire.model.so_arm import SoArmModel
 from hexwire.model.state import JointFlag, JointState
 
 PROFILE = load_profile("so101").model
 BEYOND = 5.0
 """Degrees by which a stop may lie beyond the published end of a range."""
+assert SO101.assembly is not None
+SEARCH = SO101.assembly.search
 FOLDED = {"shoulder_lift": -95.0, "elbow_flex": 90.0, "wrist_flex": 50.0, "gripper": 0.0}
 
 
@@ -34,7 +38,7 @@ def test_the_order_keeps_the_arm_off_the_table() -> None:
     here = FOLDED | {"shoulder_pan": 0.0}
     known: dict[str, set[int]] = {name: set() for name in PROFILE.names}
     lowest = math.inf
-    for step in so_arm_plan():
+    for step in SEARCH:
         there = dict(here)
         if isinstance(step, Go):
             for name in step.angles:
@@ -47,7 +51,7 @@ def test_the_order_keeps_the_arm_off_the_table() -> None:
             known[step.joint].add(step.direction)
         for i in range(11):
             way = {name: here[name] + (there[name] - here[name]) * i / 10 for name in here}
-            if step is not so_arm_plan()[0] or i > 2:
+            if step is not SEARCH[0] or i > 2:
                 # It begins on the table, with the gripper lying there.
                 lowest = min(lowest, heights(way))
         here = there

@@ -7,14 +7,15 @@ from collections.abc import Callable
 
 import pytest
 from tests.control.so_bench import NAMES, SoBench
+from tests.defaults import default
 from tests.few import few
 from tests.soak import rounds
 
-from hexwire.control import auto_calibration
-from hexwire.control.auto_calibration import AutoCalibration, Go, Seek
+from hexwire.control.auto_calibration import AutoCalibration
 from hexwire.control.calibrating import CalibrationBench, store
 from hexwire.drivers.base import StopMode
 from hexwire.errors import NotSupportedError, ServoError, StoppedError, UsageError
+from hexwire.model.arms import Go, Seek
 from hexwire.model.calibration import Calibration, JointCalibration
 from hexwire.wire.servo_packet import Instruction, ServoPacket
 
@@ -129,7 +130,7 @@ SHORT = (
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """A few motions of the plan: whatever is odd, it is found in any motion."""
-    monkeypatch.setattr(auto_calibration, "so_arm_plan", lambda: SHORT)
+    default(monkeypatch, AutoCalibration, plan=SHORT)
 
 
 ODD: list[tuple[str, Callable[[SoBench], object], str]] = [

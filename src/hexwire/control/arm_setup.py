@@ -198,7 +198,7 @@ class ArmSetup:
         blocked = servo.blocked
         warnings = [remark.text for remark in servo.remarks if remark.text != blocked]
         model = servo.info.model_name if servo.info is not None else ""
-        usual = () if self._assembly is None else self._assembly.servo_models
+        usual = self._assembly.servo_models
         if usual and model and model not in usual:
             warnings.insert(0, f"this arm has {usual[0]} servos, and this is a {model}")
         if self.leader and servo.kind == "12 V":
@@ -244,15 +244,14 @@ class ArmSetup:
 
 def label(model: ArmModel, joint: str, *, leader: bool | None) -> str:
     """The gears of a joint's servo and the part number with them, as on its label; empty if not known."""
-    assembly = assembly_of(model)
-    return "" if assembly is None or leader is None else assembly.label(joint, leader=leader)
+    return "" if leader is None else assembly_of(model).label(joint, leader=leader)
 
 
 def picture(setup: ArmSetup) -> tuple[str, ...]:
     """The arm from its side, as lines of text: (6) is the servo to connect, [5] is set up; none for other arms."""
     model = setup.model
     assembly = assembly_of(model)
-    if assembly is None or not assembly.picture:
+    if not assembly.picture:
         return ()
     target = setup.target
     marks = {}

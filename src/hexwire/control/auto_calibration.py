@@ -1,14 +1,8 @@
-"""An automatic calibration: a controller that moves each joint of an SO arm gently to its mechanical stops.
+"""An automatic calibration: a controller that moves each joint of an arm gently to its mechanical stops.
 
-Owns the order of the motions, what counts as a stop, and what ends it early. Time comes in as an argument. Must
-not know robots, threads or registers. Angles of states and targets are those of a servo: counts from 0, as radians,
-without the limit of a turn (see `calibrating`).
-
-The order keeps the arm off the table. The gripper is raised first, because it may lie on the table. The upper arm
-leans back to its stop and the forearm folds to its own, as the arm is put down; then the forearm points up, where
-wrist, gripper and base are free to turn; then the upper arm is upright for the other stop of the elbow, and comes
-down only with the forearm level and the gripper raised. Before the first stops are found nobody knows where the
-joints are, so the arm should be put down folded at the beginning.
+Owns what counts as a stop, and what ends it early; the arm's assembly says in which order they are found, and how
+strong each joint may push. Time comes in as an argument. Must not know robots, threads or registers. Angles of
+states and targets are those of a servo: counts from 0, as radians, without the limit of a turn (see `calibrating`).
 
 A target never leads a joint by more than `_Push.lead`: if the host dies, this is how far a joint may still go.
 """
@@ -21,6 +15,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from hexwire.model.arms import Go, Seek, assembly_of
 from hexwire.model.state import JointFlag, JointTarget
 
 from .target import SingleMotion
@@ -29,16 +24,11 @@ if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel, JointModel
     from hexwire.model.state import JointReading, JointState
 
-__all__ = ["COUNT", "FORCE", "USUAL_FORCE", "AutoCalibration", "Go", "Seek", "so_arm_plan"]
+__all__ = ["COUNT", "AutoCalibration"]
 
 COUNT = math.tau / 4096
 """Radians per count."""
 _DEGREE = 4096 / 360
-FORCE = {"shoulder_lift": 0.75, "elbow_flex": 0.5}
-"""Torque limit of a joint, share of the stall torque: what it needs to carry the arm, 0.3 for all others. Computed
-from the public masses of an SO-101: 0.86 N m for an arm stretched out level, 0.46 N m at the elbow; a servo stalls
-at 1.9 N m with 7.4 V and at about 1.35 N m with 5 V."""
-USUAL_FORCE = 0.3
 _FULL_DRIVE = 64.0
 """Counts of error at which a servo with a position gain of 32 gives its full torque."""
 _USUAL_GAIN = 32
@@ -79,62 +69,6 @@ _NO_SERVO = (
 )
 _INSET = 6
 """Counts from a mechanical stop to the end of the calibrated range: a joint at its end does not push."""
-
-
-@dataclass(frozen=True, slots=True)
-class Seek:
-    """Find a stop.
-
-    Attributes:
-        joint: Name.
-        direction: 1 or -1, in joint angles.
-    """
-
-    joint: str
-    direction: int
-
-    def __str__(self) -> str:
-        return f"{self.joint}: looks for its {'upper' if self.direction > 0 else 'lower'} stop"
-
-
-@dataclass(frozen=True, slots=True)
-class Go:
-    """Move joints, of which at least one stop is known.
-
-    Attributes:
-        angles: Joint angles in degrees by name, 0 in the middle of the usual range of the profile.
-    """
-
-    angles: Mapping[str, float]
-
-    def __str__(self) -> str:
-        return " and ".join(f"{name} goes to {angle:g} deg" for name, angle in self.angles.items())
-
-
-def so_arm_plan() -> tuple[Seek | Go, ...]:
-    """The motions for an SO arm, in order."""
-    return (
-        Seek("wrist_flex", -1),
-        Go({"wrist_flex": -40.0}),
-        Seek("shoulder_lift", -1),
-        Seek("elbow_flex", 1),
-        Go({"elbow_flex": 0.0}),
-        Seek("wrist_flex", 1),
-        Go({"wrist_flex": -45.0}),
-        Seek("gripper", -1),
-        Seek("gripper", 1),
-        Go({"gripper": 45.0}),
-        Seek("shoulder_pan", -1),
-        Seek("shoulder_pan", 1),
-        Go({"shoulder_pan": 0.0}),
-        Go({"shoulder_lift": 0.0}),
-        Seek("elbow_flex", -1),
-        Seek("shoulder_lift", 1),
-        Go({"shoulder_lift": 0.0}),
-        Go({"elbow_flex": 0.0}),
-        Go({"shoulder_lift": -92.0}),
-        Go({"elbow_flex": 88.0, "wrist_flex": 40.0}),
-    )
 
 
 @dataclass(slots=True)
@@ -183,7 +117,7 @@ class AutoCalibration(SingleMotion):
 
     Args:
         model: The arm as it usually is; its limits say how far a joint usually goes.
-        plan: The motions; `so_arm_plan()` if None.
+        plan: The motions; those of the arm's assembly if None.
         gains: Position gain of each servo, by joint name; 32 for others.
 
     Attributes:
@@ -200,10 +134,11 @@ class AutoCalibration(SingleMotion):
     ) -> None:
         super().__init__(model.names)
         self.fault, self.step = "", 0
-        self._plan = so_arm_plan() if plan is None else tuple(plan)
+        assembly = assembly_of(model)
+        self._plan = assembly.search if plan is None else tuple(plan)
         self._pushes = {}
         for joint in model.joints:
-            force = FORCE.get(joint.name, USUAL_FORCE)
+            force = assembly.joint(joint.name).force
             gain = max(1, (gains or {}).get(joint.name, _USUAL_GAIN))
             lead = force * _FULL_DRIVE * _USUAL_GAIN / gain + _SLACK
             self._pushes[joint.name] = _Push(joint, force, lead)

@@ -26,7 +26,7 @@ from hexwire.model.arms import assembly_of
 from hexwire.model.calibration import Calibration
 from hexwire.wire.command_frame import Status
 
-from .auto_calibration import COUNT, FORCE, USUAL_FORCE, AutoCalibration
+from .auto_calibration import COUNT, AutoCalibration
 from .hand_calibration import HandCalibration, ServoFacts, endless_joints, fitted, full_turn, make_row
 from .owner import RobotOwner
 from .path_check import PathCheck
@@ -141,9 +141,7 @@ class CalibrationBench:
             StoppedError: The arm was stopped; it holds with low torque.
             ServoError: Something odd happened; the text says what and to which joint.
         """
-        assembly = assembly_of(self.model)
-        known = assembly is not None and assembly.finds_stops
-        if not known or any(joint.series != "sts_sms" for joint in self.model.joints):
+        if not assembly_of(self.model).search or any(joint.series != "sts_sms" for joint in self.model.joints):
             raise NotSupportedError(f"the order of motions is known only for SO arms, not for {self.model.name}")
         start = self._at_rest()
         gains = {joint.name: self.arm.bus.read(joint.servo_id, "position_p").raw for joint in self.model.joints}
@@ -183,8 +181,11 @@ class CalibrationBench:
         """End it if a servo was without supply: it has its full torque then, and the next goal switches it on."""
         found = self.arm.bus.sync_read("torque_limit", self._ids).raw
         for name, raw in zip(self.model.names, found, strict=True):
-            if raw is not None and raw != _limit(name):
+            if raw is not None and raw != self._torque_limit(name):
                 auto.fail(f"{name} was without supply for a moment: check its cable and the supply")
+
+    def _torque_limit(self, joint: str) -> int:
+        return round(1000 * assembly_of(self.model).joint(joint).force)
 
     def _at_rest(self) -> dict[str, int]:
         found = self.positions()
@@ -220,7 +221,7 @@ class CalibrationBench:
                 limit = bus.read(servo_id, "max_torque").check().raw
                 block = bus.read_block(servo_id, *_LIMITS).check().data
                 before[servo_id] = limit or 0, block if any(block) else _WHOLE_TURN
-                _accepted(bus, servo_id, "torque_limit", _limit(joint.name))
+                _accepted(bus, servo_id, "torque_limit", self._torque_limit(joint.name))
                 bus.write_bytes(servo_id, _LIMITS[0], bytes(_LIMITS[1])).check()
                 if any(bus.read_block(servo_id, *_LIMITS).check().data):
                     raise ServoError(f"{joint.name} does not accept positions of several turns")
@@ -256,10 +257,6 @@ class CalibrationBench:
 _LIMITS = (9, 4)
 """Address and length of the two position limits of an STS servo; both 0 mean positions of several turns."""
 _WHOLE_TURN = bytes((0, 0)) + (_TURN - 1).to_bytes(2, "little")
-
-
-def _limit(joint: str) -> int:
-    return round(1000 * FORCE.get(joint, USUAL_FORCE))
 
 
 def _facts(bus: ServoBus, name: str, servo_id: int) -> ServoFacts:

@@ -39,8 +39,7 @@ _UNSEEN = 1024
 
 def endless_joints(model: ArmModel) -> tuple[str, ...]:
     """Joints without mechanical stops, whose middle a person shows: wrist_roll of an SO-101."""
-    assembly = assembly_of(model)
-    return () if assembly is None else assembly.endless
+    return assembly_of(model).endless
 
 
 class ServoFacts(NamedTuple):

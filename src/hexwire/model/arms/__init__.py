@@ -27,7 +27,9 @@ __all__ = [
     "ArmRecord",
     "Assembly",
     "AssemblyJoint",
+    "Go",
     "Rod",
+    "Seek",
     "arm_names",
     "arm_record",
     "arm_with_geometry",
@@ -60,6 +62,36 @@ class Rod:
 
 
 @dataclass(frozen=True, slots=True)
+class Seek:
+    """Find a stop.
+
+    Attributes:
+        joint: Name.
+        direction: 1 or -1, in joint angles.
+    """
+
+    joint: str
+    direction: int
+
+    def __str__(self) -> str:
+        return f"{self.joint}: looks for its {'upper' if self.direction > 0 else 'lower'} stop"
+
+
+@dataclass(frozen=True, slots=True)
+class Go:
+    """Move joints, of which at least one stop is known.
+
+    Attributes:
+        angles: Joint angles in degrees by name, 0 in the middle of the usual range of the profile.
+    """
+
+    angles: Mapping[str, float]
+
+    def __str__(self) -> str:
+        return " and ".join(f"{name} goes to {angle:g} deg" for name, angle in self.angles.items())
+
+
+@dataclass(frozen=True, slots=True)
 class AssemblyJoint:
     """A joint that a person assembles: its place, its mechanical range, and what its servo carries.
 
@@ -74,6 +106,8 @@ class AssemblyJoint:
         upright: Angle 0 points upward, not forward.
         leader_gears: Gears of the servo in a leader arm, as in 191 for 1:191; 0 for the follower's.
         leader_part: Part number with these gears.
+        force: Torque with which the joint may push against its stops, as a share of the servo's stall torque: what
+            it needs to carry the arm.
     """
 
     name: str
@@ -86,6 +120,7 @@ class AssemblyJoint:
     upright: bool = False
     leader_gears: int = 0
     leader_part: str = ""
+    force: float = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,20 +129,20 @@ class Assembly:
 
     Attributes:
         joints: In the order of the driver's joints.
-        gears: Gears of each servo in a follower, as in 345 for 1:345.
+        gears: Gears of each servo in a follower, as in 345 for 1:345; 0 if not known.
         part: Part numbers with these gears, as on the label.
         servo_models: Models of its servos, as in ``sts3215``.
         picture: The arm from its side as lines of text; ``{3}`` stands for the servo with id 3.
-        finds_stops: `hexwire bus calibrate --auto` may find the stops by itself: the order of its motions, which
-            keeps the arm clear of the table, fits this arm.
+        search: Motions that find all stops and keep the arm clear of the table, for `hexwire bus calibrate --auto`;
+            empty if nobody knows any. They begin with the arm as it is put down.
     """
 
-    joints: tuple[AssemblyJoint, ...]
-    gears: int
+    joints: tuple[AssemblyJoint, ...] = ()
+    gears: int = 0
     part: str = ""
     servo_models: tuple[str, ...] = ()
     picture: tuple[str, ...] = ()
-    finds_stops: bool = False
+    search: tuple[Seek | Go, ...] = ()
 
     @property
     def endless(self) -> tuple[str, ...]:
@@ -199,10 +234,10 @@ def _load(point: EntryPoint) -> ArmRecord:
     return record
 
 
-def assembly_of(arm: ArmModel) -> Assembly | None:
-    """How an arm is assembled; None if nobody has said it."""
+def assembly_of(arm: ArmModel) -> Assembly:
+    """How an arm is assembled; without joints if nobody has said it."""
     record = record_of(arm.kind)
-    return None if record is None else record.assembly
+    return Assembly() if record is None or record.assembly is None else record.assembly
 
 
 def arm_record(name: str) -> ArmRecord:

@@ -7,7 +7,9 @@ Sources: ids, servo models, gear ratios and part numbers from the makers' bill o
 (STS3215-C001: 7.4 V, 1:345; C018: 12 V, 1:345; C044: 7.4 V, 1:191; C046: 7.4 V, 1:147); ranges from the URDF
 `so101_new_calib` of TheRobotStudio/SO-ARM100; that the stops lie 5 degrees further out is assumed. The wrist turns
 without end: only its cable limits it. An SO-100 has the same servos, and a range of the elbow that is a little
-smaller. Centres of mass are rounded from that URDF, in one plane; the SO-100 has nearly the same links.
+smaller. Centres of mass are rounded from that URDF, in one plane; the SO-100 has nearly the same links. Torques
+that carry the arm are computed from these masses: 0.86 N m for an arm stretched out level, 0.46 N m at the elbow; a
+servo stalls at 1.9 N m with 7.4 V and at about 1.35 N m with 5 V.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from . import ArmRecord, Assembly, AssemblyJoint, Rod
+from . import ArmRecord, Assembly, AssemblyJoint, Go, Rod, Seek
 
 if TYPE_CHECKING:
     from hexwire.model.shapes import ArmShapes
@@ -41,6 +43,7 @@ _LIFT = AssemblyJoint(
     high=100.0,
     start=-95.0,
     weight=0.12,
+    force=0.75,
     upright=True,
     leader_gears=345,
     leader_part="C001",
@@ -52,6 +55,7 @@ _ELBOW = AssemblyJoint(
     high=96.8,
     start=90.0,
     weight=0.1,
+    force=0.5,
     leader_gears=191,
     leader_part="C044",
 )
@@ -96,7 +100,32 @@ _ASSEMBLY = Assembly(
         "         {1}",
         "      =========== base",
     ),
-    finds_stops=True,
+    # The gripper is raised first, because it may lie on the table. The upper arm leans back to its stop and the
+    # forearm folds to its own, as the arm is put down; then the forearm points up, where wrist, gripper and base
+    # are free to turn; then the upper arm is upright for the other stop of the elbow, and comes down only with the
+    # forearm level and the gripper raised.
+    search=(
+        Seek("wrist_flex", -1),
+        Go({"wrist_flex": -40.0}),
+        Seek("shoulder_lift", -1),
+        Seek("elbow_flex", 1),
+        Go({"elbow_flex": 0.0}),
+        Seek("wrist_flex", 1),
+        Go({"wrist_flex": -45.0}),
+        Seek("gripper", -1),
+        Seek("gripper", 1),
+        Go({"gripper": 45.0}),
+        Seek("shoulder_pan", -1),
+        Seek("shoulder_pan", 1),
+        Go({"shoulder_pan": 0.0}),
+        Go({"shoulder_lift": 0.0}),
+        Seek("elbow_flex", -1),
+        Seek("shoulder_lift", 1),
+        Go({"shoulder_lift": 0.0}),
+        Go({"elbow_flex": 0.0}),
+        Go({"shoulder_lift": -92.0}),
+        Go({"elbow_flex": 88.0, "wrist_flex": 40.0}),
+    ),
 )
 _RODS = {
     # From the axis of shoulder_lift, because the joint before it is elsewhere in the two arms.
