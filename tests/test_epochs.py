@@ -52,7 +52,7 @@ def test_while_a_stop_is_under_way_nothing_but_torque_off_can_be_called_from_els
     with pytest.raises(StoppedError, match="is being stopped"):
         epochs.token("resume", freeing=True)
     over.set()
-    thread.join(10)
+    thread.join(30)
     assert epochs.stopped
 
 

@@ -38,7 +38,7 @@ def test_they_let_each_other_in(tmp_path: Path) -> None:
         reader.start()
         with make_link(server.url.replace("-listen", "") + options % ("pc2", "pc2")) as client:
             client.write(b"hello")
-            reader.join(10)
+            reader.join(30)
     assert heard == [b"hello"]
 
 

@@ -146,7 +146,7 @@ def test_a_follower_follows_until_ctrl_c() -> None:
         assert moved.moved > 19.0
         assert "met the leader" in program.stderr.readline()
         program.send_signal(signal.SIGINT)
-        assert program.wait(20.0) == 130
+        assert program.wait(30.0) == 130
     finally:
         program.kill()
         program.wait()

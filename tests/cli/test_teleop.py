@@ -67,7 +67,7 @@ def test_a_joystick_is_sent_over_a_channel(tmp_path: Path) -> None:
         try:
             with device.open("wb", buffering=0) as stick:
                 stick.write(struct.pack("<IhBB", 0, 32767, 0x02, 1) + struct.pack("<IhBB", 0, 1, 0x01, 4))
-                end = time.monotonic() + 20
+                end = time.monotonic() + 30
                 while receiver.received < 5 and time.monotonic() < end:
                     receiver.poll(time.monotonic() + 0.1)
             assert receiver.state == JoystickState((0.0, 1.0), 1 << 4)

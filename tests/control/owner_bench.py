@@ -169,7 +169,7 @@ class Served:
 
     def __exit__(self, *_: object) -> None:
         self._end.set()
-        self._thread.join(10)
+        self._thread.join(30)
         self._server.close()
 
 

@@ -41,7 +41,7 @@ class Told:
 
         thread = threading.Thread(target=look)
         thread.start()
-        thread.join(10)
+        thread.join(30)
 
 
 def make_group() -> ControllerGroup:

@@ -99,7 +99,7 @@ def test_a_stop_ends_a_wave_at_once_and_the_servo_holds() -> None:
             if next(calls) == 25:
                 stopper = threading.Thread(target=bench.stop, args=("tab 2 stopped it",))
                 stopper.start()
-                stopper.join(5.0)
+                stopper.join(30)
             return job.go_on()
 
         with pytest.raises(HexwireError, match="stopped"):
@@ -133,7 +133,7 @@ def test_a_stop_during_a_search_waits_until_the_servos_can_hear_it() -> None:
         job.tell(f"{baud}")
 
     def stop() -> None:
-        started.wait(5.0)
+        started.wait(30.0)
         ended.append(bench.stop("enough"))
 
     stopper = threading.Thread(target=stop)
@@ -146,7 +146,7 @@ def test_a_stop_during_a_search_waits_until_the_servos_can_hear_it() -> None:
 
         with pytest.raises(DeviceError, match="a search has ended: enough"):
             search()
-    stopper.join(5.0)
+    stopper.join(30)
     assert ended == [()]
     assert bench.bus.timing.baud == 1_000_000
     assert device.wire[1].torque_on
@@ -252,9 +252,9 @@ def test_shutdown_ends_the_job() -> None:
 
     worker = threading.Thread(target=work)
     worker.start()
-    entered.wait(5.0)
+    entered.wait(30.0)
     bench._clock = time.monotonic
     bench.shutdown()
-    worker.join(5.0)
+    worker.join(30)
     assert not worker.is_alive()
     assert bench.job is None

@@ -51,4 +51,4 @@ def served_puma() -> Iterator[Served]:
         yield served
     finally:
         end.set()
-        thread.join(10)
+        thread.join(30)

@@ -612,13 +612,13 @@ def test_a_stop_from_another_thread_interrupts_a_request_to_a_silent_board(diale
         if dialect == 1:
             deaf.clear()
         stopped = driver.stop()
-        reader.join(20)
+        reader.join(30)
         assert not reader.is_alive()
         assert stopped == HEX7BOT.names
         assert outcome
     finally:
         ended.set()
-        server.join(10)
+        server.join(30)
         driver.detach()
         far.close()
 

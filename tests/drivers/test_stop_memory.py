@@ -41,7 +41,7 @@ def port() -> Iterator[str]:
     thread.start()
     yield path
     ended.set()
-    thread.join(10)
+    thread.join(30)
     server.close()
 
 

@@ -24,5 +24,5 @@ def serving(server: PtyServer) -> Iterator[str]:
         yield path
     finally:
         ended.set()
-        thread.join(10)
+        thread.join(30)
         server.close()

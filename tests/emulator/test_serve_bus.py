@@ -37,7 +37,7 @@ def served(
         yield paths.get(timeout=30)
     finally:
         ended.set()
-        thread.join(10)
+        thread.join(30)
 
 
 @pytest.mark.parametrize("series", list(Series))

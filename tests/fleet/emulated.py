@@ -89,4 +89,4 @@ def _thread(run: Callable[[Callable[[], bool]], object]) -> Iterator[None]:
         yield
     finally:
         end.set()
-        thread.join(10)
+        thread.join(30)

@@ -15,7 +15,6 @@ from hexwire.fleet.rights import Kind
 
 from .lab import Lab
 
-PATIENCE = 20.0
 KEYS = Keys("lab/arm1")
 
 

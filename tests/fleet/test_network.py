@@ -23,8 +23,6 @@ from hexwire.fleet.rights import Kind
 
 from .lab import LONG_AGO, Lab
 
-PATIENCE = 15.0
-
 
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory: pytest.TempPathFactory) -> Lab:

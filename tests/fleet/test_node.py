@@ -11,15 +11,12 @@ from collections import deque
 from pathlib import Path
 
 import pytest
-from tests.waits import eventually
+from tests.waits import PATIENCE, eventually
 
 from hexwire.errors import LinkClosedError
 from hexwire.fleet.endpoints import endpoints_of, local_socket
 from hexwire.fleet.network import Network
 from hexwire.fleet.node import NoAnswerError, Question
-
-PATIENCE = 15.0
-
 
 # -- questions --------------------------------------------------------------------------------------------
 

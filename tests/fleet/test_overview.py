@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.waits import eventually
+from tests.waits import PATIENCE, eventually
 
 from hexwire.drivers import registry
 from hexwire.drivers.values import StopMode
@@ -47,7 +47,7 @@ def puppet(name: str, **answers: Any) -> Node:
 def test_an_arm_says_how_it_is(serve: Serve) -> None:
     serve("lab/arm1", robot="sim")
     with Roster() as roster:
-        assert roster.settle(10.0)
+        assert roster.settle(PATIENCE)
         (row,) = look(roster, 2.0)
         assert (row.name, row.robot, row.torque) == ("lab/arm1", "hex7bot", "off")
         assert [row.stopped, row.silent] == [False, False]
@@ -72,7 +72,7 @@ def test_an_arm_says_how_it_is(serve: Serve) -> None:
 def test_an_arm_that_hangs_is_shown_as_silent_and_one_that_starts_too(runtime: Path) -> None:
     hung, starts = puppet("lab/hung", ask=None), puppet("lab/starts")
     with Roster() as roster:
-        assert roster.settle(10.0)
+        assert roster.settle(PATIENCE)
         one, two = look(roster, 1.0)
     assert (one.name, one.silent, one.why) == ("lab/hung", True, HUNG)
     assert (two.name, two.silent) == ("lab/starts", True)
@@ -96,7 +96,7 @@ def test_a_stop_reaches_all_others_while_one_hangs(runtime: Path) -> None:
     ]
     with Roster("lab/*") as roster:
         # So that a stall does not make one of the others later than the end of the one that hangs.
-        assert roster.settle(10.0)
+        assert roster.settle(PATIENCE)
         rows = list(stop_all(roster, "Bob", timeout=1.0))
     assert rows[-1].name == "lab/b"
     by_name = {row.name: row for row in rows}
@@ -180,7 +180,7 @@ def test_a_connection_that_ends_in_between_is_an_error_of_that_arm(
         raise LinkLostError("gone")
 
     with Roster() as roster:
-        assert roster.settle(10.0)
+        assert roster.settle(PATIENCE)
         monkeypatch.setattr(Node, "question", lost)
         (row,) = stop_all(roster, "Bob")
         assert (row.confirmed, row.error) == (False, "gone")
@@ -212,7 +212,7 @@ def test_only_the_arms_that_are_named_are_stopped(serve: Serve) -> None:
     serve("lab/arm1", robot="sim")
     serve("lab/arm2", robot="sim")
     with Roster() as roster:
-        assert roster.settle(10.0)
+        assert roster.settle(PATIENCE)
         (done,) = stop_all(roster, "Bob", only=["lab/arm2"])
         assert (done.name, done.confirmed) == ("lab/arm2", True)
         eventually(lambda: [row.stopped for row in look(roster, 2.0)] == [False, True])

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from tests.few import few
 from tests.link.far_ends import free_port
-from tests.waits import eventually
+from tests.waits import PATIENCE, eventually
 
 from hexwire.drivers import registry
 from hexwire.drivers.base import RobotDriver
@@ -178,7 +178,7 @@ def test_with_an_older_access_file_torque_off_stops_the_arm_and_says_what_to_do(
             state = robot.read()
             assert (state.stopped, state.torque_on) == (True, robot.model.names)
         with elsewhere(tmp_path), Roster("lab/*", lab.network("anna")) as roster:
-            assert roster.settle(5.0)
+            assert roster.settle(PATIENCE)
             (row,) = stop_all(roster, "Anna", StopMode.TORQUE_OFF)
         assert (row.confirmed, row.joints) == (True, robot.model.names)
         assert "'hexwire fleet config'" in row.kept
@@ -268,7 +268,7 @@ def test_an_arm_whose_rights_the_router_does_not_know_does_not_exist_for_others_
     lab.issue("late", Kind.ARM, "lab/late", known=False)
     arms = read_arms({"lab/late": {"robot": "sim"}})
     with Service(arms, lab.network("late")) as service, lab.session("cora") as node:
-        deadline = time.monotonic() + 15.0
+        deadline = time.monotonic() + PATIENCE
         while "router does not know the certificate" not in caplog.text:
             assert time.monotonic() < deadline
             service.check()

@@ -257,7 +257,7 @@ def test_the_first_order_after_the_restart_of_the_owners_computer_carries_its_ne
     node.answers = [m.Answer("", value=99, clock=time.monotonic() - 1000.0), SENT]
     robot.write(TARGET)
     (order,) = node.orders()
-    assert abs(order.made - (time.monotonic() - 1000.0)) < 10.0
+    assert abs(order.made - (time.monotonic() - 1000.0)) < 600.0
 
 
 def test_an_order_that_came_late_does_not_cost_the_lease(fake: tuple[RemoteRobot, FakeServer]) -> None:

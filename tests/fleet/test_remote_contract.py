@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from tests.fleet.conftest import Serve
 from tests.fleet.emulated import KINDS, emulated
-from tests.waits import eventually
+from tests.waits import PATIENCE, eventually
 
 from hexwire.control.motions import MotionObserver, run_motion
 from hexwire.drivers import registry
@@ -22,8 +22,6 @@ from hexwire.errors import HexwireError, LeaseError, LinkNotFoundError, UsageErr
 from hexwire.fleet.remote import RemoteRobot
 from hexwire.fleet.service import Service
 from hexwire.model.state import JointState, JointTarget
-
-PATIENCE = 10.0
 
 
 @pytest.fixture

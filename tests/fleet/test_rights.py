@@ -15,8 +15,6 @@ from hexwire.fleet.rights import Kind, Rights, access_control
 
 from .lab import Lab
 
-PATIENCE = 15.0
-
 # -- what stands in a certificate -------------------------------------------------------------------------
 
 

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 from tests.few import few
 from tests.link.far_ends import free_port
-from tests.waits import eventually
+from tests.waits import PATIENCE, eventually
 
 from hexwire.errors import UsageError
 from hexwire.fleet import roster as module
@@ -35,7 +35,7 @@ def offer(name: str, *instances: str, endpoint: str = "") -> Node:
 def test_arms_appear_and_vanish_with_their_servers(runtime: Path) -> None:
     changes: list[tuple[str, bool]] = []
     with Roster(on_change=lambda name, there: changes.append((name, there))) as roster:
-        assert roster.settle(10.0)
+        assert roster.settle(PATIENCE)
         assert roster.seen() == {}
         one = offer("lab/arm1")
         two = offer("arm2")
@@ -56,7 +56,7 @@ def test_arms_appear_and_vanish_with_their_servers(runtime: Path) -> None:
 def test_a_pattern_selects_arms(runtime: Path) -> None:
     nodes = [offer(name) for name in ("lab/arm1", "lab/arm2", "hall/arm1")]
     with Roster("lab/*") as roster:
-        assert roster.settle(10.0)
+        assert roster.settle(PATIENCE)
         assert list(roster.seen()) == ["lab/arm1", "lab/arm2"]
     for node in nodes:
         node.close()
@@ -95,7 +95,7 @@ def test_a_server_that_hangs_is_named_and_delays_no_other(runtime: Path) -> None
         with Roster() as roster:
             eventually(roster.seen)
             assert not roster.settled
-            assert roster.settle(10.0)
+            assert roster.settle(PATIENCE)
             assert roster.silent() == {"lab/hung": HUNG}
             assert list(roster.seen()) == ["lab/arm1"]
     node.close()
@@ -107,7 +107,7 @@ def test_a_server_that_does_not_name_its_arm_in_time_is_named_as_silent(
     monkeypatch.setattr(module, "_OWN_TOKEN", 0.2)
     slow = Network(listen=endpoints_of([local_socket("lab/arm1")])).open(wait=False)
     with Roster("lab/*") as roster:
-        assert roster.settle(10.0)
+        assert roster.settle(PATIENCE)
         assert (roster.seen(), roster.silent()) == ({}, {"lab/arm1": HUNG})
         slow.announce(Keys("lab/arm1").token("1"))
         eventually(lambda: list(roster.seen()) == ["lab/arm1"])
@@ -120,7 +120,7 @@ def test_arms_behind_a_router_and_a_router_that_is_lost(runtime: Path) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     way = Network(connect=(endpoint,))
     with Roster(router=way) as roster:
-        assert roster.settle(10.0)
+        assert roster.settle(PATIENCE)
         assert "nobody answers" in roster.silent()[endpoint]
         router = Network(listen=(endpoint,), router=True).open()
         far = Network(connect=(endpoint,)).open()
@@ -152,7 +152,7 @@ def test_whoever_asks_for_more_than_the_certificate_is_for_sees_what_it_is_for(
         two.announce(Keys("hall/arm1").token("1"))
         eventually(lambda: one.visible(Keys("lab/arm1").alive, 1.0) and two.visible(Keys("hall/arm1").alive, 1.0))
         with Roster(pattern, lab.network("anna")) as roster:
-            assert roster.settle(10.0)
+            assert roster.settle(PATIENCE)
             assert list(roster.seen()) == ["lab/arm1"]
 
 
@@ -161,7 +161,7 @@ def test_many_looks_see_all_arms_at_once(runtime: Path) -> None:
     nodes = [offer(f"lab/arm{i}") for i in range(5)]
     for _ in range(10):
         with Roster("lab/*") as roster:
-            assert roster.settle(10.0)
+            assert roster.settle(PATIENCE)
             assert len(roster.seen()) == len(nodes)
     for node in nodes:
         node.close()
@@ -174,10 +174,10 @@ def test_a_router_that_does_not_know_the_certificate_is_named_as_the_reason(runt
     lab.issue("new", Kind.OPERATOR, "lab/*", known=False)
     with lab.routing():
         with Roster("**", lab.network("new")) as roster:
-            assert roster.settle(10.0)
+            assert roster.settle(PATIENCE)
             assert "the router does not know the certificate" in roster.silent()[lab.endpoint]
         with Roster("**", lab.network("anna")) as roster:
-            assert roster.settle(10.0)
+            assert roster.settle(PATIENCE)
             # Nobody is there, and that is all.
             assert (roster.seen(), roster.silent()) == ({}, {})
             with lab.session("one") as one:
@@ -196,7 +196,7 @@ def test_a_router_that_does_not_answer_is_reported_until_an_arm_is_seen(
 
     monkeypatch.setattr(Node, "ask_neighbours", silent)
     with Roster(router=Network(connect=(endpoint,))) as roster:
-        assert roster.settle(10.0)
+        assert roster.settle(PATIENCE)
         assert roster.silent() == {endpoint: HUNG}
         far = Network(connect=(endpoint,)).open()
         far.announce(Keys("lab/far").token("1"))

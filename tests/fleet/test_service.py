@@ -26,8 +26,6 @@ from hexwire.fleet.service import Service
 from hexwire.fleet.service_file import ServedArm, read_arms
 from hexwire.model.state import JointTarget
 
-PATIENCE = 15.0
-
 
 @contextlib.contextmanager
 def plugged_in(board: EmulatedBoard, link: Path) -> Iterator[None]:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from tests.link.far_ends import free_port
-from tests.waits import eventually
+from tests.waits import PATIENCE, eventually
 
 from hexwire.errors import DeviceError, UsageError
 from hexwire.fleet.names import Keys
@@ -22,8 +22,6 @@ from hexwire.fleet.service import Service
 from hexwire.fleet.service_file import read_arms
 
 from .lab import Lab
-
-PATIENCE = 30.0
 
 
 def a_service(endpoint: str) -> Service:

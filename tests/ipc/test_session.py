@@ -32,7 +32,7 @@ from hexwire.wire.command_frame import Command, Status, parse_frame
 from hexwire.wire.modules import IpcType, ModuleType
 from hexwire.wire.servo_packet import make_read, make_status
 
-LONG = 10.0
+LONG = 30.0
 
 
 def over(link: BoardLink | MemoryLink, **options: object) -> Session:

@@ -8,7 +8,7 @@ import pytest
 
 from hexwire.ipc.turn import Turn
 
-PATIENCE = 10.0
+PATIENCE = 30.0
 
 
 def never() -> bool:

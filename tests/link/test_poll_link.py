@@ -749,6 +749,6 @@ def test_opening_and_losing_a_line_are_logged_below_the_layers_name(caplog: pyte
         os.close(slave)
         os.close(master)
         with pytest.raises(LinkLostError):
-            link.read(time.monotonic() + 5)
+            link.read(time.monotonic() + 30)
     assert [record.message.split(" ", 1)[1].split(";")[0] for record in caplog.records] == ["is open", "went away"]
     assert {record.name for record in caplog.records} == {"hexwire.link.poll_link"}

@@ -67,7 +67,7 @@ def test_it_ends_a_poll_of_another_thread() -> None:
     thread = threading.Thread(target=lambda: poll.poll(None))
     thread.start()
     waker.set()
-    thread.join(10.0)
+    thread.join(30)
     assert not thread.is_alive()
     waker.close()
 

@@ -40,7 +40,7 @@ from hexwire.wire.commands import MoveRequest, MoveRow, TransactRequest
 
 __all__ = ["PATIENCE", "Bench", "bench", "move", "run"]
 
-PATIENCE = 20.0
+PATIENCE = 30.0
 SILENT = 9
 """An id that no servo has: who asks it keeps the line busy for as long as the board waits."""
 SLOW = 0.15

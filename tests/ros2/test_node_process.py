@@ -73,7 +73,7 @@ def test_joint_states_are_of_now_and_of_this_arm(arm: Arm) -> None:
     messages = arm.peer.collect("/joint_states", STATE, 20)
     stamps = [message.header.stamp.sec + message.header.stamp.nanosec * 1e-9 for message in messages]
     assert stamps == sorted(set(stamps))
-    assert abs(stamps[-1] - time.time()) < 20.0
+    assert abs(stamps[-1] - time.time()) < 600.0
     assert tuple(messages[-1].name) == JOINTS
     assert near(arm.position(), arm.board.positions)
     (message,) = arm.peer.collect("/robot_description", STRING, qos=LATCHED)

@@ -101,7 +101,7 @@ def test_nobody_looks_nothing_is_watched(watch: FleetWatch, clock: Clock) -> Non
     thread = watch._thread
     assert thread is not None
     clock.now += 11.0
-    thread.join(10.0)
+    thread.join(30)
     assert not thread.is_alive()
     assert looked(watch, lambda found: not found["looking"])["arms"] == []
     watch.rest()

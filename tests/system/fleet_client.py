@@ -113,7 +113,7 @@ class Client:
         """End `watch` and `stream`; counts what was refused."""
         self._ending.set()
         for thread in self._streams:
-            thread.join(10)
+            thread.join(30)
         self._streams.clear()
         self._ending.clear()
         return self.robot.host_counters()
@@ -144,11 +144,11 @@ class Client:
                     key,
                     answered,
                     payload=m.encode(envelope),
-                    timeout=5.0,
+                    timeout=30.0,
                     congestion_control=zenoh.CongestionControl.BLOCK,
                 )
             time.sleep(0.002)
-        deadline = time.monotonic() + 5.0
+        deadline = time.monotonic() + 30.0
         while counts["refused"] + counts["done"] < counts["sent"] and time.monotonic() < deadline:
             time.sleep(0.02)
         return counts

@@ -50,7 +50,7 @@ def urls(tmp_path: Path) -> object:
     for thread in (terminal, tcp):
         thread.start()
     try:
-        assert ready.wait(10.0)
+        assert ready.wait(30.0)
         yield [f"serial://{link}?baud=1000000&backend=pyserial", url]
     finally:
         ended.set()

@@ -62,7 +62,7 @@ def mirrored(link: Link, max_frame: int) -> Iterator[Mirror]:
             yield mirror
         finally:
             mirror.stop()
-            thread.join(20)
+            thread.join(30)
 
 
 @pytest.mark.parametrize("form", ["conf", "toml"])

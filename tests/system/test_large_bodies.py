@@ -47,7 +47,7 @@ def mirrored(near: Link, far: Link) -> Iterator[tuple[Session, Mirror]]:
             yield session, mirror
         finally:
             mirror.stop()
-            thread.join(20)
+            thread.join(30)
             assert not thread.is_alive()
 
 

@@ -48,7 +48,7 @@ def bus(*options: str) -> Iterator[str]:
             yield process.stdout.readline().strip()
         finally:
             process.stdin.close()
-            process.wait(timeout=20.0)
+            process.wait(timeout=30.0)
 
 
 def calibration_text(*, leader: bool = False) -> str:

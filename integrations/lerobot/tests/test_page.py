@@ -141,7 +141,7 @@ class Owner:
                 yield
             finally:
                 server.terminate()
-                server.communicate(timeout=20.0)
+                server.communicate(timeout=30.0)
 
 
 def test_the_page_from_calibrated_arms_to_a_policy(

@@ -32,7 +32,7 @@ def shared() -> Iterator[str]:
             yield ADDRESS
         finally:
             server.terminate()
-            server.communicate(timeout=20.0)
+            server.communicate(timeout=30.0)
 
 
 def test_a_shared_arm_moves_and_a_stop_of_another_program_is_respected(shared: str) -> None:

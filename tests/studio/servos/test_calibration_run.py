@@ -47,7 +47,7 @@ def test_every_servo_is_moved_to_its_ends_and_the_result_stored(view: Any) -> No
     row = view.told[-1]["rows"][0]
     assert row["high"] - row["low"] > 80
     run.finish()
-    thread.join(10.0)
+    thread.join(30)
     assert errors == []
     assert run.found is not None
     store_in(view.bus, run.found)
@@ -65,7 +65,7 @@ def test_a_stop_and_a_cancel_end_it_and_store_nothing(view: Any) -> None:
         thread, errors = working(view, run)
         assert run.mark_middle()
         end()
-        thread.join(10.0)
+        thread.join(30)
         assert len(errors) == 1
         assert "nothing was stored" in errors[0]
         assert run.found is None
