@@ -32,6 +32,7 @@ OWN = {
     "docs/ros2.md": "tests/ros2/test_ros2_page.py",
     "docs/shell.md": "tests/cli/test_completion.py",
     "docs/so101.md": "tests/test_so101_page.py",
+    "packages/zenoh-ros2/README.md": "packages/zenoh-ros2/tests/test_readme.py",
     "src/hexwire/ros2/package/templates/README.md": "tests/ros2/package/test_files.py",
 }
 """Pages whose console blocks a test of their own runs, as programs."""
@@ -78,15 +79,15 @@ def test_there_is_no_other_kind_of_block() -> None:
 
 
 def test_pages_with_python_are_collected_by_pytest() -> None:
-    """`make tests` runs the blocks of README.md and docs/ with --markdown-docs, except those marked notest."""
+    """`make tests` runs the blocks of README.md, docs/ and packages/ with --markdown-docs, except those marked notest."""
     (recipe,) = re.findall(r"--markdown-docs (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
-    assert "README.md docs" in recipe
+    assert "packages README.md docs" in recipe
     outside = [page for page, found in ALL.items() for b in found if b.language == "python" if not collected(page)]
     assert not outside
 
 
 def collected(page: str) -> bool:
-    return page == "README.md" or page.startswith("docs/")
+    return page == "README.md" or page.startswith(("docs/", "packages/"))
 
 
 def test_pages_that_have_a_test_of_their_own_are_named_in_it() -> None:
@@ -208,6 +209,8 @@ def test_commands_in_tables_run(page: str, tmp_path: Path, request: pytest.Fixtu
 @pytest.mark.parametrize(("page", "block"), NOTEST, ids=[where(page, block.line) for page, block in NOTEST])
 def test_python_that_needs_a_real_port(page: str, block: object, request: pytest.FixtureRequest) -> None:
     text = block.text  # type: ignore[attr-defined]
+    if page == "packages/zenoh-ros2/README.md":
+        return  # its own test runs them as programs
     if page == "docs/ros.md":
         assert "find_ros()" in text, "tests/ros1/test_ros_page.py runs the program of the first move, and no other"
         return

@@ -98,3 +98,22 @@ def test_sources_say_what_is_a_file_and_what_is_derived() -> None:
     assert "bool success" in sources["std_srvs/srv/Trigger"].raw_file_contents
     assert sources["std_srvs/srv/Trigger_Request"].encoding == "implicit"
     assert sources["service_msgs/msg/ServiceEventInfo"].encoding == "msg"
+
+
+def test_interfaces_of_your_own_come_first_and_may_contain_those_of_ros(tmp_path: Path) -> None:
+    folder = tmp_path / "my_msgs"
+    for name, text in {
+        "msg/Load": "std_msgs/Header header\nfloat64 torque 0.5",
+        "srv/Tare": "---\nbool done",
+    }.items():
+        file = folder / f"{name}.{name.partition('/')[0]}"
+        file.parent.mkdir(parents=True)
+        file.write_text(text)
+    types = Types(folders=[tmp_path])
+    load = types.message("my_msgs/msg/Load")
+    message = load(header=types.message("std_msgs/msg/Header")(frame_id="tool"))
+    assert message.torque == 0.5
+    assert load.parse(load.serialize(message)) == message
+    assert types.service("my_msgs/srv/Tare").response(done=True).done
+    with pytest.raises(UsageError, match="there is no ROS 2 type"):
+        Types().message("my_msgs/msg/Load")

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -228,10 +228,12 @@ class Types:
 
     Args:
         distribution: Whose interfaces and hashes.
+        folders: Folders of ROS packages with more interfaces, as ``my_msgs/msg/Load.msg``; they come first.
     """
 
-    def __init__(self, distribution: Distribution = Distribution.JAZZY) -> None:
+    def __init__(self, distribution: Distribution = Distribution.JAZZY, folders: Iterable[str | Path] = ()) -> None:
         self.distribution = distribution
+        self._folders = [Path(folder) for folder in folders]
         self._definitions: dict[str, _AnyDefinition] = {}
         self._types: dict[str, Any] = {}
 
@@ -337,7 +339,7 @@ class Types:
             raise UsageError(f"{name!r:.120} is not the name of a ROS 2 type, as in sensor_msgs/msg/JointState")
         package, kind, stem = match[1], match[2], match[3]
         file = f"{kind}/{stem}.{kind}"
-        folders = [
+        folders = [folder / package for folder in self._folders] + [
             _INTERFACES / "variants" / variant
             for variant in self.distribution.variants
             if variant.rpartition("_")[0] == package
