@@ -1,5 +1,7 @@
 """`make dist`: the wheel, the source distribution, their list of ingredients and checksums, in dist/.
 
+Also wheel and source distribution of each package in packages/, which hexwire requires.
+
     python release/build.py --uv PATH            build everything twice, compare, and write dist/
     python release/build.py --uv PATH --once     build once, without the comparison
 
@@ -134,7 +136,7 @@ def add_analyzers(target: Path) -> None:
 
 
 def build(uv: str, into: Path, stage_in: Path) -> list[Path]:
-    """Build both files from a new copy of the sources.
+    """Build all files from a new copy of the sources.
 
     Args:
         uv: The program.
@@ -142,16 +144,21 @@ def build(uv: str, into: Path, stage_in: Path) -> list[Path]:
         stage_in: Folder for the copy.
 
     Returns:
-        The wheel, the source distribution and the list of ingredients.
+        The wheel, the source distribution and the list of ingredients; then wheel and source distribution of each
+        package.
     """
     stage(stage_in)
-    command = [uv, "build", "--quiet", "--no-config", "--out-dir", str(into), str(stage_in)]
-    subprocess.run(command, check=True)
-    project = tomllib.loads((stage_in / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    stem = f"{project['name']}-{project['version']}"
-    listed = into / f"{stem}.cdx.json"
-    listed.write_text(sbom.make(uv, stage_in), encoding="utf-8")
-    return [into / f"{stem}-py3-none-any.whl", into / f"{stem}.tar.gz", listed]
+    made: list[Path] = []
+    for project in (stage_in, *sorted((stage_in / "packages").iterdir())):
+        command = [uv, "build", "--quiet", "--no-config", "--out-dir", str(into), str(project)]
+        subprocess.run(command, check=True)
+        read = tomllib.loads((project / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+        stem = f"{read['name'].replace('-', '_')}-{read['version']}"
+        made += [into / f"{stem}-py3-none-any.whl", into / f"{stem}.tar.gz"]
+        if project == stage_in:
+            made.append(into / f"{stem}.cdx.json")
+            made[-1].write_text(sbom.make(uv, stage_in), encoding="utf-8")
+    return made
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -170,7 +177,8 @@ def main(arguments: list[str] | None = None) -> int:
                 if one.read_bytes() != other.read_bytes():
                     sys.stderr.write(f"{one.name} is not the same when it is built again\n")
                     return 1
-        subprocess.run([sys.executable, "-m", "twine", "check", "--strict", *map(str, first[:2])], check=True)
+        packed = [str(path) for path in first if path.suffix != ".json"]
+        subprocess.run([sys.executable, "-m", "twine", "check", "--strict", *packed], check=True)
         options.into.mkdir(parents=True, exist_ok=True)
         sums = []
         for path in first:

@@ -24,14 +24,24 @@ def make(uv: str, root: Path) -> str:
     found: dict[str, Any] = json.loads(done.stdout)
     found["metadata"].pop("timestamp", None)
     found.pop("serialNumber", None)
+    for part in found["components"]:
+        # A distribution of this repository: uv knows where it is, and no more.
+        for row in part.get("properties", ()):
+            if row["name"] == "uv:workspace:path":
+                part["licenses"] = [{"expression": _licence(root / row["value"])}]
+                part["purl"] = f"pkg:pypi/{part['name']}@{part['version']}"
     found["components"] += bundled(root)
-    licences = re.search(r'^license = "(.*)"$', (root / "pyproject.toml").read_text(encoding="utf-8"), re.M)
-    assert licences is not None
-    found["metadata"]["component"]["licenses"] = [{"expression": licences[1]}]
+    found["metadata"]["component"]["licenses"] = [{"expression": _licence(root)}]
     content = json.dumps(found, sort_keys=True)
     # A number that belongs to the content: the same content has the same number.
     found["serialNumber"] = f"urn:uuid:{uuid.uuid5(uuid.NAMESPACE_URL, content)}"
     return json.dumps(found, indent=1, sort_keys=True) + "\n"
+
+
+def _licence(project: Path) -> str:
+    found = re.search(r'^license = "(.*)"$', (project / "pyproject.toml").read_text(encoding="utf-8"), re.MULTILINE)
+    assert found is not None
+    return found[1]
 
 
 def bundled(root: Path) -> list[dict[str, Any]]:

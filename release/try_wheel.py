@@ -1,9 +1,9 @@
-"""`make try-wheel`: the built wheel does what it promises, alone, in an environment outside of the sources.
+"""`make try-wheel`: the built wheels do what they promise, alone, in environments outside of the sources.
 
     python release/try_wheel.py --uv PATH WHEEL
 
 Owns the list of what somebody tries first: versions, an emulated arm, the firmware, the analysers, and with extras
-a shared arm and the pages.
+a shared arm, the pages and the node of ROS 2; of zenoh-ros2 alone, its talker and listener.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ class Trial:
     def __init__(self, folder: Path) -> None:
         self.bin = folder / "venv/bin"
         self.folder = folder
+        self._outputs = 0
         kept = {
             name: value for name, value in os.environ.items() if not name.startswith(("HEXWIRE_", "PYTHON", "XDG_"))
         }
@@ -68,10 +69,16 @@ class Trial:
         Raises:
             AssertionError: It does not say it.
         """
-        output = self.folder / "output"
+        self._outputs += 1
+        output = self.folder / f"output {self._outputs}"
         with output.open("wb") as file:
             program = subprocess.Popen(
-                words, cwd=self.folder, env=self.environment, stdout=file, stderr=subprocess.STDOUT
+                words,
+                cwd=self.folder,
+                env=self.environment,
+                stdin=subprocess.PIPE,
+                stdout=file,
+                stderr=subprocess.STDOUT,
             )
         try:
             deadline = time.monotonic() + PATIENCE
@@ -83,7 +90,8 @@ class Trial:
             yield found[0]
         finally:
             program.terminate()
-            program.wait(PATIENCE)
+            # Closes its standard input, too.
+            program.communicate(timeout=PATIENCE)
         sys.stdout.write(f"ok  {' '.join(words)}\n")
 
 
@@ -113,6 +121,35 @@ def pages(trial: Trial) -> None:
             assert "<title>" in answer.read().decode(), address
 
 
+def ros(trial: Trial) -> None:
+    """Let the node of an emulated arm meet the router, and end it."""
+    trial.run("hexwire-ros2", "--help", says="trajectory_msgs/JointTrajectory")
+    with trial.running("hexwire", "fleet", "router", says="7447"):
+        node = ("hexwire-ros2", "--ros-args", "-p", "port:=sim://so101")
+        with trial.running(*node, says="is ready at"):
+            pass
+
+
+def talk(trial: Trial) -> None:
+    """Run the talker and the listener of the README of zenoh-ros2, with its own router."""
+    page = (ROOT / "packages/zenoh-ros2/README.md").read_text(encoding="utf-8")
+    texts = re.findall(r"```python notest\n(.*?)```", page, re.DOTALL)
+    for name, text in zip(("listener.py", "talker.py"), texts, strict=True):
+        (trial.folder / name).write_text(text, encoding="utf-8")
+    with (
+        trial.running("python", "-m", "zenoh_ros2", says="the router is at"),
+        trial.running("python", "talker.py", says=""),
+        trial.running("python", "listener.py", says=r"hello \d+"),
+    ):
+        pass
+
+
+def environment(uv: str, python: str, folder: str) -> list[str]:
+    """Make an environment in a folder; returns the command that installs into it."""
+    subprocess.run([uv, "venv", "--quiet", "--python", python, f"{folder}/venv"], check=True)
+    return [uv, "pip", "install", "--quiet", "--python", f"{folder}/venv"]
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Try the wheel; returns the exit status."""
     parser = argparse.ArgumentParser(description="try the wheel in an environment of its own")
@@ -120,14 +157,20 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--uv", default="uv", help="the program uv")
     parser.add_argument("--python", default=sys.executable, help="interpreter to try it with")
     options = parser.parse_args(arguments)
-    wheel = options.wheel or next(iter(sorted((ROOT / "dist").glob("*.whl"))), None)
-    if wheel is None:
+    wheel = options.wheel or next(iter(sorted((ROOT / "dist").glob("hexwire-*.whl"))), None)
+    wire = next(iter(sorted((ROOT / "dist" if wheel is None else wheel.parent).glob("zenoh_ros2-*.whl"))), None)
+    if wheel is None or wire is None:
         sys.stderr.write("no wheel in dist; run make dist first\n")
         return 2
-    with tempfile.TemporaryDirectory(prefix="hexwire-try-") as name:
+    with tempfile.TemporaryDirectory(prefix="zenoh-ros2-try-") as name:
+        install = environment(options.uv, options.python, name)
+        subprocess.run([*install, str(wire.resolve())], check=True, cwd=name)
         trial = Trial(Path(name))
-        subprocess.run([options.uv, "venv", "--quiet", "--python", options.python, f"{name}/venv"], check=True)
-        install = [options.uv, "pip", "install", "--quiet", "--python", f"{name}/venv"]
+        trial.run("python", "-c", "import hexwire", status=1, says="No module named 'hexwire'")
+        talk(trial)
+    with tempfile.TemporaryDirectory(prefix="hexwire-try-") as name:
+        install = environment(options.uv, options.python, name)
+        trial = Trial(Path(name))
         subprocess.run([*install, str(wheel.resolve())], check=True, cwd=name)
         where = trial.run("python", "-c", "import hexwire; print(hexwire.__file__)", says=name)
         assert str(ROOT) not in where
@@ -146,10 +189,15 @@ def main(arguments: list[str] | None = None) -> int:
         trial.run("hexwire", "analyzers", "remove", "sigrok", says="removed")
         trial.run("man", "-w", "hexwire", says="share/man/man1/hexwire.1")
         trial.run("sh", "-c", "_HEXWIRE_COMPLETE=zsh_source hexwire", says="compdef")
-        subprocess.run([*install, f"hexwire[fleet,studio] @ {wheel.resolve().as_uri()}"], check=True, cwd=name)
+        subprocess.run(
+            [*install, f"hexwire[fleet,ros2,studio] @ {wheel.resolve().as_uri()}", str(wire.resolve())],
+            check=True,
+            cwd=name,
+        )
         shared(trial)
         pages(trial)
-    sys.stdout.write("the wheel alone does all of this\n")
+        ros(trial)
+    sys.stdout.write("the wheels alone do all of this\n")
     return 0
 
 

@@ -148,11 +148,11 @@ OWN_EXTRA = {
     "fleet": {
         ("hexwire", "fleet", "record", "x.mcap"): "record",
         ("hexwire", "studio"): "studio",
-        ("hexwire-ros2",): "ros2",
     },
     "record": {
         ("hexwire", "record", "plot", "waypoints.json", "x.png"): "plots",
-        ("hexwire-ros2", "--ros-args", "--params-file", "waypoints.json"): "ros2",
+        ("hexwire-ros2",): "ros2",
+        ("hexwire", "record", "ros2", "old.mcap", "bag"): "ros2",
     },
 }
 """An extra -> commands of an environment that has only this one, and the extra that each needs besides."""

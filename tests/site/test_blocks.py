@@ -79,7 +79,7 @@ def test_there_is_no_other_kind_of_block() -> None:
 
 
 def test_pages_with_python_are_collected_by_pytest() -> None:
-    """`make tests` runs the blocks of README.md, docs/ and packages/ with --markdown-docs, except those marked notest."""
+    """`make tests` runs the blocks of README.md, docs/ and packages/, except those marked notest."""
     (recipe,) = re.findall(r"--markdown-docs (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
     assert "packages README.md docs" in recipe
     outside = [page for page, found in ALL.items() for b in found if b.language == "python" if not collected(page)]

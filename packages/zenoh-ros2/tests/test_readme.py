@@ -16,9 +16,8 @@ import zenoh_ros2
 
 PACKAGE = Path(__file__).resolve().parents[1]
 PAGE = (PACKAGE / "README.md").read_text(encoding="utf-8")
-PROGRAMS = dict(
-    zip(("listener.py", "talker.py"), re.findall(r"```python notest\n(.*?)```", PAGE, re.S), strict=True)
-)
+TEXTS = re.findall(r"```python notest\n(.*?)```", PAGE, re.DOTALL)
+PROGRAMS = dict(zip(("listener.py", "talker.py"), TEXTS, strict=True))
 
 
 @pytest.mark.system

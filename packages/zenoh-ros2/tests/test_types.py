@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from tests.few import few
 from zenoh_ros2_tests.messages import NAMES, messages_of
