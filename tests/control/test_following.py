@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from tests.control.swing import Swing
+from tests.drivers.arms import Arm as BoardArm
 
 from hexwire.control.following import (
     BriefReader,
@@ -392,6 +393,56 @@ def test_a_cable_that_is_plugged_in_again_goes_on_and_the_arms_meet_slowly(which
     assert math.degrees(follower - leader) == pytest.approx(0.0, abs=2.0)
     state = out.follower.driver.read()
     assert (state.torque_on, state.stopped) == (state.names, False)
+
+
+def board_pair(dialect: int, notes: list[object]) -> tuple[Pair, BoardArm, BoardArm]:
+    leader, follower = (BoardArm(dialect, attach=False) for _ in range(2))
+    follower.clock = follower.link.clock = leader.clock
+    leader.driver.attach()
+    follower.driver.attach()
+    how: dict[str, Any] = {"mirror": False, "meet": 0.2, "force": 0.35}
+    return Pair.of(leader.driver, follower.driver, None, on_note=notes.append, **how), leader, follower
+
+
+@pytest.mark.parametrize("dialect", [1, 2])
+def test_nobody_waits_for_the_cable_of_a_leaders_board_in_the_followers_cycle(dialect: int) -> None:
+    """The follower's watchdog would trip meanwhile, and nothing would go on when the leader is there again."""
+    notes: list[object] = []
+    one, leader, follower = board_pair(dialect, notes)
+    clock = leader.clock
+    out, back = clock() + 1.0, clock() + 6.0
+
+    def sleep(seconds: float) -> None:
+        if out <= clock() < back and not leader.link.lost:
+            leader.link.lost = True
+            leader.board.wire[0].motion.position += 200.0
+        elif clock() >= back:
+            leader.link.lost = False
+        if clock() > back + 5.0:
+            raise EndError
+        clock.advance(seconds)
+
+    with pytest.raises(EndError):
+        run_following(one, 1 / PERIOD, sleep=sleep)
+    assert notes[-2:] == ["the leader is there again", "the follower has met the leader"]
+    leads, follows = (arm.driver.read()["J1"].position for arm in (leader, follower))
+    assert math.degrees(follows - leads) == pytest.approx(0.0, abs=2.0)
+    state = follower.driver.read()
+    assert (state.torque_on, state.stopped) == (state.names, False)
+
+
+def test_a_follower_that_its_watchdog_stopped_meanwhile_stays_stopped() -> None:
+    one, _, follower = board_pair(2, [])
+    clock = follower.clock
+    out = clock() + 1.0
+
+    def sleep(seconds: float) -> None:
+        follower.link.lost = out <= clock() < out + 5.0
+        clock.advance(seconds)
+
+    with pytest.raises(StoppedError, match=r"watchdog tripped, because the host fell silent; .*resume"):
+        run_following(one, 1 / PERIOD, sleep=sleep)
+    assert follower.driver.read().stopped
 
 
 @pytest.mark.parametrize("which", ["leader", "follower"])

@@ -476,9 +476,16 @@ def run_following(
             if ended.is_set() or follower.now() >= ends:
                 raise lost
             (sleep or ended.wait)(_AGAIN)
+        if found := board_stop(follower.read()):
+            # Which nobody can end while this program has its port.
+            raise StoppedError("following", Status.STOPPED, f"{found}; {what_helps(follower)}")
         pair.on_note("the follower is there again")
 
     with ExitStack() as steps:
+        for arm in (pair.leader, follower):
+            # A call that waits for one arm's cable would keep the other one from its cycle, and trip its watchdog.
+            arm.auto_reconnect(on=False)
+            steps.callback(arm.auto_reconnect, on=True)
         ahead = ReadAhead(pair.leader.read_positions) if pair.ahead else None
         if ahead is not None:
             steps.callback(ahead.end)
