@@ -222,6 +222,14 @@ class Scene:
         rows = [row for row in self.rows(client) if row["e"] == "refused" and since < row["t"] < until]
         return [row for row in rows if not ((age := _AGE.search(row["text"])) and int(age[1]) < _STALL)]
 
+    def states(self, since: float, client: int = 0) -> list[dict[str, Any]]:
+        """The states that a client has received since a time."""
+        return [row for row in self.rows(client) if row["e"] == "state" and row["t"] > since]
+
+    def lost(self, since: float, client: int = 0) -> list[dict[str, Any]]:
+        """Why a client that waited for a state since a time got an error."""
+        return [row for row in self.rows(client) if row["e"] == "lost" and row["t"] > since]
+
     def check(self) -> None:
         """Check the promises on everything since the start."""
         assert self.board.process.poll() is None
