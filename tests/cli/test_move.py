@@ -163,7 +163,7 @@ def test_a_stop_during_a_move_is_reported(bench: Any, monkeypatch: pytest.Monkey
     monkeypatch.setattr(bench.board, "step", stopped)
     result = bench.run("move", "J4=80", "--duration", "5", "--wait")
     assert result.exit_code == 1
-    why = "a stop command has stopped the arm; clear it with 'hexwire resume'"
+    why = "a stop command has stopped the arm; `hexwire resume` ends that"
     assert result.stderr == f"error: stopped: {why}\n"
 
 

@@ -24,6 +24,7 @@ from hexwire.drivers.registry import make_driver
 from hexwire.errors import UsageError
 from hexwire.model.aim import Aim
 from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.puma260 import Puma260Model
 
 
@@ -81,6 +82,8 @@ def test_units_and_aims() -> None:
     assert isinstance(place, Place)
     assert place.position == (0.1, 0.2, 0.3)
     assert place.aim.rpy == (math.pi / 2, 0.0, 0.0)
+    with pytest.raises(UsageError, match=r"in millimetres, and 0 0\.22 0\.15 mm is inside the base of the arm"):
+        to_points([(0.0, 0.22, 0.15)], Hex7BotModel(), Aim(), False)
     with pytest.raises(UsageError, match="without a geometry"):
         to_points(["home"], None, how, False)
 

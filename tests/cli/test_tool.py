@@ -48,10 +48,11 @@ def test_grip_says_why_the_arm_was_stopped_during_the_motion(
     assert result.exit_code == 1
     watchdog = "the board has stopped the arm: its watchdog tripped, because the host fell silent"
     why = watchdog if tripped else "a stop command has stopped the arm"
-    assert result.stderr == f"error: stopped: {why}; clear it with 'hexwire resume'\n"
+    assert result.stderr == f"error: stopped: {why}; `hexwire resume` ends that\n"
 
 
 def test_grip_wants_a_share(bench: Any) -> None:
+    assert "open, close or a percentage, as in 40%, not 'half'" in bench.run("grip", "half").stderr
     assert bench.run("grip", "130").exit_code == 2
     assert bench.run("grip", "wide").exit_code == 2
 

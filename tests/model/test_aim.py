@@ -77,3 +77,10 @@ def test_an_arm_cannot_be_aimed_as_another() -> None:
         aimed_pose(FIVE, LOW, (0.1, 0.1, 0.1), Aim(rpy=(0.0, 0.0, 0.0)))
     with pytest.raises(UsageError, match="has six joints"):
         aimed_pose(SIX, BENT, (0.1, 0.1, 0.1), Aim(pitch=0.5))
+
+
+def test_at_the_prompt_a_tip_is_one_line() -> None:
+    assert repr(Tip((0.0, 0.22, -1e-6), (0.0, math.pi / 2, 0.0), None)) == (
+        "<Tip: 0.0, 220.0, 0.0 mm; rpy 0.0, 90.0, 0.0 deg>"
+    )
+    assert repr(Tip((0.2, 0.0, 0.1), (0.0, 0.0, 0.0), (0.5, 0.0))).endswith("; pitch, roll 28.6, 0.0 deg>")

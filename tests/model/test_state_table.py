@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 
@@ -33,3 +34,9 @@ def test_a_stopped_arm_says_so_below_its_table() -> None:
 def test_a_name_is_text() -> None:
     state = JointState.of({"<b>": 0.0}, stamp=1.0)
     assert rows(state)[1][0] == "&lt;b&gt;"
+
+
+def test_at_the_prompt_a_state_is_one_line() -> None:
+    state = JointState.of({"a": math.radians(-4.5), "b": math.nan}, stamp=0.0, torque=True)
+    assert repr(state) == "<JointState: a -4.5, b - deg; torque on: a b>"
+    assert repr(replace(state, stopped=True)).endswith("torque on: a b; stopped; 'hexwire resume' ends the stop>")

@@ -71,6 +71,9 @@ __all__ = [
     "to_points",
 ]
 
+_INSIDE = 3.0
+"""No tip comes that near to the middle of its base, millimetres: somebody has given metres."""
+
 Point = tuple[float, float, float] | str
 """A place as typed, or the name of a pose."""
 
@@ -154,7 +157,7 @@ def to_points(points: Sequence[Point], model: KinematicModel | None, aim: Aim, r
         relative: Places count from the point before them.
 
     Raises:
-        UsageError: The arm does not support the aim.
+        UsageError: The arm does not support the aim, or a place is in metres.
     """
     from hexwire.control.via import Place
 
@@ -163,6 +166,10 @@ def to_points(points: Sequence[Point], model: KinematicModel | None, aim: Aim, r
     elif aim.given:
         raise UsageError("the tool of an arm without a geometry cannot be aimed")
     unit = unit_of("" if model is None else model.name)
+    for point in points:
+        if unit == 1e-3 and not relative and not isinstance(point, str) and max(map(abs, point)) < _INSIDE:
+            typed = " ".join(decimal(value) for value in point)
+            raise UsageError(f"a place is in millimetres, and {typed} mm is inside the base of the arm")
     return [
         point if isinstance(point, str)
         else Place((point[0] * unit, point[1] * unit, point[2] * unit), aim, relative=relative)

@@ -11,7 +11,7 @@ import math
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import IO, TYPE_CHECKING, Any, TypeVar
@@ -133,7 +133,10 @@ def parse_opening(how: str) -> float:
     """How far a gripper is to open, 0 to 1: of `open`, `close` or a percentage."""
     if how in OPENINGS:
         return OPENINGS[how]
-    return FiniteFloat("percent", minimum=0).convert(how.removesuffix("%"), None, None) / 100
+    with suppress(ValueError):
+        float(how.removesuffix("%"))
+        return FiniteFloat("percent", minimum=0).convert(how.removesuffix("%"), None, None) / 100
+    raise UsageError(f"a gripper opens to open, close or a percentage, as in 40%, not {how!r}")
 
 
 def number_option(

@@ -92,7 +92,7 @@ class MotionResult:
             if self.rest.tip is not None:
                 parts.append(f"tip {1000 * self.rest.tip:.1f} mm off")
         if not math.isnan(self.opening):
-            parts.append(f"gripper {100 * self.opening:.0f} % open{' with an object' if self.holds else ''}")
+            parts.append(f"gripper {round(100 * self.opening)} % open{' with an object' if self.holds else ''}")
         return f"<MotionResult: {', '.join(parts)}>"
 
     def require(self) -> MotionResult:

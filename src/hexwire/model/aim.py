@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hexwire.errors import UsageError
+from hexwire.units import plain
 
 from .kinematics import KinematicModel
 from .pose import Matrix, Pose, Vector, rotation_from_rpy
@@ -70,7 +71,7 @@ class Aim:
             raise UsageError(f"{model.name} has six joints: give {rpy} instead of {pitch}")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Tip:
     """The pose of the tip of the tool, as people read it.
 
@@ -93,6 +94,11 @@ class Tip:
         """
         pose = model.forward(angles)
         return cls(pose.position, rpy_of(pose.rotation), model.pitch_and_roll(angles))
+
+    def __repr__(self) -> str:
+        place = ", ".join(plain(1e3 * value, 1) for value in self.position)
+        names, angles = ("pitch, roll", self.pitch_roll) if self.pitch_roll else ("rpy", self.rpy)
+        return f"<Tip: {place} mm; {names} {', '.join(plain(math.degrees(angle), 1) for angle in angles)} deg>"
 
 
 def aimed_pose(

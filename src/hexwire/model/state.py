@@ -153,7 +153,7 @@ class JointReading:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class JointState:
     """All joints at one time: one value per joint in every tuple, in the order of `names`.
 
@@ -291,6 +291,12 @@ class JointState:
         if self.maintenance:
             return ["in maintenance: servo settings may be written, nothing moves"]
         return ["stopped; 'hexwire resume' ends the stop"] if self.stopped else []
+
+    def __repr__(self) -> str:
+        """In one line, for the Python prompt; `_repr_html_` has more."""
+        angles = ", ".join(f"{n} {plain(math.degrees(a), 1)}" for n, a in self.positions.items())
+        parts = [f"{angles} deg", f"torque on: {' '.join(self.torque_on) or 'none'}", *self.remarks]
+        return f"<JointState: {'; '.join(parts)}>"
 
     def _repr_html_(self) -> str:
         """The table as HTML, without columns of which nothing is known; its style is that of the page."""
