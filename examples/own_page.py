@@ -9,40 +9,53 @@ import math
 import os
 import sys
 
-from nicegui import app, run, ui
+import uvicorn
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, JSONResponse, Response
+from starlette.routing import Route
 
 import hexwire
 
 port = sys.argv[1] if len(sys.argv) > 1 else "sim://hex7bot"
 arm = hexwire.connect(port)
-app.on_shutdown(lambda: arm.detach())
+PAGE = """<!doctype html>
+<html lang="en"><meta charset="utf-8"><title>my arm</title>
+<button id="stop">STOP</button><table>{rows}</table>
+<script>
+document.getElementById("stop").onclick = () => fetch("/stop", {{method: "POST"}});
+setInterval(async () => {{
+  const angles = await (await fetch("/angles")).json();
+  for (const [name, text] of Object.entries(angles)) document.getElementById(name).textContent = text;
+}}, 100);
+</script></html>"""
 
 
-async def stop() -> None:
-    """Stop the arm, latched until `hexwire resume`; in a thread, so that a slow line does not hold up the page."""
-    await run.io_bound(arm.stop)
-    ui.notify("stopped")
-
-
-@ui.page("/")
-def page() -> None:
+def page(request: Request) -> Response:
     """What a browser shows."""
-    ui.button("STOP", color="red", on_click=stop)
-    labels: dict[str, ui.label] = {}
-    with ui.grid(columns=2):
-        for name in arm.model.names:
-            ui.label(name)
-            labels[name] = ui.label()
-
-    async def update() -> None:
-        state = await run.io_bound(arm.read)
-        if state is None:  # the program ends
-            return
-        for joint in state:
-            known = joint.name not in state.silent
-            labels[joint.name].text = f"{math.degrees(joint.position):.1f}" if known else "no answer"
-
-    ui.timer(0.1, update)
+    return HTMLResponse(PAGE.format(rows="".join(f"<tr><td>{n}<td id={n}>" for n in arm.model.names)))
 
 
-ui.run(host="127.0.0.1", port=int(os.environ.get("PAGE_PORT", "8000")), show=False, reload=False, title="my arm")
+def angles(request: Request) -> Response:
+    """The joint angles, in words."""
+    state = arm.read()
+    words = [f"{math.degrees(joint.position):.1f}" for joint in state]
+    known = [joint.name not in state.silent for joint in state]
+    told = [text if there else "no answer" for text, there in zip(words, known, strict=True)]
+    return JSONResponse(dict(zip(state.names, told, strict=True)))
+
+
+def stop(request: Request) -> Response:
+    """Stop the arm, latched until `hexwire resume`; only for a page from here, not for another site's."""
+    if request.headers.get("origin") != f"http://{request.headers.get('host')}":
+        return Response("not from here", 403)
+    arm.stop()
+    return Response("stopped")
+
+
+routes = [Route("/", page), Route("/angles", angles), Route("/stop", stop, methods=["POST"])]
+number = int(os.environ.get("PAGE_PORT", "8000"))
+try:
+    uvicorn.run(Starlette(routes=routes), host="127.0.0.1", port=number, log_level="warning")
+finally:
+    arm.detach()

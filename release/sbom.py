@@ -45,13 +45,26 @@ def _licence(project: Path) -> str:
 
 
 def bundled(root: Path) -> list[dict[str, Any]]:
-    """What the wheel contains that is not Python of this project: uPlot, and the firmware with its libraries."""
+    """What the wheel contains that is not Python of this project: libraries of pages, the firmware."""
     static = root / "src/hexwire/studio/static/uPlot.iife.min.js"
     plot = re.search(r"\(v([\d.]+)\)", static.read_text(encoding="utf-8")[:400])
     assert plot is not None
     share = root / "src/hexwire/share/firmware"
     firmware = json.loads((share / "firmware.json").read_text(encoding="utf-8"))
-    rows = [_row("library", "uPlot", plot[1], "MIT", f"pkg:npm/uplot@{plot[1]}", _digest(static))]
+    vendor = static.parent / "vendor"
+    three = re.search(r"three\.js ([\d.]+)", (vendor / "OrbitControls.js").read_text(encoding="utf-8")[:400])
+    assert three is not None
+    rows = [
+        _row("library", "uPlot", plot[1], "MIT", f"pkg:npm/uplot@{plot[1]}", _digest(static)),
+        _row(
+            "library",
+            "three",
+            three[1],
+            "MIT",
+            f"pkg:npm/three@{three[1]}",
+            _digest(*sorted(vendor.glob("*.js"))),
+        ),
+    ]
     version = firmware["version"]
     rows += [_row("firmware", r["file"], version, "Apache-2.0", None, r["sha256"]) for r in firmware["images"]]
     for name, licence in (("arduino-core-avr", "LGPL-2.1-or-later"), ("avr-libc", "BSD-3-Clause")):
@@ -70,5 +83,6 @@ def _row(kind: str, name: str, version: str, licence: str, purl: str | None, dig
     return row
 
 
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+def _digest(*paths: Path) -> str:
+    """Of these files, one after the other."""
+    return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()

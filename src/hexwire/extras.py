@@ -22,12 +22,10 @@ __all__ = ["EXTRAS", "extras_named", "installed"]
 EXTRAS = {
     "cryptography": "tls",
     "evdev": "joystick",
-    "fastapi": "studio",
     "glfw": "sim",
     "matplotlib": "plots",
     "msgspec": "fleet",
     "mujoco": "sim",
-    "nicegui": "studio",
     "numpy": "numpy",
     "posix_ipc": "mq",
     "pytest": "testing",

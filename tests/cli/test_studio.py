@@ -54,7 +54,7 @@ def test_demo_prints_both_addresses_and_ends_at_ctrl_c() -> None:
 def test_the_arm_is_opened_when_the_server_has_started_and_not_after_its_end(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    # NiceGUI's start walks over every object in the program, which breaks what another thread is building.
+    # Imports keep other threads waiting longer than a watchdog does.
     at_start: list[str] = []
     frozen: list[bool] = []
     opened = threading.Event()
@@ -130,7 +130,7 @@ def test_who_keeps_the_time_is_an_option(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_without_the_extra_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     found = importlib.util.find_spec
-    monkeypatch.setattr("hexwire.cli.studio.find_spec", lambda name: None if name == "nicegui" else found(name))
+    monkeypatch.setattr("hexwire.cli.studio.find_spec", lambda name: None if name == "uvicorn" else found(name))
     result = CliRunner().invoke(cli, ["studio", "--demo"])
     assert result.exit_code == 2
     assert result.stderr == "error: the studio is not installed: pip install 'hexwire[studio]'\n"

@@ -16,6 +16,7 @@ from hexwire.control.power import Stopped
 from hexwire.errors import LeaseError
 from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio
+from hexwire.studio.calls import Arguments, Asked, Call, _calls
 from hexwire.studio.source import Source
 
 if TYPE_CHECKING:
@@ -85,15 +86,19 @@ def test_a_burst_of_stops_is_two_stops(tmp_path: Path, monkeypatch: pytest.Monke
 
 def test_those_who_operate_wait_for_nobody_who_watches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     studio = Studio(Access(frozenset()), tmp_path)
-    tabs = iter([SimpleNamespace(session=f"s{i % 9}", right=Right.WATCH) for i in range(64)])
-    operator = SimpleNamespace(session="o", right=Right.OPERATE)
-    monkeypatch.setattr(studio, "tab", lambda: next(tabs, operator))
+    tabs: list[Any] = [SimpleNamespace(key=str(i), session=f"s{i % 9}", right=Right.WATCH) for i in range(64)]
+    operator: Any = SimpleNamespace(key="o", session="o", right=Right.OPERATE)
     go = threading.Event()
 
+    def act(asked: Asked, args: Arguments) -> object:
+        return "done" if asked.tab is operator else go.wait(PATIENCE)
+
+    monkeypatch.setitem(_calls, "wait", Call("wait", Arguments, act, Right.WATCH, control=False, computes=False))
+
     async def ask() -> None:
-        watching = [asyncio.create_task(studio.run(lambda: go.wait(PATIENCE))) for _ in range(64)]
+        watching = [asyncio.create_task(studio.call(tab, "wait", {})) for tab in tabs]
         await asyncio.sleep(0)
-        assert await studio.run(lambda: "done") == "done"
+        assert await studio.call(operator, "wait", {}) == "done"
         go.set()
         assert all(await asyncio.gather(*watching))
 

@@ -1,8 +1,7 @@
-"""The 3D view in a real browser, on a page of its own, with the library that NiceGUI brings."""
+"""The 3D view in a real browser, on a page of its own."""
 
 from __future__ import annotations
 
-import importlib.util
 import io
 import json
 import math
@@ -28,28 +27,15 @@ STATIC = Path(geometry.__file__).parent / "static"
 ADDRESS = "http://127.0.0.1:9/"
 PAGE = """<!doctype html><meta charset="utf-8"><title>arm</title>
 <style>html,body{margin:0} #view{width:260px;height:220px}</style>
-<script type="importmap">{"imports": {"nicegui-scene": "/scene/index.js"}}</script>
 <div id="view"></div><button>other</button>"""
 SO101 = load_profile("so101").model
 BENT = {"J1": 0.4, "J2": 1.1, "J3": 0.1, "J5": 0.3, "J7": -0.4}
 
 
-def _scene() -> Path:
-    """Where the library is, without importing what brings it."""
-    spec = importlib.util.find_spec("nicegui")
-    assert spec is not None
-    assert spec.origin is not None
-    return Path(spec.origin).parent / "elements" / "scene" / "dist"
-
-
-SCENE = _scene()
-
-
 def _serve(route: Route) -> None:
     path = route.request.url.removeprefix(ADDRESS)
-    if path.startswith(("static/", "scene/")):
-        folder, name = path.split("/", 1)
-        file = {"static": STATIC, "scene": SCENE}[folder] / name
+    if path.startswith("static/"):
+        file = STATIC / path.removeprefix("static/")
         route.fulfill(body=file.read_bytes(), content_type="text/javascript")
     elif path == "favicon.ico":
         route.fulfill(status=204)
@@ -283,7 +269,7 @@ def test_without_webgl_it_says_so_and_does_nothing(blank: Page) -> None:
 @pytest.mark.slow
 def test_without_its_library_it_says_so(blank: Page) -> None:
     page = blank
-    page.route("**/scene/**", lambda route: route.fulfill(body="export {};", content_type="text/javascript"))
+    page.route("**/vendor/**", lambda route: route.fulfill(body="export {};", content_type="text/javascript"))
     page.goto(ADDRESS)
     show(page)
     assert "library was not found" in page.locator("#view").inner_text()

@@ -29,8 +29,8 @@ from tests.studio.running import PATIENCE, RunningStudio, Visitor, fill_history
 
 from hexwire.studio.access import Right
 from hexwire.studio.files import make_routes
-from hexwire.studio.pages import PAGES
 from hexwire.studio.recordings_api import recordings_routes
+from hexwire.studio.server import PAGES
 from hexwire.studio.wire_api import wire_routes
 from hexwire.trace.recording import RecordingWriter
 
@@ -221,7 +221,7 @@ def test_no_work_for_a_page_holds_the_interpreter_for_long(studio: RunningStudio
                 took = _held(lambda: _ask(studio, visitor, address, body))  # noqa: B023  # called now
                 held[f"{path}?{query} {(body or b'')[:40]!r}"] = took
         for page in PAGES:
-            held[page.path] = _held(lambda: visitor.page(page.path))  # noqa: B023  # called now
+            held[page] = _held(lambda: visitor.page(page))  # noqa: B023  # called now
     finally:
         recordings.twin.stop("the test ends")
         recordings.recorder.stop()

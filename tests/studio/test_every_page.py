@@ -8,12 +8,12 @@ import pytest
 from tests.studio.conftest import shrink_views
 from tests.studio.running import PATIENCE
 
-from hexwire.studio.pages import PAGES
+from hexwire.studio.server import PAGES
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from playwright.sync_api import Page
+    from playwright.sync_api import Browser, Page, Response
     from tests.studio.running import RunningStudio
 
 SIZES = ((1440, 900), (1024, 768), (390, 844))
@@ -22,7 +22,7 @@ FAULTY = ("serious", "critical")
 
 def connected(page: Page) -> None:
     """Wait until what is pressed is heard: on a busy machine a page that is examined loses its connection."""
-    page.wait_for_function("window.did_handshake && window.socket?.connected")
+    page.wait_for_function("window.hexwire?.connected")
 
 
 def walk(page: Page, path: str) -> None:
@@ -39,8 +39,7 @@ def faults(page: Page, *rules: str, whole: bool = False) -> list[str]:
 
     if not page.evaluate("Boolean(window.axe)"):
         page.evaluate(Axe().axe_script)
-    # A notice fades in and out.
-    place = "{exclude: ['.q-notification']}" if whole else "document.getElementById('hw-main')"
+    place = "document" if whole else "document.getElementById('hw-main')"
     options: dict[str, Any] = {"resultTypes": ["violations"]} | ({"runOnly": rules} if rules else {})
     found = page.evaluate(f"(options) => axe.run({place}, options)", options)["violations"]
     return [
@@ -113,17 +112,66 @@ def test_every_page_opens_without_a_fault_and_fits_a_phone(page: Page) -> None:
     """At least this of every page; `context` fails if one of them writes an error."""
     wrong: list[str] = []
     shrink_views(page)
-    for each in PAGES:
+    for path in PAGES:
         resize(page, *SIZES[0])
-        walk(page, each.path)
-        wrong += misfits(page, each.path, *SIZES[-1])
+        walk(page, path)
+        wrong += misfits(page, path, *SIZES[-1])
     assert not wrong, "\n".join(wrong)
+
+
+_DRAWN = {
+    "/": ".hw-table",
+    "/arm": "#arm-view canvas",
+    "/servos": ".sv-board .sv-table",
+    "/plots": ".uplot",
+    "/wire": ".hw-wire-list",
+    "/recordings": ".rc-list",
+    "/fleet": ".hw-fleet-table",
+}
+"""What a page has drawn in the end."""
+
+
+def test_every_page_keeps_to_its_policy(studio: RunningStudio, browser: Browser) -> None:
+    """The other tests evaluate texts, which it forbids; the browser reports what it refuses as an error."""
+    context = browser.new_context()
+    context.set_default_timeout(1000 * PATIENCE)
+    refused: list[str] = []
+    context.on("console", lambda message: refused.append(message.text) if message.type == "error" else None)
+    try:
+        page = context.new_page()
+        page.goto(studio.operate_url)
+        for path in PAGES:
+            page.locator(f'.hw-nav-link[data-path="{path}"]').click()
+            page.locator(_DRAWN[path]).first.wait_for()
+    finally:
+        context.close()
+    assert list(_DRAWN) == list(PAGES)
+    assert not refused
+
+
+@pytest.mark.slow
+def test_the_first_picture_is_small(studio: RunningStudio, browser: Browser) -> None:
+    context = browser.new_context()
+    try:
+        page = context.new_page()
+        asked: list[Response] = []
+        page.on("response", lambda response: asked.append(response))
+        page.goto(studio.operate_url.replace("/?", "/arm?"))
+        page.locator("#arm-view canvas").wait_for(timeout=1000 * PATIENCE)
+        sizes = [response.request.sizes() for response in asked]
+        sent = sum(size["responseBodySize"] + size["responseHeadersSize"] for size in sizes)
+        raw = sum(len(response.body()) for response in asked)
+    finally:
+        context.close()
+    assert len(asked) <= 12
+    assert sent <= 250_000
+    assert raw <= 1_000_000
 
 
 @pytest.mark.slow
 def test_pages_are_accessible_and_never_wider_than_the_screen(operator: Page) -> None:
     wrong: list[str] = []
-    for path in [page.path for page in PAGES]:
+    for path in PAGES:
         walk(operator, path)
         wrong += examine(operator, path, whole=path == "/")
     assert not wrong, "\n".join(wrong)

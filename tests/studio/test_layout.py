@@ -47,9 +47,7 @@ def test_the_theme_is_chosen_and_kept(page: Page) -> None:
 
 
 def test_stop_works_while_a_dialog_is_open(studio: RunningStudio, page: Page) -> None:
-    page.evaluate(
-        """() => window.Quasar.Dialog.create({title: "Sure?", message: "A question.", persistent: true})"""
-    )
+    page.evaluate("() => void import('/static/widgets.js').then((m) => m.question('Sure?', 'A question.', 'Yes'))")
     page.get_by_text("A question.").wait_for()
     page.get_by_role("button", name="STOP").click()
     studio.stopped("the stop by the button")
@@ -66,7 +64,7 @@ def test_a_script_in_a_text_from_elsewhere_does_not_run(studio: RunningStudio, b
     try:
         page = context.new_page()
         page.goto(studio.operate_url)
-        ready(page)
+        page.locator("#hw-fact-rate", has_text="Hz").wait_for()
         page.evaluate(
             """() => {
                 const main = document.getElementById("hw-main");
@@ -188,6 +186,7 @@ def test_nothing_moves_while_servos_are_searched(
         page.goto(served.operate_url.replace("/?", "/servos?"))
         page.get_by_role("button", name="Take control").click()
         page.get_by_role("button", name="Give back").wait_for()
+        page.locator(".sv-list .sv-hint").wait_for()
         page.evaluate(
             """() => {
                 const place = () => document.querySelector(".sv-list").getBoundingClientRect().y + window.scrollY;
@@ -299,25 +298,34 @@ def test_what_ended_as_it_was_asked_for_is_no_alarm(studio: RunningStudio, opera
         del studio.studio.holds.begin
 
 
-@pytest.mark.slow
-def test_what_is_pressed_while_a_page_is_being_loaded_is_done(page: Page) -> None:
-    page.evaluate("() => { window.socket.disconnect(); window.did_handshake = false; }")
-    page.locator("#hw-take").dispatch_event("click")
-    page.evaluate("window.socket.connect()")
-    page.get_by_role("button", name="Give back").wait_for()
-
-
 def test_a_button_that_is_pressed_without_a_connection_does_nothing_later(
     studio: RunningStudio, page: Page
 ) -> None:
     present = studio.studio.source.present
-    # Before that, the page is still being loaded: what is pressed then is done.
-    page.wait_for_function("window.did_handshake && window.socket.connected")
-    page.evaluate("window.socket.disconnect()")
-    page.get_by_role("button", name="Close").click()
-    page.locator("#hw-banner").filter(has_text="No connection to the studio: the button did nothing").wait_for()
-    page.evaluate("window.socket.connect()")
+    close = page.get_by_role("button", name="Close")
+    close.wait_for()
+    # No new socket can be opened for now, and the present one closes.
+    page.evaluate("() => { window.Plain = WebSocket; WebSocket = class { static OPEN = 1; readyState = 3; }; }")
+    for each in list(studio.studio.live._sockets):
+        each.too_slow = True
+        each._wake.set()
+    page.wait_for_function("!hexwire.connected")
+    close.click()
+    page.get_by_text("No connection to the studio: nothing was done").wait_for()
+    assert not page.locator("#hw-take").is_visible()
+    page.reload()
     # What had been kept would be done before what comes now.
     page.get_by_role("button", name="Take control").click()
     page.get_by_role("button", name="Give back").wait_for()
     assert studio.studio.source.present is present
+
+
+@pytest.mark.slow
+def test_a_watcher_is_offered_no_control_and_given_none(studio: RunningStudio, blank: Page) -> None:
+    blank.goto(studio.watch_url)
+    ready(blank)
+    assert not blank.locator("#hw-take").is_visible()
+    refused = blank.evaluate("hexwire.call('take').catch((error) => error.message)")
+    assert "watching only" in refused
+    assert studio.studio.source.present is not None
+    assert studio.studio.source.present.holder is None

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+import threading
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from tests.studio.running import Visitor, hold, until
 from websockets.exceptions import ConnectionClosed
+
+from hexwire.studio.access import Right
+from hexwire.studio.calls import _calls
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -87,19 +91,113 @@ def test_a_stop_that_is_sent_again_is_no_second_one(studio: RunningStudio, monke
         assert len(stops) == 1 + len(others)
 
 
-@pytest.mark.slow
 def test_a_page_is_kept_while_its_computer_sleeps_for_a_moment(studio: RunningStudio, page: Page) -> None:
     """A page that the server has forgotten loads itself again, and what was typed into it is lost."""
-    from nicegui import Client
-
-    client = Client.instances[page.evaluate("window.clientId")]
-    assert client.page.resolve_reconnect_timeout() >= 60.0
     page.get_by_label("Port or address").fill("/dev/ttyUSB7")
-    page.evaluate("window.socket.io.engine.close()")
-    studio.until(lambda: not client.has_socket_connection, "the end of the socket")
-    studio.until(lambda: client.has_socket_connection, "a new socket")
+    page.evaluate("window.same = true")
+    for each in list(studio.studio.live._sockets):
+        each.too_slow = True
+        each._wake.set()
+    page.wait_for_function("!hexwire.connected")
+    page.wait_for_function("hexwire.connected")
     assert page.get_by_label("Port or address").input_value() == "/dev/ttyUSB7"
-    assert page.evaluate("window.clientId") == client.id
+    assert page.evaluate("window.same")
+
+
+def _answer(line: Any, order: dict[str, object]) -> dict[str, Any]:
+    """What becomes of a call."""
+    line.send(json.dumps({"do": "call", **order}))
+    found: dict[str, Any] = {}
+
+    def heard() -> bool:
+        message = line.recv(timeout=30)
+        if isinstance(message, str):
+            found.update(json.loads(message))
+        return found.get("kind") == "answer" and found["id"] == order["id"]
+
+    until(heard, f"the answer to {order}")
+    return found
+
+
+def test_calls_are_answered_and_what_is_wrong_with_them_is_said(studio: RunningStudio) -> None:
+    owner = Visitor(studio, studio.studio.access.operate_token)
+    wrong: list[tuple[dict[str, object], str]] = [
+        ({"name": "fly"}, "there is no call 'fly'"),
+        ({"name": "open"}, "open: Object missing required field `url`"),
+        ({"name": "open", "args": {"url": 3}}, "open: Expected `str`"),
+        ({"name": "take", "args": {"force": True}}, "take: Object contains unknown field `force`"),
+        ({"name": "arm.teach", "args": {"on": True}}, "does not have control"),
+        ({"name": "torque", "args": {"on": True}}, "does not have control"),
+        ({"name": "servos.list"}, "no servo bus is open"),
+        ({"name": "arm.poses", "opened": studio.studio.source.opened - 1}, "was closed; load the page again"),
+    ]
+    with owner.socket(f"/live?tab={owner.page()}") as line:
+        for number, (order, words) in enumerate(wrong):
+            told = _answer(line, {"id": number, **order})
+            assert words in told["error"], order
+            assert "value" not in told
+            assert "\n" not in told["error"]
+        assert _answer(line, {"id": 90, "name": "arm.poses", "opened": studio.studio.source.opened})["value"]
+        assert _answer(line, {"id": 91, "name": "take"})["value"] is None
+        assert studio.studio.source.need_arm().holder is not None
+
+
+def test_a_watcher_is_refused_whatever_needs_the_right_to_operate(studio: RunningStudio) -> None:
+    watcher = Visitor(studio, studio.studio.access.watch_token)
+    names = [name for name, each in _calls.items() if each.right > Right.WATCH]
+    assert {"open", "open_bus", "close", "take"} <= set(names)
+    present = studio.studio.source.present
+    with watcher.socket(f"/live?tab={watcher.page()}") as line:
+        for number, name in enumerate(names):
+            assert "watching only" in _answer(line, {"id": number, "name": name})["error"], name
+        held = [name for name, each in _calls.items() if each.control]
+        assert len(held) > 15
+        for number, name in enumerate(held):
+            assert "does not have control" in _answer(line, {"id": 100 + number, "name": name})["error"], name
+    assert studio.studio.source.present is present
+
+
+def test_a_call_from_before_a_stop_is_not_carried_out(
+    studio: RunningStudio, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    owner, done, free = Visitor(studio, studio.studio.access.operate_token), list[str](), threading.Event()
+    arm = studio.studio.source.need_arm()
+    monkeypatch.setattr(arm.motions.poses, "remove", done.append)
+    workers = studio.studio._workers[Right.OPERATE]
+    with owner.socket(f"/live?tab={owner.page()}") as line:
+        _answer(line, {"id": 1, "name": "take"})
+        number = arm.stops
+        try:
+            # All are busy: the call has to wait.
+            for _ in range(workers._max_workers):
+                workers.submit(free.wait)
+            line.send(json.dumps({"do": "call", "id": 2, "name": "arm.remove_pose", "args": {"name": "a"}}))
+            until(workers._work_queue.qsize, "the call")
+            line.send(json.dumps({"do": "stop"}))
+            until(lambda: arm.stops != number, "the stop")
+        finally:
+            free.set()
+        heard = [""]
+        until(lambda: heard.append(str(line.recv(timeout=30))) or '"answer"' in heard[-1], "the answer")
+    assert "a stop came after it" in heard[-1]
+    assert not done
+
+
+def test_a_session_that_asks_for_much_is_refused_and_stops_all_the_same(
+    studio: RunningStudio, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    owner, free = Visitor(studio, studio.studio.access.operate_token), threading.Event()
+    monkeypatch.setattr(studio.studio.source.need_arm().motions, "pose_rows", lambda: free.wait(30) and [])
+    with owner.socket(f"/live?tab={owner.page()}") as line:
+        try:
+            for number in range(20):
+                line.send(json.dumps({"do": "call", "id": number, "name": "arm.poses"}))
+            refused = _answer(line, {"id": 20, "name": "arm.poses"})["error"]
+            assert "too much at a time" in refused
+            line.send(json.dumps({"do": "stop"}))
+            until(lambda: '"stopping"' in str(line.recv(timeout=30)), "the answer to the stop")
+        finally:
+            free.set()
 
 
 def test_a_page_hears_of_a_studio_that_has_nothing_to_tell(served: RunningStudio) -> None:

@@ -25,7 +25,8 @@ class _Files(SimpleHTTPRequestHandler):
         if self.path != "/":
             super().do_GET()
             return
-        page = b'<!doctype html><html lang="en"><link rel="icon" href="data:,"><div id="plot"></div></html>'
+        head = b'<link rel="icon" href="data:,"><link rel="stylesheet" href="studio.css">'
+        page = b'<!doctype html><html lang="en">' + head + b'<div id="plot"></div></html>'
         self.send_response(200)
         self.send_header("Content-Type", "text/html")
         self.send_header("Content-Length", str(len(page)))

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from tests.studio.running import RunningStudio
 
 
-@pytest.mark.parametrize("path", ["/", "/static/live.js", "/_nicegui_ws/socket.io/?EIO=4&transport=polling"])
+@pytest.mark.parametrize("path", ["/", "/static/live.js", "/wire/rows"])
 def test_nothing_is_served_without_a_session(served: RunningStudio, path: str) -> None:
     with pytest.raises(urllib.error.HTTPError) as refused:
         urllib.request.urlopen(served.url + path, timeout=30)

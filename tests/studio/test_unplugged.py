@@ -16,7 +16,7 @@ from tests.studio.test_every_page import faults
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.serve_pty import PtyServer
 from hexwire.studio import live
-from hexwire.studio.pages import PAGES
+from hexwire.studio.server import PAGES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -75,7 +75,7 @@ def _rest(served: RunningStudio) -> float:
 
 
 def test_each_page_is_there() -> None:
-    assert list(_SHOWN) == [page.path for page in PAGES]
+    assert list(_SHOWN) == list(PAGES)
 
 
 def _stays(served: RunningStudio, place: float) -> None:

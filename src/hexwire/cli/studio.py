@@ -119,7 +119,7 @@ def studio(
     moves until somebody takes control. A jog ends when its button is released, and every motion when its page is
     hidden, closed or without a connection. Ctrl-C ends the studio; the joints keep their torque.
     """
-    if find_spec("nicegui") is None:
+    if find_spec("uvicorn") is None:
         raise UsageError(_MISSING)
     port = early_port(port)
     robot = robot or click.get_current_context().find_root().params.get("robot")
@@ -175,7 +175,7 @@ def _run(
     shutdown.listen()
     with ExitStack() as stack:
         made, listen = _make(protection, recordings)
-        # NiceGUI takes a second to import: meanwhile the emulator starts.
+        # The web server takes a moment to import: meanwhile the emulator starts.
         imported = _Imported("hexwire.studio.server")
         stack.callback(imported.end)
         if demo is not _Demo.NONE:
@@ -192,8 +192,7 @@ def _run(
         first = "/arm" if port else "/"
 
         def started() -> None:
-            # Not before: an import keeps other threads waiting longer than a watchdog does. And as NiceGUI starts,
-            # it takes a reference to every object of the program, which breaks tuples that others are building.
+            # Not before: an import keeps other threads waiting longer than a watchdog does.
             pass_by_hand()
             if port:
                 opening = threading.Thread(

@@ -42,7 +42,7 @@ from .clock import ClockOffset
 from .failures import restore
 from .goal_path import GoalPath
 from .names import Keys, Role
-from .node import NoAnswerError, Node
+from .node import NoAnswerError, Node, load_zenoh
 from .questions import Questions, ask, decoded
 from .rows import arm_model, as_probe_report, joint_names, sent_target
 from .states import ArrivedStates
@@ -181,6 +181,8 @@ class RemoteRobot(RobotDriver):
         if options:
             raise UsageError(f"a shared arm has no option {', '.join(sorted(options))}; its server has it")
         address = Address.parse(url)
+        # Before anybody is advised to start a server: without it there is none.
+        load_zenoh()
         node = address.network().open()
         try:
             facts = decoded(ask(node, address, Keys(address.name).ask, m.Ask("facts"), _TIMEOUT), m.Facts)

@@ -1,1 +1,1 @@
-"""The studio: the arm, its servos and its wire in a browser. Only this room imports NiceGUI and Starlette."""
+"""The studio: the arm, its servos and its wire in a browser. Only this room imports Starlette and its server."""

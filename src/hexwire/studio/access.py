@@ -42,13 +42,12 @@ class Limits:
         head: Bytes of the head of a request that is not complete.
         body: Bytes of the body of a request; pages that take uploads bound them themselves, below this.
         sockets: Sockets at a time, of those who may operate and again of those who may only watch; each open page
-            has two.
+            has one.
         session_sockets: Sockets of one session at a time.
         requests: Requests of one session that are served at a time; a browser makes six. Further ones wait, but not
             those that stop something.
         waiting: Requests of one session in all; further ones are refused.
-        pages: Pages that are built at a time, of those who may operate and again of those who may only watch.
-        uploads: Files that are taken at a time, likewise.
+        uploads: Files that are taken at a time, of those who may operate and again of those who may only watch.
         connections: Connections at a time that have not become a socket.
         sessions: Sessions at a time.
         session_age: Seconds without a request or message after which a session ends.
@@ -63,7 +62,6 @@ class Limits:
     session_sockets: int = 24
     requests: int = 8
     waiting: int = 48
-    pages: int = 1
     uploads: int = 4
     connections: int = 128
     sessions: int = 96

@@ -1,7 +1,7 @@
 """The studio: what is open, and who looks at it.
 
-Owns joining source, access, tabs and the live socket, and the order in which they end. Must not know what a page
-shows, how pages are served, nor decide about motion.
+Owns joining source, access, tabs and the live socket, how calls of pages are run, and the order in which all ends.
+Must not know what a page shows, how pages are served, nor decide about motion.
 """
 
 from __future__ import annotations
@@ -16,19 +16,34 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from hexwire.control.hold_to_run import FINE
 from hexwire.control.power import Stopped
 from hexwire.control.workers import Together
-from hexwire.errors import HexwireError, LeaseError, LinkNotFoundError
+from hexwire.errors import HexwireError, LeaseError, LinkLostError, LinkNotFoundError, UsageError
 
+# What pages may ask for by name: each of these adds its calls.
+from . import arm_calls, present_calls  # noqa: F401
 from .access import WATCHING_ONLY, Access, Right
 from .bus_source import live_row
+from .calls import Asked, find_call
 from .fleet_watch import FleetWatch
 from .holds import Holds
 from .live import Live
 from .recordings import Recordings
+from .servos import (  # noqa: F401
+    backup,
+    board,
+    calibration_run,
+    health,
+    identity,
+    registers,
+    search,
+    stress,
+    whole_arm,
+)
+from .servos.wave_run import add_wave
 from .source import Source
 from .tabs import Tab, Tabs
 from .wire_feed import WireFeed
@@ -42,30 +57,19 @@ if TYPE_CHECKING:
     from .plugged import Plugged
     from .source import ArmSource
 
-__all__ = ["FAILED", "Studio"]
+__all__ = ["Studio"]
 
 _log = logging.getLogger(__name__)
 
 _T = TypeVar("_T")
 _LONGEST = 200
 """Letters of the names of those who stopped the arm."""
-_MOST_CALLS = 8
-"""Calls of the pages of one session that wait or run at a time."""
+_MOST_CALLS, _MOST_PLANS = 8, 4
+"""Calls of the pages of one session that wait or run at a time, and of one page that compute."""
 _LAST_STOP = 5.0
 """Seconds in which the last stop must end."""
 _PATIENCE = 3.0
 """Seconds for an arm to confirm that it is stopped, as for a shared one."""
-
-
-class _Failed:
-    """The result of a call that failed, after the page has shown why."""
-
-    def __bool__(self) -> bool:
-        return False
-
-
-FAILED: Final = _Failed()
-"""What `Studio.run` returns when the call failed; it is false."""
 
 
 def _address(url: str) -> str:
@@ -99,7 +103,7 @@ class Studio:
         holds: The kinds of motion that a page may hold.
         live: The tabs' own sockets.
         settings: Further settings of arms that pages open, see `hexwire.control.settings`.
-        plugged: What the page Connect found last at the ports of this machine; None before it has looked.
+        plugged: What was found last at the ports of this machine; None before somebody has looked.
         demo: Port of the emulated arm that this program has started, and what a person should know of it; empty if
             there is none.
         orders: Runs what tabs order, one after the other.
@@ -117,6 +121,7 @@ class Studio:
         self.source = Source(self._changed, self.wire)
         self.holds = Holds(self.source)
         self.holds.add("run", self._begin_run)
+        add_wave(self)
         self.live = Live(self)
         self.orders = ThreadPoolExecutor(1, "studio orders")
         # The stops of what is open: one answers all who have asked before it began.
@@ -129,7 +134,7 @@ class Studio:
         # And a process each, with a thread that waits for it.
         self._files = {right: self.recordings.process() for right in Right}
         self._asking = {right: ThreadPoolExecutor(1, "studio files") for right in Right}
-        self._calls: Counter[str] = Counter()
+        self._calls: Counter[tuple[str, bool]] = Counter()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._ending = threading.Event()
         self._watch: threading.Thread | None = None
@@ -140,14 +145,6 @@ class Studio:
         return words if port and arm.driver.url.partition("?")[0].endswith(port) else ""
 
     # -- for pages ----------------------------------------------------------------------------------------
-
-    def tab(self) -> Tab:
-        """The tab whose page is being built, or whose event is being handled."""
-        from nicegui import context
-
-        tab = context.client.storage["tab"]
-        assert isinstance(tab, Tab)
-        return tab
 
     async def compute(self, right: Right, call: Callable[[], _T]) -> _T:
         """Make a call that computes for a page, in turn with the others of this right.
@@ -172,41 +169,51 @@ class Studio:
         loop = asyncio.get_running_loop()
         return await loop.run_in_executor(self._asking[right], call, self._files[right])
 
-    async def run(self, call: Callable[[], _T], *, control: bool = False, computes: bool = False) -> _T | _Failed:
-        """Make a call that may wait in a worker thread; show its error, if it fails, in one line.
+    async def call(self, tab: Tab, name: str, args: Mapping[str, object], opened: int | None = None) -> object:
+        """Do what a page asks for by name, see `calls`; what it does runs in a thread.
 
         Args:
-            call: What to do.
-            control: Only for a tab that has control.
-            computes: It computes more than it waits, as `compute`.
+            tab: Who asks.
+            name: Of the call.
+            args: Its arguments, unchecked.
+            opened: `Source.opened` of what the page shows; None if the call is about nothing of it.
 
-        Returns:
-            Its result; `FAILED` if it failed.
+        Raises:
+            HexwireError: It is refused, or failed.
         """
-        from nicegui import ui
+        found = find_call(name)
+        key = (tab.key if found.computes else tab.session, found.computes)
+        if self._calls[key] >= (_MOST_PLANS if found.computes else _MOST_CALLS):
+            raise UsageError("this browser asks for too much at a time; try again")
+        if tab.right < found.right:
+            raise LeaseError(WATCHING_ONLY)
+        if opened is not None and opened != self.source.opened:
+            raise LinkLostError("what this page shows was closed; load the page again")
+        if found.control:
+            self.need_control(tab)
+        given, present = found.read(args), self.source.present
+        # Marked now: it waits for a thread, and a stop that comes meanwhile must stay.
+        asked = Asked(self, tab, present, None if present is None else present.mark())
 
-        tab = self.tab()
-        key = tab.session
-        if self._calls[key] >= _MOST_CALLS:
-            ui.notify("This browser asks for too much at a time; try again.", type="negative")
-            return FAILED
+        def act() -> object:
+            if found.control:
+                asked.refuse_if_stopped_since()
+            return found.act(asked, given)
+
         self._calls[key] += 1
         try:
-            if control:
-                self.need_control(tab)
-            if computes:
-                return await self.compute(tab.right, call)
-            return await asyncio.get_running_loop().run_in_executor(self._workers[tab.right], call)
-        except HexwireError as error:
-            ui.notify(str(error), type="negative", multi_line=True)
-        except Exception as error:  # noqa: BLE001  # logged and shown as what it is
-            _log.exception("a call of a page failed")
-            ui.notify(f"The studio failed at this: {type(error).__name__}: {error}", type="negative")
+            if found.computes:
+                return await self.compute(tab.right, act)
+            return await asyncio.get_running_loop().run_in_executor(self._workers[tab.right], act)
+        except HexwireError:
+            raise
+        except Exception as error:
+            _log.exception("the call %s of a page failed", name)
+            raise HexwireError(f"the studio failed at this: {type(error).__name__}: {error}") from error
         finally:
             self._calls[key] -= 1
             if not self._calls[key]:
                 del self._calls[key]
-        return FAILED
 
     def need_control(self, tab: Tab) -> None:
         """Check that a tab may command now.
@@ -239,6 +246,23 @@ class Studio:
         """
         self._may_switch(tab)
         self.source.open(url, robot, **self.settings)
+
+    def open_bus(self, tab: Tab, url: str = "") -> None:
+        """Open a servo bus in place of what is open, and give the tab control of it. Blocks.
+
+        Args:
+            tab: The tab.
+            url: Port or address; if empty, the bus of the arm that is open, of which the tab must have control.
+
+        Raises:
+            LeaseError: As `open`.
+            HexwireError: As `Source.open_bus`.
+        """
+        self._may_switch(tab)
+        if not url:
+            self.need_control(tab)
+        self.source.open_bus(url)
+        self.take(tab)
 
     def close_source(self, tab: Tab) -> None:
         """Close what is open, for a tab; raises as `open`."""
@@ -368,7 +392,13 @@ class Studio:
     def facts(self) -> dict[str, object]:
         """What is always in sight, for JSON."""
         source = self.source
-        common: dict[str, object] = {"mode": source.mode, "opening": source.opening, "open_error": source.error}
+        common: dict[str, object] = {
+            "mode": source.mode,
+            "opened": source.opened,
+            "opening": source.opening,
+            "open_error": source.error,
+            "refused": source.refused,
+        }
         present = source.present
         if present is None:
             return common

@@ -135,6 +135,10 @@ class ArmSource:
         """The time of an order, relative to stops."""
         return self.driver.epochs.mark()
 
+    def stopped_since(self, arrived: Token) -> bool:
+        """Whether the arm was stopped since an order, see `mark`."""
+        return self.driver.epochs.stopped_since(arrived)
+
     @property
     def holder(self) -> Grant | None:
         """Who has control, or None."""
@@ -318,7 +322,7 @@ class ArmSource:
         probe = owner.probe if known else None
         trips = driver.round_trips if known else ()
         holder = self.shared.holder
-        reason = owner.group.reason
+        reason, taught = owner.group.reason, self.motions.taught
         flags = {joint.name: joint.flags for joint in state or ()}
         found = {name: flags[name].faults if name in known else JointFlag.SILENT for name in names}
         torques = self.torques()
@@ -347,6 +351,8 @@ class ArmSource:
             "stops": self.stops,
             "torque": torque_words(torques),
             "note": self.jog.note if self.hold_to_run.entry is not None else "",
+            "teaching": self.motions.teaching,
+            "taught": None if taught is None else f"{len(taught.times)} rows, {taught.duration} s",
         }
 
     def ask(self, what: str, call: Callable[[], _T]) -> _T:

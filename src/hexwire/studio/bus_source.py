@@ -118,6 +118,10 @@ class BusSource:
         """The time of an order, relative to stops."""
         return self.bus.epochs.mark()
 
+    def stopped_since(self, arrived: Token) -> bool:
+        """Whether the servos were stopped since an order, see `mark`."""
+        return self.bus.epochs.stopped_since(arrived)
+
     # -- control ------------------------------------------------------------------------------------------
 
     def take(self, tab: Tab, *, force: bool = False) -> None:
@@ -362,6 +366,7 @@ class BusSource:
             "stops": self.stops,
             "torque": torque_words(torques) if bench.servo_ids else "–",
             "job": "" if job is None else f"{job.what}: {job.told}" if job.told else job.what,
+            "share": None if job is None or math.isnan(job.share) else round(job.share, 3),
             "note": "",
         }
 

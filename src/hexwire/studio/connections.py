@@ -11,7 +11,7 @@ import ssl
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from uvicorn.protocols.http.auto import AutoHTTPProtocol
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from .guard import PEER
 
@@ -33,48 +33,33 @@ def make_protocol(
     # In the order of their beginning; those that have become sockets are not among them.
     present: dict[Any, None] = {}
 
-    class Connection(AutoHTTPProtocol):  # type: ignore[misc,valid-type]  # chosen by uvicorn when it is imported
+    class Connection(H11Protocol):
         """One connection, until it becomes a socket."""
 
         _timer: asyncio.TimerHandle | None = None
-        _asked = False
-        _in_head = True
-        _head = 0
 
         def connection_made(self, transport: Any) -> None:
             super().connection_made(transport)
+            self.app_state = {**self.app_state, PEER: self._peer()}
             present[self] = None
             self._timer = asyncio.get_running_loop().call_later(limits.request, self._too_late)
             if len(present) > limits.connections:
                 # One that has asked for nothing yet; else the oldest.
-                victim = next((each for each in present if not each._asked), next(iter(present)))
+                victim = next((each for each in present if each.cycle is None), next(iter(present)))
                 victim._abort()
 
         def connection_lost(self, exc: Exception | None) -> None:
             self._forget()
             super().connection_lost(exc)
 
-        def data_received(self, data: bytes) -> None:
-            super().data_received(data)
-            if self._in_head:
-                # The parser bounds nothing, and whoever sends this may have no session.
-                self._head += len(data)
-                if self._head > limits.head:
-                    self._abort()
+        def handle_events(self) -> None:
+            super().handle_events()
+            if self.cycle is not None:
+                self._end_timer()
 
-        def on_message_begin(self) -> None:
-            self._in_head, self._head = True, 0
-            super().on_message_begin()
-
-        def on_headers_complete(self) -> None:
-            self._asked, self._in_head = True, False
-            self._end_timer()
-            self.scope[PEER] = self._peer()
-            super().on_headers_complete()
-
-        def handle_websocket_upgrade(self) -> None:
+        def handle_websocket_upgrade(self, event: Any) -> None:
             self._forget()
-            super().handle_websocket_upgrade()
+            super().handle_websocket_upgrade(event)
 
         def _peer(self) -> Right | None:
             tls = self.transport.get_extra_info("ssl_object")

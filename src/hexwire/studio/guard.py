@@ -7,8 +7,6 @@ know what is served behind it.
 from __future__ import annotations
 
 import asyncio
-import re
-import secrets
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -16,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from html import escape
 from http.cookies import CookieError, SimpleCookie
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 from urllib.parse import parse_qs, quote
 
@@ -29,28 +28,22 @@ __all__ = ["PEER", "SESSION", "Guard"]
 SESSION = "hexwire.session"
 """Key of the scope of a request, with its `Session`."""
 PEER = "hexwire.peer"
-"""Key of the scope of a request, with the `Right` of the client certificate that was verified, or None."""
+"""Key of the state of a connection, with the `Right` of the client certificate that was verified, or None."""
 
 _K = TypeVar("_K")
 _STOPS = frozenset({"/stop", "/fleet/stop"})
 """Paths that are never refused for what else is under way."""
-_UPLOADS = frozenset({("POST", "/wire/open"), ("POST", "/data/recording")})
-_NO_PAGES = ("/static/", "/_nicegui", "/data/", "/wire/", "/fleet/", "/favicon.ico")
-"""What the addresses begin with that are no pages."""
+_UPLOADS = frozenset({("POST", "/wire/open"), ("POST", "/data/recording"), ("POST", "/servos/backup")})
 _PAUSE = 0.01
 """Seconds between two turns at what keeps the loop of the server busy: a STOP that comes meanwhile goes first."""
 _SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 _POLICY = (
-    "default-src 'self'; script-src 'self' 'unsafe-eval'{}; style-src 'self' 'unsafe-inline'; "
-    "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self'; worker-src 'self' blob:; "
-    "object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
+    b"default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'; "
+    b"base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
 )
-"""Vue compiles templates in the browser and NiceGUI sends it scripts, hence 'unsafe-eval'. The scripts in NiceGUI's
-pages get a nonce, so that a script in a text from elsewhere, such as the name of a servo, does not run."""
-_CSP = b"content-security-policy"
-_SCRIPT = re.compile(rb"<script(?=[\s>])")
+"""A script in a text from elsewhere, such as the name of a servo, does not run."""
 _HEADERS = (
-    (_CSP, _POLICY.format("").encode()),
+    (b"content-security-policy", _POLICY),
     (b"referrer-policy", b"no-referrer"),
     (b"x-content-type-options", b"nosniff"),
     (b"x-frame-options", b"DENY"),
@@ -58,19 +51,11 @@ _HEADERS = (
     (b"cross-origin-resource-policy", b"same-origin"),
 )
 _NO_SESSION = "Open the address that hexwire studio has printed: it contains the key to this page."
-_FORWARD = (
-    '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>hexwire studio</title>'
-    '<meta http-equiv="refresh" content="0;url={}"></head><body><p><a href="{}">Continue</a></p></body></html>'
-)
+_GATE = Path(__file__).parent / "gate"
+_FORWARD = (_GATE / "forward.html").read_text(encoding="utf-8")
 """Not a redirection: on one that began at another page, browsers would not send the cookie, which is strict."""
-_LOG_IN = (
-    '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>hexwire studio</title>'
-    '<meta name="viewport" content="width=device-width"></head><body><main><h1>hexwire studio</h1>'
-    '<form method="post" action="/login"><label>Password <input type="password" name="password" required autofocus '
-    'autocomplete="current-password"></label> <button>Log in</button></form><p>{}</p></main></body></html>'
-)
+_LOG_IN = (_GATE / "login.html").read_text(encoding="utf-8")
 _LOG_IN_BODY = 4096
-_POLLING = "/_nicegui_ws"
 
 
 class Guard:
@@ -87,8 +72,7 @@ class Guard:
         # What is under way, by session; of sockets also by right, so that watchers take none of an operator's.
         self._requests: dict[str, _Requests] = {}
         self._sockets: Counter[str | Right] = Counter()
-        # The loop builds pages and takes what is uploaded: of each right so many at a time, whatever is asked for.
-        self._pages = {right: asyncio.Semaphore(access.limits.pages) for right in Right}
+        # The loop takes what is uploaded: of each right so many files at a time.
         self._uploads = {right: asyncio.Semaphore(access.limits.uploads) for right in Right}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -120,10 +104,6 @@ class Guard:
         if session is None or b"token=" in scope["query_string"]:
             await self._enter(scope, receive, send)
             return
-        if scope["path"].startswith(_POLLING):
-            # Its sockets are bounded and watched; long polling would be a second way.
-            await _answer(send, 400, "This is for sockets only.")
-            return
         scope[SESSION] = session
         left = access.limits.body
 
@@ -143,17 +123,13 @@ class Guard:
             return
         asked.count += 1
         try:
-            async with asked.turns, _Turn(self._turns_for(scope, session.right)) as turn:
+            upload = (scope["method"], scope["path"]) in _UPLOADS
+            async with asked.turns, _Turn(self._uploads[session.right] if upload else None) as turn:
                 await self.app(scope, bounded, _Secured(turn.ends_with(send)).send)
         finally:
             asked.count -= 1
             if not asked.count:
                 del self._requests[session.key]
-
-    def _turns_for(self, scope: Scope, right: Right) -> asyncio.Semaphore | None:
-        if (scope["method"], scope["path"]) in _UPLOADS:
-            return self._uploads[right]
-        return None if scope["path"].startswith(_NO_PAGES) else self._pages[right]
 
     async def _enter(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer somebody who has no session yet, or shows a token."""
@@ -161,17 +137,17 @@ class Guard:
         token = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
         if token and scope["method"] == "GET":
             session, refusal = access.enter(token, now), "This key is not valid. " + _NO_SESSION
-        elif scope.get(PEER) is not None:
-            session, refusal = access.admit(scope[PEER], now), "There are too many sessions."
+        elif (right := scope.get("state", {}).get(PEER)) is not None:
+            session, refusal = access.admit(right, now), "There are too many sessions."
         elif access.password and scope["path"] == "/login" and scope["method"] == "POST":
             password = parse_qs((await _body(receive, _LOG_IN_BODY)).decode("latin-1")).get("password", [""])[0]
             session = access.log_in(password, now)
             refusal = "That is not the password, or it was tried too often; wait a moment."
             if session is None:
-                await _answer(send, 403, _LOG_IN.format(refusal), kind=b"text/html")
+                await _answer(send, 403, _LOG_IN.replace("{refusal}", refusal), kind=b"text/html")
                 return
         elif access.password:
-            await _answer(send, 401, _LOG_IN.format(""), kind=b"text/html")
+            await _answer(send, 401, _LOG_IN.replace("{refusal}", ""), kind=b"text/html")
             return
         else:
             await _answer(send, 401, _NO_SESSION)
@@ -180,7 +156,7 @@ class Guard:
             await _answer(send, 403, refusal)
             return
         path = "/" if scope["path"] == "/login" else escape(quote("/" + scope["path"].lstrip("/\\")))
-        await _answer(send, 200, _FORWARD.format(path, path), self._cookie(session), kind=b"text/html")
+        await _answer(send, 200, _FORWARD.replace("{path}", path), self._cookie(session), kind=b"text/html")
 
     async def _socket(self, scope: Scope, receive: Receive, send: Send) -> None:
         host, origin, cookies = _headers(scope)
@@ -269,7 +245,7 @@ def _counted(counts: Counter[_K], *keys: _K) -> Iterator[None]:
 
 
 class _Secured:
-    """Adds the headers to an answer, and the nonce to the scripts of a page.
+    """Adds the headers to an answer.
 
     Args:
         send: Sends to the browser.
@@ -277,35 +253,13 @@ class _Secured:
 
     def __init__(self, send: Send) -> None:
         self._send = send
-        self._page: Message | None = None
-        self._body = b""
 
     async def send(self, message: Message) -> None:
         """Send a message of the application."""
         if message["type"] == "http.response.start":
             kept = [row for row in message.get("headers", ()) if row[0].lower() not in dict(_HEADERS)]
             message["headers"] = [*kept, *_HEADERS]
-            kind = dict(kept).get(b"content-type", b"")
-            if kind.startswith(b"text/html"):
-                self._page = message
-                return
-        elif self._page is not None:
-            self._body += message.get("body", b"")
-            if message.get("more_body"):
-                return
-            await self._send_page(self._page)
-            self._page = None
-            return
         await self._send(message)
-
-    async def _send_page(self, start: Message) -> None:
-        nonce = secrets.token_urlsafe(16)
-        body = _SCRIPT.sub(f'<script nonce="{nonce}"'.encode(), self._body)
-        policy = _POLICY.format(f" 'nonce-{nonce}'").encode()
-        rows = [row for row in start["headers"] if row[0].lower() not in (_CSP, b"content-length")]
-        length = (b"content-length", str(len(body)).encode())
-        await self._send({**start, "headers": [*rows, (_CSP, policy), length]})
-        await self._send({"type": "http.response.body", "body": body})
 
 
 def _headers(scope: Scope) -> tuple[str, str | None, dict[str, str]]:

@@ -6,7 +6,7 @@ Owns the table of kinds. Must not know sockets or pages, nor what makes a motion
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from hexwire.errors import UsageError
 
@@ -55,10 +55,10 @@ class Holds:
             raise UsageError(f"there is no motion {kind[:20]!r} to hold")
         found(tab, entry, args, arrived)
 
-    def update(self, tab: Tab, args: Any) -> None:
+    def update(self, tab: Tab, args: Mapping[str, object]) -> None:
         """Change what a tab holds; only a jog can be changed. Raises `HexwireError` if it is refused."""
         kind = self._present.get(tab.key, "")
-        if kind in _JOGS and isinstance(args, dict):
+        if kind in _JOGS:
             self._source.need_arm().update_jog(kind, args)
 
     def forget(self, tab: Tab) -> None:

@@ -1,13 +1,14 @@
-"""The tab's own socket: frames of state down; signs of life, holds and stops up.
+"""The tab's own socket: frames of state down; signs of life, holds, stops and calls up, their answers down.
 
 Owns the messages, their bounds, and that a slow reader gets fewer frames and is then dropped. Runs in the loop of
 the server and never waits for the arm: what may wait runs in threads. Must not know pages.
 
 Up, JSON: ``{"do": "seen", "frames": 10}``, ``{"do": "hold", "id": 1, "kind": "joint", "args": {}, "stops": 0}``,
 ``{"do": "beat", "id": 1}`` (with ``args`` to change what is held), ``{"do": "release", "id": 1}``,
-``{"do": "stop", "id": 1}``.
+``{"do": "stop", "id": 1}``, ``{"do": "call", "id": 1, "name": "arm.poses", "args": {}, "opened": 1}``.
 Down: frames (`hexwire.studio.frames`), or a single 0 as a sign of life; and JSON with a ``kind``: ``hello``,
-``facts``, ``held``, ``ended``, ``stopping``, ``news``, ``run`` (how far a motion to a goal is).
+``facts``, ``held``, ``ended``, ``stopping``, ``answer`` (with ``value``, or ``error`` in words), ``news``, ``run``
+(how far a motion to a goal is), and those of the page Servos.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import logging
 from collections import deque
 from typing import TYPE_CHECKING, Any, Protocol
 
+import msgspec
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from hexwire.errors import HexwireError
@@ -27,7 +29,7 @@ from .guard import SESSION
 from .memory import FullPasses
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
     from concurrent.futures import ThreadPoolExecutor
 
     from hexwire.control.hold_to_run import Entry
@@ -53,6 +55,40 @@ _AHEAD = 40
 """Frames that a page may not have seen yet; further ones are dropped, not kept in the buffers of the system."""
 _BEAT = 0.2
 """Seconds between two renewals of the lease for a tab that has its socket."""
+
+
+class _Seen(msgspec.Struct, tag_field="do", tag="seen"):
+    frames: int
+
+
+class _Hold(msgspec.Struct, tag_field="do", tag="hold"):
+    id: int
+    kind: str
+    stops: int
+    args: dict[str, Any] = {}
+
+
+class _Beat(msgspec.Struct, tag_field="do", tag="beat"):
+    id: int
+    args: dict[str, Any] | None = None
+
+
+class _Release(msgspec.Struct, tag_field="do", tag="release"):
+    id: int
+
+
+class _Stop(msgspec.Struct, tag_field="do", tag="stop"):
+    id: Any = None
+
+
+class _Call(msgspec.Struct, tag_field="do", tag="call"):
+    id: int
+    name: str
+    args: dict[str, Any] = {}
+    opened: int | None = None
+
+
+_Order = _Seen | _Hold | _Beat | _Release | _Stop | _Call
 
 
 class Desk(Protocol):
@@ -81,6 +117,9 @@ class Desk(Protocol):
 
     def model(self) -> dict[str, object]:
         """The joints of what is open, for JSON."""
+
+    async def call(self, tab: Tab, name: str, args: Mapping[str, object], opened: int | None = None) -> object:
+        """Do what a page asks for by name."""
 
 
 class _Socket:
@@ -140,6 +179,7 @@ class Live:
         self._studio = studio
         self._sockets: set[_Socket] = set()
         self._facts = ""
+        self._answering: set[asyncio.Task[None]] = set()
 
     # -- down ---------------------------------------------------------------------------------------------
 
@@ -254,57 +294,69 @@ class Live:
             if text is None or len(text) > most:
                 return
             try:
-                order = json.loads(text)
-            except ValueError:
+                # Of JSON that is not what a page sends only the order is dropped: a stop behind it is heard.
+                found = json.loads(text)
+                order = msgspec.convert(found, _Order) if isinstance(found, dict) else None
+            except msgspec.ValidationError:
+                continue
+            except (ValueError, RecursionError):
                 return
-            if not isinstance(order, dict):
+            if order is None:
                 return
             try:
                 self._obey(socket, order)
             except HexwireError as error:
-                socket.put({"kind": "ended", "id": order.get("id"), "why": str(error)})
+                socket.put({"kind": "ended", "id": getattr(order, "id", None), "why": str(error)})
 
-    def _obey(self, socket: _Socket, order: dict[str, Any]) -> None:
-        what, tab, studio = order.get("do"), socket.tab, self._studio
-        if what == "stop":
+    def _obey(self, socket: _Socket, order: _Order) -> None:
+        tab, studio = socket.tab, self._studio
+        if isinstance(order, _Stop):
             studio.stop(tab.name)
             socket.put({"kind": "stopping"})
             # Now, and not before: until then the same stop by HTTP is none too many.
-            if isinstance(number := order.get("id"), int):
-                tab.stops.append(number)
+            if isinstance(order.id, int):
+                tab.stops.append(order.id)
             return
-        if what == "seen":
-            frames = order.get("frames")
-            socket.seen = max(socket.seen, frames) if isinstance(frames, int) else socket.seen
+        if isinstance(order, _Seen):
+            socket.seen = max(socket.seen, order.frames)
+            return
+        if isinstance(order, _Call):
+            answering = asyncio.create_task(self._answer(socket, order))
+            self._answering.add(answering)
+            answering.add_done_callback(self._answering.discard)
             return
         present = studio.source.present
-        number = order.get("id")
-        if present is None or not isinstance(number, int):
+        if present is None:
             return
-        if what == "beat":
-            if present.hold_to_run.beat(tab.key, number) and "args" in order:
-                studio.holds.update(tab, order.get("args"))
-        elif what == "release":
-            present.hold_to_run.end(tab.key, "released", number)
-        elif what == "hold":
-            if order.get("stops") != present.stops & 0xFFFFFFFF:
-                socket.put({"kind": "ended", "id": number, "why": "the arm was stopped meanwhile"})
-                return
+        if isinstance(order, _Beat):
+            if present.hold_to_run.beat(tab.key, order.id) and order.args is not None:
+                studio.holds.update(tab, order.args)
+        elif isinstance(order, _Release):
+            present.hold_to_run.end(tab.key, "released", order.id)
+        elif order.stops != present.stops & 0xFFFFFFFF:
+            socket.put({"kind": "ended", "id": order.id, "why": "the arm was stopped meanwhile"})
+        else:
             # At once: it would end what another page holds, and wait among the orders of that page.
             studio.source.need_control(tab)
             arrived = present.mark()
             studio.holds.forget(tab)
-            entry = present.hold_to_run.begin(tab.key, number)
+            entry = present.hold_to_run.begin(tab.key, order.id)
             if entry is not None:
                 self._begin(socket, entry, order, arrived)
 
-    def _begin(self, socket: _Socket, entry: Entry, order: dict[str, Any], arrived: Any) -> None:
-        args = order.get("args")
-        kind = str(order.get("kind"))
+    async def _answer(self, socket: _Socket, order: _Call) -> None:
+        """Do what a page asks for, and tell it what has become of it."""
+        try:
+            told = {"value": await self._studio.call(socket.tab, order.name, order.args, order.opened)}
+        except HexwireError as error:
+            told = {"error": str(error)}
+        # What is not a number has no JSON: it becomes null.
+        socket.put(msgspec.json.encode({"kind": "answer", "id": order.id, **told}).decode())
 
+    def _begin(self, socket: _Socket, entry: Entry, order: _Hold, arrived: Any) -> None:
         def begin() -> None:
             try:
-                self._studio.holds.begin(socket.tab, entry, kind, args if isinstance(args, dict) else {}, arrived)
+                self._studio.holds.begin(socket.tab, entry, order.kind, order.args, arrived)
             except HexwireError as error:
                 self._studio.refused(entry, str(error))
             except Exception:  # noqa: BLE001  # logged and answered

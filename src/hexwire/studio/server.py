@@ -1,35 +1,26 @@
 """The server of a studio: its pages, the live socket, and STOP by HTTP, behind the gate.
 
-Owns what is served where, and the start and end of the server. The only module that imports the web server and all
-of NiceGUI at once, which takes a second: it is imported late. Must not know what a page shows.
+Owns what is served where, and the start and end of the server. The only module that imports the web server: it is
+imported late. Must not know what a page shows.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
 import socket as sockets
 import ssl
-import tempfile
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-# Nothing of the folder in which the program runs is read or written.
-os.environ.setdefault("NICEGUI_STORAGE_PATH", str(Path(tempfile.gettempdir()) / f"hexwire-none-{os.getpid()}"))
-
 import uvicorn
-from fastapi import FastAPI
-from nicegui import app as nicegui_app
-from nicegui import ui
-from nicegui.elements.scene import scene as _scene  # noqa: F401  # puts three.js where `static/arm3d.js` finds it
+from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, Response
-from starlette.routing import Mount, Route, WebSocketRoute
-from starlette.staticfiles import StaticFiles
+from starlette.responses import HTMLResponse, JSONResponse, Response
+from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
 from hexwire.errors import LinkBusyError
@@ -40,25 +31,22 @@ from .connections import make_protocol
 from .files import make_routes
 from .fleet_api import fleet_routes
 from .guard import SESSION, Guard
-from .layout import build_page
-from .page_sockets import guard_page_sockets
+from .packed import Packed
 from .recordings_api import recordings_routes
+from .servos_api import servos_routes
 from .wire_api import wire_routes
 
-__all__ = ["KEPT", "STATIC", "Server", "make_app", "url_of"]
+__all__ = ["PAGES", "STATIC", "Server", "make_app", "url_of"]
 
 STATIC = Path(__file__).parent / "static"
 """Folder of the files that pages load."""
-KEPT = 60.0
-"""Seconds for which a page without its socket is kept. A browser that returns later loads it anew, and what was
-typed into it is lost. A computer that sleeps for a moment, or a change of the network, takes part of a minute."""
-_BUILT = 20.0
-"""Seconds in which a page must be built."""
+PAGES = ("/", "/arm", "/servos", "/plots", "/wire", "/recordings", "/fleet")
+"""Addresses of the pages. All are one file; its `studio.js` has their titles and modules."""
 
 
 @dataclass(slots=True)
 class Server:
-    """Serves the pages of a studio until it is told to end. One at a time in a program, as NiceGUI has one app.
+    """Serves the pages of a studio until it is told to end.
 
     Args:
         studio: The studio.
@@ -104,8 +92,13 @@ class Server:
             app,
             log_level="warning",
             access_log=False,
+            loop="asyncio",
             http=make_protocol(self.studio.access.limits, self.right_of),
+            # The parser bounds the heads of requests, and whoever sends one may have no session.
+            h11_max_incomplete_event_size=self.studio.access.limits.head,
             ws="websockets-sansio",
+            # Compressing frames would take more of the processor than all else that is done for a page.
+            ws_per_message_deflate=False,
             ws_max_size=1 << 20,
             ws_ping_interval=5.0,
             ws_ping_timeout=5.0,
@@ -129,91 +122,60 @@ class Server:
             self._server.should_exit = True
 
 
-_app: Any = None
-_studio: Studio | None = None
-
-
 def make_app(studio: Studio, on_started: Callable[[], object] = lambda: None) -> Guard:
     """Build what is served, behind the gate.
 
-    NiceGUI has one app in a program: a second studio in one program takes the place of the first.
+    Args:
+        studio: The studio.
+        on_started: Called when the server has started.
     """
-    global _app, _studio
-    _studio = studio
-    if _app is None:
-        _app = _make_pages()
-    _app.state.on_started = on_started
-    return Guard(_app, studio.access)
+    static = Packed(STATIC)
+    shell = static.body("studio.html").decode()
 
-
-def _present() -> Studio:
-    assert _studio is not None
-    return _studio
-
-
-def _is_heard(request: Request) -> bool:
-    """A stop has come over the socket of its page already, which only did not learn of it in time."""
-    session, number = request.scope.get(SESSION), request.query_params.get("id", "")
-    tab = _present().tabs.find(request.query_params.get("tab", ""), session.key) if session is not None else None
-    return tab is not None and 0 < len(number) < 10 and number.isdecimal() and int(number) in tab.stops
-
-
-def _make_pages() -> Any:
     @asynccontextmanager
-    async def lifespan(app: Any) -> AsyncIterator[None]:
-        studio = _present()
+    async def lifespan(app: Starlette) -> AsyncIterator[None]:
         studio.begin(asyncio.get_running_loop())
         pump = asyncio.create_task(studio.live.pump())
-        app.state.on_started()
+        on_started()
         try:
             yield
         finally:
             pump.cancel()
 
     async def live(websocket: WebSocket) -> None:
-        await _present().live.serve(websocket)
+        await studio.live.serve(websocket)
 
     async def stop(request: Request) -> Response:
-        if not _is_heard(request):
-            _present().stop("a page")
+        if not _is_heard(studio, request):
+            studio.stop("a page")
         return JSONResponse({"stopping": True})
 
-    async def icon(request: Request) -> Response:
-        return FileResponse(STATIC / "icon.svg", media_type="image/svg+xml")
+    async def page(request: Request) -> Response:
+        session = request.scope[SESSION]
+        tab = studio.tabs.open(session.key, session.right)
+        text = shell.replace("{tab}", tab.key).replace("{right}", str(int(tab.right)))
+        return HTMLResponse(text, headers={"cache-control": "no-store"})
 
-    app = FastAPI(lifespan=lifespan, openapi_url=None, docs_url=None, redoc_url=None)
-    app.router.routes += [
+    found = lambda: studio  # noqa: E731
+    routes = [
         WebSocketRoute("/live", live),
         Route("/stop", stop, methods=["POST"]),
-        Route("/favicon.ico", icon),
-        *make_routes(_present),
-        *recordings_routes(_present),
-        Mount("/static", StaticFiles(directory=STATIC)),
-        *wire_routes(_present),
-        *fleet_routes(_present),
+        Route("/static/{name:path}", static.answer),
+        *(Route(path, page) for path in PAGES),
+        *make_routes(found),
+        *recordings_routes(found),
+        *wire_routes(found),
+        *fleet_routes(found),
+        *servos_routes(found),
     ]
+    return Guard(Starlette(routes=routes, lifespan=lifespan), studio.access)
 
-    async def page(request: Request) -> None:
-        session = request.scope[SESSION]
-        await build_page(_present(), session)
 
-    guard_page_sockets()
-    for path in ("/", "/{_:path}"):
-        ui.page(path, reconnect_timeout=KEPT, response_timeout=_BUILT)(page)
-    # Its bar runs at every request of a page, says nothing, and has no name for a screen reader.
-    nicegui_app.config.quasar_config["loadingBar"]["skipHijack"] = True
-    ui.run_with(
-        app,
-        title="hexwire studio",
-        tailwind=False,
-        show_welcome_message=False,
-        language="en-US",
-        dark=None,
-        # How often a browser must answer follows from it; how long a page is kept does not, see above.
-        reconnect_timeout=5.0,
-        gzip_middleware_factory=None,
-    )
-    return app
+def _is_heard(studio: Studio, request: Request) -> bool:
+    """A stop has come over the socket of its page already, which only did not learn of it in time."""
+    session, number = request.scope.get(SESSION), request.query_params.get("id", "")
+    tab = studio.tabs.find(request.query_params.get("tab", ""), session.key) if session is not None else None
+    return tab is not None and 0 < len(number) < 10 and number.isdecimal() and int(number) in tab.stops
 
 
 def url_of(server: Server, token: str, path: str = "/") -> str:

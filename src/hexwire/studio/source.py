@@ -48,6 +48,7 @@ class Source:
         opening: What is being opened, in words; empty if nothing is.
         error: Why the last opening failed; empty if it did not.
         refused: What was to be opened then; empty likewise.
+        opened: Another number after each opening and closing; for pages, which show what is open.
         silence: Seconds without a sign of life after which what somebody holds ends.
     """
 
@@ -57,6 +58,7 @@ class Source:
         self.bus: BusSource | None = None
         self.opening, self.error, self.refused = "", "", ""
         self.silence = SILENCE
+        self.opened = 0
         self._on_change = on_change
         self._lock = threading.Lock()
 
@@ -99,6 +101,7 @@ class Source:
                     arm.shutdown()
                     raise
                 self.arm = arm
+                self.opened += 1
             except HexwireError as error:
                 self.error, self.refused = str(error), url
                 raise
@@ -146,6 +149,7 @@ class Source:
                 warn_of_reset(link)
                 bus.open()
                 self.bus = BusSource(bus, self.silence)
+                self.opened += 1
             except HexwireError as error:
                 self.error, self.refused = str(error), url
                 raise
@@ -164,6 +168,7 @@ class Source:
     def _close(self) -> None:
         arm, self.arm = self.arm, None
         bus, self.bus = self.bus, None
+        self.opened += 1
         if arm is not None:
             arm.shutdown()
         if bus is not None:

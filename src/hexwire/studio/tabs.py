@@ -9,6 +9,7 @@ import itertools
 import secrets
 from collections import deque
 from dataclasses import dataclass, field
+from typing import Any
 
 from .access import Right
 
@@ -33,6 +34,7 @@ class Tab:
         live: It has its socket.
         file: It looks at a file of traffic.
         stops: Numbers of the last stops that came over it.
+        begun: What its calls have begun and go on with, such as a set-up, with the bus that it is about.
     """
 
     name: str
@@ -43,6 +45,7 @@ class Tab:
     live: bool = False
     file: bool = False
     stops: deque[int] = field(default_factory=lambda: deque(maxlen=_STOPS), repr=False)
+    begun: dict[str, tuple[object, Any]] = field(default_factory=dict, repr=False)
     _numbers: itertools.count[int] = field(default_factory=lambda: itertools.count(1), repr=False)
 
     def next_number(self) -> int:

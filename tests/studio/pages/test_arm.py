@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import re
 import time
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
 from tests.studio.conftest import ask_for_long, shrink_views
 from tests.studio.running import PATIENCE, expect, press
-from tests.waits import eventually
 
 from hexwire.control import known_state
+from hexwire.control.motion_request import read_motion
+from hexwire.control.pose_file import check_pose_name
 from hexwire.model.aim import Tip
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.motion.teach import Taught
-from hexwire.studio.pages.arm import arguments, page_html
+from hexwire.studio.arm_calls import arm_values
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -76,30 +75,26 @@ def type_goal(page: Page, **values: float) -> None:
 @pytest.mark.slow
 def test_what_is_pressed_without_a_connection_is_not_done_later(studio: RunningStudio, operator: Page) -> None:
     """Torque would go off when nobody holds the arm any more."""
-    from playwright.sync_api import Error
-
     open_page(operator)
     operator.get_by_role("checkbox", name="I hold the arm: it will sink").check()
-    operator.evaluate("window.socket.disconnect()")
+    start = operator.get_by_role("button", name="Start teaching")
+    expect(start).to_be_enabled()
+    # No new socket can be opened for now, and the present one closes.
+    operator.evaluate("() => { window.Plain = WebSocket; WebSocket = class { static OPEN = 1; readyState = 3; }; }")
+    for each in list(studio.studio.live._sockets):
+        each.too_slow = True
+        each._wake.set()
+    operator.wait_for_function("!hexwire.connected")
     expect(operator.locator("#hw-torque-on")).to_be_hidden()
-    operator.get_by_role("button", name="Start teaching").click()
-    expect(operator.locator("#arm-teach-note")).to_contain_text("no connection")
-    operator.evaluate("window.socket.connect()")
-    # What had been kept would be done before what comes now. A page may load itself again, now or soon: then nobody
-    # has control.
-    torque, take = (operator.get_by_role("button", name=name) for name in ("Torque on", "Take control"))
-
-    def asked() -> bool:
-        for button in (take, torque):
-            # It may go just now; then the other one is there.
-            if button.is_visible():
-                with contextlib.suppress(Error):
-                    button.click(timeout=2000)
-        return operator.locator("#hw-fact-torque").inner_text() == "on"
-
-    eventually(asked)
+    start.dispatch_event("click")
+    expect(operator.locator("#arm-teach-note")).to_contain_text("No connection")
+    operator.evaluate("() => { WebSocket = window.Plain; }")
+    operator.reload()
+    # What had been kept would be done before what comes now.
+    operator.get_by_role("button", name="Take control").click()
+    operator.get_by_role("button", name="Torque on").click()
     expect(operator.locator("#hw-fact-torque")).to_have_text("on")
-    assert not studio.studio.source.arm.motions.teaching
+    assert not studio.studio.source.need_arm().motions.teaching
 
 
 @pytest.mark.slow
@@ -283,8 +278,8 @@ def _tips_agree(studio: RunningStudio, page: Page) -> None:
     kinematics = source.settings.kinematics
     posture = {j.name: j.minimum + 0.37 * (j.maximum - j.minimum) for j in source.settings.model.joints}
     shown = page.evaluate(
-        "([args, row]) => import('/static/arm_tip.js').then((m) => m.tipValues(args, row))",
-        [json.loads(json.dumps(arguments(source))), list(posture.values())],
+        "([args, row]) => import('/static/arm.js').then((m) => m.tipValues(args, row))",
+        [json.loads(json.dumps(arm_values(source))), list(posture.values())],
     )
     tip = Tip.of(kinematics, kinematics.from_joints(posture))
     assert [shown[axis] for axis in "xyz"] == pytest.approx(tip.position, abs=1e-6)
@@ -293,17 +288,31 @@ def _tips_agree(studio: RunningStudio, page: Page) -> None:
         assert (shown["toolpitch"], shown["toolroll"]) == pytest.approx(tip.pitch_roll)
 
 
-def test_what_an_arm_cannot_do_is_not_there(studio: RunningStudio) -> None:
-    source = studio.studio.source.arm
-    assert source is not None
-    whole = page_html(source)
-    assert "weight &amp; table" in page_html(source, "weight & table")
-    source.settings = replace(source.settings, kinematics=None)
-    source.motions.jaws = None
-    poor = page_html(source)
-    for part in ("arm-space-title", "arm-grip-title", 'data-for="place"', "data-tip"):
-        assert part in whole
-        assert part not in poor
-    assert "no 3D view" in poor
-    assert 'name="joint:J1"' in poor
-    assert arguments(source)["jaws"] is None
+def test_an_arm_is_drawn_as_its_joints_allow_and_names_are_text(page: Page) -> None:
+    drawn = page.evaluate(
+        """async () => {
+            const [arm, motion] = await Promise.all([import("/static/arm.js"), import("/static/arm_motion.js")]);
+            const joints = [{ name: '<b onclick="x">', min: Math.PI * -0.0002, max: Math.PI / 4 }];
+            return [arm.jointsMarkup(joints), arm.tipMarkup(6), arm.tipMarkup(5), motion.gotoMarkup(joints, 6),
+                motion.gotoMarkup(joints, 5), motion.gotoMarkup(joints, null), motion.posesMarkup(null),
+                motion.posesMarkup({}), motion.teachMarkup()].map((markup) => markup.text);
+        }"""
+    )
+    joints, six_tip, five_tip, six, five, unknown, no_gripper, gripper, teach = drawn
+    assert "<b onclick" not in joints + six
+    assert "&#60;b onclick=&#34;x&#34;&#62;" in joints
+    assert 'aria-valuemin="0" aria-valuemax="45"' in joints
+    assert (six_tip.count("data-tip"), "yaw" in five_tip, 'data-tip="toolpitch"' in five_tip) == (6, False, True)
+    assert ('value="rpy"' in six, 'value="pitch"' in six) == (True, False)
+    assert ('value="rpy"' in five, 'value="pitch"' in five) == (False, True)
+    assert (unknown.count('type="radio"'), 'name="x"' in unknown, unknown.count('name="joint:')) == (1, False, 1)
+    assert ('name="gripper"' in no_gripper, 'name="gripper"' in gripper) == (False, True)
+    assert 'maxlength="40"' in gripper
+    assert check_pose_name(40 * "x") == 40 * "x"
+    start = re.search(r'<button[^>]*id="arm-teach-start"[^>]*>', teach)
+    assert start is not None
+    assert "disabled" in start.group()
+    factors = [float(value) for value in re.findall(r'<option value="([^"]+)"', teach)]
+    assert factors == sorted(factors)
+    for factor in factors:
+        assert read_motion({"what": "play", "factor": factor}).factor == factor

@@ -5,7 +5,9 @@ from __future__ import annotations
 import asyncio
 import json
 import math
+import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,17 +15,12 @@ import pytest
 from tests.studio.running import until
 
 from hexwire.control.pose_file import PoseFile, home_pose
+from hexwire.errors import HexwireError, UsageError
 from hexwire.motion.teach import Taught
 from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio
-from hexwire.studio.pages.arm_calls import ArmCalls, taught_values
-
-
-class Page:
-    """Stands in for the element of the page."""
-
-    def on(self, *args: object, **more: object) -> None:
-        """Nothing comes."""
+from hexwire.studio.arm_calls import taught_values
+from hexwire.studio.tabs import Tab
 
 
 class Desk:
@@ -36,11 +33,12 @@ class Desk:
         until(lambda: self.arm.arm.owner.state is not None, "a state")
         self.tab = self.studio.tabs.open("s", Right.OPERATE)
         self.studio.source.take(self.tab)
-        self.studio.tab = lambda: self.tab  # type: ignore[method-assign]  # without a page there is no client
-        self.calls = ArmCalls(self.studio, self.arm, Page())  # type: ignore[arg-type]  # no events come
 
     def ask(self, call: str, /, **args: Any) -> Any:
-        answer = self.calls.answer(call, args, self.tab)
+        try:
+            answer = asyncio.run(self.studio.call(self.tab, f"arm.{call}", args))
+        except HexwireError as error:
+            return {"error": str(error)}
         # What a browser gets.
         return json.loads(json.dumps(answer, allow_nan=False))
 
@@ -53,7 +51,7 @@ def desk(tmp_path: Path) -> Iterator[Desk]:
 
 
 def test_a_preview_has_all_that_is_drawn(desk: Desk) -> None:
-    plan = desk.ask("preview", what="place", position=[0.05, 0.2, 0.18])
+    plan = desk.ask("preview", motion={"what": "place", "position": [0.05, 0.2, 0.18]})
     assert plan["refusal"] == ""
     assert "no torque" in plan["unready"]
     assert set(plan["goal"]) == set(desk.arm.settings.model.names)
@@ -62,49 +60,49 @@ def test_a_preview_has_all_that_is_drawn(desk: Desk) -> None:
     assert plan["branch"] in [branch["name"] for branch in plan["branches"]]
     assert 10 < len(plan["trace"]) <= 61
     assert plan["trace"][-1] == pytest.approx([0.05, 0.2, 0.18], abs=1e-4)
-    refused = desk.ask("preview", what="place", position=[0.05, 0.9, 0.18])
+    refused = desk.ask("preview", motion={"what": "place", "position": [0.05, 0.9, 0.18]})
     assert "out of reach" in refused["refusal"]
     assert (refused["known"], refused["trace"]) == (False, [])
 
 
 def test_what_is_malformed_is_an_answer_too(desk: Desk) -> None:
-    assert "no motion" in desk.ask("preview", what="fly")["error"]
-    assert "no call 'format'" in desk.ask("format")["error"]
-    assert "name must be a text" in desk.ask("save", name=3)["error"]
-    assert "no pose 'x'" in desk.ask("remove", name="x")["error"]
+    assert "no motion" in desk.ask("preview", motion={"what": "fly"})["error"]
+    assert "no call 'arm.format'" in desk.ask("format")["error"]
+    assert "Expected `str`, got `int` - at `$.name`" in desk.ask("save_pose", name=3)["error"]
+    assert "no pose 'x'" in desk.ask("remove_pose", name="x")["error"]
 
 
 def test_poses_are_saved_renamed_and_removed(desk: Desk) -> None:
-    (home,) = desk.ask("poses")["poses"]
+    (home,) = desk.ask("poses")
     assert (home["name"], home["saved"]) == ("home", False)
     assert home["angles"] == home_pose(desk.arm.settings.model)
-    (_, row) = desk.ask("save", name="a")["poses"]
+    (_, row) = desk.ask("save_pose", name="a")
     assert (row["name"], row["saved"], set(row["angles"])) == ("a", True, set(desk.arm.settings.model.names))
-    assert "already" in desk.ask("save", name="a")["error"]
-    (_, row) = desk.ask("save", name="a", force=True, gripper=False)["poses"]
+    assert "already" in desk.ask("save_pose", name="a")["error"]
+    (_, row) = desk.ask("save_pose", name="a", force=True, gripper=False)
     assert "J7" not in row["angles"]
-    assert [row["name"] for row in desk.ask("rename", name="a", new="b")["poses"]] == ["home", "b"]
-    assert desk.ask("remove", name="b") == {"poses": [home]}
+    assert [row["name"] for row in desk.ask("rename_pose", name="a", new="b")] == ["home", "b"]
+    assert desk.ask("remove_pose", name="b") == [home]
 
 
 def test_without_control_nothing_is_changed(desk: Desk) -> None:
     desk.studio.source.leave(desk.tab)
     calls: dict[str, dict[str, Any]] = {
-        "save": {"name": "a"},
-        "rename": {"name": "a", "new": "b"},
-        "remove": {"name": "a"},
+        "save_pose": {"name": "a"},
+        "rename_pose": {"name": "a", "new": "b"},
+        "remove_pose": {"name": "a"},
         "teach": {"on": True},
     }
     for call, args in calls.items():
         assert "does not have control" in desk.ask(call, **args)["error"]
-    assert [row["name"] for row in desk.ask("poses")["poses"]] == ["home"]
+    assert [row["name"] for row in desk.ask("poses")] == ["home"]
     assert not desk.arm.motions.teaching
 
 
 def test_teach_mode_begins_and_ends(desk: Desk) -> None:
-    assert "no torque" in desk.ask("teach", on=True)["text"]
+    assert "no torque" in desk.ask("teach", on=True)
     assert desk.ask("taught") == {"teaching": True, "taught": None}
-    until(lambda: "text" in desk.ask("teach", on=False) or not desk.arm.motions.teaching, "the end")
+    until(lambda: "error" not in desk.ask("teach", on=False) or not desk.arm.motions.teaching, "the end")
     assert desk.ask("taught")["teaching"] is False
 
 
@@ -122,34 +120,41 @@ def test_a_long_taught_motion_is_sent_with_fewer_rows(desk: Desk) -> None:
 def test_a_page_that_asks_for_too_many_previews_keeps_nobody_waiting(
     desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told: list[tuple[object, ...]] = []
-    monkeypatch.setattr(desk.calls, "_tell", lambda *what: told.append(what))
-    free = asyncio.Event()
-    asked = 0
+    free = threading.Event()
+    asked: list[object] = []
 
-    async def run(call: object, *, computes: bool) -> dict[str, object]:
-        nonlocal asked
-        asked += 1
-        assert computes
-        await free.wait()
-        return {}
+    def preview(motion: object) -> object:
+        asked.append(motion)
+        free.wait(30)
+        raise UsageError("enough")
 
-    monkeypatch.setattr(desk.studio, "run", run)
-
-    class Event:
-        def __init__(self, number: int) -> None:
-            self.args = {"detail": {"id": number, "name": "preview"}}
+    monkeypatch.setattr(desk.arm.motions, "preview", preview)
+    other = desk.studio.tabs.open("s", Right.WATCH)
 
     async def flood() -> None:
-        calls = [asyncio.create_task(desk.calls._on_call(Event(number))) for number in range(100)]
-        while len(told) < 96:
-            await asyncio.sleep(0)
-        assert asked == 4
-        assert told[0] == ("answer", 4, {"error": "this page asks for too many previews at a time"})
+        def ask(tab: Tab) -> asyncio.Task[object]:
+            return asyncio.create_task(desk.studio.call(tab, "arm.preview", {"motion": {}}))
+
+        calls = [ask(desk.tab) for _ in range(100)]
+        await asyncio.sleep(0)
+        refused = [str(call.exception()) for call in calls if call.done()]
+        assert refused == ["this browser asks for too much at a time; try again"] * 96
+        # What is no preview is not refused, nor is a preview of another page.
+        poses = await desk.studio.call(desk.tab, "arm.poses", {})
+        assert isinstance(poses, list)
+        calls.append(ask(other))
         free.set()
-        await asyncio.gather(*calls)
-        # What is no preview is not refused, and a later preview is not, either.
-        await desk.calls._on_call(Event(100))
+        await asyncio.gather(*calls, return_exceptions=True)
 
     asyncio.run(flood())
-    assert asked == 5
+    assert len(asked) == 5
+
+
+def test_an_arm_that_lacks_something_says_so(desk: Desk) -> None:
+    whole = desk.ask("values")
+    assert (whole["space"], whole["jaws"]["joint"], whole["emulated"]) == (6, "J7", "")
+    assert [joint["name"] for joint in whole["joints"]] == list(desk.arm.settings.model.names)
+    desk.arm.settings = replace(desk.arm.settings, kinematics=None)
+    desk.arm.motions.jaws = None
+    poor = desk.ask("values")
+    assert (poor["space"], poor["turns"], poor["jaws"]) == (None, None, None)

@@ -31,7 +31,8 @@ def view() -> Iterator[Any]:
         bus = source.open_bus(f"sim://so101?name=parts{next(_names)}")
         bus.search((), range(1, 7))
         live = SimpleNamespace(tell=lambda message, key=None: told.append(message))
-        yield SimpleNamespace(bus=bus, studio=SimpleNamespace(live=live), tab=SimpleNamespace(key="k"), told=told)
+        tab = SimpleNamespace(key="k")
+        yield SimpleNamespace(bus=bus, source=source, studio=SimpleNamespace(live=live), tab=tab, told=told)
     finally:
         source.close()
 

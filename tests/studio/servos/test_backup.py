@@ -12,16 +12,16 @@ from hexwire.studio.servos import backup
 
 
 def test_a_backup_is_taken_compared_and_survives_a_file(view: Any) -> None:
-    rows = backup._take(view, (1, 3))
+    rows = backup.taken(view, (1, 3))
     assert [row.servo_id for row in rows] == [1, 3]
     assert rows[0].taken
-    assert backup._differences(view, rows[1]) == []
+    assert backup.differences(view, rows[1]) == []
     servo_of(view, 3).registers.put_stored("max_temperature", 50)
-    assert backup._differences(view, rows[1]) == [("max_temperature", 50, 70)]
-    assert backup._differences(view, dataclasses.replace(rows[1], servo_id=99)) is None
+    assert backup.differences(view, rows[1]) == [("max_temperature", 50, 70)]
+    assert backup.differences(view, dataclasses.replace(rows[1], servo_id=99)) is None
     assert parse_backups(serialize_backups(rows).encode(), "x") == rows
     with pytest.raises(UsageError, match="search first"):
-        backup._take(view, ())
+        backup.taken(view, ())
 
 
 @pytest.mark.parametrize(

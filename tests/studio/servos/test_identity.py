@@ -13,7 +13,7 @@ def test_a_changed_servo_is_followed_with_its_edits(view: Any) -> None:
     edits = view.bus.edits
     edits.apply(view.bus.bus, edits.prepare(view.bus.bus, 6, "max_temperature", "60", raw=False))
     told: list[str] = []
-    identity._change(view, 6, 20, 115_200, told)
+    identity.change(view, 6, 20, 115_200, told.append)
     assert len(told) == 4
     assert (servo_of(view, 20).registers.stored("id"), view.bus.bus.timing.baud) == (20, 115_200)
     assert view.bus.bench.servo_ids == (20,), "the others are at the old rate"
@@ -22,18 +22,18 @@ def test_a_changed_servo_is_followed_with_its_edits(view: Any) -> None:
 
 
 def test_a_line_without_a_rate_offers_none_that_it_could_not_follow() -> None:
-    assert list(identity._rates(0, [1_000_000, 115_200])) == [0]
-    assert list(identity._rates(500_000, [115_200, 500_000])) == [500_000, 115_200]
-    assert identity._rates(115_200, []) == {115_200: "the rate of this series is fixed"}
+    assert list(identity.rates(0, [1_000_000, 115_200])) == [0]
+    assert list(identity.rates(500_000, [115_200, 500_000])) == [500_000, 115_200]
+    assert identity.rates(115_200, []) == {115_200: "the rate of this series is fixed"}
 
 
 def test_a_bad_id_is_refused_on_the_server(view: Any) -> None:
     for new_id in (-1, 254, 10_000):
         with pytest.raises(UsageError, match="outside"):
-            identity._change(view, 6, new_id, 1_000_000, [])
+            identity.change(view, 6, new_id, 1_000_000, lambda words: None)
     view.bus.stop("enough")
     with pytest.raises(StoppedError):
-        identity._change(view, 6, 20, 1_000_000, [])
+        identity.change(view, 6, 20, 1_000_000, lambda words: None)
     assert servo_of(view, 6).registers.stored("id") == 6
 
 
@@ -43,11 +43,11 @@ def test_a_servo_that_was_cut_off_is_found_again(view: Any) -> None:
     # Its supply fails as soon as it has its new id.
     servo.receive = lambda packet, now: plain(packet, now) if servo.registers.get("id") == 6 else None  # type: ignore[method-assign]
     with pytest.raises(HexwireError, match="neither to 6 nor to 20"):
-        identity._change(view, 6, 20, 1_000_000, [])
+        identity.change(view, 6, 20, 1_000_000, lambda words: None)
     with pytest.raises(ServoError, match="switch its supply off and on"):
-        identity._look(view, (6, 20), (1_000_000, 1_000_000))
+        identity.look(view, (6, 20), (1_000_000, 1_000_000))
     servo.receive = plain  # type: ignore[method-assign]
-    assert identity._look(view, (6, 20), (1_000_000, 1_000_000)).servo_id == 20
+    assert identity.look(view, (6, 20), (1_000_000, 1_000_000)).servo_id == 20
     assert view.bus.bench.servo_ids == (1, 2, 3, 4, 5, 20)
 
 

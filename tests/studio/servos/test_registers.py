@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from tests.studio.running import until
@@ -10,50 +10,67 @@ from hexwire.bus.backup import take_backup
 from hexwire.bus.registers import make_table
 from hexwire.errors import StoppedError, UsageError
 from hexwire.studio.servos import registers
+from hexwire.studio.servos.backup import newest
 from hexwire.wire.registers import Series
 
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
 
-def test_cells_say_value_range_and_what_differs() -> None:
+
+def test_a_row_says_value_range_and_what_differs() -> None:
     rows = {
-        row.register.name: row
+        row.register.name: registers.values(row)
         for row in make_table(Series.STS_SMS, {"max_temperature": 65}, {"max_temperature": 70})
     }
-    cells = registers._cells(rows["max_temperature"])
-    assert (*cells[1:3], *cells[4:6], cells[9]) == ("65", "°C", "65", "0 … 100", "13")
-    assert cells[6] == '<mark title="different">70 ≠</mark>' == cells[7]
-    assert cells[8] == "stored"
-    assert 'data-do="edit" data-value="max_temperature"' in cells[3]
-    assert "Edit" not in registers._cells(rows["goal_position"])[3]
-    assert "a wave moves it" in registers._cells(rows["goal_position"])[3]
-    assert registers._cells(rows["mode"])[1] == "–"
+    row = rows["max_temperature"]
+    shown = [row[name] for name in ("value", "unit", "raw", "range", "factory", "backup", "kept", "address")]
+    assert shown == ["65", "°C", "65", "0 … 100", "70", "70", "stored", "13"]
+    assert row["differs"] == ["factory", "backup"]
+    assert (row["stored"], row["why_not"]) == (True, "")
+    assert "a wave moves it" in rows["goal_position"]["why_not"]
+    assert rows["mode"]["value"] == "–"
 
 
-@pytest.mark.parametrize(("shown", "kept"), [("all", 5), ("stored", 4), ("live", 1), ("factory", 1), ("backup", 2)])
-def test_filters(shown: str, kept: int) -> None:
+def test_rows_are_filtered_and_names_are_text(page: Page) -> None:
     raws = {"max_temperature": 65, "position_p": 32, "mode": 0, "id": 4, "status": 0}
     rows = make_table(Series.STS_SMS, raws, {"max_temperature": 70, "mode": 1})
-    assert sum(registers._fits(row, shown) for row in rows if row.raw is not None) == kept
+    known = [registers.values(row) for row in rows if row.raw is not None]
+    kept = page.evaluate(
+        """(rows) => import("/static/servos_settings.js").then((m) => Object.fromEntries(
+            ["all", "stored", "live", "factory", "backup"].map(
+                (shown) => [shown, rows.filter((row) => m.fits(row, shown)).length])))""",
+        known,
+    )
+    assert kept == {"all": 5, "stored": 4, "live": 1, "factory": 1, "backup": 2}
+    cells = page.evaluate(
+        """(row) => Promise.all([import("/static/servos_settings.js"), import("/static/servos_kit.js")]).then(
+            ([m, kit]) => kit.table("<i>", ["Register", "#Value"], [m.cells({ ...row, name: "<b>" })]).text)""",
+        known[0],
+    )
+    assert "<b>" not in cells
+    assert "<i>" not in cells
+    assert 'data-register="&#60;b&#62;"' in cells or "aria-label" in cells
 
 
 def test_the_newest_backup_counts(view: Any) -> None:
-    assert registers._saved(view, 3) is None
+    assert newest(view, 3) is None
     view.bus.backups += [take_backup(view.bus.bus, 3, taken="a"), take_backup(view.bus.bus, 3, taken="b")]
-    found = registers._saved(view, 3)
+    found = newest(view, 3)
     assert found is not None
     assert found.taken == "b"
 
 
 def test_an_edit_is_refused_while_stopped_and_made_otherwise(view: Any) -> None:
-    edit = registers._prepared(view, 2, "max_temperature", "60", False)
-    registers._apply(view, edit)
+    edit = registers.prepared(view, 2, "max_temperature", "60", raw=False)
+    registers.applied(view, edit)
     assert servo_of(view, 2).registers.stored("max_temperature") == 60
     with pytest.raises(UsageError, match="it would move the servo"):
-        registers._prepared(view, 2, "goal_position", "100", True)
+        registers.prepared(view, 2, "goal_position", "100", raw=True)
     view.bus.stop("enough")
     with pytest.raises(StoppedError):
-        registers._prepared(view, 2, "max_temperature", "61", False)
+        registers.prepared(view, 2, "max_temperature", "61", raw=False)
     with pytest.raises(StoppedError):
-        registers._apply(view, edit)
+        registers.applied(view, edit)
 
 
 @pytest.mark.slow

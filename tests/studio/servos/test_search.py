@@ -1,31 +1,48 @@
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from hexwire.studio.servos.search import _list
+from hexwire.studio.servos.search import servos_of
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
 
 
-def test_servos_at_the_rate_of_the_bus_can_be_chosen_and_others_say_their_rate(view: Any) -> None:
-    view.selected = 2
+def listed(page: Page, view: Any, selected: int | None) -> str:
+    """What a page draws."""
+    text: str = page.evaluate(
+        "([found, selected]) => import('/static/servos.js').then((m) => m.listMarkup({ found, selected }).text)",
+        [servos_of(view), selected],
+    )
+    return " ".join(text.split())
+
+
+def test_servos_at_the_rate_of_the_bus_can_be_chosen_and_others_say_their_rate(page: Page, view: Any) -> None:
     *here, last = view.bus.servos
     view.bus._keep([*here, last._replace(found=last.found._replace(baud=500_000))])
-    text = _list(view)
+    text = listed(page, view, 2)
     assert 'data-value="2" aria-pressed="true"' in text
     assert 'data-value="3" aria-pressed="false"' in text
     assert "At 500000 baud: 6 " in text
     assert 'data-do="select" data-value="6"' not in text
     assert 'data-do="rate" data-value="500000"' in text
-
-
-def test_an_empty_list_says_what_to_do(view: Any) -> None:
-    view.bus._keep([])
-    view.selected = None
-    assert "Take control, then search" in _list(view)
-
-
-def test_a_servo_that_cannot_be_chosen_says_why_in_its_row(view: Any) -> None:
-    view.selected = 1
-    first, second, *rest = view.bus.servos
+    # One that cannot be chosen says why in its row.
+    first, second, *rest = here
     view.bus._keep([first, second._replace(found=second.found._replace(shared=True)), *rest])
-    assert 'data-value="2"' not in _list(view)
-    assert _list(view).count('class="sv-note"') == 1
+    text = listed(page, view, 1)
+    assert 'data-value="2"' not in text
+    assert text.count('class="sv-note"') == 1
+
+
+def test_an_empty_list_says_what_to_do(page: Page, view: Any) -> None:
+    view.bus._keep([])
+    assert "Take control, then search" in listed(page, view, None)
+
+
+def test_what_a_servo_is_is_told_in_words(view: Any) -> None:
+    told = servos_of(view)
+    assert [one["id"] for one in told["servos"]] == [1, 2, 3, 4, 5, 6]
+    facts = dict(told["servos"][0]["facts"])
+    assert facts["Rate"] == "1000000 baud"
+    assert "its limits" in facts["Voltage class"]
+    assert told["rates"][0] == (0, "1000000 baud (now)")

@@ -11,10 +11,10 @@ from hexwire.studio.servos import stress
 def test_the_count_is_checked_and_live_values_stay_away(view: Any) -> None:
     for count in (None, 0, 1.5, 1e9, -3):
         with pytest.raises(UsageError, match="whole number"):
-            stress._run(view, (1, 2), count)
+            stress.tested(view, (1, 2), count)
     with pytest.raises(UsageError, match="search first"):
-        stress._run(view, (), 10)
-    test = stress._run(view, (1, 2), 30)
+        stress.tested(view, (), 10)
+    test = stress.tested(view, (1, 2), 30)
     assert (test.reads, test.lost) == (30, 0)
     assert view.bus.bench.readable
 
@@ -31,4 +31,4 @@ def test_it_can_be_cancelled(view: Any) -> None:
         return plain(name, ids)
 
     view.bus.bus.sync_read = read
-    assert stress._run(view, (1, 2), 1000).reads == 5
+    assert stress.tested(view, (1, 2), 1000).reads == 5

@@ -1,11 +1,12 @@
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from hexwire.errors import LinkLostError
-from hexwire.studio.servos.view import View, table
+from hexwire.studio.calls import Asked
 
 if TYPE_CHECKING:
     from tests.studio.servos.conftest import Bench
@@ -14,23 +15,13 @@ _OFFLINE = {"Forget these values", "Load a backup", "Load a calibration", "Torqu
 """What can be pressed in a part while nobody knows how the servos are."""
 
 
-def test_a_table_has_heads_a_caption_and_columns_of_numbers() -> None:
-    text = table(("Name", "#Count"), [("a", "1"), ("b", "2")], caption='A "name" & more')
-    assert '<th scope="col">Name</th><th scope="col" class="sv-num">Count</th>' in text
-    assert '<tr><th scope="row">a</th><td class="sv-num">1</td></tr>' in text
-    assert "A &quot;name&quot; &amp; more" in text
-    with pytest.raises(ValueError, match="zip"):
-        table(("Name", "#Count"), [("a",)], caption="too short")
-
-
-def test_a_page_of_a_closed_bus_reaches_nothing() -> None:
-    class Studio:
-        class source:  # noqa: N801  # as in the studio
-            bus = None
-
-    view = View(Studio(), object(), object())  # type: ignore[arg-type]
+def test_a_page_of_a_closed_bus_reaches_nothing(view: Any) -> None:
+    studio = SimpleNamespace(source=view.source)
+    asked = Asked(studio, view.tab, view.bus, view.bus.mark())  # type: ignore[arg-type]  # as far as it is needed
+    assert asked.bus is view.bus
+    view.source.open_bus("sim://so101?name=another")
     with pytest.raises(LinkLostError, match="was closed"):
-        view._checked(lambda: 1)
+        _ = asked.bus
 
 
 @pytest.mark.slow

@@ -85,6 +85,5 @@ def test_what_was_found_goes_with_the_choice_of_another_arm(bench: Bench) -> Non
     bench.part("Set up an arm")
     bench.button("Look what is connected").click()
     page.get_by_text("shoulder_pan", exact=True).wait_for()
-    page.get_by_label("Arm", exact=True).click()
-    page.get_by_role("option", name="SO-100").click()
+    page.get_by_label("Arm", exact=True).select_option("SO-100")
     page.get_by_text("shoulder_pan", exact=True).wait_for(state="detached")

@@ -1,7 +1,7 @@
-"""Runs a calibration by hand for a tab: samples the joints, tells the page, stores the result or a file.
+"""A calibration by hand for a tab: samples the joints, tells the page, stores the result or a file.
 
-Owns the messages, and which file fits the servos here. `control.calibrating` owns the calibration. Nothing moves by
-itself.
+Owns the messages, which run belongs to which tab, and which file fits the servos here. `control.calibrating` owns
+the calibration. Nothing moves by itself.
 """
 
 from __future__ import annotations
@@ -10,16 +10,16 @@ import datetime
 import math
 import threading
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hexwire.control.calibrating import CalibrationBench, counting_arm, store
 from hexwire.drivers.arm_file import load_profile
 from hexwire.drivers.bus_arm import BusArm
 from hexwire.errors import ConfigError, DeviceError, HexwireError, UsageError
 from hexwire.model.calibration import Calibration
+from hexwire.studio.calls import Arguments, Asked, Host, call
 
 if TYPE_CHECKING:
-    from hexwire.studio.app import Studio
     from hexwire.studio.bus_source import BusSource
     from hexwire.studio.tabs import Tab
 
@@ -30,6 +30,92 @@ _PERIOD, _TELL = 0.02, 0.1
 """Seconds between two samples, and between two messages."""
 _REACH = 1.6
 """Radians to either side that a joint of an unknown arm usually goes."""
+
+
+class _Arm(Arguments, frozen=True):
+    arm: str
+
+
+class _File(Arguments, frozen=True):
+    arm: str
+    name: str
+    text: str
+
+
+@call("calibration.arms", Arguments)
+def _arms(asked: Asked, args: Arguments) -> dict[str, Any]:
+    """The arms to choose from, and which is likely."""
+    ids = asked.bus.bench.servo_ids
+    return {"arms": [*ARMS.items()], "likely": "so101" if ids == (1, 2, 3, 4, 5, 6) else "servos"}
+
+
+@call("calibration.begin", _Arm, control=True)
+def _begin(asked: Asked, args: _Arm) -> bool:
+    """Prepare a run; whether it has joints without stops, whose middle must be told."""
+    run = CalibrationRun(asked.studio, asked.bus, asked.tab, args.arm)
+    asked.tab.begun["calibration"] = asked.bus, run
+    return run.hand.needs_middle
+
+
+@call("calibration.work", Arguments, control=True)
+def _work(asked: Asked, args: Arguments) -> dict[str, Any]:
+    """Run it until it is finished, cancelled or stopped; the calibration."""
+    run = _run_of(asked)
+    run.work()
+    assert run.found is not None
+    return _told(run.found)
+
+
+@call("calibration.middle", Arguments)
+def _middle(asked: Asked, args: Arguments) -> bool:
+    return _run_of(asked).mark_middle()
+
+
+@call("calibration.finish", Arguments)
+def _finish(asked: Asked, args: Arguments) -> None:
+    _run_of(asked).finish()
+
+
+@call("calibration.load", _File)
+def _load(asked: Asked, args: _File) -> dict[str, Any]:
+    return _told(parse_file(asked.bus, args.name, args.text.encode(), args.arm))
+
+
+@call("calibration.store", _File, control=True)
+def _store(asked: Asked, args: _File) -> tuple[str, ...]:
+    """Store a calibration of hexwire in the servos; the names of the joints that have changed."""
+    return store_in(asked.bus, parse_file(asked.bus, "calibration.toml", args.text.encode(), args.arm))
+
+
+def _run_of(asked: Asked) -> CalibrationRun:
+    bus, run = asked.tab.begun.get("calibration", (None, None))
+    if not isinstance(run, CalibrationRun) or bus is not asked.bus:
+        raise UsageError("no calibration was begun on this page")
+    return run
+
+
+def _told(found: Calibration) -> dict[str, Any]:
+    """A calibration for a page: its rows, and as files; that for LeRobot, or why there is none."""
+    told: dict[str, Any] = {
+        "rows": [
+            (
+                row.name,
+                str(row.servo_id),
+                "–" if row.servo_offset is None else str(row.servo_offset),
+                str(row.low),
+                str(row.high),
+            )
+            for row in found.joints
+        ],
+        "toml": found.serialize(),
+        "lerobot": "",
+        "no_lerobot": "",
+    }
+    try:
+        told["lerobot"] = found.to_lerobot()
+    except UsageError as error:
+        told["no_lerobot"] = str(error)
+    return told
 
 
 class CalibrationRun:
@@ -50,7 +136,7 @@ class CalibrationRun:
         HexwireError: A servo does not answer.
     """
 
-    def __init__(self, studio: Studio, bus: BusSource, tab: Tab, arm: str) -> None:
+    def __init__(self, studio: Host, bus: BusSource, tab: Tab, arm: str) -> None:
         if arm not in ARMS:
             raise UsageError(f"there is no arm {arm[:20]!r}")
         described = load_profile(arm) if arm != "servos" else bus.bench.describe(bus.bench.servo_ids, _REACH)

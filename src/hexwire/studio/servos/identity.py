@@ -1,128 +1,109 @@
-"""A guided change of id and rate, and the search for a servo whose change was cut off.
+"""A change of id and rate, and the search for a servo whose change was cut off.
 
-Owns what is asked and told. The steps belong to `bus.identity`, which cannot lose a servo.
+Owns which addresses may be chosen, and what a page is told meanwhile. The steps belong to `bus.identity`, which
+cannot lose a servo.
 """
 
 from __future__ import annotations
 
-from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hexwire.bus.identity import change_identity, find_again
 from hexwire.errors import ServoError, UsageError
-from hexwire.studio.app import FAILED
+from hexwire.studio.calls import Arguments, Asked, call
 
-from .view import View, button, html, question, rate_words, section
+from .search import rate_words
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from hexwire.bus.setup import Found, ServoInfo
 
-__all__ = ["build"]
+__all__ = ["change", "look", "rates"]
 
 
-def build(view: View, servo_id: int) -> None:
-    """Build the part."""
-    from nicegui import ui
+class _Servo(Arguments, frozen=True):
+    servo: int
 
-    bus = view.bus
-    here = bus.bus.timing.baud
-    section(
-        "Id and rate",
-        "The id is changed first, then the rate. Each is read back, and goes back if the servo does not answer. "
-        "If this is interrupted, the servo has its old or its new address, and is found there again.",
-    )
-    with ui.element("div").classes("sv-form"):
-        new = ui.number("New id", value=servo_id, min=0, max=253, step=1, format="%d").props("dense outlined")
-        options = _rates(here, bus.bus.series_of(servo_id).baud_codes.values())
-        rate = ui.select(options, value=here if here in options else next(iter(options)), label="New rate")
-        rate.props("dense outlined options-dense")
-        go = button("Change", lambda: change(), level="main")
-    steps = ui.element("ol").classes("sv-steps").props('aria-live="polite"')
-    again = button("Look for it again", lambda: look())
-    again.set_visibility(False)
-    wanted: dict[str, int] = {}
+
+class _Change(Arguments, frozen=True):
+    servo: int
+    new_id: int
+    new_baud: int
+
+
+class _Look(Arguments, frozen=True):
+    ids: tuple[int, int]
+    bauds: tuple[int, int]
+
+
+@call("identity.rates", _Servo)
+def _rates(asked: Asked, args: _Servo) -> dict[str, Any]:
+    """The rate of the bus, and the rates to choose from, in words."""
+    bus = asked.bus.bus
+    here = bus.timing.baud
+    return {"here": here, "rates": [*rates(here, bus.series_of(args.servo).baud_codes.values()).items()]}
+
+
+@call("identity.change", _Change, control=True)
+def _change(asked: Asked, args: _Change) -> str:
     told: list[str] = []
 
-    def show() -> None:
-        steps.clear()
-        with steps:
-            for words in tuple(told):
-                ui.html(escape(words), sanitize=False, tag="li")
+    def tell(words: str) -> None:
+        told.append(words)
+        asked.studio.live.tell({"kind": "steps", "rows": told}, asked.tab.key)
 
-    watch = ui.timer(0.1, show, active=False)
-
-    async def change() -> None:
-        number = new.value
-        if number is None or number != int(number):
-            ui.notify("an id is a whole number from 0 to 253", type="negative")
-            return
-        wanted.update(id=int(number), baud=int(rate.value or here))
-        what = []
-        if wanted["id"] != servo_id:
-            what.append(
-                f"Servo {servo_id} becomes servo {wanted['id']}. An arm that expects servo {servo_id} misses it."
-            )
-        if wanted["baud"] != here:
-            what.append(f"It answers at {wanted['baud']} baud only; the other servos stay at {here}.")
-        if not what:
-            ui.notify("nothing to change")
-            return
-        if not await question("Change the servo's address", "\n".join([*what, "Both are stored."]), "Change it"):
-            return
-        told.clear()
-        again.set_visibility(False)
-        go.set_visibility(False)
-        watch.activate()
-        try:
-            info = await view.act(lambda: _change(view, servo_id, wanted["id"], wanted["baud"], told))
-        finally:
-            watch.deactivate()
-            go.set_visibility(True)
-            show()
-        if info is FAILED:
-            again.set_visibility(True)
-            return
-        view.selected = wanted["id"]
-        ui.notify(f"servo {wanted['id']} answers at {rate_words(bus.bus.timing.baud)}", type="positive")
-        view.relist()
-        view.redraw()
-
-    async def look() -> None:
-        found = await view.act(lambda: _look(view, (servo_id, wanted["id"]), (here, wanted["baud"])))
-        if found is FAILED:
-            html("Switch its supply off and on, then look again.", "p", "sv-hint")
-            return
-        view.selected = found.servo_id
-        ui.notify(f"servo {found.servo_id} answers at {rate_words(found.baud)}", type="positive")
-        view.relist()
-        view.redraw()
+    change(asked, args.servo, args.new_id, args.new_baud, tell)
+    return f"servo {args.new_id} answers at {rate_words(asked.bus.bus.timing.baud)}"
 
 
-def _rates(here: int, known: Iterable[int]) -> dict[int, str]:
+@call("identity.look", _Look, control=True)
+def _look(asked: Asked, args: _Look) -> dict[str, Any]:
+    found = look(asked, args.ids, args.bauds)
+    return {"servo": found.servo_id, "told": f"servo {found.servo_id} answers at {rate_words(found.baud)}"}
+
+
+def rates(here: int, known: Iterable[int]) -> dict[int, str]:
     """The rates to choose from, in words. A line without a rate could not follow a change of it."""
     if not here:
         return {here: rate_words(here)}
-    rates = {baud: rate_words(baud) for baud in sorted(known, reverse=True)}
-    return rates or {here: "the rate of this series is fixed"}
+    found = {baud: rate_words(baud) for baud in sorted(known, reverse=True)}
+    return found or {here: "the rate of this series is fixed"}
 
 
-def _change(view: View, servo_id: int, new_id: int, new_baud: int, told: list[str]) -> ServoInfo:
-    bus = view.bus
+def change(asked: Asked, servo_id: int, new_id: int, new_baud: int, tell: Any) -> ServoInfo:
+    """Give a servo another id and rate.
+
+    Args:
+        asked: Who asks.
+        servo_id: Its id now.
+        new_id: The id to get.
+        new_baud: The rate to get.
+        tell: Called with each step in words.
+
+    Raises:
+        UsageError: There is no such id.
+        HexwireError: As `change_identity`.
+    """
+    bus = asked.bus
     if not 0 <= new_id <= 253:
         raise UsageError(f"id {new_id} is outside 0..253")
     with bus.bench.working("a change of id and rate", acts=True, changes_rate=True):
-        info = change_identity(bus.bus, servo_id, new_id=new_id, new_baud=new_baud, step=told.append)
+        info = change_identity(bus.bus, servo_id, new_id=new_id, new_baud=new_baud, step=tell)
         bus.edits.moved(servo_id, new_id)
         bus.look_again(new_id, former=servo_id)
     return info
 
 
-def _look(view: View, ids: tuple[int, int], bauds: tuple[int, int]) -> Found:
-    with view.bus.bench.working("the search for a servo", changes_rate=True):
-        found = find_again(view.bus.bus, ids, bauds)
+def look(asked: Asked, ids: tuple[int, int], bauds: tuple[int, int]) -> Found:
+    """Look for a servo whose change was cut off.
+
+    Raises:
+        ServoError: It does not answer.
+    """
+    with asked.bus.bench.working("the search for a servo", changes_rate=True):
+        found = find_again(asked.bus.bus, ids, bauds)
         if found is None:
             raise ServoError(f"it answers neither as {ids[0]} nor as {ids[1]}: switch its supply off and on")
-        view.bus.look_again(found.servo_id, former=next((i for i in ids if i != found.servo_id), None))
+        asked.bus.look_again(found.servo_id, former=next((i for i in ids if i != found.servo_id), None))
     return found

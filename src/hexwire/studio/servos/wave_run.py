@@ -12,18 +12,18 @@ import threading
 import time
 from collections.abc import Mapping
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hexwire.control.servo_wave import WaveEnd, WaveSample, and_back, one_servo, run_wave, standing
 from hexwire.errors import HexwireError, ServoError, UsageError
 from hexwire.model.state import JointFlag
 from hexwire.motion.step_response import step_figures
-from hexwire.motion.waves import Wave
+from hexwire.motion.waves import SHAPES, Wave
+from hexwire.studio.calls import Arguments, Asked, Host, call
 
 if TYPE_CHECKING:
     from hexwire.control.hold_to_run import Entry
     from hexwire.epochs import Token
-    from hexwire.studio.app import Studio
     from hexwire.studio.bus_source import BusSource
     from hexwire.studio.tabs import Tab
 
@@ -33,6 +33,24 @@ _log = logging.getLogger(__name__)
 
 _BATCH = 0.06
 """Seconds of samples in one message."""
+
+
+class _Wave(Arguments, frozen=True):
+    args: dict[str, Any]
+
+
+@call("wave.shapes", Arguments)
+def _shapes(asked: Asked, args: Arguments) -> list[str]:
+    return list(SHAPES)
+
+
+@call("wave.check", _Wave)
+def _check(asked: Asked, args: _Wave) -> str:
+    """How fast it will be, in words; what is wrong with it is an error."""
+    _, wave = read_wave(args.args)
+    if not math.isfinite(wave.fastest):
+        return "steps, as fast as it can"
+    return f"fastest on the way: {math.degrees(wave.fastest):.0f} deg/s"
 
 
 def read_wave(args: Mapping[str, object]) -> tuple[int, Wave]:
@@ -55,7 +73,7 @@ def read_wave(args: Mapping[str, object]) -> tuple[int, Wave]:
     return servo_id, Wave(shape, math.radians(number("amplitude")), number("period"), number("seconds"), last)
 
 
-def add_wave(studio: Studio) -> None:
+def add_wave(studio: Host) -> None:
     """Let pages hold a wave."""
 
     def begin(tab: Tab, entry: Entry, args: Mapping[str, object], arrived: Token) -> None:
@@ -73,7 +91,7 @@ def add_wave(studio: Studio) -> None:
 
 
 class _Run:
-    def __init__(self, studio: Studio, bus: BusSource, tab: Tab, entry: Entry, arrived: Token) -> None:
+    def __init__(self, studio: Host, bus: BusSource, tab: Tab, entry: Entry, arrived: Token) -> None:
         self._studio, self._bus, self._tab, self._entry, self._arrived = studio, bus, tab, entry, arrived
         self._rows: list[list[float]] = []
         self._told = -math.inf

@@ -1,21 +1,19 @@
 """A whole arm set up servo by servo, with a picture of what to connect next.
 
-Owns what is asked and shown. The next step is `control.arm_setup`'s, which asks the bus and can be resumed at any
-point; `control.setting_up` carries it out.
+Owns which set-up belongs to which tab, and what its page is told. The next step is `control.arm_setup`'s, which
+asks the bus and can be resumed at any point; `control.setting_up` carries it out.
 """
 
 from __future__ import annotations
 
 import math
-from html import escape
+from typing import Any
 
 from hexwire.control.arm_setup import ArmSetup, SetupStep, StepKind, picture
 from hexwire.control.setting_up import assign, look
 from hexwire.drivers.arm_file import load_profile
 from hexwire.errors import UsageError
-from hexwire.studio.app import FAILED
-
-from .view import View, button, facts, html, question, section
+from hexwire.studio.calls import Arguments, Asked, call
 
 __all__ = ["ARMS", "assign_one", "look_for", "plan_of"]
 
@@ -23,93 +21,61 @@ ARMS = {"so101": "SO-101", "so100": "SO-100", "chain": "six servos in a chain"}
 _ROLES = {"": "not known", "follower": "follower", "leader": "leader"}
 
 
-def build(view: View) -> None:
-    """Build the part."""
-    from nicegui import ui
+class _Look(Arguments, frozen=True):
+    arm: str
+    role: str
+    again: bool
+    everywhere: bool
 
-    bus = view.bus
-    html("Set up an arm", "h2", "sv-h2")
-    section(
-        "Servo by servo",
-        "New servos all have id 1: connect them one at a time. Each gets its id and rate, and is read back. The "
-        "servos themselves are asked what is done, so a set-up can be resumed at any time. Nothing moves.",
-    )
-    plan: list[ArmSetup] = []
-    with ui.element("div").classes("sv-form"):
-        arm = ui.select(ARMS, value="so101", label="Arm").props("dense outlined options-dense")
-        role = ui.select(_ROLES, value="", label="Leader or follower").props("dense outlined options-dense")
-        begin = button("Look what is connected", lambda: search(False), level="main")
-        everywhere = button("Look at every id and rate", lambda: search(True))
-    told = html("", "p", "sv-hint")
-    told.props('role="status"')
-    place = ui.element("div")
 
-    def progress() -> None:
-        job = bus.bench.job
-        if job is not None:
-            told.set_content(escape(job.told or job.what))
+@call("set_up.choices", Arguments)
+def _choices(asked: Asked, args: Arguments) -> dict[str, Any]:
+    return {"arms": [*ARMS.items()], "roles": [*_ROLES.items()]}
 
-    watch = ui.timer(0.2, progress, active=False)
 
-    def choose() -> None:
-        # What is shown was about another arm.
-        plan.clear()
-        place.clear()
+@call("set_up.look", _Look, control=True)
+def _look(asked: Asked, args: _Look) -> dict[str, Any]:
+    """Look what is connected: for a set-up that begins, or again for that of before."""
+    setup = _setup_of(asked) if args.again else None
+    if setup is None:
+        setup = plan_of(args.arm, args.role)
+        asked.tab.begun["set-up"] = asked.bus, setup
+    look_for(asked, setup, everywhere=args.everywhere)
+    return _told(setup)
 
-    arm.on_value_change(choose)
-    role.on_value_change(choose)
 
-    async def search(all_of_it: bool) -> None:
-        for made in (begin, everywhere):
-            made.set_visibility(False)
-        watch.activate()
-        try:
-            if not plan:
-                made_plan = await view.act(lambda: plan_of(str(arm.value), str(role.value or "")))
-                if made_plan is FAILED:
-                    return
-                plan[:] = [made_plan]
-            setup = plan[0]
-            found = await view.act(lambda: look_for(view, setup, everywhere=all_of_it))
-        finally:
-            watch.deactivate()
-            told.set_content("")
-            for made in (begin, everywhere):
-                made.set_visibility(True)
-        # Another arm may have been chosen meanwhile.
-        if found is not FAILED and plan == [setup]:
-            draw(setup)
+@call("set_up.assign", Arguments, control=True)
+def _assign(asked: Asked, args: Arguments) -> str:
+    """Carry out the step that was told last; what was done."""
+    setup = _setup_of(asked)
+    if setup is None or setup.step.kind is not StepKind.ASSIGN or setup.step.blocked:
+        raise UsageError("look what is connected first")
+    step = setup.step
+    assign_one(asked, setup, step)
+    return f"{step.joint.name if step.joint else 'the servo'} is set up"
 
-    def draw(setup: ArmSetup) -> None:
-        step = setup.step
-        place.clear()
-        with place:
-            drawn = picture(setup)
-            if drawn and step.kind is not StepKind.DONE:
-                alt = f"The arm: {step.text}"
-                ui.html(escape("\n".join(drawn)), sanitize=False, tag="pre").classes("sv-picture").props(
-                    f'role="img" aria-label="{escape(alt)}" tabindex="0"'
-                )
-            html(_sentence(step.text), "p").props('role="status"')
-            if step.servo is not None:
-                html(f"Found: {step.servo}.", "p", "sv-hint")
-            for words, level in ((step.blocked, "error"), (step.warning, "warn")):
-                if words:
-                    html(_sentence(words), "p").props(f'data-level="{level}"')
-            if step.kind is StepKind.ASSIGN and not step.blocked:
-                button("Give it this id and rate", lambda: give(setup, step), level="danger")
-            facts([(joint.name, _state(setup, joint.name)) for joint in setup.order])
-            for remark in setup.remarks:
-                html(f"{remark}.", "p").props('data-level="warn"')
 
-    async def give(setup: ArmSetup, step: SetupStep) -> None:
-        text = "\n".join(part for part in (f"{_sentence(step.text)} Both are stored.", step.warning) if part)
-        if not await question("Set this servo up", text, "Set it up"):
-            return
-        done = await view.act(lambda: assign_one(view, setup, step))
-        if done is not FAILED:
-            ui.notify(f"{step.joint.name if step.joint else 'the servo'} is set up", type="positive")
-        await search(False)
+def _setup_of(asked: Asked) -> ArmSetup | None:
+    bus, setup = asked.tab.begun.get("set-up", (None, None))
+    return setup if isinstance(setup, ArmSetup) and bus is asked.bus else None
+
+
+def _told(setup: ArmSetup) -> dict[str, Any]:
+    step = setup.step
+    sentence = _sentence(step.text)
+    return {
+        "picture": "" if step.kind is StepKind.DONE else "\n".join(picture(setup) or ()),
+        "alt": f"The arm: {step.text}",
+        "text": sentence,
+        "found": "" if step.servo is None else f"Found: {step.servo}.",
+        "blocked": _sentence(step.blocked),
+        "warning": _sentence(step.warning),
+        "question": ""
+        if step.kind is not StepKind.ASSIGN or step.blocked
+        else "\n".join(part for part in (f"{sentence} Both are stored.", step.warning) if part),
+        "joints": [(joint.name, _state(setup, joint.name)) for joint in setup.order],
+        "remarks": [f"{remark}." for remark in setup.remarks],
+    }
 
 
 def plan_of(arm: str, role: str) -> ArmSetup:
@@ -124,37 +90,37 @@ def plan_of(arm: str, role: str) -> ArmSetup:
     return ArmSetup(described.model, described.baud, leader=role == "leader" if role else None)
 
 
-def look_for(view: View, setup: ArmSetup, *, everywhere: bool) -> None:
+def look_for(asked: Asked, setup: ArmSetup, *, everywhere: bool) -> None:
     """Look what is connected, and tell the set-up; those that are set up are in the list of servos then.
 
     Raises:
         DeviceError: It was cancelled or stopped.
         HexwireError: The line has a fault.
     """
-    with view.bus.bench.working("the search for servos", changes_rate=True) as job:
+    with asked.bus.bench.working("the search for servos", changes_rate=True) as job:
         look(
-            view.bus.bus,
+            asked.bus.bus,
             setup,
             everywhere=everywhere,
             progress=lambda baud, servo_id, found: job.tell(f"{baud} baud, id {servo_id}", math.nan),
         )
         for servo in setup.seen:
             if servo.baud == setup.baud and servo.info is not None and not servo.shared:
-                view.bus.look_again(servo.servo_id)
+                asked.bus.look_again(servo.servo_id)
 
 
-def assign_one(view: View, setup: ArmSetup, step: SetupStep) -> None:
+def assign_one(asked: Asked, setup: ArmSetup, step: SetupStep) -> None:
     """Carry out a step that changes a servo; raises as `control.setting_up.assign`."""
-    with view.bus.bench.working("the set-up of a servo", acts=True, changes_rate=True) as job:
+    with asked.bus.bench.working("the set-up of a servo", acts=True, changes_rate=True) as job:
 
         def tell(words: str) -> None:
             # A change that has begun is completed: half of it would be worse.
             job.told = words
 
-        assign(view.bus.bus, setup, step, tell=tell)
+        assign(asked.bus.bus, setup, step, tell=tell)
         assert step.servo is not None
         assert step.joint is not None
-        view.bus.look_again(step.joint.servo_id, former=step.servo.servo_id)
+        asked.bus.look_again(step.joint.servo_id, former=step.servo.servo_id)
 
 
 def _state(setup: ArmSetup, name: str) -> str:
@@ -164,4 +130,4 @@ def _state(setup: ArmSetup, name: str) -> str:
 
 
 def _sentence(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:]}."
+    return f"{text[:1].upper()}{text[1:]}." if text else ""

@@ -1,19 +1,20 @@
-/* The page Arm in the browser: joins its parts, the 3D view, and motions that this page holds.
+/* The page Arm in the browser: the 3D view, joints, jog, the pose of the tip, and the motion that this page holds.
 
-Owns what the parts share (`page`): speed, calls to the server, the ghost, the running motion. Must not decide what may
-move: the server checks every hold and every call. */
+Owns what the parts share (`page`): speed, calls to the server, the ghost, the running motion; how a press, a drag or a key
+becomes a hold, and the numbers at frame rate. Must not decide what may move: the server checks every hold and every call. */
 
-import hexwire from "/static/live.js";
-import { mountJoints } from "/static/arm_joints.js";
-import { mountTip } from "/static/arm_tip.js";
-import { mountGoto } from "/static/arm_goto.js";
-import { mountPoses, mountGripper } from "/static/arm_poses.js";
-import { mountTeach } from "/static/arm_teach.js";
-import { loadSheet } from "/static/widgets.js";
+import hexwire, { faultsOf, FLAG } from "./live.js";
+import { gotoMarkup, gripperMarkup, mountGoto, mountGripper, mountPoses, mountTeach, posesMarkup, teachMarkup } from "./arm_motion.js";
+import { fill, html } from "./widgets.js";
 
-const PATIENCE = 20000; // ms for an answer of the server
-const QUESTIONS = new Set(["preview", "poses", "taught"]); // they change nothing
 const READ = 6000; // ms for which a reason stays in sight
+const OVER = 0.06; // share of the range that a slider shows beyond each limit
+const GRAB = 24; // pixels from the marker at which a drag begins
+const PACE = 40; // ms between two changes of a drag
+const SPOKEN = 500; // ms between two changes of what a screen reader is told
+const MORE = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 };
+const IDLE_KEYS = new Set(["Home", "End", "PageUp", "PageDown"]);
+const GIMBAL = 1e-9;
 
 export const degrees = (radians) => (radians * 180) / Math.PI;
 export const radians = (value) => (value * Math.PI) / 180;
@@ -24,25 +25,52 @@ export function fixed(value, digits = 1) {
   return Number(text) === 0 ? text.replace("-", "") : text.replace("-", "−");
 }
 
-const answers = new Map();
-let calls = 0;
-let present = null;
+/** The page follows what is open. */
+export function mount(element) {
+  let shown = "";
+  let taught = "";
+  let page = null;
+  const follow = async (facts) => {
+    const now = `${facts.mode} ${facts.opened} ${facts.mode === "arm" ? "" : facts.open_error}`;
+    if (now !== shown) {
+      shown = now;
+      page = null;
+      if (facts.mode !== "arm") {
+        fill(element, nothing(facts));
+        return;
+      }
+      const args = await hexwire.call("arm.values", {}, facts.opened).catch((error) => ({ error: error.message }));
+      if (now !== shown) return;
+      if (args.error) {
+        shown = ""; // asked again with the next facts
+        fill(element, html`<p class="hw-bad">${args.error}</p>`);
+        return;
+      }
+      page = draw(element, args, facts.opened);
+      taught = "";
+    }
+    const what = `${facts.teaching} ${facts.taught}`;
+    if (page && what !== taught) {
+      taught = what;
+      page.tellTaught();
+    }
+  };
+  hexwire.onFacts(follow, element);
+}
 
-window.hexwireArm = {
-  answer(id, values) {
-    const settle = answers.get(id);
-    answers.delete(id);
-    if (settle) settle(values);
-  },
-  taught(values) {
-    if (present) present.tell("taught", values);
-  },
-};
+function nothing({ mode, open_error: error }) {
+  if (mode === "opening") return html`<p>The arm is being opened.</p>`;
+  if (mode === "bus") {
+    return html`<p>The servos are open one by one, without the arm around them. To move the arm as a whole, open it on
+      <a href="/">Connect</a>.</p>`;
+  }
+  return html`${error && html`<p class="hw-bad">Not opened: ${error}</p>`}<p>No arm is open. Choose one on
+    <a href="/">Connect</a>, or a servo bus on <a href="/servos">Servos</a>.</p>`;
+}
 
-export async function mount(root, args) {
-  await Promise.all([loadSheet("/static/palette.css"), loadSheet("/static/arm.css")]);
-  if (!root.isConnected) return;
-  const page = (present = makePage(root, args));
+function draw(element, args, opened) {
+  const root = fill(element, markup(args)).firstElementChild;
+  const page = makePage(root, args, opened);
   mountBar(page);
   mountJoints(page);
   mountTip(page);
@@ -62,10 +90,11 @@ export async function mount(root, args) {
     });
   }, root);
   hexwire.onFacts((facts) => page.tell("facts", facts), root);
-  await mountView(page);
+  mountView(page);
+  return page;
 }
 
-function makePage(root, args) {
+function makePage(root, args, opened) {
   const listeners = {};
   const page = {
     root,
@@ -82,14 +111,11 @@ function makePage(root, args) {
       for (const act of listeners[name] || []) act(value);
     },
     /** Ask the server; the answer has `error` if it refused. */
-    call(name, values = {}) {
-      if (hexwire.late && !QUESTIONS.has(name)) return Promise.resolve({ error: "there is no connection to the studio" });
-      const id = (calls += 1);
-      return new Promise((resolve) => {
-        answers.set(id, resolve);
-        setTimeout(() => window.hexwireArm.answer(id, { error: "the studio did not answer" }), PATIENCE);
-        root.dispatchEvent(new CustomEvent("hw-call", { detail: { id, name, args: values } }));
-      });
+    call: (name, values = {}) => hexwire.call(`arm.${name}`, values, opened).catch((error) => ({ error: error.message })),
+    /** Show what was taught, or that it is being taught. */
+    async tellTaught() {
+      const told = await page.call("taught");
+      if (!told.error) page.tell("taught", told);
     },
     /** Begin a motion that lasts while this page is in sight; resolves with why it ended. */
     run(values) {
@@ -114,7 +140,7 @@ function makePage(root, args) {
 async function mountView(page) {
   const element = page.find("#arm-view");
   if (!element || !page.args.geometry) return;
-  const { Arm3D } = await import("/static/arm3d.js");
+  const { Arm3D } = await import("./arm3d.js");
   if (!element.isConnected) return;
   const view = (page.view = new Arm3D(element, page.args.geometry, { theme: "auto" }));
   view.setTable(page.args.table);
@@ -229,4 +255,298 @@ export function showPlan(element, plan) {
     element.textContent += `. Not now: ${plan.unready}`;
     element.dataset.level = "warn";
   }
+}
+
+// -- joints and jog ------------------------------------------------------------------------------------------------
+
+function mountJoints(page) {
+  page.args.joints.forEach((joint, i) => {
+    const row = page.find(`tr[data-joint="${CSS.escape(joint.name)}"]`);
+    if (row) mountRow(page, row, joint, i);
+  });
+  for (const button of page.all(".arm-space .arm-jog")) {
+    const tool = [0, 0, 0, 0, 0, 0];
+    tool[Number(button.dataset.axis)] = Number(button.dataset.turn);
+    hexwire.holdButton(button, "space", () => ({ tool, speed: page.speed }));
+  }
+}
+
+function mountRow(page, row, joint, i) {
+  const cell = (name) => row.querySelector(`[data-value="${name}"]`);
+  const slider = row.querySelector(".arm-slider");
+  const low = joint.min - OVER * (joint.max - joint.min);
+  const high = joint.max + OVER * (joint.max - joint.min);
+  const share = (angle) => Math.min(1, Math.max(0, (angle - low) / (high - low)));
+  row.style.setProperty("--colour", `var(--joint-${(i % 8) + 1})`);
+  slider.style.setProperty("--low", share(joint.min));
+  slider.style.setProperty("--high", share(joint.max));
+  for (const button of row.querySelectorAll(".arm-jog")) {
+    const turn = Number(button.dataset.turn);
+    hexwire.holdButton(button, "joint", () => ({ directions: { [joint.name]: turn }, speed: page.speed }));
+  }
+  mountSlider(page, slider, joint, i, { low, high, share });
+  drawRow(page, { cell, slider, share, joint, i, row });
+}
+
+function drawRow(page, { cell, slider, share, joint, i, row }) {
+  const cells = { position: cell("position"), goal: cell("goal"), load: cell("load"), state: cell("state") };
+  const shown = {};
+  let spoken = 0;
+  const put = (name, text) => {
+    if (shown[name] === text) return;
+    shown[name] = text;
+    cells[name].textContent = text;
+    if (name === "state") cells.state.title = text; // it may be cut off
+  };
+  page.on("facts", () => {
+    const known = page.knows(i);
+    row.classList.toggle("arm-silent", !known);
+    for (const button of row.querySelectorAll(".arm-jog")) button.disabled = !page.mine || !known;
+  });
+  page.on("draw", (frame) => {
+    const position = frame.position[i];
+    const known = page.knows(i);
+    put("position", fixed(degrees(position)));
+    put("goal", fixed(degrees(frame.goal[i])));
+    put("load", fixed(100 * frame.load[i], 0));
+    const flags = frame.flags[i];
+    const faults = faultsOf(flags);
+    const torque = flags & FLAG.unknown ? "torque unknown" : flags & FLAG.torque ? "holds" : "no torque";
+    put("state", !known && !faults.length ? "unknown" : faults.join(", ") || torque);
+    const level = faults.length ? "error" : "";
+    if (cells.state.dataset.level !== level) cells.state.dataset.level = level;
+    const out = known && (position < joint.min - 0.005 || position > joint.max + 0.005);
+    if (row.classList.contains("arm-outside") !== out) row.classList.toggle("arm-outside", out);
+    const at = known ? share(position).toFixed(4) : "";
+    if (shown.at !== at) {
+      shown.at = at;
+      slider.style.setProperty("--at", at || 0);
+      slider.classList.toggle("arm-unknown", !at);
+    }
+    const now = performance.now();
+    if (now - spoken > SPOKEN && shown.spoken !== shown.position) {
+      spoken = now;
+      shown.spoken = shown.position;
+      slider.setAttribute("aria-valuenow", known ? degrees(position).toFixed(0) : "0");
+      slider.setAttribute("aria-valuetext", known ? `${degrees(position).toFixed(1)} degrees` : "unknown");
+    }
+  });
+}
+
+function mountSlider(page, slider, joint, i, { low, high, share }) {
+  const aim = slider.querySelector(".arm-aim");
+  const args = (goal) => ({ goals: { [joint.name]: goal }, speed: page.speed });
+  let drag = null;
+  const angle = (event) => {
+    const box = slider.getBoundingClientRect();
+    const wanted = low + ((event.clientX - box.left) / box.width) * (high - low);
+    return Math.min(joint.max, Math.max(joint.min, wanted));
+  };
+  const mark = (goal) => {
+    aim.hidden = goal === null;
+    if (goal !== null) slider.style.setProperty("--aim", share(goal));
+  };
+  const over = (mine, why) => {
+    if (drag === mine) drag = null;
+    mark(null);
+    slider.classList.remove("hw-held");
+    if (why !== "released") page.tell("why", why);
+  };
+  slider.addEventListener("pointerdown", (event) => {
+    const positions = page.positions();
+    if (event.button !== 0 || !page.mine || !positions || !Number.isFinite(positions[i])) return;
+    const box = slider.getBoundingClientRect();
+    // Only at the marker, so that a touch that scrolls the page moves nothing.
+    if (Math.abs(event.clientX - box.left - share(positions[i]) * box.width) > GRAB) return;
+    slider.setPointerCapture(event.pointerId);
+    slider.classList.add("hw-held");
+    const mine = (drag = { goal: angle(event), told: performance.now(), timer: 0 });
+    mark(mine.goal);
+    hexwire.hold("drag", args(mine.goal), { element: slider }).then((why) => over(mine, why));
+  });
+  slider.addEventListener("pointermove", (event) => {
+    if (!drag) return;
+    const mine = drag;
+    mine.goal = angle(event);
+    mark(mine.goal);
+    const tell = () => {
+      mine.timer = 0;
+      if (drag !== mine) return;
+      mine.told = performance.now();
+      hexwire.update(args(mine.goal));
+    };
+    if (!mine.timer) mine.timer = setTimeout(tell, Math.max(0, mine.told + PACE - performance.now()));
+  });
+  for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) {
+    slider.addEventListener(name, () => drag && hexwire.release());
+  }
+  let key = "";
+  slider.addEventListener("keydown", (event) => {
+    if (IDLE_KEYS.has(event.key)) event.preventDefault();
+    const turn = MORE[event.key];
+    if (!turn || event.ctrlKey || event.altKey || event.metaKey) return;
+    event.preventDefault();
+    if (event.repeat || key || !page.mine || !page.knows(i)) return;
+    key = event.key;
+    slider.classList.add("hw-held");
+    const jog = { directions: { [joint.name]: turn }, speed: page.speed };
+    hexwire.hold("joint", jog, { element: slider }).then((why) => {
+      key = "";
+      over(null, why);
+    });
+  });
+  slider.addEventListener("keyup", (event) => event.key === key && hexwire.release());
+  slider.addEventListener("blur", () => (drag || key) && hexwire.release());
+  slider.addEventListener("contextmenu", (event) => event.preventDefault());
+}
+
+// -- the tip ---------------------------------------------------------------------------------------------------------
+
+function times([a, b, c, d], [x, y, z, w]) {
+  return [d * x + a * w + b * z - c * y, d * y - a * z + b * w + c * x, d * z + a * y - b * x + c * w, d * w - a * x - b * y - c * z];
+}
+
+function turned([a, b, c, d], [x, y, z]) {
+  const [u, v, w] = [2 * (b * z - c * y), 2 * (c * x - a * z), 2 * (a * y - b * x)];
+  return [x + d * u + b * w - c * v, y + d * v + c * u - a * w, z + d * w + a * v - b * u];
+}
+
+/** Position in metres and quaternion x, y, z, w of the tip at joint positions in radians. */
+export function tipOf(geometry, positions) {
+  const frames = [];
+  for (const link of geometry.links) {
+    let turn = link.turn;
+    if (link.axis) {
+      const half = (link.multiplier * positions[link.joint] + link.offset) / 2;
+      turn = times(turn, [...link.axis.map((value) => value * Math.sin(half)), Math.cos(half)]);
+    }
+    const parent = frames[link.parent];
+    if (!parent) frames.push({ position: link.place, quaternion: turn });
+    else {
+      const place = turned(parent.quaternion, link.place);
+      frames.push({ position: place.map((value, k) => value + parent.position[k]), quaternion: times(parent.quaternion, turn) });
+    }
+  }
+  return frames[geometry.tip];
+}
+
+/** Roll, pitch and yaw about the base's fixed axes of a quaternion, radians; at a pitch of a quarter turn, roll is 0. */
+export function rpyOf([x, y, z, w]) {
+  const row = [1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)]; // first column of the rotation
+  const cosine = Math.hypot(row[0], row[1]);
+  const pitch = Math.atan2(-row[2], cosine);
+  if (cosine < GIMBAL) return [0, pitch, Math.atan2(-2 * (x * y - z * w), 1 - 2 * (x * x + z * z))];
+  return [Math.atan2(2 * (y * z + x * w), 1 - 2 * (x * x + y * y)), pitch, Math.atan2(row[1], row[0])];
+}
+
+/** Values of the tip by name: x, y, z in metres, angles in radians. */
+export function tipValues(args, positions) {
+  const { position, quaternion } = tipOf(args.geometry, positions);
+  const [roll, pitch, yaw] = rpyOf(quaternion);
+  const values = { x: position[0], y: position[1], z: position[2], roll, pitch, yaw };
+  (args.turns || []).forEach(({ offset, factors }, k) => {
+    const sum = Object.entries(factors).reduce((total, [i, factor]) => total + factor * positions[i], offset);
+    values[k ? "toolroll" : "toolpitch"] = sum;
+  });
+  return values;
+}
+
+function mountTip(page) {
+  const cells = page.all("[data-tip]");
+  if (!page.args.geometry || !cells.length) return;
+  page.on("draw", () => {
+    const values = tipValues(page.args, page.positions());
+    for (const cell of cells) {
+      const name = cell.dataset.tip;
+      const text = name.length === 1 ? fixed(1000 * values[name]) : fixed(degrees(values[name]));
+      if (cell.textContent !== text) cell.textContent = text;
+    }
+  });
+}
+
+// -- what is drawn -----------------------------------------------------------------------------------------------
+
+function markup({ joints, space, jaws, geometry, emulated }) {
+  return html`<div class="arm-page">
+<div class="arm-bar">
+  <label for="arm-speed">Speed</label>
+  <input id="arm-speed" type="range" min="1" max="100" value="30" step="1" aria-describedby="arm-speed-value">
+  <output id="arm-speed-value" for="arm-speed">30 %</output>
+  <span class="arm-hint" id="arm-hint" role="status"></span>
+</div>
+<div class="arm-left">${viewMarkup(geometry, emulated)}${space && [tipMarkup(space), spaceMarkup()]}${jaws && gripperMarkup()}</div>
+<div class="arm-right">${jointsMarkup(joints)}${gotoMarkup(joints, space)}${posesMarkup(jaws)}${teachMarkup()}</div>
+</div>`;
+}
+
+function viewMarkup(geometry, emulated) {
+  return html`<section class="arm-part arm-view-part" aria-label="View and motion">
+  ${geometry ? html`<div class="arm-view" id="arm-view"></div>` : html`<p class="arm-note">The lengths of this arm are unknown,
+    so it has no 3D view, no tip, and no jog in space.</p>`}
+  ${emulated && html`<p class="arm-note">${emulated}</p>`}
+  <div class="arm-run" id="arm-run">
+    <progress id="arm-run-bar" max="1" value="0" aria-label="Progress of the motion"></progress>
+    <span id="arm-run-text" role="status">No motion</span>
+    <button class="hw-button" id="arm-run-end" type="button" disabled>End motion</button>
+  </div>
+</section>`;
+}
+
+export function jointsMarkup(joints) {
+  return html`<section class="arm-part arm-joints-part" aria-labelledby="arm-joints-title">
+  <h2 id="arm-joints-title">Joints</h2>
+  <table class="arm-joints">
+    <thead><tr>
+      <th scope="col">Joint</th><th scope="col">Jog and drag</th>
+      <th scope="col" class="arm-number">Position&nbsp;°</th>
+      <th scope="col" class="arm-number arm-wide">Goal&nbsp;°</th>
+      <th scope="col" class="arm-number arm-wide">Load&nbsp;%</th><th scope="col" class="arm-wide">State</th>
+    </tr></thead>
+    <tbody>${joints.map(jointMarkup)}</tbody>
+  </table>
+  <p class="arm-note">A joint moves while its button is pressed, its marker is dragged, or an arrow key is held on
+  its slider. Letting go stops it.</p>
+</section>`;
+}
+
+function jointMarkup({ name, min, max }) {
+  const [low, high] = [min, max].map((angle) => String(Number(degrees(angle).toFixed(1)) || 0));
+  return html`<tr data-joint="${name}">
+  <th scope="row"><span class="arm-swatch"></span>${name}</th>
+  <td><div class="arm-drive">
+    <button class="hw-button arm-jog arm-need" type="button" data-turn="-1" aria-label="Jog ${name} down">−</button>
+    <div class="arm-slider" role="slider" tabindex="0" aria-label="${name}" aria-orientation="horizontal"
+      aria-valuemin="${low}" aria-valuemax="${high}" aria-valuenow="0" aria-valuetext="unknown">
+      <span class="arm-track"></span><span class="arm-aim" hidden></span><span class="arm-thumb"></span>
+      <span class="arm-end arm-low">${low.replace("-", "−")}</span><span class="arm-end arm-high">${high.replace("-", "−")}</span>
+    </div>
+    <button class="hw-button arm-jog arm-need" type="button" data-turn="1" aria-label="Jog ${name} up">+</button>
+  </div></td>
+  <td class="arm-number" data-value="position">–</td><td class="arm-number arm-wide" data-value="goal">–</td>
+  <td class="arm-number arm-wide" data-value="load">–</td><td class="arm-wide" data-value="state">–</td>
+</tr>`;
+}
+
+/** The pose of the tip; an arm of five joints aims its tool by pitch and roll. */
+export function tipMarkup(space) {
+  const turns = space === 5 ? [["toolpitch", "pitch"], ["toolroll", "roll"]] : [["roll", "roll"], ["pitch", "pitch"], ["yaw", "yaw"]];
+  const rows = [...["x", "y", "z"].map((axis) => [axis, axis, "mm"]), ...turns.map((turn) => [...turn, "°"])];
+  return html`<section class="arm-part" aria-labelledby="arm-tip-title">
+  <h2 id="arm-tip-title">Tip</h2>
+  <dl class="arm-tip hw-live">${rows.map(([key, words, unit]) => html`<div><dt>${words} <span class="arm-unit">${unit}</span></dt>
+    <dd data-tip="${key}">–</dd></div>`)}</dl>
+</section>`;
+}
+
+function spaceMarkup() {
+  const press = (place, turn, label) => html`<button class="hw-button arm-jog arm-need arm-whole" type="button"
+    data-axis="${place}" data-turn="${turn}" aria-label="${label}, ${turn > 0 ? "plus" : "minus"}">${turn > 0 ? "+" : "−"}</button>`;
+  const group = (what, words, first) => html`<div class="arm-axes" role="group" aria-label="${words}">
+    <span class="arm-axes-name">${words}</span>${["x", "y", "z"].map((axis, i) => html`<span class="arm-axis arm-axis-${axis}">
+      ${press(first + i, -1, `${words} ${what} ${axis}`)}<span>${axis}</span>${press(first + i, 1, `${words} ${what} ${axis}`)}</span>`)}</div>`;
+  return html`<section class="arm-part" aria-labelledby="arm-space-title">
+  <h2 id="arm-space-title">Jog in space</h2>
+  <div class="arm-space">${group("along", "Move", 0)}${group("about", "Turn", 3)}</div>
+  <p class="arm-note">In the frame of the base, while a button is pressed.</p>
+</section>`;
 }

@@ -1,8 +1,10 @@
-/* A 3D view of an arm, drawn with three.js, which NiceGUI brings as the module "nicegui-scene".
+/* A 3D view of an arm, drawn with three.js: the arm, the floor with its grid and numbers, and the surfaces of which both are
+made.
 
-Owns the drawing and the camera. Must not know pages, sockets or robots. It draws only after something changed.
+Owns the drawing and the camera. Must not know pages, sockets or robots. It draws only after something changed. Lengths are
+metres.
 
-  import { Arm3D } from "/static/arm3d.js";
+  import { Arm3D } from "./arm3d.js";
   const view = new Arm3D(element, geometry, { theme: "light" });   // geometry: hexwire.studio.geometry.make_geometry
   view.setJoints(float32Array)       joint positions in radians in the order of geometry.joints, or {name: radians};
                                      once a frame is fine: values that did not change draw nothing
@@ -24,12 +26,10 @@ Mouse: drag turns, wheel zooms once the view has the focus, right drag moves. To
 move; a finger that starts up or down scrolls the page. Keys: arrows turn, Shift and arrows move, + and - zoom, 0 or
 Home resets. Escape is not taken. */
 
-import { axesOf, floorParts } from "./arm3d_floor.js";
-import { mesh, thread } from "./arm3d_forms.js";
-
 let three = null;
 try {
-  three = await import("nicegui-scene");
+  const [THREE, { OrbitControls }] = await Promise.all([import("./vendor/three.module.min.js"), import("./vendor/OrbitControls.js")]);
+  three = { THREE, OrbitControls };
 } catch (error) {
   console.warn("arm3d: three.js is missing", error);
 }
@@ -510,4 +510,206 @@ function isSoftware(context) {
   const info = context.getExtension("WEBGL_debug_renderer_info");
   const name = context.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : context.RENDERER);
   return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(String(name));
+}
+
+// -- the floor: a plate, a grid with numbers, axes --------------------------------------------------------------
+
+const AXES = ["#d64545", "#3f9e4d", "#3f76d6"];
+
+/** Plate, lines, numbers and axes: a line each 50 mm, a darker one each 100 mm. `look` has their colours. */
+function floorParts(THREE, geometry, look) {
+  const half = Math.max(2, Math.ceil((geometry.reach * 1.05) / 0.1)) * 0.1, lines = { minor: [], major: [] };
+  for (let i = -Math.round(half / 0.05); i <= Math.round(half / 0.05); i++) {
+    const at = 0.05 * i, row = i % 2 ? lines.minor : lines.major;
+    row.push(at, -half, 0, at, half, 0, -half, at, 0, half, at, 0);
+  }
+  const paint = { color: look.floor, transparent: true, opacity: 0.55, side: THREE.DoubleSide, depthWrite: false };
+  const plate = new THREE.Mesh(new THREE.PlaneGeometry(2 * half, 2 * half), new THREE.MeshBasicMaterial(paint));
+  plate.position.z = -0.0006;
+  plate.renderOrder = -3;
+  const parts = [plate];
+  for (const [name, row] of Object.entries(lines)) {
+    const form = buffered(THREE, { position: row });
+    const ink = new THREE.LineBasicMaterial({ color: look[name], depthWrite: false });
+    const line = new THREE.LineSegments(form, ink);
+    line.renderOrder = -2;
+    parts.push(line);
+  }
+  const axes = axesOf(THREE, 0.07, 0.0018);
+  axes.position.set(-half, -half, 0.001);
+  return [...parts, ...numbers(THREE, geometry, look.text), axes];
+}
+
+/** x, y and z in red, green and blue. */
+function axesOf(THREE, length, radius) {
+  const axes = new THREE.Group();
+  AXES.forEach((colour, i) => {
+    const form = new THREE.CylinderGeometry(radius, radius, length, 10);
+    form.translate(0, length / 2, 0);
+    if (i === 0) form.rotateZ(-Math.PI / 2);
+    if (i === 2) form.rotateX(Math.PI / 2);
+    const paint = { color: colour, emissive: colour, emissiveIntensity: 0.35 };
+    axes.add(new THREE.Mesh(form, new THREE.MeshLambertMaterial(paint)));
+  });
+  return axes;
+}
+
+/** Millimetres along the arm's right side, and across in front of it, near enough to be seen with the arm. */
+function numbers(THREE, { reach, heading }, colour) {
+  const ahead = Math.max(0.2, Math.floor(6 * reach) / 10), right = -0.13, found = [];
+  const c = Math.round(Math.cos(heading)), s = Math.round(Math.sin(heading));
+  const put = (x, y, along) => {
+    // From the arm's view of ahead and left to the frame of its foot.
+    const at = [c * x - s * y, s * x + c * y];
+    const axis = along === "ahead" ? (c ? 0 : 1) : c ? 1 : 0;
+    const words = `${Math.round(1000 * at[axis])}`;
+    found.push(text(THREE, words === "0" ? `${"xy"[axis]} 0 mm` : words, [...at, 0.004], colour, reach));
+  };
+  for (let x = 0; x < ahead + 0.05; x += 0.1) put(x, right, "ahead");
+  for (let y = 0; y < 0.15; y += 0.1) put(ahead + 0.03, y, "across");
+  return found;
+}
+
+function text(THREE, words, place, colour, reach) {
+  const canvas = document.createElement("canvas");
+  canvas.width = 160;
+  canvas.height = 48;
+  const pen = canvas.getContext("2d");
+  Object.assign(pen, { font: "500 28px system-ui, sans-serif", fillStyle: colour });
+  Object.assign(pen, { textAlign: "center", textBaseline: "middle" });
+  pen.fillText(words, 80, 24);
+  const map = new THREE.CanvasTexture(canvas);
+  map.colorSpace = THREE.SRGBColorSpace;
+  const sprite = new THREE.Sprite(new THREE.SpriteMaterial({ map, depthWrite: false }));
+  sprite.scale.set(0.16 * reach, 0.048 * reach, 1);
+  sprite.position.fromArray(place);
+  return sprite;
+}
+
+// -- surfaces: boxes with bevelled edges, cylinders, balls, threads, as corners and normals -----------------------
+
+const CHAMFER = 0.0012;
+
+/** One geometry of all shapes of a link, with a colour for each corner. */
+function mesh(THREE, shapes, colourOf) {
+  const places = [], normals = [], colours = [], tint = new THREE.Color();
+  for (const shape of shapes) {
+    const [points, sides] = shape.kind === "box" ? bevelled(THREE, shape.size) : turned(shape);
+    const turn = new THREE.Quaternion().fromArray(shape.turn), at = new THREE.Vector3().fromArray(shape.place);
+    const v = new THREE.Vector3();
+    tint.set(colourOf(shape));
+    for (let i = 0; i < points.length; i += 3) {
+      v.fromArray(points, i).applyQuaternion(turn).add(at).toArray(places, places.length);
+      v.fromArray(sides, i).applyQuaternion(turn).toArray(normals, normals.length);
+      tint.toArray(colours, colours.length);
+    }
+  }
+  return buffered(THREE, { position: places, normal: normals, color: colours });
+}
+
+/** A geometry of flat lists with three numbers for each corner. */
+function buffered(THREE, lists) {
+  const form = new THREE.BufferGeometry();
+  for (const [name, list] of Object.entries(lists)) {
+    form.setAttribute(name, new THREE.Float32BufferAttribute(list, 3));
+  }
+  return form;
+}
+
+/** A thin square rod along a line through points, in a flat list, metres: a line of one pixel is hard to see. */
+function thread(THREE, points, radius) {
+  const places = [], from = new THREE.Vector3(), to = new THREE.Vector3(), way = new THREE.Vector3();
+  const side = new THREE.Vector3(), other = new THREE.Vector3();
+  for (let i = 0; i + 5 < points.length; i += 3) {
+    from.fromArray(points, i);
+    to.fromArray(points, i + 3);
+    way.subVectors(to, from);
+    if (way.lengthSq() < 1e-12) continue;
+    way.normalize();
+    // A little longer, so that there is no gap where the line turns.
+    from.addScaledVector(way, -0.5 * radius);
+    to.addScaledVector(way, 0.5 * radius);
+    side.set(0, 0, 1).cross(way);
+    if (side.lengthSq() < 1e-6) side.set(1, 0, 0);
+    side.setLength(radius);
+    other.crossVectors(way, side).setLength(radius);
+    const ring = [side, other, side.clone().negate(), other.clone().negate()];
+    for (let n = 0; n < 4; n++) {
+      const a = ring[n], b = ring[(n + 1) % 4];
+      for (const [end, off] of [[from, a], [from, b], [to, b], [from, a], [to, b], [to, a]]) {
+        places.push(end.x + off.x, end.y + off.y, end.z + off.z);
+      }
+    }
+  }
+  return buffered(THREE, { position: places });
+}
+
+/** A box whose edges are cut off a little, so that they catch the light. */
+function bevelled(THREE, size) {
+  const cut = Math.min(CHAMFER, 0.2 * Math.min(...size)), half = size.map((length) => length / 2);
+  const points = [], sides = [];
+  const corner = (signs, axis) => signs.map((sign, i) => sign * (i === axis ? half[i] : half[i] - cut));
+  const face = (corners) => {
+    // A convex face about the origin: its normal points away from it.
+    const [a, b, c] = corners.map((p) => new THREE.Vector3(...p));
+    const normal = b.clone().sub(a).cross(c.clone().sub(a)).normalize();
+    const out = normal.dot(a) >= 0, ring = out ? corners : [...corners].reverse();
+    if (!out) normal.negate();
+    for (let i = 1; i + 1 < ring.length; i++) {
+      points.push(...ring[0], ...ring[i], ...ring[i + 1]);
+      for (let n = 0; n < 3; n++) sides.push(normal.x, normal.y, normal.z);
+    }
+  };
+  const with_ = (axis, sign, others) => {
+    const signs = [0, 0, 0];
+    signs[axis] = sign;
+    others.forEach(([i, s]) => (signs[i] = s));
+    return signs;
+  };
+  for (let axis = 0; axis < 3; axis++) {
+    const [i, j] = [(axis + 1) % 3, (axis + 2) % 3];
+    for (const sign of [1, -1]) {
+      face([[1, 1], [-1, 1], [-1, -1], [1, -1]].map(([a, b]) => corner(with_(axis, sign, [[i, a], [j, b]]), axis)));
+    }
+    // The four edges along this axis.
+    for (const a of [1, -1]) {
+      for (const b of [1, -1]) {
+        const low = with_(axis, -1, [[i, a], [j, b]]), high = with_(axis, 1, [[i, a], [j, b]]);
+        face([corner(low, i), corner(high, i), corner(high, j), corner(low, j)]);
+      }
+    }
+  }
+  for (let i = 0; i < 8; i++) {
+    const signs = [i & 1, i & 2, i & 4].map((bit) => (bit ? 1 : -1));
+    face([0, 1, 2].map((axis) => corner(signs, axis)));
+  }
+  return [points, sides];
+}
+
+/** A cylinder along z with its edges cut off a little, or a ball. */
+function turned({ kind, size }) {
+  const [radius, length] = size, steps = radius > 0.02 ? 40 : 24, profile = [];
+  if (kind === "sphere") {
+    for (let i = 0; i <= 12; i++) {
+      const angle = (Math.PI * i) / 12;
+      profile.push([radius * Math.sin(angle), -radius * Math.cos(angle)]);
+    }
+  } else {
+    const cut = Math.min(CHAMFER, 0.2 * Math.min(radius, length)), top = length / 2;
+    profile.push([0, -top], [radius - cut, -top], [radius, cut - top]);
+    profile.push([radius, top - cut], [radius - cut, top], [0, top]);
+  }
+  const points = [], sides = [];
+  for (let p = 0; p + 1 < profile.length; p++) {
+    const [r0, z0] = profile[p], [r1, z1] = profile[p + 1], long = Math.hypot(r1 - r0, z1 - z0);
+    const out = (z1 - z0) / long, up = (r0 - r1) / long;
+    for (let i = 0; i < steps; i++) {
+      const a = (2 * Math.PI * i) / steps, b = (2 * Math.PI * (i + 1)) / steps;
+      const at = (r, z, angle) => points.push(r * Math.cos(angle), r * Math.sin(angle), z);
+      const side = (angle) => sides.push(out * Math.cos(angle), out * Math.sin(angle), up);
+      at(r0, z0, a), at(r0, z0, b), at(r1, z1, b), at(r0, z0, a), at(r1, z1, b), at(r1, z1, a);
+      side(a), side(b), side(b), side(a), side(b), side(a);
+    }
+  }
+  return [points, sides];
 }

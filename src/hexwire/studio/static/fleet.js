@@ -1,15 +1,17 @@
 // The page Fleet: what is open here and all shared arms that the studio may see, and their stop. Owns the table; the
 // server decides who may stop and open, and says what has become of a stop.
 
-import { loadSheet, node, put } from "/static/widgets.js";
+import { go } from "./studio.js";
+import { loadSheet, node, put } from "./widgets.js";
 
 const PERIOD = 150; // ms between two looks: what is old is grey within a second
 const HEAD = ["Arm", "State", "Faults", "Lease", "Torque", "Age, ms", "Robot", "Computer", ""];
 
 export async function mount(root, args) {
+  root.classList.add("hw-fleet");
   await loadSheet("/static/fleet.css");
   if (!root.isConnected) return;
-  new FleetPage(root, args.tab, args.operate);
+  new FleetPage(root, args.tab, args.operates);
 }
 
 function condition(arm) {
@@ -139,8 +141,7 @@ class FleetPage {
     this.refusal.hidden = true;
     try {
       await this.ask("open", { name }, { method: "POST" });
-      const link = document.querySelector('.hw-nav-link[data-path="/arm"]');
-      if (link) link.click();
+      go("/arm");
     } catch (error) {
       put(this.refusal, `${name} is not open here: ${error.message}`);
       this.refusal.hidden = false;

@@ -1,5 +1,6 @@
-// The tab's own socket: frames of state in; signs of life, holds and stops out. Needs nothing of NiceGUI, so that STOP
-// works while all else hangs. The bytes of a frame are described in studio/frames.py.
+// The tab's own socket: frames of state in; signs of life, holds, stops and calls out, their answers in; and the header,
+// which shows what is always in sight. Needs no other module, so that STOP works while all else hangs. The bytes of a frame
+// are described in studio/frames.py.
 
 const BEAT = 60; // ms between two signs of life while something is held
 const SEEN = 10; // frames after which the server hears that they were seen; it sends only so many ahead
@@ -12,8 +13,11 @@ export const FLAG = { voltage: 1, encoder: 2, temperature: 4, current: 8, clampe
 const FAULTS = ["voltage", "encoder", "temperature", "current", "overload", "silent"];
 const COLUMNS = ["position", "velocity", "load", "current", "voltage", "temperature", "goal", "age"];
 
-const key = document.querySelector('meta[name="hexwire-tab"]').content;
-const listeners = { frame: new Set(), facts: new Set(), hello: new Set(), news: new Set(), run: new Set(), link: new Set(), servos: new Set(), wave: new Set(), range: new Set() };
+const meta = (name) => document.querySelector(`meta[name="hexwire-${name}"]`).content;
+const key = meta("tab");
+const listeners = { frame: new Set(), facts: new Set(), hello: new Set(), news: new Set(), run: new Set(), link: new Set(), servos: new Set(), wave: new Set(), range: new Set(), steps: new Set() };
+const answers = new Map(); // what was asked for by a call, and has no answer yet
+let calls = 0;
 let socket = null;
 let retry = 200;
 let held = null;
@@ -34,10 +38,9 @@ const hexwire = {
   get connected() {
     return socket !== null && socket.readyState === WebSocket.OPEN;
   },
-  /** NiceGUI would keep an order, and carry it out when it is connected again. A page that was just loaded connects in a moment. */
-  get late() {
-    return Boolean(window.did_handshake && !window.socket?.connected);
-  },
+  /** Whether this page may be given control. */
+  operates: Number(meta("right")) > 1,
+  key,
   /** Whether this page still hears the studio, which may hang although the connection is there. */
   get heard() {
     return hexwire.connected && performance.now() - heard < HEARD;
@@ -68,12 +71,16 @@ const hexwire = {
   onServos: (call, element) => listen("servos", call, element),
   onWave: (call, element) => listen("wave", call, element),
   onRange: (call, element) => listen("range", call, element),
+  onSteps: (call, element) => listen("steps", call, element),
+  call,
+  act,
   hold,
   update,
   release,
   holdButton,
   stop,
   say,
+  notify,
 };
 export default hexwire;
 
@@ -124,6 +131,8 @@ function open() {
     if (socket !== mine) return;
     socket = null;
     ended("the connection to the studio was lost");
+    for (const { reject } of answers.values()) reject(new Error("the connection to the studio was lost"));
+    answers.clear();
     tell("link", false);
     if (event.code === 4404) {
       location.reload(); // the server has forgotten this page
@@ -151,6 +160,11 @@ function receive(message) {
     tell("facts", message);
   } else if (message.kind === "ended") {
     if (held && held.number === message.id) ended(message.why, message.fine);
+  } else if (message.kind === "answer") {
+    const asked = answers.get(message.id);
+    answers.delete(message.id);
+    if ("error" in message) asked?.reject(new Error(message.error));
+    else asked?.resolve(message.value);
   } else if (message.kind === "stopping") {
     stopConfirmed = performance.now();
   } else if (message.kind in listeners) {
@@ -181,6 +195,26 @@ function draw(bytes) {
   frame.known = Array.from(frame.flags, (flags, i) => !(flags & FLAG.silent) && Number.isFinite(frame.position[i]));
   hexwire.frame = frame;
   tell("frame", frame);
+}
+
+// -- calls ---------------------------------------------------------------------------------------------
+
+/**
+ * Ask the studio for something, see studio/calls.py. Nothing is kept for later: without a connection it is refused.
+ * @param {number | null} opened `facts.opened` of what is shown, if it is about that
+ * @returns {Promise} its value; rejected with why not
+ */
+function call(name, args = {}, opened = null) {
+  const id = (calls += 1);
+  return new Promise((resolve, reject) => {
+    if (send({ do: "call", id, name, args, opened })) answers.set(id, { resolve, reject });
+    else reject(new Error("No connection to the studio: nothing was done"));
+  });
+}
+
+/** As `call`, for what a person has pressed: what is refused is told. Resolves to undefined then. */
+function act(...asked) {
+  return call(...asked).catch((error) => notify(error.message, "error"));
 }
 
 // -- holds ---------------------------------------------------------------------------------------------
@@ -372,13 +406,11 @@ function header(facts) {
   const mine = arm && facts.holder_tab !== "" && facts.holder_tab === hexwire.tab;
   put("holder", arm ? (mine ? "this page" : facts.holder || "nobody") : "–", mine ? "ok" : "");
   put("torque", arm ? facts.torque : "–", known && arm && facts.torque === "on" ? "ok" : "");
-  // They need the socket of NiceGUI, which would keep a press and carry it out when it is connected again.
-  const now = link && Boolean(window.socket?.connected);
-  show("take", now && arm && !mine);
-  show("leave", now && mine);
-  show("resume", now && mine && known && facts.stopped !== "");
-  show("torque-on", now && mine && known && facts.stopped === "" && facts.torque !== "on");
-  show("torque-off", now && mine && facts.torque !== "off");
+  show("take", link && arm && !mine && hexwire.operates);
+  show("leave", link && mine);
+  show("resume", link && mine && known && facts.stopped !== "");
+  show("torque-on", link && mine && known && facts.stopped === "" && facts.torque !== "on");
+  show("torque-off", link && mine && facts.torque !== "off");
   document.body.classList.toggle("hw-stopped", arm && facts.stopped !== "");
   let lasting = "";
   if (!link) lasting = since(facts) + "No connection to the studio. STOP will try another way; switch the arm's power off.";
@@ -393,43 +425,18 @@ hexwire.onFacts(header);
 hexwire.onNews((news) => say(news.text, news.level === "error"));
 hexwire.onLink(() => header(hexwire.facts || { mode: "none" }));
 
-function mark() {
-  for (const link of document.querySelectorAll(".hw-nav-link")) {
-    const here = link.dataset.path === location.pathname;
-    if (here) link.setAttribute("aria-current", "page");
-    else link.removeAttribute("aria-current");
-  }
+for (const [id, name, args] of [["take", "take"], ["leave", "leave"], ["resume", "resume"], ["torque-on", "torque", { on: true }], ["torque-off", "torque", { on: false }]]) {
+  document.getElementById(`hw-${id}`).addEventListener("click", () => act(name, args));
 }
 
-// -- the theme -----------------------------------------------------------------------------------------
-
-const THEMES = { auto: "auto", light: false, dark: true };
-let theme = localStorage.getItem("hexwire-theme") in THEMES ? localStorage.getItem("hexwire-theme") : "auto";
-let painted = "auto"; // as the page begins
-
-function paint() {
-  const button = document.getElementById("hw-theme");
-  if (button && button.dataset.theme !== theme) {
-    button.dataset.theme = theme;
-    button.textContent = `Theme: ${theme}`;
-  }
-  if (painted === theme || !window.Quasar || !button) return;
-  window.Quasar.Dark.set(THEMES[theme]);
-  painted = theme;
+/** Show for a while, above everything but in nobody's way, what has become of what was asked for. */
+function notify(text, level = "") {
+  const told = Object.assign(document.createElement("p"), { textContent: text });
+  told.dataset.level = level;
+  document.getElementById("hw-notices").append(told);
+  setTimeout(() => told.remove(), READ);
 }
 
-document.addEventListener("click", (event) => {
-  if (!event.target.closest || !event.target.closest("#hw-theme")) return;
-  const names = Object.keys(THEMES);
-  theme = names[(names.indexOf(theme) + 1) % names.length];
-  localStorage.setItem("hexwire-theme", theme);
-  paint();
-});
-
-// The elements of the header come and go with the page, facts only when they change.
-setInterval(() => {
-  mark();
-  paint();
-  if (hexwire.facts) header(hexwire.facts);
-}, LOOK);
+// Facts are told only when they change; that the studio is heard no more is not told at all.
+setInterval(() => hexwire.facts && header(hexwire.facts), LOOK);
 open();

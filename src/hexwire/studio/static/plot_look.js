@@ -31,7 +31,7 @@ function script() {
   });
 }
 
-await Promise.all(["./uPlot.min.css", "./palette.css", "./plot.css"].map(sheet));
+await Promise.all(["./uPlot.min.css", "./plot.css"].map(sheet));
 export const uPlot = await script();
 
 export const FONT = '12px system-ui, -apple-system, "Segoe UI", Roboto, Ubuntu, Cantarell, "Noto Sans", sans-serif';

@@ -2,15 +2,16 @@
 //
 // Owns which signals are shown. plot.js draws; signals.js knows units.
 
-import hexwire from "/static/live.js";
-import { Plot } from "/static/plot.js";
-import { fetchColumns, save } from "/static/columns.js";
-import { ARM_SIGNALS, JOINT_SIGNALS, jointSeries, valuesOf } from "/static/signals.js";
-import { loadSheet, make, chips } from "/static/widgets.js";
+import hexwire from "./live.js";
+import { Plot } from "./plot.js";
+import { fetchColumns, save } from "./columns.js";
+import { ARM_SIGNALS, JOINT_SIGNALS, jointSeries, valuesOf } from "./signals.js";
+import { loadSheet, make, chips } from "./widgets.js";
 
 const STORE = "hexwire-plots";
 
 export async function mount(element, args) {
+  element.classList.add("pl-page");
   await loadSheet("/static/plots.css");
   if (!element.isConnected) return;
   const chosen = { joints: null, signals: ["position", "goal"], arm: [], ...stored() };

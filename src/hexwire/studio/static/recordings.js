@@ -1,14 +1,15 @@
 // The page Recordings: the list, recording the session, files in and out. recordings_view.js shows one or two of them,
 // recordings_play.js plays one.
 
-import hexwire from "/static/live.js";
-import { ask, save } from "/static/columns.js";
-import { loadSheet, make } from "/static/widgets.js";
-import { makeView } from "/static/recordings_view.js";
+import hexwire from "./live.js";
+import { ask, save } from "./columns.js";
+import { loadSheet, make } from "./widgets.js";
+import { makeView } from "./recordings_view.js";
 
 const LOOK = 1500; // ms between two looks at the list
 
 export async function mount(element, args) {
+  element.classList.add("pl-page");
   await Promise.all([loadSheet("/static/plots.css"), loadSheet("/static/recordings.css")]);
   if (!element.isConnected) return;
   const none = `No recordings yet.${args.operates ? " Record the arm, add a file, or use hexwire --record FILE.mcap." : ""}`;

@@ -1,7 +1,7 @@
 // The arm of a recording in 3D: its posture at the time under the pointer or at the cursor; of two recordings, or while one is
 // played, the other one as a ghost. Owns which posture is shown; arm3d.js draws it.
 
-import { ask, withQuery } from "/static/columns.js";
+import { ask, withQuery } from "./columns.js";
 
 export function makeFigure(place) {
   const state = { robot: "", view: null, data: null, keys: ["position", null], time: null, live: null, round: 0 };
@@ -26,7 +26,7 @@ export function makeFigure(place) {
     const round = state.round;
     try {
       const { geometry } = await (await ask(withQuery("/data/geometry", { robot }))).json();
-      const { Arm3D } = await import("/static/arm3d.js");
+      const { Arm3D } = await import("./arm3d.js");
       if (round !== state.round || !geometry) return;
       place.hidden = false;
       state.view = new Arm3D(place, geometry, { theme: "auto" });

@@ -2,10 +2,10 @@
 //
 // On the arm the motion lasts while this page attends to it: closing, hiding or freezing the page ends it, as STOP does.
 
-import hexwire from "/static/live.js";
-import { fetchColumns } from "/static/columns.js";
-import { DEG } from "/static/signals.js";
-import { make } from "/static/widgets.js";
+import hexwire from "./live.js";
+import { fetchColumns } from "./columns.js";
+import { DEG } from "./signals.js";
+import { make } from "./widgets.js";
 
 const LOOK = 250; // ms between two looks at the twin
 

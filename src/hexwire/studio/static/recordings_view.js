@@ -1,11 +1,11 @@
 // One recording, or two on one time axis. Owns what is shown of them; plot.js draws.
 
-import { Plot } from "/static/plot.js";
-import { fetchColumns } from "/static/columns.js";
-import { DEG, JOINT_SIGNALS, jointSeries, valuesOf } from "/static/signals.js";
-import { chips, make } from "/static/widgets.js";
-import { makeFigure } from "/static/recordings_arm.js";
-import { makePlayer } from "/static/recordings_play.js";
+import { Plot } from "./plot.js";
+import { fetchColumns } from "./columns.js";
+import { DEG, JOINT_SIGNALS, jointSeries, valuesOf } from "./signals.js";
+import { chips, make } from "./widgets.js";
+import { makeFigure } from "./recordings_arm.js";
+import { makePlayer } from "./recordings_play.js";
 
 export function makeView(page, place) {
   const state = { name: "", other: "", topic: "", data: null, plot: null, signals: ["position"], joints: [], names: null, align: "start", round: 0, played: null };

@@ -1,220 +1,234 @@
-// The live parts of the page Servos: values in the list, waves, health, ranges. Forms and text are NiceGUI's; this
-// module fills what changes often, and passes clicks in tables on as events. Must not know what a servo may do.
+// The page Servos: a list at the left, one servo at the right; on a phone one below the other. Owns the order of the parts,
+// the search and the list; where an arm is open, what its protocol tells of its servos. Must not know what a servo may do.
 
-import hexwire, { faultsOf } from "/static/live.js";
-import { Plot } from "/static/plot.js";
+import hexwire from "./live.js";
+import { backup, identity, registers } from "./servos_settings.js";
+import { health, overview, stress, wave } from "./servos_checks.js";
+import { calibration, setUp } from "./servos_calibration.js";
+import { View, button, choice, field, form, frames, hint, live, progress, put, row, section, table } from "./servos_kit.js";
+import { fill, html, loadSheet, node, question } from "./widgets.js";
 
-const DIGITS = { deg: 1, counts: 0, speed: 1, load: 0, volts: 1, celsius: 0, amps: 2 };
-const FRAME = { position: [180 / Math.PI, 1], velocity: [180 / Math.PI, 1], load: [100, 0], voltage: [1, 1], temperature: [1, 0], current: [1, 2] };
+const PARTS = {
+  overview: ["Overview", overview],
+  registers: ["Registers", registers],
+  identity: ["Id and rate", identity],
+  middle: ["Calibration", calibration],
+  wave: ["Wave", wave],
+  health: ["Health", health],
+  stress: ["Stress test", stress],
+  backup: ["Backup", backup],
+  whole_arm: ["Set up an arm", setUp],
+};
 
-export function mount(element, args) {
-  if (!element) return;
-  ({ list, live, table, wave, health, range, frames })[args.part](element, args);
+export async function mount(element, { operates }) {
+  await loadSheet("/static/servos.css");
+  element.classList.add("sv-page");
+  let shown = "";
+  hexwire.onFacts((facts) => {
+    const now = `${facts.mode} ${facts.opened}`;
+    if (now === shown) return;
+    shown = now;
+    element.replaceChildren();
+    if (facts.mode === "bus") workbench(element, facts);
+    else if (facts.mode === "arm") board(element, facts);
+    else closed(element, facts, operates);
+  }, element);
 }
 
-function number(value, digits) {
-  return value === null || !Number.isFinite(value) ? "–" : value.toFixed(digits).replace("-", "−");
+// -- nothing, or an arm ------------------------------------------------------------------------------------------
+
+/** Nothing is open: offer to open a bus. */
+async function closed(element, facts, operates) {
+  element.append(hint("Nothing is open. Open the adapter of a servo bus here, or an arm on the page Connect."));
+  const warning = hint("");
+  // What could not be opened as an arm may be a bus of servos that are none yet.
+  const url = node("input", { value: facts.refused, maxlength: 200 });
+  const address = field("Port or address of the adapter", url);
+  address.classList.add("sv-address");
+  element.append(warning, form(address));
+  // Both at once: this part of the page is gone as soon as the bus is open.
+  const start = () => url.value.trim() && hexwire.act("open_bus", { url: url.value });
+  if (operates) address.after(button("Open the servo bus", start, { level: "accent" }));
+  const known = await hexwire.call("ports.known").catch(() => null);
+  if (known) put(warning, `If a controller board is there instead: ${known.warning}.`);
 }
 
-function put(cell, text, level = "") {
-  if (cell.textContent !== text) cell.textContent = text;
-  if (cell.dataset.level !== level) cell.dataset.level = level;
-}
-
-// -- clicks and live values -------------------------------------------------------------------------------------
-
-function clicks(element) {
-  element.addEventListener("click", (event) => {
-    const target = event.target.closest("[data-do]");
-    if (target) element.dispatchEvent(new CustomEvent("act", { detail: { do: target.dataset.do, value: target.dataset.value } }));
-  });
-}
-
-function fill(element, rows) {
-  for (const row of rows) {
-    for (const cell of element.querySelectorAll(`[data-live][data-id="${row.id}"]`)) {
-      const name = cell.dataset.live;
-      if (name === "state") put(cell, row.error ? "silent" : row.faults.join(", ") || "ok", row.error || row.faults.length ? "error" : "ok");
-      else put(cell, number(row[name], DIGITS[name]));
-    }
+/** The servos of an arm that is open, and the way to the bare servos. */
+async function board(element, facts) {
+  const view = new View(facts.opened);
+  const found = await view.act("board.servos");
+  if (!found || !element.isConnected) return;
+  const place = node("section", { class: "sv-board", "aria-label": "Servos of the arm" });
+  const switchOver = async () => {
+    const text = "The arm is closed: motions end, joints with torque keep it and hold where they are.\nSTOP then reaches the servos directly.";
+    if (await question("Work at the servos", text, "Close the arm, open its servos", "accent")) view.act("open_bus");
+  };
+  if (found.bare) {
+    place.append(
+      hint("The arm is open as a whole. Registers, ids, rates, calibration and waves need its servos one by one: this closes the arm, and joints with torque hold where they are."),
+      button("Work at the servos", switchOver, { level: "accent" }));
+  } else {
+    place.append(hint("A board is between this computer and the servos, and answers for them. It tells what is below. Registers, ids and rates need an adapter on the servo bus itself."));
   }
+  const now = node("div"), told = node("div");
+  const names = ["position", "velocity", "load", "voltage", "temperature", "current", "flags"];
+  fill(now, table("Servos of the arm", ["Joint", "#Servo", "#deg", "#deg/s", "#Load %", "#V", "#°C", "#A", "Condition"],
+    found.joints.map(({ name, servo }, i) => [name, servo, ...names.map((each) => html`<span data-frame="${each}" data-joint="${i}">–</span>`)])));
+  frames(now);
+  const ask = async () => {
+    const report = await view.act("board.ask");
+    if (report) {
+      fill(told, html`${table("What each servo is", ["Joint", "#Servo", "Series", "Present", "Supply limits", "Remarks"], report.servos)}
+        ${report.firmware && html`<p class="sv-hint">${report.firmware}</p>`}
+        ${table("Counters that are not 0", ["Counter", "#Count"], report.counters)}`);
+    }
+  };
+  const ping = async () => {
+    const answers = await view.act("board.ping");
+    if (answers) fill(told, table("Pings", ["Joint", "#Servo", "Answer"], answers));
+  };
+  place.append(...section("Now"), now, ...section(found.bare ? "Line" : "Board"), row(button("Ask again", ask), button("Ping every servo", ping)), told);
+  element.append(place);
+  ask();
 }
 
-function live(element) {
-  element.classList.add("hw-live");
-  hexwire.onServos((message) => fill(element, message.rows), element);
+// -- a bus -------------------------------------------------------------------------------------------------------
+
+async function workbench(element, facts) {
+  const view = new View(facts.opened);
+  const left = node("section", { class: "sv-left", "aria-label": "Servos found" });
+  const right = node("section", { class: "sv-right", "aria-label": "One servo" });
+  const columns = node("div", { class: "sv-columns" }, left, right);
+  element.append(columns);
+  buildSearch(view, left);
+  buildParts(view, right);
+  silenced(columns);
+  hexwire.onServos(({ rows }) => rows.forEach((one) => view.live.set(one.id, one)), columns);
+  const close = async () => {
+    if (await question("Close the servo bus", "Servos with torque keep it and hold where they are.", "Close it", "accent")) view.act("close");
+  };
+  left.append(button("Close the servo bus", close));
+  await view.relist();
+  view.redraw();
 }
 
 /** What needs a servo to answer cannot be pressed while nobody knows how the servos are. */
 function silenced(page) {
   const mark = () => {
     const unknown = hexwire.facts?.mode === "bus" && !hexwire.known;
-    for (const button of page.querySelectorAll(".sv-right .hw-button:not(.sv-offline)")) {
-      if (button.inert !== unknown) button.inert = unknown;
+    for (const each of page.querySelectorAll(".sv-right .hw-button:not(.sv-offline)")) {
+      if (each.inert !== unknown) each.inert = unknown;
     }
   };
   // Parts come and go.
-  const watch = new MutationObserver(mark);
-  watch.observe(page, { childList: true, subtree: true });
+  new MutationObserver(mark).observe(page, { childList: true, subtree: true });
   hexwire.onFacts(mark, page);
 }
 
-function list(element, args) {
-  clicks(element);
-  live(element);
-  silenced(element.closest(".sv-page"));
-  const doing = document.getElementById(args.doing);
-  if (doing) hexwire.onFacts((facts) => put(doing, facts.job || ""), element);
-}
+function buildSearch(view, left) {
+  const rate = choice(), ids = node("input", { value: "0-253", maxlength: 60 });
+  const start = button("Search", search, { level: "accent" });
+  const cancel = button("Cancel", () => view.act("servos.cancel"), { offline: true });
+  const bar = node("progress", { class: "sv-progress", max: 1, "aria-label": "Progress of the search", hidden: true });
+  const told = node("p", { class: "sv-hint sv-status", role: "status" });
+  const doing = node("p", { class: "sv-doing" });
+  const list = node("div", { class: "sv-list" });
+  cancel.hidden = true;
+  left.append(node("h2", { class: "sv-h2" }, "Search"), form(field("Rates", rate), field("Ids", ids), start, cancel),
+    node("div", { class: "sv-progress-place" }, bar), told, doing, list);
+  live(list);
+  hexwire.onFacts((facts) => put(doing, facts.job || ""), doing);
 
-function table(element) {
-  clicks(element);
-}
+  async function search() {
+    start.hidden = true;
+    cancel.hidden = false;
+    const found = await progress(bar, told, view.act("servos.search", { rate: Number(rate.value), ids: ids.value }));
+    start.hidden = false;
+    cancel.hidden = true;
+    put(told, found === undefined ? "" : found ? `${found} servo${found === 1 ? "" : "s"} found` : "no servo answers: check power, cable and rate");
+    if (found === undefined) return;
+    await view.relist();
+    view.redraw();
+  }
 
-// -- an arm's states, where a board answers for the servos -----------------------------------------------------
-
-function frames(element) {
-  element.classList.add("hw-live");
-  let last = 0;
-  hexwire.onFrame((frame) => {
-    const now = performance.now();
-    if (now - last < 200) return;
-    last = now;
-    for (const cell of element.querySelectorAll("[data-frame]")) {
-      const name = cell.dataset.frame, i = Number(cell.dataset.joint);
-      if (name === "flags") {
-        const faults = faultsOf(frame.flags[i]);
-        put(cell, faults.join(", ") || "ok", faults.length ? "error" : "ok");
-      } else {
-        const [factor, digits] = FRAME[name];
-        put(cell, number(frame[name][i] * factor, digits));
-        cell.classList.toggle("hw-dim", !frame.known[i]);
-      }
-    }
-  }, element);
-}
-
-// -- wave -------------------------------------------------------------------------------------------------------
-
-function wave(element, args) {
-  const button = document.getElementById(args.button);
-  const box = document.createElement("div");
-  box.className = "sv-plot";
-  const result = document.createElement("div");
-  result.className = "sv-result";
-  result.setAttribute("role", "status");
-  element.append(box, result);
-  const plot = new Plot(box, {
-    title: "Goal and position", window: 10, keep: 620, height: 260, fileName: "wave",
-    series: [
-      { name: "goal", unit: "deg", colour: 1, dash: [6, 4] },
-      { name: "position", unit: "deg", colour: 0 },
-      { name: "load", unit: "%", colour: 3 },
-    ],
-  });
-  hexwire.holdButton(button, "wave", () => JSON.parse(button.dataset.args || "{}"));
-  hexwire.onWave((message) => {
-    if (message.begin !== undefined) {
-      plot.clear();
-      plot.resume();
-      result.textContent = "";
-    }
-    for (const row of message.rows || []) plot.append(row[0], row.slice(1));
-    if (message.end !== undefined) figures(result, message);
-  }, element);
-}
-
-function figures(result, message) {
-  const words = message.samples
-    ? `${message.end}: ${message.samples} samples, ${message.missed} missing, largest error ${number(message.off, 2)} deg`
-    : message.end;
-  result.replaceChildren(Object.assign(document.createElement("p"), { textContent: words, className: "sv-hint" }));
-  if (!message.steps || !message.steps.length) return;
-  const head = ["Step at s", "deg", "Delay ms", "Rise ms", "Overshoot %", "Settled ms", "Steady error deg"];
-  const rows = message.steps.map((s) => [
-    number(s.at, 2), number(s.size, 1), number(s.delay, 0), number(s.rise, 0), number(s.overshoot, 1), number(s.settled, 0), number(s.steady_error, 2),
-  ]);
-  result.append(makeTable("Step response", head, rows));
-}
-
-function makeTable(caption, head, rows) {
-  const region = Object.assign(document.createElement("div"), { className: "sv-scroll", tabIndex: 0 });
-  region.setAttribute("role", "region");
-  region.setAttribute("aria-label", caption);
-  const made = Object.assign(document.createElement("table"), { className: "sv-table" });
-  made.append(Object.assign(document.createElement("caption"), { textContent: caption }));
-  const line = (cells, kind) => {
-    const row = document.createElement("tr");
-    cells.forEach((text) => {
-      const cell = Object.assign(document.createElement(kind), { textContent: text, className: "sv-num" });
-      if (kind === "th") cell.scope = "col";
-      row.append(cell);
-    });
-    return row;
+  view.relist = async () => {
+    const found = await view.act("servos.list");
+    if (!found) return;
+    view.found = found;
+    const usable = found.servos.filter((one) => one.usable).map((one) => one.id);
+    if (!usable.includes(view.selected)) view.selected = usable[0] ?? null;
+    if (!rate.options.length) rate.append(...found.rates.map(([value, words]) => new Option(words, value)));
+    fill(list, listMarkup(view));
   };
-  const top = document.createElement("thead"), body = document.createElement("tbody");
-  top.append(line(head, "th"));
-  body.append(...rows.map((row) => line(row, "td")));
-  made.append(top, body);
-  region.append(made);
-  return region;
-}
-
-// -- health -----------------------------------------------------------------------------------------------------
-
-function health(element, args) {
-  const plot = new Plot(element, {
-    title: `Health of servo ${args.servo}`, window: 600, keep: 600, height: 420, fileName: `health-${args.servo}`,
-    series: [
-      { name: "supply", unit: "V", colour: 0 },
-      { name: "temperature", unit: "°C", colour: 1 },
-      { name: "current", unit: "A", colour: 4 },
-      { name: "load", unit: "%", colour: 3 },
-    ],
+  list.addEventListener("click", async (event) => {
+    const pressed = event.target.closest("[data-do]");
+    if (!pressed) return;
+    const value = Number(pressed.dataset.value);
+    if (pressed.dataset.do === "select") {
+      view.selected = value;
+      fill(list, listMarkup(view));
+      list.querySelector(`[data-value="${value}"]`).focus();
+    } else if ((await view.act("servos.rate", { baud: value })) === undefined) return;
+    else await view.relist();
+    view.redraw();
   });
-  for (const [t, ...values] of args.rows) plot.append(t, values);
-  let last = -Infinity;
-  hexwire.onServos((message) => {
-    const row = message.rows.find((one) => one.id === args.servo);
-    const t = message.t - args.now;
-    if (!row || t - last < 0.9) return;
-    last = t;
-    plot.append(t, [row.volts, row.celsius, row.amps === null ? null : Math.abs(row.amps), row.load === null ? null : Math.abs(row.load)]);
-  }, element);
 }
 
-// -- ranges -----------------------------------------------------------------------------------------------------
+export function listMarkup({ found, selected }) {
+  const cell = (id, name) => html`<span data-live="${name}" data-id="${id}">–</span>`;
+  const rows = found.servos.map(({ id, usable, model, more, level, remarks }) => {
+    const words = remarks.map(({ text }) => text).join("; ") || "nothing known against it";
+    return [
+      usable ? html`<button type="button" class="sv-pick" data-do="select" data-value="${id}" aria-pressed="${String(id === selected)}"
+        aria-label="Servo ${id}">${id}</button>` : id,
+      // One that cannot be chosen says why in its row.
+      html`${model}<span class="sv-chip">${more}</span>${!usable && html`<span class="sv-note" data-level="${level}">${words}</span>`}`,
+      ...["deg", "volts", "celsius"].map((name) => cell(id, name)),
+      html`<span class="sv-mark" data-level="${level}" title="${words}" role="img" aria-label="${words}">${{ error: "!", warn: "i", ok: "✓" }[level]}</span>
+        <span class="sv-state" data-live="state" data-id="${id}"></span>`,
+    ];
+  });
+  return html`${rows.length > 0 && table(`Servos at ${found.rate}`, ["Id", "Model", "#deg", "#V", "#°C", "State"], rows)}
+    ${!rows.length && !found.elsewhere.length && html`<p class="sv-hint">No servo is known yet. Take control, then search.</p>`}
+    ${found.elsewhere.map(([baud, ids]) => html`<p class="sv-hint">At ${baud} baud: ${ids.join(", ")}
+      <button type="button" class="hw-button" data-do="rate" data-value="${baud}">Work at ${baud} baud</button></p>`)}`;
+}
 
-function range(element) {
-  const HEAD = ["Joint", "Min deg", "Now deg", "Max deg", "", "Missing"];
-  let made = null, rows = new Map();
-  hexwire.onRange((message) => {
-    if (!made || !made.isConnected || rows.size !== message.rows.length) {
-      const region = makeTable("Ranges", HEAD, message.rows.map(() => HEAD.map(() => "")));
-      element.replaceChildren(region);
-      made = region;
-      rows = new Map(message.rows.map((row, i) => [row.name, [...region.querySelectorAll("tbody tr")[i].cells]]));
-      for (const cells of rows.values()) {
-        cells[0].className = cells[5].className = "";
-        for (const i of [0, 5]) region.querySelectorAll("thead th")[i].className = "";
-        cells[4].className = "sv-range";
-        cells[4].append(document.createElement("span"), document.createElement("i"));
-      }
+function buildParts(view, right) {
+  const body = node("div", { class: "sv-part", role: "tabpanel", tabindex: "0" });
+  const tabs = node("div", { class: "sv-tabs", role: "tablist", "aria-label": "Parts" },
+    ...Object.entries(PARTS).map(([name, [words]]) => node("button", { type: "button", role: "tab", class: "sv-tab", "data-part": name }, words)));
+  const choose = (tab) => {
+    view.part = tab.dataset.part;
+    view.redraw();
+  };
+  tabs.addEventListener("click", (event) => event.target.closest("[role=tab]") && choose(event.target.closest("[role=tab]")));
+  // Arrow keys go from tab to tab, as everywhere.
+  tabs.addEventListener("keydown", (event) => {
+    const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    if (!step) return;
+    const all = [...tabs.children];
+    const next = all[(all.indexOf(event.target) + step + all.length) % all.length];
+    next.focus();
+    choose(next);
+  });
+  view.redraw = () => {
+    for (const tab of tabs.children) {
+      const on = tab.dataset.part === view.part;
+      tab.setAttribute("aria-selected", on);
+      tab.tabIndex = on ? 0 : -1;
     }
-    for (const row of message.rows) {
-      const cells = rows.get(row.name);
-      if (!cells) continue;
-      put(cells[0], row.name);
-      put(cells[1], number(row.low, 1));
-      put(cells[2], number(row.now, 1));
-      put(cells[3], number(row.high, 1));
-      put(cells[5], row.missing || "nothing", row.missing ? "warn" : "ok");
-      const span = Math.max(row.usual || 0, row.high - row.low, 1) * 1.1, middle = (row.high + row.low) / 2;
-      const place = (value) => Math.min(100, Math.max(0, 50 + (100 * (value - middle)) / span));
-      const [bar, mark] = cells[4].children;
-      bar.style.left = `${place(row.low)}%`;
-      bar.style.width = `${place(row.high) - place(row.low)}%`;
-      mark.style.left = `${place(row.now)}%`;
+    // A place of its own: what comes late for the part of before is drawn nowhere.
+    const place = node("div");
+    body.replaceChildren(place);
+    const [, part] = PARTS[view.part];
+    if (part === setUp) setUp(view, place);
+    else if (view.selected === null) place.append(hint("Search servos first, then choose one."));
+    else {
+      place.append(node("h2", { class: "sv-h2" }, `Servo ${view.selected}`));
+      part(view, place, view.selected);
     }
-  }, element);
+  };
+  right.append(tabs, body);
+  view.redraw();
 }

@@ -22,6 +22,59 @@ export function node(name, attributes = {}, ...children) {
   return made;
 }
 
+class Markup {
+  constructor(text) { this.text = text; }
+}
+
+const escaped = (value) => {
+  if (value instanceof Markup) return value.text;
+  if (Array.isArray(value)) return value.map(escaped).join("");
+  return value === null || value === undefined || value === false ? "" : String(value).replace(/[&<>"']/g, (c) => `&#${c.charCodeAt(0)};`);
+};
+
+/** Markup: html`<b title="${name}">${words}</b>`. What is put into it is text, unless it is markup or a list of it. */
+export const html = (parts, ...values) => new Markup(String.raw({ raw: parts }, ...values.map(escaped)));
+
+/** Show markup in an element. */
+export function fill(element, markup) {
+  element.innerHTML = markup.text;
+  return element;
+}
+
+/** Offer a file to save. */
+export function download(name, text) {
+  const url = URL.createObjectURL(new Blob([text], { type: "application/octet-stream" }));
+  node("a", { href: url, download: name }).click();
+  setTimeout(() => URL.revokeObjectURL(url), 10_000);
+}
+
+/** Ask before a change. Escape stops the arm and closes the question. @returns {Promise<boolean>} whether the person agrees */
+export function question(title, text, yes, level = "danger") {
+  const lines = text.split("\n").filter(Boolean).map((line) => node("p", {}, line));
+  return dialog(title, lines, yes, level, () => true).then(Boolean);
+}
+
+/** A dialog with two buttons. @returns {Promise} what `value` gives when the person agrees; null otherwise */
+export function dialog(title, parts, yes, level, value) {
+  return new Promise((resolve) => {
+    const box = node("dialog", { class: "hw-dialog", "aria-label": title });
+    const form = node("form", { method: "dialog" }, node("h2", {}, title), ...parts,
+      node("div", { class: "hw-row" },
+        node("button", { class: `hw-button hw-${level}`, value: "yes" }, yes),
+        node("button", { class: "hw-button", type: "button", onclick: () => box.close() }, "Cancel")));
+    box.append(form);
+    box.addEventListener("close", () => {
+      box.remove();
+      resolve(box.returnValue === "yes" ? value() : null);
+    });
+    document.body.append(box);
+    // Not modal: STOP is in the header, and must be pressed beside it.
+    box.show();
+    (box.querySelector("[autofocus]") || box.querySelector("button")).focus();
+    box.addEventListener("keydown", (event) => event.key === "Escape" && box.close());
+  });
+}
+
 /** Set a text; an unchanged one costs the browser nothing. */
 export function put(element, text) {
   if (element.textContent !== text) element.textContent = text;

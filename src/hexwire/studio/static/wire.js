@@ -1,9 +1,9 @@
 // The page Wire: asks the studio for rows as fast as the browser can draw them, and for one frame when it is selected.
 // Owns filter, source and pause; wire_list.js draws the rows, wire_detail.js one frame.
 
-import { loadSheet, node } from "/static/widgets.js";
-import { Detail } from "/static/wire_detail.js";
-import { FrameList, NUMBER } from "/static/wire_list.js";
+import { loadSheet, node } from "./widgets.js";
+import { Detail } from "./wire_detail.js";
+import { FrameList, NUMBER } from "./wire_list.js";
 
 const PERIOD = 100; // ms between two questions for rows
 const FOLLOW = "hexwire-wire-follow";
@@ -28,6 +28,7 @@ const HELP = [
 ];
 
 export async function mount(root, args) {
+  root.classList.add("hw-wire");
   await loadSheet("/static/wire.css");
   new WirePage(root, args.tab);
 }

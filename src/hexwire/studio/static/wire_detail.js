@@ -1,7 +1,7 @@
 // One frame: its bytes, and the tree of its layers and fields. Pick a byte and see its field, pick a field and see its
 // bytes, by mouse or by keyboard.
 
-import { BAD, PROBLEM, SENT, SIZE, TEXT, TIME, clock } from "/static/wire_list.js";
+import { BAD, PROBLEM, SENT, SIZE, TEXT, TIME, clock } from "./wire_list.js";
 
 const WIDTH = 16;
 const MOST_PARTS = 1500;

@@ -1,7 +1,7 @@
 // The list of frames: any number of rows, of which only the visible ones are elements. A batch of rows is drawn once,
 // in the next frame of the browser.
 
-import { put } from "/static/widgets.js";
+import { put } from "./widgets.js";
 
 const ROW = 22; // px, as in wire.css
 const MOST = 10000; // as many as the studio keeps

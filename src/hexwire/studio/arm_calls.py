@@ -1,0 +1,160 @@
+"""What the page Arm asks of the server: what the arm is, previews, poses, teach mode.
+
+Owns these calls, and their answers as values for JSON. Motion itself is held over the live socket, not asked for
+here. Must not know sockets, nor decide about motion.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from .calls import Arguments, Asked, call
+from .geometry import make_geometry, make_turns
+
+if TYPE_CHECKING:
+    from hexwire.control.preview import Preview
+
+    from .source import ArmSource
+
+__all__ = ["arm_values", "plan_values", "taught_values"]
+
+_ROWS = 60
+"""Most postures of a path that a browser is sent."""
+_TAUGHT_ROWS = 400
+"""Most rows of a taught motion that a browser is sent."""
+_DIGITS = 5
+
+
+class _Motion(Arguments, frozen=True):
+    motion: dict[str, Any]
+
+
+class _Pose(Arguments, frozen=True):
+    name: str
+
+
+class _SavedPose(Arguments, frozen=True):
+    name: str
+    gripper: bool = True
+    force: bool = False
+
+
+class _NewName(Arguments, frozen=True):
+    name: str
+    new: str
+
+
+class _Switch(Arguments, frozen=True):
+    on: bool
+
+
+@call("arm.values", Arguments)
+def _values(asked: Asked, args: Arguments) -> dict[str, object]:
+    return {**arm_values(asked.arm), "emulated": asked.studio.emulated(asked.arm)}
+
+
+@call("arm.preview", _Motion, computes=True)
+def _preview(asked: Asked, args: _Motion) -> dict[str, object]:
+    return plan_values(asked.arm.motions.preview(args.motion), asked.arm)
+
+
+@call("arm.poses", Arguments)
+def _poses(asked: Asked, args: Arguments) -> object:
+    return [asdict(row) for row in asked.arm.motions.pose_rows()]
+
+
+@call("arm.save_pose", _SavedPose, control=True)
+def _save(asked: Asked, args: _SavedPose) -> object:
+    asked.arm.motions.save_pose(args.name, gripper=args.gripper, force=args.force)
+    return _poses(asked, args)
+
+
+@call("arm.rename_pose", _NewName, control=True)
+def _rename(asked: Asked, args: _NewName) -> object:
+    asked.arm.motions.poses.rename(args.name, args.new)
+    return _poses(asked, args)
+
+
+@call("arm.remove_pose", _Pose, control=True)
+def _remove(asked: Asked, args: _Pose) -> object:
+    asked.arm.motions.poses.remove(args.name)
+    return _poses(asked, args)
+
+
+@call("arm.teach", _Switch, control=True)
+def _teach(asked: Asked, args: _Switch) -> str:
+    return asked.arm.motions.teach(asked.arm.order(asked.tab, asked.arrived), args.on)
+
+
+@call("arm.taught", Arguments)
+def _taught(asked: Asked, args: Arguments) -> dict[str, object]:
+    return taught_values(asked.arm)
+
+
+def arm_values(arm: ArmSource) -> dict[str, object]:
+    """What the page needs to know of an arm before its first frame: radians, metres."""
+    kinematics, model, jaws = arm.settings.kinematics, arm.settings.model, arm.motions.jaws
+    return {
+        "geometry": make_geometry(model, arm.settings.links),
+        "joints": [{"name": joint.name, "min": joint.minimum, "max": joint.maximum} for joint in model.joints],
+        "table": arm.settings.table,
+        "jaws": None if jaws is None else {"joint": jaws.joint, "closed": jaws.closed, "opened": jaws.opened},
+        "space": None if kinematics is None else len(kinematics.ranges),
+        "turns": None if kinematics is None else make_turns(model, kinematics),
+    }
+
+
+def plan_values(plan: Preview, arm: ArmSource) -> dict[str, object]:
+    """A preview for the browser: angles in radians, lengths in metres.
+
+    ``goal`` has all joints whose position at the end is known; ``trace`` are places of the tip along the path.
+    """
+    path, kinematics = plan.path, arm.settings.kinematics
+    names = list(path.names) if path is not None else list(plan.goal)
+    ends = dict(zip(path.names, path.goal, strict=True)) if path is not None else {}
+    state = arm.arm.owner.state
+    here = {} if state is None else state.positions
+    goal = {**here, **ends, **plan.goal}
+    rows = plan.rows(_ROWS)
+    trace: list[list[float]] = []
+    if kinematics is not None and rows and set(kinematics.joint_names) <= set(names):
+        for row in rows:
+            angles = kinematics.from_joints(dict(zip(names, row, strict=True)))
+            if all(map(math.isfinite, angles)):
+                trace.append(_rounded(kinematics.forward(angles).position))
+    return {
+        "goal": {name: round(angle, _DIGITS) for name, angle in goal.items() if math.isfinite(angle)},
+        "known": bool(plan.goal),
+        "duration": plan.duration,
+        "lead_in": plan.lead_in,
+        "tip": None if plan.tip is None else asdict(plan.tip),
+        "branch": plan.branch,
+        "branches": [asdict(branch) for branch in plan.branches],
+        "refusal": plan.refusal,
+        "unready": plan.unready,
+        "trace": trace,
+    }
+
+
+def taught_values(arm: ArmSource) -> dict[str, object]:
+    """Teach mode and the taught motion for the browser; a long one with fewer rows."""
+    motions = arm.motions
+    taught = motions.taught
+    values: dict[str, object] = {"teaching": motions.teaching, "taught": None}
+    if taught is not None:
+        n = len(taught.times)
+        step = max(1, math.ceil(n / _TAUGHT_ROWS))
+        places = [*range(0, n - 1, step), n - 1]
+        values["taught"] = {
+            "names": list(taught.names),
+            "duration": taught.duration,
+            "times": [round(taught.times[i], 3) for i in places],
+            "rows": [_rounded(taught.rows[i]) for i in places],
+        }
+    return values
+
+
+def _rounded(values: Any) -> list[float]:
+    return [round(value, _DIGITS) for value in values]

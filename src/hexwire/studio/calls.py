@@ -1,0 +1,164 @@
+"""What pages may ask the studio for by name: each call has typed arguments, and the rights that it needs.
+
+Owns the table of calls and the check of their arguments. `Studio.call` runs them. Must not know sockets, nor what a
+page shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+import msgspec
+
+from hexwire.errors import LinkLostError, StoppedError, UsageError
+
+from .access import Right
+
+if TYPE_CHECKING:
+    from hexwire.epochs import Token
+
+    from .bus_source import BusSource
+    from .holds import Holds
+    from .live import Live
+    from .plugged import Plugged
+    from .source import ArmSource, Source
+    from .tabs import Tab
+
+__all__ = ["Arguments", "Asked", "Call", "Host", "call", "find_call"]
+
+
+class Arguments(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The arguments of a call; those of one that has none."""
+
+
+class Host(Protocol):
+    """What calls need of their studio."""
+
+    source: Source
+    holds: Holds
+    live: Live
+    plugged: list[Plugged] | None
+
+    def emulated(self, arm: ArmSource) -> str:
+        """What a person should know of an emulated arm that this program has started; empty for others."""
+
+    def need_control(self, tab: Tab) -> None:
+        """Check that a tab may command now; raises `LeaseError`."""
+
+    def take(self, tab: Tab, *, force: bool = False) -> None:
+        """Give a tab control; raises `LeaseError`."""
+
+    def open(self, tab: Tab, url: str, robot: str | None = None) -> None:
+        """Open an arm for a tab, in place of what is open; raises `HexwireError`."""
+
+    def open_bus(self, tab: Tab, url: str = "") -> None:
+        """Open a servo bus for a tab, in place of what is open; raises `HexwireError`."""
+
+    def close_source(self, tab: Tab) -> None:
+        """Close what is open, for a tab; raises `LeaseError`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """Who asks, and when.
+
+    Attributes:
+        studio: The studio.
+        tab: The tab that asks.
+        present: What was open when the call came.
+        arrived: When the call came, relative to stops; None if nothing was open.
+    """
+
+    studio: Host
+    tab: Tab
+    present: ArmSource | BusSource | None
+    arrived: Token | None
+
+    @property
+    def bus(self) -> BusSource:
+        """The servo bus that was open when the call came; raises `LinkLostError` if it is not open any more."""
+        bus = self.studio.source.need_bus()
+        if bus is not self.present:
+            raise LinkLostError("this servo bus was closed; load the page again")
+        return bus
+
+    @property
+    def arm(self) -> ArmSource:
+        """The arm that was open when the call came; raises `LinkLostError` if it is not open any more."""
+        arm = self.studio.source.need_arm()
+        if arm is not self.present:
+            raise LinkLostError("this arm was closed; load the page again")
+        return arm
+
+    def refuse_if_stopped_since(self) -> None:
+        """Check that no stop came after the call.
+
+        Raises:
+            StoppedError: One came.
+        """
+        present, arrived = self.present, self.arrived
+        if present is not None and arrived is not None and present.stopped_since(arrived):
+            raise StoppedError.unsent("the call of a page", 0, "a stop came after it")
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """One call.
+
+    Attributes:
+        name: Its name.
+        kind: Its arguments.
+        act: What it does, in a thread: it may wait, but not if it computes. Returns what JSON can hold.
+        right: Which right a session needs.
+        control: The tab must have control, and no stop since it was asked.
+        computes: It computes more than it waits.
+    """
+
+    name: str
+    kind: type[Arguments]
+    act: Callable[[Asked, Any], object]
+    right: Right
+    control: bool
+    computes: bool
+
+    def read(self, args: Mapping[str, object]) -> Arguments:
+        """Check arguments from a page.
+
+        Raises:
+            UsageError: One is missing, unknown or of another kind.
+        """
+        try:
+            return msgspec.convert(args, self.kind)
+        except (msgspec.ValidationError, RecursionError) as error:
+            raise UsageError(f"{self.name}: {error}") from None
+
+
+_calls: dict[str, Call] = {}
+_A = TypeVar("_A", bound=Arguments)
+_Act = Callable[[Asked, _A], object]
+
+
+def call(
+    name: str, kind: type[_A], *, right: Right = Right.WATCH, control: bool = False, computes: bool = False
+) -> Callable[[_Act[_A]], _Act[_A]]:
+    """Add a function to what pages may ask for; see `Call`."""
+
+    def add(act: _Act[_A]) -> _Act[_A]:
+        _calls[name] = Call(name, kind, act, right, control, computes)
+        return act
+
+    return add
+
+
+def find_call(name: str) -> Call:
+    """The call of that name.
+
+    Raises:
+        UsageError: There is none.
+    """
+    found = _calls.get(name)
+    if found is None:
+        raise UsageError(f"there is no call {name[:20]!r}")
+    return found

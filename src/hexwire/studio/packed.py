@@ -1,0 +1,65 @@
+"""The static files of pages, in memory: found by name, compressed once.
+
+Owns their bytes and headers. Nothing else of a disk can be reached by an address. Must not know what is in them.
+"""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from starlette.requests import Request
+from starlette.responses import Response
+
+__all__ = ["Packed"]
+
+_KINDS = {".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml", ".html": "text/html"}
+
+
+@dataclass(frozen=True)
+class _File:
+    kind: str
+    body: bytes
+
+    @cached_property
+    def tag(self) -> str:
+        return f'"{hashlib.sha256(self.body).hexdigest()[:32]}"'
+
+    @cached_property
+    def packed(self) -> bytes:
+        return gzip.compress(self.body, 9, mtime=0)
+
+
+class Packed:
+    """Serves the files of a folder.
+
+    Args:
+        folder: The folder; what is in it and below is read now.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._files = {
+            file.relative_to(folder).as_posix(): _File(_KINDS[file.suffix], file.read_bytes())
+            for file in sorted(folder.rglob("*"))
+            if file.suffix in _KINDS
+        }
+
+    def body(self, name: str) -> bytes:
+        """What is in a file."""
+        return self._files[name].body
+
+    def answer(self, request: Request) -> Response:
+        """A file, compressed for a browser that can read it so. It blocks when a file is compressed first."""
+        file = self._files.get(request.path_params["name"])
+        if file is None:
+            return Response("There is no such file.", 404)
+        headers = {"cache-control": "no-cache", "etag": file.tag, "vary": "accept-encoding"}
+        if request.headers.get("if-none-match") == file.tag:
+            return Response(None, 304, headers)
+        body = file.body
+        if "gzip" in request.headers.get("accept-encoding", ""):
+            headers["content-encoding"], body = "gzip", file.packed
+        return Response(body, 200, headers, file.kind)

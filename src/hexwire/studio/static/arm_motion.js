@@ -1,0 +1,619 @@
+/* Motions to a goal of the page Arm: the form Go to, poses by name, the gripper, teach mode and the timeline of the taught
+motion. Asks for a preview after each change, shows it, and begins the motion. Owns the fields and lists; the server plans,
+checks and keeps. The cursor of the timeline shows a ghost of the arm and moves nothing. */
+
+import { capital, degrees, fixed, radians, showPlan, tipValues } from "./arm.js";
+import { html, make } from "./widgets.js";
+
+const PAUSE = 150; // ms after the last change before a preview is asked for
+const FOLLOW = 400; // ms between two looks at where the arm is, until somebody has changed a value
+const SURE = 4000; // ms in which a second press confirms
+const WHOLE = "arm-need arm-whole"; // needs all joints
+const PAD = 6;
+const FACTORS = [["0.25", "¼"], ["0.5", "½"], ["1.0", "1"], ["1.5", "1½"], ["2.0", "2"]];
+
+export function mountGoto(page) {
+  const form = page.find("#arm-goto");
+  const told = page.find("#arm-plan");
+  const unghost = page.find("#arm-unghost");
+  const field = (name) => form.elements[name];
+  const value = (name) => (field(name).value.trim() === "" ? NaN : Number(field(name).value));
+  const what = () => form.querySelector('input[name="what"]:checked').value;
+  let timer = 0;
+  let asking = false;
+  let again = false;
+  let touched = false;
+  let changes = 0; // an answer to what was asked before the last one is not shown any more
+  let followed = 0;
+
+  /** The motion that the form asks for; throws what is missing, in words. */
+  const wanted = () => {
+    const need = (name, words) => {
+      const number = value(name);
+      if (!Number.isFinite(number)) throw new Error(`${words} is not a number`);
+      return number;
+    };
+    if (what() === "joints") {
+      const goals = {};
+      for (const { name } of page.args.joints) {
+        const written = field(`joint:${name}`);
+        // Values that were not touched keep all their digits.
+        goals[name] = written.dataset.exact && written.value === written.dataset.shown ? Number(written.dataset.exact) : radians(need(`joint:${name}`, name));
+      }
+      return { what: "joints", goals };
+    }
+    const aim = field("aim").value;
+    const motion = { what: "place", aim, position: ["x", "y", "z"].map((axis) => need(axis, axis) / 1000) };
+    motion.relative = field("relative").checked;
+    motion.straight = field("straight").checked;
+    if (aim === "rpy") motion.rpy = ["roll", "pitch", "yaw"].map((name) => radians(need(name, name)));
+    if (aim === "pitch") {
+      motion.pitch = radians(need("pitch", "pitch"));
+      motion.roll = radians(need("roll", "roll"));
+    }
+    if (!motion.straight && field("branch").value) motion.branch = field("branch").value;
+    return motion;
+  };
+
+  const hide = (words) => {
+    page.plan = null;
+    page.ghost(null);
+    unghost.hidden = true;
+    if (words !== undefined) {
+      told.textContent = words;
+      told.dataset.level = "";
+    }
+  };
+
+  const solutions = (branches) => {
+    const select = field("branch");
+    if (!select) return;
+    const holder = page.find("#arm-branch-field");
+    const chosen = select.value;
+    holder.hidden = branches.filter((branch) => !branch.why).length < 2 && !chosen;
+    const rows = [["", "nearest"], ...branches.map((branch) => [branch.name, branch.why ? `${branch.name} (outside the limits)` : branch.name])];
+    if (chosen && !branches.some((branch) => branch.name === chosen)) rows.push([chosen, chosen]);
+    select.replaceChildren(...rows.map(([name, words]) => new Option(words, name, false, name === chosen)));
+  };
+
+  const preview = async () => {
+    timer = 0;
+    if (asking) {
+      again = true;
+      return;
+    }
+    let motion;
+    try {
+      motion = wanted();
+    } catch (error) {
+      hide();
+      told.textContent = error.message;
+      told.dataset.level = "error";
+      return;
+    }
+    asking = true;
+    const asked = changes;
+    const plan = await page.call("preview", { motion: { speed: page.speed, ...motion } });
+    asking = false;
+    if (again) {
+      again = false;
+      preview();
+      return;
+    }
+    if (asked !== changes) return;
+    page.plan = plan;
+    showPlan(told, plan);
+    if (plan.branches) solutions(plan.branches);
+    const show = !plan.error && plan.known;
+    page.ghost(show ? plan.goal : null, show ? plan.trace : null);
+    unghost.hidden = !show;
+  };
+  const soon = () => {
+    if (page.unready) return;
+    clearTimeout(timer);
+    timer = setTimeout(preview, PAUSE);
+  };
+
+  const arrange = () => {
+    for (const part of page.all("#arm-goto [data-for]")) part.hidden = part.dataset.for !== what();
+    if (!field("aim")) return;
+    for (const part of page.all("#arm-goto [data-aim]")) {
+      part.hidden = part.dataset.aim !== field("aim").value;
+      for (const input of part.querySelectorAll("input")) input.disabled = part.hidden;
+    }
+    if (field("straight").checked) page.find("#arm-branch-field").hidden = true;
+  };
+
+  const take = () => {
+    const positions = page.positions();
+    if (!positions || page.unready) return;
+    touched = false;
+    const put = (name, number, digits = 1) => {
+      if (field(name)) field(name).value = Number.isFinite(number) ? String(Number(number.toFixed(digits))) : "";
+    };
+    page.args.joints.forEach(({ name }, i) => {
+      put(`joint:${name}`, degrees(positions[i]));
+      const input = field(`joint:${name}`);
+      input.dataset.exact = positions[i];
+      input.dataset.shown = input.value;
+    });
+    if (page.args.geometry) {
+      const tip = tipValues(page.args, positions);
+      const relative = field("relative").checked;
+      for (const axis of ["x", "y", "z"]) put(axis, relative ? 0 : 1000 * tip[axis]);
+      for (const name of ["roll", "pitch", "yaw"]) {
+        if (page.args.turns && name === "yaw") continue;
+        put(name, degrees(page.args.turns ? tip[`tool${name}`] : tip[name]));
+      }
+      field("branch").value = "";
+    }
+  };
+  /** Something else is shown from now on: previews of before do not come any more. */
+  const renew = () => {
+    clearTimeout(timer);
+    timer = 0;
+    again = false;
+    changes += 1;
+    return changes;
+  };
+  const restart = () => {
+    renew();
+    take();
+    const why = page.unready;
+    hide(why ? `${capital(why)}.` : "These are the present values. Change one to see a preview.");
+    if (why) told.dataset.level = "error";
+  };
+
+  form.addEventListener("input", (event) => {
+    const name = event.target.name;
+    if (name === "relative") {
+      restart();
+      return;
+    }
+    arrange();
+    if (name === "what") {
+      // What was not touched must not be where the arm was some time ago.
+      restart();
+      return;
+    }
+    touched = true;
+    changes += 1;
+    soon();
+  });
+  form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    if (!page.mine || page.unready) return;
+    let motion;
+    try {
+      motion = wanted();
+    } catch (error) {
+      told.textContent = error.message;
+      told.dataset.level = "error";
+      return;
+    }
+    const begun = renew();
+    page.run(motion).then((why) => {
+      // Somebody has entered the next goal meanwhile: its values and its preview stay.
+      if (begun !== changes) return;
+      if (why === "arrived") {
+        hide("Arrived.");
+        touched = false;
+      } else if (why !== "released" && why !== "ended") {
+        told.textContent = why;
+        told.dataset.level = "error";
+      }
+    });
+  });
+  page.find("#arm-here").addEventListener("click", restart);
+  unghost.addEventListener("click", () => {
+    renew();
+    hide("The preview is hidden.");
+  });
+  let unready = "";
+  page.on("facts", () => {
+    if (page.unready === unready) return;
+    unready = page.unready;
+    page.find("#arm-here").disabled = unready !== "";
+    restart();
+  });
+  page.on("speed", () => page.plan && soon());
+  arrange();
+  page.on("draw", () => {
+    const now = performance.now();
+    if (touched || now - followed < FOLLOW || (followed && form.contains(document.activeElement))) return;
+    followed = now;
+    take();
+  });
+}
+
+// -- poses and gripper ---------------------------------------------------------------------------------------------
+
+export function mountPoses(page) {
+  const list = page.find("#arm-poses");
+  const form = page.find("#arm-pose-form");
+  const note = page.find("#arm-pose-note");
+  const say = (text, level = "") => {
+    note.textContent = text;
+    note.dataset.level = level;
+  };
+  const change = async (name, values, done) => {
+    const answer = await page.call(name, values);
+    if (answer.error) {
+      say(capital(answer.error), "error");
+      return false;
+    }
+    show(answer);
+    say(done);
+    return true;
+  };
+  const go = (name) => {
+    page.run({ what: "pose", name }).then((why) => {
+      page.ghost(null);
+      if (why === "arrived") say(`At ${name}.`);
+      else if (why !== "released" && why !== "ended") say(capital(why), "error");
+    });
+  };
+  const preview = async (name) => {
+    const plan = await page.call("preview", { motion: { what: "pose", name, speed: page.speed } });
+    const fault = plan.error || plan.refusal;
+    if (!plan.error && plan.known) page.ghost(plan.goal, plan.trace);
+    page.find("#arm-unghost").hidden = Boolean(plan.error);
+    say(fault ? capital(fault) : `${name}: ${plan.duration.toFixed(1)} s from here${plan.unready ? `; not now: ${plan.unready}` : ""}`, fault ? "error" : plan.unready ? "warn" : "");
+  };
+  const button = (words, label, act, need = "arm-need") => {
+    const element = make("button", { type: "button", className: `hw-button arm-small ${need}`, textContent: words });
+    element.setAttribute("aria-label", label);
+    element.disabled = (need && !page.mine) || (need === WHOLE && page.unready !== "");
+    element.addEventListener("click", () => act(element));
+    return element;
+  };
+  const twice = (act, words) => (element) => {
+    if (element.dataset.sure) {
+      act();
+      return;
+    }
+    const before = element.textContent;
+    element.style.minWidth = `${element.offsetWidth}px`; // its neighbours stay where they are
+    element.dataset.sure = "1";
+    element.textContent = words;
+    setTimeout(() => {
+      delete element.dataset.sure;
+      element.textContent = before;
+    }, SURE);
+  };
+  const rename = (row, name) => {
+    const input = make("input", { type: "text", value: name, maxLength: 40 });
+    input.setAttribute("aria-label", `New name of ${name}`);
+    const entry = make("form", { className: "hw-row" }, input, button("Keep", `Keep the new name of ${name}`, () => entry.requestSubmit()), button("Cancel", `Do not rename ${name}`, () => refresh(), ""));
+    entry.addEventListener("submit", (event) => {
+      event.preventDefault();
+      change("rename_pose", { name, new: input.value }, "Renamed.");
+    });
+    row.replaceChildren(entry);
+    input.focus();
+    input.select();
+  };
+  const show = (poses) => {
+    const rows = poses.map(({ name, saved }) => {
+      const row = make("li", {}, make("span", { className: "arm-pose-name", textContent: name, title: name }));
+      row.append(button("Go", `Go to ${name}`, () => go(name), WHOLE), button("Show", `Preview ${name}`, () => preview(name), ""));
+      if (saved) {
+        row.append(
+          button("Replace", `Replace ${name} by the present pose`, twice(() => change("save_pose", { name, force: true, gripper: form.elements.gripper ? form.elements.gripper.checked : true }, `${name} is the present pose now.`), "Sure?")),
+          button("Rename", `Rename ${name}`, () => rename(row, name)),
+          button("Remove", `Remove ${name}`, twice(() => change("remove_pose", { name }, `${name} is removed.`), "Sure?")),
+        );
+      } else {
+        row.append(make("span", { className: "arm-note", textContent: name === "home" ? "the middle of every joint" : "from the settings" }));
+      }
+      return row;
+    });
+    list.replaceChildren(...rows);
+  };
+  const refresh = async () => {
+    const answer = await page.call("poses");
+    if (answer.error) say(capital(answer.error), "error");
+    else show(answer);
+  };
+  form.addEventListener("submit", async (event) => {
+    event.preventDefault();
+    const name = form.elements.name.value;
+    const gripper = form.elements.gripper ? form.elements.gripper.checked : true;
+    if (await change("save_pose", { name, gripper }, `Saved ${name.trim()}.`)) form.elements.name.value = "";
+  });
+  refresh();
+}
+
+export function mountGripper(page) {
+  const form = page.find("#arm-grip");
+  const jaws = page.args.jaws;
+  if (!form || !jaws) return;
+  const bar = page.find("#arm-grip-bar");
+  const value = page.find("#arm-grip-value");
+  const place = page.args.joints.findIndex((joint) => joint.name === jaws.joint);
+  const set = (share) => page.run({ what: "grip", share }).then((why) => {
+    if (!["arrived", "released", "ended"].includes(why)) page.tell("why", why);
+  });
+  for (const button of form.querySelectorAll("[data-share]")) {
+    button.addEventListener("click", () => set(Number(button.dataset.share)));
+  }
+  form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    if (page.mine) set(Number(form.elements.share.value) / 100);
+  });
+  let shown = "";
+  page.on("draw", () => {
+    const share = (page.positions()[place] - jaws.closed) / (jaws.opened - jaws.closed);
+    const text = `${fixed(100 * share, 0)} % open`;
+    if (text === shown) return;
+    shown = text;
+    value.textContent = text;
+    bar.value = Number.isFinite(share) ? Math.min(1, Math.max(0, share)) : 0;
+  });
+}
+
+// -- teach and play ------------------------------------------------------------------------------------------------
+
+export function mountTeach(page) {
+  const find = (name) => page.find(`#arm-${name}`);
+  const hand = find("teach-hand");
+  const start = find("teach-start");
+  const stop = find("teach-stop");
+  const note = find("teach-note");
+  const box = find("taught");
+  const cursor = find("time");
+  const value = find("time-value");
+  const factor = find("factor");
+  const plan = find("play-plan");
+  const plot = find("time-plot");
+  let taught = null;
+  let teaching = false;
+  let began = 0;
+  let timer = 0;
+  let played = 0; // where the running play began
+
+  const say = (text, level = "") => {
+    note.textContent = text;
+    note.dataset.level = level;
+  };
+  const need = () => {
+    start.disabled = !page.mine || !hand.checked;
+  };
+  const show = () => {
+    start.hidden = teaching;
+    hand.parentElement.hidden = teaching;
+    stop.hidden = !teaching;
+    box.hidden = !taught || teaching;
+    if (box.hidden) return;
+    cursor.max = taught.duration;
+    cursor.step = Math.max(0.001, taught.duration / 500);
+    mark(Math.min(Number(cursor.value), taught.duration));
+    draw();
+  };
+  const at = (time) => {
+    const { times, rows, names } = taught;
+    let k = times.findIndex((t) => t >= time);
+    if (k < 0) k = times.length - 1;
+    const a = rows[Math.max(0, k - 1)];
+    const b = rows[k];
+    const before = times[Math.max(0, k - 1)];
+    const share = times[k] > before ? (time - before) / (times[k] - before) : 1;
+    return Object.fromEntries(names.map((name, i) => [name, a[i] + share * (b[i] - a[i])]));
+  };
+  const mark = (time) => {
+    cursor.value = time;
+    value.textContent = `${time.toFixed(1)} of ${taught.duration.toFixed(1)} s`;
+    cursor.setAttribute("aria-valuetext", `${time.toFixed(1)} seconds`);
+    plot.parentElement.style.setProperty("--time", taught.duration > 0 ? time / taught.duration : 0);
+  };
+  const ghost = () => {
+    const positions = page.positions();
+    const here = positions ? Object.fromEntries(page.args.joints.map(({ name }, i) => [name, positions[i]])) : {};
+    page.ghost({ ...here, ...at(Number(cursor.value)) });
+    find("unghost").hidden = false;
+  };
+  const preview = async () => {
+    timer = 0;
+    if (!taught) return;
+    const motion = { what: "play", begin: Number(cursor.value), factor: Number(factor.value), speed: page.speed };
+    showPlan(plan, await page.call("preview", { motion }));
+  };
+  const soon = () => {
+    clearTimeout(timer);
+    timer = setTimeout(preview, PAUSE);
+  };
+
+  const draw = () => {
+    const ratio = window.devicePixelRatio || 1;
+    const { clientWidth: width, clientHeight: height } = plot;
+    if (!width || !taught) return;
+    plot.width = width * ratio;
+    plot.height = height * ratio;
+    const pen = plot.getContext("2d");
+    pen.scale(ratio, ratio);
+    pen.lineWidth = 1.5;
+    const style = getComputedStyle(document.documentElement);
+    // Each joint from where it began, so that a small motion is seen beside a far posture.
+    const first = taught.rows[0];
+    const all = taught.rows.flatMap((row) => row.map((angle, i) => angle - first[i]));
+    const low = Math.min(...all, -0.05);
+    const high = Math.max(...all, 0.05);
+    const x = (time) => (taught.duration > 0 ? (time / taught.duration) * width : 0);
+    const y = (angle) => height - PAD - ((angle - low) / (high - low)) * (height - 2 * PAD);
+    taught.names.forEach((name, i) => {
+      const place = page.args.joints.findIndex((joint) => joint.name === name);
+      pen.strokeStyle = style.getPropertyValue(`--joint-${(place % 8) + 1}`).trim() || "#888";
+      pen.beginPath();
+      taught.times.forEach((time, k) => pen[k ? "lineTo" : "moveTo"](x(time), y(taught.rows[k][i] - first[i])));
+      pen.stroke();
+    });
+  };
+
+  page.on("taught", (told) => {
+    const before = taught;
+    if (told.teaching && !teaching) began = performance.now();
+    teaching = told.teaching;
+    taught = told.taught;
+    if (taught && (!before || before.duration !== taught.duration)) cursor.value = 0;
+    show();
+    if (taught && !teaching) soon();
+  });
+  page.on("facts", need);
+  page.on("need", need);
+  page.on("draw", () => {
+    if (!teaching) return;
+    const words = `Teaching for ${((performance.now() - began) / 1000).toFixed(0)} s: move the arm by hand.`;
+    if (note.textContent !== words) say(words, "warn");
+  });
+  hand.addEventListener("change", need);
+  const teach = async (on) => {
+    const answer = await page.call("teach", { on });
+    if (!on) teaching = false;
+    if (answer.error) say(capital(answer.error), "error");
+    else say(capital(answer));
+    if (!on) hand.checked = false;
+    await page.tellTaught();
+    need();
+  };
+  start.addEventListener("click", () => teach(true));
+  stop.addEventListener("click", () => teach(false));
+  cursor.addEventListener("input", () => {
+    mark(Number(cursor.value));
+    ghost();
+    soon();
+  });
+  factor.addEventListener("change", soon);
+  const play = (begin) => {
+    played = begin;
+    page.ghost(null);
+    page.run({ what: "play", begin, factor: Number(factor.value) }).then((why) => {
+      plan.dataset.level = ["arrived", "released", "ended"].includes(why) ? "" : "error";
+      plan.textContent = why === "arrived" ? "Played." : capital(why);
+    });
+  };
+  find("play").addEventListener("click", () => play(0));
+  find("play-here").addEventListener("click", () => play(Number(cursor.value)));
+  page.on("elapsed", ({ run, now }) => {
+    if (!taught || teaching || run.title !== "the taught motion") return;
+    mark(Math.min(taught.duration, played + Math.max(0, now - run.lead_in) * Number(factor.value)));
+  });
+  new ResizeObserver(draw).observe(plot);
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  const again = () => {
+    if (plot.isConnected) {
+      draw();
+      return;
+    }
+    dark.removeEventListener("change", again);
+    themed.disconnect();
+  };
+  const themed = new MutationObserver(again);
+  themed.observe(document.documentElement, { attributes: true, attributeFilter: ["data-theme"] });
+  dark.addEventListener("change", again);
+  show();
+}
+
+// -- what is drawn -----------------------------------------------------------------------------------------------
+
+const numberField = (name, words, unit) => html`<label class="arm-field"><span>${words} <span class="arm-unit">${unit}</span></span>
+  <input type="number" inputmode="decimal" step="any" name="${name}"></label>`;
+
+/** The form: to a place if the arm's geometry is known (`space`, its joints without a gripper), to joint angles always. */
+export function gotoMarkup(joints, space) {
+  const kind = (value, words, checked) => html`<label><input type="radio" name="what" value="${value}" ${checked && "checked"}> ${words}</label>`;
+  return html`<section class="arm-part" aria-labelledby="arm-goto-title">
+  <h2 id="arm-goto-title">Go to</h2>
+  <form id="arm-goto" class="arm-form" autocomplete="off">
+    <div class="arm-choices" role="radiogroup" aria-label="Kind of goal">
+      ${space && kind("place", "Place of the tip", true)}${kind("joints", "Joint angles", !space)}</div>
+    ${space && placeMarkup(space === 5)}
+    <div class="arm-fields" data-for="joints" ${space && "hidden"}>${joints.map(({ name }) => numberField(`joint:${name}`, name, "°"))}</div>
+    <p class="arm-plan" id="arm-plan" role="status">These are the present values. Change one to see a preview.</p>
+    <div class="hw-row">
+      <button class="hw-button arm-primary arm-need arm-whole" type="submit" id="arm-go">Go</button>
+      <button class="hw-button" type="button" id="arm-here">Take present values</button>
+      <button class="hw-button" type="button" id="arm-unghost" hidden>Hide preview</button>
+    </div>
+  </form>
+  <p class="arm-note">A motion runs while this page is in sight. It ends with STOP, Escape or End motion, and when
+  the page is hidden, closed, or loses its connection.</p>
+</section>`;
+}
+
+function placeMarkup(five) {
+  const turns = five ? ["Pitch", "Roll"] : ["Roll", "Pitch", "Yaw"];
+  return html`<div data-for="place" class="arm-form">
+    <div class="arm-fields">${["x", "y", "z"].map((axis) => numberField(axis, axis, "mm"))}</div>
+    <div class="arm-choices">
+      <label><input type="checkbox" name="relative"> from the present tip</label>
+      <label><input type="checkbox" name="straight"> on a straight line</label>
+    </div>
+    <div class="arm-fields">
+      <label class="arm-field arm-long"><span>The tool</span><select name="aim">
+        <option value="arm">keeps its angle to the arm</option><option value="space">keeps its direction</option>
+        <option value="down">points straight down</option>
+        ${five ? html`<option value="pitch">has a pitch and a roll</option>` : html`<option value="rpy">has roll, pitch and yaw</option>`}
+      </select></label>
+      <label class="arm-field arm-long" id="arm-branch-field" hidden><span>Solution</span>
+        <select name="branch"><option value="">nearest</option></select></label>
+    </div>
+    <div class="arm-fields" data-aim="${five ? "pitch" : "rpy"}" hidden>${turns.map((words) => numberField(words.toLowerCase(), words, "°"))}</div>
+  </div>`;
+}
+
+/** The list of poses, and saving a new one; with the gripper where there is one. */
+export function posesMarkup(gripper) {
+  return html`<section class="arm-part" aria-labelledby="arm-poses-title">
+  <h2 id="arm-poses-title">Poses</h2>
+  <ul class="arm-poses" id="arm-poses" aria-label="Saved poses"></ul>
+  <form id="arm-pose-form" class="hw-row" autocomplete="off">
+    <label class="arm-field arm-long"><span>Name</span> <input type="text" name="name" maxlength="40" required></label>
+    ${gripper && html`<label><input type="checkbox" name="gripper" checked> with the gripper</label>`}
+    <button class="hw-button arm-need arm-whole" type="submit">Save present pose</button>
+  </form>
+  <p class="arm-note" id="arm-pose-note" role="status"></p>
+</section>`;
+}
+
+export function gripperMarkup() {
+  return html`<section class="arm-part" aria-labelledby="arm-grip-title">
+  <h2 id="arm-grip-title">Gripper</h2>
+  <form id="arm-grip" class="hw-row" autocomplete="off">
+    <span class="arm-grip-now"><meter id="arm-grip-bar" min="0" max="1" value="0" aria-label="Opening"></meter>
+      <output id="arm-grip-value">–</output></span>
+    <button class="hw-button arm-need" type="button" data-share="0">Close</button>
+    <button class="hw-button arm-need" type="button" data-share="1">Open</button>
+    <label class="arm-field arm-inline"><span>Opening <span class="arm-unit">%</span></span>
+      <input type="number" inputmode="decimal" name="share" min="0" max="100" step="any" value="50"></label>
+    <button class="hw-button arm-need" type="submit">Set</button>
+  </form>
+  <p class="arm-note">Closing stops at an object and keeps a little pressure on it.</p>
+</section>`;
+}
+
+export function teachMarkup() {
+  return html`<section class="arm-part" aria-labelledby="arm-teach-title">
+  <h2 id="arm-teach-title">Teach and play</h2>
+  <div class="hw-row">
+    <label><input type="checkbox" id="arm-teach-hand"> I hold the arm: it will sink</label>
+    <button class="hw-button arm-need" id="arm-teach-start" type="button" disabled>Start teaching</button>
+    <button class="hw-button arm-need" id="arm-teach-stop" type="button" hidden>End teaching: hold here</button>
+  </div>
+  <p class="arm-note" id="arm-teach-note" role="status">Teaching switches torque off and records how you move the
+  arm by hand.</p>
+  <div id="arm-taught" hidden>
+    <div class="arm-time">
+      <canvas id="arm-time-plot" aria-hidden="true"></canvas>
+      <input id="arm-time" type="range" min="0" max="1" step="any" value="0" aria-label="Time in the taught motion">
+    </div>
+    <div class="hw-row">
+      <output id="arm-time-value" for="arm-time">0.0 s</output>
+      <label class="arm-field arm-inline"><span>Speed</span><select id="arm-factor">${FACTORS.map(([factor, words]) =>
+        html`<option value="${factor}" ${factor === "1.0" && "selected"}>${words} ×</option>`)}</select></label>
+      <button class="hw-button arm-primary arm-need arm-whole" id="arm-play" type="button">Play</button>
+      <button class="hw-button arm-need arm-whole" id="arm-play-here" type="button">Play from here</button>
+    </div>
+    <p class="arm-plan" id="arm-play-plan" role="status"></p>
+  </div>
+</section>`;
+}

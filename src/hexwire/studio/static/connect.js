@@ -1,0 +1,94 @@
+// The page Connect: what is plugged in, what it probably is, and opening it. Owns its tables and the form; the server finds
+// the ports, and opens them.
+
+import hexwire from "./live.js";
+import { go } from "./studio.js";
+import { fill, html } from "./widgets.js";
+
+const LOOK = 2000; // ms between two looks at the ports
+
+export async function mount(element, { operates }) {
+  fill(element, html`<div class="hw-present"></div><div id="hw-ports"></div><div id="hw-emulated"></div>
+    <form class="hw-row" autocomplete="off">
+      <div class="hw-field hw-choice"><label for="hw-url">Port or address</label>
+        <input id="hw-url" name="url" placeholder="zenoh:lab/arm1" maxlength="200"></div>
+      <div class="hw-field hw-choice"><label for="hw-robot">Robot</label>
+        <select id="hw-robot" name="robot"><option value=""></option></select></div>
+      ${operates && html`<button class="hw-button" type="submit" aria-label="Open this address">Open</button>`}
+    </form>
+    <p class="hw-dim" id="hw-warning"></p>`);
+  const find = (selector) => element.querySelector(selector);
+  const present = find(".hw-present"), ports = find("#hw-ports"), form = find("form");
+  let open = "";
+  let seen = "";
+
+  // Only after a change: a button that is made again loses the focus, and a press that has begun on it.
+  hexwire.onFacts((facts) => {
+    const now = `${facts.mode} ${facts.opened} ${facts.open_error}`;
+    if (now === open) return;
+    open = now;
+    fill(present, presentMarkup(facts, operates));
+  }, element);
+
+  function show(found) {
+    const now = JSON.stringify(found.plugged);
+    if (now === seen) return;
+    seen = now;
+    if (!found.plugged) fill(ports, html`<p class="hw-dim">Looking for ports …</p>`);
+    else if (!found.plugged.length) fill(ports, html`<p>No serial port on this machine. Plug in the board or the adapter, or try another cable.</p>`);
+    else fill(ports, table("Plugged in", found.plugged, found, operates));
+  }
+
+  async function look() {
+    if (!element.isConnected) return;
+    if (!document.hidden && hexwire.connected) await hexwire.call("ports").then(show, (error) => hexwire.connected && hexwire.say(error.message));
+    setTimeout(look, LOOK);
+  }
+
+  async function openAddress(url, robot) {
+    if ((await hexwire.act("open", { url, robot })) !== undefined) go("/arm");
+  }
+
+  element.addEventListener("click", async ({ target }) => {
+    const button = target.closest("button[data-do]");
+    if (button?.dataset.do === "close") hexwire.act("close");
+    else if (button) openAddress(button.dataset.url, button.closest("tr").querySelector("select")?.value || "");
+  });
+  form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    if (operates) openAddress(form.elements.url.value, form.elements.robot.value);
+  });
+
+  // What was there a moment ago is shown at once: a table that comes later would push its neighbours away.
+  const begin = () => hexwire.call("ports.known").then((known) => {
+    fill(find("#hw-emulated"), table("Without hardware", known.emulated, known, operates));
+    form.elements.robot.append(...known.robots.map((name) => new Option(name)));
+    find("#hw-warning").textContent = operates ? `A serial port, or a bridge to one: ${known.warning}.` : "";
+    show(known);
+    look();
+  }, () => setTimeout(begin, LOOK / 10));
+  begin();
+}
+
+function presentMarkup(facts, operates) {
+  const error = facts.open_error && html`<p class="hw-bad">Not opened: ${facts.open_error}</p>`;
+  if (facts.mode !== "arm" && facts.mode !== "bus") return html`${error}<p>Nothing is open. Choose a port, or enter an address.</p>`;
+  return html`${error}<div class="hw-row"><span>Open: ${facts.mode === "arm" ? facts.url : "the servo bus"}</span>
+    ${operates && html`<button class="hw-button" type="button" data-do="close" aria-label="Close what is open">Close</button>`}</div>`;
+}
+
+function table(caption, rows, known, operates) {
+  const choice = (row) => {
+    if (row.device.startsWith("sim://")) return row.robots[0];
+    const names = [...new Set([...row.robots, known.default, ...known.robots])];
+    return html`<select aria-label="Robot on ${row.device}">${names.map((name) => html`<option>${name}</option>`)}</select>`;
+  };
+  return html`<table class="hw-table"><caption class="hw-caption">${caption}</caption>
+    <thead><tr><th scope="col">Port</th><th scope="col">Probably</th><th scope="col">State</th><th scope="col">Robot</th>
+      <td></td></tr></thead>
+    <tbody>${rows.map((row) => html`<tr><th scope="row" class="hw-code">${row.device}</th><td>${row.guess}</td>
+      <td><div class="${row.obstacle && "hw-bad"}">${row.obstacle || "can be opened"}</div><div class="hw-dim">${row.advice}</div></td>
+      <td>${choice(row)}</td>
+      <td>${operates && html`<button class="hw-button" type="button" data-do="open" data-url="${row.device}"
+        aria-label="Open ${row.device}">Open</button>`}</td></tr>`)}</tbody></table>`;
+}

@@ -1,0 +1,156 @@
+// Parts of the page Servos about a whole arm: the middle of a servo and the calibration by hand, and setting an arm up servo by
+// servo. Owns forms, questions and the table of ranges; the server measures, says what comes next, and stores.
+
+import hexwire from "./live.js";
+import { button, choice, chooser, facts, field, form, hint, number, put, row, section, table } from "./servos_kit.js";
+import { download, fill, html, node, question } from "./widgets.js";
+
+const LARGEST = 48 * 1024; // bytes of a file; those of 250 servos have fewer
+
+export async function calibration(view, place, servo) {
+  const middle = async () => {
+    const counted = view.live.get(servo)?.counts ?? null;
+    const here = counted === null ? "" : ` It reports ${counted} counts now.`;
+    const text = `All positions of servo ${servo} are counted anew from here; this is stored.${here}`;
+    if (!(await question("Set the middle", text, "This is the middle"))) return;
+    const counts = await view.act("servos.middle", { servo });
+    if (counts !== undefined) hexwire.notify(`servo ${servo} reports ${counts} here now`, "ok");
+  };
+  const arm = choice();
+  const begin = button("Begin: torque off", start, { level: "accent" });
+  const mark = button("Joints without stops are in their middle", markMiddle);
+  const finish = button("Finish", () => view.act("calibration.finish"), { level: "accent" });
+  const cancel = button("Cancel", () => view.act("servos.cancel"), { offline: true });
+  const [file, pick] = chooser("Load a calibration", ".toml,.json", load);
+  const ranges = node("div"), result = node("div");
+  place.append(
+    ...section("Middle", "The present position of the servo becomes the middle of its turn. Nothing moves; its torque must be off."),
+    button(`Set the middle of servo ${servo} here`, middle),
+    ...section("Calibration by hand", "Without torque, move every joint to both of its ends; the table says what is missing. Offsets and limits can then be stored in the servos, and the calibration saved to a file, also for LeRobot. In place of measuring, a file of either kind can be loaded."),
+    form(field("Arm", arm), begin, mark, finish, cancel, file, pick), ranges, result);
+  const buttons = (running, needsMiddle = false) => {
+    begin.hidden = pick.hidden = running;
+    finish.hidden = cancel.hidden = !running;
+    mark.hidden = !running || !needsMiddle;
+  };
+  buttons(false);
+  hexwire.onRange(({ rows }) => showRanges(ranges, rows), ranges);
+  const found = await view.choices(arm, "calibration.arms", "arms");
+  if (found) arm.value = found.likely;
+
+  async function start() {
+    if (!(await question("Torque off", "All joints lose their torque, and the arm sinks. Hold it.", "I hold it: torque off"))) return;
+    result.replaceChildren();
+    const needsMiddle = await view.act("calibration.begin", { arm: arm.value });
+    if (needsMiddle === undefined) return;
+    buttons(true, needsMiddle);
+    const made = await view.act("calibration.work");
+    buttons(false);
+    if (made) show(made, "Calibrated");
+  }
+
+  async function markMiddle() {
+    if (await view.act("calibration.middle")) mark.hidden = true;
+  }
+
+  async function load(chosen) {
+    if (chosen.size > LARGEST) return hexwire.notify("the file is larger than 48 KiB", "error");
+    const made = await view.act("calibration.load", { arm: arm.value, name: chosen.name, text: await chosen.text() });
+    if (made) show(made, `Loaded from ${chosen.name}`);
+  }
+
+  function show(made, how) {
+    const chosen = arm.value;
+    const store = async () => {
+      const text = "Offset and limits of every servo are overwritten, and read back.\nIf one fails, all get their old values.";
+      if (!(await question("Store in the servos", text, "Store them"))) return;
+      const changed = await view.act("calibration.store", { arm: chosen, name: "calibration.toml", text: made.toml });
+      if (changed) hexwire.notify(`stored: ${changed.join(", ") || "nothing to change"}`, "ok");
+    };
+    const lerobot = () => (made.no_lerobot ? hexwire.notify(made.no_lerobot, "error") : download("calibration.json", made.lerobot));
+    result.replaceChildren(
+      node("p", { role: "status" }, `${how}.`),
+      fill(node("div"), table("Calibration", ["Joint", "#Servo", "#Offset", "#Lowest count", "#Highest count"], made.rows)),
+      row(button("Store in the servos", store, { level: "danger" }),
+        button("Save as file", () => download("calibration.toml", made.toml), { offline: true }),
+        button("Save for LeRobot", lerobot, { offline: true })));
+  }
+}
+
+function showRanges(element, rows) {
+  if (element.querySelectorAll("tbody tr").length !== rows.length) {
+    const bar = html`<span class="sv-range"><span></span><i></i></span>`;
+    fill(element, table("Ranges", ["Joint", "#Min deg", "#Now deg", "#Max deg", "", "Missing"], rows.map(({ name }) => [name, "", "", "", bar, ""])));
+  }
+  const lines = element.querySelectorAll("tbody tr");
+  rows.forEach((one, i) => {
+    const { cells } = lines[i];
+    put(cells[0], one.name);
+    put(cells[1], number(one.low, 1));
+    put(cells[2], number(one.now, 1));
+    put(cells[3], number(one.high, 1));
+    put(cells[5], one.missing || "nothing", one.missing ? "warn" : "ok");
+    const span = Math.max(one.usual || 0, one.high - one.low, 1) * 1.1, middle = (one.high + one.low) / 2;
+    const at = (value) => Math.min(100, Math.max(0, 50 + (100 * (value - middle)) / span));
+    const [bar, mark] = cells[4].firstElementChild.children;
+    bar.style.left = `${at(one.low)}%`;
+    bar.style.width = `${at(one.high) - at(one.low)}%`;
+    mark.style.left = `${at(one.now)}%`;
+  });
+}
+
+// -- a whole arm -------------------------------------------------------------------------------------------------
+
+export async function setUp(view, place) {
+  const arm = choice(), role = choice();
+  const begin = button("Look what is connected", () => look(false), { level: "accent" });
+  const everywhere = button("Look at every id and rate", () => look(true));
+  const told = hint("", { role: "status" }), shown = node("div");
+  let begun = false, turn = 0;
+  place.append(
+    node("h2", { class: "sv-h2" }, "Set up an arm"),
+    ...section("Servo by servo", "New servos all have id 1: connect them one at a time. Each gets its id and rate, and is read back. The servos themselves are asked what is done, so a set-up can be resumed at any time. Nothing moves."),
+    form(field("Arm", arm), field("Leader or follower", role), begin, everywhere), told, shown);
+  // What is shown was about another arm.
+  const renew = () => {
+    begun = false;
+    turn += 1;
+    shown.replaceChildren();
+  };
+  arm.addEventListener("change", renew);
+  role.addEventListener("change", renew);
+  const found = await view.choices(arm, "set_up.choices", "arms");
+  if (found) role.append(...found.roles.map(([value, words]) => new Option(words, value)));
+
+  async function look(all) {
+    const mine = turn;
+    begin.hidden = everywhere.hidden = true;
+    const end = hexwire.onFacts(({ job }) => job && put(told, job), told);
+    const step = await view.act("set_up.look", { arm: arm.value, role: role.value, again: begun, everywhere: all });
+    end();
+    put(told, "");
+    begin.hidden = everywhere.hidden = false;
+    // Another arm may have been chosen meanwhile.
+    if (step === undefined || mine !== turn) return;
+    begun = true;
+    draw(step);
+    view.relist();
+  }
+
+  function draw(step) {
+    const give = async () => {
+      if (!(await question("Set this servo up", step.question, "Set it up"))) return;
+      const done = await view.act("set_up.assign");
+      if (done !== undefined) hexwire.notify(done, "ok");
+      look(false);
+    };
+    shown.replaceChildren();
+    if (step.picture) shown.append(node("pre", { class: "sv-picture", role: "img", "aria-label": step.alt, tabindex: "0" }, step.picture));
+    shown.append(node("p", { role: "status" }, step.text));
+    if (step.found) shown.append(hint(step.found));
+    if (step.blocked) shown.append(node("p", { "data-level": "error" }, step.blocked));
+    if (step.warning) shown.append(node("p", { "data-level": "warn" }, step.warning));
+    if (step.question) shown.append(button("Give it this id and rate", give, { level: "danger" }));
+    shown.append(facts(step.joints), ...step.remarks.map((words) => node("p", { "data-level": "warn" }, words)));
+  }
+}

@@ -1,0 +1,220 @@
+// Parts of the page Servos that change what a servo keeps: its registers, its id and rate, backups. Owns forms and questions;
+// the server says what may be written, and reads it back.
+
+import hexwire from "./live.js";
+import { button, choice, chooser, field, form, hint, numeric, put, row, section, table, valueOf } from "./servos_kit.js";
+import { dialog, download, fill, html, node, question } from "./widgets.js";
+
+const LARGEST = 1 << 20; // bytes of a file of backups
+const FILTERS = [
+  ["all", "all registers"],
+  ["stored", "stored settings"],
+  ["factory", "different from the factory"],
+  ["backup", "different from the backup"],
+  ["live", "live values"],
+];
+const HEAD = ["Register", "#Value", "Unit", "Change", "#Raw", "Range", "#Factory", "#Backup", "Kept", "#At"];
+
+// -- registers ---------------------------------------------------------------------------------------------------
+
+export function registers(view, place, servo) {
+  let rows = [];
+  const shown = choice(FILTERS), find = node("input", { maxlength: 40 });
+  const undo = button("Undo", takeBack), body = node("div");
+  undo.hidden = true;
+  place.append(form(field("Show", shown), field("Find a register", find), button("Read again", read), undo), body);
+
+  function draw() {
+    const wanted = find.value.trim().toLowerCase();
+    const kept = rows.filter((one) => fits(one, shown.value) && one.name.includes(wanted));
+    fill(body, kept.length ? table(`Registers of servo ${servo}`, HEAD, kept.map(cells)) : html`<p class="sv-hint">No such register.</p>`);
+  }
+
+  async function read() {
+    const found = await view.act("registers.read", { servo });
+    if (!found) return;
+    rows = found.rows;
+    undo.hidden = !found.undo;
+    undo.title = found.undo;
+    draw();
+  }
+
+  async function edit(one) {
+    const typed = await ask(one);
+    if (!typed) return;
+    const wanted = { servo, register: one.name, ...typed };
+    let made = await view.act("registers.edit", wanted);
+    if (made?.question) {
+      if (!(await question(`Write ${one.name}`, made.question, "Write it"))) return;
+      made = await view.act("registers.edit", { ...wanted, sure: true });
+    }
+    if (!made) return;
+    hexwire.notify(made.told, "ok");
+    read();
+  }
+
+  async function takeBack() {
+    const undone = await view.act("registers.undo");
+    if (undone === undefined) return;
+    hexwire.notify(undone, "ok");
+    read();
+  }
+
+  shown.addEventListener("change", draw);
+  find.addEventListener("input", draw);
+  body.addEventListener("click", (event) => {
+    const pressed = event.target.closest("[data-register]");
+    if (pressed) edit(rows.find((one) => one.name === pressed.dataset.register));
+  });
+  read();
+}
+
+export const fits = (one, shown) => ({
+  stored: one.stored,
+  factory: one.differs.includes("factory"),
+  backup: one.differs.includes("backup"),
+  live: one.kept === "until power-off",
+})[shown] ?? true;
+
+export function cells(one) {
+  const words = [one.note, one.words].filter(Boolean).join("; ");
+  const marked = (name) => (one.differs.includes(name) ? html`<mark title="different">${one[name]} ≠</mark>` : one[name]);
+  return [
+    html`<span title="${words}">${one.name}</span>${one.words && html`<span class="sv-note">${words}</span>`}`,
+    one.value,
+    one.unit,
+    one.why_not
+      ? html`<span class="sv-why" title="${one.why_not}" tabindex="0" role="note" aria-label="${one.why_not}">–</span>`
+      : html`<button type="button" class="hw-button sv-small" data-register="${one.name}" aria-label="Edit ${one.name}">Edit</button>`,
+    one.raw, one.range, marked("factory"), marked("backup"), one.kept, one.address,
+  ];
+}
+
+/** Ask for a value: what was typed, and whether it is raw; null if it was cancelled. */
+function ask(one) {
+  const unit = choice([...(one.unit ? [["unit", one.unit]] : []), ["raw", "raw count"]]);
+  const text = node("input", { maxlength: 40, autofocus: true });
+  const told = hint("");
+  const tell = () => {
+    const raw = unit.value === "raw";
+    const now = raw ? one.raw : one.exact, limits = raw ? one.raw_range : one.exact_range;
+    put(told, `now ${now}${limits && `; ${limits.replace("…", "to")}`}; ${one.stored ? "stored in the servo" : "forgotten at power-off"}`);
+    text.value = now;
+  };
+  unit.addEventListener("change", tell);
+  tell();
+  const parts = [...(one.note ? [hint(one.note)] : []), field("Unit", unit), field(`New value of ${one.name}`, text), told];
+  return dialog(`Edit ${one.name}`, parts, "Check and write", "accent", () => ({ text: text.value, raw: unit.value === "raw" }));
+}
+
+// -- id and rate -------------------------------------------------------------------------------------------------
+
+export async function identity(view, place, servo) {
+  place.append(...section("Id and rate", "The id is changed first, then the rate. Each is read back, and goes back if the servo does not answer. If this is interrupted, the servo has its old or its new address, and is found there again."));
+  const id = numeric(servo, { min: 0, max: 253, step: 1 }), rate = choice();
+  const go = button("Change", change, { level: "accent" });
+  const again = button("Look for it again", look);
+  const steps = node("ol", { class: "sv-steps", "aria-live": "polite" });
+  again.hidden = true;
+  place.append(form(field("New id", id), field("New rate", rate), go), steps, again);
+  hexwire.onSteps(({ rows }) => steps.replaceChildren(...rows.map((words) => node("li", {}, words))), steps);
+  const found = await view.choices(rate, "identity.rates", "rates", { servo });
+  if (!found) return;
+  const here = found.here;
+  if (found.rates.some(([baud]) => baud === here)) rate.value = here;
+  let wanted = { id: servo, baud: here };
+
+  async function change() {
+    const number = valueOf(id);
+    if (!Number.isInteger(number)) return hexwire.notify("an id is a whole number from 0 to 253", "error");
+    wanted = { id: number, baud: Number(rate.value) || here };
+    const what = [];
+    if (wanted.id !== servo) what.push(`Servo ${servo} becomes servo ${wanted.id}. An arm that expects servo ${servo} misses it.`);
+    if (wanted.baud !== here) what.push(`It answers at ${wanted.baud} baud only; the other servos stay at ${here}.`);
+    if (!what.length) return hexwire.notify("nothing to change");
+    if (!(await question("Change the servo's address", [...what, "Both are stored."].join("\n"), "Change it"))) return;
+    steps.replaceChildren();
+    again.hidden = go.hidden = true;
+    const told = await view.act("identity.change", { servo, new_id: wanted.id, new_baud: wanted.baud });
+    go.hidden = false;
+    again.hidden = told !== undefined;
+    if (told !== undefined) follow(wanted.id, told);
+  }
+
+  async function look() {
+    const back = await view.act("identity.look", { ids: [servo, wanted.id], bauds: [here, wanted.baud] });
+    if (back) follow(back.servo, back.told);
+    else place.append(hint("Switch its supply off and on, then look again."));
+  }
+
+  async function follow(number, told) {
+    hexwire.notify(told, "ok");
+    view.selected = number;
+    await view.relist();
+    view.redraw();
+  }
+}
+
+// -- backup ------------------------------------------------------------------------------------------------------
+
+export function backup(view, place, servo) {
+  const list = node("div");
+  place.append(
+    ...section("Backup", "Stored settings of all servos here, except their ids and rates, can be compared and restored later."),
+    row(
+      button("Back up all servos", () => take(null), { level: "accent" }),
+      button(`Back up servo ${servo}`, () => take([servo])),
+      ...chooser("Load a backup", ".json,application/json", load)),
+    list);
+
+  async function take(servos) {
+    const made = await view.act("backup.take", { servos });
+    if (!made) return;
+    kept(made.servos);
+    download("servos.json", made.file);
+  }
+
+  async function load(file) {
+    if (file.size > LARGEST) return hexwire.notify("the file is larger than 1 MiB", "error");
+    try {
+      const answer = await fetch(`/servos/backup?${new URLSearchParams({ tab: hexwire.key, opened: view.opened })}`, { method: "POST", body: file });
+      const found = await answer.json();
+      if (found.refused) hexwire.notify(found.refused, "error");
+      else kept(found.servos);
+    } catch (error) {
+      hexwire.notify(`the studio did not take the file: ${error.message}`, "error");
+    }
+  }
+
+  function kept(servos) {
+    hexwire.notify(`a backup of servo ${servos.join(", ")}`, "ok");
+    show();
+  }
+
+  async function show() {
+    const found = await view.act("backup.differences");
+    if (!found) return;
+    if (!found.length) list.replaceChildren(hint("No backup was taken or loaded here."));
+    else list.replaceChildren(...found.flatMap(one));
+  }
+
+  function one({ servo: id, title, differences }) {
+    const head = node("h4", { class: "sv-h4" }, title);
+    if (!differences) return [head, hint("This servo is not on the bus.")];
+    if (!differences.length) return [head, hint("No differences.")];
+    const rows = differences.map(([name, here, there]) => [name, here ?? "–", there ?? "–"]);
+    const names = differences.filter(([, , there]) => there !== null).map(([name]) => name).join(", ");
+    const restore = async () => {
+      const text = `These stored settings are overwritten: ${names}.\nId and rate stay. Each is read back.`;
+      if (!(await question(`Restore servo ${id}`, text, "Restore"))) return;
+      const changed = await view.act("backup.restore", { servo: id });
+      if (!changed) return;
+      hexwire.notify(`restored: ${changed.join(", ") || "nothing to change"}`, "ok");
+      show();
+    };
+    const cells = fill(node("div"), table(`Differences of servo ${id}`, ["Register", "#Servo", "#Backup"], rows));
+    return [head, cells, button(`Restore servo ${id}`, restore, { level: "danger" })];
+  }
+
+  show();
+}

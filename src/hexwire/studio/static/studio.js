@@ -1,0 +1,76 @@
+// The pages: which there are, and going from one to the other without losing the socket, and with it control. Owns the part
+// below the header, and the theme. Must not know what a page shows.
+//
+// A page is a module of this folder with `mount(element, { tab, operates })`. It fills the element, listens with
+// `hexwire.onFacts(call, element)` and its like, which end when the element is gone, and asks by `hexwire.call(name, args)`.
+
+import hexwire from "./live.js";
+import { node } from "./widgets.js";
+
+const PAGES = {
+  "/": ["Connect", "connect.js"],
+  "/arm": ["Arm", "arm.js"],
+  "/servos": ["Servos", "servos.js"],
+  "/plots": ["Plots", "plots.js"],
+  "/wire": ["Wire", "wire.js"],
+  "/recordings": ["Recordings", "recordings.js"],
+  "/fleet": ["Fleet", "fleet.js"],
+};
+const THEMES = ["auto", "light", "dark"];
+
+const main = document.getElementById("hw-main");
+let shown = "";
+
+async function show() {
+  const path = location.pathname;
+  if (path === shown) return;
+  shown = path;
+  const [title, file] = PAGES[path];
+  document.title = `${title} – hexwire studio`;
+  for (const link of document.querySelectorAll(".hw-nav-link")) {
+    if (link.pathname === path) link.setAttribute("aria-current", "page");
+    else link.removeAttribute("aria-current");
+  }
+  document.querySelectorAll("dialog").forEach((each) => each.close());
+  const place = node("div", { class: "hw-page" });
+  main.replaceChildren(node("h1", {}, title), place);
+  const page = await import(`./${file}`);
+  if (place.isConnected) page.mount(place, { tab: hexwire.key, operates: hexwire.operates });
+}
+
+/** Go to a page. */
+export function go(path) {
+  history.pushState(null, "", path);
+  show();
+}
+
+document.addEventListener("click", (event) => {
+  const link = event.target.closest("a[href]");
+  const plain = event.button === 0 && !event.ctrlKey && !event.metaKey && !event.shiftKey;
+  if (!link || !plain || link.origin !== location.origin || link.hash || link.download || !(link.pathname in PAGES)) return;
+  event.preventDefault();
+  if (link.pathname !== location.pathname) go(link.pathname);
+});
+addEventListener("popstate", show);
+
+// -- the theme -------------------------------------------------------------------------------------------------
+
+const button = document.getElementById("hw-theme");
+const dark = matchMedia("(prefers-color-scheme: dark)");
+let theme = THEMES.includes(localStorage.getItem("hexwire-theme")) ? localStorage.getItem("hexwire-theme") : "auto";
+
+function paint() {
+  const isDark = theme === "auto" ? dark.matches : theme === "dark";
+  document.body.classList.toggle("body--dark", isDark);
+  document.documentElement.dataset.theme = isDark ? "dark" : "light";
+  button.textContent = `Theme: ${theme}`;
+}
+
+button.addEventListener("click", () => {
+  theme = THEMES[(THEMES.indexOf(theme) + 1) % THEMES.length];
+  localStorage.setItem("hexwire-theme", theme);
+  paint();
+});
+dark.addEventListener("change", paint);
+paint();
+show();
