@@ -175,7 +175,8 @@ def _picture(browser: Browser, studio: _Process) -> str:
         page.locator("#arm-view canvas").wait_for()
         sizes = [response.request.sizes() for response in asked]
         sent = sum(size["responseBodySize"] + size["responseHeadersSize"] for size in sizes)
-        raw = sum(len(response.body()) for response in asked)
+        # The first one only leads on from the address with the key.
+        raw = sum(len(response.body()) for response in asked[1:])
     finally:
         context.close()
     return (
