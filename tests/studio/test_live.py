@@ -123,9 +123,9 @@ def test_calls_are_answered_and_what_is_wrong_with_them_is_said(studio: RunningS
     owner = Visitor(studio, studio.studio.access.operate_token)
     wrong: list[tuple[dict[str, object], str]] = [
         ({"name": "fly"}, "there is no call 'fly'"),
-        ({"name": "open"}, "open: Object missing required field `url`"),
-        ({"name": "open", "args": {"url": 3}}, "open: Expected `str`"),
-        ({"name": "take", "args": {"force": True}}, "take: Object contains unknown field `force`"),
+        ({"name": "open"}, "the call open cannot be read: Object missing required field `url`"),
+        ({"name": "open", "args": {"url": 3}}, "open cannot be read: Expected `str`"),
+        ({"name": "take", "args": {"force": True}}, "take cannot be read: Object contains unknown field `force`"),
         ({"name": "arm.teach", "args": {"on": True}}, "does not have control"),
         ({"name": "torque", "args": {"on": True}}, "does not have control"),
         ({"name": "servos.list"}, "no servo bus is open"),

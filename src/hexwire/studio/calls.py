@@ -132,7 +132,7 @@ class Call:
         try:
             return msgspec.convert(args, self.kind)
         except (msgspec.ValidationError, RecursionError) as error:
-            raise UsageError(f"{self.name}: {error}") from None
+            raise UsageError(f"the call {self.name} cannot be read: {error}") from None
 
 
 _calls: dict[str, Call] = {}

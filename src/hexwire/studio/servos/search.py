@@ -52,17 +52,21 @@ def _list(asked: Asked, args: Arguments) -> dict[str, Any]:
 @call("servos.search", _Search, control=True)
 def _search(asked: Asked, args: _Search) -> int:
     """Search; how many were found."""
-    if args.rate not in (0, _ALL, *SERVO_RATES):
-        raise UsageError(f"there is no rate of {args.rate} baud")
+    if args.rate not in (0, _ALL):
+        _check_rate(args.rate)
     wanted = [] if not args.rate else list(SERVO_RATES) if args.rate == _ALL else [args.rate]
     return len(asked.bus.search(wanted, list(dict.fromkeys(parse_ids(args.ids[:60])))))
 
 
 @call("servos.rate", _Rate, control=True)
 def _use_rate(asked: Asked, args: _Rate) -> None:
-    if args.baud not in SERVO_RATES:
-        raise UsageError(f"there is no rate of {args.baud} baud")
+    _check_rate(args.baud)
     asked.bus.use_rate(args.baud)
+
+
+def _check_rate(baud: int) -> None:
+    if baud not in SERVO_RATES:
+        raise UsageError(f"there is no rate of {baud} baud")
 
 
 @call("servos.cancel", Arguments)
