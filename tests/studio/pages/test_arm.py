@@ -13,7 +13,7 @@ from tests.studio.conftest import ask_for_long, shrink_views
 from tests.studio.running import PATIENCE, expect, press
 
 from hexwire.control import known_state
-from hexwire.control.motion_request import read_motion
+from hexwire.control.motion_service import read_motion
 from hexwire.control.pose_file import check_pose_name
 from hexwire.model.aim import Tip
 from hexwire.model.hex7bot import HEX7BOT
