@@ -31,7 +31,7 @@ import assemble  # noqa: E402  (only now does Python find it)
 import man  # noqa: E402
 import sbom  # noqa: E402
 
-from hexwire.drivers import firmware, firmware_images  # noqa: E402
+from hexwire.drivers import firmware  # noqa: E402
 
 BOARD = "mega2560"
 NOT_SOURCES = {".git", ".venv", ".tools", "build", "dist", "__pycache__"}
@@ -116,7 +116,7 @@ def add_firmware(folder: Path, into: Path) -> None:
         digest = hashlib.sha256(image).hexdigest()
         rows.append({"file": name, "board": BOARD, "host_baud": rate, "sha256": digest})
     listed = {"version": firmware.source_version(folder), "compiler": compiler(), "images": rows}
-    (into / firmware_images.LIST).write_text(json.dumps(listed, indent=1) + "\n", encoding="utf-8")
+    (into / firmware.LIST).write_text(json.dumps(listed, indent=1) + "\n", encoding="utf-8")
     shutil.rmtree(folder / "build")
 
 

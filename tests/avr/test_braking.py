@@ -11,8 +11,7 @@ import pytest
 from tests.conformance_board.test_trajectory import NUMBER, START, Rider, Sent
 
 from hexwire.motion.moving import reach
-from hexwire.motion.path_points import path_points
-from hexwire.motion.path_rest import path_rest
+from hexwire.motion.path_points import path_points, path_rest
 from hexwire.motion.speed_profile import JointLimits
 from hexwire.motion.trajectory import Sample, Trajectory
 from hexwire.wire.board_trajectory import PathPoint, PathState

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from hexwire.bus.late_replies import AFTERMATH, LATEST, LateReplies, SentLately
+from hexwire.bus.machine import AFTERMATH, LATEST, LateReplies, SentLately
 from hexwire.wire.servo_packet import make_ping, make_read, make_write
 
 READ = make_read(1, 56, 2)

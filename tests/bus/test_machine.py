@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.bus.conversations import Play, make_machine
 
-from hexwire.bus.late_replies import LATEST
-from hexwire.bus.machine import ADAPTER_TIME, BusMachine, Heard, Interrupted, Listen, Send
+from hexwire.bus.machine import ADAPTER_TIME, LATEST, BusMachine, Heard, Interrupted, Listen, Send
 from hexwire.session.servo_answers import AnswerCollector
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import make_ping, make_read, make_status, make_sync_read, make_sync_write, make_write

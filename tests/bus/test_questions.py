@@ -6,8 +6,7 @@ from hypothesis import strategies as st
 from tests.bus.conversations import Play, make_machine
 
 from hexwire.bus import questions
-from hexwire.bus.late_replies import AFTERMATH, LATEST
-from hexwire.bus.machine import BusMachine
+from hexwire.bus.machine import AFTERMATH, LATEST, BusMachine
 from hexwire.errors import UsageError
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import make_legacy_ping_status, make_ping, make_read, make_status

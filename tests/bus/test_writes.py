@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 from tests.bus.bus_bench import exchange_by, make_bus
 
-from hexwire.bus.writes import in_range
+from hexwire.bus.servo_bus import in_range
 from hexwire.errors import PreemptedError, ServoError, StoppedError, UsageError
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import ServoPacket, make_ping, make_status, make_sync_write, make_write

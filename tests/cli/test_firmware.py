@@ -14,8 +14,8 @@ from tests.avr.machines import CoreBoard, make
 from tests.avr.pty import FlashableBoard, on_pty
 
 from hexwire.cli.main import cli
+from hexwire.drivers import firmware
 from hexwire.drivers import firmware as tools
-from hexwire.drivers import firmware_images
 from hexwire.link.ports import PortInfo
 from hexwire.wire import tables
 
@@ -121,7 +121,7 @@ def wheel(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     row = {"file": image.name, "board": "mega2560", "host_baud": 115200}
     row["sha256"] = hashlib.sha256(image.read_bytes()).hexdigest()
     (tmp_path / "firmware.json").write_text(json.dumps({"version": "7.8.9", "images": [row]}))
-    monkeypatch.setattr(firmware_images, "FOLDER", tmp_path)
+    monkeypatch.setattr(firmware, "FOLDER", tmp_path)
     monkeypatch.setattr(tools, "_SOURCES", tmp_path / "none")
     monkeypatch.setenv("PATH", "")  # neither a compiler nor a flasher
     return image

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from tests.drivers.arms import Arm, check_old_board_survives
 
 from hexwire.drivers.base import StopMode
-from hexwire.drivers.board1 import Board1
-from hexwire.drivers.dialect1_moves import make_hls_block, make_legacy_move
+from hexwire.drivers.board1 import Board1, make_hls_block, make_legacy_move
 from hexwire.emulator.faults import FaultPlan
 from hexwire.errors import (
     CommandRefusedError,

@@ -8,7 +8,7 @@ from tests.drivers.arms import Arm
 
 from hexwire.drivers.base import StopMode
 from hexwire.drivers.board import Board
-from hexwire.drivers.board_orders import BoardOrders
+from hexwire.drivers.hex7bot import BoardOrders
 from hexwire.errors import CommandRefusedError, NotSupportedError
 
 STATE = Arm(2).driver.read()

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.bus.bus_bench import make_bus
 
-from hexwire.drivers.bus_goals import SPEED_UNIT, BusGoals
+from hexwire.drivers.bus_arm import SPEED_UNIT, BusGoals
 from hexwire.model.arm import JointModel
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import parse_packet, parse_sync_write

@@ -8,8 +8,7 @@ import pytest
 
 from hexwire.bus.values import Readings
 from hexwire.drivers.arm_file import load_profile
-from hexwire.drivers.bus_arm import So101Arm
-from hexwire.drivers.bus_positions import PositionReader
+from hexwire.drivers.bus_arm import PositionReader, So101Arm
 from hexwire.emulator.bus_arms import make_bus_arm
 from hexwire.emulator.bus_device import BusDevice
 from hexwire.emulator.serve import BoardLink, FakeClock

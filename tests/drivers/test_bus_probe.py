@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from tests.bus.bus_bench import make_bus
 
-from hexwire.drivers.bus_probe import probe_joint
+from hexwire.drivers.bus_arm import probe_joint
 from hexwire.emulator.faults import FaultPlan
 from hexwire.model.arm import JointModel
 from hexwire.model.calibration import Calibration, JointCalibration

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.drivers.dialect1_moves import make_hls_block, make_legacy_move
+from hexwire.drivers.board1 import make_hls_block, make_legacy_move
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import parse_packet, parse_sync_write
 

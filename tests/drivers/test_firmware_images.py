@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hexwire.drivers.firmware_images import LIST, FirmwareImage, find_image, list_images
+from hexwire.drivers.firmware import LIST, FirmwareImage, find_image, list_images
 from hexwire.errors import ConfigError, UsageError
 
 

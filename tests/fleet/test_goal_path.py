@@ -13,8 +13,7 @@ from hexwire.drivers import registry
 from hexwire.drivers.timed_path import PathState, TimedPoint
 from hexwire.errors import GoalError, NotSupportedError, UsageError
 from hexwire.fleet import messages as m
-from hexwire.fleet.goal_path import GoalPath
-from hexwire.fleet.remote import RemoteRobot
+from hexwire.fleet.remote import GoalPath, RemoteRobot
 from hexwire.motion.trajectory import Spline
 
 POINTS = [TimedPoint(0.1 * i, (0.1 * i * i,), (0.2 * i,)) for i in range(11)]

@@ -8,10 +8,10 @@ import pytest
 from tests.link.far_ends import free_port
 from tests.waits import eventually
 
-from hexwire.fleet.guard import NameGuard
 from hexwire.fleet.names import Keys
 from hexwire.fleet.network import Network
 from hexwire.fleet.rights import Kind
+from hexwire.fleet.server import NameGuard
 
 from .lab import Lab
 

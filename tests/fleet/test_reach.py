@@ -13,9 +13,8 @@ import pytest
 from tests.link.far_ends import free_port
 
 from hexwire.errors import LinkNotFoundError
-from hexwire.fleet import network, reach
-from hexwire.fleet.network import Network
-from hexwire.fleet.reach import why_unreachable
+from hexwire.fleet import network
+from hexwire.fleet.network import Network, why_unreachable
 from hexwire.fleet.rights import Kind
 from hexwire.link.tls import TlsFiles
 
@@ -34,7 +33,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Lab:
 @pytest.fixture(autouse=True)
 def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
     # Two seconds may be short for a handshake on a busy machine.
-    monkeypatch.setattr(reach, "_PATIENCE", 20.0)
+    monkeypatch.setattr(network, "_PATIENCE", 20.0)
 
 
 @contextmanager
@@ -74,7 +73,7 @@ def of(lab: Lab, name: str) -> TlsFiles:
 )
 def test_what_its_certificate_says(lab: Lab, server: str, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if server == "router":
-        monkeypatch.setattr(reach, "_PATIENCE", 1.0)
+        monkeypatch.setattr(network, "_PATIENCE", 1.0)
     with listening(of(lab, server)) as endpoint:
         text = why_unreachable(endpoint, of(lab, "anna"))
     assert text.startswith(f"{endpoint}: {words}")
@@ -154,5 +153,5 @@ def test_what_is_no_tls_is_told_in_a_word(lab: Lab) -> None:
     with near, far:
         far.sendall(b"this is no TLS at all" * 10)
         near.settimeout(20.0)
-        text = reach._handshake(near, "localhost", of(lab, "anna"))
+        text = network._handshake(near, "localhost", of(lab, "anna"))
     assert text == "no TLS (WRONG_VERSION_NUMBER); is it a router for tcp/ only?"

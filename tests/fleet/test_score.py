@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from hexwire.errors import UsageError
-from hexwire.fleet import score
-from hexwire.fleet.score import assign, read_motions
+from hexwire.fleet import player
+from hexwire.fleet.player import assign, read_motions
 from hexwire.inputs import LARGEST_TEXT
 from hexwire.trace.recording import RecordingWriter, make_positions, topic_of
 
@@ -62,16 +62,16 @@ def test_a_recording_that_is_too_long_is_refused(tmp_path: Path) -> None:
 
 def test_a_recording_with_too_many_angles_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = str(record(tmp_path / "a.mcap", {"": (0.0, 0.0)}, seconds=1.0))
-    monkeypatch.setattr(score, "_MOST_ANGLES", 200)
+    monkeypatch.setattr(player, "_MOST_ANGLES", 200)
     assert read_motions(file)
-    monkeypatch.setattr(score, "_MOST_ANGLES", 199)
+    monkeypatch.setattr(player, "_MOST_ANGLES", 199)
     with pytest.raises(UsageError, match="more than 199 angles: too many for one motion"):
         read_motions(file)
 
 
 def test_a_joint_rests_before_its_first_sample_and_after_its_last() -> None:
     column = [(11.0, 0.5), (12.0, 1.5)]
-    assert score._at(column, 10.0, [0.0, 1.0, 1.5, 2.0, 3.0]) == pytest.approx([0.5, 0.5, 1.0, 1.5, 1.5])
+    assert player._at(column, 10.0, [0.0, 1.0, 1.5, 2.0, 3.0]) == pytest.approx([0.5, 0.5, 1.0, 1.5, 1.5])
 
 
 def test_waypoints_are_for_any_arm(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import random
 import pytest
 from tests.gateway.bench import START, Bench
 
-from hexwire.gateway.queue_host import QueueHost
+from hexwire.gateway.host import QueueHost
 from hexwire.session.connection import Connection, Role
 from hexwire.session.events import Report, Request
 from hexwire.wire import tables

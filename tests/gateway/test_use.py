@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hexwire.gateway.use import Use
+from hexwire.gateway.line import Use
 from hexwire.wire.board_trajectory import (
     BeginRequest,
     PathFlag,

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 from interrupts import interrupted_at, places
 
-from hexwire.link.call_turn import CallTurn
+from hexwire.link.poll_link import CallTurn
 from hexwire.testing.link import PATIENCE, Background
 
 

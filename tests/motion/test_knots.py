@@ -9,7 +9,7 @@ import pytest
 from hexwire.errors import LimitError
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.pose import Pose
-from hexwire.motion.knots import Knots
+from hexwire.motion.line import Knots
 
 A = Hex7BotModel()
 START = tuple(math.radians(d) for d in (90, 100, 90, 90, 45, 90))

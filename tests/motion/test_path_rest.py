@@ -11,7 +11,7 @@ from tests.few import few
 from tests.motion.arms import cubic_at
 
 from hexwire.motion.moving import reach
-from hexwire.motion.path_rest import RestPoint, nearest_time, path_rest
+from hexwire.motion.path_points import RestPoint, nearest_time, path_rest
 from hexwire.motion.speed_profile import JointLimits
 from hexwire.motion.trajectory import Sample, Spline, Trajectory, Waypoint
 

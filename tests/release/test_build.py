@@ -19,7 +19,7 @@ from tests.avr import machines
 from tests.release.scripts import ROOT, script, uv
 
 from hexwire.drivers import firmware
-from hexwire.drivers.firmware_images import find_image
+from hexwire.drivers.firmware import find_image
 
 build: Any = script("build")
 

@@ -11,9 +11,8 @@ from tests.analyzers.lines import readings_table
 from tests.frames import frame_bytes
 
 from hexwire.link.tap import Direction, Passed
-from hexwire.trace.dissect import Dissector, doubt
+from hexwire.trace.dissect import Dissector, Part, doubt
 from hexwire.trace.line_reader import LineReader
-from hexwire.trace.parts import Part
 from hexwire.wire import tables as t
 from hexwire.wire.command_frame import Command
 from hexwire.wire.commands import JointReport

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexwire.link.tap import Direction, Passed
-from hexwire.trace.ring import TrafficRing
+from hexwire.trace.traffic import TrafficRing
 
 
 def passed(time: float, size: int = 10) -> Passed:

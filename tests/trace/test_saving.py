@@ -9,8 +9,7 @@ from tests.frames import frame_bytes
 from hexwire.errors import UsageError
 from hexwire.link.tap import Direction, Passed
 from hexwire.trace.capture import FRAMES, Message, read_messages
-from hexwire.trace.saving import FORMATS, saved_traffic
-from hexwire.trace.sources import read_traffic
+from hexwire.trace.sources import FORMATS, read_traffic, saved_traffic
 from hexwire.wire.command_frame import Command
 
 TRAFFIC = [

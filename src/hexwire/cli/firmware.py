@@ -143,7 +143,7 @@ def info(options: RobotOptions, source: str | None, as_json: bool) -> None:
 def _image(hex_file: str | None, source: str | None, host_baud: int) -> tuple[Path, str | None]:
     """The file to flash, and its version if that is known."""
     from hexwire.drivers import firmware as tools
-    from hexwire.drivers.firmware_images import find_image
+    from hexwire.drivers.firmware import find_image
 
     if hex_file is not None:
         return Path(hex_file), None
@@ -157,7 +157,7 @@ def _image(hex_file: str | None, source: str | None, host_baud: int) -> tuple[Pa
 def _available(source: str | None) -> tuple[str, str]:
     """What is here to flash, in a word, and its version; empty if nothing is."""
     from hexwire.drivers import firmware as tools
-    from hexwire.drivers.firmware_images import list_images
+    from hexwire.drivers.firmware import list_images
 
     if source is not None or tools.has_sources():
         return "sources", tools.source_version(tools.find_sources(source))

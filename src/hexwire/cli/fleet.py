@@ -383,8 +383,7 @@ def play(
     If one refuses, none begins. Ctrl-C or the failure of one arm stops all of them: 'hexwire resume' ends the stop.
     """
     from hexwire.fleet.address import address_text
-    from hexwire.fleet.player import Arm, attached_to, play_together
-    from hexwire.fleet.score import assign, read_motions
+    from hexwire.fleet.player import Arm, assign, attached_to, play_together, read_motions
 
     mapped = _pairs(pairs)
     if not on and not mapped:

@@ -24,7 +24,7 @@ from .options import InputFile, force_option, json_option, name_of, observing_st
 from .output import answer, print_json, say, say_table
 
 if TYPE_CHECKING:
-    from hexwire.trace.parts import Part
+    from hexwire.trace.dissect import Part
     from hexwire.trace.reading import Reading
 
 __all__ = ["analyzers", "trace", "tracing"]

@@ -19,8 +19,7 @@ from hexwire.errors import CommandRefusedError, DeviceError, StoppedError, Usage
 from hexwire.motion.eased import LONGEST, ease_out
 from hexwire.motion.limits import rest_duration
 from hexwire.motion.moving import joint_limits
-from hexwire.motion.path_points import path_points
-from hexwire.motion.path_rest import nearest_time, path_rest
+from hexwire.motion.path_points import nearest_time, path_points, path_rest
 from hexwire.motion.together import Together
 from hexwire.motion.trajectory import Tail
 

@@ -1,8 +1,9 @@
 """A Hex7Bot board that speaks only the chapter's dialect: it passes servo packets on, one at a time.
 
-Owns what PROTOCOL.md section 5 requires of a host: two-byte reads, sync writes for legacy servos only, the 7-byte
-block for HLS servos, no 0D 0A inside a frame. The host keeps stop and limits, since such a board has none. Must not
-know links or callers.
+Owns what PROTOCOL.md section 5 requires of a host: two-byte reads and which of their answers to trust, since they
+may be late, damaged or mistaken; sync writes for legacy servos only; the 7-byte block for HLS servos; no 0D 0A
+inside a frame, and which value is changed to avoid it. The host keeps stop and limits, since such a board has none.
+Must not know links or callers.
 """
 
 from __future__ import annotations
@@ -31,22 +32,179 @@ from hexwire.wire.command_frame import Command, Frame, Status
 from hexwire.wire.commands import LimitRow, OffsetRow
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import (
+    StatusPacket,
     find_status,
     make_ping,
+    make_read,
+    make_sync_write,
     make_write,
     parse_packet,
     parse_sync_write,
 )
-from hexwire.wire.tables import DEFAULT_CEILING
+from hexwire.wire.tables import DEFAULT_CEILING, TAIL
 
 from .base import JointProbe, StopMode
 from .board import BoardFacts
-from .dialect1_moves import MIN_RUN_TIME, make_hls_block, make_legacy_move
-from .dialect1_reads import Dialect1Reader
 from .replies import torque_flag
 from .timed_path import TimedPath
 
-__all__ = ["Board1"]
+__all__ = ["MIN_RUN_TIME", "Board1", "Dialect1Reader", "make_hls_block", "make_legacy_move"]
+
+MIN_RUN_TIME = 9
+"""Milliseconds; the 7Bot library accepts no run time of 8 ms or less."""
+_POSITION = Series.SEVEN_BOT.register("target_position").address
+_BLOCK = Series.HLS.register("acceleration").address
+
+
+def make_legacy_move(targets: Mapping[int, int], run_time_ms: int) -> tuple[bytes, int, dict[int, int]]:
+    """Build the sync write of dialect 1 for legacy servos, without 0D 0A inside.
+
+    To avoid the marker, the run time is changed first, by 1 ms steps, then a position by one count (PROTOCOL.md
+    section 5).
+
+    Args:
+        targets: Counts by servo id.
+        run_time_ms: Duration of the motion, milliseconds.
+
+    Returns:
+        The packet, and the run time and counts in it.
+
+    Raises:
+        LocalProtocolError: No packet can be built; the ids themselves form the marker.
+    """
+    run_time = min(max(run_time_ms, MIN_RUN_TIME), 0xFFFF)
+    for nudge in range(3):
+        for extra in range(4):
+            ms = run_time + extra if run_time + extra <= 0xFFFF else run_time - extra
+            rows, counts_sent = {}, {}
+            for servo_id, counts in targets.items():
+                # Change a position only if the marker is in its bytes or next to them.
+                value = min(max(counts, 0), 0xFFFF)
+                if nudge and b"\x0d" in value.to_bytes(2, "little") + bytes((servo_id,)):
+                    value += nudge if value < 0xFFFF - nudge else -nudge
+                counts_sent[servo_id] = value
+                rows[servo_id] = value.to_bytes(2, "little") + ms.to_bytes(2, "little")
+            packet = make_sync_write(_POSITION, rows)
+            if TAIL not in packet:
+                return packet, ms, counts_sent
+    raise LocalProtocolError("no sync write without 0D 0A inside can be built for these servos")
+
+
+def make_hls_block(servo_id: int, counts: int, speed: int, ceiling: int) -> tuple[bytes, int]:
+    """Build the write that moves one HLS servo: acceleration, position, current ceiling, speed at 0x29.
+
+    Args:
+        servo_id: Bus id.
+        counts: Target position.
+        speed: In units of 50 counts/s, at least 1.
+        ceiling: Current ceiling in units of 6.5 mA.
+
+    Returns:
+        The packet, and the position in it.
+
+    Raises:
+        LocalProtocolError: No block without 0D 0A inside can be built.
+    """
+    hls = Series.HLS
+    # Reduce the current by a unit if it is next to a position's high byte, which no small step changes.
+    for less, nudge in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        for faster in range(4):
+            block = (
+                b"\0"
+                + hls.register("goal_position").encode(counts + nudge)
+                + hls.register("goal_torque").encode(ceiling - less)
+                + hls.register("goal_speed").encode(speed + faster)
+            )
+            packet = make_write(servo_id, _BLOCK, block)
+            if TAIL not in packet:
+                return packet, counts + nudge
+    raise LocalProtocolError(f"no write without 0D 0A inside can be built for servo {servo_id}")
+
+
+_DOUBT = 1.0
+"""Seconds for which a missing answer may still arrive."""
+_ASKED_TWICE = 0.08
+"""Seconds after which the board repeats a request; the first answer may still arrive."""
+_CHECKS = 5
+_ENOUGH = 3
+_AGREE = 100
+"""Counts by which two reads of a joint in motion may differ: 36 ms at 2800 counts/s."""
+
+
+class Dialect1Reader:
+    """Reader for one board.
+
+    Args:
+        session: A negotiated session.
+        legacy: Whether each servo is of the legacy series, by id, as far as known.
+    """
+
+    def __init__(self, session: Session, legacy: Mapping[int, bool]) -> None:
+        self._session = session
+        self._legacy = legacy
+        self._missed: dict[int, dict[int, float]] = {}
+
+    def read(self, servo_id: int, address: int, *, urgent: bool = False, more: bool = True) -> StatusPacket | None:
+        """Read two bytes of a servo; None if it, or the board, does not answer.
+
+        The chapter's board keeps a late answer and returns it to the next request. The id exposes an answer of
+        another servo, but not an answer of the same servo for another register. So after an unanswered read of
+        another register, which the board requests twice, only three answers that agree are trusted.
+        """
+        now = self._session.now()
+        missed = self._missed.get(servo_id, {})
+        doubtful = any(other != address and now - when < _DOUBT for other, when in missed.items())
+        status = self.read_once(servo_id, address, urgent=urgent, more=more)
+        agreeing = 1
+        for _ in range(_CHECKS if doubtful else 0):
+            if status is None or agreeing == _ENOUGH:
+                break
+            again = self.read_once(servo_id, address, urgent=urgent, more=more)
+            agrees = again is not None and abs(_value(again) - _value(status)) <= _AGREE
+            status, agreeing = again, agreeing + 1 if agrees else 1
+        return None if doubtful and agreeing < _ENOUGH else status
+
+    def read_once(
+        self, servo_id: int, address: int, *, urgent: bool, any_kind: bool = False, more: bool = True
+    ) -> StatusPacket | None:
+        try:
+            reply = self._session.request(
+                Command.READ, make_read(servo_id, address, 2), urgent=urgent, repeatable=True
+            )
+        except ReplyTimeoutError as error:
+            self._missed.setdefault(servo_id, {})[address] = self._session.now()
+            return self._read_beside(servo_id, address, urgent=urgent) if error.instead and more else None
+        status, found = None, find_status(reply.body, servo_id, 2)
+        # The board's form of "no answer"; a legacy servo with an error bit and value 0 looks the same.
+        if found is not None and not (found[0].legacy and found[0].error == 1 and _value(found[0]) == 0):
+            status = found[0] if any_kind or self.is_its_own(found[0]) else None
+        if status is None or reply.rtt > _ASKED_TWICE:
+            self._missed.setdefault(servo_id, {})[address] = self._session.now()
+        return status
+
+    def _read_beside(self, servo_id: int, address: int, *, urgent: bool) -> StatusPacket | None:
+        """Read two bytes by the pairs before and after them, if the answer looks like the echo of its request.
+
+        An HLS servo with error 2 at count 568 answers so. The high byte is read twice to match both bytes.
+        """
+        if self._legacy.get(servo_id, True):
+            return None
+        read = partial(self.read, servo_id, urgent=urgent, more=False)
+        high = read(address + 1)
+        low = high and read(address - 1)
+        again = low and read(address + 1)
+        if high is None or low is None or again is None or high.params[0] != again.params[0]:
+            return None
+        return low._replace(params=low.params[1:] + high.params[:1])
+
+    def is_its_own(self, status: StatusPacket) -> bool:
+        """Whether an answer has the header of this servo's series; a damaged echo has that of another."""
+        return self._legacy.get(status.servo_id, status.legacy) == status.legacy
+
+
+def _value(status: StatusPacket) -> int:
+    return int.from_bytes(status.params, "little")
+
 
 _TORQUE = Series.HLS.register("torque_enable").address
 _PRESENT = Series.HLS.register("present_position").address

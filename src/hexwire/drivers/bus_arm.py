@@ -1,18 +1,24 @@
 """`BusArm`: an arm whose servos are connected to an adapter, without a controller board.
 
 Owns the translation between joints and servo registers on a bus: one sync read for the state, one packet per series
-for a motion, torque, and a stop that the host keeps. Must not know links, packets or callers.
+for a motion, torque, a stop that the host keeps, and the identification of its servos. Must not know links, packets
+or callers.
 
 A goal written to an STS servo switches its torque on, so goals for joints without torque are refused. Without a
 board nothing stops the arm if this program dies: the servos go to their last goal and hold it.
+
+Loops send goals and read positions of all joints hundreds of times a second, so what depends on the joint alone is
+prepared once.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import partial
+from dataclasses import replace
+from functools import lru_cache, partial
 from pathlib import Path
+from struct import unpack
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from hexwire.bus import setup as servo_setup
@@ -28,22 +34,339 @@ from hexwire.motion.limits import check_target
 from hexwire.session.effects import packet_only_reads
 from hexwire.wire.command_frame import Command
 from hexwire.wire.registers import Series
+from hexwire.wire.servo_packet import make_sync_write, sync_write_packer
+from hexwire.wire.tables import DEFAULT_CEILING
 
 from .arm_file import BusArmFile, load_arm_file, load_profile
 from .base import ProbeReport, StopMode
 from .board_reset import note_servos, warn_of_reset
-from .bus_goals import SPEED_UNIT, BusGoals
-from .bus_positions import FAULTS, PositionReader
-from .bus_probe import probe_joint
 from .plain import PlainDriver
 from .replies import torque_flag
 from .stop_memory import StopMemory
+from .values import JointProbe
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from hexwire.bus.values import Reading, Readings
     from hexwire.link.base import Link
     from hexwire.link.diagnose import Finding
+    from hexwire.model.arm import ArmModel
+    from hexwire.model.calibration import Calibration
 
-__all__ = ["BusArm", "ChainArm", "SevenBotArm", "So100Arm", "So101Arm", "arm_class"]
+__all__ = [
+    "FAULTS",
+    "SPEED_UNIT",
+    "BusArm",
+    "BusGoals",
+    "ChainArm",
+    "PositionReader",
+    "SevenBotArm",
+    "So100Arm",
+    "So101Arm",
+    "arm_class",
+    "probe_joint",
+    "ratings",
+]
+
+SPEED_UNIT = 50.0
+"""Counts per second of one unit of speed, unless a servo's register `phase` sets another."""
+_PHASE_SPEED_UNIT = 0x04
+"""Bit of STS register phase: a unit of speed is one count per second instead of 50."""
+_SHORTEST, _LONGEST = 9, 0x7FFE
+"""Milliseconds of a motion that a servo accepts; the shortest applies to the legacy series."""
+_FASTEST = 0x7FFF
+_STS_ROW = "<BHHH"
+"""Acceleration, position, time (the current ceiling of HLS) and speed, which are adjacent registers."""
+_sts_packer = lru_cache(partial(sync_write_packer, Series.STS_SMS.register("acceleration").address, _STS_ROW))
+_STS_SERIES = frozenset((Series.STS_SMS.value, Series.HLS.value))
+_MOST_COUNTS = 0x7FFF
+"""Goals of STS and HLS servos up to this count have no sign bit."""
+
+_Row = tuple[bool, int, int, float, float, int, float, int]
+"""What the goals of a joint depend on: whether its servo is STS or HLS, id, sign, offset, scale, neutral, unit of
+speed, ceiling."""
+
+
+class BusGoals:
+    """Builder of the goals of one arm.
+
+    Args:
+        bus: The bus of its servos.
+        joints: Its joints by name.
+    """
+
+    def __init__(self, bus: ServoBus, joints: Mapping[str, JointModel]) -> None:
+        self._bus, self._joints = bus, joints
+        self._speed_units: dict[int, float] = {}
+        self._ceilings: dict[int, int] = {}
+        self._rows: dict[str, _Row] = {}
+
+    def learn(self, joints: Iterable[JointModel]) -> None:
+        """Read the settings that the goals of servos depend on."""
+        self._rows.clear()
+        ids: dict[Series, list[int]] = {}
+        for joint in joints:
+            ids.setdefault(Series(joint.series), []).append(joint.servo_id)
+        for reading in self._read("phase", ids.get(Series.STS_SMS)):
+            single = reading.raw is not None and reading.raw & _PHASE_SPEED_UNIT
+            self._speed_units[reading.servo_id] = 1.0 if single else SPEED_UNIT
+        for reading in self._read("protection_current", ids.get(Series.HLS)):
+            self._ceilings[reading.servo_id] = reading.raw or DEFAULT_CEILING
+
+    def unbind(self, joints: Iterable[JointModel]) -> None:
+        """Take the last goal's speed from STS servos that do not move, as if they had just been switched on.
+
+        Programs that give a goal without a speed, as LeRobot's own arms do, would crawl at it.
+        """
+        if ids := [joint.servo_id for joint in joints if joint.series == Series.STS_SMS.value]:
+            self._bus.sync_write_raw("goal_speed", dict.fromkeys(ids, 0))
+            # Nobody acknowledges such a packet, and the port may be closed next.
+            for reading in self._bus.sync_read("goal_speed", ids):
+                if reading.raw:
+                    self._bus.write_raw(reading.servo_id, "goal_speed", 0)
+
+    def _read(self, name: str, servo_ids: list[int] | None) -> Iterable[Reading]:
+        return self._bus.sync_read(name, servo_ids) if servo_ids else ()
+
+    def speed_unit(self, joint: JointModel) -> float:
+        """Counts per second of one unit of a servo's speed."""
+        return self._speed_units.get(joint.servo_id, SPEED_UNIT)
+
+    def make(self, joint: JointModel, counts: int, duration: float, start: float | None) -> tuple[int, bytes]:
+        """Make the address and bytes that send a servo to a position in a given time.
+
+        Args:
+            joint: The joint of the servo.
+            counts: The goal position, encoder counts.
+            duration: Seconds.
+            start: Angle at the start, radians; None if it is unknown.
+        """
+        series = Series(joint.series)
+        milliseconds = min(round(duration * 1000), _LONGEST)
+        if series is Series.SEVEN_BOT:
+            position, time = series.register("target_position"), series.register("run_time")
+            return position.address, position.encode(max(counts, 0)) + time.encode(max(milliseconds, _SHORTEST))
+        position = series.register("goal_position")
+        if series is Series.SCS:
+            # Position, time and speed are adjacent registers; the servo ignores the speed if there is a time.
+            goal = position.encode(max(counts, 0)) + series.register("goal_time").encode(milliseconds)
+            return position.address, goal + b"\0\0"
+        distance = abs(counts - joint.angle_to_counts(start)) if start is not None else 0
+        speed = min(max(1, math.ceil(distance / duration / self.speed_unit(joint))), _FASTEST)
+        data = b"\0" + position.encode(counts) + self._ceiling(joint).to_bytes(2, "little")
+        return series.register("acceleration").address, data + series.register("goal_speed").encode(speed)
+
+    def make_packets(
+        self, moves: Iterable[tuple[str, float]], duration: float, starts: Mapping[str, float]
+    ) -> tuple[list[bytes], tuple[tuple[str, float], ...]]:
+        """Make the goals of several joints; each as by `make`.
+
+        Args:
+            moves: Names of joints with the angles to which they go, radians.
+            duration: Seconds.
+            starts: Angles at the start by joint name, radians, where they are known.
+
+        Returns:
+            One packet for each address and length; and the angles as the servos round them.
+        """
+        others: dict[tuple[int, int], dict[int, bytes]] = {}
+        sent, rows = [], self._rows
+        fields: list[int] = []
+        for name, angle in moves:
+            row = rows.get(name)
+            if row is None:
+                rows[name] = row = self._make_row(self._joints[name])
+            like_sts, servo_id, sign, offset, scale, neutral, unit, ceiling = row
+            start = starts.get(name)
+            if like_sts and start is not None:
+                steps = round(sign * (angle - offset) / scale)
+                counts = steps + neutral
+                if 0 <= counts <= _MOST_COUNTS:
+                    distance = abs(steps - round(sign * (start - offset) / scale))
+                    speed = math.ceil(distance / duration / unit) or 1
+                    fields += servo_id, 0, counts, ceiling, speed if speed < _FASTEST else _FASTEST
+                    sent.append((name, sign * steps * scale + offset))
+                    continue
+            joint = self._joints[name]
+            counts = joint.angle_to_counts(angle)
+            address, data = self.make(joint, counts, duration, start)
+            if like_sts:
+                fields += servo_id, *unpack(_STS_ROW, data)
+            else:
+                others.setdefault((address, len(data)), {})[servo_id] = data
+            sent.append((name, joint.counts_to_angle(counts)))
+        packets = [make_sync_write(address, data_of) for (address, _), data_of in others.items()]
+        if fields:
+            packets.append(_sts_packer(len(fields) // 5)(*fields))
+        return packets, tuple(sent)
+
+    def _make_row(self, joint: JointModel) -> _Row:
+        return (
+            joint.series in _STS_SERIES,
+            joint.servo_id,
+            joint.sign,
+            joint.offset,
+            joint.scale,
+            joint.neutral,
+            self.speed_unit(joint),
+            self._ceiling(joint),
+        )
+
+    def _ceiling(self, joint: JointModel) -> int:
+        """Most current of an HLS servo; other servos have none, and 0 in its place."""
+        if Series(joint.series) is not Series.HLS:
+            return 0
+        return self._ceilings.get(joint.servo_id, DEFAULT_CEILING)
+
+
+_SILENT = int(JointFlag.SILENT)
+FAULTS = int(JointFlag(0xFF).faults) & ~_SILENT
+"""The bits of a servo's error byte that are faults of its joint."""
+
+
+class PositionReader:
+    """Makes states of readings, and keeps the newest position of each joint.
+
+    Args:
+        model: The arm.
+
+    Attributes:
+        ids: Servo ids, in the order of the joints.
+        positions: Newest known position by joint name, radians.
+        sampled: Time of the sample by joint name, seconds.
+    """
+
+    def __init__(self, model: ArmModel) -> None:
+        self._model = model
+        self.ids = tuple(joint.servo_id for joint in model.joints)
+        self.positions: dict[str, float] = {}
+        self.sampled: dict[str, float] = {}
+        self._unknown = (math.nan,) * len(self.ids)
+        self._no_ages = (0.0,) * len(self.ids)
+        self._newest: JointState | None = None
+        self._torque: list[bool | None] = []
+
+    def keep(self, state: JointState, torque: Sequence[bool | None]) -> JointState:
+        """Return a state, which `recent` may return again if every joint has answered.
+
+        Args:
+            state: Just read.
+            torque: Whether each joint has torque; None if unknown.
+        """
+        self._newest, self._torque = (None if any(state.age) else state), list(torque)
+        return state
+
+    def recent(self, now: float, within: float, torque: Sequence[bool | None], stopped: bool) -> JointState | None:
+        """The last state with its age, if it is recent enough. Its positions are the newest known again.
+
+        Args:
+            now: Seconds.
+            within: Most age, seconds.
+            torque: As in `keep`; a state from before torque was switched does not count.
+            stopped: Whether the arm is stopped.
+        """
+        newest = self._newest
+        if newest is None or not 0.0 <= now - newest.stamp <= within or self._torque != torque:
+            return None
+        self.positions.update(zip(newest.names, newest.position, strict=True))
+        ages = (now - newest.stamp,) * len(self.ids)
+        return replace(newest, age=ages, stamp=now, stopped=stopped)
+
+    def state(self, readings: Readings, torque: Sequence[bool | None], stopped: bool) -> JointState:
+        """Make the state.
+
+        Args:
+            readings: Of ``present_position``, one per joint.
+            torque: Whether each joint has torque; None if unknown.
+            stopped: Whether the arm is stopped.
+        """
+        joints, names, now = self._model.joints, self._model.names, readings.stamp
+        flags = [torque_flag(on) for on in torque]
+        if readings.ok:
+            # Nearly every call comes here.
+            angles = [
+                joint.sign * (counts - joint.neutral) * joint.scale + joint.offset
+                for joint, counts in zip(joints, readings.raw, strict=True)
+                if counts is not None
+            ]
+            self.positions.update(zip(names, angles, strict=True))
+            self.sampled.update(dict.fromkeys(names, now))
+            ages = self._no_ages
+        else:
+            angles = []
+            for i, (joint, one) in enumerate(zip(joints, readings, strict=True)):
+                if one.raw is None:
+                    flags[i] |= _SILENT
+                else:
+                    flags[i] |= one.status & FAULTS
+                    self.positions[joint.name] = joint.counts_to_angle(one.raw)
+                    self.sampled[joint.name] = now
+                angles.append(self.positions.get(joint.name, math.nan))
+            ages = tuple([now - self.sampled.get(name, -math.inf) for name in names])
+        unknown = self._unknown
+        return JointState(
+            names=names,
+            position=tuple(angles),
+            velocity=unknown,
+            load=unknown,
+            current=unknown,
+            voltage=unknown,
+            temperature=unknown,
+            flags=tuple(flags),
+            age=ages,
+            stamp=now,
+            stopped=stopped,
+        )
+
+
+def probe_joint(bus: ServoBus, joint: JointModel, calibration: Calibration | None = None) -> JointProbe:
+    """Identify the servo of a joint.
+
+    Args:
+        bus: An open bus.
+        joint: The joint in the arm's file.
+        calibration: The calibration of the arm, if it has one.
+    """
+    info = servo_setup.identify(bus, joint.servo_id)
+    if info is None:
+        return JointProbe(joint.name, joint.servo_id, "unknown", False)
+    series = "unknown" if info.series is None else info.series.value
+    notes = [] if series == joint.series else [f"answers as {series}, the arm's file says {joint.series}"]
+    notes += _at_odds(bus, joint, calibration)
+    model = f"{info.model_name} {info.firmware}" if info.firmware else ""
+    supply, hottest = _ratings(bus, joint.servo_id)
+    return JointProbe(joint.name, joint.servo_id, series, True, ", ".join(notes), model, supply, hottest)
+
+
+def _ratings(bus: ServoBus, servo_id: int) -> tuple[tuple[float, float] | None, float | None]:
+    """Read the limits of voltage (V) and temperature (deg C) that a servo has stored."""
+    if "max_voltage" not in bus.series_of(servo_id).registers:
+        return None, None
+    low, high, hottest = (bus.read(servo_id, name) for name in ("min_voltage", "max_voltage", "max_temperature"))
+    return ratings(low.value, high.value, hottest.value)
+
+
+def ratings(low: float, high: float, hottest: float) -> tuple[tuple[float, float] | None, float | None]:
+    """What the stored limits of voltage (V) and temperature (deg C) say; None for one that says nothing.
+
+    Args:
+        low: Of the voltage; like the others NaN where it was not read.
+        high: Of the voltage.
+        hottest: Of the temperature.
+    """
+    return (low, high) if low < high else None, hottest if hottest > 0.0 else None
+
+
+def _at_odds(bus: ServoBus, joint: JointModel, calibration: Calibration | None) -> list[str]:
+    """Compare a servo's stored offset with the calibration: with another offset every position is wrong."""
+    for row in () if calibration is None else calibration.joints:
+        if row.name == joint.name and row.servo_offset is not None:
+            now = bus.read(joint.servo_id, "position_offset").raw
+            if now != row.servo_offset:
+                return [f"its offset is {now} but was {row.servo_offset} at calibration: calibrate again"]
+    return []
+
 
 _LIVE_FIRST, _LIVE_COUNT, _TO_LOAD = 56, 15, 6
 _MIN_DURATION = 0.02
@@ -51,7 +374,6 @@ _MOST_BACKLOG = 0.001
 """Seconds that the line may be behind with goals while old positions serve for new ones."""
 _THERE = math.radians(1.0)
 """How far a joint may be from its goal and count as there: a servo that holds a load sags."""
-_SILENT = int(JointFlag.SILENT)
 _ADVICE = "check power, cable, and --robot if it is another one; `hexwire doctor` looks for the reason"
 
 

@@ -1,7 +1,8 @@
 """`Hex7BotDriver`: the chapter's driver, for a controller board of either dialect.
 
-Owns what both dialects share: attaching, the host's limits, detection of a reset or replaced board. `board_orders`
-sends the orders again after a reset; `board1` and `board2` are the dialects. Must not know links or callers.
+Owns what both dialects share: attaching, the host's limits, detection of a reset or replaced board, and the
+standing orders (watchdog, reports) that a reset clears and that are sent again. `board1` and `board2` are the
+dialects. Must not know links or callers.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 from hexwire.arguments import DATA, FLAG, SECONDS, WHOLE, or_none, rows_of
-from hexwire.errors import UsageError
+from hexwire.errors import NotSupportedError, UsageError
 from hexwire.ipc.session import Session
 from hexwire.model.arm import ArmModel
 from hexwire.model.hex7bot import HEX7BOT
@@ -31,17 +32,85 @@ from .base import ProbeReport, StopMode
 from .board import Board
 from .board1 import Board1
 from .board2 import Board2
-from .board_orders import FLAGS_ONLY, BoardOrders
 from .board_reset import warn_of_reset
 from .session_driver import SessionDriver
 from .stop_memory import CalmBoard, StopMemory
 
 if TYPE_CHECKING:
     from hexwire.link.diagnose import Finding
+    from hexwire.model.state import JointState
 
+    from .board import Board
     from .timed_path import TimedPath
 
-__all__ = ["Hex7BotDriver"]
+__all__ = ["FLAGS_ONLY", "BoardOrders", "Hex7BotDriver"]
+
+FLAGS_ONLY = 0
+"""Fields of the shortest state: positions and the board's flags."""
+
+
+class BoardOrders:
+    """The standing orders of one attached board.
+
+    Attributes:
+        watchdog: Seconds and mode; None if it is off.
+        report: Seconds between reports, and their fields; None if reports are off.
+        due: The board may have lost its orders; `give_back` sends them again.
+        given_back: Number of times that the orders were sent again.
+    """
+
+    def __init__(self) -> None:
+        self.watchdog: tuple[float, StopMode] | None = None
+        self.report: tuple[float, int] | None = None
+        self.due = False
+        self.given_back = 0
+        self._tripped = False
+
+    def arm(self, board: Board, timeout: float, mode: StopMode) -> None:
+        """Arm the board's watchdog, or disarm it with 0 s, and keep that as an order."""
+        self._arm(board, timeout, mode)
+        self.watchdog = (timeout, mode) if timeout else None
+
+    def _arm(self, board: Board, timeout: float, mode: StopMode) -> None:
+        """Send WATCHDOG. On older firmware it clears the flag of a tripped watchdog, so read the flag first."""
+        if not board.keeps_trip:
+            self.explain(board.read(FLAGS_ONLY))
+            if self._tripped and not timeout:
+                # The arm is stopped: keep the flag, so that other programs see the cause. `resume` clears both.
+                return
+        board.watchdog(timeout, mode)
+
+    def give_back(self, board: Board) -> None:
+        """Send all orders to a board that lost them; call it again until it succeeds.
+
+        Raises:
+            NotSupportedError: The reconnected board does not support them; the orders are dropped.
+            HexwireError: The board does not answer, or refuses.
+        """
+        watchdog, report = self.watchdog, self.report
+        if (watchdog and not board.has_watchdog) or (report and not board.reports_states):
+            self.watchdog = self.report = None
+            self.due = False
+            raise NotSupportedError(
+                f"the reconnected board speaks dialect {board.dialect}, which has no watchdog and no reports: "
+                "both are off now"
+            )
+        if watchdog:
+            self._arm(board, *watchdog)
+        if report:
+            board.report(*report)
+        self.due = False
+        self.given_back += 1
+
+    def explain(self, state: JointState) -> JointState:
+        """Return the state with the cause of a stop, even if the board no longer knows it."""
+        self._tripped = state.stopped and (self._tripped or state.watchdog_tripped)
+        return replace(state, watchdog_tripped=True) if self._tripped != state.watchdog_tripped else state
+
+    def resumed(self) -> None:
+        """Forget the cause of a stop that has ended."""
+        self._tripped = False
+
 
 _log = logging.getLogger(__name__)
 

@@ -26,12 +26,11 @@ from hexwire.errors import DeviceError, HexwireError, LinkBusyError, UsageError
 from hexwire.system import CLOSE_ON_EXEC, NO_FOLLOW, lock_file
 
 from .address import rights_of
-from .guard import NameGuard
 from .names import Keys
 from .network import Network, endpoints_of, local_socket, make_socket_folder
 from .node import NoAnswerError, Node
 from .rights import Kind
-from .server import ArmServer
+from .server import ArmServer, NameGuard
 
 if TYPE_CHECKING:
     from .service_file import ServedArm

@@ -23,9 +23,8 @@ from hexwire.session.conversation import Numbers
 from hexwire.system import READABLE, make_poll
 from hexwire.wire.tables import MAX_NETWORK_FRAME
 
-from .host import Host
+from .host import Host, QueueHost
 from .line import BoardLine
-from .queue_host import QueueHost
 from .router import Gateway
 
 __all__ = ["GatewayService", "HostQueue"]

@@ -13,8 +13,7 @@ from typing import Any
 
 from hexwire.errors import UsageError
 from hexwire.fleet.endpoints import check_endpoint
-from hexwire.fleet.network import tls_settings
-from hexwire.fleet.reach import why_unreachable
+from hexwire.fleet.network import tls_settings, why_unreachable
 from hexwire.link.certs import check_usable
 from hexwire.link.tls import TlsFiles
 from zenoh_ros2 import LISTEN, endpoints_in

@@ -24,8 +24,8 @@ from typing import IO, TYPE_CHECKING, Any
 from hexwire.errors import HexwireError, UsageError
 from hexwire.model.arms import simulated_arms
 from hexwire.trace.library import Library
-from hexwire.trace.saving import saved_traffic
 from hexwire.trace.series import column_name, write_csv, write_mcap
+from hexwire.trace.sources import saved_traffic
 
 from .columns import history_columns, series_columns
 from .geometry import make_geometry

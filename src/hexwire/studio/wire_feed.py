@@ -13,8 +13,7 @@ from typing import Any
 
 from hexwire.link.base import Link, LinkKind
 from hexwire.link.tap import Direction, Passed, TapLink
-from hexwire.trace.ring import TrafficRing
-from hexwire.trace.traffic import Traffic
+from hexwire.trace.traffic import Traffic, TrafficRing
 from hexwire.wire.tables import INTERBYTE_TIMEOUT as _WAITED
 
 from .wire_view import SERIES, View, known_series

@@ -1,7 +1,7 @@
-"""Reads traffic from files: the chapter's log, a hex dump, a raw capture, a recording, a capture of Wireshark.
+"""Reads traffic from files: the chapter's log, a hex dump, a raw capture, a recording, a pcap; makes files of it.
 
 Owns detecting the format and converting each to transfers, in pieces, however long a line is: no step keeps other
-threads waiting for long. Must not know what the bytes mean.
+threads waiting for long. Must not know what the bytes mean, nor where those of a file go.
 """
 
 from __future__ import annotations
@@ -9,17 +9,19 @@ from __future__ import annotations
 import codecs
 import io
 import re
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 from hexwire.errors import UsageError
 from hexwire.link.tap import Direction, Passed
 
-from .capture import traffic_of
+from .capture import Capture, traffic_of
 from .chapter_log import HEADLINE, parse_log
 from .mcap_file import MAGIC
-from .pcap import guess, is_pcap, read_pcap
+from .pcap import guess, is_pcap, read_pcap, write_pcapng
 
-__all__ = ["LARGEST", "read_traffic"]
+__all__ = ["FORMATS", "LARGEST", "read_traffic", "saved_traffic"]
 
 LARGEST = 64 * 1024 * 1024
 """Greatest size of a file of traffic in bytes; the user must split a larger one."""
@@ -176,3 +178,34 @@ def _gathered(data: bytearray, direction: Direction | None) -> Iterator[Passed]:
     if data:
         whole = bytes(data)
         yield Passed(direction or guess(whole), whole, 0.0, "")
+
+
+FORMATS = ("mcap", "pcapng")
+
+
+def saved_traffic(traffic: Iterable[Passed], form: str, *, offset: float = 0.0) -> bytes:
+    """A file of this traffic.
+
+    Args:
+        traffic: The transfers, in order.
+        form: One of `FORMATS`.
+        offset: Seconds to add to their times for seconds since 1970.
+
+    Raises:
+        UsageError: There is no traffic, it is not such a format, or the package ``mcap`` is not installed.
+    """
+    kept = list(traffic)
+    if form not in FORMATS:
+        raise UsageError(f"traffic is saved as {' or '.join(FORMATS)}, not as {form[:20]!r}")
+    if not kept:
+        raise UsageError("there is no traffic to save yet")
+    if form == "pcapng":
+        file = io.BytesIO()
+        write_pcapng(file, (each._replace(time=each.time + offset) for each in kept), name="hexwire")
+        return file.getvalue()
+    with tempfile.TemporaryDirectory(prefix="hexwire-") as folder:
+        path = Path(folder) / "traffic.mcap"
+        with Capture(path, offset=offset) as capture:
+            for each in kept:
+                capture.passed(each)
+        return path.read_bytes()
