@@ -311,6 +311,14 @@ def test_with_one_extra_what_needs_another_one_names_it(extra: str, tmp_path: Pa
 
 
 @pytest.mark.system
+def test_the_node_of_ros_2_explains_itself_without_its_extra(tmp_path: Path) -> None:
+    done = run(tmp_path, environment(tmp_path), ONE_COMMAND, "hexwire-ros2", "--help")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "start" in done.stdout
+    assert "jazzy" in done.stdout
+
+
+@pytest.mark.system
 def test_a_studio_without_the_fleet_says_so_and_stops_its_own_arm(tmp_path: Path) -> None:
     variables = environment(tmp_path, "studio")
     # Sockets of shared arms have short addresses only.

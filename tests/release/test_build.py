@@ -109,6 +109,26 @@ def test_the_wheel_brings_firmware_analysers_ros_and_pages(built: list[Path], tm
     assert tracked <= names
 
 
+def test_zenoh_ros2_is_built_whole_beside_it(built: list[Path]) -> None:
+    wheel, source = built[3:]
+    with zipfile.ZipFile(wheel) as packed:
+        names = set(packed.namelist())
+        info = next(name for name in names if name.endswith(".dist-info/METADATA"))
+        metadata = message_from_bytes(packed.read(info))
+    assert {"zenoh_ros2/py.typed", "zenoh_ros2/interfaces/std_msgs/msg/String.msg"} <= names
+    assert info.replace("METADATA", "licenses/LICENSE") in names
+    assert metadata["License-Expression"] == "Apache-2.0"
+    required = metadata.get_all("Requires-Dist") or []
+    assert [row for row in required if ";" not in row] == ["eclipse-zenoh>=1.10", "xxhash>=3.5"]
+    links = re.findall(r"\]\(([^)\s]+)\)", str(metadata.get_payload()))
+    assert all(link.startswith("https://") for link in links)
+    inside = "packages/zenoh-ros2/"
+    tracked = {name.removeprefix(inside) for name in build.sources() if name.startswith(inside)}
+    assert {name.removeprefix("src/") for name in tracked if name.startswith("src/")} <= names
+    with tarfile.open(source) as packed_source:
+        assert tracked <= {member.name.partition("/")[2] for member in packed_source.getmembers()}
+
+
 def test_the_metadata_are_complete(built: list[Path]) -> None:
     with zipfile.ZipFile(built[0]) as wheel:
         info = f"hexwire-{PROJECT['version']}.dist-info"
@@ -167,6 +187,8 @@ def test_the_ingredients_are_those_that_the_lock_names(built: list[Path]) -> Non
     assert (listed["bomFormat"], listed["specVersion"]) == ("CycloneDX", "1.5")
     parts = {part["name"]: part for part in listed["components"]}
     locked = {p["name"]: p for p in tomllib.loads((ROOT / "uv.lock").read_text())["package"]}
+    wire = parts["zenoh-ros2"]
+    assert (wire["purl"], wire["licenses"]) == ("pkg:pypi/zenoh-ros2@0.1.0", [{"expression": "Apache-2.0"}])
     for name in ("click", "rich", "pyserial", "eclipse-zenoh", "starlette", "uvicorn"):
         assert parts[name]["version"] == locked[name]["version"]
         assert parts[name]["purl"] == f"pkg:pypi/{name}@{parts[name]['version']}"

@@ -13,7 +13,17 @@ from hexwire.control.settings import SETTINGS
 from hexwire.drivers import registry
 from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.link import ports
-from hexwire.ros2.settings import FOREIGN, OWN, PARAMETERS, NodeSettings, changed, descriptor_of, load_settings
+from hexwire.ros2.settings import (
+    DESCRIBES_TYPES,
+    FOREIGN,
+    OWN,
+    PARAMETERS,
+    NodeSettings,
+    changed,
+    descriptor_of,
+    load_settings,
+)
+from zenoh_ros2 import type_descriptions
 from zenoh_ros2.distributions import Distribution
 from zenoh_ros2.parameters import Descriptor
 
@@ -275,3 +285,7 @@ def test_a_descriptor_refuses_nothing_that_its_setting_allows() -> None:
         if isinstance(row.default, float) and described.ranged:
             assert row.allows(described.low)
             assert row.allows(described.high)
+
+
+def test_names_that_the_wire_has_too_are_the_same() -> None:
+    assert type_descriptions.PARAMETER == DESCRIBES_TYPES

@@ -19,13 +19,16 @@ from hexwire.control.settings import CHANGEABLE, REPORT_SETTINGS, SETTINGS
 from hexwire.control.settings_reader import read_settings, reread
 from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.link.ports import find_only_board
-from zenoh_ros2 import Descriptor, Distribution, type_descriptions
+
+from .package.releases import DEFAULT_RELEASE, RELEASES
 
 if TYPE_CHECKING:
     from hexwire.control.settings import ControllerSettings, Settings
     from hexwire.drivers.base import RobotDriver
+    from zenoh_ros2 import Descriptor, Distribution
 
 __all__ = [
+    "DESCRIBES_TYPES",
     "DISTRIBUTION_VARIABLE",
     "FOREIGN",
     "OWN",
@@ -39,15 +42,14 @@ __all__ = [
 _log = logging.getLogger(__name__)
 
 DISTRIBUTION_VARIABLE = "ROS_DISTRO"
-_USUAL_DISTRIBUTION = Distribution.JAZZY
 
 OWN = (
     *REPORT_SETTINGS,
     Setting(
         "distribution",
         "",
-        f"distribution of the other nodes: {', '.join(row.value for row in Distribution)}; empty means "
-        f"{DISTRIBUTION_VARIABLE}, else {_USUAL_DISTRIBUTION.value}",
+        f"distribution of the other nodes: {', '.join(RELEASES)}; empty means "
+        f"{DISTRIBUTION_VARIABLE}, else {DEFAULT_RELEASE}",
     ),
     Setting("controller_name", "joint_trajectory_controller", "name of the only controller"),
     Setting(
@@ -111,7 +113,9 @@ FOREIGN = {
 }
 """Parameters of ros2_control and its trajectory controller without effect here, and what to use instead."""
 
-_OF_ROS = ("use_sim_time", type_descriptions.PARAMETER, "qos_overrides")
+DESCRIBES_TYPES = "start_type_description_service"
+"""`zenoh_ros2.type_descriptions.PARAMETER`; `hexwire-ros2 --help` does without that package."""
+_OF_ROS = ("use_sim_time", DESCRIBES_TYPES, "qos_overrides")
 """Parameters that ROS gives to every node; the node declares them itself, or does without."""
 
 
@@ -185,7 +189,7 @@ def load_settings(given: Mapping[str, object], environ: Mapping[str, str]) -> tu
     """
     faults = _ParameterFaults()
     simulated = faults.switch("use_sim_time", given.get("use_sim_time", False))
-    describes = faults.switch(type_descriptions.PARAMETER, given.get(type_descriptions.PARAMETER, True), True)
+    describes = faults.switch(DESCRIBES_TYPES, given.get(DESCRIBES_TYPES, True), True)
     tables = _nested({k: v for k, v in given.items() if k.partition(".")[0] not in _OF_ROS}, faults)
     warnings = _take_foreign(tables)
     known = [row.name for row in PARAMETERS]
@@ -251,6 +255,8 @@ def _read_own(tables: Mapping[str, object], faults: Faults) -> dict[str, Any]:
 
 
 def _distribution(name: str, environ: Mapping[str, str], faults: Faults) -> Distribution:
+    from zenoh_ros2 import Distribution
+
     known = {row.value: row for row in Distribution}
     if name and name not in known:
         faults.add("distribution", f"unknown: {name!r}; there are {', '.join(known)}")
@@ -261,10 +267,10 @@ def _distribution(name: str, environ: Mapping[str, str], faults: Faults) -> Dist
             "those of %s",
             DISTRIBUTION_VARIABLE,
             told[:40],
-            _USUAL_DISTRIBUTION.value,
+            DEFAULT_RELEASE,
             ", ".join(known),
         )
-    return known.get(name or told, _USUAL_DISTRIBUTION)
+    return known.get(name or told, known[DEFAULT_RELEASE])
 
 
 def _check_names(tables: Mapping[str, object], own: Mapping[str, Any], faults: Faults) -> None:
@@ -354,6 +360,8 @@ def _find_port() -> str:
 
 def descriptor_of(row: Setting, *, read_only: bool) -> Descriptor:
     """The descriptor of a setting."""
+    from zenoh_ros2 import Descriptor
+
     unit = f", {row.unit}" if row.unit else ""
     bounds = f"{row.bounds}{f' {row.unit}' if row.unit else ''}" if row.bounds else ""
     # A range includes both ends, and has two of them.
