@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -512,6 +512,7 @@ def test_a_stop_of_the_leader_ends_it_and_the_follower_holds(how: str) -> None:
     ("how", "words"),
     [
         ("stop", "^the follower was stopped; `hexwire resume` ends that$"),
+        ("stop by another program", "^a stop command has stopped the arm; `hexwire resume` ends that$"),
         ("stop that is over", "^the follower was stopped; nothing is latched: ask for it again$"),
         ("torque off", "^the follower's torque was switched off; nothing is latched: ask for it again$"),
     ],
@@ -521,9 +522,16 @@ def test_a_stop_of_the_follower_or_torque_off_ends_it_and_says_why(how: str, wor
     one, _, follower = pair(clock, [])
     ends = clock() + 1.0
 
+    def elsewhere(read: Callable[..., JointState]) -> Callable[..., JointState]:
+        return lambda *given: replace(read(*given), stopped=clock() > ends)
+
+    for name in ("read", "read_positions", "read_loads") if how == "stop by another program" else ():
+        setattr(follower.driver, name, elsewhere(getattr(follower.driver, name)))
+
     def sleep(seconds: float) -> None:
         clock.advance(seconds)
-        if clock() > ends:
+        assert clock() < ends + 1.0
+        if clock() > ends and how != "stop by another program":
             if how == "torque off":
                 follower.driver.torque(False)
             else:

@@ -116,6 +116,7 @@ class FollowController(OperatorController):
     Attributes:
         counters: What has happened so far.
         leader_stopped: A state of the leader says that it is stopped, perhaps by another program.
+        stopped: Why the follower is stopped, according to its state, perhaps by another program; None if it is not.
     """
 
     def __init__(
@@ -129,6 +130,7 @@ class FollowController(OperatorController):
         super().__init__(rules.arm, period, on_note)
         self._rules, self._leader, self._now = rules, leader, now
         self._met = self.leader_stopped = False
+        self.stopped: StopReason | None = None
         self.counters = FollowCounters()
 
     def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | None:
@@ -146,8 +148,7 @@ class FollowController(OperatorController):
             self._stopped = False
             self._rules.pause()
             self.moving = False
-            if found := board_stop(state):
-                self._say(found)
+            self.stopped = board_stop(state)
             return None
         loads = dict(zip(state.names, state.load, strict=True))
         step = self._rules.update(leader.positions, age, state.positions, loads, now)
@@ -459,6 +460,9 @@ def run_following(
                     if not pair.wanted:
                         limp = follower.epochs.limp_since(pair.asked)
                         why = f"{_LIMP}; {NOT_LATCHED}" if limp else f"{_STOPPED}; {what_helps(follower)}"
+                        raise StoppedError("following", Status.STOPPED, why)
+                    if controller.stopped is not None:
+                        why = f"{controller.stopped}; {what_helps(follower)}"
                         raise StoppedError("following", Status.STOPPED, why)
                     if pair.leader_stopped or controller.leader_stopped:
                         raise StoppedError("following", Status.STOPPED, _LEADER_STOPPED)
