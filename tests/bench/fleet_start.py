@@ -23,7 +23,7 @@ sys.path.insert(0, str(HERE))
 import fleet_worker  # noqa: E402
 from fleet_blocks import Process  # noqa: E402
 
-from hexwire.fleet.player import Arm, FleetMotionError, Report, attached_to, play_together  # noqa: E402
+from hexwire.fleet.player import FleetMotionError, PlayedArm, PlayReport, attached_to, play_together  # noqa: E402
 from hexwire.motion.trajectory import Spline, Waypoint  # noqa: E402
 
 _CLOCKS = ("0 0", "1000 40", "-300 -40", "5e6 20")
@@ -83,7 +83,7 @@ def _on_chips(stack: ExitStack) -> Iterator[str]:
             Process(servers, "owner", name, chip.terminal, **{fleet_worker.CLOCK: clock}).ready()
         with attached_to({name: f"zenoh:{name}" for name in names}) as robots:
             for _ in range(_CHIP_STARTS):
-                report = play_together([Arm(robot, _WAY) for robot in robots.values()])
+                report = play_together([PlayedArm(robot, _WAY) for robot in robots.values()])
                 _check(report, "board")
                 stated.append(report.apart)
     rows = list(zip(*(chip.starts() for chip in chips), strict=True))
@@ -118,7 +118,7 @@ def _together(stack: ExitStack, way: str, starts: int) -> Iterator[str]:
     for _ in range(starts):
         _asked(boards)
         try:
-            report = play_together([Arm(robot, _WAY) for robot in robots.values()])
+            report = play_together([PlayedArm(robot, _WAY) for robot in robots.values()])
         except FleetMotionError as error:
             refused += 1
             yield f"  not played: {error}"
@@ -156,7 +156,7 @@ def _asked(boards: dict[str, Process]) -> list[tuple[list[float], float]]:
     return [(row["times"], row["start"]) for row in rows]
 
 
-def _check(report: Report, way: str) -> None:
+def _check(report: PlayReport, way: str) -> None:
     if wrong := [name for name, row in report.arms.items() if row.kept_by != way]:
         raise RuntimeError(f"not timed by the {way}: {', '.join(wrong)}")
 

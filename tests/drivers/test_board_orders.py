@@ -8,7 +8,7 @@ from tests.drivers.arms import Arm
 
 from hexwire.drivers.base import StopMode
 from hexwire.drivers.board import Board
-from hexwire.drivers.hex7bot import BoardOrders
+from hexwire.drivers.hex7bot import StandingOrders
 from hexwire.errors import CommandRefusedError, NotSupportedError
 
 STATE = Arm(2).driver.read()
@@ -45,7 +45,7 @@ def board_of(fake: Fake) -> Board:
 
 
 def test_a_watchdog_is_an_order_until_it_is_switched_off() -> None:
-    fake, orders = Fake(), BoardOrders()
+    fake, orders = Fake(), StandingOrders()
     orders.arm(board_of(fake), 0.5, StopMode.TORQUE_OFF)
     assert orders.watchdog == (0.5, StopMode.TORQUE_OFF)
     orders.arm(board_of(fake), 0.0, StopMode.HOLD)
@@ -54,14 +54,14 @@ def test_a_watchdog_is_an_order_until_it_is_switched_off() -> None:
 
 
 def test_a_watchdog_that_was_refused_is_no_order() -> None:
-    orders = BoardOrders()
+    orders = StandingOrders()
     with pytest.raises(CommandRefusedError):
         orders.arm(board_of(Fake(busy=True)), 0.5, StopMode.HOLD)
     assert orders.watchdog is None
 
 
 def test_a_board_that_forgot_gets_its_orders_back() -> None:
-    fake, orders = Fake(), BoardOrders()
+    fake, orders = Fake(), StandingOrders()
     orders.watchdog, orders.report, orders.due = (0.5, StopMode.HOLD), (0.02, 7), True
     orders.give_back(board_of(fake))
     assert fake.said == ["watchdog 0.5 HOLD", "report 0.02 7"]
@@ -69,7 +69,7 @@ def test_a_board_that_forgot_gets_its_orders_back() -> None:
 
 
 def test_orders_stay_due_until_the_board_takes_them() -> None:
-    fake, orders = Fake(busy=True), BoardOrders()
+    fake, orders = Fake(busy=True), StandingOrders()
     orders.watchdog, orders.due = (0.5, StopMode.HOLD), True
     with pytest.raises(CommandRefusedError):
         orders.give_back(board_of(fake))
@@ -81,7 +81,7 @@ def test_orders_stay_due_until_the_board_takes_them() -> None:
 
 @pytest.mark.parametrize("lacks", ["has_watchdog", "reports_states"])
 def test_an_unsupported_order_is_reported_once(lacks: str) -> None:
-    fake, orders = Fake(dialect=1, **{lacks: False}), BoardOrders()
+    fake, orders = Fake(dialect=1, **{lacks: False}), StandingOrders()
     orders.watchdog, orders.report, orders.due = (0.5, StopMode.HOLD), (0.02, 7), True
     with pytest.raises(NotSupportedError, match="speaks dialect 1, which has no watchdog and no reports"):
         orders.give_back(board_of(fake))
@@ -89,7 +89,7 @@ def test_an_unsupported_order_is_reported_once(lacks: str) -> None:
 
 
 def test_the_cause_of_a_stop_is_kept_until_resume() -> None:
-    orders = BoardOrders()
+    orders = StandingOrders()
     assert orders.explain(STATE) is STATE
     assert orders.explain(TRIPPED) is TRIPPED
     assert orders.explain(STOPPED).watchdog_tripped
@@ -101,7 +101,7 @@ def test_the_cause_of_a_stop_is_kept_until_resume() -> None:
 
 
 def test_a_board_that_would_forget_its_trip_is_asked_first() -> None:
-    fake, orders = Fake(keeps_trip=False, state=TRIPPED), BoardOrders()
+    fake, orders = Fake(keeps_trip=False, state=TRIPPED), StandingOrders()
     orders.arm(board_of(fake), 0.5, StopMode.HOLD)
     assert fake.said == ["read", "watchdog 0.5 HOLD"]
     # Switching it off would make the board forget why it has stopped.

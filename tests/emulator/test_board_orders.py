@@ -7,7 +7,7 @@ import pytest
 
 from hexwire.emulator.board_bus import BoardBus, Transaction
 from hexwire.emulator.board_orders import BoardOrders
-from hexwire.emulator.board_state import BoardState, Settings
+from hexwire.emulator.board_state import BoardSettings, BoardState
 from hexwire.emulator.gate import RefusedError
 from hexwire.wire import servo_packet as sp
 from hexwire.wire.command_frame import Status
@@ -16,7 +16,7 @@ from hexwire.wire.commands import LimitRow
 
 def orders(**changes: Any) -> tuple[BoardState, BoardOrders]:
     """Orders of a board with seven joints that have torque, stand at 2048 and were sampled now."""
-    state = BoardState(1, 0.0, Settings(limits=[LimitRow(1000, 3000, 4000)] * 7))
+    state = BoardState(1, 0.0, BoardSettings(limits=[LimitRow(1000, 3000, 4000)] * 7))
     for name, value in changes.items():
         setattr(state, name, value)
     for joint in state.joints:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from hexwire.emulator.board_state import BoardState, JointSlot, Settings
+from hexwire.emulator.board_state import BoardSettings, BoardState, JointSlot
 from hexwire.wire import tables
 from hexwire.wire.commands import AGE_NEVER, LimitRow, OffsetRow
 from hexwire.wire.registers import Series
@@ -24,7 +24,7 @@ def test_age_is_whole_milliseconds_and_never_reaches_never() -> None:
 
 
 def test_defaults_until_both_tables_are_stored() -> None:
-    settings = Settings()
+    settings = BoardSettings()
     state = BoardState(1, 0.0, settings)
     assert state.board_flags == tables.BOARD_FLAGS_SETTINGS_DEFAULT
     settings.limits = [LimitRow(1, 2, 3)] * 7
@@ -44,19 +44,19 @@ def test_defaults_until_both_tables_are_stored() -> None:
     ],
 )
 def test_board_flags(name: str, bit: int) -> None:
-    state = BoardState(1, 0.0, Settings([], []))
+    state = BoardState(1, 0.0, BoardSettings([], []))
     setattr(state, name, True)
     assert state.board_flags == bit
 
 
 def test_the_clock_counts_microseconds_since_the_start_and_wraps() -> None:
-    state = BoardState(1, 100.0, Settings())
+    state = BoardState(1, 100.0, BoardSettings())
     assert state.clock_us(101.5) == 1_500_000
     assert state.clock_us(100.0 + 4294.967296 + 0.25) == pytest.approx(250_000, abs=1)
 
 
 def test_a_watchdog_that_tripped_is_not_fed() -> None:
-    state = BoardState(1, 0.0, Settings())
+    state = BoardState(1, 0.0, BoardSettings())
     state.feed_watchdog(1.0)
     assert state.watchdog_due is None
     state.watchdog_timeout = 0.5
@@ -68,7 +68,7 @@ def test_a_watchdog_that_tripped_is_not_fed() -> None:
 
 
 def test_stores_are_limited_and_come_back_one_a_minute() -> None:
-    state = BoardState(1, 0.0, Settings())
+    state = BoardState(1, 0.0, BoardSettings())
     every = tables.SETTINGS_STORE_EVERY
     assert [state.may_store(1000.0) for _ in range(tables.SETTINGS_STORES + 1)] == [
         True

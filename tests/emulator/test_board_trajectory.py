@@ -11,8 +11,8 @@ from tests.emulator.boards import ALL, STOPPED_FLAG, Bench, u16
 
 from hexwire.emulator.board_bus import BoardBus
 from hexwire.emulator.board_orders import BoardOrders
-from hexwire.emulator.board_state import BoardState, Settings
-from hexwire.emulator.board_trajectory import LEAD_MS, Trajectory, TrajectoryCommands
+from hexwire.emulator.board_state import BoardSettings, BoardState
+from hexwire.emulator.board_trajectory import LEAD_MS, BoardTrajectory, TrajectoryCommands
 from hexwire.emulator.faults import FaultPlan
 from hexwire.emulator.gate import RefusedError
 from hexwire.errors import RemoteProtocolError
@@ -382,12 +382,12 @@ class Desk:
 
     def __init__(self) -> None:
         self.now = 100.0
-        self.state = BoardState(1, 0.0, Settings(limits=[LimitRow(1000, 3000, 2000)] * 7))
+        self.state = BoardState(1, 0.0, BoardSettings(limits=[LimitRow(1000, 3000, 2000)] * 7))
         for joint in self.state.joints:
             joint.present, joint.torque_on, joint.unsure = True, True, False
             joint.position, joint.sampled_at = PLACE, 100.0
         bus = BoardBus(self.state, self.clock, paced=True)
-        self.trajectory = Trajectory(self.state, bus, self.clock)
+        self.trajectory = BoardTrajectory(self.state, bus, self.clock)
         self.commands = TrajectoryCommands(
             self.state, self.trajectory, BoardOrders(self.state, bus, self.clock), self.clock
         )

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexwire.emulator.gate import (
+    Admitted,
     Gate,
     JointFacts,
-    Passed,
     RefusedError,
     check_packet,
     speed_cap,
@@ -36,7 +36,7 @@ def be(value: int) -> bytes:
     return value.to_bytes(2, "big")
 
 
-def judge(gate: Gate, packet: bytes) -> Passed | Status:
+def judge(gate: Gate, packet: bytes) -> Admitted | Status:
     try:
         return gate.judge(check_packet(packet))
     except RefusedError as refused:
@@ -45,7 +45,7 @@ def judge(gate: Gate, packet: bytes) -> Passed | Status:
 
 def packets(gate: Gate, packet: bytes) -> tuple[bytes, ...]:
     passed = judge(gate, packet)
-    assert isinstance(passed, Passed), passed
+    assert isinstance(passed, Admitted), passed
     return passed.packets
 
 
@@ -116,7 +116,7 @@ def test_nothing_else_passes_while_stopped(chapter: bool, packet: bytes) -> None
 def test_torque_can_always_be_taken(gate: Gate, servo_id: int) -> None:
     packet = sp.make_write(servo_id, 0x28, b"\0")
     passed = judge(gate, packet)
-    assert isinstance(passed, Passed)
+    assert isinstance(passed, Admitted)
     assert passed.packets == (packet,)
     expected = {servo_id} & set(JOINTS) if servo_id != 0xFE else set(JOINTS)
     assert passed.torque == dict.fromkeys(expected, False)
@@ -129,7 +129,7 @@ def test_torque_is_given_in_dialect_1_only_and_where_the_joint_stands() -> None:
     assert judge(OPEN, packet) == Status.FORBIDDEN
     assert judge(UPKEEP, packet) == Status.FORBIDDEN
     assert judge(Gate(JOINTS, chapter=True, maintenance=True), packet) == Status.FORBIDDEN
-    assert judge(CHAPTER, packet) == Passed((packet,), (5,), {5: True})
+    assert judge(CHAPTER, packet) == Admitted((packet,), (5,), {5: True})
     assert judge(CHAPTER, sp.make_write(9, 0x28, b"\1")) == Status.FORBIDDEN
     assert judge(CHAPTER, sp.make_write(0xFE, 0x28, b"\1")) == Status.FORBIDDEN
     silent = Gate({4: replace(HLS, position=None)}, chapter=True)
@@ -180,7 +180,7 @@ def test_targets_of_joints_that_cannot_be_judged() -> None:
     assert judge(UPKEEP, packet) == Status.FORBIDDEN
     # In dialect 1 it is the only way to move, and gives torque.
     passed = judge(CHAPTER, sp.make_write(5, 0x2A, le(2000)))
-    assert isinstance(passed, Passed)
+    assert isinstance(passed, Admitted)
     assert (passed.torque, passed.targets, passed.hold) == ({5: True}, {5: 2000}, ())
 
 
@@ -192,9 +192,9 @@ def test_a_joint_that_follows_a_trajectory_takes_no_other_target() -> None:
         assert judge(gate, sp.make_write(4, 0x2A, le(2000))) == Status.BUSY
         assert judge(gate, sp.make_write(4, 0x2A, le(3001))) == Status.BAD_RANGE
         assert judge(gate, sp.make_sync_write(0x2A, {1: be(2000), 0: be(2000)})) == Status.BUSY
-        assert isinstance(judge(gate, sp.make_write(1, 0x2A, be(2000))), Passed)
-        assert isinstance(judge(gate, sp.make_write(4, 0x28, b"\0")), Passed)
-        assert isinstance(judge(gate, sp.make_write(4, 0x30, b"\1")), Passed)
+        assert isinstance(judge(gate, sp.make_write(1, 0x2A, be(2000))), Admitted)
+        assert isinstance(judge(gate, sp.make_write(4, 0x28, b"\0")), Admitted)
+        assert isinstance(judge(gate, sp.make_write(4, 0x30, b"\1")), Admitted)
     assert judge(Gate(busy, chapter=True), sp.make_write(4, 0x28, b"\1")) == Status.BUSY
     assert judge(Gate(busy), sp.make_write(4, 0x28, b"\1")) == Status.FORBIDDEN
 
@@ -306,6 +306,6 @@ def test_any_packet_has_a_verdict(
 ) -> None:
     gate = Gate(JOINTS, chapter, stopped, maintenance)
     verdict = judge(gate, sp.make_packet(servo_id, instruction, params))
-    if isinstance(verdict, Passed):
+    if isinstance(verdict, Admitted):
         for packet in verdict.packets:
             sp.parse_packet(packet)

@@ -11,7 +11,7 @@ from hexwire.emulator.servo_registers import RegisterFile
 from hexwire.wire.registers import Series
 
 
-def order(registers: RegisterFile, distance: float = 1000.0, volts: float | None = None) -> control.Order:
+def order(registers: RegisterFile, distance: float = 1000.0, volts: float | None = None) -> control.MotionOrder:
     series = registers.series
     return control.order_for(
         registers, control.MECHANICS[series], control.SUPPLY[series] if volts is None else volts, distance, 1234.0

@@ -11,11 +11,11 @@ from hexwire.emulator.servo_protection import (
     OVERLOAD,
     TEMPERATURE,
     VOLTAGE,
-    Limits,
     Protection,
+    ProtectionLimits,
 )
 
-LIMITS = Limits(
+LIMITS = ProtectionLimits(
     overload_torque=0.8,
     overload_ticks=2000,
     current=1.0,

@@ -13,7 +13,7 @@ from tests.waits import eventually
 
 from hexwire.drivers import registry
 from hexwire.fleet import player
-from hexwire.fleet.player import Arm, FleetMotionError, Played, Report, attached_to, play_together
+from hexwire.fleet.player import FleetMotionError, Played, PlayedArm, PlayReport, attached_to, play_together
 from hexwire.fleet.remote import RemoteRobot
 from hexwire.motion.trajectory import Spline, Waypoint
 
@@ -44,8 +44,8 @@ def robots(serve: Serve, monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, 
         yield attached
 
 
-def arms(robots: dict[str, RemoteRobot], **paths: Spline) -> list[Arm]:
-    return [Arm(robot, paths.get(name[-4:], way())) for name, robot in robots.items()]
+def arms(robots: dict[str, RemoteRobot], **paths: Spline) -> list[PlayedArm]:
+    return [PlayedArm(robot, paths.get(name[-4:], way())) for name, robot in robots.items()]
 
 
 def where(robots: dict[str, RemoteRobot]) -> list[float]:
@@ -178,12 +178,12 @@ def test_arms_that_cannot_be_reached_are_named(serve: Serve) -> None:
 
 def test_the_report_says_how_far_apart_arms_began() -> None:
     rows = {"a": Played(0.10, 0.001, 0), "b": Played(0.13, 0.002, 0), "c": Played(math.nan, 0.005, 0)}
-    report = Report(2.0, rows)
+    report = PlayReport(2.0, rows)
     assert report.skew == pytest.approx(0.03)
     assert report.doubt == pytest.approx(0.007)
     rows = {"a": Played(0.1, 0.001, 0, "", "board", 0.0002), "b": Played(0.1, 0.002, 0, "", "host", 0.05)}
-    assert Report(2.0, rows).apart == pytest.approx(0.0532)
+    assert PlayReport(2.0, rows).apart == pytest.approx(0.0532)
     rows = dict.fromkeys(("a", "b"), Played(0.1, 0.002, 0, "", "host", 0.05))
-    assert Report(2.0, rows).apart == pytest.approx(0.054), "both are late, not one early"
-    assert Report(2.0, {"a": rows["a"]}).apart == 0.0
-    assert math.isnan(Report(2.0, {"a": rows["a"]}).skew)
+    assert PlayReport(2.0, rows).apart == pytest.approx(0.054), "both are late, not one early"
+    assert PlayReport(2.0, {"a": rows["a"]}).apart == 0.0
+    assert math.isnan(PlayReport(2.0, {"a": rows["a"]}).skew)

@@ -14,7 +14,7 @@ from tests.motion.arms import HOME, at_rest
 from hexwire.errors import DeviceError, HexwireError, LeaseError, LinkLostError, ServoError, UsageError
 from hexwire.fleet import messages as m
 from hexwire.fleet import player as module
-from hexwire.fleet.player import Arm, FleetMotionError, Report, SilentError, play_together
+from hexwire.fleet.player import FleetMotionError, PlayedArm, PlayReport, SilentError, play_together
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointFlag, JointState
 from hexwire.motion.trajectory import Spline, Waypoint
@@ -84,10 +84,10 @@ class Stage:
             self.given_up[self.events[before][1]] = until
         return done, failed
 
-    def play(self, *, path: Spline | None = None, **options: Any) -> Report:
+    def play(self, *, path: Spline | None = None, **options: Any) -> PlayReport:
         path = path or way()
         return play_together(
-            [Arm(robot, path) for robot in self.arms.values()],  # type: ignore[arg-type]  # drivers
+            [PlayedArm(robot, path) for robot in self.arms.values()],  # type: ignore[arg-type]  # drivers
             tell=self.told.append,
             shield=self.shield,
             **options,
@@ -427,7 +427,7 @@ def test_another_holder_is_named_and_can_be_preempted(stage: Stage) -> None:
 
 
 def test_a_motion_needs_arms_each_once(stage: Stage) -> None:
-    twice = [Arm(stage.arms[NAMES[0]], way())] * 2  # type: ignore[arg-type]  # a driver
+    twice = [PlayedArm(stage.arms[NAMES[0]], way())] * 2  # type: ignore[arg-type]  # a driver
     for arms in ([], twice):
         with pytest.raises(UsageError, match="each once"):
             play_together(arms)

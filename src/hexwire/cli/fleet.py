@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from hexwire.fleet.network import Network
     from hexwire.fleet.node import Node
     from hexwire.fleet.overview import Overview
-    from hexwire.fleet.player import Report
+    from hexwire.fleet.player import PlayReport
     from hexwire.link.certs import CertFacts
 
 __all__ = ["config", "fleet", "list_arms", "nobody", "play", "record", "router", "stop", "watch"]
@@ -383,7 +383,7 @@ def play(
     If one refuses, none begins. Ctrl-C or the failure of one arm stops all of them: 'hexwire resume' ends the stop.
     """
     from hexwire.fleet.address import address_text
-    from hexwire.fleet.player import Arm, assign, attached_to, play_together, read_motions
+    from hexwire.fleet.player import PlayedArm, assign, attached_to, play_together, read_motions
 
     mapped = _pairs(pairs)
     if not on and not mapped:
@@ -396,7 +396,7 @@ def play(
     with attached_to({name: address_text(name, router) for name in arms}) as robots:
         try:
             report = play_together(
-                [Arm(robots[name], given[name]) for name in arms],
+                [PlayedArm(robots[name], given[name]) for name in arms],
                 take=take,
                 dry_run=dry_run,
                 most_doubt=max_doubt / 1000,
@@ -452,7 +452,7 @@ def _arms(patterns: tuple[str, ...], router: Network | None) -> set[str]:
     return found
 
 
-def _tell(report: Report, arms: list[str], dry_run: bool, as_json: bool) -> None:
+def _tell(report: PlayReport, arms: list[str], dry_run: bool, as_json: bool) -> None:
     if as_json:
         rows: list[dict[str, Any]] = [
             {

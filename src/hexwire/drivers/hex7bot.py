@@ -43,13 +43,13 @@ if TYPE_CHECKING:
     from .board import Board
     from .timed_path import TimedPath
 
-__all__ = ["FLAGS_ONLY", "BoardOrders", "Hex7BotDriver"]
+__all__ = ["FLAGS_ONLY", "Hex7BotDriver", "StandingOrders"]
 
 FLAGS_ONLY = 0
 """Fields of the shortest state: positions and the board's flags."""
 
 
-class BoardOrders:
+class StandingOrders:
     """The standing orders of one attached board.
 
     Attributes:
@@ -159,7 +159,7 @@ class Hex7BotDriver(SessionDriver):
         self._only_dialect = dialect
         self._board: Board | None = None
         self._generation = 0
-        self._orders = BoardOrders()
+        self._orders = StandingOrders()
         self._last: JointState | None = None
         self._aimed: dict[str, float] = {}
         self._restarts = 0
@@ -212,7 +212,7 @@ class Hex7BotDriver(SessionDriver):
         self._last = None
         self._restarts = session.board_restarts
         self._aimed.clear()
-        self._orders = BoardOrders()
+        self._orders = StandingOrders()
 
     def _meet(self) -> Board:
         """Make the `Board` of the dialect that the session negotiated."""

@@ -29,9 +29,9 @@ from .board_chapter import ChapterDialect, SketchReceiver
 from .board_dialect1 import Dialect1
 from .board_dialect2 import Dialect2
 from .board_rate import LineRate
-from .board_state import BoardState, Settings
+from .board_state import BoardSettings, BoardState
 from .board_stop import StopQueue
-from .board_trajectory import Trajectory
+from .board_trajectory import BoardTrajectory
 from .faults import FaultPlan
 from .servo_wire import ServoWire
 
@@ -95,7 +95,7 @@ class EmulatedBoard:
         self.max_frame = max_frame
         self._own_rate = host_rate
         self.resets = 0
-        self.settings = Settings()
+        self.settings = BoardSettings()
         self.time = start
         self._now = start
         self._out: list[bytes] = []
@@ -218,7 +218,7 @@ class EmulatedBoard:
         self.bus = BoardBus(state, clock, paced=self.paced)
         self.chapter = ChapterDialect(state, self._buffer, clock, connection)
         self.dialect1 = Dialect1(state, self.bus, clock, connection)
-        self.trajectory = Trajectory(state, self.bus, clock)
+        self.trajectory = BoardTrajectory(state, self.bus, clock)
         self.dialect2 = Dialect2(state, self.bus, clock, connection, self.stops, self.trajectory, self.line_rate)
         self._sketch = SketchReceiver() if self.dialect == 1 and self.faults.sketch else None
         self._deaf_until = now + self.faults.boot_time

@@ -26,9 +26,20 @@ from hexwire.wire.servo_packet import (
 )
 
 from .board_state import SERVO_BITS, BoardState, JointSlot
-from .gate import READ_ONLY, SPEED_UNIT, Passed, speed_cap, written_ids
+from .gate import READ_ONLY, SPEED_UNIT, Admitted, speed_cap, written_ids
 
-__all__ = ["BUS_TIMEOUT", "BoardBus", "BusBuffer", "Clock", "Delay", "Job", "Pause", "Send", "Transaction", "Wait"]
+__all__ = [
+    "BUS_TIMEOUT",
+    "BoardBus",
+    "BusBuffer",
+    "Clock",
+    "Delay",
+    "Job",
+    "Pause",
+    "SendPacket",
+    "Transaction",
+    "Wait",
+]
 
 BUS_TIMEOUT = 0.005
 """Seconds for a servo to begin its answer."""
@@ -48,7 +59,7 @@ class Transaction(NamedTuple):
     timeout: float = BUS_TIMEOUT
 
 
-class Send(NamedTuple):
+class SendPacket(NamedTuple):
     """Put a packet on the bus; the job is resumed when it is sent. What comes back stays in the buffer."""
 
     packet: bytes
@@ -66,7 +77,7 @@ class Pause(NamedTuple):
     seconds: float
 
 
-Wait = Transaction | Send | Delay | Pause
+Wait = Transaction | SendPacket | Delay | Pause
 Job = Generator[Wait, bytes | None, None]
 
 
@@ -167,7 +178,7 @@ class BoardBus:
                 state.bus_retries += 1
         return None
 
-    def ask_all(self, passed: Passed) -> Several:
+    def ask_all(self, passed: Admitted) -> Several:
         """Send what the gate let through; returns the answers of all addressed servos. A write is not retried."""
         yield from self._send_first(passed)
         packet = passed.packets[-1]
@@ -182,13 +193,13 @@ class BoardBus:
         found = [find_status(data, servo_id, expected.params) for servo_id in expected.servo_ids]
         return [f[0] for f in found if f is not None]
 
-    def raw(self, passed: Passed, reply_length: int, timeout: float) -> Raw:
+    def raw(self, passed: Admitted, reply_length: int, timeout: float) -> Raw:
         """Send what the gate let through; returns the bytes that came back, echo removed."""
         yield from self._send_first(passed)
         answer = yield Transaction(passed.packets[-1], reply_length, timeout)
         return strip_echo(answer or b"", passed.packets[-1])
 
-    def note(self, passed: Passed) -> None:
+    def note(self, passed: Admitted) -> None:
         """Record what packets change, before they are sent: a stop may come between a packet and its answer."""
         for packet in passed.packets:
             for servo_id in written_ids(parse_packet(packet)):
@@ -200,7 +211,7 @@ class BoardBus:
             joint.torque_on = passed.torque.get(joint.servo_id, joint.torque_on)
             joint.target = passed.targets.get(joint.servo_id, joint.target)
 
-    def _send_first(self, passed: Passed) -> Job:
+    def _send_first(self, passed: Admitted) -> Job:
         """Record what the packets change, then send all but the last."""
         self.note(passed)
         for packet in passed.packets[:-1]:

@@ -28,7 +28,7 @@ from hexwire.wire.servo_packet import (
 )
 from hexwire.wire.tables import BOARD_ERRORS
 
-from .board_bus import BusBuffer, Clock, Delay, Job, Send
+from .board_bus import BusBuffer, Clock, Delay, Job, SendPacket
 from .board_state import BoardState
 
 __all__ = [
@@ -224,7 +224,7 @@ class ChapterDialect:
     def setup(self) -> Job:
         """`setup`: every joint gets torque and is driven to its middle, and the board is deaf meanwhile."""
         for joint in self._state.joints:
-            yield Send(make_write(joint.servo_id, _TORQUE, b"\1"))
+            yield SendPacket(make_write(joint.servo_id, _TORQUE, b"\1"))
             yield self._joint_move(joint.servo_id, MIDDLE, _HOME_TIME)
         yield Delay(_SETUP_WAIT)
         # Its library is not public: taken is that it reads the answers to its own writes.
@@ -265,7 +265,7 @@ class ChapterDialect:
         buffer = bytearray([0xFF, 0xF5, servo_id, 4, 1, 0, 0, ~(servo_id + 5) & 0xFF])
         count = polls = 0
         for _ in range(_TRIES):
-            yield Send(body)
+            yield SendPacket(body)
             yield Delay(_READ_WAIT)
             while self._waiting() < 8 and polls < _POLLS:
                 polls += 1
@@ -290,7 +290,7 @@ class ChapterDialect:
         polls = 0
         for _ in range(_TRIES):
             self._read_bus()
-            yield Send(body)
+            yield SendPacket(body)
             while self._waiting() < 6 and polls < _POLLS:
                 polls += 1
                 yield Delay(_PING_POLL)
@@ -305,7 +305,7 @@ class ChapterDialect:
         for servo_id, position, run_time in sync_write_rows(body, len(self._state.joints), verified=False):
             yield self._joint_move(servo_id, position, run_time)
 
-    def _joint_move(self, servo_id: int, position: int, run_time: int) -> Send:
+    def _joint_move(self, servo_id: int, position: int, run_time: int) -> SendPacket:
         """`joint_move` of the library."""
         order: Literal["big", "little"] = "big" if self._is_legacy(servo_id) else "little"
-        return Send(make_write(servo_id, TARGET, position.to_bytes(2, order) + run_time.to_bytes(2, order)))
+        return SendPacket(make_write(servo_id, TARGET, position.to_bytes(2, order) + run_time.to_bytes(2, order)))

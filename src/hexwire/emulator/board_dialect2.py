@@ -39,7 +39,7 @@ from .board_rate import LineRate
 from .board_state import BoardState, JointSlot
 from .board_stop import Stopping, StopQueue
 from .board_table import BoardTable, TableMessage
-from .board_trajectory import Trajectory, TrajectoryCommands
+from .board_trajectory import BoardTrajectory, TrajectoryCommands
 from .gate import MAX_REPLY, RefusedError, check_packet
 
 __all__ = ["Dialect2"]
@@ -75,7 +75,7 @@ class Dialect2:
         clock: Clock,
         connection: Connection,
         stops: StopQueue,
-        trajectory: Trajectory,
+        trajectory: BoardTrajectory,
         line: LineRate,
     ) -> None:
         self._state = state

@@ -13,11 +13,11 @@ from hexwire.wire.servo_packet import ServoPacket
 from .board_bus import BoardBus, Clock, Job, Wait
 from .board_chapter import ChapterRow
 from .board_state import BoardState, JointSlot
-from .gate import Gate, Passed, RefusedError, clamp, time_needed, written_ids
+from .gate import Admitted, Gate, RefusedError, clamp, time_needed, written_ids
 
 __all__ = ["BoardOrders"]
 
-Passing = Generator[Wait, bytes | None, Passed]
+Passing = Generator[Wait, bytes | None, Admitted]
 Found = Generator[Wait, bytes | None, bool]
 
 

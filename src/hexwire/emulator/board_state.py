@@ -13,7 +13,7 @@ from hexwire.wire.registers import Series
 
 from .gate import JointFacts
 
-__all__ = ["SERVO_BITS", "BoardState", "JointSlot", "Settings"]
+__all__ = ["SERVO_BITS", "BoardSettings", "BoardState", "JointSlot"]
 
 SERVO_BITS = sum(tables.STATUS_BITS.values())
 """The bits of a servo's error byte that have a meaning; the board uses the others for its own flags."""
@@ -73,7 +73,7 @@ class JointSlot:
 
 
 @dataclass(slots=True)
-class Settings:
+class BoardSettings:
     """Settings that the board's EEPROM keeps through a reset; None where nothing is stored."""
 
     limits: list[LimitRow] | None = None
@@ -86,7 +86,7 @@ class BoardState:
 
     boot_id: int
     now: float
-    settings: Settings
+    settings: BoardSettings
     joints: list[JointSlot] = field(default_factory=list)
     limits: list[LimitRow] = field(default_factory=list)
     offsets: list[OffsetRow] = field(default_factory=list)

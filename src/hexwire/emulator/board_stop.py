@@ -14,7 +14,7 @@ from hexwire.session.events import Request
 from .board_bus import BoardBus, Clock, Job, Pause, Wait
 from .board_state import JointSlot
 
-__all__ = ["StopQueue", "Stopped", "Stopping"]
+__all__ = ["StopQueue", "StopResult", "Stopping"]
 
 _MAX_STOPS = 16
 _HOLD, _TORQUE_OFF = 0, 1
@@ -77,7 +77,7 @@ class StopQueue:
 
 
 @dataclass(slots=True)
-class Stopped:
+class StopResult:
     """The result of a stop.
 
     Attributes:
@@ -122,11 +122,11 @@ class Stopping:
     taken: bool = False
     held: list[_Held] = field(default_factory=list)
 
-    def run(self, mode: int) -> Generator[Wait, bytes | None, Stopped]:
+    def run(self, mode: int) -> Generator[Wait, bytes | None, StopResult]:
         """Stop the joints."""
         bus, joints = self.bus, self.joints
         if mode == _TORQUE_OFF:
-            return Stopped((yield from bus.torque_off(joints)), taken=False)
+            return StopResult((yield from bus.torque_off(joints)), taken=False)
         yield from bus.poll_all()
         for joint in joints:
             if joint.present and joint.unsure:
@@ -144,7 +144,7 @@ class Stopping:
         failed = [h.joint for h in self.held if not h.holds]
         if failed:
             yield from self._take_torque(failed)
-        return Stopped(self.mask | sum(self._bit(h.joint) for h in self.held), self.taken)
+        return StopResult(self.mask | sum(self._bit(h.joint) for h in self.held), self.taken)
 
     def _bit(self, joint: JointSlot) -> int:
         return 1 << self.joints.index(joint)

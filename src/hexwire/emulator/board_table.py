@@ -19,7 +19,7 @@ from hexwire.wire.servo_table import TABLE_HEAD_SIZE, TABLE_REGISTERS, ServoTabl
 from .board_bus import BoardBus, Job, Transaction, Wait
 from .board_orders import BoardOrders
 from .board_state import BoardState, JointSlot
-from .board_trajectory import Trajectory
+from .board_trajectory import BoardTrajectory
 from .gate import RefusedError
 
 __all__ = ["BoardTable", "TableMessage"]
@@ -43,7 +43,7 @@ class BoardTable:
         trajectory: The board's trajectory.
     """
 
-    def __init__(self, state: BoardState, bus: BoardBus, orders: BoardOrders, trajectory: Trajectory) -> None:
+    def __init__(self, state: BoardState, bus: BoardBus, orders: BoardOrders, trajectory: BoardTrajectory) -> None:
         self._state = state
         self._bus = bus
         self._orders = orders

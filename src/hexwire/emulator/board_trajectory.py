@@ -32,7 +32,7 @@ from .board_path import BoardPath
 from .board_state import BoardState, JointSlot
 from .gate import RefusedError
 
-__all__ = ["LEAD_MS", "PointsMessage", "Trajectory", "TrajectoryCommands"]
+__all__ = ["LEAD_MS", "BoardTrajectory", "PointsMessage", "TrajectoryCommands"]
 
 LEAD_MS = 24
 _LEAD = LEAD_MS / 1000
@@ -49,7 +49,7 @@ _ACTIVE = (PathState.RUNNING, PathState.BRAKING)
 _COUNTER = 0xFFFF
 
 
-class Trajectory:
+class BoardTrajectory:
     """The one trajectory of a board.
 
     Args:
@@ -296,7 +296,7 @@ class TrajectoryCommands:
         clock: The board's time.
     """
 
-    def __init__(self, state: BoardState, trajectory: Trajectory, orders: BoardOrders, clock: Clock) -> None:
+    def __init__(self, state: BoardState, trajectory: BoardTrajectory, orders: BoardOrders, clock: Clock) -> None:
         self._board = state
         self._trajectory = trajectory
         self._orders = orders
@@ -451,7 +451,7 @@ class PointsMessage:
 
     head_size = POINTS_HEAD_SIZE
 
-    def __init__(self, commands: TrajectoryCommands, trajectory: Trajectory) -> None:
+    def __init__(self, commands: TrajectoryCommands, trajectory: BoardTrajectory) -> None:
         self._commands = commands
         self._trajectory = trajectory
         self._path: BoardPath | None = None

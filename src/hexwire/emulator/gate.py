@@ -29,9 +29,9 @@ __all__ = [
     "MAX_REPLY",
     "READ_ONLY",
     "SPEED_UNIT",
+    "Admitted",
     "Gate",
     "JointFacts",
-    "Passed",
     "RefusedError",
     "check_packet",
     "clamp",
@@ -101,7 +101,7 @@ class JointFacts:
 
 
 @dataclass(frozen=True, slots=True)
-class Passed:
+class Admitted:
     """What may go to the bus.
 
     Attributes:
@@ -201,14 +201,14 @@ class Gate:
     stopped: bool = False
     maintenance: bool = False
 
-    def judge(self, packet: ServoPacket) -> Passed:
+    def judge(self, packet: ServoPacket) -> Admitted:
         """Decide what of a well-formed packet may go to the bus.
 
         Raises:
             RefusedError: No part of it may.
         """
         if packet.instruction in READ_ONLY:
-            return Passed((packet.serialize(),))
+            return Admitted((packet.serialize(),))
         if self.stopped:
             raise RefusedError(Status.STOPPED)
         rows: tuple[tuple[int, bytes], ...]
@@ -222,7 +222,7 @@ class Gate:
             waits = packet.instruction in (Instruction.REG_WRITE, Instruction.ACTION)
             if waits or not self.maintenance:
                 raise RefusedError(Status.FORBIDDEN)
-            return Passed((packet.serialize(),))
+            return Admitted((packet.serialize(),))
         torque: dict[int, bool] = {}
         targets: dict[int, int] = {}
         hold = []
@@ -238,7 +238,7 @@ class Gate:
             if _covers_target(address, data):
                 at = _TARGET - address
                 targets[servo_id] = _decode(self.joints[servo_id], data[at : at + 2])
-        return Passed(self._packets(packet, address, rows), tuple(hold), torque, targets)
+        return Admitted(self._packets(packet, address, rows), tuple(hold), torque, targets)
 
     def _check(self, servo_id: int, address: int, data: bytes) -> None:
         """Refuse a write to one servo if it is not allowed."""

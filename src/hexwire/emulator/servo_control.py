@@ -12,14 +12,14 @@ from math import copysign, inf
 from hexwire.wire.registers import Series
 
 from .servo_motion import Drive, Mechanics, speed_for_duration
-from .servo_protection import NO_LIMITS, Limits
+from .servo_protection import NO_LIMITS, ProtectionLimits
 from .servo_registers import RegisterFile
 
 __all__ = [
     "AMPERES",
     "MECHANICS",
     "SUPPLY",
-    "Order",
+    "MotionOrder",
     "clamp_goal",
     "drive_mode",
     "goal_name",
@@ -52,7 +52,7 @@ _HLS_HELD = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class MotionOrder:
     """Arguments of `Motion.command`, before protection reduces them."""
 
     drive: Drive
@@ -104,7 +104,9 @@ def drive_mode(registers: RegisterFile) -> str:
     return names[registers.get("mode") & 3]
 
 
-def order_for(registers: RegisterFile, mechanics: Mechanics, volts: float, distance: float, target: float) -> Order:
+def order_for(
+    registers: RegisterFile, mechanics: Mechanics, volts: float, distance: float, target: float
+) -> MotionOrder:
     """What the motor should do when the torque is on.
 
     Args:
@@ -128,15 +130,15 @@ def order_for(registers: RegisterFile, mechanics: Mechanics, volts: float, dista
     if series is Series.HLS and mode != "pwm":
         ceiling = min(ceiling, abs(registers.get("goal_torque")) * AMPERES / mechanics.stall_current)
     if mode == "pwm":
-        return Order(Drive.SPEED, target, fastest * _pwm(registers), acceleration, ceiling)
+        return MotionOrder(Drive.SPEED, target, fastest * _pwm(registers), acceleration, ceiling)
     if mode == "current":
         push = copysign(ceiling, registers.get("goal_torque"))
-        return Order(Drive.TORQUE, push, fastest, acceleration, ceiling)
+        return MotionOrder(Drive.TORQUE, push, fastest, acceleration, ceiling)
     if mode == "speed":
         speed = registers.get("goal_speed") * speed_unit(registers)
-        return Order(Drive.SPEED, target, max(-fastest, min(fastest, speed)), acceleration, ceiling)
+        return MotionOrder(Drive.SPEED, target, max(-fastest, min(fastest, speed)), acceleration, ceiling)
     speed = min(fastest, _travel_speed(registers, mechanics, distance))
-    return Order(Drive.POSITION, target, speed, acceleration, ceiling)
+    return MotionOrder(Drive.POSITION, target, speed, acceleration, ceiling)
 
 
 def _pwm(registers: RegisterFile) -> float:
@@ -164,7 +166,7 @@ def _travel_speed(registers: RegisterFile, mechanics: Mechanics, distance: float
     return speed
 
 
-def limits_of(registers: RegisterFile) -> Limits:
+def limits_of(registers: RegisterFile) -> ProtectionLimits:
     """Protection limits as the registers set them now."""
     series = registers.series
     if series is Series.SEVEN_BOT:
@@ -180,7 +182,7 @@ def limits_of(registers: RegisterFile) -> Limits:
             overload, ticks, held = get("overload_torque") / 100, get("overload_time"), get("holding_torque") / 100
         else:
             overload, ticks, held = _HLS_OVERLOAD, get("overcurrent_time"), _HLS_HELD
-    return Limits(
+    return ProtectionLimits(
         overload_torque=overload,
         overload_ticks=max(1, ticks * _TICKS_A_UNIT),
         current=current,

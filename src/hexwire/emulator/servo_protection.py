@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from hexwire.wire.tables import STATUS_BITS
 
-__all__ = ["Limits", "Protection"]
+__all__ = ["Protection", "ProtectionLimits"]
 
 VOLTAGE = STATUS_BITS["voltage"]
 TEMPERATURE = STATUS_BITS["temperature"]
@@ -25,7 +25,7 @@ _NEVER = 1 << 62
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class ProtectionLimits:
     """Limits from the registers. Torques are fractions of the stall torque, times are in ticks.
 
     Attributes:
@@ -51,7 +51,7 @@ class Protection:
         ambient: Air temperature, deg C; may be set.
     """
 
-    def __init__(self, limits: Limits, temperature: float) -> None:
+    def __init__(self, limits: ProtectionLimits, temperature: float) -> None:
         self.limits = limits
         self.status = 0
         self.forced = 0
@@ -139,7 +139,7 @@ class Protection:
         self.temperature += (goal - self.temperature) * (THERMAL_TICKS / 1000 / _THERMAL_SECONDS)
 
 
-NO_LIMITS = Limits(
+NO_LIMITS = ProtectionLimits(
     overload_torque=2.0,
     overload_ticks=_NEVER,
     current=1e9,

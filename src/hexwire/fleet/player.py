@@ -31,10 +31,10 @@ from . import messages as m
 from .remote import RemoteRobot
 
 __all__ = [
-    "Arm",
     "FleetMotionError",
+    "PlayReport",
     "Played",
-    "Report",
+    "PlayedArm",
     "SilentError",
     "assign",
     "attached_to",
@@ -263,7 +263,7 @@ class FleetMotionError(DeviceError):
 
 
 @dataclass(slots=True)
-class Arm:
+class PlayedArm:
     """An arm and its motion.
 
     Attributes:
@@ -303,7 +303,7 @@ class Played:
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class PlayReport:
     """How a motion went.
 
     Attributes:
@@ -338,14 +338,14 @@ class Report:
 
 
 def play_together(
-    arms: Sequence[Arm],
+    arms: Sequence[PlayedArm],
     *,
     take: bool = False,
     dry_run: bool = False,
     most_doubt: float = MOST_DOUBT,
     tell: Callable[[str], object] = lambda text: None,
     shield: Shield = nullcontext,
-) -> Report:
+) -> PlayReport:
     """Play motions on several arms; returns when all have arrived.
 
     If one arm refuses, none begins. If one fails, or this call is interrupted, all are stopped: the others might
@@ -368,7 +368,7 @@ def play_together(
     try:
         player.prepare()
         if dry_run:
-            return Report(player.duration)
+            return PlayReport(player.duration)
         return player.play()
     finally:
         player.give_back()
@@ -401,7 +401,7 @@ def attached_to(urls: Mapping[str, str]) -> Iterator[dict[str, RemoteRobot]]:
 
 class _Player:
     def __init__(
-        self, arms: Sequence[Arm], tell: Callable[[str], object], shield: Shield, most_doubt: float
+        self, arms: Sequence[PlayedArm], tell: Callable[[str], object], shield: Shield, most_doubt: float
     ) -> None:
         if not arms or len({arm.name for arm in arms}) < len(arms):
             raise UsageError("a motion needs arms, each once")
@@ -437,7 +437,7 @@ class _Player:
         """Plan the approaches, and have the servers check everything; nothing moves."""
         began = time.monotonic()
 
-        def check(arm: Arm) -> tuple[Spline, Spline]:
+        def check(arm: PlayedArm) -> tuple[Spline, Spline]:
             paths = _paths(arm)
             for path in paths:
                 arm.robot.check_path(path)
@@ -447,7 +447,7 @@ class _Player:
         # Each server checks the path again before it accepts the motion.
         self._lead = _LEAD + 2.0 * (time.monotonic() - began)
 
-    def play(self) -> Report:
+    def play(self) -> PlayReport:
         self.each(lambda arm: arm.robot.watchdog(_WATCHDOG), "no arm moved")
         powered = self.each(
             lambda arm: give_torque(arm.robot, arm.robot.model.names, arm.robot.read()), "no arm moved"
@@ -476,7 +476,7 @@ class _Player:
             goal = ended[arm.name]
             moved = math.nan if goal.moved is None else goal.moved - offset - start
             rows[arm.name] = Played(moved, doubt, goal.slips, goal.text, goal.ready, goal.doubt)
-        return Report(self.duration, rows)
+        return PlayReport(self.duration, rows)
 
     def _run(self, what: str, number: int) -> tuple[float, dict[str, m.Goal]]:
         """Run the approaches (0) or the motions (1); returns the start time and the results."""
@@ -497,7 +497,7 @@ class _Player:
         start = time.monotonic() + self._lead
         goals: dict[str, int] = {}
 
-        def prepare(arm: Arm) -> m.Goal:
+        def prepare(arm: PlayedArm) -> m.Goal:
             path = self._paths[arm.name][number]
             goal = goals[arm.name] = arm.robot.follow(path, start, anywhere=number == 0, confirm=True)
             while True:
@@ -554,7 +554,7 @@ class _Player:
         """
         over = threading.Event()
 
-        def watch(arm: Arm) -> m.Goal:
+        def watch(arm: PlayedArm) -> m.Goal:
             deadline = start + self._paths[arm.name][number].duration + _GRACE
             while True:
                 row = arm.robot.goal(goals[arm.name])
@@ -578,7 +578,7 @@ class _Player:
             raise FleetMotionError("all arms are stopped", {name: str(error) for name, error in failed.items()})
         return done
 
-    def each(self, call: Callable[[Arm], _T], text: str) -> dict[str, _T]:
+    def each(self, call: Callable[[PlayedArm], _T], text: str) -> dict[str, _T]:
         """Call for all arms at once.
 
         Raises:
@@ -593,8 +593,8 @@ class _Player:
 
     def stop(
         self,
-        call: Callable[[Arm], object] = lambda arm: arm.robot.stop(),
-        arms: Mapping[str, Arm] | None = None,
+        call: Callable[[PlayedArm], object] = lambda arm: arm.robot.stop(),
+        arms: Mapping[str, PlayedArm] | None = None,
     ) -> bool:
         """Stop arms at once, and tell which did not confirm it.
 
@@ -616,7 +616,7 @@ class _Player:
     def give_back(self) -> None:
         """Give the leases back; moving joints hold."""
 
-        def leave(arm: Arm) -> None:
+        def leave(arm: PlayedArm) -> None:
             with suppress(HexwireError):
                 arm.robot.release()
 
@@ -627,7 +627,7 @@ class _NotBegunError(FleetMotionError):
     """No arm has started; those that might have were stopped."""
 
 
-def _paths(arm: Arm) -> tuple[Spline, Spline]:
+def _paths(arm: PlayedArm) -> tuple[Spline, Spline]:
     """The approach and the motion of all joints of an arm.
 
     Raises:
