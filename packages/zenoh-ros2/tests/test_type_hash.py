@@ -39,7 +39,7 @@ PUBLISHED = {
         "69b9c19c1021405984cc60dbbb1edceb147a6538b411d812ba6afabeed962cd5"
     ),
 }
-# The same for interfaces that hexwire itself does not have.
+# The same for interfaces that the package does not have.
 EXAMPLES = {
     "example_interfaces/srv/AddTwoInts": "e118de6bf5eeb66a2491b5bda11202e7b68f198d6f67922cf30364858239c81a",
     "example_interfaces/action/Fibonacci_SendGoal": (

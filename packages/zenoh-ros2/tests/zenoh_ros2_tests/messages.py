@@ -82,7 +82,7 @@ def messages_of(types: Types, name: str) -> list[Any]:
 
 
 class Rosbags:
-    """Serializes and parses with rosbags; its own definitions where it has them, else those of hexwire."""
+    """Serializes and parses with rosbags; its own definitions where it has them, else those of the package."""
 
     def __init__(self, types: Types) -> None:
         self._types = types
@@ -133,7 +133,7 @@ class Rosbags:
         return bytes(self._store.serialize_cdr(self.make(name, message), known, little_endian=little))
 
     def parse(self, name: str, data: bytes) -> Any:
-        """Parse bytes with rosbags, and give the message as one of hexwire."""
+        """Parse bytes with rosbags, and give the message as one of the package."""
         return self._back(name, self._store.deserialize_cdr(data, self._name(name)))
 
     def _back(self, name: str, found: Any) -> Any:
