@@ -9,7 +9,7 @@ import time
 from collections.abc import Generator, Iterator
 
 import pytest
-from pytest_markdown_docs.plugin import MarkdownDocstringCodeModule
+from pytest_markdown_docs.plugin import MarkdownDocstringCodeModule, MarkdownInlinePythonItem
 from tests.cli.shared_arm import patient, patient_line
 from tests.emulator.terminals import serving
 
@@ -34,11 +34,17 @@ def _no_module_left() -> Iterator[None]:
         module._name_ = str(int(module))
 
 
+@pytest.fixture(autouse=True)
+def _patient_blocks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A busy machine may let the emulated arm of a block wait."""
+    if isinstance(request.node, MarkdownInlinePythonItem):
+        patient(monkeypatch)
+        patient_line(monkeypatch)
+
+
 @pytest.fixture
 def emulated_arm(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """An emulated Hex7Bot on a serial port that HEXWIRE_PORT names, and a busy machine may let wait."""
-    patient(monkeypatch)
-    patient_line(monkeypatch)
+    """An emulated Hex7Bot on a serial port that HEXWIRE_PORT names."""
     with serving(PtyServer(make_hex7bot_board(start=time.monotonic()))) as path:
         monkeypatch.setenv("HEXWIRE_PORT", path)
         yield path

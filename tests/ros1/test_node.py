@@ -210,7 +210,8 @@ def test_enable_gives_and_takes_torque(arm: Arm) -> None:
 
 
 def test_pose_is_gone_to_and_stop_ends_that(arm: Arm) -> None:
-    assert arm.trigger("go_to/home") == "at home"
+    # Which joint still settles depends on the machine; the answer says it.
+    assert arm.trigger("go_to/home").startswith("at home")
     assert near({"J1": -0.087, "J2": 0.96, "J3": -0.044}, arm.board.positions)
     arm.moves("away", {"J1": 0.3}, 1.5)
 

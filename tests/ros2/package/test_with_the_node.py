@@ -16,6 +16,8 @@ from hexwire.ros2.package import make_package, package_name
 
 pytestmark = pytest.mark.system
 ROBOT = "hex7bot"
+PATIENT = [word for name in ("lag", "following_time", "max_age") for word in ("-p", f"safety.{name}:=5.0")]
+"""The board is in this process, which a busy machine may let wait."""
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +40,7 @@ def arm(package: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Arm
             (process,) = (thing for thing in found if thing.kind == "ExecuteProcess")
             words = [text(word, {"port": board.port}) for word in process["cmd"]]
             assert words[:2] == ["hexwire-ros2", "--ros-args"]
-            arm = Arm(world, world.node(*words[2:]), board)
+            arm = Arm(world, world.node(*words[2:], *PATIENT), board)
             arm.enable()
             yield arm
             assert arm.node.end() == 0
