@@ -21,7 +21,7 @@ from hexwire.model.state import JointFlag, JointState
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-__all__ = ["ARM_SIGNALS", "BLOCK", "JOINT_SIGNALS", "History", "Rows", "Signal"]
+__all__ = ["ARM_SIGNALS", "BLOCK", "JOINT_SIGNALS", "History", "KeptSignal", "Rows"]
 
 _FAULTS = sum(int(flag.faults) for flag in JointFlag)
 BLOCK = 512
@@ -31,7 +31,7 @@ _SPARE = 256
 
 
 @dataclass(frozen=True, slots=True)
-class Signal:
+class KeptSignal:
     """A quantity that is kept.
 
     Attributes:
@@ -46,19 +46,19 @@ class Signal:
 
 
 JOINT_SIGNALS = (
-    Signal("position", "rad", "position"),
-    Signal("goal", "rad", "goal"),
-    Signal("velocity", "rad/s", "velocity"),
-    Signal("load", "", "load"),
-    Signal("current", "A", "current"),
-    Signal("voltage", "V", "voltage"),
-    Signal("temperature", "°C", "temperature"),
+    KeptSignal("position", "rad", "position"),
+    KeptSignal("goal", "rad", "goal"),
+    KeptSignal("velocity", "rad/s", "velocity"),
+    KeptSignal("load", "", "load"),
+    KeptSignal("current", "A", "current"),
+    KeptSignal("voltage", "V", "voltage"),
+    KeptSignal("temperature", "°C", "temperature"),
 )
 """What is kept of each joint, in this order; a goal is the last position that was sent."""
 ARM_SIGNALS = (
-    Signal("rate", "Hz", "state rate"),
-    Signal("round_trip", "s", "round trip"),
-    Signal("faults", "", "joints with faults"),
+    KeptSignal("rate", "Hz", "state rate"),
+    KeptSignal("round_trip", "s", "round trip"),
+    KeptSignal("faults", "", "joints with faults"),
 )
 """What is kept of the whole arm."""
 
@@ -130,7 +130,7 @@ class History:
         self._due = self._last = -math.inf
 
     @property
-    def columns(self) -> list[tuple[str, Signal]]:
+    def columns(self) -> list[tuple[str, KeptSignal]]:
         """Pairs of joint and signal, in the order of a row; the joint is empty for the whole arm."""
         return [(name, signal) for name in self.names for signal in JOINT_SIGNALS] + [
             ("", signal) for signal in ARM_SIGNALS

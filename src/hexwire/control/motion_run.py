@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from .preview import Preview
     from .shared import Order, SharedArm
 
-__all__ = ["MotionRun", "Progress", "begin_motion"]
+__all__ = ["MotionRun", "RunProgress", "begin_motion"]
 
 _log = logging.getLogger(__name__)
 
@@ -44,7 +44,7 @@ _UNHURRIED = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class RunProgress:
     """How far a motion is.
 
     Attributes:
@@ -111,15 +111,15 @@ class MotionRun:
         """It has ended."""
         return self._outcome is not None
 
-    def progress(self) -> Progress:
+    def progress(self) -> RunProgress:
         """How far it is."""
         duration, lead = self._plan.duration, self._plan.lead_in
         if self._outcome is None:
             self._done = self._elapsed()
-            return Progress(self._title, self._done, duration, lead, holds=self._holds())
+            return RunProgress(self._title, self._done, duration, lead, holds=self._holds())
         done = duration if self._outcome is Outcome.SUCCEEDED else self._done
         off = "; ".join(self._goals.off)
-        return Progress(self._title, done, duration, lead, self._outcome.value, self._text, self._holds(), off)
+        return RunProgress(self._title, done, duration, lead, self._outcome.value, self._text, self._holds(), off)
 
     def end(self, why: str) -> None:
         """End it; the joints that it moves hold. Without effect after its end.

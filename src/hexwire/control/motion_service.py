@@ -38,7 +38,7 @@ from .via import Place
 if TYPE_CHECKING:
     from hexwire.motion.teach import Taught
 
-    from .motion_run import Progress
+    from .motion_run import RunProgress
     from .preview import Preview
     from .shared import Order, SharedArm
 
@@ -220,7 +220,7 @@ class MotionService:
         return self._arm.teach_mode.hand.active
 
     @property
-    def progress(self) -> Progress | None:
+    def progress(self) -> RunProgress | None:
         """Of the motion that was begun last; None before the first."""
         run = self._run
         return None if run is None else run.progress()
