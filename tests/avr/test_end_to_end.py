@@ -63,7 +63,7 @@ def test_a_target_is_a_path_that_a_later_program_may_replace() -> None:
         with Hex7BotDriver.from_url(board.path) as robot:
             assert robot.left_path() == ("J4",)
             # The simulated chip is slower than the clock on a busy machine.
-            patient = MotionOptions(grace=20.0)
+            patient = MotionOptions(grace=60.0)
             result = run_motion(robot, JointTarget.of({"J4": 0.05}, 0.3), patient)
             assert (result.arrived, result.timed, result.why) == (True, True, "")
             assert robot.left_path() == ()
