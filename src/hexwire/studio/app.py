@@ -197,6 +197,8 @@ class Studio:
 
         def act() -> object:
             if found.control:
+                # Again: it may have waited for a thread, and control may have gone to another page meanwhile.
+                self.need_control(tab)
                 asked.refuse_if_stopped_since()
             return found.act(asked, given)
 

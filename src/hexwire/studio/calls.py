@@ -92,6 +92,19 @@ class Asked:
             raise LinkLostError("this arm was closed; load the page again")
         return arm
 
+    def known(self, *servo_ids: int) -> tuple[int, ...]:
+        """These servos of the bus, each once.
+
+        Raises:
+            UsageError: One was not found on it, such as 254, at which all servos listen.
+            LinkLostError: As `bus`.
+        """
+        found = self.bus.bench.servo_ids
+        for servo_id in servo_ids:
+            if servo_id not in found:
+                raise UsageError(f"servo {servo_id} was not found on this bus; search first")
+        return tuple(dict.fromkeys(servo_ids))
+
     def refuse_if_stopped_since(self) -> None:
         """Check that no stop came after the call.
 

@@ -38,7 +38,7 @@ class _Servo(Arguments, frozen=True):
 @call("backup.take", _Servos, control=True)
 def _take(asked: Asked, args: _Servos) -> dict[str, object]:
     """Back up these servos, or all; the file for the page to save."""
-    made = taken(asked, asked.bus.bench.servo_ids if args.servos is None else args.servos)
+    made = taken(asked, asked.bus.bench.servo_ids if args.servos is None else asked.known(*args.servos))
     keep(asked, made)
     return {"servos": [row.servo_id for row in made], "file": serialize_backups(made)}
 
@@ -59,6 +59,7 @@ def _compared(asked: Asked, args: Arguments) -> list[dict[str, object]]:
 @call("backup.restore", _Servo, control=True)
 def _restore(asked: Asked, args: _Servo) -> tuple[str, ...]:
     """Write the newest backup of a servo back; the names of what has changed."""
+    asked.known(args.servo)
     row = newest(asked, args.servo)
     if row is None:
         raise UsageError(f"there is no backup of servo {args.servo}")

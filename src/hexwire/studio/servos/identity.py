@@ -12,7 +12,7 @@ from hexwire.bus.identity import change_identity, find_again
 from hexwire.errors import ServoError, UsageError
 from hexwire.studio.calls import Arguments, Asked, call
 
-from .search import rate_words
+from .search import check_rate, rate_words
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -53,12 +53,19 @@ def _change(asked: Asked, args: _Change) -> str:
         told.append(words)
         asked.studio.live.tell({"kind": "steps", "rows": told}, asked.tab.key)
 
+    asked.known(args.servo)
     change(asked, args.servo, args.new_id, args.new_baud, tell)
     return f"servo {args.new_id} answers at {rate_words(asked.bus.bus.timing.baud)}"
 
 
 @call("identity.look", _Look, control=True)
 def _look(asked: Asked, args: _Look) -> dict[str, Any]:
+    for servo_id in args.ids:
+        _check_id(servo_id)
+    for baud in args.bauds:
+        # At another rate no servo would hear a stop, and the line could be there for long.
+        if baud != asked.bus.bus.timing.baud:
+            check_rate(baud)
     found = look(asked, args.ids, args.bauds)
     return {"servo": found.servo_id, "told": f"servo {found.servo_id} answers at {rate_words(found.baud)}"}
 
@@ -86,13 +93,17 @@ def change(asked: Asked, servo_id: int, new_id: int, new_baud: int, tell: Any) -
         HexwireError: As `change_identity`.
     """
     bus = asked.bus
-    if not 0 <= new_id <= 253:
-        raise UsageError(f"id {new_id} is outside 0..253")
+    _check_id(new_id)
     with bus.bench.working("a change of id and rate", acts=True, changes_rate=True):
         info = change_identity(bus.bus, servo_id, new_id=new_id, new_baud=new_baud, step=tell)
         bus.edits.moved(servo_id, new_id)
         bus.look_again(new_id, former=servo_id)
     return info
+
+
+def _check_id(servo_id: int) -> None:
+    if not 0 <= servo_id <= 253:
+        raise UsageError(f"id {servo_id} is outside 0..253")
 
 
 def look(asked: Asked, ids: tuple[int, int], bauds: tuple[int, int]) -> Found:

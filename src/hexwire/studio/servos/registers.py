@@ -33,6 +33,7 @@ class _Edit(Arguments, frozen=True):
 @call("registers.read", _Servo)
 def _read(asked: Asked, args: _Servo) -> dict[str, Any]:
     """The table, and what the last edit was that can be undone."""
+    asked.known(args.servo)
     saved = newest(asked, args.servo)
     rows = read_table(asked.bus.bus, args.servo, saved.registers if saved else None)
     last = asked.bus.edits.done[-1] if asked.bus.edits.done else None
@@ -45,6 +46,7 @@ def _read(asked: Asked, args: _Servo) -> dict[str, Any]:
 @call("registers.edit", _Edit, control=True)
 def _edit(asked: Asked, args: _Edit) -> dict[str, str]:
     """Write a value, unless there is something to be asked before: then say what."""
+    asked.known(args.servo)
     edit = prepared(asked, args.servo, args.register, args.text[:40], raw=args.raw)
     if edit.before == edit.after:
         return {"told": f"{args.register} is {edit.after} already"}

@@ -16,7 +16,7 @@ from hexwire.studio.calls import Arguments, Asked, call
 if TYPE_CHECKING:
     from hexwire.bus.survey import Surveyed
 
-__all__ = ["rate_words", "servos_of"]
+__all__ = ["check_rate", "rate_words", "servos_of"]
 
 _ALL = -1
 
@@ -53,18 +53,19 @@ def _list(asked: Asked, args: Arguments) -> dict[str, Any]:
 def _search(asked: Asked, args: _Search) -> int:
     """Search; how many were found."""
     if args.rate not in (0, _ALL):
-        _check_rate(args.rate)
+        check_rate(args.rate)
     wanted = [] if not args.rate else list(SERVO_RATES) if args.rate == _ALL else [args.rate]
     return len(asked.bus.search(wanted, list(dict.fromkeys(parse_ids(args.ids[:60])))))
 
 
 @call("servos.rate", _Rate, control=True)
 def _use_rate(asked: Asked, args: _Rate) -> None:
-    _check_rate(args.baud)
+    check_rate(args.baud)
     asked.bus.use_rate(args.baud)
 
 
-def _check_rate(baud: int) -> None:
+def check_rate(baud: int) -> None:
+    """Raise `UsageError` for a rate that no servo has."""
     if baud not in SERVO_RATES:
         raise UsageError(f"there is no rate of {baud} baud")
 
@@ -77,12 +78,13 @@ def _cancel(asked: Asked, args: Arguments) -> None:
 
 @call("servos.torque", _Torque, control=True)
 def _torque(asked: Asked, args: _Torque) -> None:
-    asked.bus.switch_torque(args.on, (args.servo,))
+    asked.bus.switch_torque(args.on, asked.known(args.servo))
 
 
 @call("servos.recover", _Servo, control=True)
 def _recover(asked: Asked, args: _Servo) -> None:
     """End the protection of a servo from overload; without torque, until its fault is gone."""
+    asked.known(args.servo)
     with asked.bus.bench.working(f"the recovery of servo {args.servo}"):
         left = servo_setup.recover(asked.bus.bus, args.servo)
     if left:
@@ -92,6 +94,7 @@ def _recover(asked: Asked, args: _Servo) -> None:
 @call("servos.middle", _Servo, control=True)
 def _middle(asked: Asked, args: _Servo) -> int:
     """Make the present position the middle of the servo's turn; the counts that it reports here now."""
+    asked.known(args.servo)
     with asked.bus.bench.working(f"the middle of servo {args.servo}", acts=True):
         return servo_setup.center(asked.bus.bus, args.servo)
 

@@ -25,7 +25,8 @@ class _Test(Arguments, frozen=True):
 
 @call("stress.run", _Test, control=True)
 def _run(asked: Asked, args: _Test) -> dict[str, Any]:
-    test = tested(asked, asked.bus.bench.servo_ids if args.servos is None else args.servos, args.count)
+    ids = asked.bus.bench.servo_ids if args.servos is None else asked.known(*args.servos)
+    test = tested(asked, ids, args.count)
     if not test.reads:
         return {"facts": [], "bins": [], "missing": []}
     bins = test.took.bins()

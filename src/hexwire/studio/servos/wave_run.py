@@ -33,6 +33,8 @@ _log = logging.getLogger(__name__)
 
 _BATCH = 0.06
 """Seconds of samples in one message."""
+_HUGE = 1e9
+"""Beyond all bounds of a wave, which `Wave` checks; a float can hold what is below."""
 
 
 class _Wave(Arguments, frozen=True):
@@ -62,7 +64,7 @@ def read_wave(args: Mapping[str, object]) -> tuple[int, Wave]:
 
     def number(name: str) -> float:
         value = args.get(name)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < _HUGE:
             raise UsageError(f"{name} of a wave is a number")
         return float(value)
 
