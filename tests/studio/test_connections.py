@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
+import gc
+import json
 import socket
 import time
 from typing import TYPE_CHECKING
 
 import pytest
-from tests.studio.running import until
+from tests.studio.running import Visitor, until
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -77,3 +80,16 @@ def test_a_long_body_is_no_head(served: RunningStudio) -> None:
             while not answer.endswith(b"0\r\n\r\n"):
                 answer += asking.recv(1000)
             assert answer.startswith(b"HTTP/1.1 403")
+
+
+def test_a_socket_is_read_in_small_pieces(studio: RunningStudio) -> None:
+    """The loop takes apart what was read before it does anything else: a STOP would wait for 16,000 messages."""
+    owner = Visitor(studio, studio.studio.access.operate_token)
+    with owner.socket(f"/live?tab={owner.page()}") as line:
+        line.recv(timeout=30)
+        made = (each for each in gc.get_objects() if isinstance(each, asyncio.Transport))
+        sizes = [each.max_size for each in made if each.get_extra_info("peername") == line.local_address]  # type: ignore[attr-defined]  # asyncio's
+        assert sizes == [4096]
+        line.send(json.dumps({"do": "x", "args": "x" * 60_000}))
+        line.send(json.dumps({"do": "stop"}))
+        until(lambda: '"stopping"' in str(line.recv(timeout=30)), "the answer to the stop")

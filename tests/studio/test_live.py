@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import threading
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from tests.studio.running import Visitor, hold, until
 from websockets.exceptions import ConnectionClosed
 
+from hexwire.errors import UsageError
 from hexwire.studio.access import Right
 from hexwire.studio.calls import _calls
+from hexwire.studio.live import Live
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -198,6 +202,77 @@ def test_a_session_that_asks_for_much_is_refused_and_stops_all_the_same(
             until(lambda: '"stopping"' in str(line.recv(timeout=30)), "the answer to the stop")
         finally:
             free.set()
+
+
+def test_every_call_is_answered_whatever_it_was_about(studio: RunningStudio) -> None:
+    """Half a letter has no bytes; whoever sends one must not wait for ever, and nobody else notices."""
+    watcher = Visitor(studio, studio.studio.access.watch_token)
+    file = {"arm": "servos", "name": "a.json", "text": "\ud800"}
+    with watcher.socket(f"/live?tab={watcher.page()}") as line:
+        for number, order in enumerate([{"name": "\ud800"}, {"name": "calibration.load", "args": file}]):
+            assert _answer(line, {"id": number, **order})["error"], order
+        # Numbers that no script of a page counts to are no orders; what comes behind them is heard.
+        for number in (-1, 1 << 53, 10**30):
+            line.send(json.dumps({"do": "call", "id": number, "name": "arm.poses"}))
+        assert _answer(line, {"id": 9, "name": "arm.poses"})["value"]
+        assert _answer(line, {"id": (1 << 53) - 1, "name": "arm.poses"})["value"]
+
+
+def test_an_answer_that_has_no_json_is_an_error_in_words(
+    studio: RunningStudio, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watcher = Visitor(studio, studio.studio.access.watch_token)
+    motions = studio.studio.source.need_arm().motions
+    with watcher.socket(f"/live?tab={watcher.page()}") as line:
+        for number, failing in enumerate(["\ud800", "a \udfff b"]):
+
+            def refuse(words: str = failing) -> object:
+                raise UsageError(words)
+
+            monkeypatch.setattr(motions, "pose_rows", refuse)
+            assert "cannot be sent" in _answer(line, {"id": number, "name": "arm.poses"})["error"]
+
+
+def test_whoever_sends_without_end_keeps_nobody_else_waiting() -> None:
+    """All that has come of one socket was taken at once: a STOP by another one waited for seconds."""
+    clock, stops = [0.0], list[float]()
+    loop = asyncio.SelectorEventLoop()
+    plain = loop._selector.select  # type: ignore[attr-defined]
+
+    def select(seconds: float | None) -> Any:
+        clock[0] += seconds or 0.0
+        return plain(0)
+
+    loop.time = lambda: clock[0]  # type: ignore[method-assign]
+    loop._selector.select = select  # type: ignore[attr-defined]
+    short = [json.dumps({"do": "stop"}), *([json.dumps({"do": "x"})] * 2000), json.dumps({"do": "stop"})]
+    long = [json.dumps({"do": "x", "args": "x" * 60_000})] * 50
+    limits = SimpleNamespace(message=64 * 1024)
+    studio: Any = SimpleNamespace(access=SimpleNamespace(limits=limits), stop=lambda who: stops.append(clock[0]))
+
+    async def take(texts: list[str]) -> None:
+        left = [{"type": "websocket.receive", "text": text} for text in texts]
+
+        async def receive() -> dict[str, str]:
+            return left.pop(0) if left else {"type": "websocket.disconnect"}
+
+        line: Any = SimpleNamespace(
+            socket=SimpleNamespace(receive=receive), tab=SimpleNamespace(name="tab 1"), put=lambda message: None
+        )
+        taking = asyncio.create_task(Live(studio)._receive(line))
+        await asyncio.sleep(0)
+        assert len(left) > len(texts) - 3, "others have their turn between two messages"
+        await taking
+
+    try:
+        loop.run_until_complete(take(short))
+        assert stops[0] == 0.0, "who sends little never waits"
+        assert 5.0 < stops[1] < 9.0
+        begun = clock[0]
+        loop.run_until_complete(take(long))
+        assert clock[0] - begun > 5.0, "long ones count more"
+    finally:
+        loop.close()
 
 
 def test_a_page_hears_of_a_studio_that_has_nothing_to_tell(served: RunningStudio) -> None:

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
 
 __all__ = ["make_protocol"]
 
+_READ = 4096
+"""Bytes that are read at once of a socket. The loop takes apart all that was read before it does anything else: of
+the usual 256 KiB that is 16,000 short messages, and a STOP would wait for them."""
+
 
 def make_protocol(
     limits: Limits, right_of: Callable[[Mapping[str, Any]], Right | None] = lambda peer: None
@@ -59,6 +63,7 @@ def make_protocol(
 
         def handle_websocket_upgrade(self, event: Any) -> None:
             self._forget()
+            self.transport.max_size = _READ  # type: ignore[attr-defined]  # of asyncio, whose loop is used
             super().handle_websocket_upgrade(event)
 
         def _peer(self) -> Right | None:

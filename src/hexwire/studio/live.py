@@ -17,8 +17,9 @@ import asyncio
 import contextlib
 import json
 import logging
+import math
 from collections import deque
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import msgspec
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -53,8 +54,15 @@ _MOST_TEXTS = 64
 """Messages that may wait for a slow reader."""
 _AHEAD = 40
 """Frames that a page may not have seen yet; further ones are dropped, not kept in the buffers of the system."""
+_BURST, _RATE, _PIECE = 500.0, 250.0, 1024
+"""Messages of one socket that are taken at once and per second; a long one counts once more for so many letters.
+Pages send some ten a second, below 200 while a slider is dragged. Who sends more waits; nobody else does."""
 _BEAT = 0.2
 """Seconds between two renewals of the lease for a tab that has its socket."""
+
+
+_Number = Annotated[int, msgspec.Meta(ge=0, lt=1 << 53)]
+"""Of a hold or a call, as scripts of pages count."""
 
 
 class _Seen(msgspec.Struct, tag_field="do", tag="seen"):
@@ -62,19 +70,19 @@ class _Seen(msgspec.Struct, tag_field="do", tag="seen"):
 
 
 class _Hold(msgspec.Struct, tag_field="do", tag="hold"):
-    id: int
+    id: _Number
     kind: str
     stops: int
     args: dict[str, Any] = {}
 
 
 class _Beat(msgspec.Struct, tag_field="do", tag="beat"):
-    id: int
+    id: _Number
     args: dict[str, Any] | None = None
 
 
 class _Release(msgspec.Struct, tag_field="do", tag="release"):
-    id: int
+    id: _Number
 
 
 class _Stop(msgspec.Struct, tag_field="do", tag="stop"):
@@ -82,7 +90,7 @@ class _Stop(msgspec.Struct, tag_field="do", tag="stop"):
 
 
 class _Call(msgspec.Struct, tag_field="do", tag="call"):
-    id: int
+    id: _Number
     name: str
     args: dict[str, Any] = {}
     opened: int | None = None
@@ -286,13 +294,19 @@ class Live:
 
     async def _receive(self, socket: _Socket) -> None:
         most = self._studio.access.limits.message
+        loop = asyncio.get_running_loop()
+        due = -math.inf
         while True:
+            due = max(due, loop.time() - _BURST / _RATE)
+            # The loop would do nothing but read: a STOP that somebody else sends goes first.
+            await asyncio.sleep(max(0.0, due - loop.time()))
             message = await socket.socket.receive()
             if message["type"] == "websocket.disconnect":
                 return
             text = message.get("text")
             if text is None or len(text) > most:
                 return
+            due += (1.0 + len(text) / _PIECE) / _RATE
             try:
                 # Of JSON that is not what a page sends only the order is dropped: a stop behind it is heard.
                 found = json.loads(text)
@@ -350,8 +364,13 @@ class Live:
             told = {"value": await self._studio.call(socket.tab, order.name, order.args, order.opened)}
         except HexwireError as error:
             told = {"error": str(error)}
-        # What is not a number has no JSON: it becomes null.
-        socket.put(msgspec.json.encode({"kind": "answer", "id": order.id, **told}).decode())
+        try:
+            # What is not a number has no JSON: it becomes null.
+            text = msgspec.json.encode({"kind": "answer", "id": order.id, **told}).decode()
+        except (UnicodeEncodeError, OverflowError):
+            # Of what the page itself has sent, or of a file: half a letter has no bytes.
+            text = json.dumps({"kind": "answer", "id": order.id, "error": "the answer cannot be sent as JSON"})
+        socket.put(text)
 
     def _begin(self, socket: _Socket, entry: Entry, order: _Hold, arrived: Any) -> None:
         def begin() -> None:
