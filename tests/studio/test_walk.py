@@ -200,3 +200,34 @@ def _tab_to(page: Page, name: str) -> None:
             return
         page.keyboard.press("Tab")
     raise AssertionError(f"Tab does not lead to {name}")
+
+
+@pytest.mark.slow
+def test_a_page_that_cannot_be_loaded_says_so_and_is_loaded_when_the_studio_is_back(
+    studio: RunningStudio, browser: Browser
+) -> None:
+    """Nothing was shown, and nothing more when the studio was back."""
+    # With errors of the browser about what it did not reach.
+    window = browser.new_context(bypass_csp=True)
+    try:
+        page = window.new_page()
+        page.goto(studio.operate_url)
+        page.wait_for_function("window.hexwire?.connected")
+        page.evaluate(
+            "const Real = WebSocket; window.away = true;"
+            "window.WebSocket = class extends Real { constructor(to) { super(away ? 'ws://127.0.0.1:1/' : to); } };"
+            "window.WebSocket.OPEN = Real.OPEN;"
+        )
+        page.route("**/static/fleet.js", lambda route: route.abort())
+        for each in list(studio.studio.live._sockets):
+            each.too_slow = True
+            each._wake.set()
+        page.wait_for_function("!hexwire.connected")
+        page.locator('.hw-nav-link[data-path="/fleet"]').click()
+        page.get_by_text("this page is loaded when the studio is back").wait_for()
+        page.unroute_all()
+        page.evaluate("away = false")
+        page.wait_for_function("window.away === undefined && window.hexwire?.connected")
+        page.get_by_role("button", name="Stop all").or_(page.get_by_text("sim://hex7bot").first).first.wait_for()
+    finally:
+        window.close()

@@ -20,6 +20,7 @@ const THEMES = ["auto", "light", "dark"];
 
 const main = document.getElementById("hw-main");
 let shown = "";
+let unloaded = null; // the page that could not be loaded last
 
 async function show() {
   const path = location.pathname;
@@ -34,9 +35,17 @@ async function show() {
   document.querySelectorAll("dialog").forEach((each) => each.close());
   const place = node("div", { class: "hw-page" });
   main.replaceChildren(node("h1", {}, title), place);
-  const page = await import(`./${file}`);
-  if (place.isConnected) page.mount(place, { tab: hexwire.key, operates: hexwire.operates });
+  try {
+    const page = await import(`./${file}`);
+    if (place.isConnected) await page.mount(place, { tab: hexwire.key, operates: hexwire.operates });
+  } catch (error) {
+    if (hexwire.connected) throw error;
+    // Its files are with the studio, too.
+    unloaded = place;
+    place.replaceChildren(node("p", {}, "No connection to the studio: this page is loaded when the studio is back."));
+  }
 }
+hexwire.onLink((is) => is && unloaded?.isConnected && location.reload());
 
 /** Go to a page. */
 export function go(path) {
