@@ -123,7 +123,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Arm]:
 @pytest.mark.slow
 def test_five_minutes_without_ros(shell: Shell) -> None:
     install, router, node, topics, services = commands("Five minutes without ROS")
-    assert install == "pip install '.[ros2]' zenoh-ros2-sdk"
+    assert install == "pip install '.[ros2]' ./packages/zenoh-ros2 zenoh-ros2-sdk"
     shell.start(router)
     shell.start(node)
     # `zenoh-ros2` asks once, and may miss what has not come yet.
