@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from hexwire.link.diagnose import avr_baud_error
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.wire import tables
 from hexwire.wire.registers import Series
 

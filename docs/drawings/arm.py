@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.hex7bot_links import link_set
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
+from hexwire.model.arms.hex7bot.links import link_set
 
 from .canvas import Canvas, Point
 

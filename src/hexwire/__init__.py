@@ -45,9 +45,9 @@ if TYPE_CHECKING:
     from hexwire.ipc.session import Session
     from hexwire.model.aim import Tip
     from hexwire.model.arm import ArmModel, JointModel
-    from hexwire.model.hex7bot_kinematics import Hex7BotModel
+    from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
+    from hexwire.model.arms.puma260.kinematics import Puma260Model
     from hexwire.model.picture import Picture
-    from hexwire.model.puma260 import Puma260Model
     from hexwire.model.state import JointFlag, JointState, JointTarget, NewestState, SentTarget
     from hexwire.motion.teach import Taught
     from hexwire.motion.trajectory import Trajectory
@@ -125,13 +125,13 @@ _LAZY: dict[str, str] = {
     "ArmModel": "hexwire.model.arm",
     "BusArm": "hexwire.drivers.bus_arm",
     "Hex7BotDriver": "hexwire.drivers.hex7bot",
-    "Hex7BotModel": "hexwire.model.hex7bot_kinematics",
+    "Hex7BotModel": "hexwire.model.arms.hex7bot.kinematics",
     "IpcHandle": "hexwire.ipc.handle",
     "JointState": "hexwire.model.state",
     "JointTarget": "hexwire.model.state",
     "ModuleType": "hexwire.wire.modules",
     "PlainDriver": "hexwire.drivers.plain",
-    "Puma260Model": "hexwire.model.puma260",
+    "Puma260Model": "hexwire.model.arms.puma260.kinematics",
     "RobotDriver": "hexwire.drivers.base",
     "RobotState": "hexwire.drivers.robot_state",
     "NewestState": "hexwire.model.state",

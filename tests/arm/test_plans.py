@@ -15,8 +15,8 @@ from hexwire.arm.plans import Plans, edited, is_number, joint_angles, length
 from hexwire.control.via import Place
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.aim import Aim
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.geometry import kinematics_for
-from hexwire.model.hex7bot import HEX7BOT
 from hexwire.motion.teach import Taught
 from hexwire.trace.recording import RecordingWriter, make_positions
 

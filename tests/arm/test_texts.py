@@ -15,7 +15,7 @@ from hexwire.arm.handle import told
 from hexwire.drivers.tools import Gripper
 from hexwire.errors import LinkLostError, WrongDeviceError
 from hexwire.ipc.mistaken import is_puma, is_servo_bus
-from hexwire.model.puma260 import PUMA260
+from hexwire.model.arms.puma260.kinematics import PUMA260
 
 SAID = {
     "a servo bus": (is_servo_bus("u", [1]), "name its robot, as in robot='so101', or try `hexwire bus scan`"),

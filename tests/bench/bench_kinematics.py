@@ -7,9 +7,9 @@ import random
 import time
 from collections.abc import Callable
 
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
+from hexwire.model.arms.puma260.kinematics import Puma260Model
 from hexwire.model.kinematics import KinematicModel
-from hexwire.model.puma260 import Puma260Model
 
 _ONE = 2000
 _MANY = 50_000

@@ -22,8 +22,8 @@ from hexwire.control.path_check import PathCheck
 from hexwire.control.settings import ControllerSettings
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.values import StopMode
-from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
 from hexwire.model.pose import Pose
 from hexwire.model.state import JointState, JointTarget, SentTarget
 from hexwire.motion.line import Line

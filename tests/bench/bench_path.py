@@ -28,7 +28,7 @@ from tests.bench import path_figures as figures
 from tests.bench import path_host as motions
 from tests.bench.path_chip import Seen, clock_offset, is_target
 
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.trajectory import Trajectory
 from hexwire.wire.board_trajectory import (
     BeginReply,

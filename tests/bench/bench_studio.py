@@ -26,7 +26,7 @@ from tests.bench.board import board, cpu, memory, servo_bus
 from tests.studio.chromium import chromium
 
 from hexwire.control.history import History
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointState
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.path_points import path_points
 from hexwire.motion.trajectory import Sample, Trajectory
 from hexwire.wire.board_trajectory import POINT_TIME, PathPoint

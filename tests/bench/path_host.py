@@ -22,8 +22,8 @@ from hexwire.control.power import give_torque
 from hexwire.control.reader import read_state
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.drivers.timed_path import TimedPoint
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.geometry import kinematics_for
-from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.kinematics import KinematicModel
 from hexwire.model.pose import Pose
 from hexwire.motion.checks import InJoints

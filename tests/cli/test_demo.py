@@ -12,7 +12,7 @@ import pytest
 from hexwire.cli import demo as demo_module
 from hexwire.cli.demo import turning_pose
 from hexwire.errors import LimitError
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 
 ARM = ("--port", "/dev/ttyARM", "--yes-move-the-arm")
 

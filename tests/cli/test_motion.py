@@ -14,11 +14,11 @@ from tests.motion.arms import HOME, state
 
 from hexwire.drivers.arm_file import load_profile
 from hexwire.drivers.hex7bot import Hex7BotDriver
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
+from hexwire.model.arms.so_arm.kinematics import SoArmModel
+from hexwire.model.arms.so_arm.links import SO_ARMS
 from hexwire.model.calibration import Calibration, JointCalibration
-from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
-from hexwire.model.so_arm import SoArmModel
-from hexwire.model.so_arm_links import SO_ARMS
 from hexwire.model.state import JointFlag, JointState
 from hexwire.trace.recording import RecordingWriter, make_positions, read_joint_states
 

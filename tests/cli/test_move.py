@@ -12,7 +12,7 @@ from hexwire.cli.verbs import arrived_words, hold_on_ctrl_c, rest_json
 from hexwire.control.rest import Rest
 from hexwire.drivers.timed_path import PathState
 from hexwire.errors import LinkLostError, UsageError
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.wire.command_frame import Command, parse_frame
 
 # --- what a person types ---------------------------------------------------------------------------------

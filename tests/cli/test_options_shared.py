@@ -11,7 +11,7 @@ from hexwire.cli.options import RobotOptions, make_robot, resolve_url
 from hexwire.control import reader
 from hexwire.errors import LinkNotFoundError, ServoError, UsageError
 from hexwire.link import ports
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointFlag, JointReading, fault_names
 
 

@@ -23,9 +23,9 @@ from hexwire.control.via import Place
 from hexwire.drivers.registry import make_driver
 from hexwire.errors import UsageError
 from hexwire.model.aim import Aim
-from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
-from hexwire.model.puma260 import Puma260Model
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
+from hexwire.model.arms.puma260.kinematics import Puma260Model
 
 
 @pytest.fixture

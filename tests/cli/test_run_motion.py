@@ -51,7 +51,7 @@ def test_ctrl_c_during_the_motion_stops_the_arm_and_disarms_the_watchdog(
 
 def test_the_arm_stops_at_an_unknown_table(bench: Any) -> None:
     from hexwire.emulator.physics import PhysicsTwin
-    from hexwire.model.hex7bot_kinematics import Hex7BotModel
+    from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
 
     twin = PhysicsTwin(bench.board.wire.servos, Hex7BotModel())
     bench.ok("goto", "0", "240", "40", "--down")

@@ -20,7 +20,7 @@ from hexwire.control.path_check import PathCheck
 from hexwire.control.setting import Faults
 from hexwire.control.settings import ControllerSettings
 from hexwire.control.settings_reader import read_settings
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointFlag, JointState, JointTarget
 from hexwire.motion.safety import SafetyLimits, StopReason
 from hexwire.motion.teach import Taught

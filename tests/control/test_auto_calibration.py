@@ -12,7 +12,7 @@ from hexwire.drivers.arm_file import load_profile
 from hexwire.model.arm import ArmModel
 from hexwire.model.arms import Go, Seek
 from hexwire.model.arms.so_arm import SO101
-from hexwire.model.so_arm import SoArmModel
+from hexwire.model.arms.so_arm.kinematics import SoArmModel
 from hexwire.model.state import JointFlag, JointState
 
 PROFILE = load_profile("so101").model

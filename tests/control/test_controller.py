@@ -29,7 +29,7 @@ from hexwire.control.arrival import Tolerance
 from hexwire.control.goals import Point, TrajectoryGoal
 from hexwire.control.outcomes import Outcome, Reason
 from hexwire.errors import GoalError, LimitError
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointFlag, JointState
 from hexwire.motion.safety import StopReason
 

@@ -21,7 +21,7 @@ from tests.motion.arms import HOME
 from hexwire.control.arrival import Tolerance
 from hexwire.control.outcomes import Outcome, Reason
 from hexwire.errors import GoalError
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.safety import StopReason
 
 J1, J2 = HOME["J1"], HOME["J2"]

@@ -18,7 +18,7 @@ from hexwire.control.controller import TrajectoryController
 from hexwire.control.motions import MotionOptions, run_motion
 from hexwire.control.target import SteppedWay
 from hexwire.model.arm import JointModel
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointTarget
 
 WAY, SECONDS = 1.0, 2.0

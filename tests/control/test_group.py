@@ -14,8 +14,8 @@ from hexwire.control.outcomes import Ended, Outcome
 from hexwire.control.path_check import PathCheck
 from hexwire.control.settings import ControllerSettings
 from hexwire.errors import GoalError
-from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
 from hexwire.model.state import JointFlag, JointTarget
 from hexwire.motion.safety import SafetyLimits, StopReason
 

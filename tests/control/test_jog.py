@@ -14,8 +14,8 @@ from hexwire.control.jog import JogController, JogRequest, read_request
 from hexwire.control.path_check import PathCheck
 from hexwire.errors import GoalError, LimitError, UsageError
 from hexwire.model.arm import ArmModel, JointModel
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.geometry import kinematics_for
-from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointFlag, JointState
 from hexwire.motion.safety import StopReason
 

@@ -23,8 +23,8 @@ from hexwire.emulator.serve import BoardLink, FakeClock
 from hexwire.errors import NotSupportedError, UsageError
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
+from hexwire.model.arms.puma260.kinematics import PUMA260
 from hexwire.model.control_law import ControlLaw
-from hexwire.model.puma260 import PUMA260
 from hexwire.model.state import JointTarget
 from hexwire.ros1.messages import _OSRF
 from hexwire.wire.modules import ModuleType

@@ -14,7 +14,7 @@ from tests.motion.arms import HOME
 from hexwire.control.motion_service import MotionService
 from hexwire.control.pose_file import PoseFile
 from hexwire.errors import ConfigError, GoalError, HexwireError, LeaseError, UsageError
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 
 J1 = HOME["J1"]
 

@@ -28,8 +28,8 @@ from hexwire.errors import (
     StoppedError,
     UsageError,
 )
-from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
 from hexwire.model.pose import Pose
 from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
 from hexwire.motion.checks import InJoints

@@ -21,7 +21,7 @@ from hexwire.drivers.board2_path import Board2Path
 from hexwire.drivers.timed_path import PathState, TimedPoint
 from hexwire.epochs import Token
 from hexwire.errors import LeaseError, StoppedError
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointState, JointTarget
 from hexwire.motion.safety import StopReason
 from hexwire.wire.command_frame import Command

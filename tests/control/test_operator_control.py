@@ -6,7 +6,7 @@ import pytest
 
 from hexwire.control.operator_control import Notes, OperatorController
 from hexwire.errors import UsageError
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.safety import StopReason
 
 

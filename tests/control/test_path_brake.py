@@ -19,7 +19,7 @@ from hexwire.control.board_path_feeder import PathBrake, plan_points
 from hexwire.drivers.board2_path import MOST_BODY
 from hexwire.drivers.timed_path import REST_POINTS, TimedPoint
 from hexwire.errors import CommandRefusedError, StoppedError, UsageError
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.eased import ease_out
 from hexwire.motion.moving import joint_limits
 from hexwire.motion.trajectory import Spline, Trajectory, Waypoint

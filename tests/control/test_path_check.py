@@ -16,9 +16,9 @@ from hexwire.control.outcomes import Reason
 from hexwire.control.path_check import PathCheck
 from hexwire.drivers.arm_file import load_profile
 from hexwire.errors import GoalError, LimitError, UsageError
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
 from hexwire.model.geometry import kinematics_for, kinematics_or_none
-from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.state import JointFlag
 from hexwire.motion.safety import StopReason
 from hexwire.motion.trajectory import Spline, Waypoint

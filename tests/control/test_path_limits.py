@@ -28,8 +28,8 @@ from hexwire.drivers.timed_path import PathState, TimedPath, TimedPoint
 from hexwire.emulator.board_trajectory import LEAD_MS
 from hexwire.errors import LimitError
 from hexwire.model.arm import ArmModel
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.geometry import make_kinematics
-from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.pose import Pose
 from hexwire.model.state import JointState
 from hexwire.motion.checks import InJoints

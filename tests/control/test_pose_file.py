@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from hexwire.control.pose_file import MOST_POSES, PoseFile, check_pose_name, pose_folder
 from hexwire.errors import ConfigError, LimitError, UsageError
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 
 UP = {"J1": 0.25, "J2": 1.0 / 3.0}
 

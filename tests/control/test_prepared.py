@@ -11,7 +11,7 @@ from tests.motion.arms import EXCESS, HOME, NAMES
 
 import hexwire.motion.set_point_generator
 from hexwire.errors import GoalError
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 
 J1 = HOME["J1"]
 

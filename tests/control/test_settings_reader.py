@@ -17,7 +17,7 @@ from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.drivers.puma260 import Puma260Driver
 from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.link import ports
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
 from hexwire.motion.safety import SafetyLimits
 
 ALL = ("J1", "J2", "J3", "J4", "J5", "J6", "J7")

@@ -18,7 +18,7 @@ from hexwire.control import shared as module
 from hexwire.control.lease import Lease
 from hexwire.drivers.values import StopMode
 from hexwire.errors import GoalError, HexwireError, LeaseError, LimitError, LinkLostError, StoppedError, UsageError
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointTarget
 from hexwire.wire.command_frame import Command
 from hexwire.wire.commands import MoveRequest, MoveRow

@@ -17,7 +17,7 @@ from tests.motion.arms import EXCESS, HOME
 from hexwire.control.shared_steps import JointSteps, SteppedTargets
 from hexwire.control.target import SteppedWay, straight
 from hexwire.errors import LeaseError, LimitError, StoppedError
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointTarget, SentTarget
 from hexwire.motion.quintic import quintic_share
 from hexwire.motion.safety import StopReason

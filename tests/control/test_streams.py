@@ -11,7 +11,7 @@ from tests.few import few
 from tests.motion.arms import NAMES
 
 from hexwire.control.goals import Point, TrajectoryGoal
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 
 SPEED, RATE, ENDS = 0.6, 50.0, 1.6
 

@@ -12,7 +12,7 @@ from tests.drivers.arms import Arm
 from tests.motion.arms import HOME, state
 
 from hexwire.control.execution import apart, path_to, sent_as
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointState, JointTarget
 from hexwire.motion.limits import smooth_duration
 from hexwire.motion.path_points import path_points

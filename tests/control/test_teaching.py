@@ -17,7 +17,7 @@ from hexwire.control import teach_mode
 from hexwire.control.teach_mode import TOLERANCE, Teacher, save, to_points, tolerance_of
 from hexwire.errors import HexwireError, UsageError
 from hexwire.model.arm import ArmModel, JointModel
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointFlag, JointState
 from hexwire.motion.teach import Taught
 from hexwire.motion.trajectory import Spline, Waypoint

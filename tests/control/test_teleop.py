@@ -21,9 +21,9 @@ from hexwire.emulator.serve import BoardLink, FakeClock
 from hexwire.errors import LimitError, ReplyTimeoutError, UsageError
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
-from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
-from hexwire.model.puma260 import Puma260Model
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
+from hexwire.model.arms.puma260.kinematics import Puma260Model
 from hexwire.model.state import JointTarget
 from hexwire.motion.teleop import JogMode, StickMap, Teleop
 from hexwire.wire.modules import ModuleType

@@ -10,8 +10,8 @@ from tests.motion.arms import HOME
 from hexwire.control.via import Place, chosen_solution, joint_points, tip_poses
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.aim import Aim
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.geometry import kinematics_for
-from hexwire.model.hex7bot import HEX7BOT
 
 MODEL = kinematics_for(HEX7BOT)
 assert MODEL is not None

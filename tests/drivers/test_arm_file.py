@@ -8,8 +8,8 @@ import pytest
 from hexwire.drivers.arm_file import load_arm_file, load_profile, profile_names
 from hexwire.errors import ConfigError, UsageError
 from hexwire.model.arm import MAX_ACCELERATION, MAX_JERK
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.calibration import Calibration, JointCalibration
-from hexwire.model.hex7bot import HEX7BOT
 
 JOINT = """
 [[joints]]

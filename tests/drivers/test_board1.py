@@ -20,7 +20,7 @@ from hexwire.errors import (
     StoppedError,
     UsageError,
 )
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointTarget
 from hexwire.wire import servo_packet as sp
 from hexwire.wire.command_frame import Command, parse_frame

@@ -10,7 +10,7 @@ from hexwire.drivers.board2 import Board2
 from hexwire.drivers.timed_path import TimedPoint
 from hexwire.errors import CommandRefusedError, NotSupportedError, ServoError, StoppedError, UsageError
 from hexwire.model.arm import ArmModel, JointModel
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointTarget
 from hexwire.session.events import Reply
 from hexwire.wire import servo_packet as sp

@@ -10,7 +10,7 @@ from tests.drivers.arms import Arm
 from hexwire.drivers.board2_state import StateDecoder
 from hexwire.errors import ServoError
 from hexwire.model.arm import ArmModel, JointModel
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointState
 from hexwire.wire.command_frame import Command, Frame
 from hexwire.wire.commands import AGE_NEVER, ALL_FIELDS, JointReport

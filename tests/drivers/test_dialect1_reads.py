@@ -7,7 +7,7 @@ import math
 import pytest
 from tests.drivers.arms import Arm
 
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.wire import servo_packet as sp
 
 

@@ -29,7 +29,7 @@ from hexwire.errors import (
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
 from hexwire.link.memory import memory_pair
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointState, JointTarget
 from hexwire.session.policy import ReconnectPolicy, RetryPolicy
 from hexwire.wire import servo_packet as sp

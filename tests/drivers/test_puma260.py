@@ -30,7 +30,7 @@ from hexwire.errors import (
 )
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
-from hexwire.model.puma260 import PUMA260
+from hexwire.model.arms.puma260.kinematics import PUMA260
 from hexwire.model.state import JointTarget
 from hexwire.wire.command_frame import Command
 from hexwire.wire.modules import ModuleType

@@ -9,7 +9,7 @@ from tests.motion.arms import state
 from hexwire.drivers.arm_file import load_profile
 from hexwire.drivers.tools import Gripper, Suction
 from hexwire.errors import UsageError
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointTarget
 from hexwire.wire.command_frame import Command
 

@@ -7,7 +7,7 @@ import pytest
 from hexwire.emulator.arms import HEX7BOT_START, make_hex7bot_servos
 from hexwire.emulator.hand import HandOrder, Hands
 from hexwire.emulator.servo_wire import ServoWire
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.units import CHAPTER_RADIANS_PER_COUNT
 from hexwire.wire import servo_packet as sp
 from hexwire.wire.registers import Series

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hexwire.emulator.board_path import MEMORY, BoardPath, _Braking
 from hexwire.emulator.gate import RefusedError
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.limits import rest_duration
 from hexwire.motion.moving import joint_limits, reach
 from hexwire.motion.trajectory import Sample

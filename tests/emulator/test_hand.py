@@ -9,7 +9,7 @@ from hexwire.emulator.hand import Grip, Hand, HandOrder, HandResult, Hands, usua
 from hexwire.emulator.servo import EmulatedServo
 from hexwire.emulator.servo_motion import TICK, Drive, Mechanics, Motion
 from hexwire.errors import UsageError
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.wire.registers import Series
 
 DEGREE = 4096 / 360

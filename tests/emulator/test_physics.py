@@ -21,7 +21,7 @@ from hexwire.errors import UsageError
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
 from hexwire.link import open as ipc_open
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
 from hexwire.model.state import JointState, JointTarget
 
 MODEL = Hex7BotModel()

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexwire.emulator.puma import FRICTION, INERTIA, EmulatedPuma, Gains, Path, PumaPeer, gains_of
+from hexwire.model.arms.puma260.kinematics import PUMA260, counts_to_angles
 from hexwire.model.control_law import ControlLaw
-from hexwire.model.puma260 import PUMA260, counts_to_angles
 from hexwire.session.connection import Connection, Role
 from hexwire.session.events import Reply, Report
 from hexwire.wire import tables

@@ -16,7 +16,7 @@ from hexwire.emulator.bus_arms import make_bus_arm
 from hexwire.emulator.physics import PhysicsTwin
 from hexwire.emulator.serve_view import TwinView, open_window
 from hexwire.errors import UsageError
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
 
 
 class Window:

@@ -13,7 +13,7 @@ from hexwire.fleet.address import Address
 from hexwire.fleet.names import Role
 from hexwire.fleet.remote import RemoteRobot
 from hexwire.fleet.rows import joints_of
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointTarget
 
 from .fake_inbox import FakeInbox

@@ -15,7 +15,7 @@ from hexwire.errors import DeviceError, HexwireError, LeaseError, LinkLostError,
 from hexwire.fleet import messages as m
 from hexwire.fleet import player as module
 from hexwire.fleet.player import FleetMotionError, PlayedArm, PlayReport, SilentError, play_together
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointFlag, JointState
 from hexwire.motion.trajectory import Spline, Waypoint
 

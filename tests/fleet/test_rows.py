@@ -21,7 +21,7 @@ from hexwire.fleet.rows import (
     joints_of,
     sent_target,
 )
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import SentTarget
 
 

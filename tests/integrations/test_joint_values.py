@@ -12,8 +12,8 @@ import pytest
 
 from hexwire.drivers.arm_file import load_profile
 from hexwire.model.arm import ArmModel
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.calibration import Calibration, JointCalibration
-from hexwire.model.hex7bot import HEX7BOT
 
 FILE = Path(__file__).parents[2] / "integrations/lerobot/src/lerobot_robot_hexwire/joint_values.py"
 LOW, HIGH = 900, 3301

@@ -7,9 +7,9 @@ import pytest
 from tests.model.poses import random_angles, turn_error
 
 from hexwire.model import batch
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
+from hexwire.model.arms.puma260.kinematics import Puma260Model
 from hexwire.model.kinematics import KinematicModel
-from hexwire.model.puma260 import Puma260Model
 
 MODELS = {"hex7bot": Hex7BotModel(), "puma260": Puma260Model()}
 EACH = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)

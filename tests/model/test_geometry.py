@@ -11,9 +11,9 @@ import pytest
 from hexwire.drivers.arm_file import load_arm_file, load_profile
 from hexwire.errors import ConfigError, UsageError
 from hexwire.model.arms import arms_with_geometry
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
 from hexwire.model.geometry import kinematics_for, kinematics_or_none, make_kinematics
-from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
 
 OWN = "name='bench'\na=120\nb=40\nc=190.5\nd=24.28\ne=79\nf=30\ng=12\nh=34.8\noffset=90\n"
 

@@ -7,8 +7,8 @@ import pytest
 
 from hexwire.drivers.arm_file import load_profile
 from hexwire.errors import UsageError
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.gripper import Jaws, jaws_of
-from hexwire.model.hex7bot import HEX7BOT
 
 
 def degrees(jaws: Jaws | None) -> tuple[str, float, float]:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from tests.model.poses import VECTORS
 
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 
 
 @pytest.mark.parametrize("row", VECTORS["chapter_log"], ids=lambda row: row["joint"])

@@ -17,9 +17,9 @@ from tests.model.poses import (
 from tests.soak import rounds
 
 from hexwire.errors import LimitError, UsageError
-from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
-from hexwire.model.hex7bot_links import LINK_SETS
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
+from hexwire.model.arms.hex7bot.links import LINK_SETS
 from hexwire.model.pose import IDENTITY, Pose, column, multiply, rotation_z
 
 MODELS = {name: Hex7BotModel(links) for name, links in LINK_SETS.items()}

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from hexwire.errors import ConfigError, UsageError
-from hexwire.model.hex7bot_links import LINK_SETS, link_set, parse_link_set
+from hexwire.model.arms.hex7bot.links import LINK_SETS, link_set, parse_link_set
 
 TEXT = """\
 name = "bench"

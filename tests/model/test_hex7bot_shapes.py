@@ -8,11 +8,11 @@ from tests.model.poses import random_angles
 from tests.model.solids import distance, loose, placed, positions_within
 
 from hexwire.model.arm import ArmModel
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
+from hexwire.model.arms.hex7bot.links import LINK_SETS, parse_link_set
+from hexwire.model.arms.hex7bot.shapes import LEVEL_JOINT, make_hex7bot_shapes
 from hexwire.model.geometry import make_kinematics
-from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
-from hexwire.model.hex7bot_links import LINK_SETS, parse_link_set
-from hexwire.model.hex7bot_shapes import LEVEL_JOINT, make_hex7bot_shapes
 from hexwire.model.pose import IDENTITY
 from hexwire.model.shapes import moved
 

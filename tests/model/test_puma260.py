@@ -10,8 +10,8 @@ from tests.model.poses import VECTORS, check_jacobian, determinant, pose_error, 
 from tests.soak import rounds
 
 from hexwire.errors import LimitError, UsageError
+from hexwire.model.arms.puma260.kinematics import PUMA260, Puma260Model, angles_to_counts, counts_to_angles
 from hexwire.model.pose import IDENTITY, Pose
-from hexwire.model.puma260 import PUMA260, Puma260Model, angles_to_counts, counts_to_angles
 
 MODEL = Puma260Model()
 

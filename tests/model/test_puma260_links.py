@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from hexwire.model import puma260_links as links
-from hexwire.model.puma260 import Puma260Model
+from hexwire.model.arms.puma260 import links
+from hexwire.model.arms.puma260.kinematics import Puma260Model
 
 
 def test_the_zero_pose_is_the_links_in_a_row() -> None:

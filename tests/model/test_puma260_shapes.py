@@ -3,8 +3,8 @@ from __future__ import annotations
 from tests.model.poses import pose_error, random_angles
 from tests.model.solids import loose, positions_within
 
-from hexwire.model.puma260 import PUMA260, Puma260Model
-from hexwire.model.puma260_shapes import make_puma260_shapes
+from hexwire.model.arms.puma260.kinematics import PUMA260, Puma260Model
+from hexwire.model.arms.puma260.shapes import make_puma260_shapes
 
 
 def test_the_flange_is_that_of_the_kinematics() -> None:

@@ -12,10 +12,10 @@ from tests.soak import rounds
 
 from hexwire.drivers.arm_file import load_profile
 from hexwire.errors import LimitError, UsageError
+from hexwire.model.arms.so_arm.kinematics import SoArmModel
+from hexwire.model.arms.so_arm.links import SO_ARMS
 from hexwire.model.kinematics import JointRange
 from hexwire.model.pose import Pose, Vector, column, multiply, rotation_between, rotation_from_rpy, rotation_z
-from hexwire.model.so_arm import SoArmModel
-from hexwire.model.so_arm_links import SO_ARMS
 
 ARMS = [SoArmModel(links) for links in SO_ARMS.values()]
 SO101, SO100 = ARMS
@@ -285,7 +285,7 @@ def test_many_at_once_are_the_single_ones(monkeypatch: pytest.MonkeyPatch) -> No
     assert (places.shape, turns.shape, table.shape) == ((5, 3), (5, 3, 3), (5, 4, 5))
     for row, lines in zip(rows, table, strict=True):
         assert min(turn_error(tuple(row), tuple(line)) for line in lines if not math.isnan(line[0])) < 1e-7
-    monkeypatch.setattr("hexwire.model.so_arm.numpy_or_none", lambda: None)
+    monkeypatch.setattr("hexwire.model.arms.so_arm.kinematics.numpy_or_none", lambda: None)
     plain = SO101.forward_many(rows)
     assert plain[0] == places.tolist()
     assert str(SO101.inverse_many(*plain)) == str(table.tolist())

@@ -8,9 +8,9 @@ import random
 import pytest
 
 from hexwire.drivers.arm_file import load_profile
+from hexwire.model.arms.so_arm.kinematics import SoArmModel
+from hexwire.model.arms.so_arm.links import SO_ARMS
 from hexwire.model.pose import IDENTITY, Matrix, Pose, Vector, apply, multiply, rotation_from_rpy, rotation_z
-from hexwire.model.so_arm import SoArmModel
-from hexwire.model.so_arm_links import SO_ARMS
 
 Row = tuple[Vector, Vector, Vector]
 """Of a joint: place and roll, pitch, yaw of its frame in that of the link before; its axis."""

@@ -6,9 +6,9 @@ import pytest
 from tests.model.poses import pose_error, random_angles
 from tests.model.solids import distance, loose, placed, positions_within
 
-from hexwire.model.so_arm import SoArmModel
-from hexwire.model.so_arm_links import SO_ARMS
-from hexwire.model.so_arm_shapes import make_so_arm_shapes
+from hexwire.model.arms.so_arm.kinematics import SoArmModel
+from hexwire.model.arms.so_arm.links import SO_ARMS
+from hexwire.model.arms.so_arm.shapes import make_so_arm_shapes
 
 MODELS = [SoArmModel(links) for links in SO_ARMS.values()]
 

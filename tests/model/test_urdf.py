@@ -11,16 +11,16 @@ from tests.model.poses import pose_error, random_angles
 from hexwire.drivers.arm_file import load_profile
 from hexwire.errors import UsageError
 from hexwire.model.arm import ArmModel
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
+from hexwire.model.arms.hex7bot.links import LINK_SETS
+from hexwire.model.arms.hex7bot.shapes import LEVEL_JOINT
+from hexwire.model.arms.puma260.kinematics import PUMA260, Puma260Model
+from hexwire.model.arms.so_arm.kinematics import SoArmModel
+from hexwire.model.arms.so_arm.links import SO_ARMS
 from hexwire.model.geometry import make_shapes
-from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
-from hexwire.model.hex7bot_links import LINK_SETS
-from hexwire.model.hex7bot_shapes import LEVEL_JOINT
 from hexwire.model.kinematics import KinematicModel
 from hexwire.model.pose import Pose
-from hexwire.model.puma260 import PUMA260, Puma260Model
-from hexwire.model.so_arm import SoArmModel
-from hexwire.model.so_arm_links import SO_ARMS
 from hexwire.model.urdf import ROOT_LINK, TIP_LINK, make_urdf
 
 # An arm whose signs are not all alike: a wrong sign must not hide behind a one.

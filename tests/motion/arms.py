@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 from hexwire.drivers.arm_file import load_profile
 from hexwire.model.arm import ArmModel
-from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.puma260 import PUMA260
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
+from hexwire.model.arms.puma260.kinematics import PUMA260
 from hexwire.model.state import JointFlag, JointState, JointTarget
 from hexwire.motion.trajectory import Spline, Waypoint
 

@@ -5,8 +5,8 @@ import math
 import pytest
 
 from hexwire.errors import LimitError, UsageError
-from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
 from hexwire.model.pose import Pose
 from hexwire.motion.checks import InJoints, check_move, check_trajectory
 from hexwire.motion.line import Line

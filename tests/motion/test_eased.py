@@ -9,8 +9,8 @@ from tests.few import few
 from tests.motion.fastest import fastest, keeps
 
 from hexwire.model.arm import ArmModel
-from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.puma260 import PUMA260
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
+from hexwire.model.arms.puma260.kinematics import PUMA260
 from hexwire.motion.eased import LONGEST, ease_out
 from hexwire.motion.moving import joint_limits
 from hexwire.motion.speed_profile import JointLimits

@@ -6,7 +6,7 @@ import pytest
 from tests.motion.arms import HOME
 
 from hexwire.errors import UsageError
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
 from hexwire.motion.fence import Fence
 
 A = Hex7BotModel()

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from hexwire.errors import LimitError
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
 from hexwire.model.pose import Pose
 from hexwire.motion.line import Knots
 

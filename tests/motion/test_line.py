@@ -7,9 +7,9 @@ from itertools import pairwise
 import pytest
 
 from hexwire.errors import LimitError, UsageError
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
+from hexwire.model.arms.puma260.kinematics import Puma260Model
 from hexwire.model.pose import Pose, rotation_between
-from hexwire.model.puma260 import Puma260Model
 from hexwire.motion.line import Line, Lines
 
 A = Hex7BotModel()

@@ -17,11 +17,11 @@ from hexwire.control.goals import Point, TrajectoryGoal
 from hexwire.control.plan import Plan
 from hexwire.errors import LimitError
 from hexwire.model.arm import ArmModel
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
+from hexwire.model.arms.puma260.kinematics import PUMA260
 from hexwire.model.geometry import make_kinematics
-from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.pose import Pose
-from hexwire.model.puma260 import PUMA260
 from hexwire.motion.checks import InJoints, check_trajectory
 from hexwire.motion.limits import slow_enough
 from hexwire.motion.line import Line

@@ -7,7 +7,7 @@ import pytest
 from tests.motion.arms import HOME, rest_to_rest, state
 
 from hexwire.errors import LimitError, UsageError
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointTarget
 from hexwire.motion.safety import StopReason
 from hexwire.motion.set_point_generator import Mode, SetPointGenerator

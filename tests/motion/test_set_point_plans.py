@@ -7,7 +7,7 @@ import pytest
 from tests.motion.arms import state
 from tests.motion.test_set_point_generator import J1, LEAD, run, started, way
 
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointTarget
 from hexwire.motion.set_point_generator import SetPointGenerator
 from hexwire.motion.through import arm_path

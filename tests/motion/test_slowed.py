@@ -11,7 +11,7 @@ from tests.motion.arms import EXCESS, HOME, state
 from tests.motion.test_set_point_generator import LEAD
 
 from hexwire.errors import LimitError
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.eased import ease_out
 from hexwire.motion.moving import joint_limits
 from hexwire.motion.set_point_generator import Mode, SetPointGenerator

@@ -12,7 +12,7 @@ from tests.motion.arms import ARMS, EXCESS, HOME, PERIOD, at_rest, state
 from hexwire.control.goals import Point, TrajectoryGoal
 from hexwire.control.plan import Plan
 from hexwire.errors import LimitError
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.checks import check_trajectory
 from hexwire.motion.moving import Pieces, brake, joint_limits
 from hexwire.motion.set_point_generator import SetPointGenerator

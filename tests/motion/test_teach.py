@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tests.motion.arms import HOME
 
 from hexwire.errors import UsageError
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.teach import Taught, approach
 
 

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from hexwire.drivers.arm_file import load_profile
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.arm import ArmModel
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
+from hexwire.model.arms.puma260.kinematics import PUMA260, Puma260Model
 from hexwire.model.geometry import kinematics_for
 from hexwire.model.gripper import jaws_of
-from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.pose import rotation_between
-from hexwire.model.puma260 import PUMA260, Puma260Model
 from hexwire.motion.fence import Fence
 from hexwire.motion.teleop import Action, Jog, JogMode, StickMap, Teleop, within_limits
 

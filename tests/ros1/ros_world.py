@@ -32,7 +32,7 @@ from hexwire.emulator.hand import FORCE, Hand
 from hexwire.emulator.serve_pty import PtyServer
 from hexwire.fleet.service import Service
 from hexwire.fleet.service_file import read_arms
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 
 T = TypeVar("T")
 

@@ -13,7 +13,7 @@ from tests.ros1.ros_world import ROS_PYTHON, Arm, PtyBoard, World
 from tests.ros1.test_messages import CHECKSUMS
 
 from hexwire.errors import UsageError
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.ros1.message_files import write_messages
 from hexwire.ros1.messages import PACKAGES, SERVICES
 

@@ -201,7 +201,7 @@ from functools import partial
 from types import SimpleNamespace as Made
 from hexwire.cli import ros1
 ros1._find_ros()
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.teach import Taught
 from hexwire.ros1 import node
 told = {name: [] for name in ("deleted", "logged", "taught")}

@@ -11,7 +11,7 @@ from tests.ros1.ros_world import HEXWIRE, NODE, Arm, PtyBoard, World, made, near
 
 from hexwire.drivers import registry
 from hexwire.fleet.remote import RemoteRobot
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 
 pytestmark = pytest.mark.slow
 PORT = "zenoh:lab/arm1"

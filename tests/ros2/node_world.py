@@ -20,7 +20,7 @@ from tests.link.far_ends import free_port
 from tests.ros1.ros_world import PATIENCE, Program, PtyBoard, near, still, until
 from zenoh_ros2_tests.router import Router
 
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from zenoh_ros2.distributions import Distribution
 from zenoh_ros2.node import Client, Node, NodeOptions, Publisher
 from zenoh_ros2.qos import DEFAULT, Qos

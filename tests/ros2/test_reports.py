@@ -9,7 +9,7 @@ import pytest
 from hexwire.control.diagnostics import Level, Row
 from hexwire.control.known_state import KnownState
 from hexwire.control.outcomes import Progress
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.teach import Taught
 from hexwire.motion.trajectory import Sample
 from hexwire.ros2.reports import CONTROLLER_STATE, DIAGNOSTICS, JOINT_STATE, TRAJECTORY, Reports

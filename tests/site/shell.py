@@ -22,7 +22,7 @@ from tests.waits import PATIENCE
 from hexwire.cli.main import cli
 from hexwire.control.pose_file import PoseFile
 from hexwire.errors import ConfigError
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 
 ROOT = Path(__file__).resolve().parents[2]
 LOOKS, SILENT = r"^hexwire bus (ping|scan)\b", "answer"

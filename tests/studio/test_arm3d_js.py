@@ -13,8 +13,8 @@ from tests.model.poses import random_angles
 
 from hexwire.drivers.arm_file import load_profile
 from hexwire.model.arm import ArmModel
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.geometry import kinematics_for
-from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.palette import DARK, LIGHT
 from hexwire.model.pose import quaternion
 from hexwire.studio import geometry

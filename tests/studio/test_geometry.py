@@ -11,11 +11,11 @@ from tests.model.poses import pose_error, random_angles
 from hexwire.drivers.arm_file import load_profile
 from hexwire.errors import UsageError
 from hexwire.model.arm import ArmModel
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
+from hexwire.model.arms.puma260.kinematics import PUMA260
 from hexwire.model.geometry import kinematics_for, make_shapes
-from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.palette import DARK, LIGHT
 from hexwire.model.pose import Matrix, Pose, Vector, multiply, rotation_about
-from hexwire.model.puma260 import PUMA260
 from hexwire.model.shapes import moved
 from hexwire.studio.geometry import make_geometry, make_turns
 

@@ -10,7 +10,7 @@ from tests.few import few
 
 from hexwire.drivers.base import StopMode
 from hexwire.errors import DeviceError, HexwireError, LinkError, StoppedError
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointTarget
 from hexwire.session.policy import RetryPolicy
 

@@ -52,7 +52,7 @@ def _open(options: RobotOptions) -> Iterator[Session]:
 
 
 def _names(mask: int) -> str:
-    from hexwire.model.hex7bot import HEX7BOT
+    from hexwire.model.arms.hex7bot.joints import HEX7BOT
 
     return " ".join(name for i, name in enumerate(HEX7BOT.names) if mask >> i & 1) or "none"
 
@@ -180,7 +180,7 @@ def _torques(mask: int, state: Reply | None, torque_off: bool) -> Torques:
     """What the joints of a board do after a stop, by its state."""
     from hexwire.control.power import Torques
     from hexwire.drivers.values import StopMode
-    from hexwire.model.hex7bot import HEX7BOT
+    from hexwire.model.arms.hex7bot.joints import HEX7BOT
     from hexwire.model.state import JointFlag
     from hexwire.wire.command_frame import Status
     from hexwire.wire.commands import JointReport

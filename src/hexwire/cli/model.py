@@ -124,9 +124,9 @@ def _check_count(arm: KinematicModel, angles: Sequence[float]) -> None:
 
 
 def _pose_report(arm: KinematicModel, degrees: Sequence[float]) -> dict[str, Any]:
-    from hexwire.model.hex7bot_kinematics import Hex7BotModel
-    from hexwire.model.puma260 import Puma260Model
-    from hexwire.model.so_arm import SoArmModel
+    from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
+    from hexwire.model.arms.puma260.kinematics import Puma260Model
+    from hexwire.model.arms.so_arm.kinematics import SoArmModel
 
     angles = [math.radians(d) for d in degrees]
     pose = arm.forward(angles)
@@ -247,7 +247,7 @@ def _solve(
     wrist: bool,
     pose_file: dict[str, Item] | None,
 ) -> tuple[Solution, ...]:
-    from hexwire.model.hex7bot_kinematics import Hex7BotModel
+    from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
     from hexwire.model.pose import Pose, column, rotation_between, rotation_from_numbers, rotation_from_rpy
 
     seven = isinstance(arm, Hex7BotModel)

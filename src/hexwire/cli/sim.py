@@ -250,7 +250,7 @@ def board(
     from hexwire.emulator.hand import Hands
     from hexwire.emulator.serve_tcp import serve_queue
     from hexwire.ipc.connections import random_number
-    from hexwire.model.hex7bot import HEX7BOT
+    from hexwire.model.arms.hex7bot.joints import HEX7BOT
 
     if queue is not None and (tcp is not None or link is not None or reset_on_open):
         raise UsageError("--queue offers a queue instead of a port: leave out --tcp, --link and --reset-on-open")
@@ -270,7 +270,7 @@ def board(
     twin = None
     if physics:
         from hexwire.emulator.physics import PhysicsTwin
-        from hexwire.model.hex7bot_kinematics import Hex7BotModel
+        from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
 
         twin = PhysicsTwin(device.wire.servos, Hex7BotModel(), payload=(payload or 0.0) / 1000)
     elif payload is not None:

@@ -19,7 +19,7 @@ from hexwire.arguments import DATA, FLAG, SECONDS, WHOLE, or_none, rows_of
 from hexwire.errors import NotSupportedError, UsageError
 from hexwire.ipc.session import Session
 from hexwire.model.arm import ArmModel
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointState, JointTarget, SentTarget
 from hexwire.motion.limits import check_target
 from hexwire.session.effects import Effect, effect_of, packet_only_reads

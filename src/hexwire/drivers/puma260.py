@@ -18,7 +18,7 @@ from hexwire.errors import ConfigError, RemoteProtocolError, UsageError
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
 from hexwire.link.url import parse_url
-from hexwire.model.puma260 import PUMA260, angles_to_counts, counts_to_angles
+from hexwire.model.arms.puma260.kinematics import PUMA260, angles_to_counts, counts_to_angles
 from hexwire.model.state import JointState, JointTarget, SentTarget
 from hexwire.motion.limits import check_target, needed_duration
 from hexwire.session.effects import Effect, effect_of

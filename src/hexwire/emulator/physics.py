@@ -18,9 +18,9 @@ from typing import Any
 
 from hexwire.errors import UsageError
 from hexwire.model.arm import ArmModel, JointModel
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
+from hexwire.model.arms.hex7bot.shapes import LEVEL_JOINT
 from hexwire.model.geometry import kinematics_for, make_shapes
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
-from hexwire.model.hex7bot_shapes import LEVEL_JOINT
 from hexwire.wire.registers import Series
 
 from .physics_body import make_body, puppet_poses

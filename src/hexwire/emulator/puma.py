@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 from hexwire.errors import RemoteProtocolError
 from hexwire.model.arm import JointModel
+from hexwire.model.arms.puma260.kinematics import PUMA260, angles_to_counts
 from hexwire.model.control_law import ControlLaw
-from hexwire.model.puma260 import PUMA260, angles_to_counts
 from hexwire.session.connection import Connection, Role
 from hexwire.session.events import Request
 from hexwire.wire import tables

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 from hexwire.errors import LinkBusyError, LinkClosedError, UsageError
 from hexwire.link.base import Link, LinkKind
 from hexwire.model.arms import arm_record, simulated_arms
-from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
 
 from .board import make_hex7bot_board
 from .bus_arms import make_bus_arm

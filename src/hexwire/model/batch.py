@@ -10,12 +10,12 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from . import puma260_links
+from .arms.puma260 import links as puma260_links
 from .kinematics import KinematicModel, numpy_or_none
 from .pose import Pose
 
 if TYPE_CHECKING:
-    from .hex7bot_links import LinkSet
+    from .arms.hex7bot.links import LinkSet
 
 __all__ = ["hex7bot_forward_many", "hex7bot_inverse_many", "puma260_forward_many", "puma260_inverse_many"]
 

@@ -17,7 +17,7 @@ import pinocchio
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
 
-from hexwire.model.hex7bot_links import LINK_SETS
+from hexwire.model.arms.hex7bot.links import LINK_SETS
 from hexwire.model.urdf import make_urdf
 from hexwire.ros2.package.arms import PackageArm, make_arm
 from hexwire.ros2.package.collisions import SAMPLED, adjacent_pairs, table_key

@@ -11,10 +11,10 @@ import hexwire.ros1
 from hexwire.drivers.arm_file import load_profile
 from hexwire.errors import UsageError
 from hexwire.model.arms import arms_with_geometry
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
+from hexwire.model.arms.hex7bot.links import LINK_SETS
+from hexwire.model.arms.puma260.kinematics import PUMA260
 from hexwire.model.geometry import make_kinematics, make_shapes
-from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.hex7bot_links import LINK_SETS
-from hexwire.model.puma260 import PUMA260
 from hexwire.ros2.package.arms import ARM_GROUP, GRIPPER_GROUP, make_arm
 
 CONFIG = Path(hexwire.ros1.__file__).parent / "share/hexwire/config"

@@ -16,7 +16,7 @@ from hexwire.control import known_state
 from hexwire.control.motion_service import read_motion
 from hexwire.control.pose_file import check_pose_name
 from hexwire.model.aim import Tip
-from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.teach import Taught
 from hexwire.studio.arm_calls import arm_values
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 from hexwire.drivers.bus_arm import BusArm
 from hexwire.drivers.registry import load_driver
 from hexwire.model.arm import ArmModel
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.gripper import jaws_of
-from hexwire.model.hex7bot import HEX7BOT
 
 __all__ = ["KINDS", "joints_of"]
 

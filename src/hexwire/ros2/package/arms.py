@@ -13,10 +13,10 @@ from pathlib import Path
 
 from hexwire.drivers.registry import load_driver
 from hexwire.model.arms import arm_with_geometry
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
+from hexwire.model.arms.hex7bot.links import LINK_SETS
 from hexwire.model.geometry import make_kinematics, make_shapes
 from hexwire.model.gripper import Jaws, jaws_of
-from hexwire.model.hex7bot_kinematics import Hex7BotModel
-from hexwire.model.hex7bot_links import LINK_SETS
 from hexwire.model.kinematics import KinematicModel
 from hexwire.model.shapes import ArmShapes
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from .kinematics import JointRange
+from hexwire.model.kinematics import JointRange
 
 __all__ = ["SO_ARMS", "SoArmLinks"]
 

@@ -8,19 +8,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from hexwire.inputs import read_text
-
-from . import ArmRecord
+from hexwire.model.arms import ArmRecord
 
 if TYPE_CHECKING:
-    from hexwire.model.hex7bot_kinematics import Hex7BotModel
+    from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
     from hexwire.model.shapes import ArmShapes
 
 __all__ = ["ARM", "SERVOS"]
 
 
 def _kinematics(links: str) -> Hex7BotModel:
-    from hexwire.model.hex7bot_kinematics import Hex7BotModel
-    from hexwire.model.hex7bot_links import link_set, parse_link_set
+    from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
+    from hexwire.model.arms.hex7bot.links import link_set, parse_link_set
 
     if links.lower().endswith(".toml") or "/" in links:
         return Hex7BotModel(parse_link_set(read_text(links), file=links))
@@ -28,7 +27,7 @@ def _kinematics(links: str) -> Hex7BotModel:
 
 
 def _shapes(model: Hex7BotModel) -> ArmShapes:
-    from hexwire.model.hex7bot_shapes import make_hex7bot_shapes
+    from hexwire.model.arms.hex7bot.shapes import make_hex7bot_shapes
 
     return make_hex7bot_shapes(model)
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 
-from .pose import Vector
-from .shapes import ArmShapes, Drive, Inertia, Shape, ShapeJoint, ShapeLink, bar, box, cylinder
-from .so_arm import SoArmModel
-from .so_arm_links import SoArmLinks
+from hexwire.model.arms.so_arm.kinematics import SoArmModel
+from hexwire.model.arms.so_arm.links import SoArmLinks
+from hexwire.model.pose import Vector
+from hexwire.model.shapes import ArmShapes, Drive, Inertia, Shape, ShapeJoint, ShapeLink, bar, box, cylinder
 
 __all__ = ["make_so_arm_shapes"]
 

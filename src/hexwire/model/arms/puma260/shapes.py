@@ -6,10 +6,10 @@ Must not know who draws them.
 
 from __future__ import annotations
 
-from .pose import Vector
-from .puma260 import PUMA260
-from .puma260_links import DROP, FLANGE, FOREARM, SHOULDER, SIDE, UPPER
-from .shapes import ArmShapes, Drive, Inertia, Shape, ShapeJoint, ShapeLink, bar, box, cylinder
+from hexwire.model.arms.puma260.kinematics import PUMA260
+from hexwire.model.arms.puma260.links import DROP, FLANGE, FOREARM, SHOULDER, SIDE, UPPER
+from hexwire.model.pose import Vector
+from hexwire.model.shapes import ArmShapes, Drive, Inertia, Shape, ShapeJoint, ShapeLink, bar, box, cylinder
 
 __all__ = ["make_puma260_shapes"]
 
@@ -47,7 +47,7 @@ def make_puma260_shapes() -> ArmShapes:
         joints.append(ShapeJoint(joint.name, links[-1].name, name, place, _ZERO, axis, Drive(joint.name), limits))
         links.append(ShapeLink(name, shapes, inertia))
     joints.append(ShapeJoint("tool_mount", links[-1].name, "tool", (FLANGE, 0.0, 0.0)))
-    source = "model: see hexwire.model.puma260"
+    source = "model: see hexwire.model.arms.puma260.kinematics"
     published = "are published, masses and shapes estimated"
     return ArmShapes("puma260", (*links, ShapeLink("tool")), tuple(joints), "tool", source, published)
 

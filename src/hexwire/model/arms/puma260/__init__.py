@@ -7,23 +7,23 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from . import ArmRecord
+from hexwire.model.arms import ArmRecord
 
 if TYPE_CHECKING:
-    from hexwire.model.puma260 import Puma260Model
+    from hexwire.model.arms.puma260.kinematics import Puma260Model
     from hexwire.model.shapes import ArmShapes
 
 __all__ = ["ARM"]
 
 
 def _kinematics(_: str) -> Puma260Model:
-    from hexwire.model.puma260 import Puma260Model
+    from hexwire.model.arms.puma260.kinematics import Puma260Model
 
     return Puma260Model()
 
 
 def _shapes(_: Puma260Model) -> ArmShapes:
-    from hexwire.model.puma260_shapes import make_puma260_shapes
+    from hexwire.model.arms.puma260.shapes import make_puma260_shapes
 
     return make_puma260_shapes()
 

@@ -12,10 +12,22 @@ from __future__ import annotations
 import math
 from typing import Literal
 
-from .hex7bot_kinematics import Hex7BotModel
-from .hex7bot_links import LinkSet
-from .pose import Vector
-from .shapes import ArmShapes, Drive, Inertia, Shape, ShapeJoint, ShapeLink, bar, box, cylinder, mirrored, rod
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
+from hexwire.model.arms.hex7bot.links import LinkSet
+from hexwire.model.pose import Vector
+from hexwire.model.shapes import (
+    ArmShapes,
+    Drive,
+    Inertia,
+    Shape,
+    ShapeJoint,
+    ShapeLink,
+    bar,
+    box,
+    cylinder,
+    mirrored,
+    rod,
+)
 
 __all__ = ["LEVEL_JOINT", "make_hex7bot_shapes"]
 

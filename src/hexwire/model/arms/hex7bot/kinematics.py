@@ -16,13 +16,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hexwire.errors import UsageError
-from hexwire.units import decimal
-
-from .arm import ArmModel
-from .batch import hex7bot_forward_many, hex7bot_inverse_many
-from .hex7bot import HEX7BOT
-from .hex7bot_links import LINK_SETS, LinkSet
-from .kinematics import (
+from hexwire.model.arm import ArmModel
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
+from hexwire.model.arms.hex7bot.links import LINK_SETS, LinkSet
+from hexwire.model.batch import hex7bot_forward_many, hex7bot_inverse_many
+from hexwire.model.kinematics import (
     NEAR_SINGULAR,
     ONE_LINE,
     SINGULAR,
@@ -33,7 +31,7 @@ from .kinematics import (
     Solution,
     wrap,
 )
-from .pose import (
+from hexwire.model.pose import (
     Matrix,
     Pose,
     Vector,
@@ -46,6 +44,7 @@ from .pose import (
     rotation_z,
     transpose,
 )
+from hexwire.units import decimal
 
 __all__ = ["Hex7BotModel"]
 

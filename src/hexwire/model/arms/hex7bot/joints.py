@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import math
 
+from hexwire.model.arm import ArmModel, JointModel
 from hexwire.units import CHAPTER_RADIANS_PER_COUNT
-
-from .arm import ArmModel, JointModel
 
 __all__ = ["HEX7BOT"]
 

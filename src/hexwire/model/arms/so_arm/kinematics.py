@@ -18,11 +18,21 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hexwire.errors import UsageError
-
-from .arm import ArmModel
-from .kinematics import JointRange, KinematicModel, Reach, Singularity, Solution, numpy_or_none, wrap
-from .pose import Matrix, Pose, Vector, apply, column, cross, multiply, rotation_y, rotation_z, transpose
-from .so_arm_links import SO_ARMS, SoArmLinks
+from hexwire.model.arm import ArmModel
+from hexwire.model.arms.so_arm.links import SO_ARMS, SoArmLinks
+from hexwire.model.kinematics import JointRange, KinematicModel, Reach, Singularity, Solution, numpy_or_none, wrap
+from hexwire.model.pose import (
+    Matrix,
+    Pose,
+    Vector,
+    apply,
+    column,
+    cross,
+    multiply,
+    rotation_y,
+    rotation_z,
+    transpose,
+)
 
 __all__ = ["SoArmModel"]
 

@@ -1,7 +1,7 @@
 """`PUMA260` and `Puma260Model`: the arm's joints, encoders and limits, and its kinematics in closed form.
 
 Owns the constants of joints and encoders and where each comes from. Angles are radians about the zero pose in which
-the forearm hangs down: axes z, y, y, z, y, x, between them the links of `puma260_links`. Another laboratory's model
+the forearm hangs down: axes z, y, y, z, y, x, between them the links of `links`. Another laboratory's model
 has its zero with the forearm up. Knows no wire.
 """
 
@@ -12,11 +12,20 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hexwire.errors import UsageError
-
-from .arm import ArmModel, JointModel
-from .batch import puma260_forward_many, puma260_inverse_many
-from .kinematics import NEAR_SINGULAR, ONE_LINE, SINGULAR, JointRange, KinematicModel, Reach, Singularity, Solution
-from .pose import (
+from hexwire.model.arm import ArmModel, JointModel
+from hexwire.model.arms.puma260.links import DROP, FLANGE, FOREARM, SHOULDER, SIDE, UPPER
+from hexwire.model.batch import puma260_forward_many, puma260_inverse_many
+from hexwire.model.kinematics import (
+    NEAR_SINGULAR,
+    ONE_LINE,
+    SINGULAR,
+    JointRange,
+    KinematicModel,
+    Reach,
+    Singularity,
+    Solution,
+)
+from hexwire.model.pose import (
     Matrix,
     Pose,
     Vector,
@@ -28,7 +37,6 @@ from .pose import (
     rotation_z,
     transpose,
 )
-from .puma260_links import DROP, FLANGE, FOREARM, SHOULDER, SIDE, UPPER
 
 __all__ = ["PUMA260", "Puma260Model", "angles_to_counts", "counts_to_angles"]
 

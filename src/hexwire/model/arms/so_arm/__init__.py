@@ -18,12 +18,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from . import ArmRecord, Assembly, AssemblyJoint, Go, Rod, Seek
+from hexwire.model.arms import ArmRecord, Assembly, AssemblyJoint, Go, Rod, Seek
 
 if TYPE_CHECKING:
+    from hexwire.model.arms.so_arm.kinematics import SoArmModel
+    from hexwire.model.arms.so_arm.links import SoArmLinks
     from hexwire.model.shapes import ArmShapes
-    from hexwire.model.so_arm import SoArmModel
-    from hexwire.model.so_arm_links import SoArmLinks
 
 __all__ = ["SO100", "SO101", "so_arm"]
 
@@ -149,12 +149,12 @@ def so_arm(name: str, title: str, driver: str, links: Callable[[], SoArmLinks]) 
     """
 
     def kinematics(_: str) -> SoArmModel:
-        from hexwire.model.so_arm import SoArmModel
+        from hexwire.model.arms.so_arm.kinematics import SoArmModel
 
         return SoArmModel(links())
 
     def shapes(model: SoArmModel) -> ArmShapes:
-        from hexwire.model.so_arm_shapes import make_so_arm_shapes
+        from hexwire.model.arms.so_arm.shapes import make_so_arm_shapes
 
         return make_so_arm_shapes(model)
 
@@ -174,7 +174,7 @@ def so_arm(name: str, title: str, driver: str, links: Callable[[], SoArmLinks]) 
 
 def _published(name: str) -> Callable[[], SoArmLinks]:
     def links() -> SoArmLinks:
-        from hexwire.model.so_arm_links import SO_ARMS
+        from hexwire.model.arms.so_arm.links import SO_ARMS
 
         return SO_ARMS[name]
 

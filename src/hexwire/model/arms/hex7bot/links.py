@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 from hexwire.errors import ConfigError, UsageError
 from hexwire.inputs import parse_toml
-
-from .kinematics import JointRange
+from hexwire.model.kinematics import JointRange
 
 __all__ = ["LINK_SETS", "ElevationLimit", "LinkSet", "link_set", "parse_link_set"]
 
