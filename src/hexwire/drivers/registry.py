@@ -10,13 +10,14 @@ import io
 import os
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from importlib import resources
 from importlib.metadata import EntryPoint
 from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
 from hexwire.arguments import Wanted, check
-from hexwire.errors import UsageError
+from hexwire.errors import HexwireError, UsageError
 from hexwire.extras import extras_named, installed
 from hexwire.link.tap import TRACE_VARIABLE, wrap_new_links
 from hexwire.model.arms import arm_names, record_of
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 __all__ = [
     "DEFAULT_ROBOT",
     "PORT_VARIABLE",
+    "bus_arm_names",
     "connect",
     "is_address",
     "is_same_arm",
@@ -136,6 +138,16 @@ def load_bus_arm(name: str) -> type[BusArm]:
     if not issubclass(driver, BusArm):
         raise UsageError(f"{name} is not an arm on a servo bus")
     return driver
+
+
+def bus_arm_names() -> tuple[str, ...]:
+    """Names of the installed arms on a servo bus, sorted; a robot whose driver cannot be loaded is none."""
+    found = []
+    for name in robot_names():
+        with suppress(HexwireError, ImportError):
+            load_bus_arm(name)
+            found.append(name)
+    return tuple(found)
 
 
 def make_driver(

@@ -10,8 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from hexwire.drivers.board_reset import reset_hazard
-from hexwire.drivers.bus_arm import BusArm
-from hexwire.drivers.registry import load_driver, robot_names
+from hexwire.drivers.registry import bus_arm_names, robot_names
 from hexwire.link.diagnose import Finding, Level, diagnose_port, diagnose_system
 from hexwire.link.owner import device_owner
 from hexwire.link.ports import PortInfo, list_ports
@@ -98,6 +97,6 @@ def _row(
     if port.likely_board:
         likely.append("hex7bot")
     if port.likely_adapter:
-        likely += [name for name in robot_names() if issubclass(load_driver(name), BusArm)]
+        likely += bus_arm_names()
     usb = f" (USB {port.usb_id})" if port.usb_id else ""
     return Plugged(port.device, port.guess + usb, tuple(dict.fromkeys(likely)), obstacle, "; ".join(advice))
