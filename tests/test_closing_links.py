@@ -28,7 +28,9 @@ def connected(port: int) -> Iterator[list[socket.socket]]:
         for path in Path("/proc/self/fd").iterdir():
             try:
                 end = stack.enter_context(socket.fromfd(int(path.name), socket.AF_INET, socket.SOCK_STREAM))
-                if port in (end.getsockname()[1], end.getpeername()[1]):
+                # Of another family, names are texts.
+                names = [name for name in (end.getsockname(), end.getpeername()) if isinstance(name, tuple)]
+                if port in [name[1] for name in names]:
                     found.append(end)
             except OSError:
                 continue
