@@ -15,6 +15,7 @@ from hexwire.cli.main import cli
 from hexwire.control.arm_setup import ArmSetup, label, picture
 from hexwire.drivers.registry import load_bus_arm, robot_names
 from hexwire.link.open import make_link
+from hexwire.model.arms import assembled_arms
 from hexwire.model.geometry import kinematics_for
 from hexwire.studio.geometry import make_geometry
 from hexwire.studio.plugged import emulated
@@ -86,6 +87,8 @@ def test_its_physics_and_the_studio() -> None:
     assert make_geometry(load_bus_arm(NAME).described().model) is not None
     assert any(row.device == f"sim://{NAME}" for row in emulated())
     assert twin_for(NAME, ()) == NAME
+    # Its set-up and calibration on the page Servos.
+    assert assembled_arms()[NAME] == "SO-101 with a long forearm"
 
 
 def test_an_arm_that_nobody_knows_names_it() -> None:

@@ -34,6 +34,7 @@ __all__ = [
     "arm_record",
     "arm_with_geometry",
     "arms_with_geometry",
+    "assembled_arms",
     "assembly_of",
     "record_of",
     "simulated_arms",
@@ -268,6 +269,12 @@ def arm_with_geometry(name: str) -> ArmRecord:
         known = ", ".join(arms_with_geometry())
         raise UsageError(f"no geometry is known for robot {name!r}; choose one of {known}")
     return record
+
+
+def assembled_arms() -> dict[str, str]:
+    """The arms that a person assembles: title by name, by their places."""
+    records = [record for name in arm_names() if (record := arm_record(name)).assembly is not None]
+    return {record.name: record.title for record in sorted(records, key=lambda record: record.place)}
 
 
 def simulated_arms() -> tuple[str, ...]:

@@ -13,9 +13,10 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from hexwire.control.calibrating import CalibrationBench, counting_arm, store
-from hexwire.drivers.arm_file import load_profile
 from hexwire.drivers.bus_arm import BusArm
+from hexwire.drivers.registry import load_bus_arm
 from hexwire.errors import ConfigError, DeviceError, HexwireError, UsageError
+from hexwire.model.arms import assembled_arms
 from hexwire.model.calibration import Calibration
 from hexwire.studio.calls import Arguments, Asked, Host, call
 
@@ -23,9 +24,8 @@ if TYPE_CHECKING:
     from hexwire.studio.bus_source import BusSource
     from hexwire.studio.tabs import Tab
 
-__all__ = ["ARMS", "CalibrationRun", "parse_file", "store_in"]
+__all__ = ["CalibrationRun", "parse_file", "store_in"]
 
-ARMS = {"so101": "SO-101", "so100": "SO-100", "servos": "the servos here"}
 _PERIOD, _TELL = 0.02, 0.1
 """Seconds between two samples, and between two messages."""
 _REACH = 1.6
@@ -42,11 +42,18 @@ class _File(Arguments, frozen=True):
     text: str
 
 
+def _kinds() -> dict[str, str]:
+    """What may be calibrated: words by name."""
+    return assembled_arms() | {"servos": "the servos here"}
+
+
 @call("calibration.arms", Arguments)
 def _arms(asked: Asked, args: Arguments) -> dict[str, Any]:
     """The arms to choose from, and which is likely."""
     ids = asked.bus.bench.servo_ids
-    return {"arms": [*ARMS.items()], "likely": "so101" if ids == (1, 2, 3, 4, 5, 6) else "servos"}
+    models = {name: load_bus_arm(name).described().model for name in assembled_arms()}
+    likely = [name for name, model in models.items() if tuple(joint.servo_id for joint in model.joints) == ids]
+    return {"arms": [*_kinds().items()], "likely": next(iter(likely), "servos")}
 
 
 @call("calibration.begin", _Arm, control=True)
@@ -125,7 +132,7 @@ class CalibrationRun:
         studio: The studio.
         bus: The servo bus.
         tab: The tab that is told.
-        arm: A key of `ARMS`.
+        arm: Name of an assembled arm, or ``servos``.
 
     Attributes:
         hand: What was seen so far.
@@ -137,9 +144,11 @@ class CalibrationRun:
     """
 
     def __init__(self, studio: Host, bus: BusSource, tab: Tab, arm: str) -> None:
-        if arm not in ARMS:
+        if arm not in _kinds():
             raise UsageError(f"there is no arm {arm[:20]!r}")
-        described = load_profile(arm) if arm != "servos" else bus.bench.describe(bus.bench.servo_ids, _REACH)
+        described = (
+            load_bus_arm(arm).described() if arm != "servos" else bus.bench.describe(bus.bench.servo_ids, _REACH)
+        )
         missing = {joint.servo_id for joint in described.model.joints} - set(bus.bench.servo_ids)
         if missing or not described.model.joints:
             names = ", ".join(map(str, sorted(missing)))
@@ -224,13 +233,13 @@ def parse_file(bus: BusSource, name: str, data: bytes, arm: str) -> Calibration:
         bus: The servo bus.
         name: Name of the file.
         data: What is in it.
-        arm: A key of `ARMS`.
+        arm: Name of an assembled arm, or ``servos``.
 
     Raises:
         ConfigError: It is no calibration.
         UsageError: It is of another arm, or its servos are not here.
     """
-    if arm not in ARMS:
+    if arm not in _kinds():
         raise UsageError(f"there is no arm {arm[:20]!r}")
     try:
         text = data.decode()
@@ -241,7 +250,7 @@ def parse_file(bus: BusSource, name: str, data: bytes, arm: str) -> Calibration:
     else:
         found = Calibration.parse(text, file=name)
     if arm != "servos":
-        found.apply(load_profile(arm).model)
+        found.apply(load_bus_arm(arm).described().model)
     missing = sorted({row.servo_id for row in found.joints} - set(bus.bench.servo_ids))
     if missing or not found.joints:
         raise UsageError(f"servo {', '.join(map(str, missing))} of this file was not found; search first")

@@ -11,13 +11,13 @@ from typing import Any
 
 from hexwire.control.arm_setup import ArmSetup, SetupStep, StepKind, picture
 from hexwire.control.setting_up import assign, look
-from hexwire.drivers.arm_file import load_profile
+from hexwire.drivers.registry import load_bus_arm
 from hexwire.errors import UsageError
+from hexwire.model.arms import assembled_arms
 from hexwire.studio.calls import Arguments, Asked, call
 
-__all__ = ["ARMS", "assign_one", "look_for", "plan_of"]
+__all__ = ["assign_one", "look_for", "plan_of"]
 
-ARMS = {"so101": "SO-101", "so100": "SO-100", "chain": "six servos in a chain"}
 _ROLES = {"": "not known", "follower": "follower", "leader": "leader"}
 
 
@@ -28,9 +28,14 @@ class _Look(Arguments, frozen=True):
     everywhere: bool
 
 
+def _arms() -> dict[str, str]:
+    """What may be set up: words by name."""
+    return assembled_arms() | {"chain": "six servos in a chain"}
+
+
 @call("set_up.choices", Arguments)
 def _choices(asked: Asked, args: Arguments) -> dict[str, Any]:
-    return {"arms": [*ARMS.items()], "roles": [*_ROLES.items()]}
+    return {"arms": [*_arms().items()], "roles": [*_ROLES.items()]}
 
 
 @call("set_up.look", _Look, control=True)
@@ -84,9 +89,9 @@ def plan_of(arm: str, role: str) -> ArmSetup:
     Raises:
         UsageError: There is no such arm or role.
     """
-    if arm not in ARMS or role not in _ROLES:
+    if arm not in _arms() or role not in _ROLES:
         raise UsageError("choose one of the arms in the list")
-    described = load_profile(arm)
+    described = load_bus_arm(arm).described()
     return ArmSetup(described.model, described.baud, leader=role == "leader" if role else None)
 
 
