@@ -5,9 +5,10 @@ That nothing else arrives meanwhile shows only where a computer vanishes; here, 
 
 from __future__ import annotations
 
+import os
 import socket
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -26,14 +27,13 @@ def connected(port: int) -> Iterator[list[socket.socket]]:
     with ExitStack() as stack:
         found = []
         for path in Path("/proc/self/fd").iterdir():
-            try:
-                end = stack.enter_context(socket.fromfd(int(path.name), socket.AF_INET, socket.SOCK_STREAM))
-                # Of another family, names are texts.
-                names = [name for name in (end.getsockname(), end.getpeername()) if isinstance(name, tuple)]
-                if port in [name[1] for name in names]:
+            # Any of them may be closed meanwhile. A copy of what is no socket would never be closed.
+            with suppress(OSError):
+                if not str(path.readlink()).startswith("socket:"):
+                    continue
+                end = stack.enter_context(socket.socket(fileno=os.dup(int(path.name))))
+                if end.family == socket.AF_INET and port in (end.getsockname()[1], end.getpeername()[1]):
                     found.append(end)
-            except OSError:
-                continue
         yield found
 
 
