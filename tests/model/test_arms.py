@@ -10,6 +10,7 @@ from tests.packages import install
 
 from hexwire.drivers.registry import load_driver
 from hexwire.errors import UsageError
+from hexwire.link.open import make_link
 from hexwire.model.arms import ArmRecord, arm_names, arm_record, arms_with_geometry, record_of, simulated_arms
 from hexwire.model.geometry import kinematics_for, make_kinematics, make_shapes
 from hexwire.model.gripper import jaws_of
@@ -75,3 +76,6 @@ def test_an_entry_point_that_names_no_record_or_another_one(
     install(tmp_path, "odd", {"hexwire.arms": {"odd": "odd_arm:ARM"}}, {"odd_arm.py": code})
     with pytest.raises(UsageError, match="'odd_arm:ARM' of arm 'odd' is not an ArmRecord of this name"):
         record_of("odd")
+    # It takes no other arm from a list, nor from its address.
+    assert {"hex7bot", "so101"} <= set(simulated_arms()) & set(arms_with_geometry())
+    make_link("sim://hex7bot")

@@ -96,18 +96,19 @@ def load_driver(name: str) -> type[RobotDriver]:
 
         return arm_class(name)
     record = record_of(name)
-    points = [point for point in installed(_GROUP) if point.name == name]
     if record is not None:
         package, _, file = record.driver.partition(":")
         if file.endswith(".toml"):
             return _file_class(package, file)
-        points.insert(0, EntryPoint(name, record.driver, _GROUP))
-    for point in points:
-        driver = point.load()
-        if not (isinstance(driver, type) and issubclass(driver, RobotDriver)):
-            raise UsageError(f"entry point {point.value!r} of robot {name!r} is not a RobotDriver class")
-        return driver
-    raise UsageError(f"no robot {name!r}; installed are {', '.join(robot_names()) or 'none'}")
+        point: EntryPoint | None = EntryPoint(name, record.driver, _GROUP)
+    else:
+        point = next((point for point in installed(_GROUP) if point.name == name), None)
+    if point is None:
+        raise UsageError(f"no robot {name!r}; installed are {', '.join(robot_names()) or 'none'}")
+    driver = point.load()
+    if not (isinstance(driver, type) and issubclass(driver, RobotDriver)):
+        raise UsageError(f"entry point {point.value!r} of robot {name!r} is not a RobotDriver class")
+    return driver
 
 
 def observed(driver: type[_R], observer: Callable[[RobotDriver, JointState], object]) -> type[_R]:

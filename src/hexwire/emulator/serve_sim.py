@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from hexwire.errors import LinkBusyError, LinkClosedError, UsageError
 from hexwire.link.base import Link, LinkKind
-from hexwire.model.arms import arm_record, simulated_arms
+from hexwire.model.arms import record_of, simulated_arms
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
 
@@ -98,10 +98,11 @@ def make_sim_link(url: LinkUrl) -> SimLink:
     Raises:
         UsageError: There is no such emulated arm, an option is wrong, or MuJoCo is not installed.
     """
-    robot, known = url.netloc, [f"sim://{name}" for name in simulated_arms()]
-    if robot not in simulated_arms() or url.path not in ("", "/"):
+    robot = url.netloc
+    record = record_of(robot)
+    if record is None or not record.simulated or url.path not in ("", "/"):
+        known = [f"sim://{name}" for name in simulated_arms()]
         raise UsageError(f"{url.text}: there is no such emulated arm; write {', '.join(known[:-1])} or {known[-1]}")
-    record = arm_record(robot)
     make: Callable[..., SimArm] = emulate_bus_arm
     if record.emulate:
         make = EntryPoint(robot, record.emulate, "hexwire.arms").load()

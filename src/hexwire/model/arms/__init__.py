@@ -7,7 +7,8 @@ record: what belongs to rooms above, such as the driver, is named as text and lo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -212,6 +213,11 @@ class ArmRecord:
     assembly: Assembly | None = None
     place: int = 100
 
+    @property
+    def simulated(self) -> bool:
+        """Whether ``sim://NAME`` emulates it inside the program that opens it."""
+        return self.emulated == f"sim://{self.name}"
+
 
 def arm_names() -> tuple[str, ...]:
     """Names of the arms that have a record, sorted."""
@@ -253,9 +259,16 @@ def arm_record(name: str) -> ArmRecord:
     return record
 
 
+def _records() -> Iterator[ArmRecord]:
+    """The records of all arms, sorted by name; a package with a wrong one takes no other arm from a list."""
+    for name in arm_names():
+        with suppress(UsageError, ImportError, AttributeError):
+            yield arm_record(name)
+
+
 def arms_with_geometry() -> tuple[str, ...]:
     """Names of the arms whose geometry is known, sorted."""
-    return tuple(name for name in arm_names() if arm_record(name).kinematics is not None)
+    return tuple(record.name for record in _records() if record.kinematics is not None)
 
 
 def arm_with_geometry(name: str) -> ArmRecord:
@@ -273,11 +286,11 @@ def arm_with_geometry(name: str) -> ArmRecord:
 
 def assembled_arms() -> dict[str, str]:
     """The arms that a person assembles: title by name, by their places."""
-    records = [record for name in arm_names() if (record := arm_record(name)).assembly is not None]
-    return {record.name: record.title for record in sorted(records, key=lambda record: record.place)}
+    records = sorted(_records(), key=lambda record: record.place)
+    return {record.name: record.title for record in records if record.assembly is not None}
 
 
 def simulated_arms() -> tuple[str, ...]:
     """Names of the arms that ``sim://NAME`` emulates inside the program that opens it, by their places."""
-    records = [record for name in arm_names() if (record := arm_record(name)).emulated == f"sim://{name}"]
-    return tuple(record.name for record in sorted(records, key=lambda record: record.place))
+    records = sorted(_records(), key=lambda record: record.place)
+    return tuple(record.name for record in records if record.simulated)
