@@ -56,6 +56,7 @@ ROOMS = (
     "bus",
     "arm",
     "control",
+    "setup",
     "motion",
     "model",
     "ipc",

@@ -18,7 +18,7 @@ FRESH = 10.0
 def main() -> None:
     # Before anything reads it.
     tables.DIALECT2_REPLY_WINDOW = REPLY_WINDOW
-    from hexwire.control import owner
+    from hexwire.control.loop import owner
     from hexwire.session.policy import RetryPolicy
 
     assert RetryPolicy().window == REPLY_WINDOW

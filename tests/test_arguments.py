@@ -14,8 +14,8 @@ from tests.drivers.test_base import Guarded
 
 from hexwire.arguments import DATA, FLAG, NAME, NAMES, SECONDS, WHOLE, check, checked, or_none
 from hexwire.arm.verbs import Arm
-from hexwire.control.motions import MotionOptions, check_path, run_motion
-from hexwire.control.owner import RobotOwner
+from hexwire.control.loop.owner import RobotOwner
+from hexwire.control.motion.motions import MotionOptions, check_path, run_motion
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.drivers.puma260 import Puma260Driver

@@ -101,7 +101,7 @@ def test_ros_is_optional() -> None:
         "import sys\n"
         "for name in ('rospy', 'rosgraph', 'genpy', 'actionlib', 'rclpy', 'zenoh'): sys.modules[name] = None\n"
         "import hexwire, hexwire.ipc.session, hexwire.ipc.conf, hexwire.drivers.hex7bot\n"
-        "import hexwire.control.controlled_arm\n"
+        "import hexwire.control.requests.controlled_arm\n"
         "print(any(name.startswith(('hexwire.ros1', 'hexwire.ros2')) for name in sys.modules))\n"
     )
     done = subprocess.run((sys.executable, "-c", code), capture_output=True, text=True, check=True)

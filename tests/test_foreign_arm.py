@@ -12,11 +12,11 @@ from tests.packages import install
 
 import hexwire
 from hexwire.cli.main import cli
-from hexwire.control.arm_setup import ArmSetup, label, picture
 from hexwire.drivers.registry import load_bus_arm, robot_names
 from hexwire.link.open import make_link
 from hexwire.model.arms import assembled_arms
 from hexwire.model.geometry import kinematics_for
+from hexwire.setup.arm_setup import ArmSetup, label, picture
 from hexwire.studio.geometry import make_geometry
 from hexwire.studio.plugged import emulated
 from hexwire.studio.twins import twin_for

@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from hexwire.arm.poses import Poses
     from hexwire.arm.verbs import Arm, connect
     from hexwire.bus.servo_bus import ServoBus
-    from hexwire.control.motion_result import MotionResult
-    from hexwire.control.rest import Rest
-    from hexwire.control.via import Place
+    from hexwire.control.motion.motion_result import MotionResult
+    from hexwire.control.motion.rest import Rest
+    from hexwire.control.motion.via import Place
     from hexwire.drivers.base import RobotDriver, Signal, StopMode
     from hexwire.drivers.bus_arm import BusArm
     from hexwire.drivers.hex7bot import Hex7BotDriver
@@ -109,16 +109,16 @@ __all__ = [
 ]
 
 _LAZY: dict[str, str] = {
-    "MotionResult": "hexwire.control.motion_result",
+    "MotionResult": "hexwire.control.motion.motion_result",
     "MotionHandle": "hexwire.arm.handle",
     "Handle": "hexwire.arm.handle",
     "Lesson": "hexwire.arm.blocks",
     "Recording": "hexwire.arm.blocks",
     "Poses": "hexwire.arm.poses",
-    "Rest": "hexwire.control.rest",
+    "Rest": "hexwire.control.motion.rest",
     "JointModel": "hexwire.model.arm",
     "JointFlag": "hexwire.model.state",
-    "Place": "hexwire.control.via",
+    "Place": "hexwire.control.motion.via",
     "Trajectory": "hexwire.motion.trajectory",
     "Picture": "hexwire.model.picture",
     "Arm": "hexwire.arm.verbs",

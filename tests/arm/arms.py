@@ -14,7 +14,7 @@ from tests.fleet.emulated import emulated
 
 import hexwire
 from hexwire import Arm
-from hexwire.control.motion_options import MotionOptions
+from hexwire.control.motion.motion_options import MotionOptions
 
 KINDS = {
     "board": "dialect 2",

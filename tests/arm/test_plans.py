@@ -12,7 +12,7 @@ import pytest
 from tests.motion.arms import HOME, rest_to_rest
 
 from hexwire.arm.plans import Plans, edited, is_number, joint_angles, length
-from hexwire.control.via import Place
+from hexwire.control.motion.via import Place
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.aim import Aim
 from hexwire.model.arms.hex7bot.joints import HEX7BOT

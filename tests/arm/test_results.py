@@ -20,10 +20,10 @@ from hexwire import Arm, MotionResult, deg, mm
 from hexwire.arm import verbs
 from hexwire.arm.front import Front
 from hexwire.arm.handle import MotionHandle
-from hexwire.control.motion_options import MotionObserver
-from hexwire.control.path_check import CheckedPath
-from hexwire.control.pose_file import home_pose
-from hexwire.control.power import NOT_LATCHED, STOP_LATCHED, what_helps
+from hexwire.control.loop.power import NOT_LATCHED, STOP_LATCHED, what_helps
+from hexwire.control.motion.motion_options import MotionObserver
+from hexwire.control.motion.path_check import CheckedPath
+from hexwire.control.requests.pose_file import home_pose
 from hexwire.errors import StoppedError, UsageError
 
 SLOW: dict[str, Callable[[Arm], Callable[[], MotionHandle[Any]]]] = {

@@ -26,10 +26,10 @@ from hexwire import Arm, connect, deg, mm
 from hexwire.arm import verbs
 from hexwire.arm.blocks import Lesson
 from hexwire.arm.handle import MotionHandle
-from hexwire.control.following import run_following
-from hexwire.control.motion_options import MotionOptions
-from hexwire.control.motions import MotionResult, check_path, run_motion
-from hexwire.control.reader import read_start
+from hexwire.control.loop.reader import read_start
+from hexwire.control.motion.following import run_following
+from hexwire.control.motion.motion_options import MotionOptions
+from hexwire.control.motion.motions import MotionResult, check_path, run_motion
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.registry import make_driver
 from hexwire.errors import HexwireError, LeaseError, LimitError, StoppedError, UsageError
@@ -413,7 +413,7 @@ def test_the_gripper_moves_together_with_the_arm(arm: Arm) -> None:
 
 
 def test_poses_are_those_of_the_command_line(arm: Arm) -> None:
-    from hexwire.control.pose_file import PoseFile
+    from hexwire.control.requests.pose_file import PoseFile
 
     joint = joint_of(arm)
     arm.move({joint: deg(5)}, relative=True)

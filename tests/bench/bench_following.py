@@ -12,9 +12,9 @@ from collections.abc import Callable
 from statistics import median
 from typing import NamedTuple
 
-from hexwire.control.following import BriefReader, FollowController, following_rules
-from hexwire.control.owner import RobotOwner, release
-from hexwire.control.path_check import PathCheck
+from hexwire.control.loop.owner import RobotOwner, release
+from hexwire.control.motion.following import BriefReader, FollowController, following_rules
+from hexwire.control.motion.path_check import PathCheck
 from hexwire.drivers.bus_arm import So101Arm
 from hexwire.emulator.bus_arms import make_bus_arm
 from hexwire.emulator.bus_device import BusDevice

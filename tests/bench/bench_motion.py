@@ -14,12 +14,12 @@ from typing import Any
 
 from tests.bench.motion_peers import compare
 
-from hexwire.control.arrival import Tolerance
-from hexwire.control.controller import TrajectoryController
-from hexwire.control.goals import Tolerances
-from hexwire.control.owner import RobotOwner
-from hexwire.control.path_check import PathCheck
-from hexwire.control.settings import ControllerSettings
+from hexwire.control.loop.controller import TrajectoryController
+from hexwire.control.loop.owner import RobotOwner
+from hexwire.control.motion.arrival import Tolerance
+from hexwire.control.motion.goals import Tolerances
+from hexwire.control.motion.path_check import PathCheck
+from hexwire.control.requests.settings import ControllerSettings
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.values import StopMode
 from hexwire.model.arms.hex7bot.joints import HEX7BOT

@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from tests.bench.board import board, cpu, memory, servo_bus
 from tests.studio.chromium import chromium
 
-from hexwire.control.history import History
+from hexwire.control.requests.history import History
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointState
 

@@ -17,9 +17,9 @@ sys.path.insert(0, str(HERE))
 
 import fleet_worker as w  # noqa: E402
 
-from hexwire.control.controlled_arm import ControlledArm  # noqa: E402
-from hexwire.control.lease import Lease  # noqa: E402
-from hexwire.control.shared import Order, SharedArm  # noqa: E402
+from hexwire.control.requests.controlled_arm import ControlledArm  # noqa: E402
+from hexwire.control.sharing.lease import Lease  # noqa: E402
+from hexwire.control.sharing.shared import Order, SharedArm  # noqa: E402
 from hexwire.drivers import registry  # noqa: E402
 from hexwire.drivers.base import RobotDriver  # noqa: E402
 from hexwire.drivers.values import ProbeReport, StopMode  # noqa: E402

@@ -13,12 +13,12 @@ from typing import Any
 from tests.bench.board import board
 from tests.motion.arms import HOME
 
-from hexwire.control.client_goals import ClientGoals, Request
-from hexwire.control.controlled_arm import ControlledArm
-from hexwire.control.goals import Point, TrajectoryGoal
-from hexwire.control.outcomes import Ended, Outcome, Reason
-from hexwire.control.setting import Faults
-from hexwire.control.settings_reader import read_settings
+from hexwire.control.loop.outcomes import Ended, Outcome, Reason
+from hexwire.control.motion.goals import Point, TrajectoryGoal
+from hexwire.control.requests.client_goals import ClientGoals, Request
+from hexwire.control.requests.controlled_arm import ControlledArm
+from hexwire.control.requests.setting import Faults
+from hexwire.control.requests.settings_reader import read_settings
 from hexwire.wire.command_frame import Command, parse_frame
 
 __all__ = ["goal_starts"]

@@ -15,11 +15,11 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from itertools import pairwise
 
-from hexwire.control.loop import RateLoop
-from hexwire.control.motion_options import MotionObserver, MotionOptions
-from hexwire.control.motions import run_motion
-from hexwire.control.power import give_torque
-from hexwire.control.reader import read_state
+from hexwire.control.loop.loop import RateLoop
+from hexwire.control.loop.power import give_torque
+from hexwire.control.loop.reader import read_state
+from hexwire.control.motion.motion_options import MotionObserver, MotionOptions
+from hexwire.control.motion.motions import run_motion
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.drivers.timed_path import TimedPoint
 from hexwire.model.arms.hex7bot.joints import HEX7BOT

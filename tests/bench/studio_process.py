@@ -12,8 +12,8 @@ import json
 import sys
 import threading
 
-from hexwire.control import loop
-from hexwire.control.shutdown import Shutdown
+from hexwire.control.loop import loop
+from hexwire.control.loop.shutdown import Shutdown
 
 _SWITCH = 0.00002
 """As `hexwire studio` sets it."""

@@ -14,9 +14,9 @@ from tests.defaults import default
 
 from hexwire.cli import exits
 from hexwire.cli.main import cli
-from hexwire.control.loop import RateLoop
-from hexwire.control.motion_options import MotionOptions
-from hexwire.control.teach_mode import record_by_hand
+from hexwire.control.loop.loop import RateLoop
+from hexwire.control.motion.motion_options import MotionOptions
+from hexwire.control.requests.teach_mode import record_by_hand
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
 from hexwire.emulator.serve import BoardLink, FakeClock
 from hexwire.link import open as ipc_open

@@ -15,8 +15,8 @@ from tests.defaults import default
 from tests.waits import PATIENCE
 
 from hexwire.cli.main import cli
-from hexwire.control.lease import Lease
-from hexwire.control.motion_options import MotionOptions
+from hexwire.control.motion.motion_options import MotionOptions
+from hexwire.control.sharing.lease import Lease
 from hexwire.emulator.board import EmulatedBoard
 from hexwire.emulator.serve_pty import PtyServer
 from hexwire.motion.safety import SafetyLimits

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner, Result
-from tests.control.test_setting_up import Table, new
+from tests.setup.test_setting_up import Table, new
 
 from hexwire.cli.main import cli
 from hexwire.drivers.stop_memory import StopMemory

@@ -15,13 +15,13 @@ from tests.control.so_bench import NAMES, SoBench
 
 from hexwire.cli import bus_calibrate
 from hexwire.cli.main import cli
-from hexwire.control import auto_calibration
-from hexwire.control.auto_calibration import AutoCalibration
 from hexwire.drivers.arm_file import load_arm_file
 from hexwire.drivers.stop_memory import StopMemory
 from hexwire.errors import UsageError
 from hexwire.link import open as link_open
 from hexwire.model.calibration import Calibration
+from hexwire.setup import auto_calibration
+from hexwire.setup.auto_calibration import AutoCalibration
 
 ROW = {"id": 1, "drive_mode": 0, "homing_offset": -1470, "range_min": 758, "range_max": 3291}
 

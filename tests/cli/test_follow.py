@@ -16,8 +16,8 @@ from tests.defaults import default
 from tests.waits import PATIENCE
 
 from hexwire.cli.main import cli
-from hexwire.control import following
-from hexwire.control.following import Pair, run_following
+from hexwire.control.motion import following
+from hexwire.control.motion.following import Pair, run_following
 from hexwire.emulator.hand import HandOrder
 from hexwire.emulator.serve_hand import move_by_hand
 from hexwire.errors import LinkLostError

@@ -9,7 +9,7 @@ import pytest
 from hexwire.arm.plans import joint_angles
 from hexwire.cli.move import parse_targets
 from hexwire.cli.verbs import arrived_words, hold_on_ctrl_c, rest_json
-from hexwire.control.rest import Rest
+from hexwire.control.motion.rest import Rest
 from hexwire.drivers.timed_path import PathState
 from hexwire.errors import LinkLostError, UsageError
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
@@ -439,7 +439,7 @@ def test_move_says_where_the_arm_came_to_rest(bench: Any, monkeypatch: pytest.Mo
         goals.append(goal)
         return Rest("J4", math.radians(0.8), 0.004)
 
-    monkeypatch.setattr("hexwire.control.motions.come_to_rest", rest)
+    monkeypatch.setattr("hexwire.control.motion.motions.come_to_rest", rest)
     assert bench.ok("move", "J4=20", "--wait").endswith("arrived, J4 0.8 deg off, the tip 4.0 mm\n")
     told = bench.json("move", "J4=10", "--wait")
     assert (told["off_deg"], told["off_mm"]) == (pytest.approx(0.8), pytest.approx(4.0))

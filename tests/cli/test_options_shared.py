@@ -8,7 +8,7 @@ import pytest
 
 from hexwire.cli import look, output
 from hexwire.cli.options import RobotOptions, make_robot, resolve_url
-from hexwire.control import reader
+from hexwire.control.loop import reader
 from hexwire.errors import LinkNotFoundError, ServoError, UsageError
 from hexwire.link import ports
 from hexwire.model.arms.hex7bot.joints import HEX7BOT

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 from hexwire.cli.parameter_table import table
-from hexwire.control.setting import Setting
+from hexwire.control.requests.setting import Setting
 
 
 def test_texts_are_beside_short_names_and_below_long_ones() -> None:

@@ -18,8 +18,8 @@ from tests.motion.arms import HOME
 import hexwire
 from hexwire.cli.main import cli
 from hexwire.cli.motion import Point, points_argument, pose_options, to_points
-from hexwire.control.pose_file import PoseFile, home_pose
-from hexwire.control.via import Place
+from hexwire.control.motion.via import Place
+from hexwire.control.requests.pose_file import PoseFile, home_pose
 from hexwire.drivers.registry import make_driver
 from hexwire.errors import UsageError
 from hexwire.model.aim import Aim

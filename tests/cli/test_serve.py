@@ -19,7 +19,7 @@ from tests.waits import PATIENCE, eventually
 
 from hexwire.cli.exits import DEVICE, INTERRUPTED, USAGE
 from hexwire.cli.main import cli
-from hexwire.control.motions import run_motion
+from hexwire.control.motion.motions import run_motion
 from hexwire.drivers import registry
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.errors import DeviceError, HexwireError
@@ -367,7 +367,7 @@ def test_if_the_line_hangs_the_end_says_so_and_the_arm_is_stopped(
     runtime: Path, plug: Plug, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Less than the 5 s for which a person waits.
-    monkeypatch.setattr("hexwire.control.owner._PATIENCE", 1.0)
+    monkeypatch.setattr("hexwire.control.loop.owner._PATIENCE", 1.0)
     service = Service(read_arms({"lab/arm1": {"port": plug.path}}))
     service.start()
     service.wait_until_shared()

@@ -82,7 +82,7 @@ def test_the_arm_is_opened_when_the_server_has_started_and_not_after_its_end(
         time.sleep(0.2)
         opened.set()
 
-    monkeypatch.setattr("hexwire.control.shutdown.Shutdown.listen", lambda _: None)
+    monkeypatch.setattr("hexwire.control.loop.shutdown.Shutdown.listen", lambda _: None)
     monkeypatch.setattr("sys.setswitchinterval", lambda _: None)
     monkeypatch.setattr("gc.freeze", lambda: frozen.append(True))
     monkeypatch.setattr("gc.set_threshold", lambda *_: None)

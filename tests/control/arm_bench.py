@@ -11,15 +11,15 @@ from tests.drivers.arms import Arm as EmulatedArm
 from tests.motion.arms import HOME, NAMES, FakeRobot, FakeTime
 from tests.waits import turn_while_it_waits
 
-from hexwire.control.arrival import Tolerance
-from hexwire.control.controlled_arm import ControlledArm
-from hexwire.control.controller import TrajectoryController
-from hexwire.control.goals import Point, Tolerances, TrajectoryGoal
-from hexwire.control.outcomes import Ended, Outcome, Reason
-from hexwire.control.path_check import PathCheck
-from hexwire.control.setting import Faults
-from hexwire.control.settings import ControllerSettings
-from hexwire.control.settings_reader import read_settings
+from hexwire.control.loop.controller import TrajectoryController
+from hexwire.control.loop.outcomes import Ended, Outcome, Reason
+from hexwire.control.motion.arrival import Tolerance
+from hexwire.control.motion.goals import Point, Tolerances, TrajectoryGoal
+from hexwire.control.motion.path_check import PathCheck
+from hexwire.control.requests.controlled_arm import ControlledArm
+from hexwire.control.requests.setting import Faults
+from hexwire.control.requests.settings import ControllerSettings
+from hexwire.control.requests.settings_reader import read_settings
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointFlag, JointState, JointTarget
 from hexwire.motion.safety import SafetyLimits, StopReason

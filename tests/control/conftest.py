@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from hexwire.control.outcomes import Ended
-from hexwire.control.waiting import Waiter
+from hexwire.control.loop.outcomes import Ended
+from hexwire.control.loop.waiting import Waiter
 
 
 class _PatientWaiter(Waiter):
@@ -17,4 +17,4 @@ class _PatientWaiter(Waiter):
 @pytest.fixture(autouse=True)
 def _an_owner_that_is_slow_has_not_failed(monkeypatch: pytest.MonkeyPatch) -> None:
     """The controllers judge the arrival, in simulated time; the limit of a request in real time is for none."""
-    monkeypatch.setattr("hexwire.control.controlled_arm.Waiter", _PatientWaiter)
+    monkeypatch.setattr("hexwire.control.requests.controlled_arm.Waiter", _PatientWaiter)

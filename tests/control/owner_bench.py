@@ -11,13 +11,13 @@ from tests.control.arm_bench import Told
 from tests.drivers.arms import Arm
 from tests.waits import eventually, turn_while_it_waits
 
-from hexwire.control.arrival import Tolerance
-from hexwire.control.controller import TrajectoryController
-from hexwire.control.goals import Point, Tolerances, TrajectoryGoal
-from hexwire.control.known_state import KnownState
-from hexwire.control.owner import RobotOwner
-from hexwire.control.path_check import PathCheck
-from hexwire.control.settings import ControllerSettings
+from hexwire.control.loop.controller import TrajectoryController
+from hexwire.control.loop.known_state import KnownState
+from hexwire.control.loop.owner import RobotOwner
+from hexwire.control.motion.arrival import Tolerance
+from hexwire.control.motion.goals import Point, Tolerances, TrajectoryGoal
+from hexwire.control.motion.path_check import PathCheck
+from hexwire.control.requests.settings import ControllerSettings
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.serve import FakeClock

@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 
 from tests.control.arm_bench import Bench, Service
 
-from hexwire.control.lease import Lease
-from hexwire.control.shared import Order, SharedArm
+from hexwire.control.sharing.lease import Lease
+from hexwire.control.sharing.shared import Order, SharedArm
 from hexwire.model.state import JointTarget, SentTarget
 
 _T = TypeVar("_T")

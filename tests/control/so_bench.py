@@ -6,12 +6,12 @@ import random
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from hexwire.control.calibrating import CalibrationBench, counting_arm
 from hexwire.drivers.bus_arm import So101Arm
 from hexwire.emulator.bus_arms import EmulatedArm, make_bus_arm
 from hexwire.emulator.bus_device import BusDevice
 from hexwire.emulator.faults import FaultPlan
 from hexwire.emulator.serve import BoardLink
+from hexwire.setup.calibrating import CalibrationBench, counting_arm
 
 NAMES = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 

@@ -10,11 +10,11 @@ import pytest
 from tests.control.arm_bench import PREEMPTED, SUCCEEDED, Bench, free, guide, make_bench, order
 from tests.motion.arms import HOME
 
-from hexwire.control.goals import TrajectoryGoal
-from hexwire.control.outcomes import Reason
-from hexwire.control.path_check import PathCheck
-from hexwire.control.setting import Faults
-from hexwire.control.settings_reader import reread
+from hexwire.control.loop.outcomes import Reason
+from hexwire.control.motion.goals import TrajectoryGoal
+from hexwire.control.motion.path_check import PathCheck
+from hexwire.control.requests.setting import Faults
+from hexwire.control.requests.settings_reader import reread
 from hexwire.errors import GoalError, HexwireError
 from hexwire.motion.safety import StopReason
 

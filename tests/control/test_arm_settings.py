@@ -9,9 +9,9 @@ from tests.control.arm_bench import SUCCEEDED, make_bench, order
 from tests.drivers.arms import Arm as EmulatedArm
 from tests.motion.arms import HOME
 
-from hexwire.control.controlled_arm import ControlledArm
-from hexwire.control.setting import Faults
-from hexwire.control.settings_reader import read_settings
+from hexwire.control.requests.controlled_arm import ControlledArm
+from hexwire.control.requests.setting import Faults
+from hexwire.control.requests.settings_reader import read_settings
 from hexwire.errors import LinkLostError, UsageError
 from hexwire.model.state import JointTarget
 

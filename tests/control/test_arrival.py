@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from hexwire.control.arrival import Arrival, Deviation, Tolerance, Verdict, deviations, in_words, off_goal
+from hexwire.control.motion.arrival import Arrival, Deviation, Tolerance, Verdict, deviations, in_words, off_goal
 from hexwire.motion.trajectory import Sample
 
 JOINTS = ("J1", "J2")

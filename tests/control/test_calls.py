@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from hexwire.control import owner as module
-from hexwire.control.owner import QueuedCalls
+from hexwire.control.loop import owner as module
+from hexwire.control.loop.owner import QueuedCalls
 from hexwire.errors import (
     DeviceError,
     LinkLostError,

@@ -14,9 +14,9 @@ from tests.control.arm_bench import SPLIT, Bench
 from tests.motion.arms import HOME, NAMES
 from tests.waits import eventually
 
-from hexwire.control.client_goals import ClientGoal, ClientGoals, Request
-from hexwire.control.goals import Component, ComponentTolerance, Point, TrajectoryGoal
-from hexwire.control.outcomes import Ended, Outcome, Reason
+from hexwire.control.loop.outcomes import Ended, Outcome, Reason
+from hexwire.control.motion.goals import Component, ComponentTolerance, Point, TrajectoryGoal
+from hexwire.control.requests.client_goals import ClientGoal, ClientGoals, Request
 from hexwire.errors import LinkLostError
 from hexwire.wire.command_frame import Command, parse_frame
 
@@ -283,7 +283,9 @@ def test_the_log_says_why_in_the_words_of_the_front(caplog: pytest.LogCaptureFix
     goals.bench.arm.stop("test")
     goals.goals.close()
     assert stopped.over
-    lines = [record.getMessage() for record in caplog.records if record.name == "hexwire.control.client_goals"]
+    lines = [
+        record.getMessage() for record in caplog.records if record.name == "hexwire.control.requests.client_goals"
+    ]
     assert lines[0].startswith("goal refused: <WRONG_JOINTS> joint_names: 'elbow' unknown")
     assert lines[1:] == ["goal aborted: <STOPPED> stopped: test"]
 
@@ -357,7 +359,7 @@ def test_a_machine_that_stood_still_answers_no_sooner(monkeypatch: pytest.Monkey
         return 3600.0 * looks  # an hour from one look at the clock to the next
 
     goals = Goals(end_after=0.02)
-    monkeypatch.setattr("hexwire.control.client_goals.time", SimpleNamespace(monotonic=jumping))
+    monkeypatch.setattr("hexwire.control.requests.client_goals.time", SimpleNamespace(monotonic=jumping))
     goals.goals.start()
     for key in ("one", "two"):
         looks_before = looks

@@ -23,10 +23,10 @@ from tests.control.arm_bench import (
 from tests.motion.arms import HOME, NAMES
 from tests.waits import PATIENCE
 
-from hexwire.control.diagnostics import diagnose
-from hexwire.control.goals import Point, TrajectoryGoal
-from hexwire.control.outcomes import Outcome, Reason
-from hexwire.control.path_check import PathCheck
+from hexwire.control.loop.outcomes import Outcome, Reason
+from hexwire.control.motion.goals import Point, TrajectoryGoal
+from hexwire.control.motion.path_check import PathCheck
+from hexwire.control.requests.diagnostics import diagnose
 from hexwire.errors import GoalError, LimitError, LinkLostError, ServoError, UsageError
 from hexwire.motion.trajectory import Spline, Waypoint
 
@@ -475,8 +475,8 @@ def test_whoever_waits_for_a_pose_hears_of_its_end(how: str) -> None:
 
 
 def test_a_pose_that_is_never_reached_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hexwire.control.controlled_arm._GRACE", 0.0)
-    monkeypatch.setattr("hexwire.control.controlled_arm.approach", lambda *a, **k: _short())
+    monkeypatch.setattr("hexwire.control.requests.controlled_arm._GRACE", 0.0)
+    monkeypatch.setattr("hexwire.control.requests.controlled_arm.approach", lambda *a, **k: _short())
     bench = make_bench()
     service = bench.begin(lambda: bench.arm.go_to("side"))
     # Nobody turns: in the service's own time the arm never arrives.
@@ -637,7 +637,7 @@ def test_a_motion_says_how_far_off_the_arm_is_at_its_end(monkeypatch: pytest.Mon
         seen.append((goal, position))
         return "J2 0.6 deg off"
 
-    monkeypatch.setattr("hexwire.control.controller.off_goal", off)
+    monkeypatch.setattr("hexwire.control.loop.controller.off_goal", off)
     assert bench.ask(lambda: bench.arm.go_to("home")) == "at home, J2 0.6 deg off"
     told = bench.command(order((1.0, {"J1": HOME["J1"] + 0.3})))
     bench.turn(3.0)

@@ -25,9 +25,9 @@ from tests.control.arm_bench import (
 )
 from tests.motion.arms import HOME, NAMES, state
 
-from hexwire.control.arrival import Tolerance
-from hexwire.control.goals import Point, TrajectoryGoal
-from hexwire.control.outcomes import Outcome, Reason
+from hexwire.control.loop.outcomes import Outcome, Reason
+from hexwire.control.motion.arrival import Tolerance
+from hexwire.control.motion.goals import Point, TrajectoryGoal
 from hexwire.errors import GoalError, LimitError
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointFlag, JointState

@@ -18,8 +18,8 @@ from tests.control.arm_bench import (
 )
 from tests.motion.arms import HOME
 
-from hexwire.control.arrival import Tolerance
-from hexwire.control.outcomes import Outcome, Reason
+from hexwire.control.loop.outcomes import Outcome, Reason
+from hexwire.control.motion.arrival import Tolerance
 from hexwire.errors import GoalError
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.safety import StopReason

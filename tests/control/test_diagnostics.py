@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from hexwire.control.diagnostics import ChangeWatch, Facts, Level, Row, diagnose
+from hexwire.control.requests.diagnostics import ChangeWatch, Facts, Level, Row, diagnose
 from hexwire.drivers.base import JointProbe, ProbeReport
 from hexwire.model.state import JointFlag, JointState
 

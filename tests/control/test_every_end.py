@@ -14,9 +14,9 @@ from tests.drivers.arms import Arm
 from tests.few import few
 from tests.motion.arms import EXCESS, HOME, NAMES, PERIOD, rest_to_rest
 
-from hexwire.control.controller import TrajectoryController
-from hexwire.control.motions import MotionOptions, run_motion
-from hexwire.control.target import SteppedWay
+from hexwire.control.loop.controller import TrajectoryController
+from hexwire.control.loop.target import SteppedWay
+from hexwire.control.motion.motions import MotionOptions, run_motion
 from hexwire.model.arm import JointModel
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointTarget

@@ -16,17 +16,17 @@ import pytest
 from tests.few import few
 from tests.motion.arms import FakeTime, rest_to_rest
 
-from hexwire.control.controlled_arm import ControlledArm
-from hexwire.control.following import Pair, run_following
-from hexwire.control.goals import Point, TrajectoryGoal
-from hexwire.control.lease import Lease
-from hexwire.control.motions import MotionOptions, check_path, run_motion
-from hexwire.control.owner import RobotOwner
-from hexwire.control.path_check import PathCheck
-from hexwire.control.setting import Faults
-from hexwire.control.settings_reader import read_settings
-from hexwire.control.shared import Order, SharedArm
-from hexwire.control.teleop import TeleopController, run_teleop
+from hexwire.control.loop.owner import RobotOwner
+from hexwire.control.motion.following import Pair, run_following
+from hexwire.control.motion.goals import Point, TrajectoryGoal
+from hexwire.control.motion.motions import MotionOptions, check_path, run_motion
+from hexwire.control.motion.path_check import PathCheck
+from hexwire.control.motion.teleop import TeleopController, run_teleop
+from hexwire.control.requests.controlled_arm import ControlledArm
+from hexwire.control.requests.setting import Faults
+from hexwire.control.requests.settings_reader import read_settings
+from hexwire.control.sharing.lease import Lease
+from hexwire.control.sharing.shared import Order, SharedArm
 from hexwire.drivers import registry
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.registry import load_driver

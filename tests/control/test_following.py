@@ -13,7 +13,8 @@ import pytest
 from tests.control.swing import Swing
 from tests.drivers.arms import Arm as BoardArm
 
-from hexwire.control.following import (
+from hexwire.control.loop.owner import RobotOwner, release
+from hexwire.control.motion.following import (
     BriefReader,
     FollowController,
     Pair,
@@ -21,8 +22,7 @@ from hexwire.control.following import (
     following_rules,
     run_following,
 )
-from hexwire.control.owner import RobotOwner, release
-from hexwire.control.path_check import PathCheck
+from hexwire.control.motion.path_check import PathCheck
 from hexwire.drivers.bus_arm import So101Arm
 from hexwire.emulator.bus_arms import make_bus_arm
 from hexwire.emulator.bus_device import BusDevice

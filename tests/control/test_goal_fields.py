@@ -5,8 +5,8 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-from hexwire.control.goal_fields import component_rows, tolerance_rows, trajectory_goal
-from hexwire.control.goals import ComponentTolerance, Point, TrajectoryGoal
+from hexwire.control.motion.goal_fields import component_rows, tolerance_rows, trajectory_goal
+from hexwire.control.motion.goals import ComponentTolerance, Point, TrajectoryGoal
 
 
 def _point(time: int, *values: list[float]) -> Any:

@@ -12,9 +12,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from tests.control.trajectory_goals import HOSTILE, JOINTS, REST, made, order, refusal
 
-from hexwire.control.goals import MAX_POINTS, Point, TrajectoryGoal, check_goal
-from hexwire.control.outcomes import Reason
-from hexwire.control.plan import Plan
+from hexwire.control.loop.outcomes import Reason
+from hexwire.control.loop.plan import Plan
+from hexwire.control.motion.goals import MAX_POINTS, Point, TrajectoryGoal, check_goal
 from hexwire.errors import GoalError
 from hexwire.motion.trajectory import Spline
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from hexwire.control.arrival import Tolerance, deviations, in_words
-from hexwire.control.goals import Component, ComponentTolerance, Tolerances
-from hexwire.control.outcomes import Reason
+from hexwire.control.loop.outcomes import Reason
+from hexwire.control.motion.arrival import Tolerance, deviations, in_words
+from hexwire.control.motion.goals import Component, ComponentTolerance, Tolerances
 from hexwire.errors import GoalError
 from hexwire.motion.trajectory import Sample
 

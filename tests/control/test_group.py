@@ -6,13 +6,13 @@ import threading
 import pytest
 from tests.motion.arms import NAMES, state
 
-from hexwire.control.arrival import Tolerance
-from hexwire.control.controller import TrajectoryController
-from hexwire.control.goals import Point, Tolerances, TrajectoryGoal
-from hexwire.control.group import ControllerGroup
-from hexwire.control.outcomes import Ended, Outcome
-from hexwire.control.path_check import PathCheck
-from hexwire.control.settings import ControllerSettings
+from hexwire.control.loop.controller import TrajectoryController
+from hexwire.control.loop.group import ControllerGroup
+from hexwire.control.loop.outcomes import Ended, Outcome
+from hexwire.control.motion.arrival import Tolerance
+from hexwire.control.motion.goals import Point, Tolerances, TrajectoryGoal
+from hexwire.control.motion.path_check import PathCheck
+from hexwire.control.requests.settings import ControllerSettings
 from hexwire.errors import GoalError
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel

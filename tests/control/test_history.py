@@ -6,7 +6,7 @@ import tracemalloc
 
 import pytest
 
-from hexwire.control.history import ARM_SIGNALS, JOINT_SIGNALS, History
+from hexwire.control.requests.history import ARM_SIGNALS, JOINT_SIGNALS, History
 from hexwire.model.state import JointFlag, JointState
 
 NAN = math.nan

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hexwire.control.hold_to_run import SILENCE, HoldToRun, silence_for
+from hexwire.control.motion.hold_to_run import SILENCE, HoldToRun, silence_for
 
 
 class _Clock:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from tests.control.shared_bench import SharedBench
 
-from hexwire.control.holding import hold_moving, stop_or_log
+from hexwire.control.loop.holding import hold_moving, stop_or_log
 from hexwire.drivers.values import StopMode
 from hexwire.errors import ReplyTimeoutError, StoppedError
 from hexwire.model.state import JointState, JointTarget, SentTarget

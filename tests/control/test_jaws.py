@@ -9,7 +9,7 @@ import pytest
 from tests.control.test_motions import Bench, Watched
 from tests.control.test_timed_motion import Timed
 
-from hexwire.control.motions import MotionResult, check_path, run_motion
+from hexwire.control.motion.motions import MotionResult, check_path, run_motion
 from hexwire.drivers.tools import Gripper
 from hexwire.errors import StoppedError, UsageError
 

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from tests.motion.arms import ARMS, EXCESS, at_rest
 
-from hexwire.control.jog import JogController, JogRequest, read_request
-from hexwire.control.path_check import PathCheck
+from hexwire.control.motion.jog import JogController, JogRequest, read_request
+from hexwire.control.motion.path_check import PathCheck
 from hexwire.errors import GoalError, LimitError, UsageError
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.arms.hex7bot.joints import HEX7BOT

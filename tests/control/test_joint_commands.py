@@ -12,11 +12,11 @@ from tests.control.arm_bench import make_bench
 from tests.few import few
 from tests.motion.arms import HOME
 
-from hexwire.control.controlled_arm import ControlledArm
-from hexwire.control.goals import Point, TrajectoryGoal
-from hexwire.control.set_point_stream import JointCommandStream
-from hexwire.control.setting import Faults
-from hexwire.control.settings_reader import read_settings
+from hexwire.control.motion.goals import Point, TrajectoryGoal
+from hexwire.control.requests.controlled_arm import ControlledArm
+from hexwire.control.requests.set_point_stream import JointCommandStream
+from hexwire.control.requests.setting import Faults
+from hexwire.control.requests.settings_reader import read_settings
 from hexwire.drivers.puma260 import Puma260Driver
 from hexwire.emulator.puma import EmulatedPuma
 from hexwire.emulator.serve import BoardLink, FakeClock

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.model import states
 
-from hexwire.control.known_state import KnownState, SampleClock, StateFilter
+from hexwire.control.loop.known_state import KnownState, SampleClock, StateFilter
 from hexwire.model.state import JointFlag, JointState
 
 NAN = math.nan

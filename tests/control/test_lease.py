@@ -10,7 +10,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from hexwire.control.lease import Grant, Lease
+from hexwire.control.sharing.lease import Grant, Lease
 from hexwire.errors import LeaseError
 
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from hexwire.control.loop import RateLoop
+from hexwire.control.loop.loop import RateLoop
 from hexwire.errors import UsageError
 
 

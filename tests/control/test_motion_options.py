@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from hexwire.control.motion_options import MotionObserver, MotionOptions
+from hexwire.control.motion.motion_options import MotionObserver, MotionOptions
 from hexwire.errors import UsageError
 
 

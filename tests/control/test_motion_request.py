@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.control.motion_service import read_motion
+from hexwire.control.requests.motion_service import read_motion
 from hexwire.errors import UsageError
 from hexwire.model.aim import Aim
 

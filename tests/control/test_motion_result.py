@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from hexwire.control.arrival import Deviation
-from hexwire.control.motion_result import MotionResult
+from hexwire.control.motion.arrival import Deviation
+from hexwire.control.motion.motion_result import MotionResult
 from hexwire.errors import ServoError
 from hexwire.motion.safety import StopReason
 

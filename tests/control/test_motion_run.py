@@ -12,10 +12,10 @@ import pytest
 from tests.control.shared_bench import SharedBench
 from tests.motion.arms import HOME, state
 
-from hexwire.control.lease import Lease
-from hexwire.control.motion_run import MotionRun, begin_motion
-from hexwire.control.preview import Planner, Preview
-from hexwire.control.shared import Order
+from hexwire.control.requests.motion_run import MotionRun, begin_motion
+from hexwire.control.requests.preview import Planner, Preview
+from hexwire.control.sharing.lease import Lease
+from hexwire.control.sharing.shared import Order
 from hexwire.drivers.tools import Gripper
 from hexwire.errors import GoalError, LeaseError
 from hexwire.motion.teach import Taught
@@ -72,7 +72,7 @@ def test_it_arrives_and_says_so_once(bench: RunBench) -> None:
 
 
 def test_it_says_how_far_off_the_joints_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hexwire.control.controller.off_goal", lambda names, *_: f"{names[-1]} 0.6 deg off")
+    monkeypatch.setattr("hexwire.control.loop.controller.off_goal", lambda names, *_: f"{names[-1]} 0.6 deg off")
     bench = RunBench(controllers=SPLIT)
     run = bench.begin(lambda: bench.planner.to_joints({"J1": J1 + 0.3, "J7": HOME["J7"] + 0.3}))
     bench.until(run)

@@ -11,8 +11,8 @@ from tests.control.arm_bench import POSES, guide
 from tests.control.test_motion_run import RunBench
 from tests.motion.arms import HOME
 
-from hexwire.control.motion_service import MotionService
-from hexwire.control.pose_file import PoseFile
+from hexwire.control.requests.motion_service import MotionService
+from hexwire.control.requests.pose_file import PoseFile
 from hexwire.errors import ConfigError, GoalError, HexwireError, LeaseError, UsageError
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 

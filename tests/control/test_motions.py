@@ -16,8 +16,8 @@ from tests.drivers.arms import Arm
 from tests.motion.arms import rest_to_rest
 
 from hexwire.control import run_motion
-from hexwire.control.motions import MotionObserver, MotionOptions, check_path
-from hexwire.control.path_check import PathCheck
+from hexwire.control.motion.motions import MotionObserver, MotionOptions, check_path
+from hexwire.control.motion.path_check import PathCheck
 from hexwire.drivers.values import StopMode
 from hexwire.errors import (
     CommandRefusedError,

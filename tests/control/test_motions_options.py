@@ -11,7 +11,7 @@ from tests.control.test_motions import Bench, Watched
 from tests.drivers.arms import Arm
 
 from hexwire.control import run_motion
-from hexwire.control.motions import check_path
+from hexwire.control.motion.motions import check_path
 from hexwire.drivers.values import StopMode
 from hexwire.errors import GoalError, PreemptedError
 from hexwire.model.state import JointState, JointTarget

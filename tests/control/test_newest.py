@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from tests.motion.arms import NAMES, state
 
-from hexwire.control.known_state import LatestState
+from hexwire.control.loop.known_state import LatestState
 from hexwire.model.state import JointFlag
 
 

@@ -13,10 +13,10 @@ from tests.control.shared_bench import SharedBench
 from tests.few import few
 from tests.motion.arms import HOME, NAMES
 
-from hexwire.control.board_path_feeder import PathBrake
-from hexwire.control.goals import Point, TrajectoryGoal
-from hexwire.control.lease import Lease
-from hexwire.control.outcomes import Outcome, Reason
+from hexwire.control.loop.outcomes import Outcome, Reason
+from hexwire.control.motion.board_path_feeder import PathBrake
+from hexwire.control.motion.goals import Point, TrajectoryGoal
+from hexwire.control.sharing.lease import Lease
 from hexwire.drivers.board2_path import Board2Path
 from hexwire.drivers.timed_path import PathState, TimedPoint
 from hexwire.epochs import Token

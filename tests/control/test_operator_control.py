@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from hexwire.control.operator_control import Notes, OperatorController
+from hexwire.control.motion.operator_control import Notes, OperatorController
 from hexwire.errors import UsageError
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.safety import StopReason

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from hexwire.control.outcomes import Ended, Outcome, Progress, Reason
+from hexwire.control.loop.outcomes import Ended, Outcome, Progress, Reason
 from hexwire.motion.trajectory import Sample
 
 

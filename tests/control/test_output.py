@@ -9,8 +9,8 @@ from tests.control.owner_bench import make_controller
 from tests.drivers.arms import Arm
 from tests.motion.arms import rest_to_rest
 
-from hexwire.control.group import ControllerGroup
-from hexwire.control.output import Output
+from hexwire.control.loop.group import ControllerGroup
+from hexwire.control.loop.output import Output
 from hexwire.epochs import Token
 from hexwire.errors import CommandRefusedError, LeaseError, StoppedError, UsageError
 from hexwire.model.state import JointTarget, SentTarget

@@ -12,8 +12,8 @@ from tests.bus.bus_bench import make_bus
 from tests.control.owner_bench import Bench, BoardBench, moving
 from tests.few import few
 
-from hexwire.control.known_state import KnownState
-from hexwire.control.outcomes import Outcome
+from hexwire.control.loop.known_state import KnownState
+from hexwire.control.loop.outcomes import Outcome
 from hexwire.drivers.bus_arm import So101Arm
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.drivers.puma260 import Puma260Driver

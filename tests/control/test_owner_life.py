@@ -9,9 +9,9 @@ import pytest
 from tests.control.owner_bench import BoardBench, Served, Threaded, moving
 from tests.waits import eventually
 
-from hexwire.control import owner as module
-from hexwire.control.known_state import KnownState
-from hexwire.control.owner import RobotOwner, claim
+from hexwire.control.loop import owner as module
+from hexwire.control.loop.known_state import KnownState
+from hexwire.control.loop.owner import RobotOwner, claim
 from hexwire.drivers.values import StopMode
 from hexwire.errors import (
     DeviceError,
@@ -313,7 +313,7 @@ def test_the_owners_own_thread_is_told_that_it_cannot_end_itself(served: Served)
 def test_an_owner_who_does_not_come_back_keeps_nobody_from_ending(
     served: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hexwire.control.owner._PATIENCE", 1.0)
+    monkeypatch.setattr("hexwire.control.loop.owner._PATIENCE", 1.0)
     stick, stuck, free = threading.Event(), threading.Event(), threading.Event()
 
     def on_state(state: JointState, published: KnownState) -> None:

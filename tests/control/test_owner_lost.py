@@ -6,7 +6,7 @@ import pytest
 from tests.control.owner_bench import BoardBench, moving
 from tests.few import few
 
-from hexwire.control.outcomes import Outcome
+from hexwire.control.loop.outcomes import Outcome
 from hexwire.errors import (
     DeviceError,
     LinkLostError,

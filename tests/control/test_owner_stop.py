@@ -7,7 +7,7 @@ import threading
 import pytest
 from tests.control.owner_bench import Bench, BoardBench, moving, mute
 
-from hexwire.control.outcomes import Outcome
+from hexwire.control.loop.outcomes import Outcome
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.errors import (
     GoalError,

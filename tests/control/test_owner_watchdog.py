@@ -13,9 +13,9 @@ from tests.drivers.test_base import MODEL, Guarded
 from tests.model.states import make_state
 from tests.motion.arms import rest_to_rest
 
-from hexwire.control.motions import MotionOptions, run_motion
-from hexwire.control.owner import RobotOwner
-from hexwire.control.teleop import TeleopController
+from hexwire.control.loop.owner import RobotOwner
+from hexwire.control.motion.motions import MotionOptions, run_motion
+from hexwire.control.motion.teleop import TeleopController
 from hexwire.drivers.values import StopMode
 from hexwire.errors import StoppedError
 from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget

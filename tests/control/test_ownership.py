@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import pytest
 
-from hexwire.control.owner import claim, release
+from hexwire.control.loop.owner import claim, release
 from hexwire.errors import UsageError
 
 

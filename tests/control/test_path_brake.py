@@ -14,8 +14,8 @@ from tests.few import few
 from tests.motion.arms import HOME, cubic_at
 from tests.motion.fastest import fastest, keeps
 
-from hexwire.control import board_path_feeder
-from hexwire.control.board_path_feeder import PathBrake, plan_points
+from hexwire.control.motion import board_path_feeder
+from hexwire.control.motion.board_path_feeder import PathBrake, plan_points
 from hexwire.drivers.board2_path import MOST_BODY
 from hexwire.drivers.timed_path import REST_POINTS, TimedPoint
 from hexwire.errors import CommandRefusedError, StoppedError, UsageError

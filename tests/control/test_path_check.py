@@ -11,9 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.motion.arms import HOME, state
 
-from hexwire.control import path_check
-from hexwire.control.outcomes import Reason
-from hexwire.control.path_check import PathCheck
+import hexwire
+from hexwire.control.loop.outcomes import Reason
+from hexwire.control.motion import path_check
+from hexwire.control.motion.path_check import PathCheck
 from hexwire.drivers.arm_file import load_profile
 from hexwire.errors import GoalError, LimitError, UsageError
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
@@ -216,9 +217,9 @@ def test_the_combined_target_of_all_controllers_is_checked_during_the_motion() -
 
 
 def test_the_list_of_checks_is_the_only_one() -> None:
-    control = Path(path_check.__file__).parent
-    others = [file.name for file in control.glob("*.py") if file.name != "path_check.py"]
-    assert [name for name in others if "motion.fence" in (control / name).read_text(encoding="utf-8")] == []
+    source = Path(hexwire.__file__).parent
+    files = [file for room in ("control", "setup") for file in (source / room).rglob("*.py")]
+    assert [file.name for file in files if "motion.fence" in file.read_text(encoding="utf-8")] == ["path_check.py"]
 
 
 @given(st.lists(st.tuples(*[st.floats(-1.6, 1.6)] * 3), min_size=1, max_size=12), st.booleans())

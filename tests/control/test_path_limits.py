@@ -20,10 +20,10 @@ from tests.control.test_timed_motion import Timed as Program
 from tests.few import few
 from tests.motion.arms import HOME, NAMES
 
-from hexwire.control.board_path_feeder import PathBrake
-from hexwire.control.goals import Point, TrajectoryGoal
-from hexwire.control.motions import run_motion
-from hexwire.control.outcomes import Outcome
+from hexwire.control.loop.outcomes import Outcome
+from hexwire.control.motion.board_path_feeder import PathBrake
+from hexwire.control.motion.goals import Point, TrajectoryGoal
+from hexwire.control.motion.motions import run_motion
 from hexwire.drivers.timed_path import PathState, TimedPath, TimedPoint
 from hexwire.emulator.board_trajectory import LEAD_MS
 from hexwire.errors import LimitError

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from hexwire.control.board_path_feeder import PathPace
+from hexwire.control.motion.board_path_feeder import PathPace
 
 
 def pace(period: float, *exchanges: float) -> PathPace:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from tests.control.unused_path import UnusedPath
 
-from hexwire.control.board_path_feeder import StartOrder, first_start
+from hexwire.control.motion.board_path_feeder import StartOrder, first_start
 from hexwire.drivers.timed_path import PathStart
 from hexwire.errors import CommandRefusedError, StoppedError
 from hexwire.motion.trajectory import Spline, Waypoint

@@ -7,9 +7,9 @@ import math
 import pytest
 from tests.control.trajectory_goals import JOINTS, REST, START, STILL, made, order, refusal
 
-from hexwire.control.goals import Point
-from hexwire.control.outcomes import Reason
-from hexwire.control.plan import Plan
+from hexwire.control.loop.outcomes import Reason
+from hexwire.control.loop.plan import Plan
+from hexwire.control.motion.goals import Point
 from hexwire.errors import GoalError
 from hexwire.motion.trajectory import Sample, Spline
 

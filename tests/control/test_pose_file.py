@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.control.pose_file import MOST_POSES, PoseFile, check_pose_name, pose_folder
+from hexwire.control.requests.pose_file import MOST_POSES, PoseFile, check_pose_name, pose_folder
 from hexwire.errors import ConfigError, LimitError, UsageError
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 

@@ -8,8 +8,8 @@ from tests.control.owner_bench import BoardBench
 from tests.drivers.arms import Arm
 from tests.model.states import make_state
 
-from hexwire.control.known_state import KNOWN_FOR
-from hexwire.control.power import Torques, end_stop, give_torque, switch_torque
+from hexwire.control.loop.known_state import KNOWN_FOR
+from hexwire.control.loop.power import Torques, end_stop, give_torque, switch_torque
 from hexwire.drivers.values import StopMode
 from hexwire.errors import ServoError, StoppedError
 from hexwire.model.state import JointFlag, JointState

@@ -10,11 +10,11 @@ import pytest
 from tests.control.arm_bench import Bench, make_bench
 from tests.motion.arms import HOME, NAMES
 
-from hexwire.control.controlled_arm import ControlledArm
-from hexwire.control.preview import Planner, goal_of
-from hexwire.control.setting import Faults
-from hexwire.control.settings_reader import read_settings
-from hexwire.control.via import Place
+from hexwire.control.motion.via import Place
+from hexwire.control.requests.controlled_arm import ControlledArm
+from hexwire.control.requests.preview import Planner, goal_of
+from hexwire.control.requests.setting import Faults
+from hexwire.control.requests.settings_reader import read_settings
 from hexwire.errors import GoalError, UsageError
 from hexwire.model.aim import Aim
 from hexwire.motion.checks import check_trajectory

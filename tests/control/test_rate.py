@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from hexwire.control.rate import Periodic, RateMeter
+from hexwire.control.loop.rate import Periodic, RateMeter
 
 
 def asked(periodic: Periodic, times: list[float], period: float = 1.0) -> list[float]:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from tests.drivers.arms import Arm
 
-from hexwire.control.reader import StateReader, read_known, read_state
+from hexwire.control.loop.reader import StateReader, read_known, read_state
 from hexwire.errors import DeviceError, LinkError, PreemptedError, ReplyTimeoutError
 from hexwire.model.state import JointFlag, JointState
 from hexwire.session.policy import ReconnectPolicy

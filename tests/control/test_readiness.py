@@ -6,7 +6,7 @@ import pytest
 from tests.control.arm_bench import Bench
 from tests.motion.arms import HOME
 
-from hexwire.control.readiness import Readiness, activate, deactivate, readiness
+from hexwire.control.requests.readiness import Readiness, activate, deactivate, readiness
 from hexwire.errors import GoalError, HexwireError, UsageError
 
 

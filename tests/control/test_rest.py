@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 import pytest
 from tests.motion.arms import HOME
 
-from hexwire.control.rest import Rest, come_to_rest, rest_in_words
+from hexwire.control.motion.rest import Rest, come_to_rest, rest_in_words
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.geometry import kinematics_for
 from hexwire.model.state import JointFlag

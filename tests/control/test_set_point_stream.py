@@ -8,7 +8,7 @@ import pytest
 from tests.control.arm_bench import Bench, guide, make_bench
 from tests.motion.arms import HOME
 
-from hexwire.control.set_point_stream import PAUSE, SetPointStream
+from hexwire.control.requests.set_point_stream import PAUSE, SetPointStream
 from hexwire.errors import GoalError, UsageError
 
 J1 = HOME["J1"]

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from hexwire.control.setting import Faults, Setting, rate_setting
+from hexwire.control.requests.setting import Faults, Setting, rate_setting
 from hexwire.errors import UsageError
 
 RATE = rate_setting("rate", 5.0, "", high=100.0)

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from hexwire.control.setting import Faults
-from hexwire.control.settings import Settings
-from hexwire.control.settings_reader import read_settings
+from hexwire.control.requests.setting import Faults
+from hexwire.control.requests.settings import Settings
+from hexwire.control.requests.settings_reader import read_settings
 from hexwire.motion.safety import SafetyLimits
 
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from hexwire.control.arrival import Tolerance
-from hexwire.control.setting import Faults
-from hexwire.control.settings import SETTINGS, Settings
-from hexwire.control.settings_reader import read_settings, reread
+from hexwire.control.motion.arrival import Tolerance
+from hexwire.control.requests.setting import Faults
+from hexwire.control.requests.settings import SETTINGS, Settings
+from hexwire.control.requests.settings_reader import read_settings, reread
 from hexwire.drivers import registry
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.hex7bot import Hex7BotDriver
@@ -178,7 +178,7 @@ def test_a_robot_that_no_serial_port_can_be(monkeypatch: pytest.MonkeyPatch) -> 
     def own(name: str) -> type[RobotDriver]:
         return _OwnScheme
 
-    monkeypatch.setattr("hexwire.control.settings_reader.load_driver", own)
+    monkeypatch.setattr("hexwire.control.requests.settings_reader.load_driver", own)
     assert load(robot="own", port="tcp://h:1").model.names == ALL
     assert faults(robot="own", port="") == ["port: own needs a port (only tcp:// will do)"]
     assert faults(robot="own", port="udp://h:1") == ["port: only tcp:// will do"]
@@ -188,7 +188,7 @@ def test_a_plugin_that_cannot_be_imported(monkeypatch: pytest.MonkeyPatch) -> No
     def gone(name: str) -> type[RobotDriver]:
         raise ImportError("No module named 'their_arm'")
 
-    monkeypatch.setattr("hexwire.control.settings_reader.load_driver", gone)
+    monkeypatch.setattr("hexwire.control.requests.settings_reader.load_driver", gone)
     assert faults(robot="theirs") == ["robot: No module named 'their_arm'"]
 
 

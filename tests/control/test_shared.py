@@ -14,8 +14,8 @@ from tests.control.arm_bench import Service, order
 from tests.control.shared_bench import SharedBench
 from tests.motion.arms import HOME
 
-from hexwire.control import shared as module
-from hexwire.control.lease import Lease
+from hexwire.control.sharing import shared as module
+from hexwire.control.sharing.lease import Lease
 from hexwire.drivers.values import StopMode
 from hexwire.errors import GoalError, HexwireError, LeaseError, LimitError, LinkLostError, StoppedError, UsageError
 from hexwire.model.arms.hex7bot.joints import HEX7BOT

@@ -11,8 +11,8 @@ from tests.control.arm_bench import order
 from tests.control.shared_bench import SharedBench
 from tests.motion.arms import HOME
 
-from hexwire.control.goals import Point, TrajectoryGoal
-from hexwire.control.shared_goals import BOARD, CONFIRM, HOST, GoalReport, SharedGoals
+from hexwire.control.motion.goals import Point, TrajectoryGoal
+from hexwire.control.sharing.shared_goals import BOARD, CONFIRM, HOST, GoalReport, SharedGoals
 from hexwire.drivers.timed_path import PathState
 from hexwire.errors import GoalError, LeaseError
 from hexwire.model.state import JointTarget, SentTarget

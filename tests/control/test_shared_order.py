@@ -6,8 +6,8 @@ import threading
 
 import pytest
 
-from hexwire.control.lease import Lease
-from hexwire.control.shared import Order, OrderCheck
+from hexwire.control.sharing.lease import Lease
+from hexwire.control.sharing.shared import Order, OrderCheck
 from hexwire.epochs import Epochs
 from hexwire.errors import LeaseError
 

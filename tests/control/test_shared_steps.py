@@ -14,8 +14,8 @@ from tests.control.test_every_end import sample_steps, worst
 from tests.few import few
 from tests.motion.arms import EXCESS, HOME
 
-from hexwire.control.shared_steps import JointSteps, SteppedTargets
-from hexwire.control.target import SteppedWay, straight
+from hexwire.control.loop.target import SteppedWay, straight
+from hexwire.control.sharing.shared_steps import JointSteps, SteppedTargets
 from hexwire.errors import LeaseError, LimitError, StoppedError
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointTarget, SentTarget

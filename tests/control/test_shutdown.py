@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from hexwire.control.shutdown import Shutdown
+from hexwire.control.loop.shutdown import Shutdown
 
 PATIENCE = 60.0
 
@@ -31,7 +31,7 @@ def shutdown() -> Iterator[Shutdown]:
 
 def child(code: str, status: int) -> str:
     """Run a program with a `Shutdown` to its end; returns what it wrote."""
-    head = "import os, random, signal, threading, time\nfrom hexwire.control.shutdown import Shutdown\n"
+    head = "import os, random, signal, threading, time\nfrom hexwire.control.loop.shutdown import Shutdown\n"
     done = subprocess.run([sys.executable, "-c", head + code], capture_output=True, text=True, timeout=PATIENCE)
     assert done.returncode == status, done.stderr
     return done.stdout + done.stderr

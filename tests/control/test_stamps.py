@@ -7,7 +7,7 @@ import random
 
 import pytest
 
-from hexwire.control.stamps import StampClock
+from hexwire.control.loop.stamps import StampClock
 
 
 class Clocks:

@@ -9,8 +9,8 @@ import pytest
 from tests.control.arm_bench import make_bench
 from tests.model.states import make_state
 
-from hexwire.control.controlled_arm import logging_states
-from hexwire.control.known_state import KnownState
+from hexwire.control.loop.known_state import KnownState
+from hexwire.control.requests.controlled_arm import logging_states
 from hexwire.model.state import JointState
 
 LINE = "arm:: HW read (degree):\nJ1=-4.47257 J2=54.6484"

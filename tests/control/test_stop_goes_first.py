@@ -14,10 +14,10 @@ from tests.few import few
 from tests.motion.arms import HOME
 
 import hexwire.motion.set_point_generator
-from hexwire.control import group
-from hexwire.control.group import ControllerGroup
-from hexwire.control.holding import stop_or_log
-from hexwire.control.readiness import deactivate
+from hexwire.control.loop import group
+from hexwire.control.loop.group import ControllerGroup
+from hexwire.control.loop.holding import stop_or_log
+from hexwire.control.requests.readiness import deactivate
 from hexwire.errors import GoalError
 from hexwire.motion.safety import StopReason
 from hexwire.motion.trajectory import Trajectory
@@ -38,7 +38,7 @@ STOPS: dict[str, Callable[[Bench], object]] = {
 def _hurried(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nobody waits long for a lock that does not come free."""
     monkeypatch.setattr(group, "_PATIENCE", 0.001)
-    monkeypatch.setattr("hexwire.control.teach_mode._PATIENCE", 0.001)
+    monkeypatch.setattr("hexwire.control.requests.teach_mode._PATIENCE", 0.001)
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from tests.control.test_onboard_execution import Timed
 from tests.few import few
 from tests.motion.arms import NAMES
 
-from hexwire.control.goals import Point, TrajectoryGoal
+from hexwire.control.motion.goals import Point, TrajectoryGoal
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 
 SPEED, RATE, ENDS = 0.6, 50.0, 1.6

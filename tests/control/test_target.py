@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 from tests.motion.arms import HOME, NAMES, state
 
-from hexwire.control.arrival import Tolerance
-from hexwire.control.target import TargetController
+from hexwire.control.loop.target import TargetController
+from hexwire.control.motion.arrival import Tolerance
 from hexwire.model.state import JointFlag, JointTarget, SentTarget
 from hexwire.motion.quintic import quintic_share
 from hexwire.motion.safety import StopReason

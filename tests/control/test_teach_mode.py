@@ -13,7 +13,7 @@ from tests.control.arm_bench import SPLIT, SUCCEEDED, Bench, free, guide, make_b
 from tests.drivers.arms import Arm as EmulatedArm
 from tests.motion.arms import HOME, NAMES
 
-from hexwire.control.teach_mode import record_by_hand
+from hexwire.control.requests.teach_mode import record_by_hand
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.errors import HexwireError, ReplyTimeoutError, ServoError, UsageError
 from hexwire.model.state import JointFlag, JointState

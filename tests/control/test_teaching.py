@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.model import states
 
-from hexwire.control import teach_mode
-from hexwire.control.teach_mode import TOLERANCE, Teacher, save, to_points, tolerance_of
+from hexwire.control.requests import teach_mode
+from hexwire.control.requests.teach_mode import TOLERANCE, Teacher, save, to_points, tolerance_of
 from hexwire.errors import HexwireError, UsageError
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.arms.hex7bot.joints import HEX7BOT

@@ -9,9 +9,9 @@ from typing import NamedTuple, NoReturn
 
 import pytest
 
-from hexwire.control.owner import RobotOwner, release
-from hexwire.control.path_check import PathCheck
-from hexwire.control.teleop import TeleopController, run_teleop
+from hexwire.control.loop.owner import RobotOwner, release
+from hexwire.control.motion.path_check import PathCheck
+from hexwire.control.motion.teleop import TeleopController, run_teleop
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.drivers.puma260 import Puma260Driver

@@ -11,8 +11,8 @@ import pytest
 from tests.control.test_motions import Bench, Watched
 from tests.motion.arms import rest_to_rest
 
-from hexwire.control.motions import MotionOptions, MotionResult, check_path, run_motion
-from hexwire.control.path_check import PathCheck
+from hexwire.control.motion.motions import MotionOptions, MotionResult, check_path, run_motion
+from hexwire.control.motion.path_check import PathCheck
 from hexwire.drivers.timed_path import PathState
 from hexwire.errors import StoppedError, UsageError
 from hexwire.model.state import JointState, JointTarget

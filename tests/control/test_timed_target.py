@@ -10,7 +10,7 @@ import pytest
 from tests.control.test_motions import Bench, Watched
 from tests.control.test_timed_motion import Timed
 
-from hexwire.control.motions import MotionResult, run_motion
+from hexwire.control.motion.motions import MotionResult, run_motion
 from hexwire.drivers.timed_path import PathState
 from hexwire.errors import StoppedError, UsageError
 from hexwire.model.state import JointTarget

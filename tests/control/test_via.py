@@ -7,7 +7,7 @@ import math
 import pytest
 from tests.motion.arms import HOME
 
-from hexwire.control.via import Place, chosen_solution, joint_points, tip_poses
+from hexwire.control.motion.via import Place, chosen_solution, joint_points, tip_poses
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.aim import Aim
 from hexwire.model.arms.hex7bot.joints import HEX7BOT

@@ -4,8 +4,8 @@ import threading
 
 import pytest
 
-from hexwire.control.outcomes import Ended, Outcome, Reason
-from hexwire.control.waiting import TryLock, Waiter, join_or_abort
+from hexwire.control.loop.outcomes import Ended, Outcome, Reason
+from hexwire.control.loop.waiting import TryLock, Waiter, join_or_abort
 from hexwire.errors import UsageError
 
 DONE = Ended(Outcome.SUCCEEDED, Reason.REACHED)

@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from hexwire.control.workers import Gathering, Together, Worker
+from hexwire.control.loop.workers import Gathering, Together, Worker
 from hexwire.errors import UsageError
 
 

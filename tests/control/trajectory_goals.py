@@ -6,9 +6,9 @@ import math
 
 import pytest
 
-from hexwire.control.goals import Point, TrajectoryGoal, check_goal
-from hexwire.control.outcomes import Reason
-from hexwire.control.plan import Plan
+from hexwire.control.loop.outcomes import Reason
+from hexwire.control.loop.plan import Plan
+from hexwire.control.motion.goals import Point, TrajectoryGoal, check_goal
 from hexwire.errors import GoalError
 from hexwire.motion.trajectory import Sample, Spline
 

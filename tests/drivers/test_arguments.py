@@ -10,7 +10,7 @@ import pytest
 from tests.drivers.arms import Arm
 from tests.motion.arms import rest_to_rest
 
-from hexwire.control.motions import check_path
+from hexwire.control.motion.motions import check_path
 from hexwire.drivers.values import Signal, StopMode
 from hexwire.errors import UsageError
 from hexwire.model.state import JointTarget

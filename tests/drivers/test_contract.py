@@ -13,7 +13,7 @@ from hexwire.drivers.registry import load_driver, robot_names
 
 SRC = Path(__file__).parents[2] / "src" / "hexwire"
 # The emulator's boards are no drivers, and speak a dialect each; the other rooms know no robot.
-ROOMS = ("control", "ros1", "ros2", "fleet", "studio", "cli")
+ROOMS = ("control", "setup", "ros1", "ros2", "fleet", "studio", "cli")
 ROBOTS = {"robot", "driver", "arm", "board", "probe", "report"}
 KINDS = {"RobotDriver", "SessionDriver", "Board", "Board1", "Board2"}
 

@@ -12,7 +12,7 @@ import pytest
 from tests.waits import PATIENCE
 
 from hexwire.bus.servo_bus import ServoBus
-from hexwire.control.diagnostics import Facts, _stop_reason
+from hexwire.control.requests.diagnostics import Facts, _stop_reason
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.checkup import judge_state
 from hexwire.drivers.registry import connect

@@ -8,7 +8,7 @@ import pytest
 from tests.fleet.conftest import Serve
 from tests.motion.arms import rest_to_rest
 
-from hexwire.control.motions import MotionOptions, run_motion
+from hexwire.control.motion.motions import MotionOptions, run_motion
 from hexwire.drivers import registry
 from hexwire.drivers.timed_path import PathState, TimedPoint
 from hexwire.errors import GoalError, NotSupportedError, UsageError

@@ -13,7 +13,7 @@ from tests.fleet.conftest import Serve
 from tests.fleet.emulated import KINDS, emulated
 from tests.waits import PATIENCE, eventually
 
-from hexwire.control.motions import MotionObserver, run_motion
+from hexwire.control.motion.motions import MotionObserver, run_motion
 from hexwire.drivers import registry
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.registry import make_driver

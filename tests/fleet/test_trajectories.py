@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from hexwire.control.goals import TrajectoryGoal
-from hexwire.control.shared_goals import GoalReport
+from hexwire.control.motion.goals import TrajectoryGoal
+from hexwire.control.sharing.shared_goals import GoalReport
 from hexwire.errors import UsageError
 from hexwire.fleet import messages as m
 from hexwire.fleet.trajectories import do_goal_order, follow_message, goal_row, trajectory_goal

@@ -13,8 +13,8 @@ import ruckig
 from tests.few import few
 from tests.motion.arms import ARMS, EXCESS, PERIOD, at_rest
 
-from hexwire.control.goals import Point, TrajectoryGoal
-from hexwire.control.plan import Plan
+from hexwire.control.loop.plan import Plan
+from hexwire.control.motion.goals import Point, TrajectoryGoal
 from hexwire.errors import LimitError
 from hexwire.model.arm import ArmModel
 from hexwire.model.arms.hex7bot.joints import HEX7BOT

@@ -9,8 +9,8 @@ import pytest
 from tests.few import few
 from tests.motion.arms import ARMS, EXCESS, HOME, PERIOD, at_rest, state
 
-from hexwire.control.goals import Point, TrajectoryGoal
-from hexwire.control.plan import Plan
+from hexwire.control.loop.plan import Plan
+from hexwire.control.motion.goals import Point, TrajectoryGoal
 from hexwire.errors import LimitError
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.checks import check_trajectory

@@ -25,7 +25,7 @@ import pytest
 from tests.defaults import default
 from tests.link.far_ends import free_port
 
-from hexwire.control.lease import Lease
+from hexwire.control.sharing.lease import Lease
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
 from hexwire.emulator.faults import FaultPlan
 from hexwire.emulator.hand import FORCE, Hand

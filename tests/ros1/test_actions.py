@@ -13,7 +13,7 @@ from tests.control.arm_bench import Bench
 from tests.motion.arms import HOME
 from tests.waits import eventually
 
-from hexwire.control.client_goals import ClientGoal
+from hexwire.control.requests.client_goals import ClientGoal
 from hexwire.ros1.actions import ActionGoals
 
 

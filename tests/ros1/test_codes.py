@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from hexwire.control.goal_fields import CODES, ErrorCode
-from hexwire.control.outcomes import Reason
+from hexwire.control.loop.outcomes import Reason
+from hexwire.control.motion.goal_fields import CODES, ErrorCode
 from hexwire.ros1.messages import PACKAGES
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from hexwire.control.goal_fields import ErrorCode
+from hexwire.control.motion.goal_fields import ErrorCode
 from hexwire.errors import HexwireError, UsageError
 from hexwire.ros1 import messages
 from hexwire.ros1.messages import control_msgs, control_srvs, osrf_msgs

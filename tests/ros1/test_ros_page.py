@@ -9,7 +9,7 @@ import pytest
 from tests.ros1.ros_world import Arm
 
 import hexwire.ros1
-from hexwire.control.goal_fields import ErrorCode
+from hexwire.control.motion.goal_fields import ErrorCode
 from hexwire.ros1.parameters import PARAMETERS
 from hexwire.ros1.path import _NEEDED
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from hexwire.control.goals import Point, TrajectoryGoal
+from hexwire.control.motion.goals import Point, TrajectoryGoal
 from hexwire.ros1.values import trajectory_of
 
 

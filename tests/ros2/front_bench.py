@@ -20,8 +20,8 @@ from tests.drivers.arms import Arm as EmulatedArm
 from tests.waits import turn_while_it_waits
 from zenoh_ros2_tests.fake_node import Call, FakeNode, FakePublisher
 
-from hexwire.control import arm_node
-from hexwire.control.controlled_arm import ControlledArm
+from hexwire.control.requests import arm_node
+from hexwire.control.requests.controlled_arm import ControlledArm
 from hexwire.ros2 import hardware_interface
 from hexwire.ros2.hardware_interface import NAME, HardwareInterface
 from hexwire.ros2.settings import load_settings

@@ -14,8 +14,8 @@ from tests.motion.arms import HOME, NAMES
 from tests.waits import eventually
 from zenoh_ros2_tests.fake_node import Call, FakeNode
 
-from hexwire.control.client_goals import ClientGoal
-from hexwire.control.goal_fields import ErrorCode
+from hexwire.control.motion.goal_fields import ErrorCode
+from hexwire.control.requests.client_goals import ClientGoal
 from hexwire.ros2.actions import FOLLOW_JOINT_TRAJECTORY, ActionGoals
 from zenoh_ros2.action_server import ActionServer
 from zenoh_ros2.goals import CancelCode, GoalStatus

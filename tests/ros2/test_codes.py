@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from hexwire.control.goal_fields import ErrorCode
-from hexwire.control.outcomes import Reason
+from hexwire.control.loop.outcomes import Reason
+from hexwire.control.motion.goal_fields import ErrorCode
 from hexwire.ros2.actions import CODES, in_log
 from zenoh_ros2.types import Types
 

@@ -6,9 +6,9 @@ import math
 
 import pytest
 
-from hexwire.control.diagnostics import Level, Row
-from hexwire.control.known_state import KnownState
-from hexwire.control.outcomes import Progress
+from hexwire.control.loop.known_state import KnownState
+from hexwire.control.loop.outcomes import Progress
+from hexwire.control.requests.diagnostics import Level, Row
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.teach import Taught
 from hexwire.motion.trajectory import Sample

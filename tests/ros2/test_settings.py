@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from hexwire.control.setting import Setting
-from hexwire.control.settings import SETTINGS
+from hexwire.control.requests.setting import Setting
+from hexwire.control.requests.settings import SETTINGS
 from hexwire.drivers import registry
 from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.link import ports

@@ -34,7 +34,7 @@ from hexwire.ros2.wire import own_errors
 def test_the_log_is_written_as_ros_nodes_do(
     capsys: pytest.CaptureFixture[str], words: list[str], wanted: list[str]
 ) -> None:
-    log = logging.getLogger("hexwire.control.controlled_arm")
+    log = logging.getLogger("hexwire.control.requests.controlled_arm")
     with _console(parse_arguments(words), "lab.left_arm"):
         for level in (logging.DEBUG, logging.INFO, logging.WARNING):
             log.log(level, "torque is %s", "on")
@@ -56,7 +56,7 @@ def test_the_log_of_a_node_in_a_namespace_has_the_name_of_its_logger(
         def __init__(self, *_: object) -> None: ...
 
         def run(self) -> int:
-            logging.getLogger("hexwire.control.controlled_arm").info("torque is on")
+            logging.getLogger("hexwire.control.requests.controlled_arm").info("torque is on")
             return 0
 
     monkeypatch.setattr(start, "HardwareInterface", Node)

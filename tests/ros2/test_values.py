@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from hexwire.control.client_goals import Request
-from hexwire.control.goals import ComponentTolerance, Point, TrajectoryGoal
+from hexwire.control.motion.goals import ComponentTolerance, Point, TrajectoryGoal
+from hexwire.control.requests.client_goals import Request
 from hexwire.ros2.values import request_of, trajectory_of
 from zenoh_ros2.times import nanoseconds_of, seconds_of
 from zenoh_ros2.types import Types

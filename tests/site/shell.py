@@ -20,7 +20,7 @@ from click.testing import CliRunner
 from tests.waits import PATIENCE
 
 from hexwire.cli.main import cli
-from hexwire.control.pose_file import PoseFile
+from hexwire.control.requests.pose_file import PoseFile
 from hexwire.errors import ConfigError
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 

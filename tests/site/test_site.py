@@ -193,7 +193,7 @@ def test_pages_fit_a_phone_and_have_its_colours(scheme: str, site: Path, window:
     """The widest kinds of page: nothing is wider than the screen but what is scrolled by itself."""
     wide = {
         "light": ("index", "bus", "protocol", "reference/commands/bus", "reference/registers/hls"),
-        "dark": ("tutorials/first-steps", "reference/errors/ports", "reference/api/hexwire.control.motions"),
+        "dark": ("tutorials/first-steps", "reference/errors/ports", "reference/api/hexwire.control.motion.motions"),
     }[scheme]
     asked: list[str] = []
     with window.new_context(viewport={"width": 390, "height": 844}, color_scheme=scheme) as context:  # type: ignore[arg-type]

@@ -16,8 +16,8 @@ import pytest
 from tests.studio.chromium import chromium
 from tests.studio.running import PATIENCE, RunningStudio
 
-from hexwire.control.lease import Lease
-from hexwire.control.settings_reader import read_settings
+from hexwire.control.requests.settings_reader import read_settings
+from hexwire.control.sharing.lease import Lease
 from hexwire.studio import arm_source, source
 from hexwire.studio.access import Access
 from hexwire.studio.app import Studio

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Self
 from tests.waits import PATIENCE
 from websockets.sync.client import connect
 
-from hexwire.control.history import History
+from hexwire.control.requests.history import History
 
 if TYPE_CHECKING:
     from playwright.sync_api import Locator, LocatorAssertions, Page

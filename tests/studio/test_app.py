@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from tests.studio.running import PATIENCE, until
 
-from hexwire.control.power import Stopped
+from hexwire.control.loop.power import Stopped
 from hexwire.errors import LeaseError
 from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio

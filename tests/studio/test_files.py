@@ -15,7 +15,7 @@ from tests.studio.running import fill_history, until
 from tests.studio.test_columns import parsed
 from tests.studio.test_recordings import record
 
-from hexwire.control.history import BLOCK
+from hexwire.control.requests.history import BLOCK
 from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio
 from hexwire.studio.files import make_routes

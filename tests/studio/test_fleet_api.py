@@ -13,7 +13,7 @@ import pytest
 from tests.studio.asking import Asker
 from tests.studio.running import PATIENCE, until
 
-from hexwire.control.power import Stopped, Torques
+from hexwire.control.loop.power import Stopped, Torques
 from hexwire.errors import LinkLostError, LinkNotFoundError, UsageError
 from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio

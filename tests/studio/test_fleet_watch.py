@@ -13,7 +13,7 @@ import pytest
 from tests.fleet.conftest import Serve, runtime, serve
 from tests.studio.running import until
 
-from hexwire.control.power import Stopped
+from hexwire.control.loop.power import Stopped
 from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.studio.fleet_watch import FleetWatch
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from tests.studio.running import until
 
-from hexwire.control.hold_to_run import HoldToRun
+from hexwire.control.motion.hold_to_run import HoldToRun
 from hexwire.errors import LeaseError, UsageError
 from hexwire.studio.access import Right
 from hexwire.studio.holds import Holds

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 from tests.studio.running import until
 
-from hexwire.control.hold_to_run import Entry
+from hexwire.control.motion.hold_to_run import Entry
 from hexwire.errors import GoalError, HexwireError, LeaseError, LinkLostError
 from hexwire.fleet.service import Service
 from hexwire.fleet.service_file import read_arms

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from tests.studio.running import until
 
-from hexwire.control.settings_reader import read_settings
+from hexwire.control.requests.settings_reader import read_settings
 from hexwire.errors import GoalError, UsageError
 from hexwire.motion.teach import Taught
 from hexwire.studio.twin import Twin

@@ -51,7 +51,7 @@ CLI = """
 import sys
 import pytest
 from hexwire.cli.main import main
-from hexwire.control.motion_options import MotionOptions
+from hexwire.control.motion.motion_options import MotionOptions
 from hexwire.session.policy import RetryPolicy
 from tests.defaults import default
 patch = pytest.MonkeyPatch()

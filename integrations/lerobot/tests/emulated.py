@@ -26,11 +26,11 @@ os.environ.update(
 
 from lerobot.motors.feetech import FeetechMotorsBus  # noqa: E402
 
-from hexwire.control.calibrating import store  # noqa: E402
 from hexwire.drivers.arm_file import load_calibration  # noqa: E402
 from hexwire.drivers.bus_arm import So101Arm  # noqa: E402
 from hexwire.emulator.bus_arms import make_bus_arm  # noqa: E402
 from hexwire.errors import HexwireError  # noqa: E402
+from hexwire.setup.calibrating import store  # noqa: E402
 
 CALIBRATION = HOME / "lerobot" / "calibration"
 BUS = (sys.executable, "-m", "hexwire.cli", "sim", "bus", "--arm", "so101", "--until-eof")

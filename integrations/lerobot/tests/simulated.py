@@ -18,13 +18,13 @@ from lerobot_robot_hexwire import (
     robots,
 )
 
-from hexwire.control.calibrating import store
 from hexwire.drivers.arm_file import load_calibration
 from hexwire.drivers.bus_arm import So101Arm
 from hexwire.emulator.bus_arms import make_bus_arm
 from hexwire.emulator.bus_device import BusDevice
 from hexwire.emulator.serve import BoardLink, FakeClock
 from hexwire.emulator.servo import EmulatedServo
+from hexwire.setup.calibrating import store
 
 PERIOD = 1 / 60
 

@@ -13,10 +13,10 @@ import pytest
 from emulated import CALIBRATION, bus, calibrated
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-from hexwire.control.hand_calibration import HandCalibration
 from hexwire.drivers.bus_arm import So101Arm
 from hexwire.emulator.hand import HandOrder
 from hexwire.emulator.serve_hand import move_by_hand
+from hexwire.setup.hand_calibration import HandCalibration
 
 Program = Callable[..., None]
 

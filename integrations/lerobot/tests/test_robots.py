@@ -24,7 +24,7 @@ from lerobot_robot_hexwire import (
     HexwireSO101Config,
 )
 
-from hexwire.control.pose_file import PoseFile
+from hexwire.control.requests.pose_file import PoseFile
 from hexwire.drivers.arm_file import load_calibration
 from hexwire.drivers.base import StopMode
 from hexwire.drivers.bus_arm import So101Arm

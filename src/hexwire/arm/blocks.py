@@ -12,7 +12,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hexwire.control.teach_mode import record_by_hand
+from hexwire.control.requests.teach_mode import record_by_hand
 from hexwire.errors import UsageError
 from hexwire.motion.teach import Taught
 from hexwire.trace.recording import RecordingWriter, check_recording_name, wall_time

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from hexwire.control.motion_options import MotionObserver, MotionOptions
+from hexwire.control.motion.motion_options import MotionObserver, MotionOptions
 
 __all__ = ["Front"]
 

@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
 from hexwire.arguments import SECONDS, check, or_none
-from hexwire.control.power import STOP_LATCHED
+from hexwire.control.loop.power import STOP_LATCHED
 from hexwire.errors import HexwireError, LinkClosedError, LinkLostError
 
 from .claim import WORK_ENDED, Claim, forget_ctrl_c

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hexwire.arguments import NAME, POSE, Wanted, check, shown
-from hexwire.control.pose_file import find_pose, without_gripper
-from hexwire.control.via import Place, straight, through
+from hexwire.control.motion.via import Place, straight, through
+from hexwire.control.requests.pose_file import find_pose, without_gripper
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.aim import Aim
 from hexwire.motion.teach import Taught

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from typing import TYPE_CHECKING, NoReturn
 
 from hexwire.arguments import FLAG, POSE, check, or_none
-from hexwire.control.pose_file import PoseFile, check_pose_name, no_pose, refuse_taken
+from hexwire.control.requests.pose_file import PoseFile, check_pose_name, no_pose, refuse_taken
 from hexwire.errors import UsageError
 
 from .plans import ANGLES, joint_angles

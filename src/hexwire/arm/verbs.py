@@ -20,13 +20,9 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Self, TextIO, TypedDict, TypeVar, Unpack, overload
 
 from hexwire.arguments import FLAG, NAME, PORT, POSE, ROBOT, WHOLE, Wanted, check, one_of, or_none, shown, takes
-from hexwire.control import motions
-from hexwire.control.jaws import MOST_SECONDS
-from hexwire.control.loop import RateLoop, check_rate
-from hexwire.control.motion_options import unwatched_words
-from hexwire.control.outcomes import Reason
-from hexwire.control.pose_file import HOME
-from hexwire.control.power import (
+from hexwire.control.loop.loop import RateLoop, check_rate
+from hexwire.control.loop.outcomes import Reason
+from hexwire.control.loop.power import (
     NOT_LATCHED,
     STOP_LATCHED,
     end_stop,
@@ -34,8 +30,12 @@ from hexwire.control.power import (
     switch_torque,
     what_helps,
 )
-from hexwire.control.reader import position_unknown, raise_if_silent, read_known, read_start
-from hexwire.control.via import approached
+from hexwire.control.loop.reader import position_unknown, raise_if_silent, read_known, read_start
+from hexwire.control.motion import motions
+from hexwire.control.motion.jaws import MOST_SECONDS
+from hexwire.control.motion.motion_options import unwatched_words
+from hexwire.control.motion.via import approached
+from hexwire.control.requests.pose_file import HOME
 from hexwire.drivers.registry import connect as connect_driver
 from hexwire.drivers.registry import is_same_arm
 from hexwire.drivers.values import StopMode
@@ -55,8 +55,8 @@ from .plans import ANGLES, SECONDS, SHARE, Plans, Point, is_number, joint_angles
 from .poses import Poses
 
 if TYPE_CHECKING:
-    from hexwire.control.following import Limit
-    from hexwire.control.motions import CheckedPath, MotionObserver, MotionResult
+    from hexwire.control.motion.following import Limit
+    from hexwire.control.motion.motions import CheckedPath, MotionObserver, MotionResult
     from hexwire.drivers.base import RobotDriver
     from hexwire.epochs import Token
     from hexwire.model.arm import ArmModel, JointModel
@@ -751,7 +751,7 @@ class Arm:
             StoppedError: The leader or this arm is stopped, or was stopped meanwhile.
             HexwireError: An arm failed.
         """
-        from hexwire.control.following import Pair, run_following
+        from hexwire.control.motion.following import Pair, run_following
 
         if not isinstance(leader, Arm):
             raise UsageError(f"follow() takes another arm that connect() has opened, not {shown(leader)}")

@@ -492,7 +492,7 @@ def _say_findings(findings: list[HealthFinding]) -> None:
 
 
 def _with_backlash(opened: ServoBus, servo: ServoSamples) -> ServoSamples:
-    from hexwire.control.servo_wave import measure_backlash
+    from hexwire.setup.servo_wave import measure_backlash
 
     if not servo.answers:
         return servo

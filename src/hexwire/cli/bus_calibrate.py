@@ -28,11 +28,11 @@ from .options import confirm, force_option, json_option, on_terminal
 from .output import answer, format_table, line_width
 
 if TYPE_CHECKING:
-    from hexwire.control.auto_calibration import AutoCalibration
-    from hexwire.control.calibrating import CalibrationBench
-    from hexwire.control.hand_calibration import HandCalibration
     from hexwire.drivers.bus_arm import BusArm
     from hexwire.model.calibration import Calibration
+    from hexwire.setup.auto_calibration import AutoCalibration
+    from hexwire.setup.calibrating import CalibrationBench
+    from hexwire.setup.hand_calibration import HandCalibration
 
 __all__ = ["calibrate"]
 
@@ -162,7 +162,7 @@ def _loaded(source: str, robot: str, driver: type[BusArm]) -> Calibration:
 
 @contextmanager
 def _bench(driver: type[BusArm], options: BusOptions) -> Iterator[CalibrationBench]:
-    from hexwire.control.calibrating import CalibrationBench, counting_arm
+    from hexwire.setup.calibrating import CalibrationBench, counting_arm
     from hexwire.wire.command_frame import Status
 
     described = driver.described()
@@ -176,7 +176,7 @@ def _bench(driver: type[BusArm], options: BusOptions) -> Iterator[CalibrationBen
 
 
 def _store(bench: CalibrationBench, found: Calibration) -> None:
-    from hexwire.control.calibrating import store
+    from hexwire.setup.calibrating import store
 
     with shielded():
         changed = store(bench.arm.bus, found)

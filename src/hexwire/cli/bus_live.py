@@ -35,9 +35,9 @@ from .plot import TimePlot, open_picture
 if TYPE_CHECKING:
     from hexwire.bus.latency import Bins
     from hexwire.bus.servo_bus import ServoBus
-    from hexwire.control.servo_wave import WaveEnd, WaveSample
     from hexwire.drivers.bus_arm import BusArm
     from hexwire.model.state import JointReading
+    from hexwire.setup.servo_wave import WaveEnd, WaveSample
 
 __all__ = ["Row", "SampleFiles", "file_options", "histogram", "saving"]
 
@@ -262,8 +262,8 @@ def wave(
     Its torque is switched on for this, and off again if it was off. A step wave also reports how fast the servo
     rises, how far it overshoots, when it settles and which error stays.
     """
-    from hexwire.control.servo_wave import WaveEnd, one_servo, run_wave, standing
     from hexwire.motion.waves import Wave
+    from hexwire.setup.servo_wave import WaveEnd, one_servo, run_wave, standing
 
     motion = Wave(shape, math.radians(amplitude), period, seconds, last_period)
     end = WaveEnd()
@@ -350,7 +350,7 @@ def _brought_back(arm: BusArm, start: JointReading, *, keep_torque: bool) -> Ite
 
 
 def _end_wave(arm: BusArm, start: JointReading, *, keep_torque: bool) -> None:
-    from hexwire.control.servo_wave import bring_back
+    from hexwire.setup.servo_wave import bring_back
 
     with shielded():
         if not bring_back(arm, start, keep_torque=keep_torque, sleep=time.sleep):

@@ -23,7 +23,7 @@ from .output import answer, print_json, say, say_table
 
 if TYPE_CHECKING:
     from hexwire.bus.servo_bus import ServoBus
-    from hexwire.control.arm_setup import ArmSetup, SetupStep
+    from hexwire.setup.arm_setup import ArmSetup, SetupStep
 
 __all__ = ["set_baud", "set_id", "setup"]
 
@@ -220,8 +220,8 @@ def setup(
 
     It can be ended and repeated at any time: what is set up is found by asking the servos. Nothing moves.
     """
-    from hexwire.control.arm_setup import ArmSetup
     from hexwire.drivers.registry import load_bus_arm
+    from hexwire.setup.arm_setup import ArmSetup
 
     if leader and follower:
         raise UsageError("--leader and --follower contradict each other: the arm is one of them")
@@ -251,7 +251,7 @@ def _joint_json(plan: ArmSetup, name: str) -> dict[str, object]:
 
 def _run_steps(opened: ServoBus, plan: ArmSetup, yes: bool) -> bool:
     """Go through the steps; returns whether all are done."""
-    from hexwire.control.arm_setup import StepKind
+    from hexwire.setup.arm_setup import StepKind
 
     _look(opened, plan)
     drawn = None
@@ -274,7 +274,7 @@ def _run_steps(opened: ServoBus, plan: ArmSetup, yes: bool) -> bool:
 
 
 def _look(opened: ServoBus, plan: ArmSetup, *, everywhere: bool = False) -> None:
-    from hexwire.control.setting_up import look
+    from hexwire.setup.setting_up import look
 
     before = dict(plan.done)
     if not on_terminal():
@@ -295,7 +295,7 @@ def _look(opened: ServoBus, plan: ArmSetup, *, everywhere: bool = False) -> None
 
 
 def _draw(plan: ArmSetup) -> None:
-    from hexwire.control.arm_setup import picture
+    from hexwire.setup.arm_setup import picture
 
     for line in ("", *picture(plan), ""):
         note(line)
@@ -303,7 +303,7 @@ def _draw(plan: ArmSetup) -> None:
 
 def _assign(opened: ServoBus, plan: ArmSetup, step: SetupStep, yes: bool) -> str:
     """Change one servo; returns what was typed."""
-    from hexwire.control.setting_up import assign
+    from hexwire.setup.setting_up import assign
 
     note(f"found {step.servo}")
     if step.warning:

@@ -21,7 +21,7 @@ from .options import RobotOptions, confirm, force_option, json_option, open_robo
 from .output import answer, print_json, say, say_document, say_table
 
 if TYPE_CHECKING:
-    from hexwire.control.power import Torques
+    from hexwire.control.loop.power import Torques
     from hexwire.ipc.channel import ChannelConf
     from hexwire.ipc.session import Session
     from hexwire.session.events import Answers, Reply
@@ -178,7 +178,7 @@ def _why(reply: Reply) -> str:
 
 def _torques(mask: int, state: Reply | None, torque_off: bool) -> Torques:
     """What the joints of a board do after a stop, by its state."""
-    from hexwire.control.power import Torques
+    from hexwire.control.loop.power import Torques
     from hexwire.drivers.values import StopMode
     from hexwire.model.arms.hex7bot.joints import HEX7BOT
     from hexwire.model.state import JointFlag

@@ -31,7 +31,7 @@ from .output import say
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
-    from hexwire.control.loop import LoopCounters, RateLoop
+    from hexwire.control.loop.loop import LoopCounters, RateLoop
     from hexwire.drivers.hex7bot import Hex7BotDriver
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState
@@ -232,7 +232,7 @@ def turning_pose(model: ArmModel, start: tuple[float, ...]) -> tuple[float, ...]
 
 
 def _run(url: str, dialect: int | None, duration: float, rate: float | None, view: View) -> None:
-    from hexwire.control.reader import raise_if_silent, read_known
+    from hexwire.control.loop.reader import raise_if_silent, read_known
     from hexwire.drivers.hex7bot import Hex7BotDriver
 
     robot = observed_driver(Hex7BotDriver).from_url(url, dialect=dialect)
@@ -267,7 +267,7 @@ def _move(
     Raises:
         ServoError: The arm did not come back.
     """
-    from hexwire.control.motions import MotionObserver, MotionOptions, run_motion
+    from hexwire.control.motion.motions import MotionObserver, MotionOptions, run_motion
     from hexwire.drivers.base import StopMode
     from hexwire.model.state import JointFlag
     from hexwire.motion.quintic import Quintic
@@ -355,7 +355,7 @@ def _torque(robot: Hex7BotDriver, view: View) -> Iterator[None]:
     Raises:
         ServoError: A joint did not confirm that torque is off.
     """
-    from hexwire.control.power import switch_torque
+    from hexwire.control.loop.power import switch_torque
 
     safety = "; the board switches it off if this program dies"
     if not robot.has_watchdog:

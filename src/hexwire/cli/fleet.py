@@ -36,7 +36,7 @@ from .output import answer, print_json, say, say_table
 if TYPE_CHECKING:
     from threading import Event
 
-    from hexwire.control.shutdown import Shutdown
+    from hexwire.control.loop.shutdown import Shutdown
     from hexwire.fleet.network import Network
     from hexwire.fleet.node import Node
     from hexwire.fleet.overview import Overview
@@ -530,7 +530,7 @@ def router(
     (hexwire-ros2, or any with rmw_zenoh) find its default endpoint without an option. It moves nothing by itself;
     while it is gone, arms go on, and those that a client of it commanded hold.
     """
-    from hexwire.control.shutdown import Shutdown
+    from hexwire.control.loop.shutdown import Shutdown
     from hexwire.fleet.network import Network, open_router_file, read_access
 
     shutdown = Shutdown(_PATIENCE)

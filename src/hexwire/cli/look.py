@@ -54,7 +54,7 @@ class _Ping:
 @json_option
 def ping(ids: tuple[int, ...], options: RobotOptions, as_json: bool) -> None:
     """Check which servos answer: all servos of the robot, or those with the given bus IDs."""
-    from hexwire.control.reader import raise_if_silent
+    from hexwire.control.loop.reader import raise_if_silent
     from hexwire.model.state import fault_names
 
     pings = []
@@ -82,7 +82,7 @@ def probe(everybody: bool, options: RobotOptions, as_json: bool) -> None:
     if everybody:
         probe_all(options, as_json)
         return
-    from hexwire.control.reader import raise_if_silent
+    from hexwire.control.loop.reader import raise_if_silent
 
     with open_robot(options) as robot:
         report = robot.probe()
@@ -161,7 +161,7 @@ def _unplugged(timeout: float) -> list[PortInfo]:
 @json_option
 def state(watch: bool, rate: float, options: RobotOptions, as_json: bool) -> None:
     """Show all joints, once or live."""
-    from hexwire.control.reader import raise_if_silent
+    from hexwire.control.loop.reader import raise_if_silent
     from hexwire.model.state import COLUMNS
 
     with open_robot(options) as robot:
@@ -217,7 +217,7 @@ def state_json(state: JointState, model: ArmModel) -> dict[str, object]:
 
 
 def _watch(robot: RobotDriver, rate: float, as_json: bool) -> None:
-    from hexwire.control.loop import RateLoop
+    from hexwire.control.loop.loop import RateLoop
     from hexwire.model.state import COLUMNS, condition
 
     ticks = RateLoop(rate).ticks()

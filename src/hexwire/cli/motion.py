@@ -48,8 +48,8 @@ from .plot import open_picture
 
 if TYPE_CHECKING:
     from hexwire.arm.verbs import Arm
-    from hexwire.control.motion_result import MotionResult
-    from hexwire.control.via import Place
+    from hexwire.control.motion.motion_result import MotionResult
+    from hexwire.control.motion.via import Place
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.kinematics import KinematicModel
     from hexwire.model.pose import Vector
@@ -159,7 +159,7 @@ def to_points(points: Sequence[Point], model: KinematicModel | None, aim: Aim, r
     Raises:
         UsageError: The arm does not support the aim, or a place is in metres.
     """
-    from hexwire.control.via import Place
+    from hexwire.control.motion.via import Place
 
     if model is not None:
         aim.check(model, "--")
@@ -195,7 +195,7 @@ def points_words(
         wanted: The points as `to_points` returned them.
         poses: The poses among them.
     """
-    from hexwire.control.via import tip_poses
+    from hexwire.control.motion.via import tip_poses
 
     unit = unit_of("" if model is None else model.name)
     if relative and model is not None:

@@ -83,7 +83,7 @@ def move(
     from hexwire.arm.front import Front
     from hexwire.arm.plans import joint_angles
     from hexwire.arm.verbs import Arm
-    from hexwire.control import motions
+    from hexwire.control.motion import motions
 
     from .verbs import MoveTeller, hold_on_ctrl_c, progress_bar
 
@@ -137,7 +137,7 @@ def known_poses(arm: ArmModel, names: Sequence[str], instead: str = "a number") 
     """
     if not names:
         return {}
-    from hexwire.control.pose_file import PoseFile, find_pose
+    from hexwire.control.requests.pose_file import PoseFile, find_pose
 
     known = PoseFile(arm).known()
     return {name: find_pose(arm, known, name, instead) for name in names}

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from hexwire.control.setting import Setting
+    from hexwire.control.requests.setting import Setting
 
 __all__ = ["table"]
 

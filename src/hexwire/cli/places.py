@@ -83,7 +83,7 @@ def limits(options: RobotOptions, as_json: bool) -> None:
 def poses(save: str | None, delete: str | None, force: bool, options: RobotOptions, as_json: bool) -> None:
     """List the poses of this kind of arm, to which `hexwire move` and `goto` go by name; save or delete one."""
     from hexwire.arm.verbs import Arm
-    from hexwire.control.pose_file import PoseFile, check_pose_name, refuse_taken
+    from hexwire.control.requests.pose_file import PoseFile, check_pose_name, refuse_taken
 
     if save is not None and delete is not None:
         raise UsageError("--save and --delete contradict each other")

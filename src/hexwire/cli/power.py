@@ -71,7 +71,7 @@ def stop(torque_off: bool, everybody: bool, options: RobotOptions, as_json: bool
     if everybody:
         stop_all(options, torque_off=torque_off, as_json=as_json)
         return
-    from hexwire.control.power import Torques, require_confirmed
+    from hexwire.control.loop.power import Torques, require_confirmed
     from hexwire.drivers.base import StopMode
     from hexwire.errors import HexwireError
 

@@ -18,7 +18,7 @@ from .output import say_document
 from .parameter_table import table
 
 if TYPE_CHECKING:
-    from hexwire.control.setting import Setting
+    from hexwire.control.requests.setting import Setting
 
 __all__ = ["PROGRAM", "help_text", "main"]
 

@@ -135,7 +135,7 @@ def _network(rows: dict[str, Any]) -> Network:
 def _run(arms: list[ServedArm], network: Network, wait: bool) -> None:
     import sys
 
-    from hexwire.control.shutdown import Shutdown
+    from hexwire.control.loop.shutdown import Shutdown
     from hexwire.fleet.remote import whoami
     from hexwire.fleet.service import Service
 

@@ -27,7 +27,7 @@ from .options import early_port, host_timed_option, is_typed, links_option, tabl
 from .output import say
 
 if TYPE_CHECKING:
-    from hexwire.control.shutdown import Shutdown
+    from hexwire.control.loop.shutdown import Shutdown
     from hexwire.studio.app import Studio
     from hexwire.studio.server import Server
 
@@ -145,8 +145,8 @@ def studio(
 
 def _check_typed(port: str, robot: str | None, settings: dict[str, object]) -> None:
     """Refuse what can never be opened; opens nothing. Whatever else fails is shown on the page."""
-    from hexwire.control.setting import Faults
-    from hexwire.control.settings_reader import read_settings
+    from hexwire.control.requests.setting import Faults
+    from hexwire.control.requests.settings_reader import read_settings
     from hexwire.drivers.registry import is_address, load_driver
 
     if robot:
@@ -166,7 +166,7 @@ def _run(
     *,
     browser: bool,
 ) -> None:
-    from hexwire.control.shutdown import Shutdown
+    from hexwire.control.loop.shutdown import Shutdown
     from hexwire.studio.memory import pass_by_hand
 
     sys.setswitchinterval(_SWITCH)

@@ -35,7 +35,7 @@ from .output import print_json, say
 
 if TYPE_CHECKING:
     from hexwire.arm.handle import Handle
-    from hexwire.control.teleop import Stick
+    from hexwire.control.motion.teleop import Stick
     from hexwire.drivers.base import RobotDriver
 
 __all__ = ["follow", "joystick", "teleop"]
@@ -89,7 +89,7 @@ def show(device: str | None) -> None:
 @number_option("--rate", "HZ", "Messages per second.", above=0, default=50.0)
 def send(device: str | None, url: str | None, conf: str | None, rate: float) -> None:
     """Send the state of a joystick over a channel repeatedly, until interrupted."""
-    from hexwire.control.loop import RateLoop
+    from hexwire.control.loop.loop import RateLoop
     from hexwire.joystick.channel import JoystickSender
     from hexwire.joystick.device import open_joystick
 
@@ -141,10 +141,10 @@ def teleop(
     mode; buttons 0 and 1 close and open the gripper. Without --device, --from or --conf, the only joystick of this
     machine is used. If the board has a watchdog, it stops the arm when this program dies.
     """
-    from hexwire.control.motion_options import unwatched_words
-    from hexwire.control.operator_control import OVERLAP
-    from hexwire.control.path_check import PathCheck
-    from hexwire.control.teleop import TeleopController, run_teleop
+    from hexwire.control.motion.motion_options import unwatched_words
+    from hexwire.control.motion.operator_control import OVERLAP
+    from hexwire.control.motion.path_check import PathCheck
+    from hexwire.control.motion.teleop import TeleopController, run_teleop
     from hexwire.motion.teleop import JogMode, StickMap, Teleop
 
     if sum(option is not None for option in (device, url, conf)) > 1:

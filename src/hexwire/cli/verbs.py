@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 
 from hexwire.arm.front import Front
 from hexwire.arm.verbs import Arm
-from hexwire.control import motions
-from hexwire.control.motion_options import unwatched_words
+from hexwire.control.motion import motions
+from hexwire.control.motion.motion_options import unwatched_words
 from hexwire.drivers.registry import is_address
 from hexwire.errors import HexwireError
 from hexwire.link.tap import Missed
@@ -29,8 +29,8 @@ from .output import answer, print_json, say
 from .plot import MotionPlot
 
 if TYPE_CHECKING:
-    from hexwire.control.motions import CheckedPath, MotionResult
-    from hexwire.control.rest import Rest
+    from hexwire.control.motion.motions import CheckedPath, MotionResult
+    from hexwire.control.motion.rest import Rest
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.state import JointState, SentTarget
     from hexwire.motion.checks import MotionReport

@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .motions import MotionObserver, MotionOptions, MotionResult, check_path, run_motion
-    from .owner import RobotOwner
+    from .loop.owner import RobotOwner
+    from .motion.motions import MotionObserver, MotionOptions, MotionResult, check_path, run_motion
 
 __all__ = ["MotionObserver", "MotionOptions", "MotionResult", "RobotOwner", "check_path", "run_motion"]
 
@@ -22,4 +22,4 @@ if not TYPE_CHECKING:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         from importlib import import_module
 
-        return getattr(import_module(".owner" if name == "RobotOwner" else ".motions", __name__), name)
+        return getattr(import_module(".loop.owner" if name == "RobotOwner" else ".motion.motions", __name__), name)

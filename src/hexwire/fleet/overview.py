@@ -12,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from hexwire.control.power import Stopped, Torques
+from hexwire.control.loop.power import Stopped, Torques
 from hexwire.drivers.values import StopMode
 from hexwire.errors import HexwireError
 from hexwire.model.state import JointFlag

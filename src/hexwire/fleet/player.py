@@ -17,9 +17,9 @@ from itertools import permutations
 from pathlib import Path
 from typing import Any, TypeVar
 
-from hexwire.control.power import give_torque
-from hexwire.control.reader import read_known
-from hexwire.control.shared_goals import CONFIRM, HOST
+from hexwire.control.loop.power import give_torque
+from hexwire.control.loop.reader import read_known
+from hexwire.control.sharing.shared_goals import CONFIRM, HOST
 from hexwire.errors import DeviceError, HexwireError, LeaseError, ServoError, UsageError
 from hexwire.inputs import LARGEST_DATA, read_bytes
 from hexwire.motion.teach import Taught, approach

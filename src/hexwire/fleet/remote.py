@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 from hexwire.arguments import FLAG, SECONDS, WHOLE, Wanted, one_of
-from hexwire.control.goals import MAX_POINTS
-from hexwire.control.outcomes import Outcome, Reason
+from hexwire.control.loop.outcomes import Outcome, Reason
+from hexwire.control.motion.goals import MAX_POINTS
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.timed_path import PathReport, PathStart, PathState, TimedPath, TimedPoint
 from hexwire.drivers.values import ProbeReport, StopMode
@@ -663,7 +663,7 @@ class RemoteRobot(RobotDriver):
             path: Begins where the joints are.
             start: When it begins, seconds of this program's monotonic clock.
             anywhere: Lead the joints from where they are to its second point, and not only from its first one.
-            confirm: It begins only if `confirm` is called before the start (see `control.shared_goals.CONFIRM`).
+            confirm: It begins only if `confirm` is called before the start (see `control.sharing.shared_goals`).
 
         Returns:
             Its number, for `goal`, `confirm` and `cancel`.

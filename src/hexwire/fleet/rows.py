@@ -21,7 +21,7 @@ from hexwire.model.state import JointState, SentTarget
 from . import messages as m
 
 if TYPE_CHECKING:
-    from hexwire.control.shared import SharedArm
+    from hexwire.control.sharing.shared import SharedArm
 
 __all__ = [
     "arm_model",

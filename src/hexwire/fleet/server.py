@@ -1,8 +1,8 @@
 """The server of one shared arm: states out, questions and orders in.
 
 Owns the threads that answer, so that nothing that waits for the arm delays a stop, a heartbeat or a refusal, and
-the watch for other servers of its name behind a router. Decides nothing about the arm: `hexwire.control.shared`
-does. Must not know the command line.
+the watch for other servers of its name behind a router. Decides nothing about the arm:
+`hexwire.control.sharing.shared` does. Must not know the command line.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from hexwire.control.shared_goals import SharedGoals
-from hexwire.control.workers import Gathering, Worker
+from hexwire.control.loop.workers import Gathering, Worker
+from hexwire.control.sharing.shared_goals import SharedGoals
 from hexwire.drivers.values import StopMode
 from hexwire.errors import (
     DeviceError,
@@ -42,7 +42,7 @@ from .rows import as_probe_rows, facts_of
 from .trajectories import do_goal_order, goal_row
 
 if TYPE_CHECKING:
-    from hexwire.control.shared import SharedArm
+    from hexwire.control.sharing.shared import SharedArm
     from hexwire.epochs import Token
     from hexwire.model.state import JointState
 
@@ -495,7 +495,7 @@ class ArmServer:
         self._shared.leave(request.key, finish=request.finish)
 
     def _do_order(self, role: Role, payload: bytes, arrived: Token) -> object:
-        from hexwire.control.shared import Order
+        from hexwire.control.sharing.shared import Order
 
         try:
             envelope = m.decode(payload, m.Envelope)

@@ -19,9 +19,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-from hexwire.control.controlled_arm import ControlledArm
-from hexwire.control.lease import Lease
-from hexwire.control.shared import SharedArm
+from hexwire.control.requests.controlled_arm import ControlledArm
+from hexwire.control.sharing.lease import Lease
+from hexwire.control.sharing.shared import SharedArm
 from hexwire.errors import DeviceError, HexwireError, LinkBusyError, UsageError
 from hexwire.system import CLOSE_ON_EXEC, NO_FOLLOW, lock_file
 

@@ -4,7 +4,7 @@ Owns the file, and the checks that concern several arms. Must not know how an ar
 
     lease = 0.5                           # seconds of silence after which a lease is lost
 
-    [arms."lab/arm1"]                     # a table for each arm, with settings of hexwire.control.settings
+    [arms."lab/arm1"]                     # a table for each arm, with settings of hexwire.control.requests.settings
     robot = "so101"
     port = "/dev/serial/by-id/usb-..."
 
@@ -25,9 +25,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hexwire.control.lease import TIMEOUT
-from hexwire.control.setting import Faults, Setting
-from hexwire.control.settings_reader import read_settings
+from hexwire.control.requests.setting import Faults, Setting
+from hexwire.control.requests.settings_reader import read_settings
+from hexwire.control.sharing.lease import TIMEOUT
 from hexwire.drivers.registry import PORT_VARIABLE, is_address
 from hexwire.errors import LinkError, UsageError
 from hexwire.inputs import first_faults, parse_toml, read_text
@@ -36,7 +36,7 @@ from hexwire.link.ports import find_only_board
 from .names import check_name
 
 if TYPE_CHECKING:
-    from hexwire.control.settings import Settings
+    from hexwire.control.requests.settings import Settings
     from hexwire.drivers.base import RobotDriver
 
 __all__ = ["SIMULATED", "ServedArm", "read_arms", "read_service_file"]
@@ -90,8 +90,8 @@ def read_arms(
     """Check arms and build their drivers; nothing is opened.
 
     Args:
-        given: Settings of `hexwire.control.settings`, and ``lease``, by the name of the arm; the only arm may have
-            an empty name, for that of its model.
+        given: Settings of `hexwire.control.requests.settings`, and ``lease``, by the name of the arm; the only arm
+            may have an empty name, for that of its model.
         lease: Seconds of silence after which a lease is lost, for an arm that names none.
         file: Where they come from, for errors.
         find_port: Finds the port of a single arm that names none.

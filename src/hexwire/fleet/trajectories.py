@@ -9,15 +9,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import astuple
 from typing import TYPE_CHECKING
 
-from hexwire.control.goals import Point, TrajectoryGoal
-from hexwire.control.shared_goals import GoalReport, SharedGoals
+from hexwire.control.motion.goals import Point, TrajectoryGoal
+from hexwire.control.sharing.shared_goals import GoalReport, SharedGoals
 from hexwire.errors import UsageError
 from hexwire.motion.trajectory import Spline
 
 from . import messages as m
 
 if TYPE_CHECKING:
-    from hexwire.control.shared import Order
+    from hexwire.control.sharing.shared import Order
 
 __all__ = ["do_goal_order", "follow_message", "goal_row", "trajectory_goal"]
 

@@ -34,10 +34,10 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from std_srvs.srv import SetBool, SetBoolResponse, Trigger, TriggerResponse
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from hexwire.control.arm_node import ArmNode
-from hexwire.control.diagnostics import Level, Row
-from hexwire.control.stamps import StampClock
-from hexwire.control.teach_mode import to_points, tolerance_of
+from hexwire.control.loop.stamps import StampClock
+from hexwire.control.requests.arm_node import ArmNode
+from hexwire.control.requests.diagnostics import Level, Row
+from hexwire.control.requests.teach_mode import to_points, tolerance_of
 from hexwire.errors import DeviceError, HexwireError, UsageError
 
 from .actions import ActionGoals
@@ -46,9 +46,9 @@ from .parameters import load_parameters
 from .values import trajectory_of
 
 if TYPE_CHECKING:
-    from hexwire.control.controller import TrajectoryController
-    from hexwire.control.known_state import KnownState
-    from hexwire.control.outcomes import Progress
+    from hexwire.control.loop.controller import TrajectoryController
+    from hexwire.control.loop.known_state import KnownState
+    from hexwire.control.loop.outcomes import Progress
     from hexwire.model.state import JointState
     from hexwire.motion.teach import Taught
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from hexwire.control.goal_fields import trajectory_goal
-from hexwire.control.goals import TrajectoryGoal
+from hexwire.control.motion.goal_fields import trajectory_goal
+from hexwire.control.motion.goals import TrajectoryGoal
 
 __all__ = ["trajectory_of"]
 

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from hexwire.control.readiness import Readiness, activate, deactivate, readiness
+from hexwire.control.requests.readiness import Readiness, activate, deactivate, readiness
 from hexwire.errors import UsageError
 from zenoh_ros2 import Change, State
 
 if TYPE_CHECKING:
-    from hexwire.control.controlled_arm import ControlledArm
+    from hexwire.control.requests.controlled_arm import ControlledArm
 
 __all__ = ["carry_out", "state_of"]
 

@@ -21,7 +21,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import IO, Any
 
-from hexwire.control.known_state import StateFilter
+from hexwire.control.loop.known_state import StateFilter
 from hexwire.errors import UsageError
 from hexwire.inputs import parse_message
 from hexwire.model.state import JointState

@@ -14,9 +14,9 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from hexwire.control.arm_node import ArmNode
-from hexwire.control.set_point_stream import SetPointStream
-from hexwire.control.workers import Worker
+from hexwire.control.loop.workers import Worker
+from hexwire.control.requests.arm_node import ArmNode
+from hexwire.control.requests.set_point_stream import SetPointStream
 from hexwire.errors import DeviceError, HexwireError
 from hexwire.model.geometry import make_shapes
 from hexwire.model.urdf import make_urdf
@@ -48,9 +48,9 @@ from .values import delay_of, trajectory_of
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from hexwire.control.controller import TrajectoryController
-    from hexwire.control.known_state import KnownState
-    from hexwire.control.outcomes import Progress
+    from hexwire.control.loop.controller import TrajectoryController
+    from hexwire.control.loop.known_state import KnownState
+    from hexwire.control.loop.outcomes import Progress
     from hexwire.drivers.base import RobotDriver
     from hexwire.epochs import Token
     from hexwire.model.state import JointState

@@ -10,13 +10,13 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from hexwire.control.teach_mode import to_points, tolerance_of
+from hexwire.control.requests.teach_mode import to_points, tolerance_of
 from zenoh_ros2 import seconds_of, time_fields
 
 if TYPE_CHECKING:
-    from hexwire.control.diagnostics import Row
-    from hexwire.control.known_state import KnownState
-    from hexwire.control.outcomes import Progress
+    from hexwire.control.loop.known_state import KnownState
+    from hexwire.control.loop.outcomes import Progress
+    from hexwire.control.requests.diagnostics import Row
     from hexwire.model.arm import ArmModel
     from hexwire.motion.teach import Taught
     from zenoh_ros2 import Types

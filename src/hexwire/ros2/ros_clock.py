@@ -10,7 +10,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 
-from hexwire.control.stamps import StampClock
+from hexwire.control.loop.stamps import StampClock
 
 __all__ = ["RosClock"]
 

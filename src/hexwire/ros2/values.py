@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from hexwire.control.client_goals import Request
-from hexwire.control.goal_fields import component_rows, tolerance_rows, trajectory_goal
-from hexwire.control.goals import TrajectoryGoal
-from hexwire.control.outcomes import Reason
+from hexwire.control.loop.outcomes import Reason
+from hexwire.control.motion.goal_fields import component_rows, tolerance_rows, trajectory_goal
+from hexwire.control.motion.goals import TrajectoryGoal
+from hexwire.control.requests.client_goals import Request
 from hexwire.errors import GoalError
 from zenoh_ros2 import nanoseconds_of, seconds_of
 

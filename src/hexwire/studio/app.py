@@ -18,9 +18,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from hexwire.control.hold_to_run import FINE
-from hexwire.control.power import Stopped
-from hexwire.control.workers import Together
+from hexwire.control.loop.power import Stopped
+from hexwire.control.loop.workers import Together
+from hexwire.control.motion.hold_to_run import FINE
 from hexwire.errors import HexwireError, LeaseError, LinkLostError, LinkNotFoundError, UsageError
 
 # What pages may ask for by name: each of these adds its calls.
@@ -49,7 +49,7 @@ from .tabs import Tab, Tabs
 from .wire_feed import WireFeed
 
 if TYPE_CHECKING:
-    from hexwire.control.hold_to_run import Entry
+    from hexwire.control.motion.hold_to_run import Entry
     from hexwire.epochs import Token
 
     from .bus_source import BusSource
@@ -102,7 +102,7 @@ class Studio:
         fleet: The shared arms that this program may see.
         holds: The kinds of motion that a page may hold.
         live: The tabs' own sockets.
-        settings: Further settings of arms that pages open, see `hexwire.control.settings`.
+        settings: Further settings of arms that pages open, see `hexwire.control.requests.settings`.
         plugged: What was found last at the ports of this machine; None before somebody has looked.
         demo: Port of the emulated arm that this program has started, and what a person should know of it; empty if
             there is none.

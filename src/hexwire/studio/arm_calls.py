@@ -14,7 +14,7 @@ from .calls import Arguments, Asked, call
 from .geometry import make_geometry, make_turns
 
 if TYPE_CHECKING:
-    from hexwire.control.preview import Preview
+    from hexwire.control.requests.preview import Preview
 
     from .source import ArmSource
 

@@ -15,17 +15,17 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from hexwire.control.controlled_arm import ControlledArm
-from hexwire.control.history import History
-from hexwire.control.hold_to_run import SILENCE, Entry, HoldToRun, silence_for
-from hexwire.control.holding import SOON, hold_moving
-from hexwire.control.jog import JogController, read_request
-from hexwire.control.known_state import known_joints
-from hexwire.control.lease import Lease
-from hexwire.control.motion_service import MotionService
-from hexwire.control.pose_file import PoseFile
-from hexwire.control.power import Stopped, Torques
-from hexwire.control.shared import Order, SharedArm
+from hexwire.control.loop.holding import SOON, hold_moving
+from hexwire.control.loop.known_state import known_joints
+from hexwire.control.loop.power import Stopped, Torques
+from hexwire.control.motion.hold_to_run import SILENCE, Entry, HoldToRun, silence_for
+from hexwire.control.motion.jog import JogController, read_request
+from hexwire.control.requests.controlled_arm import ControlledArm
+from hexwire.control.requests.history import History
+from hexwire.control.requests.motion_service import MotionService
+from hexwire.control.requests.pose_file import PoseFile
+from hexwire.control.sharing.lease import Lease
+from hexwire.control.sharing.shared import Order, SharedArm
 from hexwire.drivers.values import StopMode
 from hexwire.errors import HexwireError, StoppedError
 from hexwire.model.state import JointFlag
@@ -33,8 +33,8 @@ from hexwire.model.state import JointFlag
 from .frames import FrameBit, serialize_frame
 
 if TYPE_CHECKING:
-    from hexwire.control.lease import Grant
-    from hexwire.control.motion_run import MotionRun
+    from hexwire.control.requests.motion_run import MotionRun
+    from hexwire.control.sharing.lease import Grant
     from hexwire.drivers.base import RobotDriver
     from hexwire.epochs import Token
     from hexwire.model.state import JointState, SentTarget

@@ -19,20 +19,20 @@ from hexwire.bus.live_values import LiveValues, read_live
 from hexwire.bus.registers import RegisterEdits
 from hexwire.bus.setup import Found, identify, scan, shares_id
 from hexwire.bus.survey import Surveyed, survey
-from hexwire.control.known_state import KNOWN_FOR
-from hexwire.control.power import Stopped, Torques
-from hexwire.control.servo_bench import Job, ServoBench
+from hexwire.control.loop.known_state import KNOWN_FOR
+from hexwire.control.loop.power import Stopped, Torques
 from hexwire.drivers.values import StopMode
 from hexwire.errors import HexwireError, LeaseError, ServoError, StoppedError
 from hexwire.model.state import JointFlag
+from hexwire.setup.servo_bench import Job, ServoBench
 
 from .arm_source import torque_words
 
 if TYPE_CHECKING:
     from hexwire.bus.backup import ServoBackup
     from hexwire.bus.servo_bus import ServoBus
-    from hexwire.control.hold_to_run import HoldToRun
-    from hexwire.control.lease import Grant
+    from hexwire.control.motion.hold_to_run import HoldToRun
+    from hexwire.control.sharing.lease import Grant
     from hexwire.epochs import Token
 
     from .tabs import Tab

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from hexwire.trace.series import column_name
 
 if TYPE_CHECKING:
-    from hexwire.control.history import Rows
+    from hexwire.control.requests.history import Rows
     from hexwire.trace.series import Series
 
 __all__ = ["history_columns", "serialize_columns", "series_columns", "transposed"]

@@ -17,7 +17,7 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Route
 
-from hexwire.control.history import BLOCK
+from hexwire.control.requests.history import BLOCK
 from hexwire.errors import HexwireError, UsageError
 
 from .access import WATCHING_ONLY, Right
@@ -27,7 +27,7 @@ from .sent_files import made, received
 from .wire_api import refusal
 
 if TYPE_CHECKING:
-    from hexwire.control.history import History
+    from hexwire.control.requests.history import History
 
     from .app import Studio
     from .page_process import PageProcess

@@ -20,7 +20,7 @@ from .guard import SESSION
 from .wire_api import refusal, tab_of
 
 if TYPE_CHECKING:
-    from hexwire.control.power import Stopped
+    from hexwire.control.loop.power import Stopped
 
     from .app import Studio
 

@@ -16,13 +16,13 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from hexwire.control.known_state import KNOWN_FOR
-from hexwire.control.workers import MOST_GATHERED, Together
+from hexwire.control.loop.known_state import KNOWN_FOR
+from hexwire.control.loop.workers import MOST_GATHERED, Together
 from hexwire.errors import HexwireError, LinkNotFoundError, UsageError
 from hexwire.extras import extras_named
 
 if TYPE_CHECKING:
-    from hexwire.control.power import Stopped
+    from hexwire.control.loop.power import Stopped
     from hexwire.fleet.network import Network
     from hexwire.fleet.overview import Overview
     from hexwire.fleet.roster import Roster

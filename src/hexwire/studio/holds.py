@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from hexwire.errors import UsageError
 
 if TYPE_CHECKING:
-    from hexwire.control.hold_to_run import Entry
+    from hexwire.control.motion.hold_to_run import Entry
     from hexwire.epochs import Token
 
     from .source import Source

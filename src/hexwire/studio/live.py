@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from concurrent.futures import ThreadPoolExecutor
 
-    from hexwire.control.hold_to_run import Entry
+    from hexwire.control.motion.hold_to_run import Entry
 
     from .access import Access
     from .holds import Holds

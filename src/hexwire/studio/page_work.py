@@ -37,7 +37,7 @@ from .wire_files import WireFiles
 if TYPE_CHECKING:
     from array import array
 
-    from hexwire.control.history import Rows
+    from hexwire.control.requests.history import Rows
     from hexwire.link.tap import Passed
     from hexwire.model.arm import ArmModel
 

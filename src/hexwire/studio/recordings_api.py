@@ -18,7 +18,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
-from hexwire.control.preview import PLAY_FACTORS
+from hexwire.control.requests.preview import PLAY_FACTORS
 from hexwire.errors import HexwireError, UsageError
 from hexwire.model.state import LONGEST, finite
 

@@ -11,9 +11,9 @@ import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from hexwire.control.hold_to_run import SILENCE
-from hexwire.control.setting import Faults
-from hexwire.control.settings_reader import read_settings
+from hexwire.control.motion.hold_to_run import SILENCE
+from hexwire.control.requests.setting import Faults
+from hexwire.control.requests.settings_reader import read_settings
 from hexwire.errors import HexwireError, LeaseError, LinkLostError, UsageError
 from hexwire.link.tap import wrap_new_links
 
@@ -77,7 +77,7 @@ class Source:
         Args:
             url: Port or address.
             robot: Its name, if the address does not say it.
-            **settings: Further settings of `hexwire.control.settings`.
+            **settings: Further settings of `hexwire.control.requests.settings`.
 
         Raises:
             HexwireError: It cannot be opened.

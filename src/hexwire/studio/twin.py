@@ -11,22 +11,22 @@ import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from hexwire.control.controlled_arm import ControlledArm
-from hexwire.control.history import History
-from hexwire.control.lease import Lease
-from hexwire.control.motion_run import begin_motion
-from hexwire.control.preview import Planner
-from hexwire.control.setting import Faults
-from hexwire.control.settings_reader import read_settings
-from hexwire.control.shared import Order, SharedArm
+from hexwire.control.requests.controlled_arm import ControlledArm
+from hexwire.control.requests.history import History
+from hexwire.control.requests.motion_run import begin_motion
+from hexwire.control.requests.preview import Planner
+from hexwire.control.requests.setting import Faults
+from hexwire.control.requests.settings_reader import read_settings
+from hexwire.control.sharing.lease import Lease
+from hexwire.control.sharing.shared import Order, SharedArm
 from hexwire.errors import HexwireError, UsageError
 from hexwire.model.arms import simulated_arms
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from hexwire.control.motion_run import MotionRun
-    from hexwire.control.preview import Preview
+    from hexwire.control.requests.motion_run import MotionRun
+    from hexwire.control.requests.preview import Preview
     from hexwire.model.state import JointState, SentTarget
     from hexwire.motion.teach import Taught
 
@@ -125,7 +125,7 @@ class Twin:
             begin: First second of it to play.
             end: Last second.
             factor: 2 plays it twice as fast.
-            settings: Further settings of `hexwire.control.settings`, such as the height of the table.
+            settings: Further settings of `hexwire.control.requests.settings`, such as the height of the table.
 
         Raises:
             UsageError: It plays already, or there is no such arm.

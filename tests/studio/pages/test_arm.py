@@ -12,9 +12,9 @@ import pytest
 from tests.studio.conftest import ask_for_long, shrink_views
 from tests.studio.running import PATIENCE, expect, press
 
-from hexwire.control import known_state
-from hexwire.control.motion_service import read_motion
-from hexwire.control.pose_file import check_pose_name
+from hexwire.control.loop import known_state
+from hexwire.control.requests.motion_service import read_motion
+from hexwire.control.requests.pose_file import check_pose_name
 from hexwire.model.aim import Tip
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.teach import Taught

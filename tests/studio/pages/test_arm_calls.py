@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from tests.studio.running import until
 
-from hexwire.control.pose_file import PoseFile, home_pose
+from hexwire.control.requests.pose_file import PoseFile, home_pose
 from hexwire.errors import HexwireError, UsageError
 from hexwire.motion.teach import Taught
 from hexwire.studio.access import Access, Right

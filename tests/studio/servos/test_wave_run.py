@@ -10,9 +10,9 @@ import pytest
 from tests.studio.running import until
 from tests.studio.servos.conftest import servo_of
 
-from hexwire.control.servo_wave import WaveEnd, WaveSample
 from hexwire.errors import UsageError
 from hexwire.motion.waves import Wave
+from hexwire.setup.servo_wave import WaveEnd, WaveSample
 from hexwire.studio.servos.wave_run import add_wave, figures_of, read_wave
 
 GOOD = {"servo": 3, "shape": "sine", "amplitude": 10, "period": 2, "seconds": 6.5, "last_period": 0.25}

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from tests.studio.servos.conftest import servo_of
 
-from hexwire.control.arm_setup import StepKind
 from hexwire.errors import HexwireError, StoppedError, UsageError
+from hexwire.setup.arm_setup import StepKind
 from hexwire.studio.servos.whole_arm import assign_one, look_for, plan_of
 
 if TYPE_CHECKING:

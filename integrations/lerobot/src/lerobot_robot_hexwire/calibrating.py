@@ -1,6 +1,6 @@
 """`lerobot-calibrate` for SO arms: the questions, and LeRobot's file.
 
-Owns what is asked and shown. How an arm is calibrated is in `hexwire.control.calibrating`.
+Owns what is asked and shown. How an arm is calibrated is in `hexwire.setup.calibrating`.
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hexwire.control.calibrating import CalibrationBench, counting_arm, store
 from hexwire.drivers.arm_file import load_calibration
 from hexwire.new_file import OutputFile
+from hexwire.setup.calibrating import CalibrationBench, counting_arm, store
 from hexwire.system import TypedLines
 
 from .connection import RETRIES, faults
 
 if TYPE_CHECKING:
-    from hexwire.control.auto_calibration import AutoCalibration
-    from hexwire.control.hand_calibration import HandCalibration
     from hexwire.drivers.bus_arm import BusArm
     from hexwire.link.base import Link
     from hexwire.model.calibration import Calibration
+    from hexwire.setup.auto_calibration import AutoCalibration
+    from hexwire.setup.hand_calibration import HandCalibration
 
 __all__ = ["calibrate"]
 

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hexwire.control.following import reopened
+from hexwire.control.motion.following import reopened
 from hexwire.drivers.arm_file import load_calibration
 from hexwire.drivers.bus_arm import BusArm
 from hexwire.drivers.registry import load_driver, make_driver

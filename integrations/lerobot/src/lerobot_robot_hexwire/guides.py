@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from lerobot.teleoperators import Teleoperator, TeleoperatorConfig
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
-from hexwire.control.operator_control import Notes
+from hexwire.control.motion.operator_control import Notes
 from hexwire.joystick.device import open_joystick
 from hexwire.motion.teleop import Action, JogMode, StickMap, Teleop, within_limits
 
@@ -165,7 +165,7 @@ class HexwireGuide(Teleoperator):
 
     @abstractmethod
     def _state(self) -> tuple[tuple[float, ...], int, float]:
-        """Axes, buttons, and their age in seconds, as `hexwire.control.teleop.Stick`."""
+        """Axes, buttons, and their age in seconds, as `hexwire.control.motion.teleop.Stick`."""
 
 
 class HexwireKeyboard(HexwireGuide):

@@ -22,10 +22,10 @@ from lerobot.robots import Robot
 from lerobot.robots.so_follower import SOFollower
 
 from hexwire.arm.verbs import Arm
-from hexwire.control.following import BehindCounter, following_rules
-from hexwire.control.operator_control import Notes
-from hexwire.control.path_check import PathCheck
-from hexwire.control.pose_file import PoseFile
+from hexwire.control.motion.following import BehindCounter, following_rules
+from hexwire.control.motion.operator_control import Notes
+from hexwire.control.motion.path_check import PathCheck
+from hexwire.control.requests.pose_file import PoseFile
 from hexwire.drivers.bus_arm import BusArm
 from hexwire.errors import HexwireError, LinkError
 from hexwire.model.state import JointTarget, SentTarget

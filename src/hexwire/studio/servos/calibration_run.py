@@ -1,6 +1,6 @@
 """A calibration by hand for a tab: samples the joints, tells the page, stores the result or a file.
 
-Owns the messages, which run belongs to which tab, and which file fits the servos here. `control.calibrating` owns
+Owns the messages, which run belongs to which tab, and which file fits the servos here. `setup.calibrating` owns
 the calibration. Nothing moves by itself.
 """
 
@@ -12,12 +12,12 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any
 
-from hexwire.control.calibrating import CalibrationBench, counting_arm, store
 from hexwire.drivers.bus_arm import BusArm
 from hexwire.drivers.registry import load_bus_arm
 from hexwire.errors import ConfigError, DeviceError, HexwireError, UsageError
 from hexwire.model.arms import assembled_arms
 from hexwire.model.calibration import Calibration
+from hexwire.setup.calibrating import CalibrationBench, counting_arm, store
 from hexwire.studio.calls import Arguments, Asked, Host, call
 
 if TYPE_CHECKING:
@@ -221,7 +221,7 @@ class CalibrationRun:
 
 
 def store_in(bus: BusSource, found: Calibration) -> tuple[str, ...]:
-    """Store offsets and limits in the servos; raises as `control.calibrating.store`."""
+    """Store offsets and limits in the servos; raises as `setup.calibrating.store`."""
     with bus.bench.working("storing a calibration", acts=True):
         return store(bus.bus, found)
 

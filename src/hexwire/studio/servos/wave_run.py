@@ -1,7 +1,7 @@
 """Runs a wave for a tab, while somebody there holds its button.
 
-Owns what a page may ask for, and the messages about it. The motion belongs to `control.servo_wave`, and the rule
-that it ends with the hold to `control.hold_to_run`.
+Owns what a page may ask for, and the messages about it. The motion belongs to `setup.servo_wave`, and the rule
+that it ends with the hold to `control.motion.hold_to_run`.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from hexwire.control.servo_wave import WaveEnd, WaveSample, and_back, one_servo, run_wave, standing
 from hexwire.errors import HexwireError, ServoError, UsageError
 from hexwire.model.state import JointFlag
 from hexwire.motion.step_response import step_figures
 from hexwire.motion.waves import SHAPES, Wave
+from hexwire.setup.servo_wave import WaveEnd, WaveSample, and_back, one_servo, run_wave, standing
 from hexwire.studio.calls import Arguments, Asked, Host, call
 
 if TYPE_CHECKING:
-    from hexwire.control.hold_to_run import Entry
+    from hexwire.control.motion.hold_to_run import Entry
     from hexwire.epochs import Token
     from hexwire.studio.bus_source import BusSource
     from hexwire.studio.tabs import Tab

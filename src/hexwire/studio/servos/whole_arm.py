@@ -1,7 +1,7 @@
 """A whole arm set up servo by servo, with a picture of what to connect next.
 
-Owns which set-up belongs to which tab, and what its page is told. The next step is `control.arm_setup`'s, which
-asks the bus and can be resumed at any point; `control.setting_up` carries it out.
+Owns which set-up belongs to which tab, and what its page is told. The next step is `setup.arm_setup`'s, which
+asks the bus and can be resumed at any point; `setup.setting_up` carries it out.
 """
 
 from __future__ import annotations
@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from hexwire.control.arm_setup import ArmSetup, SetupStep, StepKind, picture
-from hexwire.control.setting_up import assign, look
 from hexwire.drivers.registry import load_bus_arm
 from hexwire.errors import UsageError
 from hexwire.model.arms import assembled_arms
+from hexwire.setup.arm_setup import ArmSetup, SetupStep, StepKind, picture
+from hexwire.setup.setting_up import assign, look
 from hexwire.studio.calls import Arguments, Asked, call
 
 __all__ = ["assign_one", "look_for", "plan_of"]
@@ -115,7 +115,7 @@ def look_for(asked: Asked, setup: ArmSetup, *, everywhere: bool) -> None:
 
 
 def assign_one(asked: Asked, setup: ArmSetup, step: SetupStep) -> None:
-    """Carry out a step that changes a servo; raises as `control.setting_up.assign`."""
+    """Carry out a step that changes a servo; raises as `setup.setting_up.assign`."""
     with asked.bus.bench.working("the set-up of a servo", acts=True, changes_rate=True) as job:
 
         def tell(words: str) -> None:

@@ -1,0 +1,167 @@
+"""The jaws of a gripper on their way: alone, or while the arm moves.
+
+Owns when they hold an object, when they have arrived, and what they do beside a motion. Must not know who moves the
+arm, nor how a motion ends.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from hexwire.drivers.tools import Gripper
+from hexwire.model.state import JointTarget, SentTarget
+from hexwire.motion.limits import check_target, smooth_duration
+
+from ..loop.target import TargetController
+from .arrival import Tolerance
+
+if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
+    from hexwire.model.arm import JointModel
+    from hexwire.model.state import JointState
+
+    from .arrival import Deviation
+
+__all__ = ["GRACE", "MOST_SECONDS", "Closing", "JawsMeanwhile", "jaw_tolerance"]
+
+MOST_SECONDS = 0.8
+"""Seconds from closed to open."""
+GRACE = 0.5
+"""Seconds after that in which they must arrive."""
+_NEAR = 0.1
+"""Position tolerance as a fraction of their range."""
+_STANDS = math.radians(3.0)
+"""Radians per second below which they count as stopped."""
+_PRESSED = 3
+_PRESSING = 0.1
+"""Successive states and seconds in which the jaws press: the start of the motion takes effort too."""
+_STILL = math.radians(0.3)
+"""How far the jaws may move meanwhile: a board's states need not have a velocity that would show it."""
+
+
+def jaw_tolerance(joint: JointModel) -> Tolerance:
+    """How near to its goal, and how still, the joint of a gripper counts as arrived."""
+    return Tolerance(_NEAR * (joint.maximum - joint.minimum), _STANDS)
+
+
+class Closing:
+    """Whether jaws on their way to an opening hold an object; jaws that open hold none.
+
+    Args:
+        gripper: The gripper.
+        opening: Where they are sent: 0 is closed, 1 fully open.
+        state: Where they are now.
+
+    Attributes:
+        gripper: The gripper.
+        holds: They do.
+    """
+
+    def __init__(self, gripper: Gripper, opening: float, state: JointState) -> None:
+        self.gripper, self._opening = gripper, opening
+        self._closing = opening < gripper.share(state)
+        # Successive states in which the jaws pressed, the time of the first, and where that was.
+        self._pressed, self._since, self._at = 0, 0.0, math.nan
+        self.holds = False
+
+    def see(self, state: JointState) -> bool:
+        """Take the next state; true for the one that shows that they hold an object."""
+        if not self._closing or self.holds:
+            return False
+        if not self.gripper.holds(state, self._opening):
+            self._pressed = 0
+            return False
+        at = state[self.gripper.joint.name].position
+        if not self._pressed or abs(at - self._at) > _STILL:
+            self._pressed, self._since, self._at = 0, state.stamp, at
+        self._pressed += 1
+        self.holds = self._pressed >= _PRESSED and state.stamp - self._since >= _PRESSING
+        return self.holds
+
+
+class JawsMeanwhile:
+    """A gripper that opens or closes while the other joints follow a path. One thread makes all calls.
+
+    Args:
+        robot: Attached.
+        opening: 0 is closed, 1 fully open.
+        grace: Seconds after their time in which they must arrive.
+
+    Attributes:
+        joint: Name of the gripper's joint.
+        controller: Moves it; set by `begin`.
+
+    Raises:
+        UsageError: The robot has no gripper, or the opening is not within 0..1.
+    """
+
+    controller: TargetController
+
+    def __init__(self, robot: RobotDriver, opening: float, grace: float = GRACE) -> None:
+        self._robot, self._gripper, self._opening, self._grace = robot, Gripper(robot), opening, grace
+        self._goal = {self._gripper.joint.name: self._gripper.angle(opening)}
+        self._closing: Closing | None = None
+        self._step: float | None = None
+        self.joint = self._gripper.joint.name
+
+    def begin(self, state: JointState, step: float | None) -> None:
+        """Begin.
+
+        Args:
+            state: Where the jaws are now.
+            step: Seconds between two targets; None to send the whole way at once.
+        """
+        self._closing, self._step = Closing(self._gripper, self._opening, state), step
+        seconds = max(MOST_SECONDS, smooth_duration(self._robot.model, state.positions, self._goal))
+        self._follow(JointTarget.of(self._goal, seconds), state)
+
+    def see(self, state: JointState) -> bool:
+        """Take the next state; true if the jaws have met an object, and `controller` is a new one that holds it."""
+        if self._closing is None or not self._closing.see(state):
+            return False
+        self._follow(self._gripper.grasp(state), state)
+        return True
+
+    def was_sent(self, sent: SentTarget) -> None:
+        """Note how the last target of all joints was sent."""
+        own = tuple([pair for pair in sent.positions if pair[0] == self.joint])
+        if own:
+            silent = tuple([name for name in sent.silent if name == self.joint])
+            self.controller.was_sent(SentTarget(own, sent.duration, sent.clamped, silent))
+
+    @property
+    def over(self) -> bool:
+        """They have arrived, hold an object with little force, or were stopped."""
+        return self.controller.over or (self.holds and self.controller.sent is not None)
+
+    @property
+    def holds(self) -> bool:
+        """There is an object between them."""
+        return self._closing is not None and self._closing.holds
+
+    @property
+    def off(self) -> tuple[Deviation, ...]:
+        """Their joint, if it is not where it should be."""
+        return () if self.holds else self.controller.off
+
+    @property
+    def without_torque(self) -> tuple[str, ...]:
+        """Their joint, if it has lost torque."""
+        return self.controller.without_torque
+
+    def opening(self, state: JointState) -> float:
+        """How far they are open: 0 is closed, 1 fully open; NaN if that is unknown."""
+        return self._gripper.share(state)
+
+    def _follow(self, target: JointTarget, state: JointState) -> None:
+        here = state.positions
+        self.controller = TargetController(
+            check_target(self._robot.model, target, here),
+            here,
+            {self.joint: jaw_tolerance(self._gripper.joint)},
+            grace=self._grace,
+            step=self._step,
+            early=False,
+            arm=self._robot.model,
+        )

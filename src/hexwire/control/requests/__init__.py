@@ -1,0 +1,1 @@
+"""What fronts ask of an arm: motions, poses, teach mode, previews, settings, and its diagnostics."""

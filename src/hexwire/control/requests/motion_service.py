@@ -1,0 +1,361 @@
+"""Motions that people ask for: read, previewed, begun, and watched; poses by name; a taught motion.
+
+Owns what may be asked for, the check of every value, what each request means for this arm, and which of its motions
+was begun last. Must not know pages, how values arrive, nor how a person keeps a motion alive.
+
+A request is a table with the key ``what``:
+
+- ``joints``: ``goals``, radians by joint.
+- ``place``: ``position``, three numbers in metres; ``relative``, ``straight``; ``branch``; ``aim``, one of ``arm``
+  (the tool keeps its direction relative to the arm), ``space``, ``down``, ``rpy`` and ``pitch``; with ``rpy`` three
+  angles, with ``pitch`` a pitch and maybe a ``roll``, in radians.
+- ``pose``: ``name``.
+- ``grip``: ``share``, 0 is closed, 1 fully open.
+- ``play``: ``begin`` and ``end`` in seconds of the taught motion, and ``factor`` of its speed.
+
+All have ``speed``, a share of the joints' speed limits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from hexwire.errors import UsageError
+from hexwire.model.aim import Aim
+from hexwire.model.gripper import Jaws, jaws_of
+from hexwire.model.state import finite
+from hexwire.units import decimal
+
+from ..motion.hold_to_run import SILENCE
+from ..motion.via import Place
+from .motion_run import MotionRun, begin_motion
+from .pose_file import HOME, PoseFile, find_pose, home_pose, without_gripper
+from .preview import Planner
+
+if TYPE_CHECKING:
+    from hexwire.motion.teach import Taught
+
+    from ..sharing.shared import Order, SharedArm
+    from .motion_run import RunProgress
+    from .preview import Preview
+
+__all__ = ["MotionRequest", "MotionService", "PoseRow", "read_motion"]
+
+_SPEED = 0.3
+_MOST = 1000.0
+"""Greatest length in metres and angle in radians; a greater one is in a wrong unit."""
+_MOST_JOINTS = 253
+_LONGEST_TEXT = 100
+_KEYS = {
+    "joints": ("goals",),
+    "place": ("position", "relative", "straight", "aim", "rpy", "pitch", "roll", "branch"),
+    "pose": ("name",),
+    "grip": ("share",),
+    "play": ("begin", "end", "factor"),
+}
+_AIMS = ("arm", "space", "down", "rpy", "pitch")
+
+
+@dataclass(frozen=True, slots=True)
+class MotionRequest:
+    """What is asked for; only what belongs to `what` has a meaning.
+
+    Attributes:
+        what: ``joints``, ``place``, ``pose``, ``grip`` or ``play``.
+        speed: Share of the joints' speed limits.
+        goals: Radians by joint.
+        place: Where the tip is to go.
+        name: Name of a pose.
+        share: Opening of the gripper: 0 is closed, 1 fully open.
+        begin: First second of the taught motion to play.
+        end: Last second of it to play.
+        factor: 2 plays it twice as fast.
+    """
+
+    what: str
+    speed: float = _SPEED
+    goals: Mapping[str, float] = field(default_factory=dict)
+    place: Place = field(default_factory=lambda: Place((0.0, 0.0, 0.0)))
+    name: str = ""
+    share: float = 0.0
+    begin: float = 0.0
+    end: float = math.inf
+    factor: float = 1.0
+
+
+def read_motion(args: Mapping[str, object]) -> MotionRequest:
+    """Check a request from outside; that joints and poses exist is checked when it is planned.
+
+    Raises:
+        UsageError: It is malformed; the text names the value.
+    """
+    what = args.get("what")
+    if not isinstance(what, str) or what not in _KEYS:
+        raise UsageError(f"there is no motion {str(what)[:20]!r}; there are {', '.join(_KEYS)}")
+    for key in args:
+        if key not in ("what", "speed", *_KEYS[what]):
+            raise UsageError(f"a motion of kind {what} has no value {str(key)[:20]!r}")
+    speed = finite(args.get("speed", _SPEED), "speed")
+    if what == "joints":
+        return MotionRequest(what, speed, goals=_goals(args.get("goals")))
+    if what == "place":
+        return MotionRequest(what, speed, place=_place(args))
+    if what == "pose":
+        return MotionRequest(what, speed, name=_text(args, "name"))
+    if what == "grip":
+        return MotionRequest(what, speed, share=finite(args.get("share"), "share"))
+    end = args.get("end")
+    return MotionRequest(
+        what,
+        speed,
+        begin=finite(args.get("begin", 0.0), "begin"),
+        end=math.inf if end is None else finite(end, "end"),
+        factor=finite(args.get("factor", 1.0), "factor"),
+    )
+
+
+def _goals(value: object) -> dict[str, float]:
+    if not isinstance(value, Mapping) or not 0 < len(value) <= _MOST_JOINTS:
+        raise UsageError("goals must name at least one joint")
+    return {str(name): _bounded(angle, f"goal of {str(name)[:20]}") for name, angle in value.items()}
+
+
+def _place(args: Mapping[str, object]) -> Place:
+    aim = args.get("aim", "arm")
+    if aim not in _AIMS:
+        raise UsageError(f"there is no aim {str(aim)[:20]!r}; there are {', '.join(_AIMS)}")
+    roll = args.get("roll")
+    return Place(
+        _three(args.get("position"), "position"),
+        Aim(
+            down=aim == "down",
+            rpy=_three(args.get("rpy"), "rpy") if aim == "rpy" else None,
+            pitch=_bounded(args.get("pitch"), "pitch") if aim == "pitch" else None,
+            roll=_bounded(roll, "roll") if aim == "pitch" and roll is not None else None,
+            fixed=aim == "space",
+        ),
+        relative=_flag(args, "relative"),
+        straight=_flag(args, "straight"),
+        branch=_text(args, "branch") if "branch" in args else "",
+    )
+
+
+def _three(value: object, name: str) -> tuple[float, float, float]:
+    if not isinstance(value, list | tuple) or len(value) != 3:
+        raise UsageError(f"{name} must be three numbers")
+    a, b, c = (_bounded(part, name) for part in value)
+    return a, b, c
+
+
+def _bounded(value: object, name: str) -> float:
+    number = finite(value, name)
+    if not abs(number) <= _MOST:
+        raise UsageError(f"{name} has {number:g}, which no arm reaches; give metres and radians")
+    return number
+
+
+def _flag(args: Mapping[str, object], name: str) -> bool:
+    value = args.get(name, False)
+    if not isinstance(value, bool):
+        raise UsageError(f"{name} must be true or false")
+    return value
+
+
+def _text(args: Mapping[str, object], name: str) -> str:
+    value = args.get(name)
+    if not isinstance(value, str) or len(value) > _LONGEST_TEXT:
+        raise UsageError(f"{name} must be a short text")
+    return value
+
+
+_NAMED = 2
+"""Most joints that the title of a motion names."""
+
+
+@dataclass(frozen=True, slots=True)
+class PoseRow:
+    """A pose.
+
+    Attributes:
+        name: Its name.
+        angles: Radians by joint.
+        saved: It is in the user's file, so that it can be replaced, renamed and removed; others are settings.
+    """
+
+    name: str
+    angles: Mapping[str, float]
+    saved: bool
+
+
+class MotionService:
+    """Plans and begins motions of one arm. Any thread may call its methods; planning may take long.
+
+    Args:
+        shared: The arm; connected.
+        poses: The user's poses.
+
+    Attributes:
+        poses: The user's poses.
+        jaws: The gripper; None if the arm has none that is known.
+    """
+
+    def __init__(self, shared: SharedArm, poses: PoseFile) -> None:
+        self.poses = poses
+        self._shared, self._arm = shared, shared.arm
+        self._planner = Planner(shared.arm)
+        self.jaws: Jaws | None = jaws_of(shared.arm.settings.model)
+        self._run: MotionRun | None = None
+
+    @property
+    def taught(self) -> Taught | None:
+        """The last taught motion."""
+        return self._arm.teach_mode.taught
+
+    @property
+    def teaching(self) -> bool:
+        """Whether the arm is in teach mode."""
+        return self._arm.teach_mode.hand.active
+
+    @property
+    def progress(self) -> RunProgress | None:
+        """Of the motion that was begun last; None before the first."""
+        run = self._run
+        return None if run is None else run.progress()
+
+    def preview(self, args: Mapping[str, object], *, taught: Taught | None = None) -> Preview:
+        """Plan a motion without moving.
+
+        Args:
+            args: As in `hexwire.control.requests.motion_service`.
+            taught: What is played; the last taught motion if None.
+
+        Raises:
+            UsageError: The request is malformed, or there is no such joint, pose or taught motion.
+            HexwireError: The arm cannot be reached.
+        """
+        return self._plan(read_motion(args), taught)
+
+    def begin(
+        self,
+        orders: Callable[[], Order],
+        args: Mapping[str, object],
+        *,
+        wanted: Callable[[], bool] = lambda: True,
+        age: Callable[[], float] = lambda: 0.0,
+        silence: float = SILENCE,
+        on_end: Callable[[MotionRun], object] = lambda run: None,
+        taught: Taught | None = None,
+    ) -> MotionRun:
+        """Begin a motion; a running one is replaced.
+
+        Args:
+            orders: As for `begin_motion`.
+            args: As for `preview`.
+            wanted: As for `begin_motion`.
+            age: As for `begin_motion`.
+            silence: As for `begin_motion`.
+            on_end: As for `begin_motion`.
+            taught: As for `preview`.
+
+        Raises:
+            LeaseError: Whoever asks does not hold the lease.
+            GoalError: The motion may not begin; the text says why.
+            HexwireError: As `preview`.
+        """
+        request = read_motion(args)
+        self._run = run = begin_motion(
+            self._shared,
+            orders,
+            self._title(request) if taught is None else "a recording",
+            lambda: self._plan(request, taught),
+            grip=request.share if request.what == "grip" else None,
+            wanted=wanted,
+            age=age,
+            silence=silence,
+            on_end=on_end,
+        )
+        return run
+
+    # -- poses and teaching -----------------------------------------------------------------------------
+
+    def pose_rows(self) -> list[PoseRow]:
+        """All poses: home, those of the settings, then those of the user's file; a later one wins over its name.
+
+        Raises:
+            ConfigError: The file is damaged.
+        """
+        saved = self.poses.load()
+        given = {HOME: home_pose(self._arm.settings.model)} | dict(self._arm.settings.poses)
+        rows = [PoseRow(name, angles, False) for name, angles in given.items() if name not in saved]
+        return rows + [PoseRow(name, angles, True) for name, angles in saved.items()]
+
+    def save_pose(self, name: str, *, gripper: bool = True, force: bool = False) -> str:
+        """Save where the joints are as a pose.
+
+        Args:
+            name: Its name.
+            gripper: The gripper belongs to the pose.
+            force: Replace a pose of that name.
+
+        Returns:
+            The name as it was saved.
+
+        Raises:
+            HexwireError: As `PoseFile.save`, or the arm cannot be reached.
+        """
+        here = self._arm.owner.newest().positions
+        kept = here if gripper else without_gripper(self._arm.settings.model, here)
+        return self.poses.save(name, kept, force=force)
+
+    def teach(self, order: Order, on: bool) -> str:
+        """Start or end teach mode; see `ControlledArm.teach_start` and `ControlledArm.teach_stop`.
+
+        Returns:
+            What came of it, for people.
+
+        Raises:
+            LeaseError: Whoever asks does not hold the lease.
+            HexwireError: As those.
+        """
+        self._shared.admit(order)
+        return self._arm.teach_start() if on else self._arm.teach_stop()
+
+    # -- helpers ----------------------------------------------------------------------------------------
+
+    def _plan(self, request: MotionRequest, taught: Taught | None) -> Preview:
+        planner, speed = self._planner, request.speed
+        if request.what == "joints":
+            return planner.to_joints(request.goals, speed=speed)
+        if request.what == "place":
+            return planner.to_place(request.place, speed=speed)
+        if request.what == "pose":
+            return planner.to_joints(self._pose(request.name), speed=speed)
+        if request.what == "grip":
+            if self.jaws is None:
+                raise UsageError(f"no gripper of {self._arm.settings.model.name} is known")
+            return planner.to_joints({self.jaws.joint: self.jaws.angle(request.share)}, speed=speed)
+        taught = taught or self.taught
+        if taught is None:
+            raise UsageError("nothing was taught since this arm was opened")
+        return planner.along(taught, begin=request.begin, end=request.end, factor=request.factor, speed=speed)
+
+    def _pose(self, name: str) -> Mapping[str, float]:
+        return find_pose(self._arm.settings.model, {row.name: row.angles for row in self.pose_rows()}, name)
+
+    def _title(self, request: MotionRequest) -> str:
+        if request.what == "place":
+            where = " ".join(decimal(1e3 * value) for value in request.place.position)
+            return f"a motion {'by' if request.place.relative else 'to'} {where} mm"
+        if request.what == "pose":
+            return f"a motion to {request.name}"
+        if request.what == "grip":
+            return f"the gripper to {decimal(100 * request.share, 3)} % open"
+        if request.what == "play":
+            return "the taught motion"
+        if len(request.goals) > _NAMED:
+            return "a motion to joint angles"
+        degrees = (f"{name} {decimal(math.degrees(angle))}" for name, angle in request.goals.items())
+        return f"a motion to {', '.join(degrees)} deg"

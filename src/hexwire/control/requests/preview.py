@@ -1,0 +1,307 @@
+"""What a motion would do, found out before it begins: joint angles, path, duration, and why it would be refused.
+
+Owns the plans of motions that a person asks for: to joint angles, to a place of the tip, along a taught motion. A
+motion is planned again by the same rules when it begins. Nothing moves here. Must not know who asks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from hexwire.errors import GoalError, HexwireError, LimitError, UsageError
+from hexwire.model.aim import Tip, aimed_pose
+from hexwire.model.state import finite
+from hexwire.motion.joined import Joined, WithResting, sampled
+from hexwire.motion.teach import approach
+
+from ..loop.outcomes import Reason
+from ..loop.reader import position_unknown
+from ..motion.goals import MAX_POINTS, Point, TrajectoryGoal
+from ..motion.path_check import PathCheck
+from ..motion.via import approached, chosen_solution, straight
+
+if TYPE_CHECKING:
+    from hexwire.model.kinematics import KinematicModel
+    from hexwire.model.state import JointState
+    from hexwire.motion.teach import Taught
+    from hexwire.motion.trajectory import Trajectory
+
+    from ..motion.via import Place
+    from .controlled_arm import ControlledArm
+
+__all__ = ["PLAY_FACTORS", "Branch", "Planner", "Preview", "goal_of"]
+
+_MARGIN = 0.98
+"""Share of the wanted speed that is planned: between the points that are sent, a joint may be slightly faster."""
+_TIP_SPEED = 0.2
+"""Metres per second of the tip on a straight line at full speed."""
+_STEP = 0.02
+"""Least seconds between two points that are sent."""
+_MOST_POINTS = MAX_POINTS - 1
+_SLOWEST = 0.01
+PLAY_FACTORS = (0.1, 4.0)
+"""Slowest and fastest factor at which a taught motion is played."""
+
+
+@dataclass(frozen=True, slots=True)
+class Branch:
+    """One solution of the inverse kinematics.
+
+    Attributes:
+        name: For example ``front, elbow up, wrist 1``.
+        turn: Largest turn of a joint to get there, radians.
+        why: Limits that it violates, in words; empty if it is allowed.
+    """
+
+    name: str
+    turn: float
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Preview:
+    """The plan of a motion, and whether it may begin.
+
+    Attributes:
+        goal: Angles at its end, radians by joint; of a refused one as near as is known, empty if nothing is.
+        path: Of all joints of all controllers; None if there is none.
+        lead_in: Seconds at its start in which the arm moves to where a taught motion begins.
+        tip: Pose of the tip at the end; None for an arm without kinematics.
+        branch: The solution that was chosen; empty if there was no choice.
+        branches: All solutions, the allowed ones first.
+        refusal: Why the path is not allowed; empty if it is.
+        unready: Why no motion can begin now: torque, a stop, teach mode; empty if one can.
+    """
+
+    goal: Mapping[str, float]
+    path: Trajectory | None = None
+    lead_in: float = 0.0
+    tip: Tip | None = None
+    branch: str = ""
+    branches: tuple[Branch, ...] = ()
+    refusal: str = ""
+    unready: str = ""
+
+    @property
+    def duration(self) -> float:
+        """Seconds; 0 without a path."""
+        return 0.0 if self.path is None else self.path.duration
+
+    def rows(self, most: int) -> list[tuple[float, ...]]:
+        """Positions along the path, evenly spaced in time, both ends among them; radians, in the path's order."""
+        path = self.path
+        if path is None:
+            return []
+        return [
+            path.start,
+            *(sample.position for _, sample in sampled(path, path.duration / most or 1.0, most - 1)),
+        ]
+
+    def require(self) -> Trajectory:
+        """The path of a motion that may begin.
+
+        Raises:
+            GoalError: It may not; the text says why.
+        """
+        if self.refusal or self.path is None:
+            raise GoalError(self.refusal or "there is no path", reason=Reason.PATH_NOT_ALLOWED)
+        if self.unready:
+            raise GoalError(self.unready, reason=Reason.NOT_READY)
+        return self.path
+
+
+class Planner:
+    """Plans motions of one arm. Any thread may call its methods; a long path takes long.
+
+    Args:
+        arm: Connected.
+    """
+
+    def __init__(self, arm: ControlledArm) -> None:
+        self._arm, self._model = arm, arm.settings.model
+        self._kinematics: KinematicModel | None = arm.settings.kinematics
+        # Not that of the arm's controllers, which keeps what it has seen of the running motion.
+        self._check = PathCheck(arm.settings.model, arm.settings.kinematics, arm.settings.table)
+
+    def to_joints(self, goals: Mapping[str, float], *, speed: float = 0.3) -> Preview:
+        """Plan a motion to joint angles; joints that are not named stay.
+
+        Args:
+            goals: Radians by joint.
+            speed: Share of the joints' speed limits.
+
+        Raises:
+            UsageError: No joint is named, one is unknown, or a number is out of range.
+            HexwireError: The arm cannot be reached.
+        """
+        if not goals:
+            raise UsageError("name at least one joint")
+        wanted = {
+            self._model.joint(name).name: finite(angle, f"the goal of {name}") for name, angle in goals.items()
+        }
+        state, here = self._here()
+        return self._to(wanted, here, state, _share(speed))
+
+    def to_place(self, place: Place, *, speed: float = 0.3) -> Preview:
+        """Plan a motion of the tip to a place.
+
+        Args:
+            place: Where.
+            speed: Share of the joints' speed limits, and of 0.2 m/s on a straight line.
+
+        Raises:
+            UsageError: The arm's geometry is unknown, its tool cannot be aimed so, or a number is out of range.
+            HexwireError: The arm cannot be reached.
+        """
+        model, speed = self._kinematics, _share(speed)
+        if model is None:
+            raise UsageError(f"no geometry is known for {self._model.name}, so its tip cannot be sent to a place")
+        x, y, z = (finite(value, name) for value, name in zip(place.position, "xyz", strict=True))
+        state, here = self._here()
+        if unknown := [name for name in model.joint_names if not math.isfinite(here[name])]:
+            return Preview({}, refusal=position_unknown(unknown), unready=self._unready(state))
+        angles = model.from_joints(here)
+        pose = aimed_pose(model, angles, (x, y, z), place.aim, relative=place.relative)
+        solutions = sorted(model.inverse(pose), key=lambda s: (not s.allowed, s.distance(angles)))
+        branches = tuple(Branch(s.branch, s.distance(angles), "; ".join(s.violations)) for s in solutions)
+        try:
+            if place.straight:
+                along = straight(self._model, model, here, [place], speed=_TIP_SPEED * speed, rounding=0.0)
+                return self._checked(along, here, state)
+            chosen = chosen_solution(model, pose, place.branch, angles, solutions)
+        except LimitError as error:
+            # Of a line, the end may be allowed.
+            near = model.to_joints(solutions[0].angles) if solutions else {}
+            tip = Tip.of(model, solutions[0].angles) if solutions else None
+            found = Preview(near, tip=tip, refusal=_plain(error), unready=self._unready(state))
+        else:
+            found = self._to(model.to_joints(chosen.angles), here, state, speed)
+            found = replace(found, branch=chosen.branch)
+        return found if place.straight else replace(found, branches=branches)
+
+    def along(
+        self,
+        taught: Taught,
+        *,
+        begin: float = 0.0,
+        end: float = math.inf,
+        factor: float = 1.0,
+        speed: float = 0.3,
+    ) -> Preview:
+        """Plan to move to where a taught motion, or a part of it, begins, and then along it.
+
+        Args:
+            taught: The motion.
+            begin: Its first second to play.
+            end: Its last second to play.
+            factor: 2 plays it twice as fast.
+            speed: Share of the joints' speed limits on the way to its start.
+
+        Raises:
+            UsageError: The arm lacks one of its joints, nothing is left of it, or a number is out of range.
+            HexwireError: The arm cannot be reached.
+        """
+        low, high = PLAY_FACTORS
+        if not low <= finite(factor, "the factor of the speed") <= high:
+            raise UsageError(f"a taught motion is played at {low:g} to {high:g} times its speed, not {factor:g}")
+        for name in taught.names:
+            self._model.joint(name)
+        part = taught.trimmed(begin, end).faster(factor)
+        state, here = self._here()
+        if unknown := [name for name in taught.names if not math.isfinite(here[name])]:
+            return Preview({}, refusal=position_unknown(unknown), unready=self._unready(state))
+        legs = approached(self._model, part.trajectory(), here, speed=_MARGIN * _share(speed))
+        found = self._checked(Joined(legs), here, state)
+        return replace(found, lead_in=sum(leg.duration for leg in legs[:-1]))
+
+    # -- helpers --------------------------------------------------------------------------------------
+
+    def _to(
+        self, goals: Mapping[str, float], here: Mapping[str, float], state: JointState, speed: float
+    ) -> Preview:
+        names = tuple(goals)
+        if unknown := [name for name in names if not math.isfinite(here[name])]:
+            return Preview(goals, refusal=position_unknown(unknown), unready=self._unready(state))
+        start = [here[name] for name in names]
+        path = approach(self._model, names, start, [goals[name] for name in names], speed=_MARGIN * speed)
+        return self._checked(path, here, state)
+
+    def _checked(self, path: Trajectory, here: Mapping[str, float], state: JointState) -> Preview:
+        """The preview of a path of some joints, after the checks that it will meet."""
+        goal = dict(zip(path.names, path.goal, strict=True))
+        names = [name for controller in self._arm.controllers.values() for name in controller.joints]
+        refusal = ""
+        try:
+            whole: Trajectory = WithResting(path, names, here)
+            self._check.trajectory(path, here)
+        except HexwireError as error:
+            refusal, whole = _plain(error), path
+        return Preview(
+            goal, path=whole, tip=self._tip({**here, **goal}), refusal=refusal, unready=self._unready(state)
+        )
+
+    def _tip(self, positions: Mapping[str, float]) -> Tip | None:
+        model = self._kinematics
+        if model is None or not all(math.isfinite(positions[name]) for name in model.joint_names):
+            return None
+        return Tip.of(model, model.from_joints(positions))
+
+    def _here(self) -> tuple[JointState, dict[str, float]]:
+        """The newest state, and where each joint is or was last sent; NaN if unknown."""
+        owner = self._arm.owner
+        state = owner.newest()
+        here = state.positions
+        with owner.locked():
+            now = owner.now()
+            for controller in self._arm.controllers.values():
+                try:
+                    start = controller.start(0.0, state, now)
+                except GoalError:
+                    # Stopped, or a position is unknown: then the motion begins where the joints are.
+                    continue
+                here.update(zip(controller.joints, start.position, strict=True))
+        return state, here
+
+    def _unready(self, state: JointState) -> str:
+        owner, check = self._arm.owner, self._check
+        names = [name for controller in self._arm.controllers.values() for name in controller.joints]
+        try:
+            self._arm.teach_mode.hand.refuse()
+            check.stop_latch(owner.group.reason)
+            check.ready(names, state, self._arm.settings.safety_at(1.0 / owner.command_period).max_age)
+        except HexwireError as error:
+            return _plain(error)
+        return "the arm is stopped; reset first" if state.stopped else ""
+
+
+def goal_of(path: Trajectory, joints: Sequence[str]) -> TrajectoryGoal:
+    """The goal that lets a controller follow a path.
+
+    Args:
+        path: Of all its joints and maybe others; it begins where they are.
+        joints: The controller's.
+
+    Returns:
+        The goal; without points if the path has no duration.
+    """
+    places = [path.names.index(name) for name in joints]
+    if path.duration <= 0.0:
+        return TrajectoryGoal(tuple(joints), ())
+    points = [
+        Point(t, tuple(s.position[i] for i in places), tuple(s.velocity[i] for i in places))
+        for t, s in sampled(path, _STEP, _MOST_POINTS)
+    ]
+    return TrajectoryGoal(tuple(joints), tuple(points))
+
+
+def _share(speed: float) -> float:
+    if not _SLOWEST <= finite(speed, "the speed") <= 1.0:
+        raise UsageError(f"a speed is {_SLOWEST:g} to 1 of the joints' limits, not {speed:g}")
+    return speed
+
+
+def _plain(error: HexwireError) -> str:
+    return str(error).removesuffix("; nothing was sent")
