@@ -123,13 +123,13 @@ def test_a_goal_is_accepted_executed_and_reached(world: World) -> None:
     assert world.bench.arm.owner.newest()["J1"].position == pytest.approx(J1 + 0.2, abs=0.05)
 
 
-def test_a_new_goal_aborts_the_old_one(world: World) -> None:
+def test_a_new_goal_preempts_the_old_one(world: World) -> None:
     first = world.send({"J1": J1 + 0.5}, 5.0)
     assert first.accepted()
     second = world.send({"J1": J1 - 0.1})
     assert second.accepted()
-    assert first.end == (GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, "replaced by a new goal")
-    assert first.states == [2, 6]
+    assert first.end == (GoalStatus.CANCELED, ErrorCode.INVALID_GOAL, "replaced by a new goal")
+    assert first.states == [2, 3, 5]
     world.bench.until(second.over)
     assert second.end[0] is GoalStatus.SUCCEEDED
 

@@ -24,8 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["CODES", "FOLLOW_JOINT_TRAJECTORY", "ActionClient", "ActionGoals", "in_log"]
 
 FOLLOW_JOINT_TRAJECTORY = "control_msgs/action/FollowJointTrajectory"
-# A replaced goal is aborted with the code that ros2_controllers gives it. Before June 2026 it asked for CANCELED,
-# which the state of such a goal does not allow: ros-controls/ros2_controllers, pull request 2422.
+# The code that ros2_controllers gives to a goal that another one replaces.
 CODES = {**USUAL_CODES, Reason.REPLACED: ErrorCode.INVALID_GOAL}
 """The error code of each reason."""
 
@@ -68,10 +67,11 @@ class ActionClient:
         result = self._result(ended.reason, ended.text)
         if ended.outcome is Outcome.SUCCEEDED:
             self.handle.succeed(result)
-        elif ended.reason is Reason.CANCELLED:
-            self.handle.canceled(result)
+        elif ended.outcome is Outcome.PREEMPTED:
+            # Whoever asked for that: a client, or a motion that takes its place. MoveIt calls an end by CANCELED
+            # preempted, and one by ABORTED a failure.
+            self.handle.preempt(result)
         else:
-            # Also a goal that another one replaces: only who asked for a cancel is told CANCELED.
             self.handle.abort(result)
 
     def _result(self, reason: Reason, text: str) -> Any:

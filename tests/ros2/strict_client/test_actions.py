@@ -352,20 +352,20 @@ def test_a_refusal_leaves_the_running_goal_alone(arm: Arm) -> None:
 # --- another goal ---
 
 
-def test_a_new_goal_aborts_the_old_one(arm: Arm) -> None:
-    """ros2_controllers: preempt_active_goal sets it aborted, with INVALID_GOAL."""
+def test_a_new_goal_preempts_the_old_one(arm: Arm) -> None:
+    """ros2_controllers: preempt_active_goal sets it canceled, with INVALID_GOAL."""
     first = arm.send(arm.long_goal())
     assert first.accepted
     second = arm.send(arm.short_goal())
     assert second.accepted
     end = first.result()
-    assert (end.status, end.result.error_code) == (a.ABORTED, a.INVALID_GOAL)
+    assert (end.status, end.result.error_code) == (a.CANCELED, a.INVALID_GOAL)
     assert end.result.error_string
     assert second.result().status == a.SUCCEEDED
 
 
 @pytest.mark.slow
-def test_the_old_goal_is_aborted_before_the_new_one_ends(arm: Arm) -> None:
+def test_the_old_goal_is_preempted_before_the_new_one_ends(arm: Arm) -> None:
     first = arm.send(arm.long_goal())
     assert first.accepted
     second = arm.send(arm.short_goal(0.2, 1.5))
@@ -381,7 +381,7 @@ def test_many_goals_one_after_the_other(arm: Arm) -> None:
     assert all(each.accepted for each in made)
     last = arm.send(arm.short_goal(0.05, 0.5))
     assert last.accepted
-    assert [each.result().status for each in made] == [a.ABORTED] * 5
+    assert [each.result().status for each in made] == [a.CANCELED] * 5
     assert last.result().status == a.SUCCEEDED
 
 
@@ -393,7 +393,7 @@ def test_two_clients_take_the_arm_from_each_other(arm: Arm) -> None:
         assert mine.accepted
         theirs = client.send(arm.short_goal())
         assert theirs.accepted
-        assert mine.result().status == a.ABORTED
+        assert mine.result().status == a.CANCELED
         assert theirs.result().status == a.SUCCEEDED
 
 

@@ -6,7 +6,7 @@ import math
 import time
 
 import pytest
-from tests.ros2.strict_client.action import ABORTED, SUCCEEDED
+from tests.ros2.strict_client.action import CANCELED, SUCCEEDED
 from tests.ros2.strict_client.wire import Publisher, until
 from tests.ros2.strict_client.world import JOINT_STATE, Arm
 
@@ -115,7 +115,7 @@ def test_a_command_ends_a_goal(arm: Arm) -> None:
         return made.ended
 
     until(ended, "the goal has ended")
-    assert made.result().status == ABORTED
+    assert made.result().status == CANCELED
 
 
 @pytest.mark.slow

@@ -40,7 +40,7 @@ def default_result_timeout(distribution: Distribution) -> float:
 class GoalHandle:
     """A client's goal, for those who work on it. Any thread may call its methods.
 
-    Call `accept` or `refuse` once; after `accept`, once one of `succeed`, `abort` and `canceled`.
+    Call `accept` or `refuse` once; after `accept`, once one of `succeed`, `abort`, `canceled` and `preempt`.
 
     Attributes:
         id: UUID, 16 bytes.
@@ -82,6 +82,11 @@ class GoalHandle:
 
     def canceled(self, result: Any) -> None:
         """The goal has been cancelled, as a client asked."""
+        self._server.end(self._goal, GoalStatus.CANCELED, result)
+
+    def preempt(self, result: Any) -> None:
+        """Another goal has taken its place: it is CANCELED, though no client asked for that."""
+        self._server.preempt(self._goal)
         self._server.end(self._goal, GoalStatus.CANCELED, result)
 
     def publish_feedback(self, feedback: Any) -> None:
@@ -175,6 +180,12 @@ class ActionServer:
             self._answer(handle.answer, self.type.send_goal.response(accepted=False))
             for waiter in waiting:
                 self._answer(waiter, self._result(GoalStatus.UNKNOWN, None))
+
+    def preempt(self, goal: Goal[Deferred]) -> None:
+        """See `GoalHandle.preempt`."""
+        with self._lock:
+            self._goals.preempt(goal)
+            self._publish_status()
 
     def end(self, goal: Goal[Deferred], status: GoalStatus, result: Any) -> None:
         """See `GoalHandle.succeed`."""

@@ -197,6 +197,12 @@ class Goals(Generic[_W]):
             goal.status = GoalStatus.CANCELING
         return CancelCode.NONE, chosen
 
+    @staticmethod
+    def preempt(goal: Goal[_W]) -> None:
+        """Another goal takes its place: its state is CANCELING, as if a client had asked for that."""
+        if goal.status is GoalStatus.EXECUTING:
+            goal.status = GoalStatus.CANCELING
+
     def ask(self, goal_id: bytes, waiter: _W, now: float) -> tuple[GoalStatus, object] | None:
         """Ask for the result of a goal.
 
