@@ -19,6 +19,7 @@ from tests.waits import eventually
 from hexwire import system
 from hexwire.fleet.endpoints import endpoints_of, local_socket
 from hexwire.fleet.network import Network, open_router_file
+from hexwire.ros2.wire import RouterSettings
 
 
 @contextmanager
@@ -65,6 +66,16 @@ def test_no_connection_of_a_router_with_zenohs_own_settings_waits_in_close(tmp_p
     finally:
         client.close()
         router.close()
+
+
+def test_no_connection_of_a_ros_node_waits_in_close() -> None:
+    port = free_port()
+    where = (f"tcp/127.0.0.1:{port}",)
+    with ExitStack() as stack:
+        stack.callback(Network(listen=where, router=True).open().close)
+        for number in range(1, 3):
+            stack.callback(RouterSettings(connect=where).open().close)
+            eventually(lambda number=number: waiting(port) == [False] * 2 * number)
 
 
 def test_a_session_of_this_machine_needs_no_look_at_its_connections(

@@ -276,7 +276,7 @@ def test_a_result_is_kept_as_long_as_rcl_keeps_it() -> None:
 def test_a_goal_whose_place_another_one_takes_is_canceled_though_nobody_asked_for_that(world: World) -> None:
     handle, asked = world.accept(1), world.accept(2)
     handle.preempt(world.result(-1, "replaced"))
-    assert [status for number, status in sum(world.statuses, []) if number == 1] == [2, 2, 3, 5]
+    assert [status for rows in world.statuses for number, status in rows if number == 1] == [2, 2, 3, 5]
     assert world.get_result(1).response.result.error_string == "replaced"
     world.cancel(2)
     asked.preempt(world.result())

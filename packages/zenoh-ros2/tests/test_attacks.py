@@ -74,7 +74,7 @@ def test_a_frozen_node_delays_neither_messages_nor_answers_to_others(
             publisher.publish(LARGE)
         waiting[0].answer(LARGE)
         # Less than the time after which the connection to the frozen node ends.
-        assert client.call(Text("x"), 8) == Text("x")
+        assert client.call(Text("x"), 30) == Text("x")
         other.send_signal(signal.SIGCONT)
         lines: list[str] = []
         reader = threading.Thread(target=lambda: _collect(other, lines))
@@ -147,11 +147,11 @@ def test_hostile_requests_get_no_answer_and_change_nothing(make_node: Callable[.
         before = service.malformed
 
         def ask(options: dict[str, bytes] = options, before: int = before) -> bool:
-            assert list(raw.get(ECHO_KEY, timeout=5, **options)) == [], f"answered: {str(options)[:200]}"
+            assert list(raw.get(ECHO_KEY, timeout=30, **options)) == [], f"answered: {str(options)[:200]}"
             return service.malformed > before
 
         eventually(ask)
-        good = raw.get(ECHO_KEY, timeout=5, payload=TextType().serialize(Text("x")), attachment=beside)
+        good = raw.get(ECHO_KEY, timeout=30, payload=TextType().serialize(Text("x")), attachment=beside)
         assert [reply.ok.payload.to_bytes() for reply in good] == [TextType().serialize(Text("x"))], options
         assert service.pending == 0
 
@@ -166,8 +166,8 @@ def test_a_number_that_is_used_twice_is_answered_once(make_node: Callable[..., N
     service = make_node().service("echo", ECHO, later)
     options = {"payload": TextType().serialize(Text("x")), "attachment": Attachment(1, 1, bytes(16)).serialize()}
     replies: list[Any] = []
-    eventually(lambda: raw.get(ECHO_KEY, replies.append, timeout=20, **options) or waiting)
-    eventually(lambda: raw.get(ECHO_KEY, replies.append, timeout=20, **options) or service.malformed)
+    eventually(lambda: raw.get(ECHO_KEY, replies.append, timeout=30, **options) or waiting)
+    eventually(lambda: raw.get(ECHO_KEY, replies.append, timeout=30, **options) or service.malformed)
     waiting[0].answer(Text("once"))
     eventually(lambda: replies)
     assert [reply.ok is not None for reply in replies] == [True]

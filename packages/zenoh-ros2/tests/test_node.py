@@ -60,7 +60,7 @@ def test_everything_comes_back_when_the_router_restarts(
     eventually(lambda: node.routers == 1)
     late = make_node("late").client("echo", ECHO)
     assert late.wait_for_service(20)
-    assert late.call(Text("x"), 10) == Text("x")
+    assert late.call(Text("x"), 30) == Text("x")
 
 
 def test_a_node_must_be_open_to_publish() -> None:
@@ -123,11 +123,11 @@ def test_types_in_use_are_described(make_node: Callable[..., Node]) -> None:
     state = types.message("sensor_msgs/msg/JointState")
     action = types.action("control_msgs/action/FollowJointTrajectory")
     asked = client.type.request(type_name=state.name, type_hash=state.hash, include_type_sources=True)
-    assert client.call(asked, 10).type_description.type_description.type_name == state.name
+    assert client.call(asked, 30).type_description.type_description.type_name == state.name
     asked = client.type.request(type_name=action.name, type_hash=action.hash)
-    assert client.call(asked, 10).failure_reason == "Type not currently in use by this node"
+    assert client.call(asked, 30).failure_reason == "Type not currently in use by this node"
     node.tell_type(action)
-    assert client.call(asked, 10).successful
+    assert client.call(asked, 30).successful
 
 
 def test_humble_has_no_descriptions(make_node: Callable[..., Node]) -> None:

@@ -1,4 +1,4 @@
-"""What hexwire adds to `zenoh_ros2`, on whose wire its node is: its exceptions, its log, its words for a router.
+"""What hexwire adds to `zenoh_ros2`, on whose wire its node is: exceptions, log, router, ends of connections.
 
 Owns which exception of that package is which of hexwire. Must not know nodes, nor arms.
 """
@@ -8,11 +8,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 from hexwire import errors
+from hexwire.closing_links import close_at_once
 from hexwire.inputs import read_text
 from zenoh_ros2 import ZenohSettings
 from zenoh_ros2 import errors as ros
+from zenoh_ros2.zenoh_session import load_zenoh
 
 __all__ = ["LOGGERS", "RouterSettings", "own_errors"]
 
@@ -57,6 +60,10 @@ class RouterSettings(ZenohSettings):
             ConfigError: It cannot be read.
         """
         return read_text(self.config_file)
+
+    def opened(self, session: Any) -> None:
+        """Let no connection of a session wait when it ends: a stop would wait with it."""
+        close_at_once(session, load_zenoh().handlers.RingChannel(1))
 
     @property
     def how_to_start_a_router(self) -> str:

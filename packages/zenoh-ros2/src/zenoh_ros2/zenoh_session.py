@@ -164,7 +164,9 @@ class ZenohSettings:
         while True:
             try:
                 # Zenoh changes the settings that it opens.
-                return Session(zenoh.open(self._config(zenoh)), endpoints_in(config, "connect"))
+                session = zenoh.open(self._config(zenoh))
+                self.opened(session)
+                return Session(session, endpoints_in(config, "connect"))
             except zenoh.ZError as error:
                 if json.loads(config.get_json("mode")) != "client":
                     raise SessionError(f"cannot open a Zenoh session: {_first_line(error)}") from None
@@ -180,6 +182,13 @@ class ZenohSettings:
 
         Raises:
             UsageError: A setting cannot be used.
+        """
+
+    def opened(self, session: Any) -> None:
+        """Look at a session that was opened; nothing here.
+
+        Args:
+            session: Zenoh's.
         """
 
     def read_config_file(self) -> str:
