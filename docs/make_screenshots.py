@@ -21,6 +21,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -35,7 +36,7 @@ from hexwire.fleet.service import Service  # noqa: E402
 from hexwire.fleet.service_file import read_arms  # noqa: E402
 from hexwire.studio.access import Access  # noqa: E402
 from hexwire.studio.app import Studio  # noqa: E402
-from hexwire.studio.server import Server  # noqa: E402
+from hexwire.studio.server import Server, make_app  # noqa: E402
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -71,7 +72,7 @@ def served() -> Iterator[tuple[Studio, str]]:
     studio = Studio(Access(frozenset()))
     # A machine that is busy with pictures is no browser that hangs.
     studio.source.silence = 5.0
-    server = Server(studio)
+    server = Server(partial(make_app, studio), studio.access)
     port = server.bind()
     studio.access.hosts = frozenset({f"127.0.0.1:{port}"})
     ready = threading.Event()

@@ -10,12 +10,15 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 from tests.cli.shared_arm import ARM, Plug, ok, patient, plain, process, run
 from tests.waits import PATIENCE, eventually
+from websockets.sync.client import connect
+from websockets.typing import Subprotocol
 
 from hexwire.cli.exits import DEVICE, INTERRUPTED, USAGE
 from hexwire.cli.main import cli
@@ -26,6 +29,7 @@ from hexwire.errors import DeviceError, HexwireError
 from hexwire.fleet.service import Service
 from hexwire.fleet.service_file import read_arms
 from hexwire.model.state import JointTarget
+from hexwire.studio.foxglove import SUBPROTOCOL
 
 
 @pytest.fixture
@@ -304,9 +308,14 @@ def test_a_killed_program_loses_the_arm_which_holds(shared: Service) -> None:
 def test_every_signal_ends_the_server_with_a_stopped_arm(runtime: Path, plug: Plug, number: signal.Signals) -> None:
     # A longer watchdog than usual: a busy machine must not stop the arm before the signal does.
     (runtime / "one.toml").write_text(f'[arms."lab/arm1"]\nport = "{plug.path}"\nwatchdog = 5.0\n')
-    with process("serve", "--config", str(runtime / "one.toml")) as server:
+    with process("serve", "--config", str(runtime / "one.toml"), "--foxglove") as server, ExitStack() as stack:
         assert server.stdout is not None
+        words, url = server.stdout.readline().split()
+        assert words == "foxglove:"
         assert server.stdout.readline().startswith("lab/arm1: serial://")
+        # Nobody who watches delays the end.
+        viewer = stack.enter_context(connect(url, subprotocols=[Subprotocol(SUBPROTOCOL)]))
+        assert json.loads(viewer.recv(PATIENCE))["name"] == "hexwire serve"
         with registry.connect(ARM) as robot:
             robot.torque(True)
             robot.write(JointTarget.of({"J1": 1.0}, 20.0))
@@ -401,6 +410,9 @@ def test_if_the_line_hangs_the_end_says_so_and_the_arm_is_stopped(
         (["--robot", "sim", "--links", "Z"], "links"),
         (["--robot", "chain", "--port", "/dev/null", "--table", "5"], "has no geometry"),
         (["--robot", "sim", "--lease", "0.01"], "less than 0.1"),
+        (["--robot", "sim", "--foxglove", "0.0.0.0:8765"], "other machines can reach 0.0.0.0"),
+        (["--robot", "sim", "--foxglove", "nowhere"], "write PORT, HOST:PORT"),
+        (["--robot", "sim", "--foxglove-origin", "https://app.foxglove.dev"], "is for --foxglove"),
         (["--port", ARM], "shared already"),
     ],
 )

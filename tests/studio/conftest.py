@@ -10,6 +10,7 @@ import asyncio
 import re
 import threading
 from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -77,10 +78,11 @@ def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="session")
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningStudio]:
     """One server for all tests of this worker; nothing is open in it at first. Tests use `studio`."""
-    from hexwire.studio.server import Server
+    from hexwire.studio.foxglove import Foxglove
+    from hexwire.studio.server import Server, make_app
 
-    studio = Studio(Access(frozenset()), tmp_path_factory.mktemp("recordings"))
-    server = Server(studio)
+    studio = Studio(Access(frozenset()), tmp_path_factory.mktemp("recordings"), Foxglove("hexwire studio"))
+    server = Server(partial(make_app, studio), studio.access)
     port = server.bind()
     studio.access.hosts = frozenset({f"127.0.0.1:{port}", f"localhost:{port}"})
     ready = threading.Event()

@@ -166,7 +166,7 @@ def test_a_socket_ends_with_its_session() -> None:
         sent.append(message)
 
     rows = {"host": _HOST, "origin": f"http://{_HOST}", "cookie": f"hexwire_session_80={session.key}"}
-    scope = {"type": "websocket", "headers": [(k.encode(), v.encode()) for k, v in rows.items()]}
+    scope = {"type": "websocket", "path": "/live", "headers": [(k.encode(), v.encode()) for k, v in rows.items()]}
     asyncio.run(Guard(behind, access, lambda: 1.0)(scope, receive, send))
     assert behind.seen == ["websocket.disconnect"]
     assert sent[0]["type"] == "websocket.close"

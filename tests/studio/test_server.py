@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import urllib.error
 import urllib.request
+from functools import partial
 from typing import TYPE_CHECKING
 
 import pytest
@@ -25,13 +26,15 @@ def test_nothing_is_served_without_a_session(served: RunningStudio, path: str) -
 
 
 def test_a_port_in_use_is_said(served: RunningStudio) -> None:
-    from hexwire.studio.server import Server, url_of
+    from hexwire.studio.server import Server, make_app, url_of
 
     studio = Studio(Access(frozenset()))
     try:
         port = int(served.url.rpartition(":")[2])
         with pytest.raises(LinkBusyError, match=str(port)):
-            Server(studio, port=port).bind()
-        assert url_of(Server(studio, port=9), "T") == "http://127.0.0.1:9/?token=T"
+            Server(partial(make_app, studio), studio.access, port=port).bind()
+        assert (
+            url_of(Server(partial(make_app, studio), studio.access, port=9), "T") == "http://127.0.0.1:9/?token=T"
+        )
     finally:
         studio.close()

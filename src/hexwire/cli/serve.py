@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from hexwire.fleet.network import Network
     from hexwire.fleet.service_file import ServedArm
+    from hexwire.studio.viewers import Viewers
 
 __all__ = ["serve"]
 
@@ -52,6 +53,20 @@ _SWITCH = 0.001
 @certificate_options("this arm")
 @click.option("--access", metavar="FILE", help="Rights by certificate, as 'hexwire fleet config' writes them.")
 @number_option("--lease", "SECONDS", "Silence after which a lease is lost.", minimum=0.1, default=0.5)
+@click.option(
+    "--foxglove",
+    is_flag=False,
+    flag_value="127.0.0.1:0",
+    metavar="[[HOST:]PORT]",
+    help="Also show the arms to Foxglove on this machine: states, targets, log and 3D scene, for watching.",
+)
+@click.option(
+    "--foxglove-origin",
+    "origins",
+    multiple=True,
+    metavar="URL",
+    help="With --foxglove: a web page that may connect, as https://app.foxglove.dev.",
+)
 @host_timed_option
 @links_option
 @table_options
@@ -69,6 +84,8 @@ def serve(
     access: str | None,
     reachable_without_certificates: bool,
     lease: float,
+    foxglove: str | None,
+    origins: tuple[str, ...],
     host_timed: bool,
     links: str,
     table: float | None,
@@ -103,7 +120,18 @@ def serve(
     network |= {row: value for row, value in rows.items() if value}
     if reachable_without_certificates:
         network["reachable_without_certificates"] = True
-    _run(arms, _network(network), wait)
+    if origins and foxglove is None:
+        raise UsageError("--foxglove-origin is for --foxglove")
+    viewers = None if foxglove is None else _viewers(foxglove, origins)
+    _run(arms, _network(network), wait, viewers)
+
+
+def _viewers(listen: str, origins: tuple[str, ...]) -> Viewers:
+    try:
+        from hexwire.studio.viewers import Viewers
+    except ImportError as error:
+        raise UsageError(f"--foxglove needs the studio: pip install 'hexwire[studio]' ({error})") from None
+    return Viewers(listen, frozenset(map(str.lower, origins)))
 
 
 def _given(robot: str | None, port: str | None, links: str, table: float | None) -> dict[str, object]:
@@ -132,8 +160,9 @@ def _network(rows: dict[str, Any]) -> Network:
     return Network(**rows)
 
 
-def _run(arms: list[ServedArm], network: Network, wait: bool) -> None:
+def _run(arms: list[ServedArm], network: Network, wait: bool, viewers: Viewers | None) -> None:
     import sys
+    from contextlib import ExitStack
 
     from hexwire.control.loop.shutdown import Shutdown
     from hexwire.fleet.remote import whoami
@@ -143,16 +172,19 @@ def _run(arms: list[ServedArm], network: Network, wait: bool) -> None:
     shutdown = Shutdown(_PATIENCE)
     # From here on a signal only asks for the end, so that no second one can interrupt what makes an arm safe.
     shutdown.listen()
-    service = Service(arms, network, wait=wait, server=f"{whoami()}, Python {platform.python_version()}")
-    try:
+    server = f"{whoami()}, Python {platform.python_version()}"
+    service = Service(arms, network, wait=wait, server=server, watch=None if viewers is None else viewers.watch)
+    with ExitStack() as stack:
+        stack.callback(service.close)
+        # What ends the program if the end hangs: then the boards' watchdogs stop the arms.
+        stack.callback(shutdown.request)
+        if viewers is not None:
+            say(f"foxglove: {viewers.start()}", flush=True)
+            stack.callback(viewers.end)
         service.start()
         while not shutdown.wait(_LOOK):
             _tell(service.news)
             service.check()
-    finally:
-        # What ends the program if the end hangs: then the boards' watchdogs stop the arms.
-        shutdown.request()
-        service.close()
     note("the arms are no longer shared")
 
 

@@ -14,6 +14,7 @@ import webbrowser
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -51,6 +52,8 @@ class _Protection:
     key: str
     ca: str
     password_file: str
+    foxglove: bool
+    origins: frozenset[str]
 
 
 class _Demo(Enum):
@@ -92,6 +95,16 @@ class _Demo(Enum):
     type=click.Path(file_okay=False),
     help="Folder of recordings.  [default: ~/.local/share/hexwire/recordings]",
 )
+@click.option(
+    "--foxglove", is_flag=True, help="Also show it to Foxglove: states, targets, log and 3D scene, for watching."
+)
+@click.option(
+    "--foxglove-origin",
+    "origins",
+    multiple=True,
+    metavar="URL",
+    help="With --foxglove: a web page that may connect, as https://app.foxglove.dev.",
+)
 @click.option("--no-browser", is_flag=True, help="Only print the address.")
 @host_timed_option
 @links_option
@@ -108,6 +121,8 @@ def studio(
     ca: str,
     password_file: str,
     recordings: str | None,
+    foxglove: bool,
+    origins: tuple[str, ...],
     no_browser: bool,
     host_timed: bool,
     links: str,
@@ -137,7 +152,9 @@ def studio(
     if take and port:
         port = f"{port}{'&' if '?' in port else '?'}take=1"
     _check_typed("" if demo else port or "", robot, settings)
-    protection = _Protection(listen, cert, key, ca, password_file)
+    if origins and not foxglove:
+        raise UsageError("--foxglove-origin is for --foxglove")
+    protection = _Protection(listen, cert, key, ca, password_file, foxglove, frozenset(map(str.lower, origins)))
     folder = None if recordings is None else Path(recordings)
     kind = _Demo.PHYSICS if physics else _Demo.PLAIN if demo else _Demo.NONE
     _run(kind, None if demo else port, robot, settings, protection, folder, browser=not no_browser)
@@ -202,6 +219,8 @@ def _run(
                 stack.callback(opening.join)
             for words, token in (("operate:", made.access.operate_token), ("watch:  ", made.access.watch_token)):
                 say(f"{words} {module.url_of(server, token, first)}", flush=True)
+            if made.foxglove is not None:
+                say(f"foxglove: {module.socket_of(server)}", flush=True)
             if browser:
                 _show(module.url_of(server, made.access.operate_token, first), stack)
 
@@ -256,7 +275,13 @@ def _make(protection: _Protection, recordings: Path | None) -> tuple[Studio, tup
     listening.check_protected(host, cert=cert, key=key, ca=ca, password=bool(password))
     if cert:
         listening.check_tls(cert, key, ca)
-    return Studio(Access(frozenset(), secure=bool(cert), password=password), recordings), (host, number)
+    access = Access(frozenset(), secure=bool(cert), password=password, origins=protection.origins)
+    foxglove = None
+    if protection.foxglove:
+        from hexwire.studio.foxglove import Foxglove
+
+        foxglove = Foxglove("hexwire studio")
+    return Studio(access, recordings, foxglove), (host, number)
 
 
 def _serve(module: Any, made: Studio, protection: _Protection, listen: tuple[str, int]) -> Server:
@@ -264,7 +289,10 @@ def _serve(module: Any, made: Studio, protection: _Protection, listen: tuple[str
 
     cert, host = protection.cert, listen[0]
     files = (cert, protection.key) if cert else None
-    server: Server = module.Server(made, host, listen[1], files, protection.ca or None, listening.right_of)
+    make = partial(module.make_app, made)
+    server: Server = module.Server(
+        make, made.access, host, listen[1], files, protection.ca or None, listening.right_of
+    )
     made.access.hosts = listening.host_names(host, server.bind(), cert, secure=bool(cert))
     return server
 

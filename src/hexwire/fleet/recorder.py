@@ -22,6 +22,7 @@ from collections.abc import Callable
 from typing import Any
 
 from hexwire.errors import HexwireError, LinkClosedError, RemoteProtocolError, UsageError
+from hexwire.trace.foxglove import INFO, WARNING, log_line, time_of
 from hexwire.trace.recording import RecordingWriter, topic_of
 
 from . import messages as m
@@ -164,9 +165,9 @@ class FleetRecorder:
 
     def _event(self, text: str, *, warning: bool = False, tell: bool = True) -> None:
         now = time.monotonic() + self._wall
-        body = {"timestamp": _time(now), "level": 3 if warning else 2, "message": text, "name": "", "file": ""}
         with self._lock:
-            self._writer.message(EVENTS, "foxglove.Log", now, {**body, "line": 0})
+            line = log_line(WARNING if warning else INFO, text, "", now)
+            self._writer.message(EVENTS, "foxglove.Log", now, line)
         if tell:
             self._tell(text)
 
@@ -232,7 +233,7 @@ class FleetRecorder:
         offset, doubt = arm.clock.at(received)
         now = received + self._wall
         body: dict[str, Any] = {
-            "timestamp": _time(now),
+            "timestamp": time_of(now),
             "offset": offset - self._wall,
             "uncertainty": doubt,
             "round_trip": received - sent,
@@ -240,8 +241,3 @@ class FleetRecorder:
         }
         with self._lock:
             self._writer.message(f"/{name}/clock", "hexwire.Clock", now, body)
-
-
-def _time(seconds: float) -> dict[str, int]:
-    ns = round(seconds * 1e9)
-    return {"sec": ns // 1_000_000_000, "nsec": ns % 1_000_000_000}

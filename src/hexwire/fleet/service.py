@@ -13,7 +13,7 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -33,6 +33,9 @@ from .rights import Kind
 from .server import ArmServer, NameGuard
 
 if TYPE_CHECKING:
+    from hexwire.control.requests.settings import Settings
+    from hexwire.model.state import JointState
+
     from .service_file import ServedArm
 
 __all__ = ["Service"]
@@ -47,13 +50,29 @@ _PATIENCE = 11.0
 """Time-out for the end of all arms, seconds."""
 
 
+Watch = Callable[[str, "Settings"], Callable[["JointState", Mapping[str, float]], object]]
+"""Called with the name and settings of each arm before it starts; returns what is called, in its owner's thread,
+with each of its states and the last position sent to each joint, radians. It must not wait."""
+
+
+def _watched(given: ServedArm, settings: Settings, watch: Watch) -> ControlledArm:
+    goals: dict[str, float] = {}
+    arm = ControlledArm(given.driver, settings, monitored=False, on_sent=lambda sent: goals.update(sent.positions))
+    see = watch(given.name, settings)
+    arm.owner.observers.append(lambda state: see(state, goals))
+    return arm
+
+
 class _Served:
     """One arm, from its start to its end. `run` is its thread; the other methods are called by the main thread."""
 
-    def __init__(self, given: ServedArm, network: Network, wait: bool, server: str) -> None:
+    def __init__(self, given: ServedArm, network: Network, wait: bool, server: str, watch: Watch | None) -> None:
         self.name = given.name
         settings = replace(given.settings, connect_timeout=math.inf) if wait else given.settings
-        self.arm = ControlledArm(given.driver, settings, monitored=False)
+        if watch is None:
+            self.arm = ControlledArm(given.driver, settings, monitored=False)
+        else:
+            self.arm = _watched(given, settings, watch)
         self.shared = SharedArm(self.arm, Lease(timeout=given.lease))
         self.error: BaseException | None = None
         self.unsafe: HexwireError | None = None
@@ -138,10 +157,17 @@ class Service:
         network: How others reach them, besides programs of this user on this machine.
         wait: Wait for a port that is not there yet however long that takes, and not for `connect_timeout`.
         server: This program, in words.
+        watch: Sees all states, besides those who read the arms; None for nobody.
     """
 
     def __init__(
-        self, arms: Sequence[ServedArm], network: Network | None = None, *, wait: bool = False, server: str = ""
+        self,
+        arms: Sequence[ServedArm],
+        network: Network | None = None,
+        *,
+        wait: bool = False,
+        server: str = "",
+        watch: Watch | None = None,
     ) -> None:
         _check_system(sys.platform)
         self._network = network or Network()
@@ -151,7 +177,7 @@ class Service:
             )
         if self._network.cert:
             _check_certificate(self._network.cert, [arm.name for arm in arms])
-        self._arms = [_Served(arm, self._network, wait, server) for arm in arms]
+        self._arms = [_Served(arm, self._network, wait, server, watch) for arm in arms]
         self._told: set[str] = set()
         self._waits_for: dict[str, str] = {}
         self._has_router, self._has_asked = True, False

@@ -26,7 +26,8 @@ from hexwire.errors import UsageError
 from hexwire.inputs import parse_message
 from hexwire.model.state import JointState
 from hexwire.trace.capture import BYTES, Message, read_messages
-from hexwire.trace.recording import JOINT_STATES, nanoseconds, parse_joints
+from hexwire.trace.foxglove import nanoseconds
+from hexwire.trace.recording import JOINT_STATES, parse_joints
 from zenoh_ros2 import LATCHED, Types
 
 from .bag import BagWriter

@@ -97,6 +97,7 @@ class Access:
         hosts: Values of the Host header that name this studio, such as ``127.0.0.1:8080``.
         secure: It is reached over TLS.
         password: Whoever knows it may take control; empty for none.
+        origins: Other pages that may watch by a token, such as ``https://app.foxglove.dev``.
         limits: The bounds.
         new_secret: Makes what nobody can guess.
 
@@ -108,6 +109,7 @@ class Access:
     hosts: frozenset[str]
     secure: bool = False
     password: str = field(default="", repr=False)
+    origins: frozenset[str] = frozenset()
     limits: Limits = field(default_factory=Limits)
     new_secret: Callable[[], str] = _new_secret
     operate_token: str = field(default="", repr=False)
@@ -143,6 +145,17 @@ class Access:
             return not needed
         return origin.lower() == f"{self.scheme}://{host.lower()}"
 
+    def may_watch(self, token: str, origin: str | None, host: str) -> bool:
+        """Whether a socket for watching only may begin, of a program that keeps no cookie.
+
+        Args:
+            token: What it shows.
+            origin: The Origin header; None of a program that is no browser.
+            host: The Host header, which is allowed.
+        """
+        known = self.allows_origin(origin, host, needed=False) or (origin or "").lower() in self.origins
+        return known and self._right_of(token) is not None
+
     @property
     def cookie(self) -> str:
         """Name of the cookie: two studios on one host must not overwrite each other's."""
@@ -151,11 +164,15 @@ class Access:
 
     def enter(self, token: str, now: float) -> Session | None:
         """Begin a session for a token; None if it is not valid, or if there are too many sessions."""
-        right = None
+        right = self._right_of(token)
+        return None if right is None else self.admit(right, now)
+
+    def _right_of(self, token: str) -> Right | None:
+        found = None
         for value, granted in ((self.operate_token, Right.OPERATE), (self.watch_token, Right.WATCH)):
             if hmac.compare_digest(token.encode(), value.encode()):
-                right = granted
-        return None if right is None else self.admit(right, now)
+                found = granted
+        return found
 
     def log_in(self, password: str, now: float) -> Session | None:
         """Begin a session for the password; None if it is wrong, or if too many were tried in a short time."""

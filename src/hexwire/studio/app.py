@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from hexwire.epochs import Token
 
     from .bus_source import BusSource
+    from .foxglove import Foxglove
     from .page_process import PageProcess
     from .plugged import Plugged
     from .source import ArmSource
@@ -92,6 +93,7 @@ class Studio:
     Args:
         access: The rules of access.
         recordings: Folder of recordings; this user's if None.
+        foxglove: Shows what is open to programs that speak Foxglove's protocol; None for nobody.
 
     Attributes:
         access: The rules of access.
@@ -102,6 +104,7 @@ class Studio:
         fleet: The shared arms that this program may see.
         holds: The kinds of motion that a page may hold.
         live: The tabs' own sockets.
+        foxglove: As given.
         settings: Further settings of arms that pages open, see `hexwire.control.requests.settings`.
         plugged: What was found last at the ports of this machine; None before somebody has looked.
         demo: Port of the emulated arm that this program has started, and what a person should know of it; empty if
@@ -109,11 +112,13 @@ class Studio:
         orders: Runs what tabs order, one after the other.
     """
 
-    def __init__(self, access: Access, recordings: Path | None = None) -> None:
-        self.access = access
+    def __init__(self, access: Access, recordings: Path | None = None, foxglove: Foxglove | None = None) -> None:
+        self.access, self.foxglove = access, foxglove
         self.settings: dict[str, object] = {}
         self.plugged: list[Plugged] | None = None
         self.demo = ("", "")
+        # The arm that viewers see.
+        self._watched: ArmSource | None = None
         self.recordings = Recordings(recordings)
         self.tabs = Tabs()
         self.wire = WireFeed()
@@ -440,6 +445,8 @@ class Studio:
         self._workers[Right.OPERATE].submit(self.recordings.recorder.follow, self.source.arm)
         if present is not None:
             present.hold_to_run.on_end = self.ended
+        if self.foxglove is not None:
+            self._watch_arm(self.foxglove)
         bus = self.source.bus
         if bus is not None:
             bus.on_change = lambda: self.soon(self.live.tell_facts)
@@ -448,6 +455,17 @@ class Studio:
             )
         self.soon(lambda: self.live._tell({"kind": "hello", **self.model()}, None))
         self.soon(self.live.tell_facts)
+
+    def _watch_arm(self, foxglove: Foxglove) -> None:
+        """Show viewers what is open now."""
+        arm = self.source.arm
+        if arm is self._watched:
+            return
+        self._watched = arm
+        if arm is None:
+            foxglove.hide("")
+        else:
+            arm.listeners = (*arm.listeners, foxglove.show("", arm.settings.model, arm.settings.links))
 
     def begin(self, loop: asyncio.AbstractEventLoop) -> None:
         """The server has started."""

@@ -33,6 +33,8 @@ PEER = "hexwire.peer"
 _K = TypeVar("_K")
 _STOPS = frozenset({"/stop", "/fleet/stop"})
 """Paths that are never refused for what else is under way."""
+_BY_TOKEN = frozenset({"/foxglove"})
+"""Sockets for watching only, of programs that keep no cookie: each shows its token."""
 _UPLOADS = frozenset({("POST", "/wire/open"), ("POST", "/data/recording"), ("POST", "/servos/backup")})
 _PAUSE = 0.01
 """Seconds between two turns at what keeps the loop of the server busy: a STOP that comes meanwhile goes first."""
@@ -134,7 +136,7 @@ class Guard:
     async def _enter(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer somebody who has no session yet, or shows a token."""
         access, now = self.access, self._clock()
-        token = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
+        token = _token(scope)
         if token and scope["method"] == "GET":
             session, refusal = access.enter(token, now), "This key is not valid. " + _NO_SESSION
         elif (right := scope.get("state", {}).get(PEER)) is not None:
@@ -161,11 +163,17 @@ class Guard:
     async def _socket(self, scope: Scope, receive: Receive, send: Send) -> None:
         host, origin, cookies = _headers(scope)
         access = self.access
+        if scope["path"] in _BY_TOKEN:
+            token = _token(scope)
+            if access.allows_host(host) and access.may_watch(token, origin, host):
+                await self.app(scope, receive, send)
+            else:
+                await _refuse_socket(receive, send)
+            return
         session = access.session(cookies.get(access.cookie), self._clock())
         right = access.allows_host(host) and access.allows_origin(origin, host, needed=True)
         if not right or session is None or self._has_most_sockets(session):
-            await receive()
-            await send({"type": "websocket.close", "code": 1008, "reason": "not allowed"})
+            await _refuse_socket(receive, send)
             return
         scope[SESSION] = session
 
@@ -277,6 +285,17 @@ def _headers(scope: Scope) -> tuple[str, str | None, dict[str, str]]:
     except CookieError:
         return host, origin, {}
     return host, origin, {name: morsel.value for name, morsel in jar.items()}
+
+
+def _token(scope: Scope) -> str:
+    """What a request shows in its address; empty if nothing."""
+    query: bytes = scope["query_string"]
+    return parse_qs(query.decode("latin-1")).get("token", [""])[0]
+
+
+async def _refuse_socket(receive: Receive, send: Send) -> None:
+    await receive()
+    await send({"type": "websocket.close", "code": 1008, "reason": "not allowed"})
 
 
 def _length(scope: Scope) -> float:

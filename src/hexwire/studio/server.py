@@ -21,35 +21,40 @@ from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
+from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
 from hexwire.errors import LinkBusyError
 
-from .access import Right
+from .access import Access, Right
 from .app import Studio
 from .connections import make_protocol
 from .files import make_routes
 from .fleet_api import fleet_routes
+from .foxglove import Foxglove
 from .guard import SESSION, Guard
 from .packed import Packed
 from .recordings_api import recordings_routes
 from .servos_api import servos_routes
 from .wire_api import wire_routes
 
-__all__ = ["PAGES", "STATIC", "Server", "make_app", "url_of"]
+__all__ = ["FOXGLOVE", "PAGES", "STATIC", "Server", "make_app", "make_viewers_app", "socket_of", "url_of"]
 
 STATIC = Path(__file__).parent / "static"
 """Folder of the files that pages load."""
+FOXGLOVE = "/foxglove"
+"""Address of the socket of programs that speak Foxglove's protocol."""
 PAGES = ("/", "/arm", "/servos", "/plots", "/wire", "/recordings", "/fleet")
 """Addresses of the pages. All are one file; its `studio.js` has their titles and modules."""
 
 
 @dataclass(slots=True)
 class Server:
-    """Serves the pages of a studio until it is told to end.
+    """Serves an application behind its gate until it is told to end.
 
     Args:
-        studio: The studio.
+        make: Makes the application; its argument is to be called when the server has started.
+        access: The rules of access.
         host: Address to listen at.
         port: Its port; 0 for a free one.
         certificate: Files of a certificate and its key; none without TLS.
@@ -57,7 +62,8 @@ class Server:
         right_of: As in `make_protocol`.
     """
 
-    studio: Studio
+    make: Callable[[Callable[[], object]], ASGIApp]
+    access: Access
     host: str = "127.0.0.1"
     port: int = 0
     certificate: tuple[str, str] | None = None
@@ -87,15 +93,15 @@ class Server:
 
     def run(self, on_started: Callable[[], object] = lambda: None) -> None:
         """Serve until `end`, in this thread."""
-        app = make_app(self.studio, on_started)
+        app = self.make(on_started)
         config = uvicorn.Config(
             app,
             log_level="warning",
             access_log=False,
             loop="asyncio",
-            http=make_protocol(self.studio.access.limits, self.right_of),
+            http=make_protocol(self.access.limits, self.right_of),
             # The parser bounds the heads of requests, and whoever sends one may have no session.
-            h11_max_incomplete_event_size=self.studio.access.limits.head,
+            h11_max_incomplete_event_size=self.access.limits.head,
             ws="websockets-sansio",
             # Compressing frames would take more of the processor than all else that is done for a page.
             ws_per_message_deflate=False,
@@ -122,6 +128,24 @@ class Server:
             self._server.should_exit = True
 
 
+def make_viewers_app(foxglove: Foxglove, access: Access, on_started: Callable[[], object] = lambda: None) -> Guard:
+    """Build what `hexwire serve` serves to viewers, behind the gate: no pages.
+
+    Args:
+        foxglove: The arms to watch.
+        access: The rules of access.
+        on_started: Called when the server has started.
+    """
+
+    @asynccontextmanager
+    async def lifespan(app: Starlette) -> AsyncIterator[None]:
+        with foxglove.running():
+            on_started()
+            yield
+
+    return Guard(Starlette(routes=[WebSocketRoute(FOXGLOVE, foxglove.serve)], lifespan=lifespan), access)
+
+
 def make_app(studio: Studio, on_started: Callable[[], object] = lambda: None) -> Guard:
     """Build what is served, behind the gate.
 
@@ -129,6 +153,7 @@ def make_app(studio: Studio, on_started: Callable[[], object] = lambda: None) ->
         studio: The studio.
         on_started: Called when the server has started.
     """
+    foxglove = studio.foxglove
     static = Packed(STATIC)
     shell = static.body("studio.html").decode()
 
@@ -136,11 +161,12 @@ def make_app(studio: Studio, on_started: Callable[[], object] = lambda: None) ->
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
         studio.begin(asyncio.get_running_loop())
         pump = asyncio.create_task(studio.live.pump())
-        on_started()
-        try:
-            yield
-        finally:
-            pump.cancel()
+        with contextlib.nullcontext() if foxglove is None else foxglove.running():
+            on_started()
+            try:
+                yield
+            finally:
+                pump.cancel()
 
     async def live(websocket: WebSocket) -> None:
         await studio.live.serve(websocket)
@@ -159,6 +185,7 @@ def make_app(studio: Studio, on_started: Callable[[], object] = lambda: None) ->
     found = lambda: studio  # noqa: E731
     routes = [
         WebSocketRoute("/live", live),
+        *([] if foxglove is None else [WebSocketRoute(FOXGLOVE, foxglove.serve)]),
         Route("/stop", stop, methods=["POST"]),
         Route("/static/{name:path}", static.answer),
         *(Route(path, page) for path in PAGES),
@@ -187,4 +214,9 @@ def url_of(server: Server, token: str, path: str = "/") -> str:
         path: The page to begin with.
     """
     host = f"[{server.host}]" if ":" in server.host else server.host
-    return f"{server.studio.access.scheme}://{host}:{server.port}{path}?token={token}"
+    return f"{server.access.scheme}://{host}:{server.port}{path}?token={token}"
+
+
+def socket_of(server: Server) -> str:
+    """The address for programs that speak Foxglove's protocol; whoever knows it may watch."""
+    return "ws" + url_of(server, server.access.watch_token, FOXGLOVE).removeprefix("http")

@@ -18,8 +18,9 @@ from hexwire.errors import HexwireError
 from hexwire.link.tap import Direction, Passed
 
 from .explain import Explainer
+from .foxglove import INFO, NSEC, WARNING, log_line
 from .mcap_file import MAGIC, load_mcap, read_records
-from .recording import JOINT_STATES, RecordingWriter, nanoseconds
+from .recording import JOINT_STATES, RecordingWriter
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -44,8 +45,6 @@ __all__ = [
 
 BYTES = {Direction.SENT: "/bytes/sent", Direction.RECEIVED: "/bytes/received"}
 FRAMES = "/frames"
-_INFO, _WARNING = 2, 3
-_NSEC = 1_000_000_000
 
 
 class Writer(Protocol):
@@ -151,17 +150,9 @@ class Capture:
                 self._owner = 0
 
     def _frame(self, explained: Explained, stamp: float) -> None:
-        ns = nanoseconds(stamp)
         doubtful = bool(explained.problem) or " ! " in explained.reading
-        body = {
-            "timestamp": {"sec": ns // _NSEC, "nsec": ns % _NSEC},
-            "level": _WARNING if doubtful else _INFO,
-            "message": explained.reading,
-            "name": explained.direction.value,
-            "file": "",
-            "line": 0,
-            "hex": explained.data.hex(" ").upper(),
-        }
+        line = log_line(WARNING if doubtful else INFO, explained.reading, explained.direction.value, stamp)
+        body = line | {"hex": explained.data.hex(" ").upper()}
         self._writer.message(FRAMES, "foxglove.Log", stamp, body)
 
 
@@ -212,7 +203,7 @@ def read_messages(file: IO[bytes], name: str) -> Iterator[Message | str]:
             channel.topic,
             schema.name if schema else "",
             channel.message_encoding,
-            message.log_time / _NSEC,
+            message.log_time / NSEC,
             message.data,
         )
 

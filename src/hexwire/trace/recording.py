@@ -1,8 +1,7 @@
 """Recordings: MCAP files with JSON channels under Foxglove's schema names, which other tools can open.
 
-Owns the file, its channels and their schemas. A joint state is a ``foxglove.JointStates`` message on the topic
-``/joint_states``; the schema allows additional fields, which hold what Foxglove has no name for (load, current,
-voltage, temperature, flags). Must not know who records or plays. Needs the package ``mcap``, imported on first use.
+Owns the file and its channels. A joint state is a ``foxglove.JointStates`` message on the topic ``/joint_states``.
+Must not know who records or plays. Needs the package ``mcap``, imported on first use.
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ from hexwire.errors import ConfigError, UsageError
 from hexwire.inputs import Item, open_file, parse_message
 from hexwire.model.state import JointState
 
+from .foxglove import END_OF_TIME, NSEC, SCHEMAS, joint_states, nanoseconds
 from .mcap_file import NewMcapFile, read_records
 
 if TYPE_CHECKING:
@@ -34,7 +34,6 @@ __all__ = [
     "is_joint_state",
     "joint_states_in",
     "make_positions",
-    "nanoseconds",
     "parse_joints",
     "read_joint_states",
     "several_arms",
@@ -45,79 +44,10 @@ __all__ = [
 JOINT_STATES = "/joint_states"
 """Topic of the joint states."""
 
-_NSEC = 1_000_000_000
-_END_OF_TIME = 2**63 / _NSEC
-"""Seconds since 1970 at which signed 64-bit nanoseconds overflow: in 2262."""
-
 _MOST_JOINTS = 253
 _MOST = 1e4
 """Greatest plausible joint position, radians."""
 _NUMBERS = (float, int)
-_TIME = {
-    "type": "object",
-    "title": "time",
-    "properties": {
-        "sec": {"type": "integer", "minimum": 0},
-        "nsec": {"type": "integer", "minimum": 0, "maximum": _NSEC - 1},
-    },
-}
-_NUMBER = {"type": "number"}
-SCHEMAS: dict[str, dict[str, Any]] = {
-    "foxglove.JointStates": {
-        "title": "foxglove.JointStates",
-        "description": "The states of a robot's joints",
-        "type": "object",
-        "properties": {
-            "timestamp": _TIME,
-            "joints": {
-                "type": "array",
-                "items": {
-                    "type": "object",
-                    "title": "foxglove.JointState",
-                    "properties": {
-                        "name": {"type": "string"},
-                        "position": {**_NUMBER, "description": "radians"},
-                        "goal": {**_NUMBER, "description": "last position sent, radians"},
-                        "velocity": {**_NUMBER, "description": "radians per second"},
-                        "load": {**_NUMBER, "description": "signed fraction of full drive"},
-                        "current": {**_NUMBER, "description": "amperes"},
-                        "voltage": {**_NUMBER, "description": "volts"},
-                        "temperature": {**_NUMBER, "description": "degrees Celsius"},
-                        "age": {**_NUMBER, "description": "seconds from the joint's sample to the timestamp"},
-                        "flags": {"type": "integer", "description": "condition, as hexwire.model.state.JointFlag"},
-                    },
-                },
-            },
-        },
-    },
-}
-SCHEMAS["foxglove.Log"] = {
-    "title": "foxglove.Log",
-    "description": "A frame on the line, explained",
-    "type": "object",
-    "properties": {
-        "timestamp": _TIME,
-        "level": {"type": "integer", "description": "2 info, 3 warning"},
-        "message": {"type": "string"},
-        "name": {"type": "string", "description": "sent or received"},
-        "file": {"type": "string"},
-        "line": {"type": "integer"},
-        "hex": {"type": "string", "description": "the bytes"},
-    },
-}
-SCHEMAS["hexwire.Clock"] = {
-    "title": "hexwire.Clock",
-    "description": "The clock of an arm's server, compared with the recorder's",
-    "type": "object",
-    "properties": {
-        "timestamp": _TIME,
-        "offset": {**_NUMBER, "description": "seconds: server's monotonic clock minus recorder's wall clock"},
-        "uncertainty": {**_NUMBER, "description": "seconds: the offset is right to this"},
-        "round_trip": {**_NUMBER, "description": "seconds: of this exchange"},
-        "jumps": {"type": "integer", "description": "times that the server's clock jumped"},
-    },
-}
-"""JSON schemas by name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,27 +147,7 @@ class RecordingWriter(NewMcapFile):
             goals: Positions that were sent last, by joint, radians.
             extra: Further fields, by name.
         """
-        joints = []
-        for i, name in enumerate(state.names):
-            joint: dict[str, Any] = {"name": name}
-            for key, column in (
-                ("position", state.position),
-                ("velocity", state.velocity),
-                ("load", state.load),
-                ("current", state.current),
-                ("voltage", state.voltage),
-                ("temperature", state.temperature),
-            ):
-                if math.isfinite(column[i]):
-                    joint[key] = column[i]
-            if goals is not None and math.isfinite(goal := goals.get(name, math.nan)):
-                joint["goal"] = goal
-            if 0.0 < state.age[i] < math.inf:
-                joint["age"] = state.age[i]
-            joint["flags"] = int(state.flags[i])
-            joints.append(joint)
-        ns = nanoseconds(stamp)
-        body = {"timestamp": {"sec": ns // _NSEC, "nsec": ns % _NSEC}, "joints": joints, **(extra or {})}
+        body = joint_states(state, stamp, goals) | dict(extra or {})
         self.message(topic, "foxglove.JointStates", stamp, body)
 
 
@@ -254,17 +164,6 @@ def check_recording_name(file: str | Path) -> None:
 def wall_time(state: JointState) -> float:
     """The time of a state of this computer, which its clock has stamped, as seconds of the time of day."""
     return time.time() - (time.monotonic() - state.stamp)
-
-
-def nanoseconds(stamp: float) -> int:
-    """Nanoseconds since 1970, the unit of time in a recording.
-
-    Raises:
-        UsageError: It is before 1970, not a number, or later than a recording can store.
-    """
-    if not 0 <= stamp < _END_OF_TIME:
-        raise UsageError(f"a recording cannot store the time {stamp:g} s; use seconds since 1970")
-    return round(stamp * _NSEC)
 
 
 def make_positions(names: Sequence[str], position: Sequence[float]) -> JointState:
@@ -364,7 +263,7 @@ def _checked(item: Item) -> tuple[float | None, list[dict[str, Item]]]:
     stamp = None
     if "timestamp" in root and root["timestamp"].value is not None:
         parts = root["timestamp"].table(needed=("sec", "nsec"))
-        stamp = parts["sec"].integer(0, int(_END_OF_TIME)) + parts["nsec"].integer(0, _NSEC - 1) / _NSEC
+        stamp = parts["sec"].integer(0, int(END_OF_TIME)) + parts["nsec"].integer(0, NSEC - 1) / NSEC
     joints = [item.table(needed=("name",)) for item in root["joints"].rows(_MOST_JOINTS)]
     names = [joint["name"].text(100, least=1) for joint in joints]
     if len(set(names)) != len(names):
@@ -393,7 +292,7 @@ def _joints(item: Item, log_time: int, topic: str) -> RecordedJoints:
     stamp, joints = _checked(item)
     rows = [joint for joint in joints if "position" in joint and joint["position"].value is not None]
     return RecordedJoints(
-        log_time / _NSEC if stamp is None else stamp,
+        log_time / NSEC if stamp is None else stamp,
         tuple([joint["name"].text() for joint in rows]),
         tuple([joint["position"].number(-_MOST, _MOST, "rad") for joint in rows]),
         tuple([_numbers(joint) for joint in rows]),
@@ -410,14 +309,14 @@ def _quick(root: Any, names: tuple[str, ...], log_time: int, topic: str) -> Reco
     if type(joints) is not list or not names or len(joints) != len(names):
         return None
     stamp = root.get("timestamp")
-    time = log_time / _NSEC
+    time = log_time / NSEC
     if stamp is not None:
         sec, nsec = (stamp.get("sec"), stamp.get("nsec")) if type(stamp) is dict else (None, None)
         if type(sec) is not int or type(nsec) is not int:
             return None
-        if not (0 <= sec <= int(_END_OF_TIME) and 0 <= nsec < _NSEC):
+        if not (0 <= sec <= int(END_OF_TIME) and 0 <= nsec < NSEC):
             return None
-        time = sec + nsec / _NSEC
+        time = sec + nsec / NSEC
     positions, rows = [], []
     for name, joint in zip(names, joints, strict=True):
         if type(joint) is not dict or joint.get("name") != name:
