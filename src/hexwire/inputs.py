@@ -16,6 +16,7 @@ import stat
 import tomllib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, BinaryIO
@@ -343,16 +344,17 @@ class Item:
         Raises:
             ConfigError: It is not a table, or a key is unknown or missing.
         """
-        if not isinstance(self.value, dict):
+        if not isinstance(self.value, Mapping):
             raise self.wrong_kind("a table")
+        for key in self.value:
+            if known is not None and key not in known:
+                near = get_close_matches(str(key)[:_SHOWN], known, n=1)
+                hint = f", did you mean {near[0]}?" if near else f"; known: {', '.join(known)}"
+                raise self.step(str(key)).fault(f"is an unknown key{hint}")
         for key in needed:
             if key not in self.value:
-                raise self._at(_step(key, self.where)).fault("is missing")
-        if known is not None:
-            for key in self.value:
-                if key not in known:
-                    raise self._at(_step(key, self.where)).fault(f"is an unknown key; known: {', '.join(known)}")
-        return {key: self._at(_step(key, self.where), value) for key, value in self.value.items()}
+                raise self.step(key).fault("is missing")
+        return {key: self.step(str(key), value) for key, value in self.value.items()}
 
     def rows(self, most: int | None = None, least: int = 0) -> Iterator[Item]:
         """The values of a list, one after the other.
@@ -360,12 +362,12 @@ class Item:
         Raises:
             ConfigError: It is not a list, or has too many or too few values.
         """
-        if not isinstance(self.value, list):
+        if not isinstance(self.value, list | tuple):
             raise self.wrong_kind("a list")
         if len(self.value) < least or (most is not None and len(self.value) > most):
             wanted = f"{least}" if least == most else f"at least {least}" if most is None else f"{least} to {most}"
             raise self.fault(f"has {len(self.value)} values, but must have {wanted}")
-        return (self._at(f"[{i}]", value) for i, value in enumerate(self.value))
+        return (self.step(i, value) for i, value in enumerate(self.value))
 
     def number(self, low: float = -math.inf, high: float = math.inf, unit: str = "") -> float:
         """A finite number within bounds.
@@ -414,7 +416,29 @@ class Item:
             raise self.fault("has characters that cannot be printed")
         return self.value
 
-    def _at(self, step: str, value: Any = None) -> Item:
+    def flag(self) -> bool:
+        """True or false; not 0 or 1.
+
+        Raises:
+            ConfigError: It is neither.
+        """
+        if not isinstance(self.value, bool):
+            raise self.wrong_kind("true or false")
+        return self.value
+
+    def choice(self, known: Collection[str]) -> str:
+        """One of these texts.
+
+        Raises:
+            ConfigError: It is not.
+        """
+        if not isinstance(self.value, str) or self.value not in known:
+            raise self.wrong_kind(f"one of {', '.join(known)}")
+        return self.value
+
+    def step(self, key: str | int, value: Any = None) -> Item:
+        """The value under a key or an index, or without `value` only its place."""
+        step = f"[{key}]" if isinstance(key, int) else _step(str(key), self.where)
         return Item(value, self.file, f"{self.where}{step}", self.places)
 
     def wrong_kind(self, wanted: str) -> ConfigError:

@@ -117,7 +117,7 @@ def test_own_link_set_from_a_file(tmp_path: Path) -> None:
     file.write_text("a=120\nz=1\n", encoding="utf-8")
     result = run("fk", "--links", file, 90, 90, 90, 90, 90, 90)
     assert result.exit_code == 2
-    assert "own.toml:2: z is not a key of a link set" in result.stderr
+    assert "own.toml:2:3: z is an unknown key; known: a, b, c" in result.stderr
     assert run("fk", "--links", tmp_path / "none.toml", 90, 90, 90, 90, 90, 90).exit_code == 2
 
 

@@ -226,7 +226,7 @@ def test_a_file_of_links(tmp_path: Path) -> None:
     assert faults(links=str(file)) == [f"links: {file}: cannot be read: No such file or directory"]
     file.write_text("a=120\nz=1\n", encoding="utf-8")
     (text,) = faults(links=str(file))
-    assert text.startswith(f"links: {file}:2: z is not a key of a link set")
+    assert text.startswith(f"links: {file}:2:3: z is an unknown key; known: a, b, c")
 
 
 # -- poses ----------------------------------------------------------------------------------------------

@@ -106,7 +106,7 @@ def test_gearing_signs_and_defaults(tmp_path: Path) -> None:
         ('name = "x"\njoints = 5\n', "joints must be a list, not 5"),
         (
             'name = "x"\n' + JOINT + "gearing = 0\n" + JOINT.replace("servo_id", "servo"),
-            r"arm\.toml: 9:11: joints\[0\]\.gearing is 0, .*; 11:1: joints\[1\]\.servo_id is missing",
+            r"arm\.toml: 9:11: joints\[0\]\.gearing is 0, .*; 13:9: joints\[1\]\.servo is an unknown key, did",
         ),
     ],
 )

@@ -69,17 +69,20 @@ SIM = '[arms."lab/arm1"]\nrobot = "sim"\n'
         ("[arms.'lab arm']\nrobot='sim'", ["arms.'lab arm' is not the name of an arm"]),
         ("[arms.lab.arm1]\nrobot = 'sim'", ["arms.lab contains an arm", '[arms."lab/arm1"]']),
         ("[arms]\na = 3", ["arms.a", "a table"]),
-        ("[arms.a]\nrobot = 'sim'\nwacthdog = 1.0", ["arms.a.wacthdog", "did you mean watchdog"]),
-        ("[arms.a]\nrobot = 'sim'\nwatchdog = 'x'", ["arms.a.watchdog", "number"]),
+        ("[arms.a]\nrobot = 'sim'\nwacthdog = 1.0", [": 3:12: arms.a.wacthdog: unknown, did you mean watchdog?"]),
+        (
+            "[arms.a]\nrobot = 'sim'\nwatchdog = 'x'",
+            [": 3:12: arms.a.watchdog: must be a number, not the text 'x'"],
+        ),
         ("[arms.a]\nrobot = 'r2d2'\nport = '/dev/null'", ["arms.a.robot", "r2d2", "hex7bot"]),
         ("[arms.a]\nrobot = 'sim'\nport = '/dev/null'", ["arms.a.port", "leave it out"]),
         ("[arms.a]\nport = 'zenoh:b'", ["arms.a.port", "shared already"]),
         (
             "[arms.a]\nport = 'nix://b'\n[arms.b]\nrobot = 'sim'\ntable_height = 9.0",
-            ["2 settings", "arms.a.port", "nix", "arms.b.table_height"],
+            ["2 settings", "2:8: arms.a.port", "nix", "5:16: arms.b.table_height"],
         ),
         ("[arms.a]\nport = '/dev/null'\n[arms.b]\nport = '/dev/null'", ["arms.b.port", "/dev/null", "port of a"]),
-        ("[arms.a]\n[arms.b]\nrobot = 'sim'", ["arms.a.port", "missing"]),
+        ("[arms.a]\n[arms.b]\nrobot = 'sim'", ["1:1: arms.a.port", "missing"]),
         ("[arms.a]\nrobot = 'r2d2'\n[arms.b]\n[arms.c]", ["arms.a.robot", "arms.b.port", "arms.c.port"]),
     ],
 )
@@ -127,5 +130,5 @@ def test_the_port_variable_may_name_a_shared_arm_which_is_not_shared_again(monke
 def test_of_thousands_of_faults_the_first_are_told(tmp_path: Path) -> None:
     rows = "".join(f"wrong{i} = 1\n" for i in range(200))
     file = written(tmp_path, "".join(f"[arms.a{i}]\nrobot = 'sim'\n{rows}" for i in range(20)))
-    with pytest.raises(UsageError, match=r"4000 settings are wrong: arms\.a0\.wrong0: .*; and 3990 more$"):
+    with pytest.raises(UsageError, match=r"4000 settings are wrong: 3:10: arms\.a0\.wrong0: .*; and 3990 more$"):
         read_service_file(file)

@@ -21,7 +21,7 @@ from __future__ import annotations
 import functools
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +30,7 @@ from hexwire.control.requests.settings_reader import read_settings
 from hexwire.control.sharing.lease import TIMEOUT
 from hexwire.drivers.registry import PORT_VARIABLE, is_address
 from hexwire.errors import LinkError, UsageError
-from hexwire.inputs import first_faults, parse_toml, read_text
+from hexwire.inputs import Item, first_faults, parse_toml, read_text
 from hexwire.link.ports import find_only_board
 
 from .names import check_name
@@ -71,20 +71,30 @@ class ServedArm:
 
 @dataclass(slots=True)
 class _Faults(Faults):
-    """The faults of one arm of a file."""
+    """The faults of one arm, with the place of each in its file."""
 
-    place: str = field(default="")
+    arm: Item | None = None
 
     def add(self, name: str, text: object) -> None:
         # Named explicitly: `super()` does not work in a class with slots that dataclass makes anew.
-        Faults.add(self, f"{self.place}{name}", text)
+        Faults.add(self, f"{self.place(name)}{name}", text)
+
+    def place(self, name: str = "") -> str:
+        """What stands before the name of a setting: line and column, and the arm."""
+        if self.arm is None:
+            return ""
+        item = self.arm
+        for key in name.split("/"):
+            item = item.step(key)
+        line, column = item.line_and_column
+        return f"{f'{line}:{column}: ' if line else ''}{self.arm.where}."
 
 
 def read_arms(
     given: Mapping[str, Mapping[str, object]],
     *,
     lease: float = TIMEOUT,
-    file: str = "",
+    place: Item | None = None,
     find_port: Callable[[], str] = find_only_board,
 ) -> list[ServedArm]:
     """Check arms and build their drivers; nothing is opened.
@@ -93,7 +103,7 @@ def read_arms(
         given: Settings of `hexwire.control.requests.settings`, and ``lease``, by the name of the arm; the only arm
             may have an empty name, for that of its model.
         lease: Seconds of silence after which a lease is lost, for an arm that names none.
-        file: Where they come from, for errors.
+        place: The table that they come from, for errors.
         find_port: Finds the port of a single arm that names none.
 
     Raises:
@@ -104,7 +114,7 @@ def read_arms(
     arms: list[ServedArm] = []
     ports: dict[str, str] = {}
     for name, rows in given.items():
-        faults = _Faults(place=f"arms.{name}." if file else "")
+        faults = _Faults(arm=None if place is None else place.step(name))
         values = dict(rows)
         if not values.get("controllers"):
             # A client's motion names the joints that it moves.
@@ -122,18 +132,19 @@ def read_arms(
             texts += faults.texts
             continue
         except UsageError as error:
-            texts += faults.texts or [f"{faults.place}{error}"]
+            texts += faults.texts or [f"{faults.place()}{error}"]
             continue
         url = driver.url
         # Each address of an emulated arm is another one.
         if url in ports and not url.startswith(f"{SIMULATED}:"):
-            texts.append(f"{faults.place}port: {url} is the port of {ports[url]}, too")
+            faults.add("port", f"{url} is the port of {ports[url]}, too")
+            texts += faults.texts
         ports[url] = name
         arms.append(ServedArm(check_name(name or driver.model.name), settings, driver, own))
     if texts:
         many = f"{len(texts)} settings are wrong" if len(texts) > 1 else "1 setting is wrong"
         texts = first_faults(texts)
-        raise UsageError(f"{f'{file}: ' if file else ''}{many}: {'; '.join(texts)}")
+        raise UsageError(f"{f'{place.file}: ' if place else ''}{many}: {'; '.join(texts)}")
     return arms
 
 
@@ -176,9 +187,7 @@ def read_service_file(
     """
     top = parse_toml(read_text(file), file).table(("arms", "network", "lease"), ("arms",))
     if "lease" in top:
-        lease = top["lease"].number()
-        if not _LEASE.allows(lease):
-            raise top["lease"].fault(f"{lease:g} must be {_LEASE.bounds} s")
+        lease = top["lease"].number(_LEASE.low, _LEASE.high, _LEASE.unit)
     rows: dict[str, dict[str, object]] = {}
     given = top["arms"].table()
     if len(given) > _MOST_ARMS:
@@ -206,4 +215,4 @@ def read_service_file(
                 network["connect" if key == "router" else key] = tuple(endpoints)
             else:
                 network[key] = str(folder / item.text())
-    return read_arms(rows, lease=lease, file=file, find_port=find_port), network
+    return read_arms(rows, lease=lease, place=top["arms"], find_port=find_port), network

@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from hexwire.errors import UsageError
-from hexwire.model.state import JointTarget, finite
+from hexwire.inputs import Item
+from hexwire.model.state import JointTarget
 from hexwire.motion.safety import StopReason
 from hexwire.motion.teleop import Action, JogMode, StickMap, Teleop, within_limits
 
@@ -70,33 +71,19 @@ def read_request(kind: str, args: Mapping[str, object], arm: ArmModel) -> JogReq
     wanted = {"joint": "directions", "space": "tool", "drag": "goals"}.get(kind)
     if wanted is None:
         raise UsageError(f"there is no jog {kind!r}")
-    for name in args:
-        if name not in (wanted, "speed"):
-            raise UsageError(f"{kind} jog has no value {name[:20]!r}")
-    speed = finite(args.get("speed", 0.3), "speed")
-    if not _SLOWEST <= speed <= _FASTEST:
-        raise UsageError(f"speed must be {_SLOWEST:g} to {_FASTEST:g}, not {speed:g}")
-    value = args.get(wanted)
+    row = Item(args).table((wanted, "speed"), (wanted,))
+    speed = row["speed"].number(_SLOWEST, _FASTEST) if "speed" in row else 0.3
     if kind == "space":
-        if not isinstance(value, list | tuple) or len(value) != 6:
-            raise UsageError("tool must be six numbers")
-        return JogRequest(tool=tuple(_deflection(v) for v in value), speed=speed)
-    if not isinstance(value, Mapping) or not value:
-        raise UsageError(f"{wanted} must name at least one joint")
+        return JogRequest(tool=tuple(each.number(-1.0, 1.0) for each in row[wanted].rows(6, 6)), speed=speed)
+    named = {arm.joint(name).name: each for name, each in row[wanted].table().items()}
+    if not named:
+        raise row[wanted].fault("must name at least one joint")
     if kind == "joint":
-        named = {arm.joint(str(name)).name: _deflection(v) for name, v in value.items()}
-        return JogRequest(directions=named, speed=speed)
-    goals = {arm.joint(str(name)).name: finite(v, f"goal of {name}") for name, v in value.items()}
+        return JogRequest(directions={name: each.number(-1.0, 1.0) for name, each in named.items()}, speed=speed)
+    goals = {name: each.number() for name, each in named.items()}
     for name, goal in goals.items():
         arm.joint(name).check(goal)
     return JogRequest(goals=goals, speed=speed)
-
-
-def _deflection(value: object) -> float:
-    number = finite(value, "a deflection")
-    if not -1.0 <= number <= 1.0:
-        raise UsageError(f"a deflection must be -1 to 1, not {number:g}")
-    return number
 
 
 class JogController(Goalless):

@@ -21,12 +21,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hexwire.errors import UsageError
+from hexwire.inputs import Item
 from hexwire.model.aim import Aim
 from hexwire.model.gripper import Jaws, jaws_of
-from hexwire.model.state import finite
 from hexwire.units import decimal
 
 from ..motion.hold_to_run import SILENCE
@@ -56,6 +56,8 @@ _KEYS = {
     "grip": ("share",),
     "play": ("begin", "end", "factor"),
 }
+_NEEDED = {"joints": ("goals",), "place": ("position",), "pose": ("name",), "grip": ("share",), "play": ()}
+_NUMBERS = ("speed", "share", "begin", "end", "factor")
 _AIMS = ("arm", "space", "down", "rpy", "pitch")
 
 
@@ -92,83 +94,46 @@ def read_motion(args: Mapping[str, object]) -> MotionRequest:
     Raises:
         UsageError: It is malformed; the text names the value.
     """
-    what = args.get("what")
-    if not isinstance(what, str) or what not in _KEYS:
-        raise UsageError(f"there is no motion {str(what)[:20]!r}; there are {', '.join(_KEYS)}")
-    for key in args:
-        if key not in ("what", "speed", *_KEYS[what]):
-            raise UsageError(f"a motion of kind {what} has no value {str(key)[:20]!r}")
-    speed = finite(args.get("speed", _SPEED), "speed")
+    item = Item(args)
+    what = item.table(needed=("what",))["what"].choice(_KEYS)
+    row = item.table(("what", "speed", *_KEYS[what]), _NEEDED[what])
+    if "end" in row and row["end"].value is None:
+        del row["end"]
+    values: dict[str, Any] = {key: row[key].number() for key in _NUMBERS if key in row}
     if what == "joints":
-        return MotionRequest(what, speed, goals=_goals(args.get("goals")))
+        values["goals"] = {key: each.number(-_MOST, _MOST, "rad") for key, each in row["goals"].table().items()}
+        if not 0 < len(values["goals"]) <= _MOST_JOINTS:
+            raise row["goals"].fault(f"must name 1 to {_MOST_JOINTS} joints")
     if what == "place":
-        return MotionRequest(what, speed, place=_place(args))
+        values["place"] = _place(item)
     if what == "pose":
-        return MotionRequest(what, speed, name=_text(args, "name"))
-    if what == "grip":
-        return MotionRequest(what, speed, share=finite(args.get("share"), "share"))
-    end = args.get("end")
-    return MotionRequest(
-        what,
-        speed,
-        begin=finite(args.get("begin", 0.0), "begin"),
-        end=math.inf if end is None else finite(end, "end"),
-        factor=finite(args.get("factor", 1.0), "factor"),
-    )
+        values["name"] = row["name"].text(_LONGEST_TEXT)
+    return MotionRequest(what, **values)
 
 
-def _goals(value: object) -> dict[str, float]:
-    if not isinstance(value, Mapping) or not 0 < len(value) <= _MOST_JOINTS:
-        raise UsageError("goals must name at least one joint")
-    return {str(name): _bounded(angle, f"goal of {str(name)[:20]}") for name, angle in value.items()}
-
-
-def _place(args: Mapping[str, object]) -> Place:
-    aim = args.get("aim", "arm")
-    if aim not in _AIMS:
-        raise UsageError(f"there is no aim {str(aim)[:20]!r}; there are {', '.join(_AIMS)}")
-    roll = args.get("roll")
+def _place(item: Item) -> Place:
+    row = item.table()
+    aim = row["aim"].choice(_AIMS) if "aim" in row else "arm"
+    row = item.table(needed=(aim,) if aim in ("rpy", "pitch") else ())
+    rolled = aim == "pitch" and "roll" in row and row["roll"].value is not None
     return Place(
-        _three(args.get("position"), "position"),
+        _three(row["position"], "m"),
         Aim(
             down=aim == "down",
-            rpy=_three(args.get("rpy"), "rpy") if aim == "rpy" else None,
-            pitch=_bounded(args.get("pitch"), "pitch") if aim == "pitch" else None,
-            roll=_bounded(roll, "roll") if aim == "pitch" and roll is not None else None,
+            rpy=_three(row["rpy"], "rad") if aim == "rpy" else None,
+            pitch=row["pitch"].number(-_MOST, _MOST, "rad") if aim == "pitch" else None,
+            roll=row["roll"].number(-_MOST, _MOST, "rad") if rolled else None,
             fixed=aim == "space",
         ),
-        relative=_flag(args, "relative"),
-        straight=_flag(args, "straight"),
-        branch=_text(args, "branch") if "branch" in args else "",
+        relative="relative" in row and row["relative"].flag(),
+        straight="straight" in row and row["straight"].flag(),
+        branch=row["branch"].text(_LONGEST_TEXT) if "branch" in row else "",
     )
 
 
-def _three(value: object, name: str) -> tuple[float, float, float]:
-    if not isinstance(value, list | tuple) or len(value) != 3:
-        raise UsageError(f"{name} must be three numbers")
-    a, b, c = (_bounded(part, name) for part in value)
+def _three(item: Item, unit: str) -> tuple[float, float, float]:
+    a, b, c = (part.number(-_MOST, _MOST, unit) for part in item.rows(3, 3))
     return a, b, c
-
-
-def _bounded(value: object, name: str) -> float:
-    number = finite(value, name)
-    if not abs(number) <= _MOST:
-        raise UsageError(f"{name} has {number:g}, which no arm reaches; give metres and radians")
-    return number
-
-
-def _flag(args: Mapping[str, object], name: str) -> bool:
-    value = args.get(name, False)
-    if not isinstance(value, bool):
-        raise UsageError(f"{name} must be true or false")
-    return value
-
-
-def _text(args: Mapping[str, object], name: str) -> str:
-    value = args.get(name)
-    if not isinstance(value, str) or len(value) > _LONGEST_TEXT:
-        raise UsageError(f"{name} must be a short text")
-    return value
 
 
 _NAMED = 2

@@ -15,6 +15,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from hexwire.errors import HexwireError, ServoError, UsageError
+from hexwire.inputs import Item
 from hexwire.model.state import JointFlag
 from hexwire.motion.step_response import step_figures
 from hexwire.motion.waves import SHAPES, Wave
@@ -61,18 +62,11 @@ def read_wave(args: Mapping[str, object]) -> tuple[int, Wave]:
     Raises:
         UsageError: A value is missing or out of bounds.
     """
-
-    def number(name: str) -> float:
-        value = args.get(name)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < _HUGE:
-            raise UsageError(f"{name} of a wave is a number")
-        return float(value)
-
-    shape, servo_id = args.get("shape"), args.get("servo")
-    if not isinstance(shape, str) or not isinstance(servo_id, int) or isinstance(servo_id, bool):
-        raise UsageError("a wave needs a servo and a shape")
-    last = number("last_period") if shape == "sweep" else 0.25
-    return servo_id, Wave(shape, math.radians(number("amplitude")), number("period"), number("seconds"), last)
+    numbers = ("amplitude", "period", "seconds", *(("last_period",) if args.get("shape") == "sweep" else ()))
+    row = Item(args).table(needed=("servo", "shape", *numbers))
+    amplitude, period, seconds, *last = (row[key].number(-_HUGE, _HUGE) for key in numbers)
+    wave = Wave(row["shape"].choice(SHAPES), math.radians(amplitude), period, seconds, *last)
+    return row["servo"].integer(0, 253), wave
 
 
 def add_wave(studio: Host) -> None:

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from hexwire.errors import ConfigError, UsageError
-from hexwire.inputs import parse_toml
+from hexwire.errors import UsageError
+from hexwire.inputs import Item, parse_toml
 from hexwire.model.kinematics import JointRange
 
 __all__ = ["LINK_SETS", "ElevationLimit", "LinkSet", "link_set", "parse_link_set"]
@@ -116,6 +116,7 @@ def _make(
 
 _MOST = 1e5
 """Millimetres or degrees beyond any arm; larger numbers in a link set are errors."""
+_SHORTEST = 1e-3
 _BUS_LIMITS = ((10.0, 170.0), (10.0, 180.0), (10.0, 170.0), (0.0, 180.0), (0.0, 180.0), (0.0, 360.0))
 _RAD = 180 / math.pi
 
@@ -177,56 +178,20 @@ def parse_link_set(text: str, *, file: str = "") -> LinkSet:
     pairs of degrees) and ``elbow`` (a pair of degrees) are optional and default to those of set A.
 
     Raises:
-        ConfigError: Not TOML, a key is unknown or missing, or a value is invalid; the error has its line.
+        ConfigError: Not TOML, a key is unknown or missing, or a value is invalid; the error has its place.
     """
-    data = parse_toml(text, file).value
-
-    def bad(key: str, why: str) -> ConfigError:
-        lines = text.splitlines()
-        line = next((i for i, row in enumerate(lines, 1) if row.split("=")[0].strip().strip("\"'") == key), 0)
-        return ConfigError(f"{key} {why}", file=file, line=line)
-
-    for key in data:
-        if key not in {*_LENGTHS, "offset", "name", "limits", "elbow"}:
-            raise bad(key, "is not a key of a link set; the keys are a to h, offset, name, limits, elbow")
-    lengths = []
-    for key in _LENGTHS:
-        value = _number(data.get(key))
-        if value is None:
-            raise bad(key, "must be a length in mm" if key in data else "is missing")
-        if value < 0 or (key in "ac" and value == 0):
-            raise bad(key, f"= {value:g} mm is not a valid length")
-        lengths.append(value)
-    offset = _number(data.get("offset"))
-    if offset is None:
-        raise bad("offset", "must be an angle in degrees" if "offset" in data else "is missing")
-    limits = _pairs(data.get("limits", [list(pair) for pair in _BUS_LIMITS]))
-    if limits is None or len(limits) != len(JOINT_NAMES):
-        raise bad("limits", "must be six pairs of degrees, the lower first")
-    elbow = _pairs([data.get("elbow", [10.0, 165.0])])
-    if elbow is None or not 0 <= elbow[0][0] < elbow[0][1] <= 180:
-        raise bad("elbow", "must be a pair of degrees within 0 to 180, the lower first")
-    name = data.get("name", "own")
-    if not isinstance(name, str) or not name:
-        raise bad("name", "must be text")
-    return _make(name, tuple(lengths), offset, limits, elbow[0], source=file)
+    optional = ("name", "limits", "elbow")
+    row = parse_toml(text, file).table((*_LENGTHS, "offset", *optional), (*_LENGTHS, "offset"))
+    lengths = tuple(row[key].number(_SHORTEST if key in "ac" else 0.0, _MOST, "mm") for key in _LENGTHS)
+    offset = row["offset"].number(-_MOST, _MOST, "deg")
+    limits = tuple(map(_pair, row["limits"].rows(6, 6))) if "limits" in row else _BUS_LIMITS
+    elbow = _pair(row["elbow"], 0.0, 180.0) if "elbow" in row else (10.0, 165.0)
+    name = row["name"].text(100, least=1) if "name" in row else "own"
+    return _make(name, lengths, offset, limits, elbow, source=file)
 
 
-def _number(value: object) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _MOST:
-        return None
-    return float(value)
-
-
-def _pairs(value: object) -> tuple[tuple[float, float], ...] | None:
-    if not isinstance(value, list):
-        return None
-    pairs = []
-    for row in value:
-        if not isinstance(row, list) or len(row) != 2:
-            return None
-        low, high = _number(row[0]), _number(row[1])
-        if low is None or high is None or low >= high:
-            return None
-        pairs.append((low, high))
-    return tuple(pairs)
+def _pair(item: Item, least: float = -_MOST, most: float = _MOST) -> tuple[float, float]:
+    low, high = (row.number(least, most, "deg") for row in item.rows(2, 2))
+    if low >= high:
+        raise item.fault(f"must be a pair of degrees, the lower first, not {low:g} and {high:g}")
+    return low, high
