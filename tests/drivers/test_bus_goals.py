@@ -10,7 +10,10 @@ from hypothesis import strategies as st
 from tests.bus.bus_bench import make_bus
 
 from hexwire.drivers.bus_arm import SPEED_UNIT, BusGoals
-from hexwire.model.arm import JointModel
+from hexwire.errors import LimitError
+from hexwire.model.arm import ArmModel, JointModel
+from hexwire.model.state import JointTarget
+from hexwire.motion.limits import check_target
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import parse_packet, parse_sync_write
 
@@ -100,13 +103,47 @@ def test_goals_of_several_joints_are_those_of_each_one(moves: list[tuple[str, fl
     assert sent == tuple(rounded)
 
 
+@given(
+    st.lists(st.tuples(st.sampled_from(["sts_sms", "hls"]), ANGLES, ANGLES), min_size=1, max_size=5),
+    st.floats(0.0, 2.0),
+    st.booleans(),
+)
+def test_one_pass_gives_what_check_and_packets_give(
+    moves: list[tuple[str, float, float]], duration: float, guided: bool
+) -> None:
+    arms = [
+        JointModel(f"J{i}", i, series, 2048, (-1) ** i, 0.1 * i, 0.0015, -2.0, 2.0, 3.0, free_speed=5.0)
+        for i, (series, _, _) in enumerate(moves, 1)
+    ]
+    model = ArmModel("arm", tuple(arms))
+    goals = BusGoals(make_bus((1,))[0], model.by_name)
+    starts = {arm.name: start for arm, (_, _, start) in zip(arms, moves, strict=True)}
+    target = JointTarget.of(
+        {arm.name: angle for arm, (_, angle, _) in zip(arms, moves, strict=True)}, duration, guided=guided
+    )
+    made = goals.checked_packet(target, starts)
+    try:
+        checked = check_target(model, target, starts)
+    except LimitError:
+        assert made is None
+        return
+    seconds = max(checked.duration, 0.02)
+    (packet,), sent = goals.make_packets(checked.positions, seconds, starts)
+    if made is not None:
+        assert made == (packet, sent, seconds)
+    else:
+        assert any(arm.angle_to_counts(angle) < 0 for arm, (_, angle, _) in zip(arms, moves, strict=True))
+    assert goals.checked_packet(target, dict(list(starts.items())[1:])) is None
+
+
 def test_what_was_learned_counts_from_then_on() -> None:
     """The prepared goals of a joint are made anew."""
     bus, _ = make_bus((1,))
     arm = joint("sts_sms")
     goals = BusGoals(bus, {"a": arm})
-    before = goals.make_packets([("a", 1.0)], 1.0, {"a": 0.0})
+    target, starts = JointTarget.of({"a": 1.0}), {"a": 0.0}
+    before = goals.checked_packet(target, starts)
     bus.write_raw(1, "lock", 0)
     bus.write_raw(1, "phase", (bus.read(1, "phase").raw or 0) ^ 0x04)
     goals.learn([arm])
-    assert goals.make_packets([("a", 1.0)], 1.0, {"a": 0.0}) != before
+    assert goals.checked_packet(target, starts) not in (before, None)

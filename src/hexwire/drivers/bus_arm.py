@@ -18,7 +18,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
-from struct import unpack
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from hexwire.bus import setup as servo_setup
@@ -83,9 +82,9 @@ _STS_SERIES = frozenset((Series.STS_SMS.value, Series.HLS.value))
 _MOST_COUNTS = 0x7FFF
 """Goals of STS and HLS servos up to this count have no sign bit."""
 
-_Row = tuple[bool, int, int, float, float, int, float, int]
-"""What the goals of a joint depend on: whether its servo is STS or HLS, id, sign, offset, scale, neutral, unit of
-speed, ceiling."""
+_Row = tuple[int, int, float, float, int, float, int, float, float, float, float]
+"""What the goals of an STS or HLS servo depend on: id, sign, offset, scale, neutral, unit of speed, ceiling; then
+the lower and the upper limit of its joint, its speed limit, and that of guided targets."""
 
 
 class BusGoals:
@@ -170,48 +169,78 @@ class BusGoals:
         Returns:
             One packet for each address and length; and the angles as the servos round them.
         """
-        others: dict[tuple[int, int], dict[int, bytes]] = {}
-        sent, rows = [], self._rows
-        fields: list[int] = []
+        rows: dict[tuple[int, int], dict[int, bytes]] = {}
+        sent = []
         for name, angle in moves:
-            row = rows.get(name)
-            if row is None:
-                rows[name] = row = self._make_row(self._joints[name])
-            like_sts, servo_id, sign, offset, scale, neutral, unit, ceiling = row
-            start = starts.get(name)
-            if like_sts and start is not None:
-                steps = round(sign * (angle - offset) / scale)
-                counts = steps + neutral
-                if 0 <= counts <= _MOST_COUNTS:
-                    distance = abs(steps - round(sign * (start - offset) / scale))
-                    speed = math.ceil(distance / duration / unit) or 1
-                    fields += servo_id, 0, counts, ceiling, speed if speed < _FASTEST else _FASTEST
-                    sent.append((name, sign * steps * scale + offset))
-                    continue
             joint = self._joints[name]
             counts = joint.angle_to_counts(angle)
-            address, data = self.make(joint, counts, duration, start)
-            if like_sts:
-                fields += servo_id, *unpack(_STS_ROW, data)
-            else:
-                others.setdefault((address, len(data)), {})[servo_id] = data
+            address, data = self.make(joint, counts, duration, starts.get(name))
+            rows.setdefault((address, len(data)), {})[joint.servo_id] = data
             sent.append((name, joint.counts_to_angle(counts)))
-        packets = [make_sync_write(address, data_of) for (address, _), data_of in others.items()]
-        if fields:
-            packets.append(_sts_packer(len(fields) // 5)(*fields))
-        return packets, tuple(sent)
+        return [make_sync_write(address, data_of) for (address, _), data_of in rows.items()], tuple(sent)
 
-    def _make_row(self, joint: JointModel) -> _Row:
-        return (
-            joint.series in _STS_SERIES,
-            joint.servo_id,
-            joint.sign,
-            joint.offset,
-            joint.scale,
-            joint.neutral,
-            self.speed_unit(joint),
-            self._ceiling(joint),
-        )
+    def checked_packet(
+        self, target: JointTarget, starts: Mapping[str, float]
+    ) -> tuple[bytes, tuple[tuple[str, float], ...], float] | None:
+        """Check a target as `check_target`, and make its goals, in one pass over its joints.
+
+        Args:
+            target: The target.
+            starts: Angles at the start by joint name, radians.
+
+        Returns:
+            The packet, the angles as the servos round them, and the duration; None for a target that takes more
+            than a look: one that is refused, or has a servo of another series, or a joint nobody knows where.
+        """
+        duration = target.duration
+        return self._packet(target, duration if duration > _MIN_DURATION else _MIN_DURATION, starts)
+
+    def _packet(
+        self, target: JointTarget, duration: float, starts: Mapping[str, float]
+    ) -> tuple[bytes, tuple[tuple[str, float], ...], float] | None:
+        rows, guided, longest = self._rows, target.guided, duration
+        if not rows:
+            self._rows = rows = self._make_rows()
+        fields: list[int] = []
+        sent = []
+        for name, angle in target.positions:
+            row, start = rows.get(name), starts.get(name)
+            if row is None or start is None:
+                return None
+            servo_id, sign, offset, scale, neutral, unit, ceiling, low, high, most, fastest = row
+            steps = round(sign * (angle - offset) / scale)
+            counts = steps + neutral
+            if not low <= angle <= high or not 0 <= counts <= _MOST_COUNTS:
+                return None
+            needed = abs(angle - start) / (fastest if guided else most)
+            if longest < needed:
+                longest = needed
+            speed = math.ceil(abs(steps - round(sign * (start - offset) / scale)) / duration / unit) or 1
+            fields += servo_id, 0, counts, ceiling, speed if speed < _FASTEST else _FASTEST
+            sent.append((name, sign * steps * scale + offset))
+        if longest > duration:
+            # Too fast: with the time that it needs, all of them are slower.
+            return self._packet(target, longest, starts)
+        return _sts_packer(len(sent))(*fields), tuple(sent), duration
+
+    def _make_rows(self) -> dict[str, _Row]:
+        return {
+            name: (
+                joint.servo_id,
+                joint.sign,
+                joint.offset,
+                joint.scale,
+                joint.neutral,
+                self.speed_unit(joint),
+                self._ceiling(joint),
+                joint.minimum,
+                joint.maximum,
+                joint.max_speed,
+                joint.guided_speed,
+            )
+            for name, joint in self._joints.items()
+            if joint.series in _STS_SERIES
+        }
 
     def _ceiling(self, joint: JointModel) -> int:
         """Most current of an HLS servo; other servos have none, and 0 in its place."""
@@ -635,6 +664,17 @@ class BusArm(PlainDriver):
         return position, *values, flags | torque_flag(self._torque[i])
 
     # -- moving -------------------------------------------------------------------------------------
+
+    def _send(self, target: JointTarget) -> SentTarget:
+        positions = self._positions
+        # Nearly every target of a loop: all joints have torque, and nothing is to be refused.
+        if not all(self._torque) or (made := self._goals.checked_packet(target, positions)) is None:
+            return super()._send(target)
+        packet, sent, duration = made
+        self.bus.post(packet)
+        # The start of the next move, until the next read.
+        positions.update(target.positions)
+        return SentTarget(sent, duration)
 
     def _checked(self, target: JointTarget) -> JointTarget:
         model, positions = self.model, self._positions
