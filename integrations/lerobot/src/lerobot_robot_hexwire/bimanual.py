@@ -113,14 +113,18 @@ class BiDevice:
             undo.pop_all()
 
     def calibrate(self) -> None:
-        for side, arm in self._sides:
-            with _told_of(side):
-                arm.calibrate()
+        self._each(lambda side, arm: arm.calibrate())
 
     def configure(self) -> None:
+        self._each(lambda side, arm: arm.configure())
+
+    def _each(self, call: Callable[[str, Any], Any]) -> list[Any]:
+        """What a call of side and arm returns, for the left one, then for the right one."""
+        found = []
         for side, arm in self._sides:
             with _told_of(side):
-                arm.configure()
+                found.append(call(side, arm))
+        return found
 
     def disconnect(self) -> None:
         """Close both arms, also if one of them raises; see `HexwireDevice.disconnect`."""
@@ -152,27 +156,18 @@ class BiHexwireSO101(BiDevice, Robot):
 
     def get_observation(self) -> dict[str, Any]:
         """Read both arms; see `HexwireRobot.get_observation`."""
-        with _told_of(LEFT):
-            left = self.left_arm.get_observation()
-        with _told_of(RIGHT):
-            right = self.right_arm.get_observation()
-        return _prefixed(left, right)
+        return _prefixed(*self._each(lambda side, arm: arm.get_observation()))
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
         """Send both arms towards an action, or neither; see `HexwireRobot.send_action`."""
-        left, right = (
-            {key.removeprefix(f"{side}_"): value for key, value in action.items() if key.startswith(f"{side}_")}
+        parts = {
+            side: {
+                key.removeprefix(f"{side}_"): value for key, value in action.items() if key.startswith(f"{side}_")
+            }
             for side in (LEFT, RIGHT)
-        )
-        with _told_of(LEFT):
-            self.left_arm.wanted(left)
-        with _told_of(RIGHT):
-            self.right_arm.wanted(right)
-        with _told_of(LEFT):
-            left = self.left_arm.send_action(left)
-        with _told_of(RIGHT):
-            right = self.right_arm.send_action(right)
-        return _prefixed(left, right)
+        }
+        self._each(lambda side, arm: arm.wanted(parts[side]))
+        return _prefixed(*self._each(lambda side, arm: arm.send_action(parts[side])))
 
 
 class BiHexwireSO101Leader(BiDevice, Teleoperator):
@@ -193,11 +188,7 @@ class BiHexwireSO101Leader(BiDevice, Teleoperator):
 
     def get_action(self) -> dict[str, Any]:
         """Read both arms; see `HexwireLeader.get_action`."""
-        with _told_of(LEFT):
-            left = self.left_arm.get_action()
-        with _told_of(RIGHT):
-            right = self.right_arm.get_action()
-        return _prefixed(left, right)
+        return _prefixed(*self._each(lambda side, arm: arm.get_action()))
 
     def send_feedback(self, feedback: dict[str, Any]) -> None:
         """Not supported; see `HexwireLeader.send_feedback`."""
