@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from tests.control.swing import Swing
 from tests.drivers.arms import Arm as BoardArm
+from tests.waits import PATIENCE, eventually
 
 from hexwire.control.loop.owner import RobotOwner, release
 from hexwire.control.motion.following import (
@@ -19,6 +20,7 @@ from hexwire.control.motion.following import (
     FollowController,
     Pair,
     ReadAhead,
+    ReplugReader,
     following_rules,
     run_following,
 )
@@ -343,6 +345,12 @@ def test_at_the_end_the_follower_holds_with_torque() -> None:
     assert follower.goals == goals
 
 
+def at_once(task: Callable[[], object]) -> Callable[[float], object]:
+    """Opens a leader's line in the cycle, so that its time passes once."""
+    task()
+    return lambda seconds: None
+
+
 class Unplugged:
     """A pair of which one arm's cable is pulled out after a second, while a hand moves the leader by 40 degrees."""
 
@@ -374,7 +382,7 @@ class Unplugged:
         clock.advance(seconds)
 
     def run(self) -> None:
-        run_following(self.pair, 1 / PERIOD, sleep=self.sleep)
+        run_following(self.pair, 1 / PERIOD, sleep=self.sleep, beside=at_once)
 
 
 @pytest.mark.parametrize("which", ["leader", "follower"])
@@ -423,12 +431,69 @@ def test_nobody_waits_for_the_cable_of_a_leaders_board_in_the_followers_cycle(di
         clock.advance(seconds)
 
     with pytest.raises(EndError):
-        run_following(one, 1 / PERIOD, sleep=sleep)
+        run_following(one, 1 / PERIOD, sleep=sleep, beside=at_once)
     assert notes[-2:] == ["the leader is there again", "the follower has met the leader"]
     leads, follows = (arm.driver.read()["J1"].position for arm in (leader, follower))
     assert math.degrees(follows - leads) == pytest.approx(0.0, abs=2.0)
     state = follower.driver.read()
     assert (state.torque_on, state.stopped) == (state.names, False)
+
+
+def test_a_leader_that_boots_for_long_keeps_no_follower_from_its_cycle() -> None:
+    """Its follower's watchdog stays quiet, although the leader's line takes two seconds to open."""
+    notes: list[object] = []
+    one, leader, follower = board_pair(2, notes)
+    clock, tasks = leader.clock, list[Callable[[], object]]()
+    times, booted = [clock()], math.inf
+
+    def beside(task: Callable[[], object]) -> Callable[[float], object]:
+        nonlocal booted
+        tasks.append(task)
+        booted = clock() + 2.0
+        return lambda seconds: None
+
+    def sleep(seconds: float) -> None:
+        leader.link.lost = times[0] + 1.0 <= clock() < times[0] + 2.0
+        if clock() >= booted and tasks:
+            tasks.pop()()
+        if "the leader is there again" in notes:
+            raise EndError
+        clock.advance(seconds)
+        times.append(clock())
+
+    with pytest.raises(EndError):
+        run_following(one, 1 / PERIOD, sleep=sleep, beside=beside)
+    assert times[-1] - times[0] > 3.0
+    assert max(after - before for before, after in itertools.pairwise(times)) < 0.2
+    state = follower.driver.read()
+    assert (state.torque_on, state.stopped) == (state.names, False)
+
+
+def test_a_leaders_line_is_opened_in_a_thread_and_closed_if_it_is_over_by_then() -> None:
+    clock = FakeClock()
+    _, leader, _ = pair(clock, [])
+    attach, booting, booted = leader.driver.attach, threading.Event(), threading.Event()
+
+    def boot() -> None:
+        booting.set()
+        assert booted.wait(PATIENCE)
+        attach()
+
+    leader.driver.attach = boot  # type: ignore[method-assign]  # takes its time
+    read = ReplugReader(leader.driver, lambda said: None)
+    before = read()
+    leader.link.lost = True
+    assert read() is before
+    leader.link.lost = False
+    assert booting.wait(PATIENCE)
+    assert read() is before
+    ending = threading.Thread(target=read.end)
+    ending.start()
+    eventually(lambda: read._ended)
+    booted.set()
+    ending.join()
+    eventually(lambda: not any(thread.name == "leader's line" for thread in threading.enumerate()))
+    assert not leader.driver.is_attached
 
 
 def test_a_follower_that_its_watchdog_stopped_meanwhile_stays_stopped() -> None:

@@ -66,7 +66,7 @@ twice as long. At 312 degrees per second that is 1.6 degrees."""
 _REPLUG, _AGAIN = 30.0, 0.2
 """Seconds for which a cable that was pulled out is waited for, and between two tries to open its line again."""
 _LAST_READING = 0.5
-"""Seconds for which the end waits for a leader that is being read."""
+"""Seconds for which the end waits for a leader that is being read, or whose line is being opened."""
 _LEADER_STOPPED = "the leader was stopped, so the follower holds"
 _STOPPED, _LIMP = "the follower was stopped", "the follower's torque was switched off"
 
@@ -244,23 +244,40 @@ class ReadAhead:
             self.fault = error
 
 
+def _in_a_thread(task: Callable[[], object]) -> Callable[[float], object]:
+    thread = threading.Thread(target=task, name="leader's line", daemon=True)
+    thread.start()
+    return thread.join
+
+
 class ReplugReader:
     """Reads a leader. While its cable is pulled out its last state grows old, so that its follower holds.
+
+    Its line is opened beside the follower's cycle: a board may take two seconds to boot.
 
     Args:
         leader: The leader.
         on_note: As in `FollowController`.
+        beside: Begins a task and returns; that returns what waits for its end, for so many seconds at most.
 
     Attributes:
         gave_up: What its line said when it had been lost for half a minute; None before that.
     """
 
-    def __init__(self, leader: RobotDriver, on_note: Callable[[str | StopReason], object]) -> None:
-        self._leader, self._on_note = leader, on_note
+    def __init__(
+        self,
+        leader: RobotDriver,
+        on_note: Callable[[str | StopReason], object],
+        beside: Callable[[Callable[[], object]], Callable[[float], object]] = _in_a_thread,
+    ) -> None:
+        self._leader, self._on_note, self._beside = leader, on_note, beside
         self._state: JointState | None = None
         self._lost: LinkError | None = None
         self._ends = self._next = -math.inf
         self.gave_up: LinkError | None = None
+        self._opening = self._opened = self._ended = False
+        self._fault: BaseException | None = None
+        self._wait: Callable[[float], object] = lambda seconds: None
 
     def __call__(self) -> JointState:
         """The newest state.
@@ -280,16 +297,37 @@ class ReplugReader:
             else:
                 return self._state
         now = leader.now()
-        if now >= self._ends or self._state is None:
-            self.gave_up = self._lost
-            raise self._lost
-        if now >= self._next:
-            self._next = now + _AGAIN
+        if self._fault is not None:
+            raise self._fault
+        # In this order: it has been opened before it is no longer being opened.
+        lost, state, opening = self._lost, self._state, self._opening
+        if state is None or (now >= self._ends and not opening and not self._opened):
+            self.gave_up = lost
+            raise lost
+        if self._opened:
+            self._opened, self._lost = False, None
+            self._on_note("the leader is there again")
+        elif now >= self._next and not opening:
+            self._next, self._opening = now + _AGAIN, True
+            self._wait = self._beside(self._open)
+        return state
+
+    def end(self) -> None:
+        """Open no line any more; one that is opened later is closed again."""
+        self._ended = True
+        self._wait(_LAST_READING)
+
+    def _open(self) -> None:
+        leader = self._leader
+        try:
             if reopened(leader):
                 _release(leader)
-                self._lost = None
-                self._on_note("the leader is there again")
-        return self._state
+                self._opened = True
+        except BaseException as error:  # noqa: BLE001  # raised in the follower's cycle
+            self._fault = error
+        self._opening = False
+        if self._ended:
+            leader.detach()
 
 
 class Pair:
@@ -419,6 +457,7 @@ def run_following(
     on_ready: Callable[[], object] = lambda: None,
     ended: threading.Event | None = None,
     sleep: Callable[[float], object] | None = None,
+    beside: Callable[[Callable[[], object]], Callable[[float], object]] = _in_a_thread,
 ) -> None:
     """Let a follower follow until an exception, such as KeyboardInterrupt, or an event ends it; then it holds.
 
@@ -428,6 +467,7 @@ def run_following(
         on_ready: Called once, when the follower has torque and before anything can move.
         ended: Ends it, too, when it is set.
         sleep: As in `RobotOwner`.
+        beside: As in `ReplugReader`.
 
     Raises:
         StoppedError: The follower or the leader was stopped, or the follower's torque switched off.
@@ -493,7 +533,8 @@ def run_following(
         ahead = ReadAhead(pair.leader.read_positions) if pair.ahead else None
         if ahead is not None:
             steps.callback(ahead.end)
-        read = ReplugReader(pair.leader, pair.on_note)
+        read = ReplugReader(pair.leader, pair.on_note, beside)
+        steps.callback(read.end)
         controller = FollowController(pair.rules, ahead or read, pair.leader.now, 1.0 / rate, pair.on_note)
         try:
             while True:
