@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import logging
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import Any
 
 import pytest
@@ -175,6 +176,25 @@ def test_a_line_that_is_plugged_in_again_goes_on(monkeypatch: pytest.MonkeyPatch
     with pytest.raises(ConnectionError):
         sim.read(device)
     assert sim.clock() - began == pytest.approx(3.0, abs=0.5)
+
+
+@pytest.mark.parametrize("keeps", [False, True])
+def test_the_end_of_a_line_that_is_lost_says_that_the_joints_keep_their_torque(
+    monkeypatch: pytest.MonkeyPatch, keeps: bool
+) -> None:
+    sim = Sim(monkeypatch)
+    robot = sim.device(disable_torque_on_disconnect=not keeps)
+    robot.connect()
+    action = robot.get_observation()
+    sim.link.lost = True
+    with pytest.raises(ConnectionError, match="unplugged"):
+        robot.send_action(action)
+    with (
+        nullcontext() if keeps else pytest.raises(ConnectionError, match="keep their torque: switch its supply off")
+    ):
+        robot.disconnect()
+    assert not robot.was_connected
+    assert all(servo.torque_on for servo in sim.servos)
 
 
 @pytest.mark.parametrize("leader", LEADING)

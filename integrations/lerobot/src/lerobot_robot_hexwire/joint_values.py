@@ -89,7 +89,12 @@ class JointValues:
                     raise ValueError(f"no joint {key.removesuffix(SUFFIX)!r}; there are {', '.join(self.joints)}")
                 continue
             joint, slope, shift, least, most = found
-            value = float(given)
+            try:
+                value = float(given)
+            except (TypeError, ValueError, OverflowError):
+                raise ValueError(
+                    f"the action of {joint} is {repr(given)[:40]}, not a number; nothing was sent"
+                ) from None
             if not least <= value <= most:
                 if not math.isfinite(value):
                     raise ValueError(f"the action of {joint} is {value}; nothing was sent")

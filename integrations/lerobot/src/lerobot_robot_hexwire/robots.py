@@ -210,8 +210,9 @@ class HexwireRobot(HexwireDevice, Robot):
     def _release(self) -> None:
         _connected.discard(self)
         had_torque, self._rules = self._rules is not None, None
+        lost = not self._arm.is_open
         try:
-            home = self._arm.is_open and (not had_torque or self._go_home())
+            home = not lost and (not had_torque or self._go_home())
             if home and self.config.disable_torque_on_disconnect:
                 self._torque(False, ": hold the arm")
             elif had_torque and self._arm.is_open:
@@ -221,6 +222,10 @@ class HexwireRobot(HexwireDevice, Robot):
             for camera in self.cameras.values():
                 if camera.is_connected:
                     camera.disconnect()
+        if lost and had_torque and self.config.disable_torque_on_disconnect:
+            raise ConnectionError(
+                f"the line of {self} is lost, so its joints keep their torque: switch its supply off"
+            )
 
     def _keep_torque(self) -> None:
         """Leave the arm to another program as it holds."""
