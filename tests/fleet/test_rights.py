@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import ExitStack
 
 import pytest
 import zenoh
@@ -113,6 +114,9 @@ class Arm:
         self.asked.clear()
         for key in self.keys.answered():
             node.answer(key, lambda question, key=key: (self.asked.append(key), question.reply(b"done")))  # type: ignore[misc]
+        self.published: list[bytes] = []
+        for key in self.keys.streamed(max(Role)):
+            node.take_at_once(key, self.published.append)
         node.announce(self.keys.token("1"))
         self.put = node.publisher(self.keys.state)
 
@@ -284,3 +288,36 @@ def test_nobody_else_publishes_states(lab: Lab, arms: dict[str, Arm]) -> None:
 
         eventually(real_arrives)
         assert b"fake" not in heard
+
+
+def test_set_points_reach_the_arm_from_those_who_may_command_it_and_nobody_else(
+    lab: Lab, arms: dict[str, Arm]
+) -> None:
+    heard: list[bytes] = []
+    names = ("anna", "ben", "watcher", "hall", "stranger")
+    with ExitStack() as stack:
+        nodes = {name: stack.enter_context(lab.session(name)) for name in names}
+        others = [stack.enter_context(lab.session(name)) for name in ("anna", "cora", "hall")]
+        for other in others:
+            other.take_at_once(Keys("lab/*").order(Role.OPERATOR), heard.append)
+        to = {
+            (name, arm): node.publisher_in_order(Keys(arm).order(Role.OPERATOR))
+            for name, node in nodes.items()
+            for arm in arms
+        }
+        own = [("anna", "lab/arm1"), ("anna", "lab/arm2"), ("ben", "lab/arm2"), ("ben", "hall/arm1")]
+        # Known to who publishes, too: with an access file of before, set-points are asked.
+        eventually(lambda: all(to[each].is_wanted for each in own))
+        for arm in arms.values():
+            arm.published.clear()
+        for (name, arm), publish in to.items():
+            assert name == "hall" or publish.is_wanted == ((name, arm) in own), (name, arm)
+            publish(name.encode())
+        for arm in arms:
+            expected = {name.encode() for name, other in own if other == arm}
+            eventually(lambda arm=arm, expected=expected: set(arms[arm].published) >= expected)  # type: ignore[misc]
+            # A question of each comes after what it published.
+            for node in nodes.values():
+                answers(node, Keys(arm).stop)
+            assert set(arms[arm].published) == expected
+        assert heard == []

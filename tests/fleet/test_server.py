@@ -6,6 +6,7 @@ import math
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -54,6 +55,7 @@ class Node:
     def __init__(self) -> None:
         self.on: dict[str, Callable[[Any], object]] = {}
         self.lanes: dict[str, set[str]] = {}
+        self.taken: dict[str, Callable[[bytes], object]] = {}
         self.readers = Readers()
         self.states = self.readers.states
         self.tokens: list[str] = []
@@ -77,6 +79,9 @@ class Node:
     ) -> None:
         self.lanes.setdefault(lane, set()).add(key)
         self.on[key] = lambda query: at_once(query) or on_question(query)
+
+    def take_at_once(self, key: str, on_payload: Callable[[bytes], object]) -> None:
+        self.taken[key] = on_payload
 
     def publisher(self, key: str) -> Readers:
         return self.readers
@@ -120,6 +125,19 @@ class Served:
     def envelope(self, key: int, order: Any, **changes: Any) -> m.Envelope:
         made = {"sequence": next(self._numbers), "made": self.bench.owner.now(), "doubt": 0.0} | changes
         return m.Envelope(key, made["sequence"], made["made"], made["doubt"], order)
+
+    def publish(self, message: m.Envelope | bytes, *, role: Role = OPERATOR) -> None:
+        self.node.taken[KEYS.order(role)](message if isinstance(message, bytes) else m.encode(message))
+
+    def told(self, done: Callable[[m.Stream], bool]) -> m.Stream:
+        """What the first state tells of set-points of which this is true."""
+        for _ in range(3000):
+            self.bench.turn(0.02)
+            stream = self.node.states[-1].stream
+            if stream is not None and done(stream):
+                return stream
+            threading.Event().wait(0.001)
+        raise AssertionError("no state tells it")
 
     def stop(self, client: str = "Bob", mode: int = 0) -> m.Answer:
         return self.ask(KEYS.stop, m.StopRequest(client, mode))
@@ -375,6 +393,64 @@ def test_a_state_counts_only_orders_that_were_done_before_its_values_were_sample
     later = served.node.states[-1]
     assert later.done == 1
     assert later.stamp >= answer.clock - 0.1
+
+
+def test_states_tell_what_became_of_published_set_points(served: Served) -> None:
+    taken = served.take()
+    key, lease = taken.value, taken.details["lease"]
+    assert lease != key, "what everybody reads proves nothing"
+    beat = partial(served.ask, KEYS.lease(OPERATOR), m.Beat(key, 0.0))
+    first = served.envelope(key, served.write(J1=0.1))
+    served.publish(first)
+    told = served.told(lambda stream: stream.dealt == first.sequence)
+    assert (told.lease, told.refused, told.kind) == (lease, 0, "")
+    assert len(served.bench.sent) == 1
+    beat()
+    # Each is refused for its own reason, and none is done.
+    wrong: list[tuple[m.Order, dict[str, float], str]] = [
+        (m.Write(("J1",), (9.0,), 0.02), {}, "LimitError"),
+        (m.Write(("J1", "J2"), (0.0,), 0.02), {}, "UsageError"),
+        (served.write(J1=0.1), {"made": served.bench.owner.now() - 60.0}, "LeaseError"),
+        (served.write(J1=0.1), {"sequence": first.sequence}, "LeaseError"),
+        (m.Resume(), {}, "UsageError"),
+        (m.Torque(False, None), {}, "UsageError"),
+    ]
+    for refused, (order, changes, kind) in enumerate(wrong, 1):
+        beat()
+        served.publish(served.envelope(key, order, **changes))
+        told = served.told(lambda stream, refused=refused: stream.refused == refused)  # type: ignore[misc]
+        assert told.kind == kind
+    assert len(served.bench.sent) == 1
+    assert all(served.bench.bench.torques())
+
+
+def test_a_published_set_point_of_nobody_who_holds_the_lease_changes_nothing(served: Served) -> None:
+    former = served.take("Ann").value
+    key = served.take("Eve", force=True).value
+    own = served.envelope(key, served.write(J1=0.1))
+    for payload in (
+        *(m.encode(served.envelope(other, served.write(J1=0.1))) for other in (former, key ^ 1, 0)),
+        *(b"", b"\x01", m.encode(own)[:3], m.encode(own)[:12], m.encode(own) + bytes(m.SHORT), bytes([2]) * 40),
+    ):
+        served.publish(payload)
+    served.publish(own)
+    told = served.told(lambda stream: stream.dealt == own.sequence)
+    assert len(served.bench.sent) == 1
+    assert told.refused == 1, "the one that has her key but is cut off; those of others are not hers"
+    assert served.bench.shared.refusals()["lease_without_lease"] == 2
+
+
+def test_a_stop_voids_the_set_points_that_it_overtakes_and_those_that_wait(served: Served) -> None:
+    key = served.take("Ann").value
+    late = served.envelope(key, served.write(J1=0.1))
+    assert served.ask(KEYS.stop, m.StopRequest("Ann", key=key, sequence=late.sequence)).kind == ""
+    served.publish(late)
+    assert "before a stop of the same program" in served.told(lambda stream: stream.refused == 1).text
+    assert served.order(key, m.Resume()).kind == ""
+    assert served.stop().kind == ""
+    served.publish(served.envelope(key, served.write(J1=0.1)))
+    assert served.told(lambda stream: stream.refused == 2).kind == "StoppedError"
+    assert not served.bench.sent
 
 
 def test_a_robot_that_is_lost_after_an_order_shows_as_lost(served: Served) -> None:

@@ -30,6 +30,7 @@ __all__ = [
     "Question",
     "State",
     "StopRequest",
+    "Stream",
     "Take",
     "decode",
     "encode",
@@ -59,6 +60,32 @@ class _Message(msgspec.Struct, array_like=True, gc=False):
 # -- states -----------------------------------------------------------------------------------------------
 
 
+class Stream(_Message, tag=2):
+    """What became of the set-points that the holder of the lease publishes, since nobody answers them.
+
+    Attributes:
+        lease: Number of its lease, which says whose they are but proves nothing.
+        dealt: Number of its last order that was done or refused before the values of the state were sampled.
+        refused: How many of them were refused under this lease.
+        last: Number of the last of these.
+        kind: Why it was, as in `Answer`; and the following.
+        text: Its text.
+        details: Further values of the error.
+        clamped: Joints of the last one that was done whose position was limited; as in `SentTarget`.
+        silent: And those that did not answer.
+    """
+
+    lease: _Count
+    dealt: _Count = 0
+    refused: _Count = 0
+    last: _Count = 0
+    kind: _Name = ""
+    text: _Text = ""
+    details: dict[str, Any] = {}
+    clamped: _Names = ()
+    silent: _Names = ()
+
+
 class State(_Message, tag=1):
     """A state of the arm, and of its lease.
 
@@ -76,6 +103,7 @@ class State(_Message, tag=1):
         error: Why the robot is not connected; empty if it is.
         done: Number of orders that were done before the values were sampled.
         stalled: As in `JointState`, of an arm that is emulated in the server, but in milliseconds.
+        stream: What became of the holder's set-points; None if nobody holds the lease.
     """
 
     server: _Count
@@ -102,6 +130,8 @@ class State(_Message, tag=1):
     error: _Text = ""
     done: _Count = 0
     stalled: _Count = 0
+    # Servers of an older version do not send this.
+    stream: Stream | None = None
 
 
 # -- the lease --------------------------------------------------------------------------------------------
@@ -238,7 +268,7 @@ Order = Write | Torque | Resume | Watchdog | Ioctl | Follow | Cancel | Confirm
 
 
 class Envelope(_Message, tag=10):
-    """An order with the proof of its right.
+    """An order with the proof of its right. It is asked; a `Write` may be published, and `Stream` answers it.
 
     Attributes:
         key: Key of the lease.

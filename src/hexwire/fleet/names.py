@@ -6,7 +6,7 @@ Owns the grammar of names, roles and keys. Must not know Zenoh or messages.
     hexwire/<name>/ask                     questions that move nothing
     hexwire/<name>/stop                    stops the arm, which keeps its torque; needs no lease
     hexwire/<name>/as/<role>/lease         take, renew and give back the lease
-    hexwire/<name>/as/<role>/order         orders of its holder
+    hexwire/<name>/as/<role>/order         orders of its holder, asked; set-points of a stream, published
     hexwire/<name>/as/<role>/off           stops the arm with torque off; needs no lease
     hexwire/<name>/alive/<instance>        liveliness token of the server
     hexwire/@here/<session>                answered by the router or server that a program is connected to
@@ -128,12 +128,12 @@ class Keys:
 
     def asked(self, role: Role) -> list[str]:
         """Keys at which clients of that role ask and order."""
-        commanding = [each for each in Role if Role.OBSERVER < each <= role]
-        return [
-            self.ask,
-            self.stop,
-            *(key(each) for each in commanding for key in (self.lease, self.order, self.off)),
-        ]
+        keys = (self.lease, self.order, self.off)
+        return [self.ask, self.stop, *(key(each) for each in _commanding(role) for key in keys)]
+
+    def streamed(self, role: Role) -> list[str]:
+        """Keys under which clients of that role publish set-points."""
+        return [self.order(each) for each in _commanding(role)]
 
     def answered(self) -> list[str]:
         """Keys at which a server answers."""
@@ -142,6 +142,11 @@ class Keys:
     def token(self, instance: str) -> str:
         """Key of a server's liveliness token."""
         return f"{self.base}/alive/{instance}"
+
+
+def _commanding(role: Role) -> list[Role]:
+    """Roles as which a client of that role may command."""
+    return [each for each in Role if Role.OBSERVER < each <= role]
 
 
 def name_of(key: str) -> tuple[str, str]:

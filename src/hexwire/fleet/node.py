@@ -379,6 +379,17 @@ class Node:
 
         return undeclare
 
+    def take_at_once(self, key: str, on_payload: Callable[[bytes], object]) -> None:
+        """Receive published samples in Zenoh's thread, while nothing else arrives: the function must not wait."""
+
+        def arrived(sample: Any) -> None:
+            try:
+                on_payload(bytes(sample.payload.to_bytes()))
+            except Exception:  # noqa: BLE001  # logged; the next sample may be right
+                _log.exception("a sample of %s failed", key)
+
+        self._session.declare_subscriber(key, self._zenoh.handlers.Callback(arrived, indirect=False))
+
     def inbox(self, key: str) -> Inbox:
         """Receive published samples in the thread that waits for them; the oldest are dropped if none waits."""
         zenoh = self._zenoh
@@ -398,6 +409,19 @@ class Node:
             reliability=zenoh.Reliability.BEST_EFFORT,
         )
 
+        return Publisher(publisher, zenoh)
+
+    def publisher_in_order(self, key: str) -> Publisher:
+        """As `publisher`, but what it publishes arrives in one order with the questions of this session."""
+        zenoh = self._zenoh
+        publisher = self._session.declare_publisher(
+            key,
+            congestion_control=zenoh.CongestionControl.DROP,
+            # That of questions: each priority has a queue of its own.
+            priority=zenoh.Priority.DATA,
+            express=True,
+            reliability=zenoh.Reliability.RELIABLE,
+        )
         return Publisher(publisher, zenoh)
 
     def announce(self, key: str) -> None:

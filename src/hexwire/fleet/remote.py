@@ -45,9 +45,10 @@ from .address import Address
 from .clock import ClockOffset
 from .failures import restore
 from .names import Keys, Role
-from .node import NoAnswerError, Node, load_zenoh
+from .node import NoAnswerError, Node, Publisher, load_zenoh
 from .questions import Questions, ask, decoded
 from .rows import arm_model, as_probe_report, joint_names, sent_target
+from .set_points import LONGEST, SetPointStream
 from .states import ArrivedStates
 from .trajectories import follow_message
 
@@ -273,6 +274,9 @@ class RemoteRobot(RobotDriver):
         self._ordered = -math.inf
         self._discarded = -math.inf
         self._refused = 0
+        self._set_points = SetPointStream(address.text)
+        # Made when the first stream begins.
+        self._publish: Publisher | None = None
         self._keeper: threading.Thread | None = None
         self._ending = threading.Event()
 
@@ -374,7 +378,8 @@ class RemoteRobot(RobotDriver):
         return self._clock.at(time.monotonic())
 
     def host_counters(self) -> dict[str, int]:
-        states, counters = self._states, {**self._questions.counters, "refused": self._refused}
+        refused = self._refused + self._set_points.refused
+        states, counters = self._states, {**self._questions.counters, "refused": refused}
         return {**counters, "states": states.seen, "lost_states": states.lost, "damaged": states.damaged}
 
     def board_counters(self) -> dict[str, int]:
@@ -399,7 +404,8 @@ class RemoteRobot(RobotDriver):
         except BaseException:
             node.close()
             raise
-        self._node, self._states, self._lost, self._lease = node, states, "", 0
+        self._node, self._states, self._lost, self._lease, self._publish = node, states, "", 0, None
+        self._set_points.begin(0)
         self._ending = threading.Event()
         self._used = time.monotonic()
         self._keeper = threading.Thread(target=self._keep, args=(node, self._ending), name="lease", daemon=True)
@@ -466,6 +472,8 @@ class RemoteRobot(RobotDriver):
             if answer.value != self._lease:
                 self._sequence = 0
             self._lost, self._lease, self._last_lease = "", answer.value, answer.value
+            number = answer.details.get("lease")
+            self._set_points.begin(number if type(number) is int else 0)
 
     def release(self, *, finish: bool = False) -> None:
         """Give the lease back.
@@ -475,6 +483,7 @@ class RemoteRobot(RobotDriver):
         """
         with self._ordering:
             lease, self._lease = self._lease, 0
+            self._set_points.begin(0)
             if lease:
                 self._exchange(self._keys.lease(self._role), m.Leave(lease, finish), _TIMEOUT)
 
@@ -501,8 +510,10 @@ class RemoteRobot(RobotDriver):
         since = self._so_far()
         while (state := self._next(since, _SILENCE)) is None:
             self._ask_why()
+            self._check_set_points()
             if time.monotonic() - since > _SLOW:
                 raise LinkLostError(f"{self.url} answers, but its robot sends no states", url=self.url)
+        self._check_set_points(stopped=state.stopped)
         return state
 
     def newest(self) -> NewestState:
@@ -515,6 +526,7 @@ class RemoteRobot(RobotDriver):
         self._attached()
         state = self._states.latest()
         self._check_lease()
+        self._check_set_points(stopped=state is not None and state.stopped)
         return super().newest() if state is None else NewestState(state, max(0.0, self.now() - state.stamp))
 
     def stream(self, period: float, timeout: float = 1.0, *, slow: float | None = None) -> Iterator[JointState]:
@@ -559,8 +571,19 @@ class RemoteRobot(RobotDriver):
     # -- orders ---------------------------------------------------------------------------------------
 
     def write(self, target: JointTarget) -> SentTarget:
+        """Send a target; see `RobotDriver.write`.
+
+        After five short ones that follow each other closely, further ones are sent without waiting for answers. The
+        result is then what was asked for, with the limited and silent joints of one before. If one is refused, what
+        is called next once a state tells so raises the error: `read`, `newest`, `write` or another order. Only that
+        the arm is stopped is no error in a state, which shows it.
+        """
         names, angles = zip(*target.positions, strict=True)
-        return sent_target(self._order("a move", m.Write(names, angles, target.duration, target.guided)))
+        value = self._order("a move", m.Write(names, angles, target.duration, target.guided))
+        if value is None:
+            set_points = self._set_points
+            return SentTarget(target.positions, target.duration, set_points.clamped, set_points.silent)
+        return sent_target(value)
 
     def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
         names = None if joints is None else tuple(joints)
@@ -589,6 +612,7 @@ class RemoteRobot(RobotDriver):
         with self.epochs.stopping():
             answer, kept = self._questions.stop(node, self._commands_as, request, _SLOW)
             self._states.require(answer.done)
+            self._set_points.answered(request.sequence, time.monotonic(), set_point=False)
             names = joint_names(answer.value)
         if kept:
             # Outside the block: an error inside would count as an unconfirmed stop.
@@ -627,11 +651,16 @@ class RemoteRobot(RobotDriver):
                 if self._lost:
                     raise LeaseError(f"{self._lost}; take the lease again")
                 self.take()
+            if not freeing:
+                self._check_set_points()
             made = time.monotonic()
             self._sequence += 1
             offset, doubt = self._clock.at(made)
             self.epochs.check(token, what)
             envelope = m.Envelope(self._lease, self._sequence, made + offset, doubt, order)
+            set_point = isinstance(order, m.Write) and order.duration <= LONGEST
+            if set_point and self._published(envelope, made):
+                return None
             slow = slow or not isinstance(order, m.Write | m.Watchdog | m.Cancel | m.Confirm)
             try:
                 answer = self._exchange(self._keys.order(self._role), envelope, _SLOW if slow else _TIMEOUT)
@@ -642,10 +671,41 @@ class RemoteRobot(RobotDriver):
                 raise
             self._ordered = made
             self._states.require(answer.done)
+            self._set_points.answered(envelope.sequence, made, set_point=set_point)
             return answer.value
+
+    def _published(self, envelope: m.Envelope, now: float) -> bool:
+        """Publish a set-point if it belongs to a stream; returns whether it did."""
+        set_points = self._set_points
+        if not set_points.runs(now):
+            return False
+        if self._publish is None:
+            self._publish = self._attached().publisher_in_order(self._keys.order(self._role))
+        # An older server does not subscribe, and an access file of before allows nobody to.
+        if not self._publish.is_wanted:
+            return False
+        set_points.published(envelope.sequence, now)
+        self._states.require_dealt(set_points.lease, envelope.sequence)
+        self._publish(m.encode(envelope))
+        return True
+
+    def _look_at_set_points(self) -> None:
+        self._set_points.look(self._states.newest, self._states.arrived)
+
+    def _check_set_points(self, *, stopped: bool = False) -> None:
+        """Raise the error of a published set-point that was refused; see `SetPointStream.take_error`."""
+        self._look_at_set_points()
+        error = self._set_points.take_error(stopped=stopped)
+        if error is None:
+            return
+        self._states.require_dealt(0, 0)
+        if isinstance(error, LeaseError) and error.lost:
+            self._lose(error.reason)
+        raise error
 
     def _lose(self, why: str) -> None:
         self._lease, self._lost = 0, why or "the lease was lost"
+        self._set_points.lose(LeaseError(self._lost))
 
     def _asked(self, question: m.Ask) -> m.Answer:
         self._use()
@@ -776,13 +836,14 @@ class RemoteRobot(RobotDriver):
             limit = min(self._timeout, self._watchdog or math.inf)
             step = min(limit / _BEATS, _LOOK)
             self._states.refresh()
+            self._look_at_set_points()
             lease, now, newest = self._lease, time.monotonic(), self._states.newest
             silence.look(now, self._states.arrived)
             # Another server may have another clock: its computer was restarted.
             sender = newest.server if newest is not None else 0
             compared = sender == server and now - measured < self._clock.period(now)
             # An order that was done has renewed the lease as well.
-            renewed = max(sent, self._ordered) if compared else sent
+            renewed = max(sent, self._ordered, self._set_points.renewed) if compared else sent
             # Half a step early counts as in time.
             if now - renewed < limit / _BEATS - 0.5 * step:
                 continue

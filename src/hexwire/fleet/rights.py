@@ -149,14 +149,17 @@ def _rules(name: str, rights: Rights) -> list[dict[str, Any]]:
         rows = [(flow, _ALL_MESSAGES, [key for each in rights.arms for key in _ros_keys(each)]) for flow in _FLOWS]
     elif role is None:
         states, answered = [keys.state for keys in arms], [key for keys in arms for key in keys.answered()]
+        streamed = [key for keys in arms for key in keys.streamed(max(Role))]
         rows = [
             ("ingress", ["put"], states),
+            ("ingress", ["declare_subscriber"], streamed),
             ("ingress", ["declare_queryable", "reply"], answered),
             ("ingress", ["liveliness_token", "liveliness_query", "declare_liveliness_subscriber"], alive),
             ("ingress", ["query"], [HERE]),
             # An arm receives only what it has declared, so these may name any: a question to several arms names
             # them by a pattern, which no rule for a single one includes.
             ("egress", ["query", "declare_subscriber"], [f"{ROOT}/**"]),
+            ("egress", ["put"], streamed),
             ("egress", ["liveliness_token"], alive),
             ("egress", ["reply"], [HERE]),
         ]
@@ -170,6 +173,8 @@ def _rules(name: str, rights: Rights) -> list[dict[str, Any]]:
             ("egress", ["reply", "declare_queryable"], [*asked, HERE]),
             ("egress", ["liveliness_token"], alive),
         ]
+        if streamed := [key for keys in arms for key in keys.streamed(role)]:
+            rows += [("ingress", ["put"], streamed), ("egress", ["declare_subscriber"], streamed)]
     return [_rule(f"{name} {number}", *row) for number, row in enumerate(rows)]
 
 

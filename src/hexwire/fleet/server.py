@@ -39,12 +39,13 @@ from .names import Keys, Role, name_of
 from .network import Network
 from .node import Node
 from .rows import as_probe_rows, facts_of
+from .set_points import SetPointReports
 from .trajectories import do_goal_order, goal_row
 
 if TYPE_CHECKING:
     from hexwire.control.sharing.shared import SharedArm
     from hexwire.epochs import Token
-    from hexwire.model.state import JointState
+    from hexwire.model.state import JointState, SentTarget
 
     from .node import Node, Publisher, Question
 
@@ -164,9 +165,11 @@ class ArmServer:
         # Tells a client that this is another server than before, whatever its clock says.
         self._number = secrets.randbits(_NUMBER_BITS)
         self._sequence = 0
-        # Orders done; when each was done and how many then; how many before the values of the last state.
-        self._done = self._done_before = 0
-        self._ends: deque[tuple[float, int]] = deque(maxlen=_DONE)
+        self._set_points = SetPointReports()
+        # Orders done; when each was, how many then, and which set-point; the same before the last state's values.
+        self._done = 0
+        self._before = 0, (0, 0)
+        self._ends: deque[tuple[float, int, tuple[int, int]]] = deque(maxlen=_DONE)
         self._counting = threading.Lock()
         self._published = -1.0
         self._publish: Publisher
@@ -205,6 +208,7 @@ class ArmServer:
             node.answer(keys.lease(role), self._guarded(partial(self._on_lease, role)), lane="leases")
             accept, refuse = partial(self._accept_order, role), self._guarded(self._refuse_order)
             node.answer(keys.order(role), refuse, lane="questions", at_once=accept)
+            node.take_at_once(keys.order(role), self._accept_set_point)
             node.answer(keys.off(role), self._guarded(partial(self._on_stop, StopMode.TORQUE_OFF)), lane="stops")
         self._owner.observers.append(self._on_state)
 
@@ -270,6 +274,7 @@ class ArmServer:
         shared, owner = self._shared, self._owner
         reason, holder, now = owner.group.reason, shared.holder, shared.now()
         empty: tuple[float, ...] = ()
+        done, dealt = self._before_sample(state)
         return m.State(
             self._number,
             self._sequence,
@@ -293,8 +298,9 @@ class ArmServer:
             shared.held,
             str(reason or ""),
             "" if owner.connected else owner.error,
-            self._done_before_sample(state),
+            done,
             round(1000.0 * state.stalled) if state else 0,
+            self._set_points.report(holder.key if holder else 0, dealt),
         )
 
     def _velocity(self, state: JointState) -> tuple[float, ...]:
@@ -305,25 +311,25 @@ class ArmServer:
         computed = self._owner.speeds(state.names)
         return tuple([b if math.isnan(a) else a for a, b in zip(measured, computed, strict=True)])
 
-    def _done_before_sample(self, state: JointState | None) -> int:
-        """Number of orders that were done before the values of a state were sampled."""
+    def _before_sample(self, state: JointState | None) -> tuple[int, tuple[int, int]]:
+        """Number of orders done before the values of a state were sampled, and `SetPointReports.dealt` then."""
         if state is not None and not self._ends:
             # An order that ends now ends after the sample.
-            return self._done_before
+            return self._before
         if state is None:
             # It has no values, and may report that the robot is lost.
-            return self._done
+            return self._done, self._set_points.dealt
         sampled = state.stamp - max((age for age in state.age if age < _RECENT), default=0.0)
         with self._counting:
             while self._ends and self._ends[0][0] <= sampled:
-                self._done_before = self._ends.popleft()[1]
-        return self._done_before
+                self._before = self._ends.popleft()[1:]
+        return self._before
 
-    def _count(self) -> None:
-        """An order was done."""
+    def _count(self, done: int = 1) -> None:
+        """An order was done, or a set-point refused."""
         with self._counting:
-            self._done += 1
-            self._ends.append((self._shared.now(), self._done))
+            self._done += done
+            self._ends.append((self._shared.now(), self._done, self._set_points.dealt))
 
     # -- what arrives -----------------------------------------------------------------------------------
     # Called in threads that must not wait for the arm.
@@ -414,6 +420,27 @@ class ArmServer:
             lambda: self._answer([query], lambda: self._do_order(role, payload, arrived))
         )
 
+    def _accept_set_point(self, payload: bytes) -> None:
+        """Queue a set-point that is published, as `_accept_order` does; states tell what becomes of it."""
+        try:
+            key = m.lease_key(payload)
+        except RemoteProtocolError:
+            key = 0
+        if not key or len(payload) > m.SHORT:
+            # Nobody is told: no client sends that.
+            self.refused += 1
+            return
+        holder = self._shared.holder
+        if holder is None or holder.key != key:
+            self._shared.refusal(key)
+            return
+        arrived = self._robot.epochs.mark()
+        if not self._workers["orders"].put(partial(self._do_set_point, key, payload, arrived)):
+            self.refused += 1
+            with contextlib.suppress(RemoteProtocolError):
+                sequence = m.decode(payload, m.Envelope).sequence
+                self._set_points.refuse(key, sequence, DeviceError("the arm's server is busy; nothing was done"))
+
     def _is_holder(self, payload: bytes) -> bool:
         try:
             key, holder = m.lease_key(payload), self._shared.holder
@@ -489,7 +516,7 @@ class ArmServer:
             watchdog=request.watchdog,
             watchdog_mode=_mode(request.mode),
         )
-        return grant.key
+        return _Detailed(grant.key, {"lease": self._set_points.number(grant.key)})
 
     def _leave(self, request: m.Leave) -> None:
         self._shared.leave(request.key, finish=request.finish)
@@ -505,11 +532,7 @@ class ArmServer:
         order, shared, what = Order(envelope.key, envelope.sequence, arrived), self._shared, envelope.order
         value: object = None
         if isinstance(what, m.Write):
-            order.made, order.doubt = envelope.made, envelope.doubt
-            if len(what.names) != len(what.position):
-                raise UsageError("a target needs one position for each joint")
-            positions = tuple(zip(what.names, what.position, strict=True))
-            sent = shared.write(order, JointTarget(positions, what.duration, guided=what.guided))
+            sent = self._write(envelope, what, arrived)
             value = [
                 [name for name, _ in sent.positions],
                 [angle for _, angle in sent.positions],
@@ -531,6 +554,33 @@ class ArmServer:
             value = shared.ioctl(order, what.sub_cmd, what.data)
         self._count()
         return value
+
+    def _write(self, envelope: m.Envelope, what: m.Write, arrived: Token) -> SentTarget:
+        from hexwire.control.sharing.shared import Order
+
+        order = Order(envelope.key, envelope.sequence, arrived, envelope.made, envelope.doubt)
+        if len(what.names) != len(what.position):
+            raise UsageError("a target needs one position for each joint")
+        positions = tuple(zip(what.names, what.position, strict=True))
+        return self._shared.write(order, JointTarget(positions, what.duration, guided=what.guided))
+
+    def _do_set_point(self, key: int, payload: bytes, arrived: Token) -> None:
+        sequence = 0
+        try:
+            envelope = m.decode(payload, m.Envelope)
+            sequence, what = envelope.sequence, envelope.order
+            if not isinstance(what, m.Write):
+                raise UsageError("an order that is no set-point needs an answer; nothing was done")
+            sent = self._write(envelope, what, arrived)
+        except Exception as error:  # noqa: BLE001  # a mistake in this program is logged; the client must hear of it
+            if not isinstance(error, HexwireError):
+                _log.exception("a set-point failed")
+                error = DeviceError(f"the arm's server failed at this: {error}")
+            self._set_points.refuse(key, sequence, error)
+            self._count(0)
+        else:
+            self._set_points.done(key, sequence, sent)
+            self._count()
 
     def _answer_questions(self, asked: list[tuple[Question, m.Ask]]) -> None:
         """Ask the arm once for all who have asked the same since the last answers began."""

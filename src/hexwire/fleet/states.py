@@ -76,7 +76,7 @@ class ArrivedStates:
         self._telling: tuple[m.State, float] | None = None
         self.seen = self.lost = self.damaged = 0
         self._url, self._clock, self._inbox, self._now = url, clock, inbox, now
-        self._done = 0
+        self._done, self._dealt = 0, (0, 0)
         # Earlier servers, which may still run: two of the same name.
         self._former: dict[int, None] = {}
         self._changed = threading.Condition()
@@ -124,7 +124,7 @@ class ArrivedStates:
             # A new server restarts its count, and may use another clock.
             self._former.pop(state.server, None)
             self._former = dict.fromkeys([*self._former, before.server][-_SERVERS:])
-            self._done, self._telling = 0, None
+            self._done, self._dealt, self._telling = 0, (0, 0), None
         elif before is not None:
             if state.sequence <= before.sequence:
                 # A newer one overtook it, or it arrived by two routes.
@@ -144,6 +144,22 @@ class ArrivedStates:
         """
         with self._changed:
             self._done = max(self._done, done)
+
+    def require_dealt(self, lease: int, sequence: int) -> None:
+        """Ignore states from before a published order was dealt with; see `messages.Stream`.
+
+        Args:
+            lease: Number of the lease; 0 for no such order.
+            sequence: Number of the order.
+        """
+        self._dealt = lease, sequence
+
+    def _is_after(self, state: m.State) -> bool:
+        """Whether its values are from after all orders."""
+        lease, sequence = self._dealt
+        stream = state.stream
+        pending = stream is not None and stream.lease == lease and stream.dealt < sequence
+        return state.done >= self._done and not pending
 
     def refresh(self) -> None:
         """Take what has arrived, and end waits that have timed out. Call it regularly."""
@@ -193,7 +209,7 @@ class ArrivedStates:
                 if self._closed:
                     break
                 state = self.newest
-                tells = state is not None and (state.names or state.error) and state.done >= self._done
+                tells = state is not None and (state.names or state.error) and self._is_after(state)
                 if state is not None and tells and self.arrived > since:
                     return self._as_joint_state(state, self.arrived)
                 left = deadline - self._now()
