@@ -6,7 +6,9 @@ import logging
 import threading
 
 import pytest
+from tests.waits import eventually
 
+from hexwire.control.loop import workers as module
 from hexwire.control.loop.workers import Gathering, Together, Worker
 from hexwire.errors import UsageError
 
@@ -25,6 +27,24 @@ def test_jobs_are_done_in_order_and_too_many_are_refused() -> None:
     go.set()
     worker.close(30)
     assert done == [0, 1]
+
+
+def test_a_thread_begins_with_a_job_and_ends_when_it_is_idle(monkeypatch: pytest.MonkeyPatch) -> None:
+    for lasting in (False, True):
+        done = threading.Event()
+        with monkeypatch.context() as patch:
+            patch.setattr(module, "_IDLE", 0.01)
+            worker = Worker("test", lasting=lasting)
+        assert (worker._thread is not None) == lasting
+        for _ in range(3):
+            done.clear()
+            assert worker.put(done.set)
+            assert done.wait(30)
+            if not lasting:
+                eventually(lambda worker=worker: worker._thread is None)  # type: ignore[misc]
+        assert (worker._thread is not None) == lasting
+        worker.close(30)
+        assert not worker.put(done.set)
 
 
 def test_a_job_that_fails_is_logged_and_the_next_one_done(caplog: pytest.LogCaptureFixture) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from tests.control.shared_bench import SharedBench
 
+from hexwire.drivers.values import StopMode
 from hexwire.errors import LinkBusyError, RemoteProtocolError, UsageError
 from hexwire.fleet import messages as m
 from hexwire.fleet import server as module
@@ -66,7 +67,7 @@ class Node:
     def announce(self, key: str) -> None:
         self.tokens.append(key)
 
-    def watch_visible(self, key: str, on_change: Callable[[str, bool], object]) -> None:
+    def watch_visible(self, key: str, on_change: Callable[[str, bool], object], *, at_once: bool) -> None:
         self.on_token = on_change
 
     def answer(
@@ -787,9 +788,31 @@ def test_an_arm_that_somebody_else_stopped_is_said_to_be_stopped_without_a_reaso
 
 
 def test_a_server_that_nobody_closes_does_not_keep_its_program(served: Served) -> None:
-    server = served.server
-    answering = [*server._workers.values(), *server._stops.values(), server._questions]
-    assert [each._thread.daemon for each in answering] == [True] * 5
+    key = served.take().value
+    served.order(key, served.write(J1=0.1))
+    served.ask(KEYS.ask, m.Ask("ping", 1))
+    names = {thread.name: thread.daemon for thread in threading.enumerate()}
+    assert {name: names.get(name) for name in ("orders", "leases", "stops", "questions")} == {
+        **dict.fromkeys(("orders", "leases", "stops", "questions"), True)
+    }
+
+
+def test_only_the_threads_of_stops_stay_where_nothing_is_asked(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    others = ("orders", "leases", "questions")
+    assert not [thread for thread in threading.enumerate() if thread.name in others]
+    assert [thread.name for thread in threading.enumerate()].count("stops") == len(StopMode)
+    key = served.take().value
+
+    def none(thread: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", none)
+    assert "busy" in served.put(KEYS.order(OPERATOR), served.envelope(key, served.write(J1=0.1))).replies[0].text
+    query = served.put(KEYS.stop, m.StopRequest("Bob"))
+    assert query.answered.wait(30)
+    assert served.bench.board.state.stopped, "a stop needs no new thread"
 
 
 def test_stops_and_the_lease_wait_for_no_other_question(served: Served) -> None:

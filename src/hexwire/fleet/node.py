@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import queue
 import threading
 import time
 import weakref
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from hexwire.closing_links import close_at_once
+from hexwire.control.loop.workers import Worker
 from hexwire.errors import LinkClosedError, NotSupportedError
 
 from .names import HERE
@@ -192,7 +193,7 @@ class Node:
         self._session = session
         self._zenoh = load_zenoh()
         self._receivers: list[threading.Thread] = []
-        self._lanes: dict[str, queue.SimpleQueue[_Asked]] = {}
+        self._lanes: dict[str, Worker] = {}
         if not local:
             self._receivers.append(close_at_once(session, self._zenoh.handlers.RingChannel(1)))
         # Also when a program ends without closing it.
@@ -323,7 +324,7 @@ class Node:
             at_once: Called before, in Zenoh's thread, while nothing else arrives: it must neither wait nor answer.
                 If it returns True, it has taken the question.
         """
-        waiting = self._lane(lane or key)
+        waiting = self._lanes.setdefault(lane or key, Worker(f"answer {lane or key}", _ASKED))
 
         def arrived(query: Any) -> None:
             question = Question(key, query)
@@ -332,20 +333,10 @@ class Node:
                     return
             except Exception:  # noqa: BLE001  # logged; `on_question` may find another answer
                 _log.exception("a question at %s failed", key)
-            if waiting.qsize() < _ASKED:
-                waiting.put((on_question, question))
+            waiting.put(partial(on_question, question))
 
         handler = self._zenoh.handlers.Callback(arrived, indirect=False)
         self._session.declare_queryable(key, handler, complete=True)
-
-    def _lane(self, name: str) -> queue.SimpleQueue[_Asked]:
-        """The questions of a lane that wait for its thread."""
-        if name not in self._lanes:
-            waiting = self._lanes[name] = queue.SimpleQueue()
-            thread = threading.Thread(target=_answer_each, args=(waiting,), name=f"answer {name}", daemon=True)
-            self._receivers.append(thread)
-            thread.start()
-        return self._lanes[name]
 
     def subscribe(self, key: str, on_sample: Callable[[bytes, str], object]) -> Callable[[], None]:
         """Receive published samples in a thread of its own; returns a function that ends it.
@@ -440,38 +431,37 @@ class Node:
             return sorted(str(reply.ok.key_expr) for reply in replies if reply.ok is not None)
         return []
 
-    def watch_visible(self, key: str, on_change: Callable[[str, bool], object]) -> None:
-        """Call a function in a thread of Zenoh's for each program that is visible, becomes visible or vanishes."""
+    def watch_visible(self, key: str, on_change: Callable[[str, bool], object], *, at_once: bool = False) -> None:
+        """Call a function in a thread of Zenoh's for each program that is visible, becomes visible or vanishes.
+
+        Args:
+            key: A key or a pattern.
+            on_change: The function; gets the key, and whether the program is visible.
+            at_once: It does not wait, and needs no thread of its own: nothing else arrives meanwhile.
+        """
         put = self._zenoh.SampleKind.PUT
-        watch = self._session.liveliness().declare_subscriber(
-            key, lambda sample: on_change(str(sample.key_expr), sample.kind == put), history=True
-        )
+
+        def arrived(sample: Any) -> None:
+            try:
+                on_change(str(sample.key_expr), sample.kind == put)
+            except Exception:  # noqa: BLE001  # logged; the next one may be right
+                _log.exception("a change of %s failed", key)
+
+        handler = self._zenoh.handlers.Callback(arrived, indirect=not at_once)
+        watch = self._session.liveliness().declare_subscriber(key, handler, history=True)
         self._watches = [*getattr(self, "_watches", []), watch]
-
-
-_Asked = tuple[Callable[[Question], object], Question] | None
-"""Who answers, and what; None ends the lane."""
-
-
-def _answer_each(waiting: queue.SimpleQueue[_Asked]) -> None:
-    while (asked := waiting.get()) is not None:
-        on_question, question = asked
-        try:
-            on_question(question)
-        except Exception:  # noqa: BLE001  # logged; the next question may be right
-            _log.exception("a question failed")
 
 
 def _close(
     session: Any,
     error: type[Exception],
     receivers: list[threading.Thread],
-    lanes: dict[str, queue.SimpleQueue[_Asked]],
+    lanes: dict[str, Worker],
 ) -> None:
     with contextlib.suppress(error):
         session.close()
-    for waiting in lanes.values():
-        waiting.put(None)
+    for waiting in list(lanes.values()):
+        waiting.close(_RECEIVING)
     # A thread that comes back from Zenoh into an interpreter that has ended would abort the program.
     for thread in receivers:
         if thread is not threading.current_thread():

@@ -93,7 +93,7 @@ class NameGuard:
                 self._ending.wait(_RETRY)
         if self._node is not None:
             # From here on Zenoh connects again by itself.
-            self._node.watch_visible(self._key, on_token)
+            self._node.watch_visible(self._key, on_token, at_once=True)
 
     def close(self) -> None:
         """End it."""
@@ -197,25 +197,27 @@ class ArmServer:
             raise self._taken()
         # Separate: a slow order does not delay a lease, and nothing delays a stop, not even another kind of stop.
         self._workers = {name: Worker(name) for name in ("orders", "leases")}
-        self._stops = {mode: Gathering("stops", partial(self._stop, mode)) for mode in StopMode}
+        self._stops = {mode: Gathering("stops", partial(self._stop, mode), lasting=True) for mode in StopMode}
         self._publish = node.publisher(keys.state)
-        node.watch_visible(keys.alive, self._on_token)
+        node.watch_visible(keys.alive, self._on_token, at_once=True)
         if self._guard is not None:
             self._guard.watch(self._on_token)
-        node.answer(keys.stop, self._guarded(partial(self._on_stop, StopMode.HOLD)), lane="stops")
+        self._take_stops(keys.stop, StopMode.HOLD)
         node.answer(keys.ask, self._guarded(self._on_question), lane="questions")
         for role in _ROLES:
             node.answer(keys.lease(role), self._guarded(partial(self._on_lease, role)), lane="leases")
             accept, refuse = partial(self._accept_order, role), self._guarded(self._refuse_order)
             node.answer(keys.order(role), refuse, lane="questions", at_once=accept)
             node.take_at_once(keys.order(role), self._accept_set_point)
-            node.answer(keys.off(role), self._guarded(partial(self._on_stop, StopMode.TORQUE_OFF)), lane="stops")
+            self._take_stops(keys.off(role), StopMode.TORQUE_OFF)
         self._owner.observers.append(self._on_state)
+        self._shared.looks.append(self._tell)
 
     def close(self) -> None:
         """End the answers; what was accepted is answered first."""
         self._ending.set()
         with contextlib.suppress(ValueError):
+            self._shared.looks.remove(self._tell)
             self._owner.observers.remove(self._on_state)
             self._goals.close()
         for worker in self._workers.values():
@@ -255,12 +257,14 @@ class ArmServer:
     def _on_state(self, state: JointState) -> None:
         self._send(state)
 
-    def tell_until(self, ending: threading.Event) -> None:
-        """Wait for the end, and send messages while no states come."""
-        while not ending.wait(_STATUS):
-            if self._shared.now() - self._published >= _STATUS:
-                # No states: the robot is lost, or a long request occupies its line.
-                self._send(None)
+    def _tell(self) -> float:
+        """Send a message if no states come; returns the seconds until the next one may be due."""
+        left = self._published + _STATUS - self._shared.now()
+        if left > 0.0:
+            return left
+        # No states: the robot is lost, or a long request occupies its line.
+        self._send(None)
+        return _STATUS
 
     def _send(self, state: JointState | None) -> None:
         with self._publishing:
@@ -346,21 +350,37 @@ class ArmServer:
 
         return guarded
 
-    def _on_stop(self, most: StopMode, query: Question) -> None:
-        request = self._parse(query, m.StopRequest)
-        if request is None:
-            return
+    def _take_stops(self, key: str, most: StopMode) -> None:
+        accept, refuse = partial(self._accept_stop, most), self._guarded(partial(self._refuse_stop, most))
+        self._node.answer(key, refuse, lane="stops", at_once=accept)
+
+    def _accept_stop(self, most: StopMode, query: Question) -> bool:
+        """Pass a stop to its thread; False if that needs an answer first."""
+        try:
+            request = m.decode(query.payload, m.StopRequest)
+        except RemoteProtocolError:
+            return False
         rules = self._shared.rules
-        if request.own and (taken := rules.taken_from(request.key)):
-            self._refuse(query, LeaseError(taken))
-            return
+        if request.own and rules.taken_from(request.key):
+            return False
         if request.key:
             rules.void(request.key, request.sequence)
         # Without the right to switch torque off, the stop still takes place, and the arm holds.
         mode = _mode(request.mode) if most is StopMode.TORQUE_OFF else StopMode.HOLD
-        if not self._stops[mode].put((query, _shown(request.client))):
-            self.refused += 1
-            self._refuse(query, DeviceError("so many stop the arm that this is not answered; it is being stopped"))
+        return self._stops[mode].put((query, _shown(request.client)))
+
+    def _refuse_stop(self, most: StopMode, query: Question) -> None:
+        # What kept it from being accepted may be over.
+        if self._accept_stop(most, query):
+            return
+        request = self._parse(query, m.StopRequest)
+        if request is None:
+            return
+        if request.own and (taken := self._shared.rules.taken_from(request.key)):
+            self._refuse(query, LeaseError(taken))
+            return
+        self.refused += 1
+        self._refuse(query, DeviceError("so many stop the arm that this is not answered; it is being stopped"))
 
     def _stop(self, mode: StopMode, requests: list[tuple[Question, str]]) -> None:
         """Stop the arm once for all who have asked since the last stop began."""

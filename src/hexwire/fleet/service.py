@@ -64,7 +64,7 @@ def _watched(given: ServedArm, settings: Settings, watch: Watch) -> ControlledAr
 
 
 class _Served:
-    """One arm, from its start to its end. `run` is its thread; the other methods are called by the main thread."""
+    """One arm, from its start to its end, each in a thread; the other methods are called by the main thread."""
 
     def __init__(self, given: ServedArm, network: Network, wait: bool, server: str, watch: Watch | None) -> None:
         self.name = given.name
@@ -82,15 +82,23 @@ class _Served:
         self._network, self._server_text = network, server
         self._ending = threading.Event()
         self._thread: threading.Thread | None = None
+        # How to end it, when it is shared; under the lock with `_ending`.
+        self._opened: ExitStack | None = None
+        self._lock = threading.Lock()
 
     def start(self, started: float) -> None:
         self._thread = threading.Thread(target=self._run, args=(started,), name=f"serve {self.name}", daemon=True)
         self._thread.start()
 
     def end(self) -> None:
-        """Ask it to end, from any thread."""
-        self._ending.set()
-        if not self.is_shared:
+        """Ask it to end."""
+        with self._lock:
+            self._ending.set()
+            opened, self._opened = self._opened, None
+        if opened is not None:
+            self._thread = threading.Thread(target=opened.close, name=f"end {self.name}", daemon=True)
+            self._thread.start()
+        elif not self.is_shared:
             with contextlib.suppress(HexwireError):
                 self.arm.owner.give_up()
 
@@ -102,10 +110,11 @@ class _Served:
 
     def _run(self, started: float) -> None:
         try:
-            with self._running(started):
-                self.is_shared = True
-                assert self.server is not None
-                self.server.tell_until(self._ending)
+            with ExitStack() as stack:
+                self._share(stack, started)
+                with self._lock:
+                    if not self._ending.is_set():
+                        self._opened, self.is_shared = stack.pop_all(), True
         except HexwireError as error:
             # An interrupted start is no failure.
             if not self._ending.is_set():
@@ -113,31 +122,28 @@ class _Served:
         except BaseException as error:  # noqa: BLE001  # raised again in the main thread, by `Service.check`
             self.error = error
 
-    @contextlib.contextmanager
-    def _running(self, started: float) -> Iterator[None]:
+    def _share(self, stack: ExitStack, started: float) -> None:
         path = local_socket(self.name)
         network = replace(self._network, listen=(*endpoints_of([path]), *self._network.listen))
         # In reverse order: no more orders are accepted, then the arm stops if it moves, then its port is closed.
-        with ExitStack() as stack:
-            stack.enter_context(_only_server(self.name, path))
-            stack.callback(self.arm.shutdown)
-            self.arm.connect()
-            self.arm.start()
-            stack.callback(self._make_safe)
-            self.shared.start()
-            self.node = network.open(wait=False)
-            stack.callback(self.node.close)
-            guard = None
-            if self._network.connect:
-                guard = NameGuard(replace(self._network, listen=(), access=None), Keys(self.name).alive)
-                stack.callback(guard.close)
-                guard.open()
-            self.server = ArmServer(
-                self.shared, self.name, self.node, guard=guard, server=self._server_text, started=started
-            )
-            stack.callback(self.server.close)
-            self.server.start()
-            yield
+        stack.enter_context(_only_server(self.name, path))
+        stack.callback(self.arm.shutdown)
+        self.arm.connect()
+        self.arm.start()
+        stack.callback(self._make_safe)
+        self.shared.start()
+        self.node = network.open(wait=False)
+        stack.callback(self.node.close)
+        guard = None
+        if self._network.connect:
+            guard = NameGuard(replace(self._network, listen=(), access=None), Keys(self.name).alive)
+            stack.callback(guard.close)
+            guard.open()
+        self.server = ArmServer(
+            self.shared, self.name, self.node, guard=guard, server=self._server_text, started=started
+        )
+        stack.callback(self.server.close)
+        self.server.start()
 
     def _make_safe(self) -> None:
         try:

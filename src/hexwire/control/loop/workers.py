@@ -27,34 +27,69 @@ MOST_GATHERED = 1000
 """Items that may wait; they are handled together, so that more would only take memory."""
 
 
+_IDLE = 1.0
+"""Seconds without a job after which a thread ends."""
+
+
 class Worker:
-    """Runs jobs one after the other in a thread of its own.
+    """Runs jobs one after the other in a thread of its own, which begins with a job and ends when it is idle.
 
     Args:
         name: Of the thread.
         most: Jobs that may wait.
+        lasting: The thread begins now and stays: a job that must be done does not need a new one.
     """
 
-    def __init__(self, name: str, most: int = _MOST) -> None:
+    def __init__(self, name: str, most: int = _MOST, *, lasting: bool = False) -> None:
         self._jobs: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
-        self._most = most
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-        self._thread.start()
+        self._name, self._most, self._patience = name, most, None if lasting else _IDLE
+        # A signal handler may come here while its thread is here.
+        self._lock = threading.RLock()
+        self._thread: threading.Thread | None = None
+        self._closed = False
+        if lasting:
+            self._begin()
 
     def put(self, job: Callable[[], object]) -> bool:
-        """Add a job; False if too many wait."""
-        if self._jobs.qsize() >= self._most:
-            return False
-        self._jobs.put(job)
+        """Add a job; False if too many wait, after `close`, or if no thread can begin."""
+        with self._lock:
+            if self._closed or self._jobs.qsize() >= self._most:
+                return False
+            if self._thread is None:
+                try:
+                    self._begin()
+                except RuntimeError:
+                    _log.exception("no thread can begin")
+                    return False
+            self._jobs.put(job)
         return True
 
     def close(self, timeout: float) -> None:
         """End after the jobs that wait."""
-        self._jobs.put(None)
-        self._thread.join(timeout)
+        with self._lock:
+            self._closed, thread = True, self._thread
+        if thread is not None:
+            self._jobs.put(None)
+            if thread is not threading.current_thread():
+                thread.join(timeout)
+
+    def _begin(self) -> None:
+        thread = threading.Thread(target=self._run, name=self._name, daemon=True)
+        thread.start()
+        self._thread = thread
 
     def _run(self) -> None:
-        while (job := self._jobs.get()) is not None:
+        while True:
+            try:
+                job = self._jobs.get(timeout=self._patience)
+            except queue.Empty:
+                with self._lock:
+                    if not self._jobs.empty():
+                        continue
+                    self._thread = None
+                return
+            if job is None:
+                return
             try:
                 job()
             except Exception:  # noqa: BLE001  # the next job must still be done
@@ -67,47 +102,38 @@ class Gathering(Generic[_T]):
     Args:
         name: Of the thread.
         act: Called with the collected items, oldest first.
+        lasting: As for `Worker`.
     """
 
-    def __init__(self, name: str, act: Callable[[list[_T]], object]) -> None:
+    def __init__(self, name: str, act: Callable[[list[_T]], object], *, lasting: bool = False) -> None:
         self._act = act
         self._waiting: list[_T] = []
-        self._changed = threading.Condition()
-        self._closed = False
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-        self._thread.start()
+        self._lock = threading.RLock()
+        self._worker = Worker(name, lasting=lasting)
 
     def put(self, item: _T) -> bool:
-        """Add an item; False if too many wait, or after `close`.
+        """Add an item; False if too many wait, after `close`, or if no thread can begin.
 
         If too many wait, the action still takes place, but this item gets no answer.
         """
-        with self._changed:
-            if self._closed or len(self._waiting) >= MOST_GATHERED:
+        with self._lock:
+            if len(self._waiting) >= MOST_GATHERED:
                 return False
             self._waiting.append(item)
-            self._changed.notify()
+            # Those that wait already have a job, which takes this one, too.
+            if len(self._waiting) == 1 and not self._worker.put(self._handle):
+                self._waiting.clear()
+                return False
         return True
 
     def close(self, timeout: float) -> None:
         """End after handling the items that wait."""
-        with self._changed:
-            self._closed = True
-            self._changed.notify()
-        self._thread.join(timeout)
+        self._worker.close(timeout)
 
-    def _run(self) -> None:
-        while True:
-            with self._changed:
-                while not self._waiting and not self._closed:
-                    self._changed.wait()
-                items, self._waiting = self._waiting, []
-            if not items:
-                return
-            try:
-                self._act(items)
-            except Exception:  # noqa: BLE001  # the next stop must still be sent
-                _log.exception("an answer failed")
+    def _handle(self) -> None:
+        with self._lock:
+            items, self._waiting = self._waiting, []
+        self._act(items)
 
 
 class Together(Generic[_T, _R]):
@@ -123,7 +149,8 @@ class Together(Generic[_T, _R]):
         self._call = call
         self._lock = threading.Lock()
         self._next: _Asked[_T, _R] | None = None
-        self._gathering: Gathering[_Asked[_T, _R]] = Gathering(name, self._answer)
+        # What is asked for may be a stop.
+        self._gathering: Gathering[_Asked[_T, _R]] = Gathering(name, self._answer, lasting=True)
 
     def ask(self, said: _T) -> Future[_R]:
         """Ask for the call; does not wait. The result, which all share, is that of a call which begins after this.

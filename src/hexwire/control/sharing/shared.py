@@ -176,6 +176,8 @@ class SharedArm:
         arm: The arm that is shared.
         path_check: The checks of a path.
         tripped: The holder's program fell silent, so that the arm was stopped.
+        looks: Called by the supervising thread, besides `check`; each returns the seconds until it is due again.
+            They must not wait.
     """
 
     def __init__(
@@ -188,6 +190,7 @@ class SharedArm:
     ) -> None:
         self.arm = arm
         self.tripped = False
+        self.looks: list[Callable[[], float]] = []
         self._owner, self._robot = arm.owner, arm.owner.robot
         self._lease = lease or Lease()
         self._on_change, self._clock = on_change, clock
@@ -498,7 +501,7 @@ class SharedArm:
     def _supervise(self) -> None:
         while True:
             try:
-                wait = self.check()
+                wait = min([self.check(), *(look() for look in self.looks)])
             except Exception:  # noqa: BLE001  # logged; nobody else would notice
                 # The lease is then unsupervised: nothing may move.
                 _log.exception("the supervision of the lease failed")
