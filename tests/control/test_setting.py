@@ -11,6 +11,10 @@ RATE = rate_setting("rate", 5.0, "", high=100.0)
 PAUSE = Setting("pause", 1.0, "", "s", low=0.05, high=60.0, zero=True)
 FREE = Setting("free", 0.0, "")
 SHARE = Setting("share", 0.0, "", low=0.0)
+TEXT = Setting("id", "x", "")
+SWITCH = Setting("check", True, "")
+NAMES = Setting("joints", (), "")
+TABLE = Setting("poses", {}, "")
 
 
 @pytest.mark.parametrize(
@@ -37,12 +41,12 @@ def test_a_rate_is_above_zero_hertz_and_at_most_a_thousand_unless_told() -> None
 
 def test_a_good_value_of_every_kind() -> None:
     faults = Faults()
-    assert faults.number("rate", 7, RATE) == 7.0
-    assert isinstance(faults.number("rate", 7, RATE), float)
-    assert faults.text("port", "/dev/ttyUSB0") == "/dev/ttyUSB0"
-    assert faults.switch("check", True) is True
-    assert faults.names("joints", ["J2", "J1"]) == ("J2", "J1")
-    assert faults.table("poses", {"home": {}}) == {"home": {}}
+    assert faults.read(RATE, 7) == 7.0
+    assert isinstance(faults.read(RATE, 7), float)
+    assert faults.read(TEXT, "/dev/ttyUSB0") == "/dev/ttyUSB0"
+    assert faults.read(SWITCH, True) is True
+    assert faults.read(NAMES, ["J2", "J1"]) == ("J2", "J1")
+    assert faults.read(TABLE, {"home": {}}) == {"home": {}}
     faults.check()
 
 
@@ -64,20 +68,20 @@ def test_a_good_value_of_every_kind() -> None:
 )
 def test_values_that_are_not_numbers_are_refused(value: object, text: str) -> None:
     faults = Faults()
-    assert faults.number("rate", value, RATE) == 5.0
+    assert faults.read(RATE, value) == 5.0
     assert faults.texts == [f"rate: {text}"]
 
 
 def test_other_kinds_and_their_defaults() -> None:
     faults = Faults()
-    assert faults.text("id", 1234, "x") == "x"
-    assert faults.text("id", False, "x") == "x"
-    assert faults.switch("check", 1, default=True) is True
-    assert faults.switch("other", 0) is False
-    assert faults.names("joints", "J1") == ()
-    assert faults.names("joints", ["J1", 2]) == ()
-    assert faults.names("joints", ["J1", "J2", "J1", "J1"]) == ("J1", "J2")
-    assert faults.table("poses", [1]) == {}
+    assert faults.read(TEXT, 1234) == "x"
+    assert faults.read(TEXT, False) == "x"
+    assert faults.read(SWITCH, 1) is True
+    assert faults.read(Setting("other", False, ""), 0) is False
+    assert faults.read(NAMES, "J1") == ()
+    assert faults.read(NAMES, ["J1", 2]) == ()
+    assert faults.read(NAMES, ["J1", "J2", "J1", "J1"]) == ("J1", "J2")
+    assert faults.read(TABLE, [1]) == {}
     assert faults.texts == [
         "id: 1234 must be text: in quotes",
         "id: must be text, not false",
@@ -128,7 +132,7 @@ def test_a_front_has_its_own_words() -> None:
     faults = _Ours()
     faults.unknown("wacthdog", ["watchdog"])
     faults.unknown("qqq", ["watchdog"])
-    faults.text("id", 7)
+    faults.read(TEXT, 7)
     assert faults.texts == [
         "--wacthdog: unknown, did you mean --watchdog?",
         "--qqq: unknown, see --help",
@@ -152,7 +156,7 @@ def test_of_thousands_of_faults_the_first_ten_are_told() -> None:
     faults = Faults()
     for i in range(5000):
         faults.unknown(f"k{i}", ["rate"])
-    faults.names("joints", ["J1"] * 5000)
+    faults.read(NAMES, ["J1"] * 5000)
     with pytest.raises(UsageError, match=r"^5001 settings are wrong: k0: .*; k9: [^;]*; and 4991 more$"):
         faults.check()
 
@@ -170,6 +174,6 @@ def test_the_time_for_a_list_of_names_grows_with_its_length() -> None:
 
     names = [Counted(f"J{i}") for i in range(2000)]
     faults = Faults()
-    assert faults.names("joints", [*names, names[0], names[0]]) == tuple(names)
+    assert faults.read(NAMES, [*names, names[0], names[0]]) == tuple(names)
     assert faults.texts == ["joints: J0 is given twice"]
     assert Counted.compared < 10 * len(names)

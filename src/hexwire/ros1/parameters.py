@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from hexwire.control.requests.setting import Faults
+from hexwire.control.requests.setting import Faults, Setting
 from hexwire.control.requests.settings import CONTROLLER_SETTINGS, REPORT_SETTINGS, SETTINGS
 from hexwire.control.requests.settings_reader import read_settings
 from hexwire.errors import LinkNotFoundError, UsageError
@@ -29,6 +29,7 @@ OWN = REPORT_SETTINGS
 PARAMETERS = (*SETTINGS, *OWN)
 """Every parameter of the node, in the order of the documentation."""
 
+_TABLE = Setting("", {}, "")
 _POSE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
 _GRAPH_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*", re.ASCII)
 _SERVO_LOOP = "the servos close the loop themselves; their gains are registers, see `hexwire bus table`"
@@ -92,7 +93,7 @@ def load_parameters(params: Mapping[str, object]) -> tuple[Parameters, RobotDriv
         LinkNotFoundError: All parameters are right, but no port is given and no likely board is plugged in.
     """
     faults = _ParameterFaults()
-    given = faults.table("", params)
+    given = faults.read(_TABLE, params)
     own = {row.name: faults.read(row, given.pop(row.name, row.default)) for row in OWN}
     warnings = _take_foreign(given)
     known = [row.name for row in PARAMETERS]
@@ -137,7 +138,7 @@ def _flattened(table: Mapping[str, object], faults: Faults, above: str = "") -> 
     found: dict[str, dict[str, object]] = {}
     for key, value in table.items():
         name = f"{above}{key}"
-        inner = faults.table(f"controllers/{name}", value)
+        inner = faults.read(_TABLE, value, f"controllers/{name}")
         is_namespace = inner and not inner.keys() & set(CONTROLLER_SETTINGS) and _are_tables(inner)
         for full, content in (_flattened(inner, faults, f"{name}/") if is_namespace else {name: inner}).items():
             if full in found:

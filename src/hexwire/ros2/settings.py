@@ -117,6 +117,7 @@ DESCRIBES_TYPES = "start_type_description_service"
 """`zenoh_ros2.type_descriptions.PARAMETER`; `hexwire-ros2 --help` does without that package."""
 _OF_ROS = ("use_sim_time", DESCRIBES_TYPES, "qos_overrides")
 """Parameters that ROS gives to every node; the node declares them itself, or does without."""
+_SWITCHES = (Setting("use_sim_time", False, ""), Setting(DESCRIBES_TYPES, True, ""))
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,8 +189,7 @@ def load_settings(given: Mapping[str, object], environ: Mapping[str, str]) -> tu
         LinkNotFoundError: All parameters are right, but no port is given and no likely board is plugged in.
     """
     faults = _ParameterFaults()
-    simulated = faults.switch("use_sim_time", given.get("use_sim_time", False))
-    describes = faults.switch(DESCRIBES_TYPES, given.get(DESCRIBES_TYPES, True), True)
+    simulated, describes = (faults.read(row, given.get(row.name, row.default)) for row in _SWITCHES)
     tables = _nested({k: v for k, v in given.items() if k.partition(".")[0] not in _OF_ROS}, faults)
     warnings = _take_foreign(tables)
     known = [row.name for row in PARAMETERS]

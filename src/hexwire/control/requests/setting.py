@@ -74,6 +74,35 @@ class Setting:
         limits = f"{self.bounds} {self.unit}".strip()
         return f"{self.help} ({limits})" if limits else self.help
 
+    def take(self, item: Item) -> Any:
+        """The value of the setting, of the type of its default.
+
+        Raises:
+            ConfigError: It is of another type, or out of bounds.
+        """
+        if isinstance(self.default, bool):
+            return item.flag()
+        if isinstance(self.default, float):
+            return self._number(item)
+        value = item.value
+        if isinstance(self.default, str):
+            if not isinstance(value, str):
+                raise item.wrong_kind("text")
+            return value
+        if isinstance(self.default, Mapping):
+            if not isinstance(value, Mapping):
+                raise item.wrong_kind("a table of names and values")
+            return {str(key): each for key, each in value.items()}
+        if not isinstance(value, list | tuple) or not all(isinstance(each, str) for each in value):
+            raise item.wrong_kind("a list of names")
+        return tuple(value)
+
+    def _number(self, item: Item) -> float:
+        value = item.number()
+        if not self.allows(value):
+            raise item.fault(f"{value:g} must be {self.bounds}{f' {self.unit}' if self.unit else ''}")
+        return value
+
     def allows(self, value: float) -> bool:
         """Whether a number is within the bounds."""
         if self.zero and value == 0.0:
@@ -126,67 +155,29 @@ class Faults:
             texts = "; ".join(first_faults(self.texts))
             raise UsageError(f"{n} {self.noun}{'s are' if n > 1 else ' is'} wrong: {texts}")
 
-    # -- reading one value; a wrong one becomes a fault, and the default is returned instead -------------
+    def read(self, row: Setting, value: object, name: str = "") -> Any:
+        """The value of a setting; if it is wrong, that becomes a fault, and the default is returned.
 
-    def read(self, row: Setting, value: object) -> Any:
-        """A value of the same type as the row's default."""
-        default = row.default
-        if isinstance(default, bool):
-            return self.switch(row.name, value, default)
-        if isinstance(default, float):
-            return self.number(row.name, value, row)
-        if isinstance(default, str):
-            return self.text(row.name, value, default)
-        if isinstance(default, tuple):
-            return self.names(row.name, value)
-        return self.table(row.name, value)
-
-    def number(self, name: str, value: object, row: Setting) -> float:
-        """A finite number within the row's bounds; not text or a boolean."""
-        default = row.default if isinstance(row.default, float) else 0.0
+        Args:
+            row: The setting, or what values of its kind have in common.
+            value: As it was given.
+            name: Where it is nested, a path with slashes; the setting's name if empty.
+        """
+        name, is_number = name or row.name, isinstance(value, int | float) and not isinstance(value, bool)
+        if isinstance(row.default, str) and is_number:
+            self.add(name, f"{value} must be text: {self.quoting}")
+            return row.default
         try:
-            number = Item(value).number()
+            found = row.take(Item(value))
         except ConfigError as error:
             self.add(name, error)
-            return default
-        if not row.allows(number):
-            self.add(name, f"{number:g} must be {row.bounds}{f' {row.unit}' if row.unit else ''}")
-            return default
-        return number
-
-    def text(self, name: str, value: object, default: str = "") -> str:
-        """Text."""
-        if isinstance(value, str):
-            return value
-        if isinstance(value, int | float) and not isinstance(value, bool):
-            self.add(name, f"{value} must be text: {self.quoting}")
-        else:
-            self.wrong_kind(name, value, "text")
-        return default
-
-    def switch(self, name: str, value: object, default: bool = False) -> bool:
-        """True or false; not 0 or 1."""
-        if isinstance(value, bool):
-            return value
-        self.wrong_kind(name, value, "true or false")
-        return default
-
-    def names(self, name: str, value: object) -> tuple[str, ...]:
-        """A list of different texts."""
-        if not isinstance(value, list | tuple) or not all(isinstance(item, str) for item in value):
-            self.wrong_kind(name, value, "a list of names")
-            return ()
-        for item, times in Counter(value).items():
-            if times > 1:
-                self.add(name, f"{item} is given twice")
-        return tuple(dict.fromkeys(value))
-
-    def table(self, name: str, value: object) -> dict[str, object]:
-        """Values by name."""
-        if not isinstance(value, Mapping):
-            self.wrong_kind(name, value, "a table of names and values")
-            return {}
-        return {str(key): item for key, item in value.items()}
+            return {} if isinstance(row.default, Mapping) else row.default
+        if isinstance(found, tuple):
+            for each, times in Counter(found).items():
+                if times > 1:
+                    self.add(name, f"{each} is given twice")
+            return tuple(dict.fromkeys(found))
+        return found
 
     def unknown(self, name: str, known: Iterable[str]) -> None:
         """Add a fault for a name that is not one of the `known` names at the same depth.
@@ -206,7 +197,3 @@ class Faults:
             self.add(name, f"unknown, there are {', '.join(others)}")
         else:
             self.add(name, f"unknown, {self.listing}")
-
-    def wrong_kind(self, name: str, value: object, wanted: str) -> None:
-        """Add a fault for a value of the wrong type."""
-        self.add(name, Item(value).wrong_kind(wanted))

@@ -93,7 +93,7 @@ def reread(settings: Settings, given: Mapping[str, object], faults: Faults) -> S
         faults: Collects what is wrong; then the result is of no use.
     """
     values = {name: faults.read(_ROWS[name], given.get(name, _ROWS[name].default)) for name in CHANGEABLE}
-    values["joints"] = faults.names("joints", given.get("joints", ()))
+    values["joints"] = faults.read(_ROWS["joints"], given.get("joints", ()))
     controllers = _make_controllers(values, settings.model, faults)
     before = {row.name: row for row in settings.controllers}
     if faults.texts:
@@ -177,7 +177,7 @@ def _make_poses(
     poses = {}
     for name, value in table.items():
         path = f"poses/{name}"
-        rows = faults.table(path, value)
+        rows = faults.read(_ROWS["poses"], value, path)
         if isinstance(value, Mapping) and not rows:
             faults.add(path, "names no joint")
         before = len(faults.texts)
@@ -185,7 +185,7 @@ def _make_poses(
         for joint, angle in rows.items():
             where, so_far = f"{path}/{joint}", len(faults.texts)
             if _known_joint(where, joint, model, faults):
-                pose[joint] = faults.number(where, angle, _ANGLE)
+                pose[joint] = faults.read(_ANGLE, angle, where)
                 if model is not None and len(faults.texts) == so_far:
                     _check_limits(where, pose[joint], model.joint(joint), faults)
         if len(faults.texts) == before:
@@ -221,7 +221,7 @@ def _make_thresholds(table: Mapping[str, object], faults: Faults) -> dict[str, f
     chosen = {}
     for name, value in table.items():
         if name in _THRESHOLDS:
-            chosen[name] = faults.number(f"safety/{name}", value, _THRESHOLD)
+            chosen[name] = faults.read(_THRESHOLD, value, f"safety/{name}")
         else:
             faults.unknown(f"safety/{name}", _THRESHOLDS)
     return chosen
@@ -243,17 +243,12 @@ def _make_controllers(
     owners: dict[str, str] = {}
     for name, content in several.items():
         path = f"controllers/{name}"
-        table = faults.table(path, content)
+        table = faults.read(_ROWS["controllers"], content, path)
         for key in table:
             if key not in CONTROLLER_SETTINGS:
                 faults.unknown(f"{path}/{key}", CONTROLLER_SETTINGS)
-        read: dict[str, Any] = {
-            "joints": faults.names(f"{path}/joints", table.get("joints", ())),
-            "allow_partial_joints_goal": faults.switch(
-                f"{path}/allow_partial_joints_goal", table.get("allow_partial_joints_goal", False)
-            ),
-            "constraints": faults.table(f"{path}/constraints", table.get("constraints", {})),
-        }
+        rows = [_ROWS[key] for key in CONTROLLER_SETTINGS]
+        read = {row.name: faults.read(row, table.get(row.name, row.default), f"{path}/{row.name}") for row in rows}
         if not table.get("joints", ()):
             faults.add(f"{path}/joints", "a controller needs at least one joint")
         controllers.append(_make_controller(name, read, model, faults))
@@ -283,7 +278,7 @@ def _make_tolerances(
     """Tolerances of a controller. If its joints are not `complete`, another joint's name is not a fault."""
     general = {}
     for row in (_GOAL_TIME, _STOPPED):
-        general[row.name] = faults.number(f"{path}/{row.name}", table.get(row.name, row.default), row)
+        general[row.name] = faults.read(row, table.get(row.name, row.default), f"{path}/{row.name}")
     rows = {joint: {"trajectory": 0.0, "goal": 0.0} for joint in joints}
     for joint, value in table.items():
         if joint in general:
@@ -295,9 +290,9 @@ def _make_tolerances(
             faults.add(f"{path}/{joint}", f"no joint {joint!r} here, there are {', '.join(joints)}")
             continue
         own = rows.setdefault(joint, {})
-        for key, number in faults.table(f"{path}/{joint}", value).items():
+        for key, number in faults.read(_ROWS["constraints"], value, f"{path}/{joint}").items():
             if key in _JOINT_CONSTRAINTS:
-                own[key] = faults.number(f"{path}/{joint}/{key}", number, _TOLERANCE)
+                own[key] = faults.read(_TOLERANCE, number, f"{path}/{joint}/{key}")
             else:
                 faults.unknown(f"{path}/{joint}/{key}", _JOINT_CONSTRAINTS)
     return Tolerances(
