@@ -18,7 +18,16 @@ from hypothesis import strategies as st
 
 from hexwire import inputs
 from hexwire.errors import ConfigError
-from hexwire.inputs import Faults, Item, decode_text, parse_json, parse_toml, read_bytes, read_stream, read_text
+from hexwire.inputs import (
+    Item,
+    decode_text,
+    parse_json,
+    parse_toml,
+    raise_faults,
+    read_bytes,
+    read_stream,
+    read_text,
+)
 
 
 def said(call: Any, *args: Any, **named: Any) -> str:
@@ -238,6 +247,11 @@ def test_numbers_texts_lists_and_tables() -> None:
     (text,) = at('"a\\u0007"').rows()
     assert said(text.text) == "f: rows[0] has characters that cannot be printed"
     assert said(text.text, 1) == "f: rows[0] has 2 characters, but must have 0 to 1"
+    assert parse_json("true").flag()
+    assert said(item.flag) == "f: rows[0] must be true or false, not 3"
+    assert parse_json('"a"').choice(("a", "b")) == "a"
+    for other in (item, *at('["a"]').rows(), *at('"c"').rows()):
+        assert "must be one of a, b, not " in said(other.choice, ("a", "b"))
     (table,) = at('{"a": 1, "b\\n": {"c": null}}').rows()
     assert said(table.table, ("a",)) == "f: rows[0].'b\\n' is an unknown key; known: a"
     assert said(table.table, None, ("z",)) == "f: rows[0].z is missing"
@@ -250,24 +264,12 @@ def test_numbers_texts_lists_and_tables() -> None:
 
 def test_faults_are_reported_together() -> None:
     rows = list(parse_toml("rows = [1, 2, 3]", "f").table()["rows"].rows())
-    faults, good = Faults("f"), []
-    faults.check()
-    for row in rows:
-        with faults:
-            good.append(row.integer(2, 2))
-    assert good == [2]
-    text = "1:8: rows[0] is 1, but must be 2 to 2; 1:8: rows[2] is 3, but must be 2 to 2"
-    assert said(faults.check) == f"f: {text}"
-    for _ in range(20):
-        with faults:
-            rows[0].text()
-    assert said(faults.check).endswith("; and 12 more")
-    one = Faults("f")
-    with one:
-        rows[0].text()
-    assert said(one.check) == "f:1:8: rows[0] must be text, not 1"
-    with pytest.raises(ZeroDivisionError), one:
-        raise ZeroDivisionError
+    raise_faults([])
+    faults = [row.fault("is wrong") for row in rows]
+    text = "1:8: rows[0] is wrong; 1:8: rows[1] is wrong; 1:8: rows[2] is wrong"
+    assert said(raise_faults, faults) == f"f: {text}"
+    assert said(raise_faults, [*faults] * 7).endswith("; and 11 more")
+    assert said(raise_faults, faults[:1]) == "f:1:8: rows[0] is wrong"
 
 
 values = st.recursive(

@@ -1,8 +1,9 @@
-"""Reads files written by people and programs: within bounds, parsed, and with the place of every fault.
+"""Reads what people and programs write: files within bounds, parsed, and every value with the place of its faults.
 
 Owns the opening of files, the size limits, the refusal of pipes and devices, text encodings, JSON and TOML, and
-`Item`, by which readers take values out of the parsed file. Whatever a file holds, the outcome is a value or a
-`ConfigError`, and time and memory are proportional to its length. Must not know what the values mean.
+`Item`, by which readers take values out of a parsed file, a request or a parameter. Whatever is written there, the
+outcome is a value or a `ConfigError`, and time and memory are proportional to its length. Must not know what the
+values mean.
 """
 
 from __future__ import annotations
@@ -18,7 +19,6 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any, BinaryIO
 
 from hexwire.errors import ConfigError
@@ -29,7 +29,6 @@ __all__ = [
     "LARGEST_MESSAGE",
     "LARGEST_TEXT",
     "MOST_FAULTS",
-    "Faults",
     "Item",
     "decode_text",
     "first_faults",
@@ -37,6 +36,7 @@ __all__ = [
     "parse_json",
     "parse_message",
     "parse_toml",
+    "raise_faults",
     "read_bytes",
     "read_stream",
     "read_text",
@@ -459,41 +459,17 @@ class Item:
         return self.fault(f"must be {wanted}, not {got}")
 
 
-@dataclass(slots=True)
-class Faults:
-    """Collects the faults of a file, so that all can be reported at once: ``with faults: item.number()``.
+def raise_faults(faults: Sequence[ConfigError]) -> None:
+    """Raise the faults of a file as one error: the first ten, each with its place. Without any, nothing happens.
 
-    Attributes:
-        file: The file's name.
-        errors: The faults so far.
+    Raises:
+        ConfigError: There are faults.
     """
-
-    file: str
-    errors: list[ConfigError] = field(default_factory=list)
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> bool:
-        if isinstance(error, ConfigError):
-            self.errors.append(error)
-            return True
-        return False
-
-    def check(self) -> None:
-        """Raise the collected faults, if there are any: the first ten, each with its place.
-
-        Raises:
-            ConfigError: There are faults.
-        """
-        if len(self.errors) < 2:
-            for error in self.errors:
-                raise error
-            return
-        told = [str(error).removeprefix(f"{self.file}:").strip() for error in self.errors]
-        raise ConfigError("; ".join(first_faults(told)), file=self.file)
+    if len(faults) == 1:
+        raise faults[0]
+    if faults:
+        told = [str(error).removeprefix(f"{error.file}:").strip() for error in faults]
+        raise ConfigError("; ".join(first_faults(told)), file=faults[0].file)
 
 
 def first_faults(texts: Sequence[str]) -> list[str]:

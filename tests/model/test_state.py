@@ -155,6 +155,8 @@ def test_a_state_of_positions_alone_knows_nothing_else() -> None:
         assert len(row) == 2
     assert (state.age, state.stopped) == ((0.0, 0.0), False)
     assert state.flags == (int(JointFlag.TORQUE_UNKNOWN),) * 2
+    for torque, words in ((True, "on"), (False, "off"), (None, "unknown")):
+        assert JointState.of({"J1": 0.0}, stamp=0.0, torque=torque)["J1"].torque == words
     assert JointState.of({"J1": 0.0}, stamp=0.0, torque=True).torque_on == ("J1",)
     assert JointState.of({"J1": 0.0}, stamp=0.0, torque=False).flags == (0,)
     assert JointState.of({"J1": 0.0}, stamp=0.0, torque=True, flags=(0x20,), load=(0.1,)).flags == (0x20,)

@@ -194,7 +194,7 @@ def joint_json(joint: JointReading, model: ArmModel) -> dict[str, object]:
         "voltage_v": joint.voltage,
         "temperature_degc": joint.temperature,
         "age_s": joint.age,
-        "torque_on": None if joint.flags & JointFlag.TORQUE_UNKNOWN else bool(joint.flags & JointFlag.TORQUE_ON),
+        "torque_on": {"on": True, "off": False}.get(joint.torque),
         "silent": bool(joint.flags & JointFlag.SILENT),
         "clamped": bool(joint.flags & JointFlag.CLAMPED),
         "faults": fault_names(joint.flags),

@@ -12,7 +12,7 @@ from importlib import resources
 from pathlib import Path
 
 from hexwire.errors import ConfigError, UsageError
-from hexwire.inputs import Faults, Item, parse_toml, read_text
+from hexwire.inputs import Item, parse_toml, raise_faults, read_text
 from hexwire.model.arm import MAX_ACCELERATION, MAX_JERK, ArmModel, JointModel
 from hexwire.model.arms import record_of
 from hexwire.model.calibration import Calibration
@@ -98,16 +98,18 @@ def _parse(text: str, file: str) -> BusArmFile:
     root = parse_toml(text, file)
     arm = root.table(_ARM_KEYS, ("name",))
     name = arm["name"].text(_LONGEST_NAME, least=1)
-    joints, faults, taken = list[JointModel](), Faults(file), dict[object, str]()
+    joints, faults, taken = list[JointModel](), list[ConfigError](), dict[object, str]()
     for item in arm["joints"].rows(_MOST_JOINTS) if "joints" in arm else ():
-        with faults:
+        try:
             joint = _joint(item)
             joints.append(joint)
             for key in ("name", "servo_id"):
                 place = item.table()[key]
                 if (first := taken.setdefault((key, place.value), item.where)) != item.where:
                     raise place.fault(f"is {place.value!r}, as in {first}; every joint needs its own")
-    faults.check()
+        except ConfigError as error:
+            faults.append(error)
+    raise_faults(faults)
     if ("base" in arm) == bool(joints):
         raise root.fault(
             "base and [[joints]]: write only one of them"

@@ -136,9 +136,15 @@ class JointReading:
     age: float
 
     @property
+    def torque(self) -> str:
+        """Its torque in words: ``on``, ``off`` or ``unknown``."""
+        if self.flags & JointFlag.TORQUE_UNKNOWN:
+            return "unknown"
+        return "on" if self.flags & JointFlag.TORQUE_ON else "off"
+
+    @property
     def cells(self) -> tuple[str, ...]:
         """Its row in a table with `COLUMNS`; ``-`` for what is unknown."""
-        torque = "on" if self.flags & JointFlag.TORQUE_ON else "off"
         return (
             self.name,
             plain(math.degrees(self.position), 2),
@@ -148,7 +154,7 @@ class JointReading:
             plain(self.voltage, 1),
             plain(self.temperature, 0),
             plain(1000 * self.age, 0),
-            "-" if self.flags & JointFlag.TORQUE_UNKNOWN else torque,
+            "-" if self.torque == "unknown" else self.torque,
             condition(self),
         )
 
