@@ -17,7 +17,6 @@ import stat
 import tomllib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from pathlib import Path
 from typing import IO, Any, BinaryIO
 
@@ -348,6 +347,9 @@ class Item:
             raise self.wrong_kind("a table")
         for key in self.value:
             if known is not None and key not in known:
+                # Loaded late: every program imports this module, and few files have such a key.
+                from difflib import get_close_matches
+
                 near = get_close_matches(str(key)[:_SHOWN], known, n=1)
                 hint = f", did you mean {near[0]}?" if near else f"; known: {', '.join(known)}"
                 raise self.step(str(key)).fault(f"is an unknown key{hint}")
