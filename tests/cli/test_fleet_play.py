@@ -38,14 +38,14 @@ def test_a_motion_is_told_arm_by_arm_and_then_as_a_whole(capsys: pytest.CaptureF
     keeper = "time kept by its server"
     left = player.Played(0.010, 0.001, 0, kept_by="board", late=0.002)
     right = player.Played(0.014, 0.001, 3, "off", late=0.004)
-    _tell(player.PlayReport(1.5, {"left": left, "right": right}), ["left", "right"], dry_run=False, as_json=False)
+    _tell(player.PlayReport(1.5, {"left": left, "right": right}), ["left", "right"], dry_run=False)
     assert capsys.readouterr().out.splitlines() == [
         "left: moved 10.0 ms after the start, start known to 3.00 ms, time kept by its board",
         f"right: moved 14.0 ms after the start, start known to 5.00 ms, {keeper}, 3 stalls; arrived, off",
         "played 1.50 s on 2 arms; first movements within 4.0 ms (clocks: 2.00 ms); starts within 8.0 ms",
     ]
     still = player.Played(float("nan"), 0.001, 0)
-    _tell(player.PlayReport(1.5, {"left": still}), ["left"], dry_run=False, as_json=False)
+    _tell(player.PlayReport(1.5, {"left": still}), ["left"], dry_run=False)
     assert capsys.readouterr().out.splitlines() == [
         f"left: did not move, start known to 1.00 ms, {keeper}",
         "played 1.50 s on 1 arm",

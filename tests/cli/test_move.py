@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from hexwire.arm.plans import joint_angles
-from hexwire.cli.move import parse_targets
+from hexwire.cli.motion import parse_targets
 from hexwire.cli.verbs import arrived_words, hold_on_ctrl_c, rest_json
 from hexwire.control.motion.rest import Rest
 from hexwire.drivers.timed_path import PathState

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -22,12 +22,14 @@ from hexwire.errors import ServoError, StoppedError, UsageError
 from .exits import note, shielded
 from .main import LazyGroup
 from .options import NumbersCommand, confirm, group_port_option, json_option, on_terminal, port_option, resolve_url
-from .output import answer, print_json, say, say_table, with_unit
+from .output import Column, RowType, print_json, say_finding, wants_json, with_unit
 
 if TYPE_CHECKING:
     from hexwire.bus.health import HealthFinding, ServoSamples
+    from hexwire.bus.registers import TableRow
     from hexwire.bus.servo_bus import ServoBus
     from hexwire.bus.setup import Found, ServoInfo
+    from hexwire.bus.values import Answer, Reading
 
 __all__ = ["BusOptions", "bus", "bus_options", "bus_url", "health", "known_servo", "open_bus", "refuse_if_stopped"]
 
@@ -180,7 +182,7 @@ def bus(port: str | None) -> None:
 @click.option("--ids", default="0-253", show_default=True, metavar="IDS", help="Ids to try.")
 @bus_options
 @json_option
-def scan(all_rates: bool, ids: str, options: BusOptions, as_json: bool) -> None:
+def scan(all_rates: bool, ids: str, options: BusOptions) -> None:
     """Find servos: every id, at every rate with --all-rates. Reports ids that several servos share."""
     from hexwire.bus.setup import scan as scan_bus
     from hexwire.drivers.bus_checkup import SERVO_RATES
@@ -188,16 +190,14 @@ def scan(all_rates: bool, ids: str, options: BusOptions, as_json: bool) -> None:
     wanted = parse_ids(ids)
     with open_bus(options) as opened:
         rates = SERVO_RATES if all_rates else (opened.timing.baud,)
-        if on_terminal() and not as_json:
+        if on_terminal() and not wants_json():
             found = _scan_with_bar(opened, rates, wanted)
         else:
             found = scan_bus(opened, bauds=rates, ids=wanted)
         if len(found) > _TOO_MANY and not any(row.info for row in found):
             raise ServoError("every ping is answered, but not by a servo: is another device on this port?")
-        if as_json:
-            print_json([_found_json(row) for row in found])
-        elif found:
-            say_table(_FOUND_HEAD, [_found_cells(row) for row in found])
+        if found or wants_json():
+            _FOUND.show(found)
         for row in found:
             if row.shared:
                 note(f"several servos seem to have id {row.servo_id}: connect one alone and `hexwire bus set-id`")
@@ -210,30 +210,34 @@ def scan(all_rates: bool, ids: str, options: BusOptions, as_json: bool) -> None:
 
 _TOO_MANY = 20
 """Unreadable answers from more ids than this mean another device, not servos that share an id."""
-_FOUND_HEAD = ("id", "baud", "series", "model", "firmware", "delay us", "acks", "condition")
 
 
-def _found_cells(row: Found) -> tuple[str, ...]:
+def _of_found(text: Callable[[ServoInfo], str], unknown: str = "") -> Callable[[Found], str]:
+    """The cell of a fact that only a servo with an identity has."""
+    return lambda row: unknown if row.info is None else text(row.info)
+
+
+def _condition(row: Found) -> str:
     from hexwire.bus.values import fault_words
 
-    info = row.info
-    if info is None:
-        return (str(row.servo_id), str(row.baud), "?", "", "", "-", "-", "answers collide" if row.shared else "?")
-    condition = ", ".join(fault_words(info.status)) or "ok"
-    return (
-        str(row.servo_id),
-        str(row.baud),
-        info.series.value if info.series else "unknown",
-        info.model_name,
-        info.firmware,
-        f"{info.return_delay * 1e6:.0f}",
-        "yes" if info.acknowledges else "no",
-        f"{condition}, id shared" if row.shared else condition,
-    )
+    if row.info is None:
+        return "answers collide" if row.shared else "?"
+    condition = ", ".join(fault_words(row.info.status)) or "ok"
+    return f"{condition}, id shared" if row.shared else condition
 
 
-def _found_json(row: Found) -> dict[str, object]:
-    return {"id": row.servo_id, "baud": row.baud, "shared": row.shared, **_info_json(row.info)}
+_FOUND: RowType[Found] = RowType(
+    Column("id", "id", "servo_id"),
+    Column("baud", "baud"),
+    Column("shared"),
+    Column("**", get=lambda row: _info_json(row.info)),
+    Column("", "series", text=_of_found(lambda info: info.series.value if info.series else "unknown", "?")),
+    Column("", "model", text=_of_found(lambda info: info.model_name)),
+    Column("", "firmware", text=_of_found(lambda info: info.firmware)),
+    Column("", "delay us", text=_of_found(lambda info: f"{info.return_delay * 1e6:.0f}", "-")),
+    Column("", "acks", text=_of_found(lambda info: "yes" if info.acknowledges else "no", "-")),
+    Column("", "condition", text=_condition),
+)
 
 
 def _info_json(info: ServoInfo | None) -> dict[str, object]:
@@ -268,33 +272,58 @@ def _scan_with_bar(opened: ServoBus, rates: tuple[int, ...], ids: list[int]) -> 
 @click.argument("ids")
 @bus_options
 @json_option
-def ping(ids: str, options: BusOptions, as_json: bool) -> None:
+def ping(ids: str, options: BusOptions) -> None:
     """Check which servos answer, as in `ping 1-6`."""
+    with open_bus(options) as opened:
+        rows = _PINGS.tell(_ping(opened, servo_id) for servo_id in parse_ids(ids))
+        if silent := [str(row.heard.servo_id) for row in rows if row.heard.error]:
+            raise ServoError(f"no answer from {', '.join(silent)}: check cable, power, id and --baud")
+
+
+class _Ping(NamedTuple):
+    heard: Answer
+    info: ServoInfo | None
+
+    def __str__(self) -> str:
+        heard, info = self.heard, self.info
+        if heard.error:
+            return f"{heard.servo_id}: {heard.error}"
+        words = "" if info is None else f" {info.series.value if info.series else '?'} {info.model_name}"
+        firmware = f" firmware {info.firmware}" if info and info.firmware else ""
+        return f"{heard.servo_id}: {', '.join(heard.faults) or 'ok'}{words}{firmware}"
+
+
+_PINGS: RowType[_Ping] = RowType(
+    Column("id", get="heard.servo_id"),
+    Column("present", get=lambda row: not row.heard.error),
+    Column("faults", get="heard.faults"),
+    Column("error", get=lambda row: row.heard.error or None),
+    Column("**", get=lambda row: {} if row.heard.error else _info_json(row.info)),
+)
+
+
+def _ping(opened: ServoBus, servo_id: int) -> _Ping:
     from hexwire.bus.setup import identify
 
-    silent = []
-    data: list[dict[str, object]] = []
-    with open_bus(options) as opened:
-        for servo_id in parse_ids(ids):
-            heard = opened.ping(servo_id)
-            row = {"id": servo_id, "present": not heard.error, "faults": heard.faults, "error": heard.error or None}
-            data.append(row)
-            if heard.error:
-                silent.append(servo_id)
-                if not as_json:
-                    say(f"{servo_id}: {heard.error}")
-                continue
-            info = identify(opened, servo_id)
-            row.update(_info_json(info))
-            if as_json:
-                continue
-            words = "" if info is None else f" {info.series.value if info.series else '?'} {info.model_name}"
-            firmware = f" firmware {info.firmware}" if info and info.firmware else ""
-            say(f"{servo_id}: {', '.join(heard.faults) or 'ok'}{words}{firmware}")
-        if as_json:
-            print_json(data)
-        if silent:
-            raise ServoError(f"no answer from {', '.join(map(str, silent))}: check cable, power, id and --baud")
+    heard = opened.ping(servo_id)
+    return _Ping(heard, None if heard.error else identify(opened, servo_id))
+
+
+def _value(row: Reading) -> str:
+    return "-" if row.raw is None else with_unit(row.value, row.register.si_unit)
+
+
+_READINGS: RowType[Reading] = RowType(
+    Column("id", "id", "servo_id"),
+    Column("register", "register", "register.name"),
+    Column("raw", "raw"),
+    Column("value", "value", text=_value),
+    Column("unit", get="register.si_unit"),
+    Column("faults"),
+    Column("error"),
+    Column("", "condition", text=lambda row: row.error or ", ".join(row.faults) or "ok"),
+    keys=2,
+)
 
 
 @bus.command()
@@ -302,41 +331,31 @@ def ping(ids: str, options: BusOptions, as_json: bool) -> None:
 @click.argument("names", nargs=-1, required=True, metavar="REGISTER...")
 @bus_options
 @json_option
-def read(ids: str, names: tuple[str, ...], options: BusOptions, as_json: bool) -> None:
+def read(ids: str, names: tuple[str, ...], options: BusOptions) -> None:
     """Read registers by name, as in `read 1-6 present_position present_voltage`."""
-    rows: list[tuple[str, ...]] = []
-    data = []
-    errors = []
+    rows = []
     with open_bus(options) as opened:
         for servo_id in parse_ids(ids):
             known_servo(opened, servo_id, options)
-            for name in names:
-                reading = opened.read(servo_id, name)
-                unit = reading.register.si_unit
-                value = "-" if reading.raw is None else with_unit(reading.value, unit)
-                condition = reading.error or ", ".join(reading.faults) or "ok"
-                rows.append(
-                    (str(servo_id), name, "-" if reading.raw is None else str(reading.raw), value, condition)
-                )
-                data.append(
-                    {
-                        "id": servo_id,
-                        "register": name,
-                        "raw": reading.raw,
-                        "value": reading.value,
-                        "unit": unit,
-                        "faults": reading.faults,
-                        "error": reading.error,
-                    }
-                )
-                if reading.error:
-                    errors.append(reading)
-        if as_json:
-            print_json(data)
-        else:
-            say_table(("id", "register", "raw", "value", "condition"), rows, keys=2)
-        if errors:
-            errors[0].check()
+            rows += [opened.read(servo_id, name) for name in names]
+        _READINGS.show(rows)
+        for row in rows:
+            if row.error:
+                row.check()
+
+
+_WRITTEN: RowType[Reading] = RowType(
+    Column("id", get="servo_id"),
+    Column("register", get="register.name"),
+    Column("raw"),
+    Column("value"),
+    Column("unit", get="register.si_unit"),
+    Column("faults"),
+    Column("error", get=lambda row: row.error or None),
+    words=lambda row: (
+        f"servo {row.servo_id} {row.register.name}: " + ("-" if row.raw is None else f"{row.raw} ({_value(row)})")
+    ),
+)
 
 
 @bus.command(cls=NumbersCommand)
@@ -347,7 +366,7 @@ def read(ids: str, names: tuple[str, ...], options: BusOptions, as_json: bool) -
 @click.option("--yes", is_flag=True, help="Do not ask before a write that may move the servo.")
 @bus_options
 @json_option
-def write(servo_id: int, name: str, value: str, si: bool, yes: bool, options: BusOptions, as_json: bool) -> None:
+def write(servo_id: int, name: str, value: str, si: bool, yes: bool, options: BusOptions) -> None:
     """Write a register by name and read it back; stored settings are unlocked, written and locked again.
 
     A goal position switches torque on and moves the servo, so the command asks first. While the arm is stopped,
@@ -375,57 +394,47 @@ def write(servo_id: int, name: str, value: str, si: bool, yes: bool, options: Bu
             if heard.error:
                 heard.check()
         now = opened.read(servo_id, name)
-        shown = "-" if now.raw is None else f"{now.raw} ({with_unit(now.value, register.si_unit)})"
-        data: dict[str, object] = {
-            "id": servo_id,
-            "register": name,
-            "raw": now.raw,
-            "value": now.value,
-            "unit": register.si_unit,
-        }
-        answer(
-            as_json, data | {"faults": now.faults, "error": now.error or None}, f"servo {servo_id} {name}: {shown}"
-        )
+        _WRITTEN.answer(now)
         if now.faults:
             note(f"warning: servo {servo_id} reports {', '.join(now.faults)}")
+
+
+def _si_value(row: TableRow) -> str:
+    unit = row.register.si_unit
+    return with_unit(row.register.to_si(row.raw or 0), unit) if unit else ""
+
+
+_TABLE: RowType[TableRow] = RowType(
+    Column("", "", text=lambda row: "*" if row.differs_from_factory else ""),
+    Column("address", "at", "register.address"),
+    Column("register", "register", "register.name"),
+    Column("raw", "raw"),
+    Column("changed", get="differs_from_factory"),
+    Column("", "value", text=_si_value),
+    Column("", "default", text=lambda row: "" if row.register.default is None else str(row.register.default)),
+    Column("", "access", text=lambda row: row.register.access),
+    Column("", "area", text=lambda row: row.register.area),
+    keys=3,
+)
 
 
 @bus.command()
 @click.argument("servo_id", type=click.IntRange(0, 253), metavar="ID")
 @bus_options
 @json_option
-def table(servo_id: int, options: BusOptions, as_json: bool) -> None:
+def table(servo_id: int, options: BusOptions) -> None:
     """Show every register of a servo; a * marks stored settings that differ from the factory settings."""
     from hexwire.bus.registers import read_table
 
-    rows = []
-    data = []
     with open_bus(options) as opened:
         known_servo(opened, servo_id, options)
-        for row in read_table(opened, servo_id):
-            register, changed = row.register, row.differs_from_factory
-            rows.append(
-                (
-                    "*" if changed else "",
-                    str(register.address),
-                    register.name,
-                    str(row.raw),
-                    with_unit(register.to_si(row.raw or 0), register.si_unit) if register.si_unit else "",
-                    "" if register.default is None else str(register.default),
-                    register.access,
-                    register.area,
-                )
-            )
-            data.append(
-                {"address": register.address, "register": register.name, "raw": row.raw, "changed": changed}
-            )
-    if as_json:
-        print_json(data)
-    else:
-        say_table(("", "at", "register", "raw", "value", "default", "access", "area"), rows, keys=3)
+        rows = read_table(opened, servo_id)
+    _TABLE.show(rows)
 
 
-_MARKS = {"ok": "ok   ", "hint": "hint ", "bad": "BAD  "}
+_FINDINGS: RowType[HealthFinding] = RowType(
+    Column("level", get="rank.value"), Column("ids", get="servo_ids"), *map(Column, ("topic", "text", "advice"))
+)
 
 
 @bus.command()
@@ -434,7 +443,7 @@ _MARKS = {"ok": "ok   ", "hint": "hint ", "bad": "BAD  "}
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @bus_options
 @json_option
-def health(ids: str, backlash: bool, yes: bool, options: BusOptions, as_json: bool) -> None:
+def health(ids: str, backlash: bool, yes: bool, options: BusOptions) -> None:
     """Say how servos are, as in `health 1-6`, in the order of the chain from the adapter on.
 
     Judges faults, supply against voltage class, temperature, current at rest, firmware with known problems, and
@@ -455,40 +464,19 @@ def health(ids: str, backlash: bool, yes: bool, options: BusOptions, as_json: bo
         if backlash:
             servos = [_with_backlash(opened, servo) for servo in servos]
         findings = judge_health(servos)
-        if as_json:
-            print_json({"healthy": _healthy(findings), "findings": [_finding_json(row) for row in findings]})
-        else:
-            _say_findings(findings)
-        if not _healthy(findings):
-            bad = sum(row.rank is Rank.BAD for row in findings)
+        bad = sum(row.rank is Rank.BAD for row in findings)
+        if wants_json():
+            print_json({"healthy": not bad, "findings": [_FINDINGS.as_json(row) for row in findings]})
+        for row in findings:
+            say_finding(row.rank.value, f"{row.topic:12} {_about(row)}{row.text}", row.advice)
+        if bad:
             raise ServoError(f"{bad} problem{'s' if bad > 1 else ''} found, marked BAD above")
 
 
-def _healthy(findings: list[HealthFinding]) -> bool:
-    from hexwire.bus.health import Rank
-
-    return all(row.rank is not Rank.BAD for row in findings)
-
-
-def _finding_json(row: HealthFinding) -> dict[str, object]:
-    return {
-        "level": row.rank.value,
-        "ids": row.servo_ids,
-        "topic": row.topic,
-        "text": row.text,
-        "advice": row.advice,
-    }
-
-
-def _say_findings(findings: list[HealthFinding]) -> None:
-    from hexwire.bus.health import Rank
-
-    for row in findings:
-        who = ", ".join(map(str, row.servo_ids))
-        about = f"servo {who}: " if row.rank is not Rank.OK and who and not row.text.startswith("no ") else ""
-        say(f"{_MARKS[row.rank.value]} {row.topic:12} {about}{row.text}")
-        if row.advice:
-            say(f"      -> {row.advice}")
+def _about(row: HealthFinding) -> str:
+    """The servos that a finding is about, where its text does not name them."""
+    who = ", ".join(map(str, row.servo_ids))
+    return f"servo {who}: " if row.rank.value != "ok" and who and not row.text.startswith("no ") else ""
 
 
 def _with_backlash(opened: ServoBus, servo: ServoSamples) -> ServoSamples:

@@ -6,7 +6,6 @@ Owns the questions, the live tables and the files. Must not know how a joint is 
 from __future__ import annotations
 
 import datetime
-import math
 import os
 import sys
 import time
@@ -25,14 +24,14 @@ from hexwire.units import plain
 from .bus import BusOptions, bus_options, bus_url
 from .exits import note, shielded
 from .options import confirm, force_option, json_option, on_terminal
-from .output import answer, format_table, line_width
+from .output import DEGREES, Column, RowType, answer, format_table
 
 if TYPE_CHECKING:
     from hexwire.drivers.bus_arm import BusArm
     from hexwire.model.calibration import Calibration
     from hexwire.setup.auto_calibration import AutoCalibration
     from hexwire.setup.calibrating import CalibrationBench
-    from hexwire.setup.hand_calibration import HandCalibration
+    from hexwire.setup.hand_calibration import HandCalibration, JointProgress
 
 __all__ = ["calibrate"]
 
@@ -41,7 +40,13 @@ _PERIOD = 0.02
 _MOST_FILES = 1000
 _REDRAW = 0.1
 """Seconds between two drawings of a table."""
-_HEAD = ("joint", "min deg", "now", "max deg", "missing")
+_SWEPT: RowType[JointProgress] = RowType(
+    Column("name", "joint"),
+    Column("low", "min deg", digits=1, scale=DEGREES),
+    Column("position", "now", digits=1, scale=DEGREES),
+    Column("high", "max deg", digits=1, scale=DEGREES),
+    Column("missing", "missing", text=lambda row: row.missing or "nothing"),
+)
 _AUTO_HEAD = ("joint", "count", "ends", "")
 _BEFORE_AUTO = (
     "every joint moves to its stops, for about two minutes:",
@@ -83,7 +88,6 @@ def calibrate(
     yes: bool,
     force: bool,
     options: BusOptions,
-    as_json: bool,
 ) -> None:
     """Measure middle and ends of every joint of ROBOT (so101, or a TOML file) and save them to FILE.
 
@@ -123,7 +127,6 @@ def calibrate(
         out.file.write(text.encode())
     joints = [joint.name for joint in found.joints]
     answer(
-        as_json,
         {"file": file, "joints": joints},
         f"{len(joints)} {'joint' if len(joints) == 1 else 'joints'} saved to {file}",
     )
@@ -232,19 +235,12 @@ def _sweep(bench: CalibrationBench, hand: HandCalibration, seconds: int | None) 
                 if not on_terminal():
                     note(f"still missing: {missing}" + ("" if hand.unmoved else " (Enter accepts it as it is)"))
     if not on_terminal():
-        for line in format_table(_HEAD, _rows(hand)).splitlines():
+        for line in format_table(_SWEPT.titles, _rows(hand)).splitlines():
             note(line)
 
 
 def _rows(hand: HandCalibration) -> list[tuple[str, ...]]:
-    return [
-        (
-            row.name,
-            *(plain(math.degrees(angle), 1) for angle in (row.low, row.position, row.high)),
-            row.missing or "nothing",
-        )
-        for row in hand.progress
-    ]
+    return [_SWEPT.cells(row) for row in hand.progress]
 
 
 def _wait_for_enter(text: str) -> None:
@@ -306,21 +302,14 @@ def _auto_rows(auto: AutoCalibration) -> list[tuple[str, ...]]:
 
 
 @contextmanager
-def _screen(head: tuple[str, ...] = _HEAD) -> Iterator[Callable[[list[tuple[str, ...]], str], None]]:
+def _screen(head: tuple[str, ...] = _SWEPT.titles) -> Iterator[Callable[[list[tuple[str, ...]], str], None]]:
     """A table with a line below, redrawn in place on a terminal; nothing elsewhere."""
     if not on_terminal():
         yield lambda rows, below: None
         return
-    from rich.text import Text
+    from .draw import live_table
 
-    from .draw import live
-
-    with _no_echo(), live() as screen:
-
-        def show(rows: list[tuple[str, ...]], below: str) -> None:
-            table = format_table(head, rows, width=line_width())
-            screen.update(Text(f"{table}\n{below}"), refresh=True)
-
+    with _no_echo(), live_table(head) as show:
         yield show
 
 

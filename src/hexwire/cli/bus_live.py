@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -24,19 +24,19 @@ from hexwire.bus.ids import parse_ids
 from hexwire.errors import HexwireError, ServoError
 from hexwire.model.state import JointFlag
 from hexwire.new_file import OutputFile
-from hexwire.units import plain
 
 from .bus import BusOptions, bus_options, known_servo, open_bus
 from .exits import note, shielded
 from .options import FiniteFloat, confirm, force_option, json_option, number_option, on_terminal, refuse_idle_force
-from .output import answer, format_table, line_width, print_json, say, say_table, with_unit
+from .output import DEGREES, Column, RowType, answer, print_json, say_table, wants_json, with_unit
 from .plot import TimePlot, open_picture
 
 if TYPE_CHECKING:
     from hexwire.bus.latency import Bins
-    from hexwire.bus.servo_bus import ServoBus
+    from hexwire.bus.live_values import LiveValues
     from hexwire.drivers.bus_arm import BusArm
     from hexwire.model.state import JointReading
+    from hexwire.motion.step_response import StepFigures
     from hexwire.setup.servo_wave import WaveEnd, WaveSample
 
 __all__ = ["Row", "SampleFiles", "file_options", "histogram", "saving"]
@@ -134,8 +134,22 @@ def _plot(samples: Sequence[Row], head: Sequence[str], picture: OutputFile, what
     plot.draw(picture)
 
 
-_SHOWN = ("present_position", "present_speed", "present_load", "present_voltage", "present_temperature")
-_HEAD = ("id", "position deg", "speed deg/s", "load %", "V", "degC", "mA", "condition")
+class _Sample(NamedTuple):
+    time: float
+    now: LiveValues
+
+
+_SAMPLES: RowType[_Sample] = RowType(
+    Column("time_s", get="time"),
+    Column("id", "id", lambda row: float(row.now.servo_id)),
+    Column("present_position", "position deg", "now.position", 2, DEGREES),
+    Column("present_speed", "speed deg/s", "now.speed", 1, DEGREES),
+    Column("present_load", "load %", "now.load", 1, 100),
+    Column("present_voltage", "V", "now.voltage", 1),
+    Column("present_temperature", "degC", "now.temperature"),
+    Column("present_current", "mA", "now.current", 0, 1000),
+    Column("", "condition", text=lambda row: row.now.error or ", ".join(row.now.faults) or "ok"),
+)
 _MOST_ROWS = 1_000_000
 
 
@@ -146,75 +160,43 @@ _MOST_ROWS = 1_000_000
 @file_options
 @bus_options
 @json_option
-def monitor(
-    ids: str, rate: float, seconds: float | None, files: SampleFiles, options: BusOptions, as_json: bool
-) -> None:
+def monitor(ids: str, rate: float, seconds: float | None, files: SampleFiles, options: BusOptions) -> None:
     """Watch servos live: position, speed, load, voltage, temperature, current. Ctrl-C ends it.
 
     With --json one line per sample, in SI units.
     """
+    from hexwire.bus.live_values import read_live
+
     wanted = tuple(parse_ids(ids))
-    head = ("time_s", "id", *_SHOWN, "present_current")
-    with saving(files, head, "present_position") as samples, open_bus(options) as opened:
+    with saving(files, _SAMPLES.keys, "present_position") as samples, open_bus(options) as opened:
         for servo_id in wanted:
             known_servo(opened, servo_id, options)
         start = time.monotonic()
         try:
-            with _screen(as_json) as show:
+            with _screen() as show:
                 while seconds is None or time.monotonic() - start < seconds:
                     begin = time.monotonic()
-                    rows = _sample(opened, wanted)
-                    for row in rows:
-                        if len(samples) < _MOST_ROWS:
-                            samples.append((begin - start, *row[1]))
-                    show(rows)
-                    if as_json:
-                        for _, values in rows:
-                            print_json(dict(zip(head, (begin - start, *values), strict=True)), one_line=True)
+                    rows = [_Sample(begin - start, now) for now in read_live(opened, wanted)]
+                    data = [_SAMPLES.as_json(row) for row in rows]
+                    samples += [tuple(row.values()) for row in data[: _MOST_ROWS - len(samples)]]
+                    show([_SAMPLES.cells(row) for row in rows], "")
+                    if wants_json():
+                        for sample in data:
+                            print_json(sample, one_line=True)
                     time.sleep(max(0.0, begin + 1 / rate - time.monotonic()))
         except KeyboardInterrupt:
             note("ended")
 
 
-def _sample(opened: ServoBus, ids: tuple[int, ...]) -> list[tuple[tuple[str, ...], Row]]:
-    """Cells and SI values of each servo."""
-    from hexwire.bus.live_values import read_live
-
-    rows: list[tuple[tuple[str, ...], Row]] = []
-    for now in read_live(opened, ids):
-        cells = (
-            str(now.servo_id),
-            plain(math.degrees(now.position), 2),
-            plain(math.degrees(now.speed), 1),
-            plain(now.load * 100, 1),
-            plain(now.voltage, 1),
-            plain(now.temperature, 0),
-            plain(now.current * 1000, 0),
-            now.error or ", ".join(now.faults) or "ok",
-        )
-        values = (now.position, now.speed, now.load, now.voltage, now.temperature, now.current)
-        rows.append((cells, (float(now.servo_id), *values)))
-    return rows
-
-
 @contextmanager
-def _screen(as_json: bool) -> Iterator[Callable[[list[tuple[tuple[str, ...], Row]]], None]]:
+def _screen() -> Iterator[Callable[[Sequence[Sequence[str]], str], None]]:
     """A table that is redrawn in place on a terminal and printed each time elsewhere; none with JSON."""
-    if as_json:
-        yield lambda rows: None
+    if wants_json() or not on_terminal():
+        yield lambda rows, below: say_table(_SAMPLES.titles, rows, flush=True)
         return
-    if not on_terminal():
-        yield lambda rows: say_table(_HEAD, [cells for cells, _ in rows], flush=True)
-        return
-    from rich.text import Text
+    from .draw import live_table
 
-    from .draw import live
-
-    def show(rows: list[tuple[tuple[str, ...], Row]]) -> None:
-        table = format_table(_HEAD, [cells for cells, _ in rows], width=line_width())
-        screen.update(Text(table), refresh=True)
-
-    with live() as screen:
+    with live_table(_SAMPLES.titles) as show:
         yield show
 
 
@@ -255,7 +237,6 @@ def wave(
     yes: bool,
     files: SampleFiles,
     options: BusOptions,
-    as_json: bool,
 ) -> None:
     """Move one servo back and forth about its present position, then return. Any key stops it.
 
@@ -299,10 +280,20 @@ def wave(
     if end.missed:
         note(f"warning: {end.missed} sample{'s' if end.missed > 1 else ''} missing: the servo did not answer")
     if samples:
-        _say_wave(servo_id, shape, end, as_json)
+        _say_wave(servo_id, shape, end)
 
 
-def _say_wave(servo_id: int, shape: str, end: WaveEnd, as_json: bool) -> None:
+_STEPS: RowType[StepFigures] = RowType(
+    Column("at", "step at s", digits=2),
+    Column("size", "deg", digits=1, scale=DEGREES),
+    Column("rise", "rise ms", scale=1000),
+    Column("overshoot", "overshoot %", digits=1, scale=100),
+    Column("settled", "settled ms", scale=1000),
+    Column("steady_error", "steady error deg", digits=2, scale=DEGREES),
+)
+
+
+def _say_wave(servo_id: int, shape: str, end: WaveEnd) -> None:
     """Report how the servo followed; for steps, the figures of each."""
     from hexwire.motion.step_response import step_figures
 
@@ -316,22 +307,9 @@ def _say_wave(servo_id: int, shape: str, end: WaveEnd, as_json: bool) -> None:
     }
     if shape == "step":
         data["steps"] = [asdict(step) for step in steps]
-    answer(as_json, data, words)
-    if steps and not as_json:
-        say_table(
-            ("step at s", "deg", "rise ms", "overshoot %", "settled ms", "steady error deg"),
-            [
-                (
-                    plain(step.at, 2),
-                    plain(math.degrees(step.size), 1),
-                    plain(step.rise * 1000, 0),
-                    plain(step.overshoot * 100, 1),
-                    plain(step.settled * 1000, 0),
-                    plain(math.degrees(step.steady_error), 2),
-                )
-                for step in steps
-            ],
-        )
+    answer(data, words)
+    if steps and not wants_json():
+        _STEPS.show(steps)
 
 
 @contextmanager
@@ -389,7 +367,7 @@ def _any_key() -> Iterator[Callable[[], bool]]:
 @click.option("--register", "name", default="present_position", show_default=True, metavar="REGISTER")
 @bus_options
 @json_option
-def stress(ids: str, count: int, name: str, options: BusOptions, as_json: bool) -> None:
+def stress(ids: str, count: int, name: str, options: BusOptions) -> None:
     """Read N times as fast as possible; print errors and a histogram of the times. Nothing moves."""
     from hexwire.bus.latency import StressTest
 
@@ -399,34 +377,30 @@ def stress(ids: str, count: int, name: str, options: BusOptions, as_json: bool) 
         for servo_id in test.ids:
             known_servo(opened, servo_id, options)
         try:
-            test.run(opened, count, clock=time.perf_counter, each=took.append if as_json else lambda _: None)
+            test.run(opened, count, clock=time.perf_counter, each=took.append if wants_json() else lambda _: None)
         except KeyboardInterrupt:
             note("ended")
         counters = opened.counters.as_dict()
         overhead = opened.timing.overhead
     if not test.reads:
         return
-    if as_json:
-        print_json(
-            {
-                "reads": test.reads,
-                "seconds": test.seconds,
-                "round_trips_s": sorted(took),
-                "values": test.values,
-                "missing": test.missing,
-                "overhead_s": overhead,
-                "counters": counters,
-            }
-        )
-    else:
-        say(*histogram(test.took.bins()).splitlines())
-        say(
-            f"{test.reads} reads of {len(test.ids)} in {test.seconds:.2f} s: "
-            f"{test.reads / test.seconds:.0f} per second"
-        )
-        say(f"values missing: {test.lost} of {test.values} ({test.lost / test.values:.3%})")
-        say(f"adapter and system add {overhead * 1e6:.0f} us to each answer")
-        say(", ".join(f"{key} {value}" for key, value in counters.items() if value))
+    answer(
+        {
+            "reads": test.reads,
+            "seconds": test.seconds,
+            "round_trips_s": sorted(took),
+            "values": test.values,
+            "missing": test.missing,
+            "overhead_s": overhead,
+            "counters": counters,
+        },
+        *histogram(test.took.bins()).splitlines(),
+        f"{test.reads} reads of {len(test.ids)} in {test.seconds:.2f} s: "
+        f"{test.reads / test.seconds:.0f} per second",
+        f"values missing: {test.lost} of {test.values} ({test.lost / test.values:.3%})",
+        f"adapter and system add {overhead * 1e6:.0f} us to each answer",
+        ", ".join(f"{key} {value}" for key, value in counters.items() if value),
+    )
     if test.lost:
         raise ServoError(
             f"{test.lost} values are missing, most of them from servo {test.worst}: check its cable and power"

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import datetime
 import sys
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
@@ -19,7 +21,7 @@ from hexwire.new_file import OutputFile
 from .bus import BusOptions, bus_options, known_servo, open_bus, refuse_if_stopped
 from .exits import note, shielded
 from .options import confirm, force_option, json_option, on_terminal
-from .output import answer, print_json, say, say_table
+from .output import Column, RowType, answer, print_json, say, wants_json
 
 if TYPE_CHECKING:
     from hexwire.bus.servo_bus import ServoBus
@@ -29,6 +31,24 @@ __all__ = ["set_baud", "set_id", "setup"]
 
 _ID = click.IntRange(0, 253)
 _YES = click.option("--yes", is_flag=True, help="Do not ask.")
+
+
+@contextmanager
+def _changing(options: BusOptions, servo_id: int, what: str, becomes: str, yes: bool) -> Iterator[ServoBus]:
+    """The bus, once somebody has confirmed that a stored setting of a servo is changed.
+
+    Args:
+        options: Which bus.
+        servo_id: The servo.
+        what: The setting, for the refusal if the arm is stopped.
+        becomes: What changes, for the question.
+        yes: Do not ask.
+    """
+    with open_bus(options) as opened:
+        known_servo(opened, servo_id, options)
+        refuse_if_stopped(opened, what)
+        confirm(f"{becomes}. Continue?", yes)
+        yield opened
 
 
 def _now() -> str:
@@ -41,16 +61,13 @@ def _now() -> str:
 @_YES
 @bus_options
 @json_option
-def set_id(old: int, new: int, yes: bool, options: BusOptions, as_json: bool) -> None:
+def set_id(old: int, new: int, yes: bool, options: BusOptions) -> None:
     """Change the id of a servo. Refused if the new id is in use or two servos share the old one."""
     from hexwire.bus import setup as servo_setup
 
-    with open_bus(options) as opened:
-        known_servo(opened, old, options)
-        refuse_if_stopped(opened, "an id")
-        confirm(f"Servo {old} becomes servo {new}. Continue?", yes)
+    with _changing(options, old, "an id", f"Servo {old} becomes servo {new}", yes) as opened:
         info = servo_setup.set_id(opened, old, new)
-    answer(as_json, {"old_id": old, "id": info.servo_id}, f"servo {old} is now servo {info.servo_id}, and answers")
+    answer({"old_id": old, "id": info.servo_id}, f"servo {old} is now servo {info.servo_id}, and answers")
 
 
 @click.command("set-baud")
@@ -59,17 +76,15 @@ def set_id(old: int, new: int, yes: bool, options: BusOptions, as_json: bool) ->
 @_YES
 @bus_options
 @json_option
-def set_baud(servo_id: int, rate: int, yes: bool, options: BusOptions, as_json: bool) -> None:
+def set_baud(servo_id: int, rate: int, yes: bool, options: BusOptions) -> None:
     """Change the line rate of a servo; undone if it does not answer at the new rate."""
     from hexwire.bus import setup as servo_setup
 
-    with open_bus(options) as opened:
-        known_servo(opened, servo_id, options)
-        refuse_if_stopped(opened, "a line rate")
-        confirm(f"Servo {servo_id} will answer at {rate} baud only. Continue?", yes)
+    becomes = f"Servo {servo_id} will answer at {rate} baud only"
+    with _changing(options, servo_id, "a line rate", becomes, yes) as opened:
         servo_setup.set_baud(opened, servo_id, rate)
     words = f"servo {servo_id} answers at {rate} baud; use --baud {rate} from now on"
-    answer(as_json, {"id": servo_id, "baud": rate}, words)
+    answer({"id": servo_id, "baud": rate}, words)
 
 
 @click.command()
@@ -77,39 +92,43 @@ def set_baud(servo_id: int, rate: int, yes: bool, options: BusOptions, as_json: 
 @_YES
 @bus_options
 @json_option
-def center(servo_id: int, yes: bool, options: BusOptions, as_json: bool) -> None:
+def center(servo_id: int, yes: bool, options: BusOptions) -> None:
     """Make the present position of a servo its middle. Nothing moves; its torque must be off."""
     from hexwire.bus import setup as servo_setup
 
-    with open_bus(options) as opened:
-        known_servo(opened, servo_id, options)
-        refuse_if_stopped(opened, "a middle")
-        confirm(f"The present position of servo {servo_id} becomes its middle. Continue?", yes)
+    becomes = f"The present position of servo {servo_id} becomes its middle"
+    with _changing(options, servo_id, "a middle", becomes, yes) as opened:
         position = servo_setup.center(opened, servo_id)
-    answer(as_json, {"id": servo_id, "raw": position}, f"servo {servo_id} now reports {position} at this position")
+    answer({"id": servo_id, "raw": position}, f"servo {servo_id} now reports {position} at this position")
+
+
+class _Recovered(NamedTuple):
+    id: int
+    faults: tuple[str, ...]
+    torque_on: bool = False
+
+
+_RECOVERED: RowType[_Recovered] = RowType(
+    *map(Column, _Recovered._fields),
+    words=lambda row: f"servo {row.id}: {', '.join(row.faults) or 'ok'}, torque off",
+)
 
 
 @click.command()
 @click.argument("ids")
 @bus_options
 @json_option
-def recover(ids: str, options: BusOptions, as_json: bool) -> None:
+def recover(ids: str, options: BusOptions) -> None:
     """Reset the overload protection of servos: torque off, wait until the fault is gone. Hold the arm!"""
     from hexwire.bus import setup as servo_setup
 
-    left = []
-    data: list[dict[str, object]] = []
+    def recovered(opened: ServoBus, servo_id: int) -> _Recovered:
+        known_servo(opened, servo_id, options)
+        return _Recovered(servo_id, servo_setup.recover(opened, servo_id))
+
     with open_bus(options) as opened:
-        for servo_id in parse_ids(ids):
-            known_servo(opened, servo_id, options)
-            faults = servo_setup.recover(opened, servo_id)
-            data.append({"id": servo_id, "faults": faults, "torque_on": False})
-            if not as_json:
-                say(f"servo {servo_id}: {', '.join(faults) or 'ok'}, torque off")
-            if faults:
-                left.append(servo_id)
-        if as_json:
-            print_json(data)
+        rows = _RECOVERED.tell(recovered(opened, servo_id) for servo_id in parse_ids(ids))
+    left = [row.id for row in rows if row.faults]
     if left:
         raise ServoError(f"faults remain on {', '.join(map(str, left))}: remove the cause and try again")
 
@@ -120,7 +139,7 @@ def recover(ids: str, options: BusOptions, as_json: bool) -> None:
 @force_option
 @bus_options
 @json_option
-def backup(ids: str, file: str, force: bool, options: BusOptions, as_json: bool) -> None:
+def backup(ids: str, file: str, force: bool, options: BusOptions) -> None:
     """Save the stored settings of servos to a file."""
     from hexwire.bus.backup import serialize_backups, take_backup
 
@@ -130,7 +149,18 @@ def backup(ids: str, file: str, force: bool, options: BusOptions, as_json: bool)
             rows = [take_backup(opened, servo_id, taken=_now()) for servo_id in wanted]
         out.file.write(serialize_backups(rows).encode())
     words = f"{len(rows)} servo{'s' if len(rows) != 1 else ''} saved to {file}"
-    answer(as_json, {"file": file, "ids": [row.servo_id for row in rows]}, words)
+    answer({"file": file, "ids": [row.servo_id for row in rows]}, words)
+
+
+class _Restored(NamedTuple):
+    id: int
+    changed: list[str]
+
+
+_RESTORED: RowType[_Restored] = RowType(
+    *map(Column, _Restored._fields),
+    words=lambda row: f"servo {row.id}: {', '.join(row.changed) or 'nothing to change'}",
+)
 
 
 @click.command()
@@ -139,7 +169,7 @@ def backup(ids: str, file: str, force: bool, options: BusOptions, as_json: bool)
 @_YES
 @bus_options
 @json_option
-def restore(file: str, ids: str | None, yes: bool, options: BusOptions, as_json: bool) -> None:
+def restore(file: str, ids: str | None, yes: bool, options: BusOptions) -> None:
     """Restore saved settings, except id and line rate, and verify them."""
     from hexwire.bus.backup import load_backup, restore_backup
 
@@ -154,21 +184,24 @@ def restore(file: str, ids: str | None, yes: bool, options: BusOptions, as_json:
         refuse_if_stopped(opened, "a setting")
         names = ", ".join(str(row.servo_id) for row in chosen)
         confirm(f"Settings of servo {names} will be overwritten. Continue?", yes)
-        data: list[dict[str, object]] = []
-        for row in chosen:
-            changed = restore_backup(opened, row.servo_id, row)
-            data.append({"id": row.servo_id, "changed": changed})
-            if not as_json:
-                say(f"servo {row.servo_id}: {', '.join(changed) or 'nothing to change'}")
-    if as_json:
-        print_json(data)
+        _RESTORED.tell(_Restored(row.servo_id, restore_backup(opened, row.servo_id, row)) for row in chosen)
+
+
+class _Difference(NamedTuple):
+    id: int
+    register: str
+    servo: int | None
+    file: int | None
+
+
+_DIFFERENCES: RowType[_Difference] = RowType(*(Column(name, name) for name in _Difference._fields), keys=2)
 
 
 @click.command()
 @click.argument("file", type=click.Path(exists=True, dir_okay=False))
 @bus_options
 @json_option
-def diff(file: str, options: BusOptions, as_json: bool) -> None:
+def diff(file: str, options: BusOptions) -> None:
     """Compare servos with their saved settings. Exit status 1 if they differ."""
     from hexwire.bus.backup import compare, load_backup, take_backup
 
@@ -176,23 +209,14 @@ def diff(file: str, options: BusOptions, as_json: bool) -> None:
     with open_bus(options) as opened:
         for saved in load_backup(file):
             now = take_backup(opened, saved.servo_id)
-            for name, here, there in compare(now, saved):
-                rows.append((saved.servo_id, name, here, there))
-    if as_json:
-        print_json([dict(zip(("id", "register", "servo", "file"), row, strict=True)) for row in rows])
-    elif rows:
-        cells = [(str(servo_id), name, _cell(here), _cell(there)) for servo_id, name, here, there in rows]
-        say_table(("id", "register", "servo", "file"), cells, keys=2)
-    else:
-        say("no differences")
+            rows += [_Difference(saved.servo_id, *found) for found in compare(now, saved)]
+    if rows or wants_json():
+        _DIFFERENCES.show(rows)
     if not rows:
+        say("no differences")
         return
     several = len(rows) > 1
     raise ServoError(f"{f'{len(rows)} settings differ' if several else 'one setting differs'} from {file}")
-
-
-def _cell(value: int | None) -> str:
-    return "-" if value is None else str(value)
 
 
 @click.command()
@@ -210,7 +234,6 @@ def setup(
     joint: str | None,
     yes: bool,
     options: BusOptions,
-    as_json: bool,
 ) -> None:
     """Give every servo of ROBOT (so101, so100, or a TOML file) its id and line rate, one at a time.
 
@@ -234,13 +257,12 @@ def setup(
         complete = _run_steps(opened, plan, yes)
         for remark in plan.remarks:
             note(f"warning: {remark}")
-    if as_json:
+    if wants_json():
         print_json([_joint_json(plan, row.name) for row in plan.order])
     if not complete:
         left = [row.name for row in plan.order if row.name not in plan.done]
         raise ServoError(f"not finished: {', '.join(left) or 'the servos were not checked together'}")
-    if not as_json:
-        say(f"{plan.only.name if plan.only else robot} is set up; next: `hexwire bus calibrate {robot}`")
+    say(f"{plan.only.name if plan.only else robot} is set up; next: `hexwire bus calibrate {robot}`")
 
 
 def _joint_json(plan: ArmSetup, name: str) -> dict[str, object]:

@@ -72,7 +72,6 @@ def new(
     hosts: tuple[str, ...],
     lab: str,
     days: float | None,
-    as_json: bool,
 ) -> None:
     """Create certificates in DIR, and a certificate authority (ca.pem, ca.key) if there is none.
 
@@ -100,7 +99,7 @@ def new(
         lines.append(f"{files.cert}, {files.key}  {kind}")
         if kind == "client":
             lines.append(f"    calls tcps://HOST:PORT?ca={folder}/ca.pem&cert={files.cert}&key={files.key}")
-    answer(as_json, made, *lines)
+    answer(made, *lines)
 
 
 @cert.command()
@@ -130,7 +129,6 @@ def issue(
     hosts: tuple[str, ...],
     lab: str,
     days: float | None,
-    as_json: bool,
 ) -> None:
     """Create a certificate NAME with a role for arms in DIR, and an authority if there is none.
 
@@ -160,7 +158,7 @@ def issue(
     )
     made.append({"kind": role, "arms": ",".join(arms), "cert": str(files.cert), "key": str(files.key)})
     lines.append(f"{files.cert}, {files.key}  {rights}")
-    answer(as_json, made, *lines)
+    answer(made, *lines)
 
 
 def _authority(folder: str, lab: str) -> tuple[list[dict[str, str]], list[str]]:

@@ -7,7 +7,7 @@ command. Must not know how frames travel, nor what a command does.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -18,7 +18,7 @@ import click
 from hexwire.errors import UsageError
 
 from .options import RobotOptions, confirm, force_option, json_option, open_robot, resolve_url, robot_options
-from .output import answer, print_json, say, say_document, say_table
+from .output import Column, RowType, answer, say, say_document, wants_json
 
 if TYPE_CHECKING:
     from hexwire.control.loop.power import Torques
@@ -57,7 +57,7 @@ def _names(mask: int) -> str:
     return " ".join(name for i, name in enumerate(HEX7BOT.names) if mask >> i & 1) or "none"
 
 
-def probe_all(options: RobotOptions, as_json: bool) -> None:
+def probe_all(options: RobotOptions) -> None:
     """Show who answers on the channel.
 
     Raises:
@@ -96,11 +96,11 @@ def probe_all(options: RobotOptions, as_json: bool) -> None:
             f"{module_name(module)} ({module}): firmware {firmware}, {servos}{', stopped' if stopped else ''}"
         )
     data += ({"module": module, "silent": True} for module in silent)
-    answer(as_json, data, *lines, *_without_answer(silent))
+    answer(data, *lines, *_without_answer(silent))
     _check_all(found.replies, silent, attempts=_LOOKS)
 
 
-def stop_all(options: RobotOptions, *, torque_off: bool, as_json: bool) -> None:
+def stop_all(options: RobotOptions, *, torque_off: bool) -> None:
     """Stop every board of the channel by one frame, and find out who has confirmed it.
 
     Raises:
@@ -130,12 +130,12 @@ def stop_all(options: RobotOptions, *, torque_off: bool, as_json: bool) -> None:
         "silent": silent,
     }
     lines = (f"module {module}: stopped, {torques}" for module, torques in does.items())
-    answer(as_json, data, *lines, *_without_answer(silent))
+    answer(data, *lines, *_without_answer(silent))
     later = "; one that the gateway has lost is stopped when it is back"
     _check_all(replies, silent, {module: mask == 0x7F for module, mask in masks.items()}, later=later)
 
 
-def resume_all(options: RobotOptions, as_json: bool) -> None:
+def resume_all(options: RobotOptions) -> None:
     """End the stop of every board of the channel; a watchdog that caused it is switched off.
 
     Raises:
@@ -162,7 +162,7 @@ def resume_all(options: RobotOptions, as_json: bool) -> None:
     done = sorted(resumed.replies.keys() - refusing.keys())
     lines = [f"module {module}: resumed" for module in done]
     lines += [f"module {module}: not resumed: {why}" for module, why in refusing.items()]
-    answer(as_json, {"resumed": done, "silent": silent}, *lines, *_without_answer(silent))
+    answer({"resumed": done, "silent": silent}, *lines, *_without_answer(silent))
     _check_all(resumed.replies, silent)
     if refusing:
         why = next(iter(refusing.values()))
@@ -243,19 +243,35 @@ def conf() -> None:
     """Check and convert channel configuration files: ipc_msg.conf, or the same in TOML."""
 
 
+def _opens(channel: ChannelConf) -> str:
+    from hexwire.ipc.conf import link_url
+
+    return link_url(channel)
+
+
+_CHANNELS: RowType[ChannelConf] = RowType(
+    Column("", "line", text=lambda channel: str(channel.line or "-")),
+    Column("**", get=asdict),
+    Column("module", "module", "module.name"),
+    Column("direction", "direction", "direction.value"),
+    Column("destination", "destination", "destination.name"),
+    Column("interface", "interface", "interface.name"),
+    Column("peer", get=lambda channel: channel.peer or None),
+    Column("line", get=lambda channel: channel.line or None),
+    Column("url", "opens", _opens),
+)
+
+
 @conf.command()
 @click.argument("file", metavar="FILE")
 @json_option
-def check(file: str, as_json: bool) -> None:
+def check(file: str) -> None:
     """Show the channels in a file; errors name file, line and column."""
-    from hexwire.ipc.conf import link_url, load_conf
+    from hexwire.ipc.conf import load_conf
 
     channels = load_conf(file)
-    if as_json:
-        print_json([_channel_json(channel) | {"url": link_url(channel)} for channel in channels])
-        return
-    if channels:
-        _say_table(channels)
+    if channels or wants_json():
+        _CHANNELS.show(channels)
         say()
     say(f"{file}: {len(channels)} channel{'s' if len(channels) != 1 else ''}, no error")
 
@@ -282,28 +298,6 @@ def convert(source: str, target: str, force: bool) -> None:
         out.file.write(text.encode())
 
 
-def _say_table(channels: Sequence[ChannelConf]) -> None:
-    from hexwire.ipc.conf import link_url
-
-    rows = [
-        (str(c.line or "-"), c.module.name, c.direction.value, c.destination.name, c.interface.name, link_url(c))
-        for c in channels
-    ]
-    say_table(("line", "module", "direction", "destination", "interface", "opens"), rows)
-
-
-def _channel_json(channel: ChannelConf) -> dict[str, object]:
-    fields = asdict(channel)
-    return fields | {
-        "module": channel.module.name,
-        "direction": channel.direction.value,
-        "destination": channel.destination.name,
-        "interface": channel.interface.name,
-        "peer": channel.peer or None,
-        "line": channel.line or None,
-    }
-
-
 _LARGEST = 0xFF
 _LONGEST = 8192
 """Most bytes of a body: no frame has more."""
@@ -315,7 +309,7 @@ _LONGEST = 8192
 @click.option("--yes", is_flag=True, help="Do not ask before a command that may move the arm.")
 @robot_options
 @json_option
-def ioctl(sub_cmd: str, data: tuple[str, ...], yes: bool, options: RobotOptions, as_json: bool) -> None:
+def ioctl(sub_cmd: str, data: tuple[str, ...], yes: bool, options: RobotOptions) -> None:
     """Send a special command to the robot, and print the body of its reply in hex.
 
     COMMAND is a name or number of PROTOCOL.md, section 6.1, such as STATS or 0x1B; HEX is its body. The chapter's
@@ -331,10 +325,8 @@ def ioctl(sub_cmd: str, data: tuple[str, ...], yes: bool, options: RobotOptions,
             danger = f"{command_name(number)} may move {robot.model.name}, and nothing checks where to"
             confirm(f"{danger}. Send it?", yes, alone=f"{danger}; --yes sends it")
         reply = robot.ioctl(number, body)
-    if as_json:
-        print_json({"command": command_name(number), "code": number, "body": body.hex(), "reply": reply.hex()})
-    else:
-        say(*(hex_rows(reply) if reply else ("the reply has no body",)))
+    told = {"command": command_name(number), "code": number, "body": body.hex(), "reply": reply.hex()}
+    answer(told, *(hex_rows(reply) if reply else ("the reply has no body",)))
 
 
 def _number(text: str) -> int:

@@ -28,21 +28,24 @@ from .options import (
     resolve_url,
     robot_options,
 )
-from .output import print_json, say, say_document, say_table
+from .output import Column, RowType, print_json, say, say_document, say_finding, wants_json
 
 if TYPE_CHECKING:
+    from hexwire.link.loopback import LoopbackResult
     from hexwire.link.ports import PortInfo
 
 __all__ = ["doctor", "loopback"]
 
-_MARKS = {Level.OK: "ok  ", Level.HINT: "hint", Level.BAD: "BAD ", Level.UNKNOWN: "?   "}
+_FINDINGS: RowType[Finding] = RowType(
+    Column("level", get="level.value"), *map(Column, ("port", "about", "text", "advice"))
+)
 
 
 @click.command()
 @robot_options
 @click.option("--fix", is_flag=True, help="Write the missing udev rule (needs root).")
 @json_option
-def doctor(options: RobotOptions, fix: bool, as_json: bool) -> None:
+def doctor(options: RobotOptions, fix: bool) -> None:
     """Diagnose problems, from the USB port to the servos. Read-only unless --fix.
 
     Checks the port that --port names, otherwise all ports. Exit status 1 if something is BAD.
@@ -71,31 +74,20 @@ def doctor(options: RobotOptions, fix: bool, as_json: bool) -> None:
             findings.append(Finding(Level.HINT, "ports", text, advice))
     findings += diagnose_system(ports)
     missing = sorted({p.usb_id for p in ports if p.usb_id and any("no udev rule" in f.text for f in findings)})
-    _show(findings, as_json)
+    if wants_json():
+        print_json([_FINDINGS.as_json(row) for row in findings])
+    for row in findings:
+        label = f"{row.port}: " if row.port not in ("", row.about) else ""
+        say_finding(row.level.value, f"{label}{row.about}: {row.text}", row.advice)
     if missing and fix:
         path = write_udev_rule(missing)
-        say(f"wrote {path}; now run 'sudo udevadm control --reload', unplug the device, and plug it in")
-    elif missing and not as_json:
+        note(f"wrote {path}; now run 'sudo udevadm control --reload', unplug the device, and plug it in")
+    elif missing and not wants_json():
         say("", "The missing udev rule (--fix writes it):", "")
         say_document(udev_rule(missing))
     bad = sum(finding.level is Level.BAD for finding in findings)
     if bad:
         raise DeviceError(f"{bad} problem{'s' if bad > 1 else ''} found, marked BAD above")
-
-
-def _show(findings: list[Finding], as_json: bool) -> None:
-    if as_json:
-        rows = [
-            {"level": f.level.value, "port": f.port, "about": f.about, "text": f.text, "advice": f.advice}
-            for f in findings
-        ]
-        print_json(rows)
-        return
-    for finding in findings:
-        label = f"{finding.port}: " if finding.port not in ("", finding.about) else ""
-        say(f"{_MARKS[finding.level]}  {label}{finding.about}: {finding.text}")
-        if finding.advice:
-            say(f"      -> {finding.advice}")
 
 
 def _device(port: str) -> str:
@@ -153,6 +145,16 @@ def _ask(options: RobotOptions) -> list[Finding]:
         return [Finding(Level.BAD, "board", str(error))]
 
 
+_RESULTS: RowType[LoopbackResult] = RowType(
+    Column("baud", "baud"),
+    Column("sent", "sent"),
+    Column("returned", "back"),
+    Column("wrong", "wrong"),
+    *map(Column, ("wrong_bits", "good", "seconds")),
+    Column("", "verdict", text=lambda result: result.verdict),
+)
+
+
 @click.command()
 @port_option
 @click.option(
@@ -165,7 +167,7 @@ def _ask(options: RobotOptions) -> list[Finding]:
 )
 @click.option("--bytes", "count", type=click.IntRange(64, 10_000_000), default=2048, show_default=True)
 @json_option
-def loopback(port: str | None, rates: tuple[int, ...], count: int, as_json: bool) -> None:
+def loopback(port: str | None, rates: tuple[int, ...], count: int) -> None:
     """Test a cable and adapter: connect TX to RX, and every byte must come back.
 
     Tries the rates that servos and boards use, slowest first. Exit status 1 if one of them fails.
@@ -184,28 +186,11 @@ def loopback(port: str | None, rates: tuple[int, ...], count: int, as_json: bool
     warn_of_reset(make_link(url))
     results = []
     for baud in sorted(set(rates or SERVO_RATES)):
-        if on_terminal() and not as_json:
+        if on_terminal() and not wants_json():
             note(f"{baud} baud ...")
         with make_link(f"{url}{'&' if '?' in url else '?'}baud={baud}") as link:
             results.append(try_loopback(link, baud, count, time.monotonic))
-    if as_json:
-        print_json(
-            [
-                {
-                    "baud": r.baud,
-                    "sent": r.sent,
-                    "returned": r.returned,
-                    "wrong": r.wrong,
-                    "wrong_bits": r.wrong_bits,
-                    "good": r.good,
-                    "seconds": r.seconds,
-                }
-                for r in results
-            ]
-        )
-    else:
-        rows = [[str(r.baud), str(r.sent), str(r.returned), str(r.wrong), r.verdict] for r in results]
-        say_table(["baud", "sent", "back", "wrong", "verdict"], rows)
+    _RESULTS.show(results)
     bad = [str(r.baud) for r in results if not r.good]
     if bad:
         raise LinkError(f"the loopback fails at {', '.join(bad)} baud", url=url)

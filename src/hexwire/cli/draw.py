@@ -6,7 +6,8 @@ Owns colours and columns. Must not know robots or commands.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, NamedTuple
 
 from rich import box
@@ -20,12 +21,12 @@ from rich.text import Text
 
 from hexwire.units import plain
 
-from .output import shown, split_columns
+from .output import format_table, line_width, shown, split_columns
 
 if TYPE_CHECKING:
     from hexwire.model.state import JointState
 
-__all__ = ["JointTable", "LiveView", "SafeConsole", "Sample", "live", "progress"]
+__all__ = ["JointTable", "LiveView", "SafeConsole", "Sample", "live", "live_table", "progress"]
 
 _REDRAWS = 12
 """Redraws per second: enough for a smooth view."""
@@ -58,6 +59,18 @@ class SafeConsole(Console):
 def live() -> Live:
     """A view that is redrawn in place at each update."""
     return Live(console=SafeConsole(), auto_refresh=False)
+
+
+@contextmanager
+def live_table(head: Sequence[str]) -> Iterator[Callable[[Sequence[Sequence[str]], str], None]]:
+    """A table that is redrawn in place: gives what draws its rows, and a line below."""
+    with live() as screen:
+
+        def show(rows: Sequence[Sequence[str]], below: str) -> None:
+            table = format_table(head, rows, width=line_width())
+            screen.update(Text(f"{table}\n{below}"), refresh=True)
+
+        yield show
 
 
 def progress() -> Progress:

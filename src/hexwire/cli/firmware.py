@@ -23,7 +23,7 @@ from .options import (
     resolve_url,
     robot_options,
 )
-from .output import print_json, say, say_document
+from .output import answer, say, say_document
 
 __all__ = ["firmware"]
 
@@ -49,15 +49,14 @@ def firmware(port: str | None) -> None:
 @source_option
 @rate_option
 @json_option
-def build(source: str | None, host_baud: str, as_json: bool) -> None:
+def build(source: str | None, host_baud: str) -> None:
     """Build the firmware for an Arduino Mega 2560."""
     from hexwire.drivers import firmware as tools
 
     report = tools.build(tools.find_sources(source), host_baud=int(host_baud))
-    if as_json:
-        print_json(asdict(report) | {"hex_file": str(report.hex_file)})
-    else:
-        say(report.hex_file, f"version {report.version}, host line at {report.host_baud}", report.size)
+    hex_file = str(report.hex_file)
+    words = f"version {report.version}, host line at {report.host_baud}"
+    answer(asdict(report) | {"hex_file": hex_file}, hex_file, words, report.size)
 
 
 @firmware.command()
@@ -114,30 +113,29 @@ def flash(
 @source_option
 @robot_options
 @json_option
-def info(options: RobotOptions, source: str | None, as_json: bool) -> None:
+def info(options: RobotOptions, source: str | None) -> None:
     """Show the version of the board's firmware and that of the firmware here."""
     with attached(make_robot(options)) as robot:
         report = robot.probe()
     here, available = _available(source)
-    if as_json:
-        print_json(
-            {
-                "firmware": report.firmware or None,
-                "dialect": report.dialect,
-                "boot_id": report.boot_id,
-                "capabilities": list(report.capabilities),
-                "sources": available or None,
-            }
-        )
-        return
-    if not report.firmware:
-        say("the board speaks only the chapter's dialect and does not report its version")
-    else:
-        say(f"version {report.firmware}, boot id {report.boot_id:08x}")
-        say(f"supports {', '.join(report.capabilities).replace('_', ' ')}")
+    lines = ["the board speaks only the chapter's dialect and does not report its version"]
+    if report.firmware:
+        lines = [
+            f"version {report.firmware}, boot id {report.boot_id:08x}",
+            f"supports {', '.join(report.capabilities).replace('_', ' ')}",
+        ]
     if available:
-        same = " (the same)" if available == report.firmware else ""
-        say(f"{here} {available}{same}")
+        lines.append(f"{here} {available}{' (the same)' if available == report.firmware else ''}")
+    answer(
+        {
+            "firmware": report.firmware or None,
+            "dialect": report.dialect,
+            "boot_id": report.boot_id,
+            "capabilities": list(report.capabilities),
+            "sources": available or None,
+        },
+        *lines,
+    )
 
 
 def _image(hex_file: str | None, source: str | None, host_baud: int) -> tuple[Path, str | None]:

@@ -31,7 +31,7 @@ from .options import (
     on_terminal,
     router_options,
 )
-from .output import answer, print_json, say, say_table
+from .output import Column, RowType, answer, print_json, say, wants_json
 
 if TYPE_CHECKING:
     from threading import Event
@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from hexwire.control.loop.shutdown import Shutdown
     from hexwire.fleet.network import Network
     from hexwire.fleet.node import Node
-    from hexwire.fleet.overview import Overview
-    from hexwire.fleet.player import PlayReport
+    from hexwire.fleet.overview import Overview, Stopped
+    from hexwire.fleet.player import Played, PlayReport
     from hexwire.link.certs import CertFacts
 
 __all__ = ["config", "fleet", "list_arms", "nobody", "play", "record", "router", "stop", "watch"]
@@ -55,7 +55,31 @@ def fleet() -> None:
     """
 
 
-_HEAD = ("arm", "robot", "host", "holder", "torque", "age ms", "condition")
+def _condition(row: Overview) -> str:
+    if row.silent:
+        return f"no answer: {row.why}"
+    if row.stopped:
+        return f"stopped: {row.why}" if row.why else "stopped"
+    return row.why or "ok"
+
+
+_ARMS: RowType[Overview] = RowType(
+    Column("name", "arm"),
+    Column("robot", "robot", lambda row: row.robot or None),
+    Column("host", "host", lambda row: row.host or None),
+    Column("holder", "holder", lambda row: row.holder or None),
+    Column("torque", "torque", lambda row: row.torque or None),
+    Column("stopped"),
+    Column("condition", get=_condition),
+    Column("age_s", "age ms", "age", scale=1000),
+    Column("answers", get=lambda row: not row.silent),
+    Column("local"),
+    Column("", "condition", text=_condition),
+)
+_STOPPED: RowType[Stopped] = RowType(
+    *map(Column, ("name", "confirmed", "joints", "error", "seconds", "kept")),
+    Column("**", get=lambda row: asdict(row.torques)),
+)
 _ANSWERS = 1.0
 """Time-out for the condition of an arm, seconds."""
 _SOON = 0.4
@@ -76,7 +100,7 @@ _stop_options = functools.partial(router_options, stops=True)
 @click.argument("pattern", default="**")
 @router_options
 @json_option
-def list_arms(pattern: str, router: Network | None, as_json: bool) -> None:
+def list_arms(pattern: str, router: Network | None) -> None:
     """List the arms that this program may see; PATTERN such as 'lab/*' selects some.
 
     An arm that does not answer is listed with the reason, and the exit status is 1.
@@ -87,10 +111,8 @@ def list_arms(pattern: str, router: Network | None, as_json: bool) -> None:
     with Roster(pattern, router) as roster:
         roster.settle(_SETTLE)
         rows = look(roster, _ANSWERS)
-    if as_json:
-        print_json([_as_json(row) for row in rows])
-    elif rows:
-        say_table(_HEAD, [_cells(row) for row in rows])
+    if rows or wants_json():
+        _ARMS.show(rows)
     else:
         say(f"{nobody(pattern, router)}: {_DO}" if router is None else nobody(pattern, router))
     if silent := [row.name for row in rows if row.silent]:
@@ -102,7 +124,7 @@ def list_arms(pattern: str, router: Network | None, as_json: bool) -> None:
 @number_option("--rate", "HZ", "Updates per second.", above=0, default=2.0)
 @router_options
 @json_option
-def watch(pattern: str, rate: float, router: Network | None, as_json: bool) -> None:
+def watch(pattern: str, rate: float, router: Network | None) -> None:
     """Follow the arms until interrupted: a live table on a terminal, otherwise a line for each change.
 
     An arm that appears or vanishes is shown at once, without waiting for the next update, and so is one that
@@ -114,7 +136,7 @@ def watch(pattern: str, rate: float, router: Network | None, as_json: bool) -> N
     from hexwire.fleet.roster import Roster
 
     changed = threading.Event()
-    show = _json_lines if as_json else _Table(pattern, router) if on_terminal() else _Lines(pattern, router)
+    show = _json_lines if wants_json() else _Table(pattern, router) if on_terminal() else _Lines(pattern, router)
     with Roster(pattern, router, on_change=lambda name, there: changed.set()) as roster:
         roster.settle(_SETTLE)
         with show if isinstance(show, _Table) else nullcontext():
@@ -143,7 +165,7 @@ def _follow(
 @click.option("--torque-off", is_flag=True, help="Switch torque off as well: the arms may fall.")
 @_stop_options
 @json_option
-def stop(pattern: str | None, every: bool, torque_off: bool, router: Network | None, as_json: bool) -> None:
+def stop(pattern: str | None, every: bool, torque_off: bool, router: Network | None) -> None:
     """Stop all arms that PATTERN names, such as lab/arm1 or 'lab/*', at the same time. It needs no lease.
 
     Prints a line for each arm. The exit status is 1 unless every arm has confirmed that it is stopped; one that
@@ -159,19 +181,11 @@ def stop(pattern: str | None, every: bool, torque_off: bool, router: Network | N
             "nothing was stopped: write 'hexwire fleet stop --all' for every arm, or name some, as in "
             "'hexwire fleet stop \"lab/*\"'"
         )
-    failed, kept, rows = [], [], []
     with Roster(pattern or "**", router) as roster:
-        for row in stop_all(roster, whoami(), StopMode.TORQUE_OFF if torque_off else StopMode.HOLD):
-            rows.append(row)
-            if not row.confirmed:
-                failed.append(row.name)
-            elif row.with_torque:
-                kept.append(row.name)
-            if not as_json:
-                say(str(row), flush=True)
-    if as_json:
-        keys = ("name", "confirmed", "joints", "error", "seconds", "kept")
-        print_json([{key: getattr(row, key) for key in keys} | asdict(row.torques) for row in rows])
+        mode = StopMode.TORQUE_OFF if torque_off else StopMode.HOLD
+        rows = _STOPPED.tell(stop_all(roster, whoami(), mode))
+    failed = [row.name for row in rows if not row.confirmed]
+    kept = [row.name for row in rows if row.confirmed and row.with_torque]
     if not rows:
         raise LinkNotFoundError(f"nothing was stopped: {nobody(pattern or '**', router)}; see 'hexwire fleet list'")
     if failed:
@@ -195,40 +209,8 @@ def nobody(pattern: str, router: Network | None, silent: Mapping[str, str] | Non
     )
 
 
-# -- rows -------------------------------------------------------------------------------------------------
-
-
-def _condition(row: Overview) -> str:
-    if row.silent:
-        return f"no answer: {row.why}"
-    if row.stopped:
-        return f"stopped: {row.why}" if row.why else "stopped"
-    return row.why or "ok"
-
-
-def _cells(row: Overview) -> tuple[str, ...]:
-    age = "-" if row.age is None else f"{1000 * row.age:.0f}"
-    cells = (row.robot, row.host, row.holder, row.torque)
-    return (row.name, *(cell or "-" for cell in cells), age, _condition(row))
-
-
-def _as_json(row: Overview) -> dict[str, object]:
-    return {
-        "name": row.name,
-        "robot": row.robot or None,
-        "host": row.host or None,
-        "holder": row.holder or None,
-        "torque": row.torque or None,
-        "stopped": row.stopped,
-        "condition": _condition(row),
-        "age_s": row.age,
-        "answers": not row.silent,
-        "local": row.local,
-    }
-
-
 def _json_lines(rows: Sequence[Overview]) -> None:
-    print_json({"time": time.time(), "arms": [_as_json(row) for row in rows]}, one_line=True)
+    print_json({"time": time.time(), "arms": [_ARMS.as_json(row) for row in rows]}, one_line=True)
 
 
 class _Lines:
@@ -287,7 +269,9 @@ class _Table:
         self._there = there
         parts: list[Any] = []
         if rows:
-            parts.append(JointTable(_HEAD, [_cells(r) for r in rows], [_condition(r) != "ok" for r in rows]))
+            parts.append(
+                JointTable(_ARMS.titles, [_ARMS.cells(r) for r in rows], [_condition(r) != "ok" for r in rows])
+            )
         else:
             parts.append(Text(self._none))
         if self._gone:
@@ -313,9 +297,7 @@ _KEEPERS = {"board": "board", "host": "server"}
 @force_option
 @router_options
 @json_option
-def record(
-    file: str, pattern: str, duration: float | None, force: bool, router: Network | None, as_json: bool
-) -> None:
+def record(file: str, pattern: str, duration: float | None, force: bool, router: Network | None) -> None:
     """Record the states of all arms in one file, each on a topic of its own, with their clocks related.
 
     Arms that appear or vanish meanwhile are noted, here and in the file. 'hexwire record info' shows what it has,
@@ -342,7 +324,7 @@ def record(
             raise LinkNotFoundError(f"nothing was recorded: {nobody(pattern, router, silent)}")
     rows = [{"name": name, "states": states, "lost": lost} for name, (states, lost) in counts.items()]
     lines = [f"{row['name']}: {row['states']} states, {row['lost']} lost" for row in rows]
-    answer(as_json, {"file": file, "arms": rows}, *lines, f"recorded in {file}")
+    answer({"file": file, "arms": rows}, *lines, f"recorded in {file}")
 
 
 @fleet.command(short_help="Play a motion on several arms, with a common start.")
@@ -373,7 +355,6 @@ def play(
     dry_run: bool,
     max_doubt: float,
     router: Network | None,
-    as_json: bool,
 ) -> None:
     """Play a recording (.mcap) or waypoints (.json) on several arms, with a common start time.
 
@@ -400,13 +381,13 @@ def play(
                 take=take,
                 dry_run=dry_run,
                 most_doubt=max_doubt / 1000,
-                tell=note if as_json else functools.partial(say, flush=True),
+                tell=note if wants_json() else functools.partial(say, flush=True),
                 shield=shielded,
             )
         except KeyboardInterrupt:
             note("stop sent to all arms; 'hexwire --port zenoh:NAME resume' ends a stop")
             raise
-    _tell(report, arms, dry_run, as_json)
+    _tell(report, arms, dry_run)
 
 
 def _pairs(words: tuple[str, ...]) -> dict[str, str]:
@@ -452,32 +433,37 @@ def _arms(patterns: tuple[str, ...], router: Network | None) -> set[str]:
     return found
 
 
-def _tell(report: PlayReport, arms: list[str], dry_run: bool, as_json: bool) -> None:
-    if as_json:
-        rows: list[dict[str, Any]] = [
-            {
-                "name": name,
-                "moved_s": row.moved,
-                "clock_uncertainty_s": row.doubt,
-                "time_kept_by": row.kept_by,
-                "start_uncertainty_s": row.doubt + row.late,
-                "stalls": row.slips,
-                "off": row.off,
-            }
-            for name, row in report.arms.items()
-        ]
+def _played_words(arm: tuple[str, Played]) -> str:
+    name, row = arm
+    moved = "did not move" if math.isnan(row.moved) else f"moved {1000 * row.moved:.1f} ms after the start"
+    stalls = f", {row.slips} stalls" if row.slips else ""
+    off = f"; arrived, {row.off}" if row.off else ""
+    to = f"start known to {1000 * (row.doubt + row.late):.2f} ms, time kept by its {_KEEPERS[row.kept_by]}"
+    return f"{name}: {moved}, {to}{stalls}{off}"
+
+
+_PLAYED: RowType[tuple[str, Played]] = RowType(
+    Column("name", get=lambda arm: arm[0]),
+    Column("moved_s", get=lambda arm: arm[1].moved),
+    Column("clock_uncertainty_s", get=lambda arm: arm[1].doubt),
+    Column("time_kept_by", get=lambda arm: arm[1].kept_by),
+    Column("start_uncertainty_s", get=lambda arm: arm[1].doubt + arm[1].late),
+    Column("stalls", get=lambda arm: arm[1].slips),
+    Column("off", get=lambda arm: arm[1].off),
+    words=_played_words,
+)
+
+
+def _tell(report: PlayReport, arms: list[str], dry_run: bool) -> None:
+    if wants_json():
         figures = {"duration_s": report.duration, "dry_run": dry_run, "skew_s": report.skew}
+        rows = [_PLAYED.as_json(arm) for arm in report.arms.items()]
         print_json({**figures, "starts_within_s": report.apart, "arms": rows})
         return
     if dry_run:
         say(f"{', '.join(arms)}: the motion of {report.duration:.2f} s is allowed; nothing moved")
         return
-    for name, row in report.arms.items():
-        moved = "did not move" if math.isnan(row.moved) else f"moved {1000 * row.moved:.1f} ms after the start"
-        stalls = f", {row.slips} stalls" if row.slips else ""
-        off = f"; arrived, {row.off}" if row.off else ""
-        to = f"start known to {1000 * (row.doubt + row.late):.2f} ms, time kept by its {_KEEPERS[row.kept_by]}"
-        say(f"{name}: {moved}, {to}{stalls}{off}")
+    _PLAYED.tell(report.arms.items())
     words = f"played {report.duration:.2f} s on {len(arms)} arm{'' if len(arms) == 1 else 's'}"
     if math.isfinite(report.skew):
         words += f"; first movements within {1000 * report.skew:.1f} ms (clocks: {1000 * report.doubt:.2f} ms)"

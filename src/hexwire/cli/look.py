@@ -1,6 +1,6 @@
-"""`ping`, `probe`, `ports`, `state` and `registers`: what answers, and how it is. Nothing moves.
+"""What answers, how it is and where: `ping`, `probe`, `ports`, `state`, `registers`, `tip`, `limits`, `poses`.
 
-Owns the presentation of the answers. Must not know how they are obtained.
+Nothing moves. Owns the presentation of the answers. Must not know how they are obtained.
 """
 
 from __future__ import annotations
@@ -13,20 +13,36 @@ from typing import TYPE_CHECKING
 import click
 
 from hexwire.errors import UsageError
-from hexwire.units import plain
+from hexwire.units import decimal, plain
 
 from .channel import all_option, probe_all
 from .exits import note
-from .options import RobotOptions, is_typed, json_option, number_option, on_terminal, open_robot, robot_options
-from .output import print_json, say, say_table, with_unit
+from .options import (
+    RobotOptions,
+    attached,
+    is_typed,
+    json_option,
+    links_option,
+    make_robot,
+    make_robot_with,
+    number_option,
+    on_terminal,
+    open_robot,
+    refuse_idle_force,
+    robot_options,
+    unit_of,
+)
+from .output import Column, RowType, answer, print_json, say, say_table, wants_json, with_unit
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import ProbeReport, RobotDriver
+    from hexwire.drivers.values import JointProbe
     from hexwire.link.ports import PortInfo
-    from hexwire.model.arm import ArmModel
+    from hexwire.model.arm import ArmModel, JointModel
     from hexwire.model.state import JointReading, JointState
+    from hexwire.wire.registers import Register
 
-__all__ = ["ping", "ports", "probe", "registers", "state", "state_json"]
+__all__ = ["joint_json", "limits", "ping", "ports", "poses", "probe", "registers", "state", "state_json", "tip"]
 
 _LOOK = 0.25
 """Seconds between two looks at the ports."""
@@ -48,45 +64,58 @@ class _Ping:
         return f"{name}: {', '.join(self.faults) or 'ok'}{trip}"
 
 
+_PINGS: RowType[_Ping] = RowType(
+    Column("servo_id"), Column("joint"), Column("present"), Column("faults"), Column("round_trip_s")
+)
+
+
 @click.command()
 @click.argument("ids", metavar="[ID]...", nargs=-1, type=click.IntRange(0, 253))
 @robot_options
 @json_option
-def ping(ids: tuple[int, ...], options: RobotOptions, as_json: bool) -> None:
+def ping(ids: tuple[int, ...], options: RobotOptions) -> None:
     """Check which servos answer: all servos of the robot, or those with the given bus IDs."""
     from hexwire.control.loop.reader import raise_if_silent
+
+    with open_robot(options) as robot:
+        wanted = ids or [joint.servo_id for joint in robot.model.joints]
+        pings = _PINGS.tell(_ping(robot, servo_id) for servo_id in wanted)
+    raise_if_silent([(row.servo_id, row.joint) for row in pings if not row.present])
+
+
+def _ping(robot: RobotDriver, servo_id: int) -> _Ping:
     from hexwire.model.state import fault_names
 
-    pings = []
-    with open_robot(options) as robot:
-        for servo_id in ids or [joint.servo_id for joint in robot.model.joints]:
-            error = robot.ping(servo_id)
-            joint = robot.model.by_servo(servo_id)
-            there = error is not None
-            trip = robot.round_trips[-1] if there and robot.round_trips else None
-            row = _Ping(servo_id, joint.name if joint else None, there, fault_names(error or 0), trip)
-            pings.append(row)
-            if not as_json:
-                say(row, flush=True)
-    if as_json:
-        print_json([asdict(row) for row in pings])
-    raise_if_silent([(row.servo_id, row.joint) for row in pings if not row.present])
+    error = robot.ping(servo_id)
+    joint = robot.model.by_servo(servo_id)
+    there = error is not None
+    trip = robot.round_trips[-1] if there and robot.round_trips else None
+    return _Ping(servo_id, joint.name if joint else None, there, fault_names(error or 0), trip)
+
+
+_JOINTS: RowType[JointProbe] = RowType(
+    Column("name", "joint"),
+    Column("servo_id", "servo"),
+    Column("series", "series"),
+    Column("present", "present", text=lambda joint: "yes" if joint.present else "NO ANSWER"),
+    Column("remarks", "", text=lambda joint: joint.remarks),
+)
 
 
 @click.command()
 @all_option
 @robot_options
 @json_option
-def probe(everybody: bool, options: RobotOptions, as_json: bool) -> None:
+def probe(everybody: bool, options: RobotOptions) -> None:
     """Show the identity and condition of the board and its servos."""
     if everybody:
-        probe_all(options, as_json)
+        probe_all(options)
         return
     from hexwire.control.loop.reader import raise_if_silent
 
     with open_robot(options) as robot:
         report = robot.probe()
-    if as_json:
+    if wants_json():
         print_json(asdict(report))
     else:
         _say_report(report)
@@ -105,32 +134,35 @@ def _say_report(report: ProbeReport) -> None:
         ("state", "in maintenance: servo settings may be written, nothing moves" if report.maintenance else ""),
     ]
     say(*(f"{name:9} {value}" for name, value in facts if value), "")
-    rows = [
-        (j.name, str(j.servo_id), j.series, "yes" if j.present else "NO ANSWER", j.remarks) for j in report.joints
-    ]
-    say_table(("joint", "servo", "series", "present", ""), rows)
+    _JOINTS.show(report.joints)
     counted = [f"{name.replace('_', ' ')} {count}" for name, count in report.counters.items() if count]
     say("", "counters  " + (", ".join(counted) or "all 0"))
+
+
+_PORTS: RowType[PortInfo] = RowType(
+    Column("device", "device"),
+    *map(Column, ("vid", "pid", "serial_number", "description", "guess", "likely_board", "likely_adapter")),
+    Column("usb_id", "usb id", lambda port: port.usb_id or None),
+    Column("", "probably", text=lambda port: port.guess),
+    Column("", "board?", text=lambda port: "yes" if port.likely_board else ""),
+)
 
 
 @click.command()
 @click.option("--find", is_flag=True, help="Name a port by unplugging its cable and plugging it in again.")
 @number_option("--timeout", "SECONDS", "With --find: how long to wait.", above=0, default=60.0)
 @json_option
-def ports(find: bool, timeout: float, as_json: bool) -> None:
+def ports(find: bool, timeout: float) -> None:
     """List serial ports and the devices they probably belong to."""
     from hexwire.link.ports import list_ports
 
     if is_typed("timeout") and not find:
         raise UsageError("--timeout is for --find")
     found = _unplugged(timeout) if find else list_ports()
-    if as_json:
-        print_json([asdict(port) | {"usb_id": port.usb_id or None} for port in found])
-    elif not found:
-        note("no serial port on this machine; 'hexwire sim board' creates one with an emulated board")
+    if found or wants_json():
+        _PORTS.show(found)
     else:
-        rows = [(p.device, p.usb_id or "-", p.guess, "yes" if p.likely_board else "") for p in found]
-        say_table(("device", "usb id", "probably", "board?"), rows)
+        note("no serial port on this machine; 'hexwire sim board' creates one with an emulated board")
 
 
 def _unplugged(timeout: float) -> list[PortInfo]:
@@ -159,22 +191,18 @@ def _unplugged(timeout: float) -> list[PortInfo]:
 @number_option("--rate", "HZ", "With --watch, the update rate.", above=0, default=5.0)
 @robot_options
 @json_option
-def state(watch: bool, rate: float, options: RobotOptions, as_json: bool) -> None:
+def state(watch: bool, rate: float, options: RobotOptions) -> None:
     """Show all joints, once or live."""
     from hexwire.control.loop.reader import raise_if_silent
     from hexwire.model.state import COLUMNS
 
     with open_robot(options) as robot:
         if watch:
-            _watch(robot, rate, as_json)
+            _watch(robot, rate)
         else:
             joints = robot.read()
-            if as_json:
-                print_json(state_json(joints, robot.model))
-            else:
-                say_table(COLUMNS, [joint.cells for joint in joints])
-                for line in joints.remarks:
-                    say(line)
+            say_table(COLUMNS, [joint.cells for joint in joints])
+            answer(state_json(joints, robot.model), *joints.remarks)
             raise_if_silent([(robot.model.joint(name).servo_id, name) for name in joints.silent])
 
 
@@ -216,12 +244,12 @@ def state_json(state: JointState, model: ArmModel) -> dict[str, object]:
     }
 
 
-def _watch(robot: RobotDriver, rate: float, as_json: bool) -> None:
+def _watch(robot: RobotDriver, rate: float) -> None:
     from hexwire.control.loop.loop import RateLoop
     from hexwire.model.state import COLUMNS, condition
 
     ticks = RateLoop(rate).ticks()
-    if as_json:
+    if wants_json():
         for _ in ticks:
             print_json(state_json(robot.read(), robot.model), one_line=True)
     elif not on_terminal():
@@ -246,12 +274,28 @@ def _watch(robot: RobotDriver, rate: float, as_json: bool) -> None:
                 screen.update(Group(table, *said, foot), refresh=True)
 
 
+_REGISTERS: RowType[tuple[Register, int]] = RowType(
+    Column("register", get=lambda row: row[0].name),
+    Column("address", "address", lambda row: row[0].address),
+    Column("", "register", text=lambda row: row[0].name),
+    Column("raw", "raw", lambda row: row[1]),
+    Column(
+        "value",
+        "value",
+        lambda row: row[0].to_si(row[1]),
+        text=lambda row: with_unit(row[0].to_si(row[1]), row[0].si_unit),
+    ),
+    Column("unit", get=lambda row: row[0].si_unit),
+    keys=2,
+)
+
+
 @click.command()
 @click.argument("joint", metavar="JOINT")
 @click.argument("names", metavar="[REGISTER]...", nargs=-1)
 @robot_options
 @json_option
-def registers(joint: str, names: tuple[str, ...], options: RobotOptions, as_json: bool) -> None:
+def registers(joint: str, names: tuple[str, ...], options: RobotOptions) -> None:
     """Show the registers of a joint's servo behind a board: all of them, or those that are named.
 
     The board reads the whole table by one request. For servos on a bus adapter use 'hexwire bus read'.
@@ -265,15 +309,82 @@ def registers(joint: str, names: tuple[str, ...], options: RobotOptions, as_json
         first = min(register.address for register in wanted)
         end = max(register.address + register.size for register in wanted)
         table = robot.read_table(row.name, first, end - first)
-    data, rows = [], []
-    for register in wanted:
-        at = register.address - first
-        raw = register.decode(table[at : at + register.size])
-        value = register.to_si(raw)
-        data.append({"register": register.name, "address": register.address, "raw": raw, "value": value})
-        data[-1]["unit"] = register.si_unit
-        rows.append((str(register.address), register.name, str(raw), with_unit(value, register.si_unit)))
-    if as_json:
+    rows = [(register, register.decode(table[register.address - first :][: register.size])) for register in wanted]
+    if wants_json():
+        data = [_REGISTERS.as_json(found) for found in rows]
         print_json({"joint": row.name, "servo": row.servo_id, "series": series.value, "registers": data})
     else:
-        say_table(("address", "register", "raw", "value"), rows, keys=2)
+        _REGISTERS.show(rows)
+
+
+@click.command()
+@links_option
+@robot_options
+@json_option
+def tip(links: str, options: RobotOptions) -> None:
+    """Show where the tip of the tool is, and where the tool points, in the units and angles of `hexwire goto`."""
+    from hexwire.arm.verbs import Arm
+
+    robot = make_robot_with(links, options)
+    with attached(robot):
+        found = Arm(robot).tip
+    rpy = [math.degrees(angle) for angle in found.rpy]
+    tilt = None if found.pitch_roll is None else [math.degrees(angle) for angle in found.pitch_roll]
+    unit = unit_of(robot.model.name)
+    name, digits = ("mm", 1) if unit == 1e-3 else ("m", 4)
+    place = " ".join(plain(value / unit, digits) for value in found.position)
+    aim = "rpy " + " ".join(plain(angle, 1) for angle in rpy)
+    if tilt is not None:
+        aim = f"pitch {plain(tilt[0], 1)}, roll {plain(tilt[1], 1)}"
+    data = {"position_m": found.position, "rpy_deg": rpy, "pitch_roll_deg": tilt}
+    answer(data, f"{place} {name}, {aim} deg")
+
+
+_LIMITS: RowType[JointModel] = RowType(
+    Column("name", "joint"),
+    Column("minimum_deg", "from deg", lambda joint: math.degrees(joint.minimum), 1),
+    Column("maximum_deg", "to deg", lambda joint: math.degrees(joint.maximum), 1),
+    Column("speed_deg_per_s", "deg/s", lambda joint: math.degrees(joint.max_speed), 1),
+    Column("acceleration_deg_per_s2", "deg/s2", lambda joint: math.degrees(joint.max_acceleration), 1),
+)
+
+
+@click.command()
+@robot_options
+@json_option
+def limits(options: RobotOptions) -> None:
+    """Show how far and how fast each joint may move."""
+    from hexwire.arm.verbs import Arm
+
+    _LIMITS.show(list(Arm(make_robot(options)).limits.values()))
+
+
+@click.command()
+@click.option("--save", metavar="NAME", help="Save where the joints are now.")
+@click.option("--delete", metavar="NAME", help="Delete a pose.")
+@click.option("--force", is_flag=True, help="With --save, replace a pose of that name.")
+@robot_options
+@json_option
+def poses(save: str | None, delete: str | None, force: bool, options: RobotOptions) -> None:
+    """List the poses of this kind of arm, to which `hexwire move` and `goto` go by name; save or delete one."""
+    from hexwire.arm.verbs import Arm
+    from hexwire.control.requests.pose_file import PoseFile, check_pose_name, refuse_taken
+
+    if save is not None and delete is not None:
+        raise UsageError("--save and --delete contradict each other")
+    if save is None:
+        refuse_idle_force(force, "a pose of --save")
+    robot = make_robot(options)
+    arm = Arm(robot)
+    if save is not None:
+        refuse_taken(check_pose_name(save), () if force else arm.poses, "--force replaces it")
+        with attached(robot):
+            arm.poses.save(save, force=force)
+    elif delete is not None:
+        PoseFile(robot.model).remove(delete)
+    degrees = {name: {joint: math.degrees(a) for joint, a in arm.poses[name].items()} for name in arm.poses}
+    lines = [
+        f"{name}: " + " ".join(f"{j}={decimal(a)}" for j, a in angles.items()) for name, angles in degrees.items()
+    ]
+    if degrees or wants_json():
+        answer(degrees, *lines)

@@ -19,8 +19,8 @@ import click
 
 from hexwire.errors import ConfigError, LimitError, UsageError
 from hexwire.inputs import LARGEST_TEXT, Item, parse_json, read_bytes, read_stream, read_text
-from hexwire.model.arms import arm_with_geometry, arms_with_geometry, record_of
-from hexwire.model.geometry import kinematics_for, make_kinematics
+from hexwire.model.arms import arm_with_geometry, arms_with_geometry
+from hexwire.model.geometry import make_kinematics
 from hexwire.new_file import OutputFile
 from hexwire.units import decimal, plain
 
@@ -28,21 +28,19 @@ from .options import (
     DEFAULT_ROBOT,
     FiniteFloat,
     NumbersCommand,
-    RobotOptions,
     force_option,
     json_option,
     links_option,
-    make_robot,
     refuse_idle_force,
+    unit_of,
 )
-from .output import line_width, print_json, say, say_document, say_table
+from .output import Column, RowType, answer, line_width, print_json, say, say_document, say_table, wants_json
 
 if TYPE_CHECKING:
-    from hexwire.drivers.base import RobotDriver
     from hexwire.model.kinematics import KinematicModel, Solution
     from hexwire.model.pose import Vector
 
-__all__ = ["make_robot_with", "model", "unit_of"]
+__all__ = ["model"]
 
 DEGREES = FiniteFloat("degrees")
 _OFF = math.radians(1.0)
@@ -50,20 +48,6 @@ _OFF = math.radians(1.0)
 _MOST = 1e6
 """Millimetres beyond the reach of any arm."""
 _ANGLES = "T0 T1 T2 T3 T4 [T5]"
-
-
-def unit_of(robot: str) -> float:
-    """Metres in the unit of a robot's coordinates."""
-    record = record_of(robot)
-    return 1e-3 if record is None else record.unit
-
-
-def make_robot_with(links: str, options: RobotOptions) -> RobotDriver:
-    """As `make_robot`; the geometry of a 7Bot has a link set as in `make_kinematics`."""
-    robot = make_robot(options)
-    if links != "A" and (geometry := kinematics_for(robot.model, links)) is not None:
-        robot.kinematics = geometry
-    return robot
 
 
 def _robot_option(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -93,14 +77,13 @@ def model() -> None:
 @links_option
 @_robot_option
 @json_option
-def fk(angles: tuple[float, ...], links: str, robot: str, as_json: bool) -> None:
+def fk(angles: tuple[float, ...], links: str, robot: str) -> None:
     """Compute the tool pose for joint angles: five for an SO-100 or SO-101, otherwise six."""
     arm = make_kinematics(robot, links)
     _check_count(arm, angles)
     report = _pose_report(arm, angles)
-    if as_json:
+    if wants_json():
         print_json(report)
-        return
     for key, value in report.items():
         if key == "rotation":
             for name, row in zip(("rotation", "", ""), value, strict=True):
@@ -166,6 +149,16 @@ def _pose_report(arm: KinematicModel, degrees: Sequence[float]) -> dict[str, Any
     return report
 
 
+_SOLUTIONS: RowType[Solution] = RowType(
+    Column("angles_deg", get=lambda row: [math.degrees(angle) for angle in row.angles]),
+    Column("branch", "branch"),
+    Column("allowed"),
+    Column("violations", get=lambda row: list(row.violations)),
+    Column("singular"),
+    Column("", "", text=lambda row: _short(row.violations)),
+)
+
+
 @model.command(cls=NumbersCommand)
 @click.argument("place", nargs=-1, metavar="X Y Z | FILE | -")
 @click.option(
@@ -191,7 +184,6 @@ def ik(
     wrist: bool,
     links: str,
     robot: str,
-    as_json: bool,
 ) -> None:
     """Compute all joint angles that put the tool at a pose.
 
@@ -207,24 +199,11 @@ def ik(
     with _named(place[0] if pose_file is not None else ""):
         arm = make_kinematics(robot, links)
         solutions = _solve(arm, place, _Turn(rotation, rpy, pitch, roll), wrist, pose_file)
-    if as_json:
-        rows = [
-            {
-                "angles_deg": [math.degrees(a) for a in s.angles],
-                "branch": s.branch,
-                "allowed": s.allowed,
-                "violations": list(s.violations),
-                "singular": s.singular,
-            }
-            for s in solutions
-        ]
-        print_json({"robot": arm.name, "solutions": rows})
-        return
+    if wants_json():
+        print_json({"robot": arm.name, "solutions": [_SOLUTIONS.as_json(row) for row in solutions]})
     names = [r.name for r in arm.ranges][: len(solutions[0].angles)]
-    cells: list[tuple[str, ...]] = [
-        (*(plain(math.degrees(a), 4) for a in s.angles), s.branch, _short(s.violations)) for s in solutions
-    ]
-    head: tuple[str, ...] = (*names, "branch", "")
+    head = (*names, *_SOLUTIONS.titles)
+    cells = [(*(plain(math.degrees(a), 4) for a in s.angles), *_SOLUTIONS.cells(s)) for s in solutions]
     if line_width() is not None:
         # A number identifies the parts of a row if the terminal is too narrow for all columns.
         head, cells = ("no", *head), [(str(i), *row) for i, row in enumerate(cells, start=1)]
@@ -334,7 +313,7 @@ def _numbers_of(item: Item, n: int) -> list[float]:
 @links_option
 @_robot_option
 @json_option
-def check(angles: tuple[float, ...], links: str, robot: str, as_json: bool) -> None:
+def check(angles: tuple[float, ...], links: str, robot: str) -> None:
     """Check joint angles against all limits, and show their distance from singularities.
 
     Exit status 2 if they are not allowed.
@@ -344,23 +323,20 @@ def check(angles: tuple[float, ...], links: str, robot: str, as_json: bool) -> N
     radians = [math.radians(d) for d in angles]
     found = arm.violations(radians)
     singular = arm.singularity(radians)
-    if as_json:
-        print_json(
-            {
-                "allowed": not found,
-                "violations": list(found),
-                "singularity": dict(singular.measures),
-                "near_singularity": list(singular.near),
-                "manipulability_m3": singular.manipulability,
-            }
-        )
-    else:
-        for name, value in singular.measures.items():
-            say(f"{name:10} {plain(value, 3)}{'  near a singularity' if name in singular.near else ''}")
+    data = {
+        "allowed": not found,
+        "violations": list(found),
+        "singularity": dict(singular.measures),
+        "near_singularity": list(singular.near),
+        "manipulability_m3": singular.manipulability,
+    }
+    lines = [
+        f"{name:10} {plain(value, 3)}{'  near a singularity' if name in singular.near else ''}"
+        for name, value in singular.measures.items()
+    ]
+    answer(data, *lines, *(() if found else ("allowed",)))
     if found:
         raise LimitError("; ".join(found))
-    if not as_json:
-        say("allowed")
 
 
 @model.command()

@@ -1,7 +1,7 @@
-"""`goto`, `line`, `play` and `teach`: motions to poses, and recordings.
+"""`move`, `goto`, `line`, `play` and `teach`: motions to angles and poses, and recordings.
 
-Owns how a user types a motion: places, names of saved poses, where the tool is to point, and their units. Must not
-know how a motion is planned, checked or run.
+Owns how a user types a motion: targets, places, names of saved poses, where the tool is to point, and their units.
+Must not know how a motion is planned, checked or run, nor what is told of it.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import functools
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -23,27 +23,30 @@ from hexwire.model.geometry import make_kinematics
 from hexwire.units import decimal
 
 from .exits import note, shielded
-from .model import make_robot_with, unit_of
-from .move import known_poses
 from .options import (
     FiniteFloat,
     NumbersCommand,
     RobotOptions,
     arm_option,
+    attached,
     confirm,
     force_option,
     host_timed_option,
     is_number,
     json_option,
     links_option,
+    make_robot_with,
     number_option,
+    on_terminal,
     open_robot,
     parse_opening,
     refuse_idle_force,
+    refuse_idle_table,
     robot_options,
     table_options,
+    unit_of,
 )
-from .output import answer
+from .output import answer, wants_json
 from .plot import open_picture
 
 if TYPE_CHECKING:
@@ -51,6 +54,7 @@ if TYPE_CHECKING:
     from hexwire.control.motion.motion_result import MotionResult
     from hexwire.control.motion.via import Place
     from hexwire.drivers.base import RobotDriver
+    from hexwire.model.arm import ArmModel
     from hexwire.model.kinematics import KinematicModel
     from hexwire.model.pose import Vector
     from hexwire.motion.teach import Taught
@@ -63,6 +67,8 @@ __all__ = [
     "Point",
     "goto",
     "line",
+    "move",
+    "parse_targets",
     "play",
     "points_argument",
     "points_words",
@@ -71,6 +77,8 @@ __all__ = [
     "to_points",
 ]
 
+_GRACE = 2.0
+"""Seconds after the duration of the move in which the joints must arrive: servos settle, and lag under load."""
 _INSIDE = 3.0
 """No tip comes that near to the middle of its base, millimetres: somebody has given metres."""
 
@@ -221,7 +229,6 @@ def _motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
         rate: float | None,
         host_timed: bool,
         let_finish: bool,
-        as_json: bool,
         **rest: Any,
     ) -> Any:
         from .verbs import RunOptions
@@ -230,7 +237,7 @@ def _motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
         with _picture(plot, rest["force"], rest.get("save")) as picture:
             if "save" not in rest:
                 del rest["force"]
-            run = RunOptions(table, picture, dry_run, rate, as_json, host_timed, let_finish)
+            run = RunOptions(table, picture, dry_run, rate, host_timed, let_finish)
             return command(*args, run=run, **rest)
 
     packed = json_option(force_option(given))
@@ -256,6 +263,112 @@ def _picture(plot: str | None, force: bool, save: str | None) -> Iterator[Output
         return
     with open_picture(plot, force=force) as picture:
         yield picture
+
+
+@click.command()
+@click.argument("targets", metavar="{JOINT=DEGREES | POSE}...", nargs=-1, required=True)
+@number_option(
+    "--duration",
+    "SECONDS",
+    "Duration of the motion; longer if a speed limit requires it.",
+    minimum=0,
+    default=1.0,
+)
+@click.option("--wait", is_flag=True, help="Wait until the joints have arrived; Ctrl-C stops the arm.")
+@number_option("--tolerance", "DEGREES", "With --wait, how near counts as arrived.", above=0, default=1.0)
+@click.option(
+    "--host-timed",
+    is_flag=True,
+    help="Send one target, to which each servo goes by itself, even if the board can keep the time.",
+)
+@table_options
+@links_option
+@robot_options
+@json_option
+def move(
+    targets: tuple[str, ...],
+    duration: float,
+    wait: bool,
+    tolerance: float,
+    host_timed: bool,
+    table: float | None,
+    links: str,
+    options: RobotOptions,
+) -> None:
+    """Move joints to angles in degrees, for example J1=10 J3=-5.5, or to a pose: home, or one saved by name.
+
+    Torque is first switched on for joints without it, which moves nothing. If the arm's geometry is known, a path
+    that violates the joint coupling limits or the table is refused.
+
+    A board with hexwire's firmware moves all joints together on a smooth path, in its own time; on other robots and
+    on a shared arm each servo goes to its target by itself.
+
+    With --wait, the board stops the arm if this program dies or hangs for a second. Without --wait, this program
+    ends at once, and the board completes the motion; only 'hexwire stop', or another command that moves the same
+    joints, ends it earlier. A board of dialect 1 and a servo bus have no watchdog: for these, --wait sends the
+    motion in short steps, so that the arm soon stops if this program dies.
+    """
+    from hexwire.arm.front import Front
+    from hexwire.arm.plans import joint_angles
+    from hexwire.arm.verbs import Arm
+    from hexwire.control.motion import motions
+
+    from .verbs import MoveTeller, hold_on_ctrl_c, progress_bar
+
+    angles = parse_targets([word for word in targets if "=" in word])
+    robot = make_robot_with(links, options)
+    poses = known_poses(robot.model, [word for word in targets if "=" not in word], "JOINT=DEGREES")
+    angles += [pair for pose in poses.values() for pair in pose.items()]
+    goal = joint_angles(robot.model, angles, within=True)
+    refuse_idle_table(robot)
+    how = motions.MotionOptions(tolerance=math.radians(tolerance), grace=_GRACE, host_timed=host_timed)
+    with ExitStack() as drawn:
+        told = MoveTeller(robot, drawn)
+        if wait and on_terminal() and not wants_json():
+            told.show = drawn.enter_context(progress_bar())
+        with attached(robot), hold_on_ctrl_c(robot):
+            Arm(robot, table=table, front=Front(told, how)).send(goal, duration=duration, wait=wait)
+
+
+def parse_targets(words: Sequence[str]) -> list[tuple[str, float]]:
+    """Parse targets such as ``J1=10``; returns pairs of name and radians.
+
+    Raises:
+        UsageError: A target is wrong; the text lists all of them on one line.
+    """
+    targets, wrong = [], []
+    for word in words:
+        name, equals, text = word.partition("=")
+        try:
+            angle = float(text)
+        except ValueError:
+            angle = math.nan
+        if not name or not equals or not math.isfinite(angle):
+            wrong.append(repr(word))
+        targets.append((name, math.radians(angle)))
+    if wrong:
+        raise UsageError(f"{', '.join(wrong)}: write a target as JOINT=DEGREES, for example J1=10 J3=-5.5")
+    return targets
+
+
+def known_poses(arm: ArmModel, names: Sequence[str], instead: str = "a number") -> dict[str, Mapping[str, float]]:
+    """The poses of these names: radians by joint.
+
+    Args:
+        arm: Whose poses.
+        names: Words that were typed.
+        instead: What else such a word may be, for the error.
+
+    Raises:
+        UsageError: There is no such pose.
+        ConfigError: The file of poses is damaged.
+    """
+    if not names:
+        return {}
+    from hexwire.control.requests.pose_file import PoseFile, find_pose
+
+    known = PoseFile(arm).known()
+    return {name: find_pose(arm, known, name, instead) for name in names}
 
 
 @click.command(cls=NumbersCommand)
@@ -445,7 +558,7 @@ def play(
         last = math.inf if end is None else end
         taught = edited(read_taught(file, arm), speed, begin, last, smooth, trim)
         if save is not None:
-            _save(taught, file, save, force, run.as_json)
+            _save(taught, file, save, force)
             return
         path = taught.trajectory()
     robot = make_robot_with(links, options)
@@ -480,7 +593,6 @@ def teach(
     yes: bool,
     force: bool,
     options: RobotOptions,
-    as_json: bool,
 ) -> None:
     """Record the motion of an arm that is guided by hand, for `hexwire play`.
 
@@ -511,14 +623,14 @@ def teach(
                 note(f"{recording.count} states are kept in {file}")
             raise
     words = f"{recording.count} states in {file}" + ("" if limp else "; the arm holds")
-    answer(as_json, {"states": recording.count, "file": file, "holds": not limp}, words)
+    answer({"states": recording.count, "file": file, "holds": not limp}, words)
 
 
 def _geometry_of(robot: RobotDriver) -> KinematicModel:
     return robot.kinematics or make_kinematics(robot.model.name)
 
 
-def _save(taught: Taught, file: str, save: str, force: bool, as_json: bool) -> None:
+def _save(taught: Taught, file: str, save: str, force: bool) -> None:
     from hexwire.trace.recording import RecordingWriter, check_recording_name, make_positions
 
     check_recording_name(save)
@@ -529,4 +641,4 @@ def _save(taught: Taught, file: str, save: str, force: bool, as_json: bool) -> N
         for t, row in zip(taught.times, taught.rows, strict=True):
             recording.joint_state(make_positions(taught.names, row), begin + t)
     data = {"states": recording.count, "duration_s": taught.duration, "file": save}
-    answer(as_json, data, f"{recording.count} states, {taught.duration:.2f} s in {save}")
+    answer(data, f"{recording.count} states, {taught.duration:.2f} s in {save}")

@@ -22,6 +22,7 @@ from hexwire.errors import UsageError
 from hexwire.model.gripper import OPENINGS
 
 from .exits import note
+from .output import printing_json
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -44,7 +45,9 @@ __all__ = [
     "is_typed",
     "json_option",
     "line_options",
+    "links_option",
     "make_robot",
+    "make_robot_with",
     "name_of",
     "number_option",
     "numbers_argument",
@@ -61,6 +64,7 @@ __all__ = [
     "robot_options",
     "router_options",
     "table_options",
+    "unit_of",
 ]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
@@ -415,6 +419,24 @@ def make_robot(options: RobotOptions) -> RobotDriver:
     return make_driver(url, options.robot, prepare=prepare, **given)
 
 
+def make_robot_with(links: str, options: RobotOptions) -> RobotDriver:
+    """As `make_robot`; the geometry of a 7Bot has a link set as in `make_kinematics`."""
+    from hexwire.model.geometry import kinematics_for
+
+    robot = make_robot(options)
+    if links != "A" and (geometry := kinematics_for(robot.model, links)) is not None:
+        robot.kinematics = geometry
+    return robot
+
+
+def unit_of(robot: str) -> float:
+    """Metres in the unit of a robot's coordinates."""
+    from hexwire.model.arms import record_of
+
+    record = record_of(robot)
+    return 1e-3 if record is None else record.unit
+
+
 def _unchanged(driver: type[_R]) -> type[_R]:
     return driver
 
@@ -546,7 +568,15 @@ def refuse_idle_force(force: bool, words: str) -> None:
         raise UsageError(f"--force applies only to {words}, and none is given; it lifts no limit")
 
 
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
+def json_option(command: Callable[..., Any], words: str = "Print JSON for programs.") -> Callable[..., Any]:
+    """``--json``; while the command runs, `output` prints JSON only."""
+
+    @functools.wraps(command)
+    def packed(*args: Any, as_json: bool, **rest: Any) -> Any:
+        with printing_json(as_json):
+            return command(*args, **rest)
+
+    return click.option("--json", "as_json", is_flag=True, help=words)(packed)
 
 
 def on_terminal() -> bool:

@@ -1,8 +1,9 @@
 """All output of the command line.
 
-Owns the format of lines, tables and JSON, and makes external text (names in files, strings of devices, file names,
-errors that quote them) harmless to a terminal: unprintable characters are shown as their code. Must not know any
-one command. Live views are in `draw`, which cleans its text here.
+Owns the format of lines, tables and JSON: a command describes its rows once, as a `RowType`. With ``--json``,
+standard output has nothing but JSON, and what is said to people is left out. External text (names in files, strings
+of devices, file names, errors that quote them) is harmless to a terminal: unprintable characters are shown as their
+code. Must not know any one command. Live views are in `draw`, which cleans its text here.
 """
 
 from __future__ import annotations
@@ -13,22 +14,31 @@ import re
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
-from typing import IO
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import IO, Any, Generic, TypeVar
 
 from hexwire.units import decimal, plain
 
 __all__ = [
+    "DEGREES",
+    "Column",
+    "RowType",
     "answer",
     "folded",
     "format_table",
     "line_width",
     "print_json",
+    "printing_json",
     "say",
     "say_document",
+    "say_finding",
     "say_table",
     "shown",
     "split_columns",
+    "wants_json",
     "with_unit",
     "write",
 ]
@@ -41,6 +51,27 @@ _PAIR = re.compile(r"(?<! )\S+ -?[0-9.]+(?= |$)")
 _TIE = "\0"
 """Placeholder for a space at which a line must not be folded; it never occurs in text from `shown`."""
 _SHORT = {"\n": "\\n", "\r": "\\r", "\t": "\\t"}
+DEGREES = math.degrees(1.0)
+"""Scale of a `Column` that shows radians in degrees."""
+_R = TypeVar("_R")
+_for_programs = False
+"""Whether the command prints JSON: as standard output itself, one for all threads."""
+
+
+@contextmanager
+def printing_json(on: bool) -> Iterator[None]:
+    """In this context, standard output has JSON only, if `on`: `say` and its like print nothing."""
+    global _for_programs
+    before, _for_programs = _for_programs, on
+    try:
+        yield
+    finally:
+        _for_programs = before
+
+
+def wants_json() -> bool:
+    """Whether standard output is for a program, see `printing_json`."""
+    return _for_programs
 
 
 def shown(text: str) -> str:
@@ -85,12 +116,14 @@ def write(stream: IO[str], text: str, *, flush: bool = False) -> None:
 
 
 def say(*lines: object, flush: bool = False) -> None:
-    """Print lines, each folded between words to the terminal's width; without any, an empty line.
+    """Print lines, each folded between words to the terminal's width; without any, an empty line. Not with JSON.
 
     Args:
         lines: The lines. A line break inside one is shown as its code.
         flush: Flush the output at once.
     """
+    if wants_json():
+        return
     width = line_width()
     out = [part for line in lines or ("",) for part in folded(shown(str(line)), width)]
     write(sys.stdout, "\n".join(out) + "\n", flush=flush)
@@ -101,9 +134,24 @@ def say_document(text: str) -> None:
     write(sys.stdout, "".join(f"{shown(line)}\n" for line in text.removesuffix("\n").split("\n")), flush=True)
 
 
+def say_finding(level: str, text: str, advice: str) -> None:
+    """Print what a check has found, and what to do about it.
+
+    Args:
+        level: ok, hint, bad or unknown.
+        text: The finding.
+        advice: Empty if there is none.
+    """
+    mark = {"bad": "BAD", "unknown": "?"}.get(level, level)
+    say(f"{mark:4}  {text}")
+    if advice:
+        say(f"      -> {advice}")
+
+
 def say_table(head: Sequence[str], rows: Sequence[Sequence[str]], *, keys: int = 1, flush: bool = False) -> None:
-    """Print a table; see `format_table`."""
-    write(sys.stdout, format_table(head, rows, keys=keys, width=line_width()) + "\n", flush=flush)
+    """Print a table; see `format_table`. Not with JSON."""
+    if not wants_json():
+        write(sys.stdout, format_table(head, rows, keys=keys, width=line_width()) + "\n", flush=flush)
 
 
 def print_json(value: object, *, one_line: bool = False) -> None:
@@ -114,12 +162,100 @@ def print_json(value: object, *, one_line: bool = False) -> None:
     write(sys.stdout, text + "\n", flush=one_line)
 
 
-def answer(as_json: bool, value: object, *lines: str) -> None:
+def answer(value: object, *lines: str) -> None:
     """Print the result of a command: one JSON document for a program, or lines of text."""
-    if as_json:
+    if wants_json():
         print_json(value)
-    else:
+    elif lines:
         say(*lines)
+
+
+@dataclass(frozen=True, slots=True)
+class Column(Generic[_R]):
+    """One fact of a row: its key in JSON, its column in a table.
+
+    Attributes:
+        key: Key in JSON; empty if only people see it; ``**`` for a mapping whose items are keys of their own.
+        title: Title of the column; None if only programs see it.
+        get: Where the value is: an attribute of the row, perhaps of an attribute, or a function of the row. The
+            attribute named as the key if empty.
+        digits: Decimals of a number in the table.
+        scale: Factor of a number in the table, as 1000 for milliseconds.
+        text: The cell, from the row; the value in words if None: "-" for what is not known, "yes" or "no".
+    """
+
+    key: str
+    title: str | None = None
+    get: str | Callable[[_R], object] = ""
+    digits: int = 0
+    scale: float = 1.0
+    text: Callable[[_R], str] | None = None
+
+    def value(self, row: _R) -> object:
+        """The value for JSON."""
+        return self.get(row) if callable(self.get) else attrgetter(self.get or self.key)(row)
+
+    def cell(self, row: _R) -> str:
+        """The text in a table."""
+        if self.text is not None:
+            return self.text(row)
+        value = self.value(row)
+        if value is None or value == "":
+            return "-"
+        if isinstance(value, bool):
+            return "yes" if value else "no"
+        return plain(self.scale * value, self.digits) if isinstance(value, float) else str(value)
+
+
+class RowType(Generic[_R]):
+    """What a command prints of each of its things: JSON, table and line follow from the same columns.
+
+    Args:
+        columns: In the order of JSON and table.
+        keys: Number of leading columns that identify a row of the table.
+        words: A row as a line; `str` if none is given.
+    """
+
+    def __init__(self, *columns: Column[_R], keys: int = 1, words: Callable[[_R], str] = str) -> None:
+        self._columns, self._leading, self._words = columns, keys, words
+        self.titles = tuple(column.title for column in columns if column.title is not None)
+        """Titles of the table."""
+        self.keys = tuple(column.key for column in columns if column.key)
+        """Keys in JSON."""
+
+    def as_json(self, row: _R) -> dict[str, Any]:
+        """A row for JSON."""
+        made: dict[str, Any] = {}
+        for column in self._columns:
+            value = column.value(row) if column.key else None
+            made |= value if column.key == "**" and isinstance(value, Mapping) else {column.key: value}
+        made.pop("", None)
+        return made
+
+    def cells(self, row: _R) -> tuple[str, ...]:
+        """A row of the table."""
+        return tuple(column.cell(row) for column in self._columns if column.title is not None)
+
+    def show(self, rows: Sequence[_R]) -> None:
+        """Print all rows: a list for a program, or a table."""
+        if wants_json():
+            print_json([self.as_json(row) for row in rows])
+        else:
+            say_table(self.titles, [self.cells(row) for row in rows], keys=self._leading)
+
+    def tell(self, rows: Iterable[_R]) -> list[_R]:
+        """Print each row when it comes, as a line; for a program, a list of all at the end. Returns them."""
+        told = []
+        for row in rows:
+            told.append(row)
+            say(self._words(row), flush=True)
+        if wants_json():
+            print_json([self.as_json(row) for row in told])
+        return told
+
+    def answer(self, row: _R) -> None:
+        """Print the only row: an object for a program, or a line."""
+        answer(self.as_json(row), self._words(row))
 
 
 def _json_code(c: str) -> str:

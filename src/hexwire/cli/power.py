@@ -41,7 +41,7 @@ _KEPT = {"server": _KEPT_BY_SERVER, "user": _KEPT_HERE}
 @click.argument("joints", metavar="[JOINT]...", nargs=-1)
 @robot_options
 @json_option
-def torque(switch: str, joints: tuple[str, ...], options: RobotOptions, as_json: bool) -> None:
+def torque(switch: str, joints: tuple[str, ...], options: RobotOptions) -> None:
     """Switch the torque of all joints, or of the named joints, on or off.
 
     "on" moves nothing: the joints hold their position. After "off" the arm may sink or fall: hold it.
@@ -52,7 +52,7 @@ def torque(switch: str, joints: tuple[str, ...], options: RobotOptions, as_json:
     from .verbs import TorqueTeller
 
     with open_robot(options) as robot:
-        told = TorqueTeller(robot, f"torque {switch}", as_json)
+        told = TorqueTeller(robot, f"torque {switch}")
         Arm(robot, front=Front(told)).torque(switch == "on", *joints)
 
 
@@ -61,7 +61,7 @@ def torque(switch: str, joints: tuple[str, ...], options: RobotOptions, as_json:
 @all_option
 @robot_options
 @json_option
-def stop(torque_off: bool, everybody: bool, options: RobotOptions, as_json: bool) -> None:
+def stop(torque_off: bool, everybody: bool, options: RobotOptions) -> None:
     """Stop the arm at its present position and keep it stopped: nothing moves until `hexwire resume`.
 
     A board with hexwire's firmware latches the stop for every program. A dialect-1 board and a servo bus cannot:
@@ -69,7 +69,7 @@ def stop(torque_off: bool, everybody: bool, options: RobotOptions, as_json: bool
     do not use hexwire do not see it and can move the arm.
     """
     if everybody:
-        stop_all(options, torque_off=torque_off, as_json=as_json)
+        stop_all(options, torque_off=torque_off)
         return
     from hexwire.control.loop.power import Torques, require_confirmed
     from hexwire.drivers.base import StopMode
@@ -89,7 +89,7 @@ def stop(torque_off: bool, everybody: bool, options: RobotOptions, as_json: bool
             note(_KEPT.get(kept, _KEPT_NOT))
         missing = [name for name in robot.model.names if name not in confirmed]
         data = {"did": "stopped", "confirmed": confirmed, "missing": missing} | asdict(torques)
-        answer(as_json, data, f"stopped, {torques}")
+        answer(data, f"stopped, {torques}")
         require_confirmed(robot.model, robot.model.names, confirmed, "the stop")
 
 
@@ -97,20 +97,20 @@ def stop(torque_off: bool, everybody: bool, options: RobotOptions, as_json: bool
 @all_option
 @robot_options
 @json_option
-def resume(everybody: bool, options: RobotOptions, as_json: bool) -> None:
+def resume(everybody: bool, options: RobotOptions) -> None:
     """End a stop. The arm does not move, and torque that the stop switched off stays off.
 
     If a watchdog stopped the arm because the program that had armed it died, the watchdog is switched off as well.
     """
     if everybody:
-        resume_all(options, as_json)
+        resume_all(options)
         return
     from hexwire.arm.verbs import Arm
     from hexwire.model.state import JointFlag
 
     with open_robot(options) as robot:
         tripped = Arm(robot).resume()
-        if tripped and not as_json:
+        if tripped:
             say("the watchdog of the program that fell silent is now off")
         state = robot.read()
         unknown = [joint.name for joint in state if joint.flags & JointFlag.TORQUE_UNKNOWN]
@@ -121,7 +121,7 @@ def resume(everybody: bool, options: RobotOptions, as_json: bool) -> None:
             "torque_on": state.torque_on,
             "torque_unknown": unknown,
         }
-        answer(as_json, data, words + (f"; unknown: {' '.join(unknown)}" if unknown else ""))
+        answer(data, words + (f"; unknown: {' '.join(unknown)}" if unknown else ""))
 
 
 @click.command(cls=NumbersCommand)
@@ -129,7 +129,7 @@ def resume(everybody: bool, options: RobotOptions, as_json: bool) -> None:
 @number_option("--duration", "SECONDS", "Time from closed to open.", above=0, default=0.8)
 @robot_options
 @json_option
-def grip(how: str, duration: float, options: RobotOptions, as_json: bool) -> None:
+def grip(how: str, duration: float, options: RobotOptions) -> None:
     """Open or close the gripper, or open it to a percentage.
 
     Closing ends when the jaws hold an object, and keeps a little pressure on it. If the board has a watchdog, it
@@ -142,7 +142,7 @@ def grip(how: str, duration: float, options: RobotOptions, as_json: bool) -> Non
 
     opening = parse_opening(how)
     with open_robot(options) as robot, hold_on_ctrl_c(robot):
-        Arm(robot, front=Front(GripTeller(robot, as_json))).grip(opening, duration=duration)
+        Arm(robot, front=Front(GripTeller(robot))).grip(opening, duration=duration)
 
 
 @click.command()
@@ -158,7 +158,7 @@ def grip(how: str, duration: float, options: RobotOptions, as_json: bool) -> Non
 )
 @robot_options
 @json_option
-def pump(how: str, seconds: float, options: RobotOptions, as_json: bool) -> None:
+def pump(how: str, seconds: float, options: RobotOptions) -> None:
     """Suction cup: hold (suck), release, switch all off, or show the state."""
     from hexwire.drivers.tools import Suction
 
@@ -176,4 +176,4 @@ def pump(how: str, seconds: float, options: RobotOptions, as_json: bool) -> None
             suction.off()
         running, open_valve = suction.read()
         words = f"pump {'on' if running else 'off'}, valve {'open' if open_valve else 'shut'}"
-        answer(as_json, {"pump_on": running, "valve_open": open_valve}, words)
+        answer({"pump_on": running, "valve_open": open_valve}, words)

@@ -14,6 +14,7 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, TextIO
 from weakref import WeakKeyDictionary
@@ -30,8 +31,8 @@ from hexwire.new_file import OutputFile
 
 from .exits import note, tell_missed
 from .options import InputFile, arm_option, force_option, json_option, name_of, observing_states
-from .output import answer, print_json, say, say_document, say_table
-from .sim import serve_device, tcp_option
+from .output import Column, RowType, answer, print_json, say, say_document, wants_json
+from .sim import link_option, serve_device, tcp_option
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -143,10 +144,17 @@ def record() -> None:
     """
 
 
+_TOPICS: RowType[tuple[str, str, int]] = RowType(
+    Column("topic", "topic", itemgetter(0)),
+    Column("schema", "schema", itemgetter(1)),
+    Column("messages", "messages", itemgetter(2)),
+)
+
+
 @record.command()
 @click.argument("file", type=InputFile())
 @json_option
-def info(file: BinaryIO, as_json: bool) -> None:
+def info(file: BinaryIO) -> None:
     """Show the contents of FILE: topics, messages, times, and whether it is complete."""
     counts: dict[tuple[str, str], int] = {}
     first, last = float("inf"), float("-inf")
@@ -158,12 +166,12 @@ def info(file: BinaryIO, as_json: bool) -> None:
         key = (message.topic, message.schema or message.encoding)
         counts[key] = counts.get(key, 0) + 1
         first, last = min(first, message.time), max(last, message.time)
-    if as_json:
-        topics = [{"topic": t, "schema": schema, "messages": n} for (t, schema), n in sorted(counts.items())]
+    rows = [(*key, count) for key, count in sorted(counts.items())]
+    if wants_json():
+        topics = [_TOPICS.as_json(row) for row in rows]
         print_json({"topics": topics, "first": first, "last": last, "remarks": remarks})
         return
-    rows = [(topic, schema, str(count)) for (topic, schema), count in sorted(counts.items())]
-    say_table(("topic", "schema", "messages"), rows)
+    _TOPICS.show(rows)
     if rows:
         say(f"{last - first:.3f} s, from {first:.6f}")
     for remark in remarks:
@@ -176,7 +184,7 @@ def info(file: BinaryIO, as_json: bool) -> None:
 @arm_option
 @force_option
 @json_option
-def export(file: BinaryIO, target: str, arm: str | None, force: bool, as_json: bool) -> None:
+def export(file: BinaryIO, target: str, arm: str | None, force: bool) -> None:
     """Convert FILE to TARGET, whose name gives the format: .csv, .jsonl or .pcapng.
 
     CSV has the joint states, one row each; JSON lines has every message; pcapng has the traffic, for Wireshark.
@@ -194,7 +202,7 @@ def export(file: BinaryIO, target: str, arm: str | None, force: bool, as_json: b
             count = _csv(file, name_of(file), text, arm) if form == ".csv" else _jsonl(file, name_of(file), text)
             text.detach()
     words = f"{count} {'states' if form == '.csv' else 'messages'} written to {target}"
-    answer(as_json, {"count": count, "file": target}, words)
+    answer({"count": count, "file": target}, words)
 
 
 @record.command()
@@ -202,7 +210,7 @@ def export(file: BinaryIO, target: str, arm: str | None, force: bool, as_json: b
 @click.argument("target")
 @force_option
 @json_option
-def recover(file: str, target: str, force: bool, as_json: bool) -> None:
+def recover(file: str, target: str, force: bool) -> None:
     """Save the intact part of FILE, truncated by a crash, as TARGET."""
     from hexwire.trace.capture import recover as save
 
@@ -211,7 +219,7 @@ def recover(file: str, target: str, force: bool, as_json: bool) -> None:
     with open_file(file) as source, OutputFile(target, force=force) as out:
         saved = save(source, file, out.file)
     data = {"count": saved.messages, "file": target, "problem": saved.problem or None}
-    answer(as_json, data, f"{saved.messages} messages saved to {target}")
+    answer(data, f"{saved.messages} messages saved to {target}")
     if saved.problem:
         note(saved.problem)
 
@@ -222,7 +230,7 @@ def recover(file: str, target: str, force: bool, as_json: bool) -> None:
 @arm_option
 @force_option
 @json_option
-def plot(file: str, picture: str, arm: str | None, force: bool, as_json: bool) -> None:
+def plot(file: str, picture: str, arm: str | None, force: bool) -> None:
     """Plot the joint states of FILE to PICTURE (.png, .svg or .pdf): angle over time."""
     from hexwire.trace.recording import read_joint_states, topic_of
 
@@ -241,12 +249,12 @@ def plot(file: str, picture: str, arm: str | None, force: bool, as_json: bool) -
             raise UsageError(f"{file} has no joint states" + (f" of {arm}" if arm is not None else ""))
         drawn.draw(out)
     words = f"{len(drawn.planned)} states plotted to {picture}"
-    answer(as_json, {"count": len(drawn.planned), "file": picture}, words)
+    answer({"count": len(drawn.planned), "file": picture}, words)
 
 
 @record.command()
 @click.argument("file", type=InputFile())
-@click.option("--link", metavar="PATH", help="Create a symbolic link to the terminal, as a fixed name.")
+@link_option
 @click.option(
     "--baud",
     type=click.IntRange(min=0),
@@ -401,7 +409,7 @@ def _urdf_of(robot: RobotDriver) -> str:
 @click.option("--robot", metavar="NAME", help=f"Arm whose URDF the bag gets: {', '.join(arms_with_geometry())}.")
 @force_option
 @json_option
-def ros2(file: BinaryIO, folder: str, robot: str | None, force: bool, as_json: bool) -> None:
+def ros2(file: BinaryIO, folder: str, robot: str | None, force: bool) -> None:
     """Convert FILE to FOLDER, a bag of ROS 2.
 
     `ros2 bag` plays FOLDER; Foxglove and PlotJuggler open the MCAP file in it.
@@ -423,4 +431,4 @@ def ros2(file: BinaryIO, folder: str, robot: str | None, force: bool, as_json: b
     for schema, count in sorted(left_out.items()):
         note(f"left out: {count} messages of {schema}, which has no counterpart in ROS 2")
     words = f"{recording.count} messages written to {folder}"
-    answer(as_json, {"count": recording.count, "folder": folder, "left_out": left_out}, words)
+    answer({"count": recording.count, "folder": folder, "left_out": left_out}, words)

@@ -6,6 +6,7 @@ device works.
 
 from __future__ import annotations
 
+import functools
 import os
 import re
 import sys
@@ -13,7 +14,8 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, NoReturn
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
@@ -34,32 +36,65 @@ if TYPE_CHECKING:
     from hexwire.link.poll_link import PollLink
     from hexwire.model.arm import ArmModel
 
-__all__ = [
-    "bus",
-    "hand",
-    "no_terminals",
-    "parse_address",
-    "puma260",
-    "queue_link",
-    "queue_option",
-    "serve_device",
-    "serve_on_tcp",
-    "shown",
-    "sim",
-    "tcp_option",
-    "view_option",
-]
+__all__ = ["bus", "hand", "link_option", "parse_address", "puma260", "serve_device", "shown", "sim", "tcp_option"]
 
 tcp_option = click.option(
     "--tcp", metavar="HOST:PORT", help="Offer a TCP port instead of a terminal; port 0 selects a free one."
 )
-
-queue_option = click.option(
-    "--queue", metavar="NAME", help="Offer the POSIX message queue mq:///NAME to a program of this user."
+link_option = click.option(
+    "--link", metavar="PATH", help="Create a symbolic link to the terminal, as a fixed name."
 )
 
 
-def queue_link(name: str) -> PollLink:
+@dataclass(frozen=True, slots=True)
+class _Offer:
+    """How an emulated device is offered to other programs, and when it ends; all as typed."""
+
+    link: str | None
+    tcp: str | None
+    until_eof: bool
+    view: bool
+
+    def ended(self) -> Callable[[], bool]:
+        """Whether the input that keeps the device alive has ended; asked from now on."""
+        ended = threading.Event()
+        if self.until_eof:
+            threading.Thread(target=_wait_for_eof, args=(ended,), daemon=True).start()
+        return ended.is_set
+
+
+def _offer_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """What the emulated board and bus share; the command gets ``offer: _Offer`` and ``faults``."""
+
+    @functools.wraps(command)
+    def given(*args: Any, link: str | None, tcp: str | None, until_eof: bool, view: bool, **rest: Any) -> Any:
+        return command(*args, offer=_Offer(link, tcp, until_eof, view), **rest)
+
+    packed: Callable[..., Any] = given
+    for option in (
+        click.option(
+            "--until-eof",
+            is_flag=True,
+            help="End at the end of standard input, so that it does not outlive its user.",
+        ),
+        link_option,
+        tcp_option,
+        click.option(
+            "--view", is_flag=True, help="With --physics, show the arm in a window; closing it ends the emulator."
+        ),
+        click.option(
+            "--fault",
+            "faults",
+            multiple=True,
+            metavar="SPEC",
+            help="Fault to inject, such as silent:4; repeatable.",
+        ),
+    ):
+        packed = option(packed)
+    return packed
+
+
+def _queue_link(name: str) -> PollLink:
     """The server's end of a queue, not open yet; raises UsageError if this system has none, or for a bad name."""
     from hexwire.link.open import build_link
     from hexwire.link.poll_link import PollLink
@@ -99,46 +134,22 @@ def serve_device(
     Raises:
         UsageError: Options that exclude each other, or this system has no pseudo-terminals for it.
     """
-    if tcp is not None:
-        serve_on_tcp(
+    if tcp is None:
+        try:
+            from hexwire.emulator.serve_pty import serve_board
+        except ImportError:
+            no_terminals()
+        serve_board(
             device,
-            tcp,
             link=link,
             baud=baud,
             reset_on_open=reset_on_open,
             hands=hands,
+            rate=rate,
             stop=stop,
             announce=announce,
         )
         return
-    try:
-        from hexwire.emulator.serve_pty import serve_board
-    except ImportError:
-        no_terminals()
-    serve_board(
-        device,
-        link=link,
-        baud=baud,
-        reset_on_open=reset_on_open,
-        hands=hands,
-        rate=rate,
-        stop=stop,
-        announce=announce,
-    )
-
-
-def serve_on_tcp(
-    device: ServedDevice,
-    tcp: str,
-    *,
-    link: str | None,
-    baud: int,
-    reset_on_open: bool = False,
-    hands: Hands | None = None,
-    stop: Callable[[], bool],
-    announce: Callable[[str], None],
-) -> None:
-    """Serve a device on a TCP port; arguments and errors as of `serve_device`."""
     from hexwire.emulator.serve_tcp import serve_tcp
     from hexwire.link.url import is_loopback
 
@@ -153,11 +164,6 @@ def serve_on_tcp(
 def no_terminals() -> NoReturn:
     """Say that this system lacks the terminals that emulated arms use; raises UsageError."""
     raise UsageError(f"no pseudo-terminals for emulated arms on {sys.platform}; add --tcp 127.0.0.1:0") from None
-
-
-view_option = click.option(
-    "--view", is_flag=True, help="With --physics, show the arm in a window; closing it ends the emulator."
-)
 
 
 @contextmanager
@@ -199,7 +205,6 @@ def sim() -> None:
 
 
 @sim.command()
-@click.option("--link", metavar="PATH", help="Create a symbolic link to the terminal, as a fixed name.")
 @click.option(
     "--baud",
     type=click.IntRange(min=0),
@@ -216,34 +221,22 @@ def sim() -> None:
     metavar="1|2",
     help="1 for the chapter's board, 2 for hexwire's firmware.",
 )
-@click.option(
-    "--fault", "faults", multiple=True, metavar="SPEC", help="Fault to inject, such as silent:4; repeatable."
-)
 @click.option("--seed", type=int, default=0, metavar="N", help="Seed of the random generator.")
 @click.option("--physics", is_flag=True, help="Simulate weight, sag and a table with MuJoCo.")
 @number_option("--payload", "GRAMS", "With --physics, the payload of the tool.", minimum=0)
-@view_option
-@tcp_option
-@queue_option
+@click.option("--queue", metavar="NAME", help="Offer the POSIX message queue mq:///NAME to a program of this user.")
 @click.option("--reset-on-open", is_flag=True, help="Reset the board when the port is opened, like a real Mega.")
-@click.option(
-    "--until-eof",
-    is_flag=True,
-    help="End at the end of standard input, so that the board does not outlive its user.",
-)
+@_offer_options
 def board(
-    link: str | None,
     baud: int,
     dialect: int,
-    faults: tuple[str, ...],
     seed: int,
     physics: bool,
     payload: float | None,
-    view: bool,
-    tcp: str | None,
     queue: str | None,
     reset_on_open: bool,
-    until_eof: bool,
+    faults: tuple[str, ...],
+    offer: _Offer,
 ) -> None:
     """Emulate a Hex7Bot: prints the port to open, and runs until stopped."""
     from hexwire.emulator.board import make_hex7bot_board
@@ -252,11 +245,11 @@ def board(
     from hexwire.ipc.connections import random_number
     from hexwire.model.arms.hex7bot.joints import HEX7BOT
 
-    if queue is not None and (tcp is not None or link is not None or reset_on_open):
+    if queue is not None and (offer.tcp is not None or offer.link is not None or reset_on_open):
         raise UsageError("--queue offers a queue instead of a port: leave out --tcp, --link and --reset-on-open")
     if queue is not None and dialect == 1:
         raise UsageError("--queue: the chapter's board has no conversations; it needs a serial line or --tcp")
-    messages = None if queue is None else queue_link(queue)
+    messages = None if queue is None else _queue_link(queue)
     device = make_hex7bot_board(
         dialect=dialect,
         baud=_SERVO_BAUD if baud else 0,
@@ -264,7 +257,7 @@ def board(
         seed=seed,
         start=time.monotonic(),
         # Only a terminal has a rate that a host can change.
-        host_rate=baud if tcp is None and queue is None else 0,
+        host_rate=baud if offer.tcp is None and queue is None else 0,
         numbers=None if queue is None else random_number,
     )
     twin = None
@@ -275,31 +268,41 @@ def board(
         twin = PhysicsTwin(device.wire.servos, Hex7BotModel(), payload=(payload or 0.0) / 1000)
     elif payload is not None:
         raise UsageError("--payload needs --physics")
-    ended = threading.Event()
-    if until_eof:
-        threading.Thread(target=_wait_for_eof, args=(ended,), daemon=True).start()
-    with shown(twin, device.wire.servos, ended.is_set, view=view) as (window, stop):
+    announce = _announcing("hexwire state", "the board")
+    with shown(twin, device.wire.servos, offer.ended(), view=offer.view) as (window, stop):
         served = device if window is None else window.with_device(device)
         if messages is not None:
-            serve_queue(served, messages, stop=stop, announce=_announce_board)
+            serve_queue(served, messages, stop=stop, announce=announce)
             return
         serve_device(
             served,
-            tcp=tcp,
-            link=link,
+            tcp=offer.tcp,
+            link=offer.link,
             baud=baud,
             reset_on_open=reset_on_open,
             hands=Hands(device.wire.servos, HEX7BOT),
             rate=(lambda: device.host_rate) if device.host_rate else None,
             stop=stop,
-            announce=_announce_board,
+            announce=announce,
         )
 
 
-def _announce_board(path: str) -> None:
-    say_document(path)
-    if sys.stdout.isatty():
-        note(f"try 'hexwire state --port {path}' in another terminal; Ctrl-C ends the board")
+def _announcing(command: str, what: str) -> Callable[[str], None]:
+    """What prints the address of an emulated device, and tells people how to reach it.
+
+    Args:
+        command: A command that reaches it.
+        what: The device.
+    """
+
+    def announce(url: str) -> None:
+        # From the address to listen on to the address to connect to.
+        url = url.replace("-listen://", "://").partition("?")[0]
+        say_document(url)
+        if sys.stdout.isatty():
+            note(f"try '{command} --port {url}' in another terminal; Ctrl-C ends {what}")
+
+    return announce
 
 
 def _wait_for_eof(ended: threading.Event) -> None:
@@ -336,7 +339,6 @@ def _parse_rates(text: str) -> list[int]:
 )
 @click.option("--leader", is_flag=True, help="With --arm, a leader arm, whose gears a hand moves easily.")
 @click.option("--physics", is_flag=True, help="With --arm, simulate weight, friction and a table with MuJoCo.")
-@view_option
 @click.option(
     "--series",
     default="sts_sms",
@@ -354,30 +356,20 @@ def _parse_rates(text: str) -> list[int]:
     metavar="N[,N...]|0",
     help="Rate of the servos: one for all, or one for each id; 0 takes no time and matches any rate.",
 )
-@click.option(
-    "--fault", "faults", multiple=True, metavar="SPEC", help="Fault to inject, such as silent:4; repeatable."
-)
 @click.option("--echo", is_flag=True, help="The adapter echoes what it sends.")
 @click.option("--seed", type=int, default=1, metavar="N", help="Seed of the random generator.")
-@tcp_option
-@click.option("--link", metavar="PATH", help="Create a symbolic link to the terminal, as a fixed name.")
-@click.option(
-    "--until-eof", is_flag=True, help="End at the end of standard input, so that the bus does not outlive its user."
-)
+@_offer_options
 def bus(
     arm: str | None,
     leader: bool,
     physics: bool,
-    view: bool,
     series: str,
     ids: str,
     baud: str,
-    faults: tuple[str, ...],
     echo: bool,
     seed: int,
-    tcp: str | None,
-    link: str | None,
-    until_eof: bool,
+    faults: tuple[str, ...],
+    offer: _Offer,
 ) -> None:
     """Emulate servos on a bus adapter: prints the port to open, and runs until stopped.
 
@@ -409,14 +401,12 @@ def bus(
         kinds = [as_series(name.strip()) for name in series.split(",")]
         servos = make_servos(kinds, parse_ids(ids), baud=rates, seed=seed, start=time.monotonic())
     plan = FaultPlan.for_bus(faults, seed=seed, start=time.monotonic())
-    ended = threading.Event()
-    if until_eof:
-        threading.Thread(target=_wait_for_eof, args=(ended,), daemon=True).start()
-    with shown(twin, servos, ended.is_set, view=view) as (_, stop):
-        if tcp is not None:
+    announce = _announcing("hexwire bus scan", "the bus")
+    with shown(twin, servos, offer.ended(), view=offer.view) as (_, stop):
+        if offer.tcp is not None:
             device = BusDevice(servos, paced=bool(rates[0]), faults=plan, echo=echo)
             hands = Hands(servos, model)
-            serve_on_tcp(device, tcp, link=link, baud=0, hands=hands, stop=stop, announce=_announce_bus)
+            serve_device(device, tcp=offer.tcp, link=offer.link, baud=0, hands=hands, stop=stop, announce=announce)
             return
         try:
             from hexwire.emulator.serve_pty import serve_bus
@@ -426,18 +416,12 @@ def bus(
             servos,
             baud=rates[0],
             stop=stop,
-            announce=_announce_bus,
-            link=link,
+            announce=announce,
+            link=offer.link,
             faults=plan,
             echo=echo,
             arm=model,
         )
-
-
-def _announce_bus(path: str) -> None:
-    say_document(path)
-    if sys.stdout.isatty():
-        note(f"try 'hexwire bus scan --port {path}' in another terminal; Ctrl-C ends the bus")
 
 
 _ALL_THE_WAY = 1.0
@@ -467,7 +451,6 @@ def hand(
     hold: float,
     strength: float,
     port: str | None,
-    as_json: bool,
 ) -> None:
     """Move a joint of an emulated arm by hand, while other programs use the arm.
 
@@ -496,7 +479,7 @@ def hand(
     else:
         words = f"moved by {moved}"
     row = {"joint": result.joint, "moved_deg": result.moved, "torque": result.torque, "blocked": result.blocked}
-    answer(as_json, row, f"{result.joint} {words}")
+    answer(row, f"{result.joint} {words}")
 
 
 _PUMA_PORT = 15030
@@ -539,7 +522,6 @@ def puma260(
     """
     from hexwire.emulator.puma import EmulatedPuma
     from hexwire.emulator.serve_puma import serve_puma
-    from hexwire.errors import UsageError
     from hexwire.link.listener import Listener
     from hexwire.link.tls import TlsFiles
     from hexwire.link.udp import UdpServer
@@ -565,15 +547,7 @@ def puma260(
         EmulatedPuma(start=time.monotonic()),
         listener=listener,
         udp=link,
-        queue=None if queue is None else queue_link(queue),
+        queue=None if queue is None else _queue_link(queue),
         stop=lambda: False,
-        announce=_announce_puma,
+        announce=_announcing("hexwire --robot puma260 state", "it"),
     )
-
-
-def _announce_puma(url: str) -> None:
-    # From the address to listen on to the address to connect to.
-    url = url.replace("-listen://", "://").partition("?")[0]
-    say_document(url)
-    if sys.stdout.isatty():
-        note(f"try 'hexwire --robot puma260 state --port {url}' in another terminal; Ctrl-C ends it")

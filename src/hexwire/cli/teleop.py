@@ -18,20 +18,20 @@ import click
 from hexwire.errors import UsageError
 
 from .exits import note, shielded
-from .model import make_robot_with
 from .options import (
     RobotOptions,
     attached,
     json_option,
     links_option,
     make_robot,
+    make_robot_with,
     number_option,
     refuse_idle_table,
     robot_at_port,
     robot_options,
     table_options,
 )
-from .output import print_json, say
+from .output import answer, say, wants_json
 
 if TYPE_CHECKING:
     from hexwire.arm.handle import Handle
@@ -51,18 +51,15 @@ def joystick() -> None:
 
 @joystick.command("list")
 @json_option
-def list_(as_json: bool) -> None:
+def list_() -> None:
     """List the joysticks of this machine."""
     from hexwire.joystick.device import find_joysticks
 
-    found = find_joysticks()
-    if as_json:
-        print_json([str(path) for path in found])
-        return
-    if not found:
+    found = [str(path) for path in find_joysticks()]
+    if found or wants_json():
+        answer(found, *found)
+    else:
         note("no joystick is plugged in, or this user may not read /dev/input")
-    for path in found:
-        say(path)
 
 
 @joystick.command()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -21,9 +22,10 @@ from hexwire.trace.sources import LARGEST, read_traffic
 
 from .exits import speak, tell_missed
 from .options import InputFile, force_option, json_option, name_of, observing_states
-from .output import answer, print_json, say, say_table
+from .output import Column, RowType, answer, print_json, say, wants_json
 
 if TYPE_CHECKING:
+    from hexwire.trace.analyzers import Installed
     from hexwire.trace.dissect import Part
     from hexwire.trace.reading import Reading
 
@@ -58,8 +60,8 @@ def trace() -> None:
 @trace.command()
 @click.argument("file", type=InputFile())
 @click.option("--fields", is_flag=True, help="Print every field with the place of its bytes in the frame.")
-@click.option("--json", "as_json", is_flag=True, help="Print one line per frame, with the fields of every layer.")
-def decode(file: BinaryIO, fields: bool, as_json: bool) -> None:
+@partial(json_option, words="Print one line per frame, with the fields of every layer.")
+def decode(file: BinaryIO, fields: bool) -> None:
     """Decode FILE (- for standard input): a log of the chapter, a hex dump, a raw capture, a recording, pcapng.
 
     Corrupt parts are shown where they occur, with the reason, and decoding continues after them.
@@ -73,26 +75,21 @@ def decode(file: BinaryIO, fields: bool, as_json: bool) -> None:
     def show(readings: Iterable[Reading]) -> None:
         for reading in readings:
             tree = dissector.dissect(reading) if dissector is not None else None
-            _show(explainer.explain(reading), tree, as_json)
+            _show(explainer.explain(reading), tree)
 
     name = name_of(file)
     for item in read_traffic(read_stream(file, name, largest=LARGEST), name):
         if isinstance(item, str):
-            _remark(item, as_json)
+            if wants_json():
+                print_json({"kind": "remark", "text": item}, one_line=True)
+            say(f"! {item}")
             continue
         show(explainer.lines.feed(item))
     show(explainer.lines.finish())
 
 
-def _remark(text: str, as_json: bool) -> None:
-    if as_json:
-        print_json({"kind": "remark", "text": text}, one_line=True)
-    else:
-        say(f"! {text}")
-
-
-def _show(explained: Explained, tree: Part | None, as_json: bool) -> None:
-    if as_json:
+def _show(explained: Explained, tree: Part | None) -> None:
+    if wants_json():
         print_json(explained.as_fields() | ({"tree": tree.as_fields()} if tree is not None else {}), one_line=True)
         return
     arrow = "->" if explained.direction is Direction.SENT else "<-"
@@ -120,7 +117,7 @@ _NEXT = {
     "sigrok": "start PulseView again; stack 'hexwire host' or 'hexwire servo' on UART",
     "saleae": "in Logic 2: Extensions, Load Existing Extension, {folder}/extension.json",
 }
-_STATE = {
+_STATE: dict[str, str] = {
     "none": "not installed",
     "current": "installed",
     "older": "of another version; install it again",
@@ -128,6 +125,12 @@ _STATE = {
     "partly": "files are missing; install it again",
 }
 
+_PLUGINS: RowType[Installed] = RowType(
+    Column("program", "program"),
+    Column("folder", get=lambda row: str(row.folder)),
+    Column("state", "state", text=lambda row: _STATE[row.state]),
+    Column("", "folder", text=lambda row: str(row.folder)),
+)
 program_argument = click.argument("program", type=click.Choice(_PROGRAMS))
 folder_option = click.option(
     "--folder", type=click.Path(file_okay=False), metavar="DIR", help="Folder to use instead of the user's own."
@@ -144,7 +147,7 @@ def analyzers() -> None:
 @folder_option
 @force_option
 @json_option
-def install(program: str, folder: str | None, force: bool, as_json: bool) -> None:
+def install(program: str, folder: str | None, force: bool) -> None:
     """Install the plug-in for PROGRAM, or bring it up to date.
 
     A file that hexwire has not written stays as it is, and nothing is installed, unless --force is given.
@@ -154,21 +157,16 @@ def install(program: str, folder: str | None, force: bool, as_json: bool) -> Non
     where = _folder(program, folder)
     files = plugins.install(program, where, force=force)
     value = {"program": program, "folder": str(where), "files": [str(path) for path in files]}
-    answer(as_json, value, *map(str, files), _NEXT[program].format(folder=where))
+    answer(value, *map(str, files), _NEXT[program].format(folder=where))
 
 
 @analyzers.command("list")
 @json_option
-def list_(as_json: bool) -> None:
+def list_() -> None:
     """Show which plug-ins are installed, and where."""
     from hexwire.trace import analyzers as plugins
 
-    found = [plugins.status(program, _folder(program, None)) for program in _PROGRAMS]
-    if as_json:
-        rows = [{"program": row.program, "folder": str(row.folder), "state": row.state} for row in found]
-        answer(True, rows)
-        return
-    say_table(("program", "state", "folder"), [(r.program, _STATE[r.state], str(r.folder)) for r in found])
+    _PLUGINS.show([plugins.status(program, _folder(program, None)) for program in _PROGRAMS])
 
 
 @analyzers.command()
@@ -176,14 +174,14 @@ def list_(as_json: bool) -> None:
 @folder_option
 @force_option
 @json_option
-def remove(program: str, folder: str | None, force: bool, as_json: bool) -> None:
+def remove(program: str, folder: str | None, force: bool) -> None:
     """Remove the plug-in for PROGRAM. Files that were changed since stay, unless --force is given."""
     from hexwire.trace import analyzers as plugins
 
     removed, kept = plugins.remove(program, _folder(program, folder), force=force)
     lines = [f"removed {path}" for path in removed] + [f"kept {path}: it was changed" for path in kept]
     value = {"removed": [str(path) for path in removed], "kept": [str(path) for path in kept]}
-    answer(as_json, value, *(lines or ["there is nothing to remove"]))
+    answer(value, *(lines or ["there is nothing to remove"]))
 
 
 def _folder(program: str, given: str | None) -> Path:

@@ -25,7 +25,7 @@ from hexwire.units import plain
 from .exits import note, shielded, tell_missed
 from .look import joint_json
 from .options import attached, refuse_idle_table
-from .output import answer, print_json, say
+from .output import answer, print_json, say, wants_json
 from .plot import MotionPlot
 
 if TYPE_CHECKING:
@@ -66,7 +66,6 @@ class RunOptions:
         plot: File for a picture, already created; or None.
         dry_run: Check and draw only.
         rate: Cycles per second; by dialect if None.
-        as_json: Print one JSON document at the end instead of lines.
         host_timed: Send targets one by one, also to a board that keeps the time itself.
         outlives: Let such a board finish the motion although this program dies.
     """
@@ -75,7 +74,6 @@ class RunOptions:
     plot: OutputFile | None
     dry_run: bool
     rate: float | None
-    as_json: bool
     host_timed: bool = False
     outlives: bool = False
 
@@ -100,37 +98,27 @@ class TorqueTeller(Teller):
     Args:
         robot: The arm.
         did: What was done, in words.
-        as_json: Print JSON.
     """
 
-    def __init__(self, robot: RobotDriver, did: str, as_json: bool) -> None:
+    def __init__(self, robot: RobotDriver, did: str) -> None:
         super().__init__(robot)
-        self._did, self._as_json = did, as_json
+        self._did = did
 
     def switched(self, joints: Sequence[str], confirmed: Sequence[str]) -> None:
         """Tell which have."""
         missing = [name for name in joints if name not in confirmed]
         data = {"did": self._did, "confirmed": confirmed, "missing": missing}
-        answer(self._as_json, data, f"{self._did}: {' '.join(confirmed) or 'none'}")
+        answer(data, f"{self._did}: {' '.join(confirmed) or 'none'}")
 
 
 class GripTeller(Teller):
-    """Tells of `grip` how far the gripper is open in the end.
-
-    Args:
-        robot: The arm.
-        as_json: Print JSON.
-    """
-
-    def __init__(self, robot: RobotDriver, as_json: bool) -> None:
-        super().__init__(robot)
-        self._as_json = as_json
+    """Tells of `grip` how far the gripper is open in the end."""
 
     def ended(self, result: MotionResult) -> None:
         """Tell how far it is open, if that is known and the arm was not stopped."""
         if result.stopped is None and math.isfinite(result.opening):
             told = result.opening, result.holds
-            answer(self._as_json, opening_json(*told), opening_words(*told))
+            answer(opening_json(*told), opening_words(*told))
 
 
 class FollowTeller(Teller):
@@ -167,19 +155,18 @@ class MoveTeller(Teller):
 
     Args:
         robot: The arm.
-        as_json: Print JSON only.
         drawn: What is drawn; closed before the end is told.
 
     Attributes:
         show: Shows a share of the way, and what is left of it.
     """
 
-    def __init__(self, robot: RobotDriver, as_json: bool, drawn: ExitStack) -> None:
+    def __init__(self, robot: RobotDriver, drawn: ExitStack) -> None:
         super().__init__(robot)
         self.show: Callable[[float, str], object] = lambda share, text: None
         # At once: a program that reads this through a pipe learns that the arm moves while it moves.
-        self._tell: Callable[[str], object] = (lambda text: None) if as_json else partial(say, flush=True)
-        self._as_json, self._drawn = as_json, drawn
+        self._tell = partial(say, flush=True)
+        self._drawn = drawn
         self._goal: Mapping[str, float] = {}
         self._farthest = 0.0
 
@@ -207,7 +194,7 @@ class MoveTeller(Teller):
     def ended(self, result: MotionResult) -> None:
         """Tell how it ended."""
         self._drawn.close()
-        if self._as_json:
+        if wants_json():
             print_json(_move_json(self.robot, result) | rest_json(result.rest))
         if result.rest is not None:
             self._tell(arrived_words(result.rest))
@@ -253,7 +240,7 @@ class _Told(Teller):
     ) -> None:
         super().__init__(robot)
         self._options, self._title, self._moving = options, title, moving
-        self._say: Callable[[str], object] = (lambda text: None) if options.as_json else partial(say, flush=True)
+        self._say = partial(say, flush=True)
         self._outcome: dict[str, object] = {}
         self._plot = MotionPlot((), "")
         self._began: float | None = None
@@ -315,7 +302,7 @@ class _Told(Teller):
             # Does nothing if the picture was drawn.
             picture.discard()
         tell_missed(f"the picture {picture.path if picture else ''}", self._missed)
-        if self._options.as_json:
+        if wants_json():
             print_json(self._outcome)
 
     def _plan(self, path: CheckedPath, title: str) -> None:
