@@ -6,6 +6,7 @@ import math
 import os
 import re
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 from click.testing import CliRunner
@@ -202,3 +203,55 @@ def test_urls() -> None:
         text = run("state", "--port", url)
         assert text.startswith("error: ")
         assert text.count("\n") == 1
+
+
+class Kilogram(NamedTuple):
+    name: str
+    mass: float
+    known: bool = True
+
+
+THINGS: output.RowType[Kilogram] = output.RowType(
+    output.Column("name", "thing"),
+    output.Column("mass_kg", "g", "mass", 1, 1000),
+    output.Column("known", "known?"),
+    output.Column("**", get=lambda row: {"first": row.name[0]}),
+    output.Column("", "note", text=lambda row: f"<{row.name}>"),
+    words=lambda row: f"{row.name} weighs {row.mass} kg",
+)
+
+
+def test_a_row_is_described_once(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = [Kilogram("nut", 0.0015), Kilogram("bolt", math.nan, False)]
+    THINGS.show(rows)
+    assert capsys.readouterr().out.splitlines() == [
+        "thing    g  known?  note",
+        "nut    1.5  yes     <nut>",
+        "bolt     -  no      <bolt>",
+    ]
+    assert THINGS.tell(iter(rows[:1])) == rows[:1]
+    THINGS.answer(rows[0])
+    assert capsys.readouterr().out == "nut weighs 0.0015 kg\n" * 2
+    data = [
+        {"name": "nut", "mass_kg": 0.0015, "known": True, "first": "n"},
+        {"name": "bolt", "mass_kg": None, "known": False, "first": "b"},
+    ]
+    assert tuple(THINGS.as_json(rows[0]).values()) == ("nut", 0.0015, True, "n")
+    with output.printing_json(True):
+        THINGS.show(rows)
+        listed = json.loads(capsys.readouterr().out)
+        assert THINGS.tell(iter(rows)) == rows
+        assert json.loads(capsys.readouterr().out) == listed == data
+        THINGS.answer(rows[0])
+        assert json.loads(capsys.readouterr().out) == data[0]
+
+
+def test_with_json_nothing_is_said_until_the_command_ends(capsys: pytest.CaptureFixture[str]) -> None:
+    with output.printing_json(True):
+        say("one")
+        output.say_table(("a",), [("1",)])
+        output.say_finding("bad", "broken", "mend it")
+    assert capsys.readouterr().out == ""
+    output.answer({}, "two")
+    output.answer({})
+    assert capsys.readouterr().out == "two\n"
