@@ -1,9 +1,9 @@
 """Takes the pictures of the studio, from emulated arms and Debian's Chromium.
 
-``pictures/studio-PAGE-THEME.png`` is a page; ``pictures/studio-moving.webp`` is the page Arm while the arm moves.
+``pictures/studio-PAGE-THEME.png`` is a page; ``pictures/studio-moving.webp`` is the page Move while the arm moves.
 
     python docs/make_screenshots.py                 all pages, light and dark, and the one that moves
-    python docs/make_screenshots.py arm wire        these pages only
+    python docs/make_screenshots.py move wire        these pages only
     python docs/make_screenshots.py moving          that one only
 
 Seeds, poses and sizes are the same each time; times and rates on the pages are those of the run.
@@ -142,10 +142,6 @@ def show_wire(page: Page) -> None:
     page.get_by_text("JOINT_MOVE request").last.click()
 
 
-def show_start(page: Page) -> None:
-    """What is plugged in: nothing, and what to do."""
-
-
 def show_servos(page: Page) -> None:
     """The registers of a servo on a bare bus."""
     page.get_by_role("button", name="Take control").click()
@@ -165,19 +161,18 @@ def show_recordings(page: Page) -> None:
     page.locator(".u-over").first.wait_for()
 
 
-def show_fleet(page: Page) -> None:
-    """Three shared arms."""
+def show_arms(page: Page) -> None:
+    """What is plugged in, and three shared arms."""
     page.get_by_text("lab/arm3").first.wait_for()
 
 
 PAGES: dict[str, tuple[str, str, Callable[[Page], None]]] = {
-    "start": ("Connect", "", show_start),
-    "arm": ("Arm", HEX7BOT, show_arm),
+    "move": ("Move", HEX7BOT, show_arm),
     "servos": ("Servos", SO101, show_servos),
-    "plots": ("Plots", HEX7BOT, show_plots),
+    "signals": ("Signals", HEX7BOT, show_plots),
     "wire": ("Wire", HEX7BOT, show_wire),
     "recordings": ("Recordings", HEX7BOT, show_recordings),
-    "fleet": ("Fleet", HEX7BOT, show_fleet),
+    "arms": ("Arms", HEX7BOT, show_arms),
 }
 """By name of the picture: name of the page, what is open, and what somebody does there first."""
 
@@ -228,7 +223,7 @@ def main() -> int:
             if MOVING in wanted and theme == "light":
                 studio.source.close()
                 studio.source.open(HEX7BOT)
-                go(page, "Arm")
+                go(page, "Move")
                 film(page)
                 page.set_viewport_size({"width": WIDTH, "height": HEIGHT})
             for picture in wanted:
@@ -240,7 +235,7 @@ def main() -> int:
                     studio.source.open_bus(port)
                 elif port:
                     studio.source.open(port)
-                if picture == "fleet" and not arms:
+                if picture == "arms" and not arms:
                     rows = {f"lab/arm{i}": {"robot": "sim"} for i in (1, 2, 3)}
                     arms.append(stack.enter_context(Service(read_arms(rows))))
                 go(page, name)

@@ -29,7 +29,7 @@ def picture() -> ModuleType:
 def test_every_picture_of_the_readme_and_the_studio_is_made_by_make_pictures() -> None:
     pages = [ROOT / "README.md", *(ROOT / "docs" / f"{page}.md" for page in ("install", "studio"))]
     named = {name for page in pages for name in re.findall(r"pictures/([\w-]+\.\w+)", page.read_text("utf-8"))}
-    assert {"studio-moving.webp", "demo.svg", "studio-arm-light.png", "studio-arm-dark.png"} <= named
+    assert {"studio-moving.webp", "demo.svg", "studio-move-light.png", "studio-move-dark.png"} <= named
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8").partition("\npictures:")[2].partition("\n\n")[0]
     makers = {file: (ROOT / file).read_text(encoding="utf-8") for file in re.findall(r"docs/\w+\.py", makefile)}
     assert "docs/make_demo_picture.py" in makers

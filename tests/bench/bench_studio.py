@@ -129,7 +129,7 @@ def _process(kind: str, port: str, moves: Connection | None = None, *words: str)
 
 
 @contextmanager
-def _page(browser: Browser, url: str, path: str = "/arm") -> Iterator[Page]:
+def _page(browser: Browser, url: str, path: str = "/move") -> Iterator[Page]:
     """A page of a new browser, drawn and counting its frames."""
     context = browser.new_context(**_WINDOW)
     try:
@@ -155,7 +155,7 @@ def _usable(browser: Browser, studio: _Process) -> tuple[float, float]:
     for _ in range(_PAGES):
         context = browser.new_context(**_WINDOW)
         page = context.new_page()
-        page.goto(studio.operate.replace("/?", "/arm?"))
+        page.goto(studio.operate.replace("/?", "/move?"))
         page.wait_for_function(
             "window.hexwire && window.hexwire.frame && document.querySelector('#hw-take')?.checkVisibility()"
         )
@@ -171,7 +171,7 @@ def _picture(browser: Browser, studio: _Process) -> str:
         page = context.new_page()
         asked: list[Response] = []
         page.on("response", lambda response: asked.append(response))
-        page.goto(studio.operate.replace("/?", "/arm?"))
+        page.goto(studio.operate.replace("/?", "/move?"))
         page.locator("#arm-view canvas").wait_for()
         sizes = [response.request.sizes() for response in asked]
         sent = sum(size["responseBodySize"] + size["responseHeadersSize"] for size in sizes)
@@ -239,7 +239,7 @@ def _volume(browser: Browser, studio: _Process) -> float:
             got.append(size + (2 if size < 126 else 4))
 
         page.on("websocket", lambda socket: socket.on("framereceived", note))
-        page.goto(studio.operate.replace("/?", "/arm?"))
+        page.goto(studio.operate.replace("/?", "/move?"))
         page.wait_for_function("window.hexwire && window.hexwire.frame")
         page.wait_for_timeout(1000.0)
         got.clear()

@@ -120,13 +120,12 @@ def test_every_page_opens_without_a_fault_and_fits_a_phone(page: Page) -> None:
 
 
 _DRAWN = {
-    "/": ".hw-table",
-    "/arm": "#arm-view canvas",
+    "/move": "#arm-view canvas",
     "/servos": ".sv-board .sv-table",
-    "/plots": ".uplot",
+    "/signals": ".uplot",
     "/wire": ".hw-wire-list",
     "/recordings": ".rc-list",
-    "/fleet": ".hw-fleet-table",
+    "/": ".hw-table",
 }
 """What a page has drawn in the end."""
 
@@ -156,7 +155,7 @@ def test_the_first_picture_is_small(studio: RunningStudio, browser: Browser) -> 
         page = context.new_page()
         asked: list[Response] = []
         page.on("response", lambda response: asked.append(response))
-        page.goto(studio.operate_url.replace("/?", "/arm?"))
+        page.goto(studio.operate_url.replace("/?", "/move?"))
         page.locator("#arm-view canvas").wait_for(timeout=1000 * PATIENCE)
         sizes = [response.request.sizes() for response in asked]
         sent = sum(size["responseBodySize"] + size["responseHeadersSize"] for size in sizes)
@@ -180,7 +179,7 @@ def test_pages_are_accessible_and_never_wider_than_the_screen(operator: Page) ->
 
 @pytest.mark.slow
 def test_a_page_without_an_arm_is_readable_in_the_dark_and_leads_on(served: RunningStudio, blank: Page) -> None:
-    blank.goto(served.operate_url.replace("/?", "/arm?"))
+    blank.goto(served.operate_url.replace("/?", "/move?"))
     blank.get_by_text("No arm is open.").wait_for()
     theme(blank, "dark")
     assert not faults(blank, "color-contrast")

@@ -1,4 +1,4 @@
-"""What the fleet page asks for, and who may ask it."""
+"""What the page Arms asks for about shared arms, and who may ask it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.studio.asking import Asker
 from tests.studio.running import PATIENCE, until
 
 from hexwire.control.loop.power import Stopped, Torques
-from hexwire.errors import LinkLostError, LinkNotFoundError, UsageError
+from hexwire.errors import LeaseError, LinkLostError, LinkNotFoundError, UsageError
 from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio
 from hexwire.studio.fleet_api import fleet_routes
@@ -66,10 +66,10 @@ class Desk:
         self.fleet = self.studio.fleet = Puppet()
         self.opened: list[str] = []
         self.studio.source.open = lambda url, *_, **__: self.opened.append(url)
-        self.tabs, self.ask = {}, {}
+        self.sessions, self.ask = {}, {}
         for right in Right:
             session = self.studio.access.admit(right, 0.0)
-            self.tabs[right] = self.studio.tabs.open(session.key, right).key
+            self.sessions[right] = session.key
             self.ask[right] = Asker(fleet_routes(lambda: self.studio), session)
 
 
@@ -83,7 +83,7 @@ def desk() -> Iterator[Desk]:
 @pytest.mark.parametrize("right", Right)
 def test_everybody_sees_and_stops(desk: Desk, right: Right) -> None:
     ask = desk.ask[right]
-    assert ask("/fleet/arms") == {"arms": []}
+    assert call(desk, right, "fleet.arms") == {"arms": []}
     said = [row["line"] for row in ask("/fleet/stop", "POST", name="lab/arm1")]
     assert said == ["lab/arm1: stopped, limp: J1 (0 ms)", "lab/hung: NOT CONFIRMED: it hangs; unknown"]
     # What may still move comes first.
@@ -119,6 +119,9 @@ class Opened:
             raise LinkLostError(self.error)
         return Stopped(self.name, True, ("J1", "J2"), torques=Torques(("J1",), ("J2",)))
 
+    def mark(self) -> object:
+        return None
+
     def torques(self) -> Torques:
         return Torques(unknown=("J1", "J2"))
 
@@ -130,14 +133,14 @@ class Opened:
 
 
 def opened(desk: Desk, arm: Opened) -> Opened:
-    desk.studio.source = SimpleNamespace(present=arm, arm=arm, close=lambda: None)
+    desk.studio.source = SimpleNamespace(present=arm, arm=arm, open=desk.studio.source.open, close=lambda: None)
     return arm
 
 
 def test_all_arms_are_what_is_open_here_first_and_then_the_shared_ones(desk: Desk) -> None:
     ask = desk.ask[Right.WATCH]
     own = opened(desk, Opened())
-    assert [row["own"] for row in ask("/fleet/arms")["arms"]] == [True]
+    assert [row["own"] for row in call(desk, Right.WATCH, "fleet.arms")["arms"]] == [True]
     said = [row["line"] for row in ask("/fleet/stop", "POST", all=1)]
     assert said[0] == "hex7bot at /dev/x: stopped, holding: J1; limp: J2 (0 ms)"
     assert [line.partition(":")[0] for line in said[1:]] == ["lab/hung", "lab/arm1"]
@@ -244,29 +247,25 @@ def test_a_burst_of_stops_is_two_stops_and_none_waits_for_that_of_another_arm(
     watch.close()
 
 
+def call(desk: Desk, right: Right, what: str, **args: object) -> Any:
+    tab = desk.studio.tabs.open(desk.sessions[right], right)
+    return asyncio.run(desk.studio.call(tab, what, args))
+
+
 def test_only_who_may_operate_opens_an_arm_here(desk: Desk) -> None:
-    watch, operate = (Right.WATCH, Right.OPERATE)
-    refused = desk.ask[watch]("/fleet/open", "POST", tab=desk.tabs[watch], name="lab/arm1")
-    assert "watching only" in refused["refused"]
-    # The tab of another session is no help.
-    refused = desk.ask[watch]("/fleet/open", "POST", tab=desk.tabs[operate], name="lab/arm1")
-    assert "no longer known" in refused["refused"]
+    with pytest.raises(LeaseError, match="watching only"):
+        call(desk, Right.WATCH, "fleet.open", name="lab/arm1")
     assert desk.opened == []
-    desk.ask[operate]("/fleet/open", "POST", tab=desk.tabs[operate], name="lab/arm1")
+    call(desk, Right.OPERATE, "fleet.open", name="lab/arm1")
     assert desk.opened == ["zenoh:lab/arm1"]
 
 
 def test_what_somebody_else_controls_is_not_replaced(desk: Desk) -> None:
-    class Present:
-        holder = Holder(1, "tab 9")
+    class Present(Opened):
+        holder = Holder(1, "tab 9")  # type: ignore[assignment]
 
-    class Holding:
-        present = Present()
-        has_control = staticmethod(lambda tab: False)
-        open = desk.studio.source.open
-        close = staticmethod(lambda: None)
-
-    desk.studio.source = Holding()
-    refused = desk.ask[Right.OPERATE]("/fleet/open", "POST", tab=desk.tabs[Right.OPERATE], name="lab/arm1")
-    assert "tab 9 has control of what is open" in refused["refused"]
+    opened(desk, Present())
+    desk.studio.source.has_control = lambda tab: False
+    with pytest.raises(LeaseError, match="tab 9 has control of what is open"):
+        call(desk, Right.OPERATE, "fleet.open", name="lab/arm1")
     assert desk.opened == []

@@ -97,7 +97,7 @@ def test_what_is_wrong_is_refused_before_anything_sees_it(status: int, row: dict
 @pytest.mark.parametrize(
     ("path", "url"),
     [
-        ("/arm", "/arm"),
+        ("/move", "/move"),
         ("//evil.example/x", "/evil.example/x"),
         ("/\\evil.example", "/evil.example"),
         ('/a"b', "/a%22b"),

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 
 def test_stop_is_always_there(studio: RunningStudio, page: Page) -> None:
-    page.locator("#hw-fact-dialect", has_text="2").wait_for()
+    page.locator("#hw-fact-dialect", has_text="2").wait_for(state="attached")
     for how in ("button", "Escape"):
         if how == "button":
-            page.get_by_role("button", name="STOP").click()
+            page.get_by_role("button", name="STOP", exact=True).click()
         else:
             page.keyboard.press("Escape")
         studio.stopped(f"the stop by {how}")
@@ -38,6 +38,7 @@ def test_pages_read_the_bits_of_a_joint_as_the_server_means_them(page: Page) -> 
 
 @pytest.mark.slow
 def test_the_theme_is_chosen_and_kept(page: Page) -> None:
+    page.locator("#hw-status summary").click()
     button = page.locator("#hw-theme")
     button.filter(has_text="auto").click()
     button.filter(has_text="light").click()
@@ -49,7 +50,7 @@ def test_the_theme_is_chosen_and_kept(page: Page) -> None:
 def test_stop_works_while_a_dialog_is_open(studio: RunningStudio, page: Page) -> None:
     page.evaluate("() => void import('/static/widgets.js').then((m) => m.question('Sure?', 'A question.', 'Yes'))")
     page.get_by_text("A question.").wait_for()
-    page.get_by_role("button", name="STOP").click()
+    page.get_by_role("button", name="STOP", exact=True).click()
     studio.stopped("the stop by the button")
     studio.arm.owner.reset()
     page.get_by_text("A question.").click()
@@ -64,7 +65,7 @@ def test_a_script_in_a_text_from_elsewhere_does_not_run(studio: RunningStudio, b
     try:
         page = context.new_page()
         page.goto(studio.operate_url)
-        page.locator("#hw-fact-rate", has_text="Hz").wait_for()
+        page.locator("#hw-fact-rate", has_text="Hz").wait_for(state="attached")
         page.evaluate(
             """() => {
                 const main = document.getElementById("hw-main");
@@ -82,12 +83,13 @@ def test_a_script_in_a_text_from_elsewhere_does_not_run(studio: RunningStudio, b
 
 _CHANGE_THE_FACTS = """() => {
     const places = () => JSON.stringify([...document.querySelectorAll(
-        "#hw-main, .hw-fact, .hw-actions button"
+        "#hw-main, .hw-fact, .hw-nav-link, .hw-status summary span, .hw-actions button"
     )].filter((element) => !element.hidden).map((element) => {
         const box = element.getBoundingClientRect();
         return [element.id, box.x, box.y, element.id === "hw-main" || box.width];
     }));
-    const facts = [...document.querySelectorAll(".hw-fact dd")];
+    const facts = [...document.querySelectorAll(".hw-fact dd, #hw-name, #hw-brief")];
+    document.getElementById("hw-status").open = true;
     const all = [...document.querySelectorAll(".hw-actions .hw-button")];
     all.forEach((button) => (button.hidden = false));
     const shown = (text, banner) => {
@@ -100,17 +102,23 @@ _CHANGE_THE_FACTS = """() => {
     const stop = () => JSON.stringify(document.getElementById("hw-stop").getBoundingClientRect());
     const before = stop();
     all.forEach((button) => (button.hidden = true));
-    return { same: new Set(found).size === 1, stop: before === stop(), found };
+    const height = document.querySelector(".hw-header").getBoundingClientRect().height;
+    return { same: new Set(found).size === 1, stop: before === stop(), found, height, at: JSON.parse(before) };
 }"""
 
 
 def test_nothing_moves_when_the_facts_change(page: Page) -> None:
     """A page that moves under the pointer makes a person press another button than the one aimed at."""
-    for width in (1920, 1440, 1200, 820, 390):
+    for width, rows in ((1920, 1), (1440, 1), (1200, 1), (1024, 1), (820, 2), (390, 2)):
         page.set_viewport_size({"width": width, "height": 900})
         places = page.evaluate(_CHANGE_THE_FACTS)
         assert places["same"], (width, places["found"])
         assert places["stop"], f"STOP moves with the buttons beside it, {width} wide"
+        # A row has at most 56 pixels; STOP is whole, at the right end of the first one.
+        height, stop = places["height"], places["at"]
+        assert 56 * (rows - 1) < height <= 56 * rows, f"{height} pixels of header, {width} wide"
+        assert 0 <= stop["top"] < stop["bottom"] <= 56, (width, stop)
+        assert width - 16 <= stop["right"] <= width, (width, stop)
 
 
 _TELL_OF_THE_ARM = """() => [
@@ -130,7 +138,7 @@ _TELL_OF_THE_ARM = """() => [
 
 @pytest.mark.slow
 def test_no_button_of_the_arm_moves_when_something_is_told(studio: RunningStudio, blank: Page) -> None:
-    blank.goto(studio.operate_url.replace("/?", "/arm?"))
+    blank.goto(studio.operate_url.replace("/?", "/move?"))
     ready(blank)
     shrink_views(blank)
     blank.locator("#arm-hint", has_text="take control").wait_for()
@@ -144,7 +152,6 @@ def test_no_button_of_the_arm_moves_when_something_is_told(studio: RunningStudio
     ("path", "texts"),
     [
         ("recordings", ".rc-note"),
-        ("fleet", ".hw-fleet-results, .hw-fleet-error"),
         ("", ".hw-present"),
     ],
 )
@@ -217,6 +224,7 @@ def test_the_facts_have_room(served: RunningStudio, context: BrowserContext) -> 
         page.goto(served.operate_url.replace("/?", "/servos?"))
         page.get_by_role("button", name="Take control").click()
         page.get_by_role("button", name="Torque off", exact=True).wait_for()
+        page.locator("#hw-status summary").click()
         for width in (1440, 820):
             page.set_viewport_size({"width": width, "height": 900})
             boxes = [fact.bounding_box() for fact in page.locator(".hw-fact").all()]

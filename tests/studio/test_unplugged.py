@@ -42,12 +42,11 @@ _PRESSABLE = """[...document.querySelectorAll(".arm-need, .arm-jog, #arm-here, #
 """What moves the arm, or says where it is."""
 _SHOWN = {
     "/": "",
-    "/arm": '[data-value="position"]',
+    "/move": '[data-value="position"]',
     "/servos": "[data-frame]",
-    "/plots": ".hx-plot-legend td",
+    "/signals": ".hx-plot-legend td",
     "/wire": "",
     "/recordings": "",
-    "/fleet": ".hw-fleet-table td[data-label]",
 }
 """What each page shows of the arm."""
 
@@ -165,7 +164,7 @@ def test_a_board_that_returns_is_there_again_and_stopped(
             before = served.arm.owner.state.positions["J1"]
             hold(page, {"J1": 1}, lambda: abs(served.arm.owner.state.positions["J1"] - before) > 0.02)
         page.locator("#hw-banner", has_text="The arm is not connected").wait_for()
-        page.locator("#hw-fact-connection", has_text="lost").wait_for()
+        page.locator("#hw-fact-connection", has_text="lost").wait_for(state="attached")
         page.locator("#hw-banner", has_text="What is grey is from ").wait_for()
         # All that a page shows of the arm is grey, and nothing can be pressed that needs to know how it is.
         assert page.evaluate(_COLOURED) == []
@@ -177,7 +176,7 @@ def test_a_board_that_returns_is_there_again_and_stopped(
             assert page.evaluate(_PRESSABLE) == [], path
             assert not faults(page, "color-contrast", whole=True), f"{path}: what is grey can still be read"
             assert page.locator("#hw-stop").is_enabled()
-            if path == "/arm":
+            if path == "/move":
                 page.wait_for_function("document.querySelectorAll('.arm-silent').length === 7")
                 page.get_by_text("Grey: the arm may be elsewhere").wait_for()
         with _plugged(board, port):

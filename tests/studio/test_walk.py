@@ -39,10 +39,10 @@ _MISSED = """() => {
 
 
 _SILENT = (
-    ("Arm", 'tr[data-joint="J5"] [data-value="state"]', "silent"),
+    ("Move", 'tr[data-joint="J5"] [data-value="state"]', "silent"),
     ("Servos", '[data-frame="flags"][data-joint="4"]', "silent"),
-    ("Plots", '.hx-plot-legend tr:has(th:has-text("J5 position")) td:nth-child(3)', "–"),
-    ("Fleet", ".hw-fleet-table td[data-label=Faults]", "J5: silent"),
+    ("Signals", '.hx-plot-legend tr:has(th:has-text("J5 position")) td:nth-child(3)', "–"),
+    ("Arms", ".hw-fleet-table td[data-label=Faults]", "J5: silent"),
 )
 """Where each page says how J5 is, and what of it if it is silent."""
 
@@ -50,7 +50,7 @@ _SILENT = (
 def fact(page: Page, name: str, text: str) -> Locator:
     """One of the facts of the header, once it says this."""
     found = page.locator(f"#hw-fact-{name}", has_text=text)
-    found.wait_for()
+    found.wait_for(state="attached")
     return found
 
 
@@ -87,7 +87,7 @@ def test_a_silent_servo_and_a_pulled_cable(board: PtyBoard, operator: Page) -> N
         page.locator(cell).filter(has_text=words).first.wait_for()
         for good in ("ok", "holds"):
             assert page.locator(cell).filter(has_text=good).count() == 0
-        if title == "Arm":
+        if title == "Move":
             for name in ("Go", "Take present values"):
                 assert button(page, name).is_disabled()
             page.locator("#arm-plan").filter(has_text="J5 does not answer").wait_for()
@@ -218,16 +218,16 @@ def test_a_page_that_cannot_be_loaded_says_so_and_is_loaded_when_the_studio_is_b
             "window.WebSocket = class extends Real { constructor(to) { super(away ? 'ws://127.0.0.1:1/' : to); } };"
             "window.WebSocket.OPEN = Real.OPEN;"
         )
-        page.route("**/static/fleet.js", lambda route: route.abort())
+        page.route("**/static/plots.js", lambda route: route.abort())
         for each in list(studio.studio.live._sockets):
             each.too_slow = True
             each._wake.set()
         page.wait_for_function("!hexwire.connected")
-        page.locator('.hw-nav-link[data-path="/fleet"]').click()
+        page.locator('.hw-nav-link[data-path="/signals"]').click()
         page.get_by_text("this page is loaded when the studio is back").wait_for()
         page.unroute_all()
         page.evaluate("away = false")
         page.wait_for_function("window.away === undefined && window.hexwire?.connected")
-        page.get_by_role("button", name="Stop all").or_(page.get_by_text("sim://hex7bot").first).first.wait_for()
+        page.locator(".uplot").first.wait_for()
     finally:
         window.close()

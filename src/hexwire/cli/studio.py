@@ -206,7 +206,7 @@ def _run(
         made.settings = settings
         server = _serve(module, made, protection, listen)
 
-        first = "/arm" if port else "/"
+        first = "/move" if port else "/"
 
         def started() -> None:
             # Not before: an import keeps other threads waiting longer than a watchdog does.

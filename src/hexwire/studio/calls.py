@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from hexwire.epochs import Token
 
     from .bus_source import BusSource
+    from .fleet_watch import FleetWatch
     from .holds import Holds
     from .live import Live
     from .plugged import Plugged
@@ -39,7 +40,11 @@ class Host(Protocol):
     source: Source
     holds: Holds
     live: Live
+    fleet: FleetWatch
     plugged: list[Plugged] | None
+
+    def arms(self) -> dict[str, Any]:
+        """The arms that a page can reach, for JSON."""
 
     def emulated(self, arm: ArmSource) -> str:
         """What a person should know of an emulated arm that this program has started; empty for others."""

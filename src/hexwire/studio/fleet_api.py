@@ -1,14 +1,14 @@
-"""What the fleet page asks for, over HTTP: the arms, a stop, opening one in this studio.
+"""The stop of shared arms, and of all arms, over HTTP: neither the socket of a page nor another request delays it.
 
-Owns the requests and their checks. Behind the gate (`guard`), so each comes from a page of this studio. Must not
-know how arms are found or stopped.
+Owns the request and its checks. Behind the gate (`guard`), so each comes from a page of this studio. Must not know
+how arms are found or stopped.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
@@ -17,7 +17,7 @@ from starlette.routing import Route
 from hexwire.errors import HexwireError, UsageError
 
 from .guard import SESSION
-from .wire_api import refusal, tab_of
+from .wire_api import refusal
 
 if TYPE_CHECKING:
     from hexwire.control.loop.power import Stopped
@@ -30,20 +30,11 @@ _HEADERS = {"cache-control": "no-store"}
 
 
 def fleet_routes(present: Callable[[], Studio]) -> list[Route]:
-    """The routes of the page.
+    """The route of the page.
 
     Args:
         present: The studio.
     """
-
-    def asked(call: Callable[[Studio, Request], Any]) -> Callable[[Request], Response]:
-        def endpoint(request: Request) -> Response:
-            try:
-                return JSONResponse(call(present(), request), headers=_HEADERS)
-            except HexwireError as error:
-                return refusal(error)
-
-        return endpoint
 
     async def stop(request: Request) -> Response:
         # In the loop: threads that wait for arms would be too few for a burst, which is one stop.
@@ -53,11 +44,7 @@ def fleet_routes(present: Callable[[], Studio]) -> list[Route]:
             return refusal(error)
         return JSONResponse([{**asdict(row), "line": str(row)} for row in done], headers=_HEADERS)
 
-    return [
-        Route("/fleet/arms", asked(lambda studio, _: studio.arms())),
-        Route("/fleet/stop", stop, methods=["POST"]),
-        Route("/fleet/open", asked(_open), methods=["POST"]),
-    ]
+    return [Route("/fleet/stop", stop, methods=["POST"])]
 
 
 async def _stop(studio: Studio, request: Request) -> list[Stopped]:
@@ -75,11 +62,3 @@ async def _stop(studio: Studio, request: Request) -> list[Stopped]:
     if name is not None:
         return await studio.fleet.stop(name, who)
     return await (studio.stop_all(who) if every else studio.stop_own(who))
-
-
-def _open(studio: Studio, request: Request) -> Any:
-    """Open an arm in place of what is open; it must be one that was seen, and no address from elsewhere."""
-    tab = tab_of(studio, request)
-    url = studio.fleet.known(request.query_params.get("name", ""))
-    studio.open(tab, url)
-    return {"opened": url}

@@ -1,4 +1,4 @@
-"""What every page, and the page Connect, asks of the server: opening, closing, control, resume, torque.
+"""What every page, and the page Arms, asks of the server: opening, closing, control, resume, torque.
 
 Owns these calls. Must not know sockets, nor how ports are found or opened.
 """
@@ -29,6 +29,10 @@ class _Address(Arguments, frozen=True):
 
 class _Bus(Arguments, frozen=True):
     url: str = ""
+
+
+class _Name(Arguments, frozen=True):
+    name: str
 
 
 class _Switch(Arguments, frozen=True):
@@ -68,6 +72,18 @@ def _told(found: list[plugged.Plugged] | None) -> dict[str, Any]:
 @call("open", _Address, right=Right.OPERATE)
 def _open(asked: Asked, args: _Address) -> None:
     asked.studio.open(asked.tab, _address(args.url), args.robot or None)
+
+
+@call("fleet.arms", Arguments)
+def _arms(asked: Asked, args: Arguments) -> dict[str, Any]:
+    """What is open here, and the shared arms."""
+    return asked.studio.arms()
+
+
+@call("fleet.open", _Name, right=Right.OPERATE)
+def _open_shared(asked: Asked, args: _Name) -> None:
+    """Open a shared arm in place of what is open; it must be one that was seen, and no address from elsewhere."""
+    asked.studio.open(asked.tab, asked.studio.fleet.known(args.name))
 
 
 @call("open_bus", _Bus, right=Right.OPERATE)

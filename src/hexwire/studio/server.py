@@ -44,7 +44,7 @@ STATIC = Path(__file__).parent / "static"
 """Folder of the files that pages load."""
 FOXGLOVE = "/foxglove"
 """Address of the socket of programs that speak Foxglove's protocol."""
-PAGES = ("/", "/arm", "/servos", "/plots", "/wire", "/recordings", "/fleet")
+PAGES = ("/move", "/servos", "/signals", "/wire", "/recordings", "/")
 """Addresses of the pages. All are one file; its `studio.js` has their titles and modules."""
 
 

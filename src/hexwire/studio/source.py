@@ -32,7 +32,7 @@ _log = logging.getLogger(__name__)
 
 _RANK = 1
 """All pages have one rank: none takes control from another without asking for it."""
-_NO_ARM = "no arm is open; choose a port on the page Connect"
+_NO_ARM = "no arm is open; choose a port on the page Arms"
 
 
 class Source:

@@ -24,7 +24,7 @@ _BACKLOG = 2000
 """Transfers from before somebody looked that are read then."""
 _STEP = 400
 """Transfers that are read at a time, so that nobody waits long for the rest of the program."""
-_NOTHING = "Nothing is open. Choose a port on the page Connect, or open a recording or a log here."
+_NOTHING = "Nothing is open. Choose a port on the page Arms, or open a recording or a log here."
 _SHARED = (
     "This arm is shared by another program, which owns its line: only that program sees the bytes. Open a "
     "recording made there with --record, or open the port itself."

@@ -1,4 +1,4 @@
-"""The page Arm, as a person uses it: drags, a preview and its refusal, poses, teach and play."""
+"""The page Move, as a person uses it: drags, a preview and its refusal, poses, teach and play."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def _no_arm_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def open_page(page: Page) -> None:
-    """Go to the page Arm, which does not take a busy machine for a silent studio either."""
+    """Go to the page Move, which does not take a busy machine for a silent studio either."""
     page.evaluate(
         "() => { Object.defineProperty(hexwire, 'known', { get: () => Boolean(hexwire.facts?.known) }); }"
     )
     shrink_views(page)
-    page.get_by_role("link", name="Arm", exact=True).click()
+    page.get_by_role("link", name="Move", exact=True).click()
 
 
 def shaft(studio: RunningStudio, joint: str) -> float:
@@ -153,7 +153,7 @@ def test_joints_move_only_while_somebody_holds_them(studio: RunningStudio, page:
 
 @pytest.mark.slow
 def test_an_arm_that_is_opened_between_a_frame_and_its_picture_breaks_nothing(page: Page) -> None:
-    page.get_by_role("link", name="Arm", exact=True).click()
+    page.get_by_role("link", name="Move", exact=True).click()
     page.wait_for_function("document.querySelector('[data-tip=x]')?.textContent.length > 1")
     # As where the studio says that it has another arm; what fails in a picture is an error of the page.
     page.evaluate(

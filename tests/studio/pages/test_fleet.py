@@ -1,4 +1,4 @@
-"""The page Fleet, as a person uses it, and what it asks for."""
+"""All arms on the page Arms, as a person uses it, and what it asks for."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 from tests.fleet.conftest import Serve, runtime, serve
+
+from hexwire.studio.access import Right
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -19,8 +21,8 @@ __all__ = ["runtime", "serve"]
 
 @pytest.fixture
 def fleet_page(runtime: Path, studio: RunningStudio, page: Page) -> Iterator[Page]:
-    page.get_by_role("link", name="Fleet", exact=True).click()
-    page.get_by_role("heading", name="Fleet", level=1).wait_for()
+    page.get_by_role("link", name="Arms", exact=True).click()
+    page.get_by_role("heading", name="Arms", level=1).wait_for()
     yield page
     # It asks no more before the fleet rests.
     page.goto("about:blank")
@@ -52,16 +54,16 @@ def test_an_operator_opens_an_arm_and_a_watcher_stops_it(
     serve("lab/arm1", robot="sim")
     serve("lab/arm2", robot="sim")
     fleet_page.get_by_role("button", name="Open lab/arm1").click()
-    fleet_page.get_by_role("heading", name="Arm", level=1).wait_for()
+    fleet_page.get_by_role("heading", name="Move", level=1).wait_for()
     assert studio.arm.owner.robot.url.startswith("zenoh:lab/arm1")
     fleet_page.get_by_role("link", name="Wire", exact=True).click()
     fleet_page.get_by_text("shared by another program").wait_for()
     studio.studio.source.close()
     # A viewer: in this browser its session takes the place of the operator's.
-    fleet_page.get_by_role("link", name="Fleet", exact=True).click()
+    fleet_page.get_by_role("link", name="Arms", exact=True).click()
     viewer = context.new_page()
     viewer.goto(studio.watch_url)
-    viewer.get_by_role("link", name="Fleet", exact=True).click()
+    viewer.get_by_role("link", name="Arms", exact=True).click()
     row = viewer.get_by_role("row").filter(has_text="lab/arm1")
     row.get_by_text("hex7bot").wait_for()
     viewer.get_by_role("button", name="Stop lab/arm1").click()
@@ -71,15 +73,14 @@ def test_an_operator_opens_an_arm_and_a_watcher_stops_it(
     assert "stopped" not in other.inner_text()
     # A viewer cannot open it, neither by a button nor without one.
     assert viewer.get_by_role("button", name="Open lab/arm1").count() == 0
-    tab = viewer.locator('meta[name="hexwire-tab"]').get_attribute("content")
-    refused = viewer.evaluate(
-        "async (tab) => (await (await fetch(`/fleet/open?name=lab/arm1&tab=${tab}`, {method: 'POST'})).json())", tab
-    )
-    assert "watching only" in refused["refused"]
+    refused = viewer.evaluate("hexwire.call('fleet.open', { name: 'lab/arm1' }).catch((error) => error.message)")
+    assert "watching only" in refused
     viewer.get_by_role("button", name="Stop all arms").click()
     viewer.get_by_text("lab/arm2: stopped, limp: J1").wait_for()
     viewer.close()
-    # The page of the session before says that it is no longer one, and keeps saying it.
+    # What another page has control of is not replaced; the page says so, and keeps saying it.
+    studio.open()
+    studio.studio.take(studio.studio.tabs.open("another", Right.OPERATE))
     fleet_page.get_by_role("button", name="Open lab/arm1").click()
     fleet_page.get_by_text("lab/arm1 is not open here").wait_for()
     fleet_page.wait_for_timeout(700)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def _open(page: Page) -> None:
-    page.get_by_role("link", name="Plots", exact=True).click()
+    page.get_by_role("link", name="Signals", exact=True).click()
     page.get_by_role("heading", name="Plots", level=1).wait_for()
     page.locator(".uplot").first.wait_for()
 

@@ -1,4 +1,4 @@
-"""The start page, as a person uses it."""
+"""The page Arms, as a person uses it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_a_port_is_shown_with_its_obstacle_and_an_arm_is_opened(
     page = blank
     try:
         page.goto(served.operate_url)
-        page.get_by_role("heading", name="Connect", level=1).wait_for()
+        page.get_by_role("heading", name="Arms", level=1).wait_for()
         row = page.get_by_role("row", name="/dev/ttyUSB7")
         row.get_by_text("it is open in minicom (pid 7)").wait_for()
         row.get_by_text("end it").wait_for()
@@ -40,16 +40,17 @@ def test_a_port_is_shown_with_its_obstacle_and_an_arm_is_opened(
         page.get_by_role("link", name="Servos", exact=True).click()
         expect(page.get_by_label("Port or address of the adapter")).to_have_value("/dev/ttyUSB7")
         page.get_by_text("drives the arm to its middle pose: keep clear").wait_for()
-        page.get_by_role("link", name="Connect", exact=True).click()
+        page.get_by_role("link", name="Arms", exact=True).click()
         page.get_by_role("button", name="Open sim://so101").click()
-        page.wait_for_url("**/arm")
-        page.locator("#hw-fact-connection", has_text="so101").wait_for()
-        page.get_by_role("link", name="Connect", exact=True).click()
+        page.wait_for_url("**/move")
+        page.locator("#hw-name", has_text="so101").wait_for()
+        page.get_by_role("link", name="Arms", exact=True).click()
         page.get_by_role("button", name="Close what is open").click()
         page.get_by_text("Nothing is open.").wait_for()
         assert served.studio.source.mode == "none"
     finally:
         served.studio.source.close()
+        served.studio.fleet.rest()
         served.studio.access.end_all()
 
 
@@ -60,6 +61,7 @@ def test_a_watcher_opens_nothing(served: RunningStudio, blank: Page) -> None:
         page.get_by_role("row", name="sim://so101").wait_for()
         assert page.get_by_role("button", name="Open").count() == 0
     finally:
+        served.studio.fleet.rest()
         served.studio.access.end_all()
 
 
@@ -97,4 +99,5 @@ def test_what_was_plugged_in_a_moment_ago_is_there_at_once(
         blank.get_by_role("row", name="/dev/ttyUSB7").wait_for()
     finally:
         going_on.set()
+        served.studio.fleet.rest()
         served.studio.access.end_all()

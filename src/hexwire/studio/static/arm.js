@@ -62,10 +62,10 @@ function nothing({ mode, open_error: error }) {
   if (mode === "opening") return html`<p>The arm is being opened.</p>`;
   if (mode === "bus") {
     return html`<p>The servos are open one by one, without the arm around them. To move the arm as a whole, open it on
-      <a href="/">Connect</a>.</p>`;
+      <a href="/">Arms</a>.</p>`;
   }
   return html`${error && html`<p class="hw-bad">Not opened: ${error}</p>`}<p>No arm is open. Choose one on
-    <a href="/">Connect</a>, or a servo bus on <a href="/servos">Servos</a>.</p>`;
+    <a href="/">Arms</a>, or a servo bus on <a href="/servos">Servos</a>.</p>`;
 }
 
 function draw(element, args, opened) {
@@ -474,21 +474,22 @@ function markup({ joints, space, jaws, geometry, emulated }) {
   <output id="arm-speed-value" for="arm-speed">30 %</output>
   <span class="arm-hint" id="arm-hint" role="status"></span>
 </div>
-<div class="arm-left">${viewMarkup(geometry, emulated)}${space && [tipMarkup(space), spaceMarkup()]}${jaws && gripperMarkup()}</div>
-<div class="arm-right">${jointsMarkup(joints)}${gotoMarkup(joints, space)}${posesMarkup(jaws)}${teachMarkup()}</div>
+<div class="arm-left">${viewMarkup(geometry, space, emulated)}</div>
+<div class="arm-right">${jointsMarkup(joints)}${space && spaceMarkup()}${jaws && gripperMarkup()}${gotoMarkup(joints, space)}${posesMarkup(jaws)}${teachMarkup()}</div>
 </div>`;
 }
 
-function viewMarkup(geometry, emulated) {
+function viewMarkup(geometry, space, emulated) {
   return html`<section class="arm-part arm-view-part" aria-label="View and motion">
   ${geometry ? html`<div class="arm-view" id="arm-view"></div>` : html`<p class="arm-note">The lengths of this arm are unknown,
     so it has no 3D view, no tip, and no jog in space.</p>`}
-  ${emulated && html`<p class="arm-note">${emulated}</p>`}
+  ${space && tipMarkup(space)}
   <div class="arm-run" id="arm-run">
     <progress id="arm-run-bar" max="1" value="0" aria-label="Progress of the motion"></progress>
     <span id="arm-run-text" role="status">No motion</span>
     <button class="hw-button" id="arm-run-end" type="button" disabled>End motion</button>
   </div>
+  ${emulated && html`<p class="arm-note">${emulated}</p>`}
 </section>`;
 }
 
@@ -531,11 +532,8 @@ function jointMarkup({ name, min, max }) {
 export function tipMarkup(space) {
   const turns = space === 5 ? [["toolpitch", "pitch"], ["toolroll", "roll"]] : [["roll", "roll"], ["pitch", "pitch"], ["yaw", "yaw"]];
   const rows = [...["x", "y", "z"].map((axis) => [axis, axis, "mm"]), ...turns.map((turn) => [...turn, "°"])];
-  return html`<section class="arm-part" aria-labelledby="arm-tip-title">
-  <h2 id="arm-tip-title">Tip</h2>
-  <dl class="arm-tip hw-live">${rows.map(([key, words, unit]) => html`<div><dt>${words} <span class="arm-unit">${unit}</span></dt>
-    <dd data-tip="${key}">–</dd></div>`)}</dl>
-</section>`;
+  return html`<dl class="arm-tip hw-live" aria-label="Tip">${rows.map(([key, words, unit]) => html`<div><dt>${words} <span class="arm-unit">${unit}</span></dt>
+    <dd data-tip="${key}">–</dd></div>`)}</dl>`;
 }
 
 function spaceMarkup() {

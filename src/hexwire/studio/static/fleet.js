@@ -1,14 +1,14 @@
-// The page Fleet: what is open here and all shared arms that the studio may see, and their stop. Owns the table; the
-// server decides who may stop and open, and says what has become of a stop.
+// The part of the page Arms about all arms: what is open here and all shared arms that the studio may see, and their stop.
+// Owns the table; the server decides who may stop and open, and says what has become of a stop.
 
+import hexwire from "./live.js";
 import { go } from "./studio.js";
 import { loadSheet, node, put } from "./widgets.js";
 
 const PERIOD = 150; // ms between two looks: what is old is grey within a second
 const HEAD = ["Arm", "State", "Faults", "Lease", "Torque", "Age, ms", "Robot", "Computer", ""];
 
-export async function mount(root, args) {
-  root.classList.add("hw-fleet");
+export async function mountFleet(root, args) {
   await loadSheet("/static/fleet.css");
   if (!root.isConnected) return;
   new FleetPage(root, args.tab, args.operates);
@@ -47,8 +47,9 @@ class FleetPage {
     this.poll();
   }
 
-  async ask(path, values = {}, options = {}) {
-    const answer = await fetch(`/fleet/${path}?${new URLSearchParams({ tab: this.tab, ...values })}`, options);
+  /** By HTTP: it needs no socket, and waits for nothing else that this page asks for. */
+  async askStop(values) {
+    const answer = await fetch(`/fleet/stop?${new URLSearchParams({ tab: this.tab, ...values })}`, { method: "POST" });
     if (!answer.ok) throw new Error(`the studio refused this (${answer.status})`);
     const found = await answer.json();
     if (found.refused) throw new Error(found.refused);
@@ -60,7 +61,7 @@ class FleetPage {
     if (!this.root.isConnected || document.hidden || this.asking) return;
     this.asking = true;
     try {
-      this.show(await this.ask("arms"));
+      this.show(await hexwire.call("fleet.arms"));
     } catch (error) {
       this.fail(error.message);
     }
@@ -124,7 +125,7 @@ class FleetPage {
     const told = name || "all arms";
     this.results.replaceChildren(node("li", {}, `Stopping ${told} ...`));
     try {
-      const done = await this.ask("stop", own ? { own: "1" } : name ? { name } : { all: "1" }, { method: "POST" });
+      const done = await this.askStop(own ? { own: "1" } : name ? { name } : { all: "1" });
       if (!done.length) throw new Error("it is not open any more");
       this.results.replaceChildren(...done.map((row) => {
         const more = row.confirmed ? "" : ". Switch its power off if it may move.";
@@ -140,8 +141,8 @@ class FleetPage {
     button.disabled = true;
     this.refusal.hidden = true;
     try {
-      await this.ask("open", { name }, { method: "POST" });
-      go("/arm");
+      await hexwire.call("fleet.open", { name });
+      go("/move");
     } catch (error) {
       put(this.refusal, `${name} is not open here: ${error.message}`);
       this.refusal.hidden = false;

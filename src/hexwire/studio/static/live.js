@@ -28,6 +28,8 @@ let told = { text: "", until: 0, urgent: false };
 let lasted = "";
 let seen = 0;
 let wasKnown = true;
+let hadControl = false;
+let leaving = false; // it was given back here
 let heard = -Infinity; // when the studio said something last
 
 const hexwire = {
@@ -372,6 +374,26 @@ function put(name, text, level = "") {
   element.dataset.level = level;
 }
 
+/** The line of the header: what is open, and the one thing about it that matters most. */
+function brief(facts, { arm, bus, link, known, mine }) {
+  const name = !link ? "No connection" : facts.opening ? "Opening …" : arm ? (bus ? "Servo bus" : facts.robot) : "No arm";
+  const faults = arm && known && facts.faults ? facts.faults : [];
+  let words = "", level = "";
+  if (!link) words = "to the studio", level = "error";
+  else if (!arm) words = facts.opening || "nothing is open";
+  else if (!facts.connected) words = "not connected", level = "error";
+  else if (!known) words = "not known now", level = "warn";
+  else if (facts.stopped) words = "stopped", level = "error";
+  else if (faults.length) words = faults.join("; "), level = "error";
+  else words = [`torque ${facts.torque}`, mine ? "in control" : facts.holder ? `${facts.holder} has control` : ""].filter(Boolean).join(" · ");
+  for (const [id, text] of [["hw-name", name], ["hw-brief", words]]) {
+    const element = document.getElementById(id);
+    if (element.textContent !== text) element.textContent = element.title = text;
+    if (id === "hw-brief") element.dataset.level = level;
+  }
+  document.getElementById("hw-dot").dataset.level = level || (arm && facts.torque === "on" ? "ok" : "");
+}
+
 function show(name, so) {
   const element = document.getElementById(`hw-${name}`);
   if (element) element.hidden = !so;
@@ -406,11 +428,17 @@ function header(facts) {
   const mine = arm && facts.holder_tab !== "" && facts.holder_tab === hexwire.tab;
   put("holder", arm ? (mine ? "this page" : facts.holder || "nobody") : "–", mine ? "ok" : "");
   put("torque", arm ? facts.torque : "–", known && arm && facts.torque === "on" ? "ok" : "");
+  brief(facts, { arm, bus, link, known, mine });
+  const lost = hadControl && !mine && !leaving && link && arm;
+  hadControl = mine;
+  leaving &&= mine;
+  if (lost) say(facts.holder ? `This page has lost control: ${facts.holder} has it` : "This page has lost control");
   show("take", link && arm && !mine && hexwire.operates);
   show("leave", link && mine);
   show("resume", link && mine && known && facts.stopped !== "");
   show("torque-on", link && mine && known && facts.stopped === "" && facts.torque !== "on");
   show("torque-off", link && mine && facts.torque !== "off");
+  show("limp", link && mine && facts.torque !== "off");
   document.body.classList.toggle("hw-stopped", arm && facts.stopped !== "");
   let lasting = "";
   if (!link) lasting = since(facts) + "No connection to the studio. STOP will try another way; switch the arm's power off.";
@@ -425,8 +453,11 @@ hexwire.onFacts(header);
 hexwire.onNews((news) => say(news.text, news.level === "error"));
 hexwire.onLink(() => header(hexwire.facts || { mode: "none" }));
 
-for (const [id, name, args] of [["take", "take"], ["leave", "leave"], ["resume", "resume"], ["torque-on", "torque", { on: true }], ["torque-off", "torque", { on: false }]]) {
-  document.getElementById(`hw-${id}`).addEventListener("click", () => act(name, args));
+for (const [id, name, args] of [["take", "take"], ["leave", "leave"], ["resume", "resume"], ["torque-on", "torque", { on: true }], ["torque-off", "torque", { on: false }], ["limp", "torque", { on: false }]]) {
+  document.getElementById(`hw-${id}`).addEventListener("click", () => {
+    leaving ||= id === "leave";
+    act(name, args);
+  });
 }
 
 /** Show for a while, above everything but in nobody's way, what has become of what was asked for. */

@@ -8,13 +8,12 @@ import hexwire from "./live.js";
 import { node } from "./widgets.js";
 
 const PAGES = {
-  "/": ["Connect", "connect.js"],
-  "/arm": ["Arm", "arm.js"],
+  "/move": ["Move", "arm.js"],
   "/servos": ["Servos", "servos.js"],
-  "/plots": ["Plots", "plots.js"],
+  "/signals": ["Signals", "plots.js"],
   "/wire": ["Wire", "wire.js"],
   "/recordings": ["Recordings", "recordings.js"],
-  "/fleet": ["Fleet", "fleet.js"],
+  "/": ["Arms", "arms.js"],
 };
 const THEMES = ["auto", "light", "dark"];
 
@@ -34,7 +33,8 @@ async function show() {
   }
   document.querySelectorAll("dialog").forEach((each) => each.close());
   const place = node("div", { class: "hw-page" });
-  main.replaceChildren(node("h1", {}, title), place);
+  // The header shows which page it is; who does not see it hears it.
+  main.replaceChildren(node("h1", { class: "hw-hidden" }, title), place);
   try {
     const page = await import(`./${file}`);
     if (place.isConnected) await page.mount(place, { tab: hexwire.key, operates: hexwire.operates });
@@ -61,6 +61,9 @@ document.addEventListener("click", (event) => {
   if (link.pathname !== location.pathname) go(link.pathname);
 });
 addEventListener("popstate", show);
+
+const sheet = document.getElementById("hw-status");
+document.addEventListener("pointerdown", ({ target }) => sheet.contains(target) || (sheet.open = false));
 
 // -- the theme -------------------------------------------------------------------------------------------------
 

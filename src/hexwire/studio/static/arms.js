@@ -1,7 +1,8 @@
-// The page Connect: what is plugged in, what it probably is, and opening it. Owns its tables and the form; the server finds
-// the ports, and opens them.
+// The page Arms: what is plugged in, what it probably is, and opening it; below, the arms that are shared. Owns its tables
+// and the form; the server finds the ports, and opens them.
 
 import hexwire from "./live.js";
+import { mountFleet } from "./fleet.js";
 import { go } from "./studio.js";
 import { fill, html } from "./widgets.js";
 
@@ -16,7 +17,9 @@ export async function mount(element, { operates }) {
         <select id="hw-robot" name="robot"><option value=""></option></select></div>
       ${operates && html`<button class="hw-button" type="submit" aria-label="Open this address">Open</button>`}
     </form>
-    <p class="hw-dim" id="hw-warning"></p>`);
+    <p class="hw-dim" id="hw-warning"></p>
+    <section class="hw-fleet" aria-labelledby="hw-shared"><h2 id="hw-shared">Shared arms</h2><div></div></section>`);
+  mountFleet(element.querySelector(".hw-fleet > div"), { tab: hexwire.key, operates });
   const find = (selector) => element.querySelector(selector);
   const present = find(".hw-present"), ports = find("#hw-ports"), form = find("form");
   let open = "";
@@ -46,7 +49,7 @@ export async function mount(element, { operates }) {
   }
 
   async function openAddress(url, robot) {
-    if ((await hexwire.act("open", { url, robot })) !== undefined) go("/arm");
+    if ((await hexwire.act("open", { url, robot })) !== undefined) go("/move");
   }
 
   element.addEventListener("click", async ({ target }) => {
