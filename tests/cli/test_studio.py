@@ -43,8 +43,8 @@ def test_demo_prints_both_addresses_and_ends_at_ctrl_c() -> None:
     with _studio("--demo") as (process, lines):
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=60)
-    assert re.fullmatch(r"operate: http://127\.0\.0\.1:\d+/arm\?token=[\w-]{43}\n", lines[0])
-    assert re.fullmatch(r"watch:   http://127\.0\.0\.1:\d+/arm\?token=[\w-]{43}\n", lines[1])
+    assert re.fullmatch(r"operate: http://127\.0\.0\.1:\d+/move\?token=[\w-]{43}\n", lines[0])
+    assert re.fullmatch(r"watch:   http://127\.0\.0\.1:\d+/move\?token=[\w-]{43}\n", lines[1])
     assert lines[0].split()[1] != lines[1].split()[1]
     assert process.returncode == 0
     assert errors == "the studio has ended\n"
