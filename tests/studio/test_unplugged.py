@@ -41,12 +41,12 @@ _PRESSABLE = """[...document.querySelectorAll(".arm-need, .arm-jog, #arm-here, #
 ).map((each) => each.outerHTML)"""
 """What moves the arm, or says where it is."""
 _SHOWN = {
-    "/": "",
     "/move": '[data-value="position"]',
     "/servos": "[data-frame]",
     "/signals": ".hx-plot-legend td",
     "/wire": "",
     "/recordings": "",
+    "/": ".hw-fleet-table td[data-label]",
 }
 """What each page shows of the arm."""
 
