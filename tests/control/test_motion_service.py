@@ -36,6 +36,47 @@ def bench(tmp_path: Path) -> DeskBench:
     return DeskBench(tmp_path)
 
 
+def test_steps_are_exact_and_add_up(bench: DeskBench) -> None:
+    """Each begins where the arm was sent before, not where it came to rest, and is checked like every motion."""
+    stay = {"what": "step", "joint": "J1", "by": 0.0}
+    start = bench.motions.preview(stay).goal["J1"]
+    for _ in range(3):
+        assert bench.do(what="step", joint="J1", by=math.radians(0.1)) == "succeeded"
+    assert bench.motions.progress is not None
+    assert bench.motions.progress.title == "a step of J1 by 0.1 deg"
+    begin = bench.motions.preview(stay)
+    assert begin.goal["J1"] == pytest.approx(start + math.radians(0.3), abs=1e-9)
+    tip = begin.tip
+    assert tip is not None
+    for what in (
+        {"move": [0.0, 0.0, 0.01]},
+        {"turn": [0.0, 0.0, 0.1]},
+        {"turn": [0.0, 0.0, -0.1]},
+        {"move": [0, 0, -0.01]},
+    ):
+        assert bench.do(what="step", **what) == "succeeded", what
+    end = bench.motions.preview(stay).tip
+    assert end is not None
+    assert end.position == pytest.approx(tip.position, abs=1e-6)
+    assert end.rpy == pytest.approx(tip.rpy, abs=1e-6)
+    refusal = bench.motions.preview({"what": "step", "joint": "J1", "by": 3.0}).refusal
+    with pytest.raises(GoalError) as caught:
+        bench.do(what="step", joint="J1", by=3.0)
+    assert str(caught.value) == refusal != ""
+
+
+def test_a_step_is_of_one_kind(bench: DeskBench) -> None:
+    for args in (
+        {},
+        {"joint": "J1"},
+        {"by": 0.1},
+        {"joint": "J1", "by": 0.1, "move": [0, 0, 0]},
+        {"turn": [0, 0, 0], "by": 1},
+    ):
+        with pytest.raises(UsageError, match="a step has a joint and by how far, or a move, or a turn"):
+            bench.motions.preview({"what": "step", **args})
+
+
 def test_a_preview_moves_nothing_and_the_motion_goes_where_it_said(bench: DeskBench) -> None:
     args = {"what": "place", "position": [0.0, 0.22, 0.2]}
     plan = bench.motions.preview(args)

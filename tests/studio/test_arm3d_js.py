@@ -227,6 +227,17 @@ def test_keys_and_wheel_move_the_camera_and_leave_the_rest_alone(blank: Page) ->
     assert blank.evaluate("document.activeElement.textContent") == "other"
 
 
+PLACES = """(() => {
+  const box = document.querySelector("canvas").getBoundingClientRect();
+  return view._arm.bodies.filter(Boolean).map((body) => {
+    body.geometry.computeBoundingSphere();
+    const at = body.localToWorld(body.geometry.boundingSphere.center.clone()).project(view._camera);
+    return [box.left + (at.x + 1) / 2 * box.width, box.top + (1 - at.y) / 2 * box.height];
+  });
+})()"""
+"""Where the parts of the arm are on the screen."""
+
+
 @pytest.mark.slow
 def test_dragging_turns_it_and_its_size_follows_the_page(blank: Page) -> None:
     show(blank)
@@ -242,6 +253,19 @@ def test_dragging_turns_it_and_its_size_follows_the_page(blank: Page) -> None:
         blank.evaluate("(name) => view.resetView(name)", name)
     x, y, z = blank.evaluate(place)
     assert z > 3 * math.hypot(x, y - 0.1)
+    # Near the tip it is looked at; a double click looks at the joint that moves what is under the pointer.
+    blank.evaluate("view.resetView('tip')")
+    aim = "view._controls.target.toArray()"
+    assert blank.evaluate(aim) == pytest.approx(blank.evaluate("view.tip().position"))
+    blank.evaluate("view.resetView('side')")
+    before = blank.evaluate(aim)
+    blank.mouse.dblclick(2, 2)
+    assert blank.evaluate(aim) == before
+    frames = "view._arm.frames.map((frame) => frame.getWorldPosition(frame.position.clone()).toArray())"
+    settle(blank)
+    for shown in blank.evaluate(PLACES):
+        blank.mouse.dblclick(*shown)
+    assert any(math.dist(blank.evaluate(aim), frame) < 1e-6 for frame in blank.evaluate(frames))
     blank.evaluate("document.getElementById('view').style.width = '300px'")
     blank.wait_for_function("[300, 600].includes(document.querySelector('canvas').width)")
     drawn = settle(blank)

@@ -18,6 +18,7 @@ from hexwire.control.requests.pose_file import check_pose_name
 from hexwire.model.aim import Tip
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.teach import Taught
+from hexwire.studio.access import Right
 from hexwire.studio.arm_calls import arm_values
 
 if TYPE_CHECKING:
@@ -95,6 +96,47 @@ def test_what_is_pressed_without_a_connection_is_not_done_later(studio: RunningS
     operator.get_by_role("button", name="Torque on").click()
     expect(operator.locator("#hw-fact-torque")).to_have_text("on")
     assert not studio.studio.source.need_arm().motions.teaching
+
+
+@pytest.mark.slow
+def test_clicks_are_steps_that_add_up_and_keys_do_what_buttons_do(studio: RunningStudio, operator: Page) -> None:
+    open_page(operator)
+    prepare(operator, speed=100)
+    ten, held = (operator.locator(".hw-segments label", has_text=words) for words in ("10", "while held"))
+    expect(operator.locator('input[name="step"][value="10"]')).to_be_enabled()
+    ten.click()
+    start = shaft(studio, "J1")
+
+    def is_at(degrees: float) -> bool:
+        return abs(math.degrees(shaft(studio, "J1") - start) - degrees) < 0.5
+
+    # The second and the third click come before the first step has ended.
+    for _ in range(3):
+        operator.get_by_role("button", name="Jog J1 up").click()
+    studio.until(lambda: is_at(30.0), "three steps")
+    # Keys move nothing before they are switched on.
+    operator.keyboard.press("Shift+Digit1")
+    operator.locator("#arm-keys").check()
+    operator.keyboard.press("Shift+Digit1")
+    studio.until(lambda: is_at(20.0), "a step by a key")
+    assert is_at(20.0)
+    held.click()
+    operator.keyboard.down("1")
+    studio.until(lambda: shaft(studio, "J1") - start > math.radians(22.0), "a jog by a key")
+    operator.keyboard.up("1")
+    end = rest(studio, "J1")
+    # What is typed into a field is no order.
+    operator.locator('#arm-goto input[name="x"]').press("1")
+    operator.locator("h1").click(force=True)
+    operator.keyboard.press("?")
+    expect(operator.get_by_role("dialog", name="Keys")).to_contain_text("Shift 1")
+    operator.keyboard.press("?")
+    expect(operator.get_by_role("dialog", name="Keys")).to_be_hidden()
+    assert rest(studio, "J1") == pytest.approx(end, abs=1e-3)
+    # Whoever has lost control says again that keys move the arm; the page says that it has lost it.
+    studio.studio.take(studio.studio.tabs.open("another", Right.OPERATE), force=True)
+    expect(operator.locator("#hw-banner")).to_contain_text("This page has lost control: tab")
+    expect(operator.locator("#arm-keys")).not_to_be_checked()
 
 
 @pytest.mark.slow

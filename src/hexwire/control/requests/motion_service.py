@@ -10,6 +10,9 @@ A request is a table with the key ``what``:
   (the tool keeps its direction relative to the arm), ``space``, ``down``, ``rpy`` and ``pitch``; with ``rpy`` three
   angles, with ``pitch`` a pitch and maybe a ``roll``, in radians.
 - ``pose``: ``name``.
+- ``step``: ``joint`` and ``by``, radians; or ``move``, three numbers in metres along the axes of the base; or
+  ``turn``, three angles in radians about them, with the tip in its place. It begins where the arm was last sent, so
+  that steps add up exactly.
 - ``grip``: ``share``, 0 is closed, 1 fully open.
 - ``play``: ``begin`` and ``end`` in seconds of the taught motion, and ``factor`` of its speed.
 
@@ -36,6 +39,7 @@ from .pose_file import HOME, PoseFile, find_pose, home_pose, without_gripper
 from .preview import Planner
 
 if TYPE_CHECKING:
+    from hexwire.model.pose import Vector
     from hexwire.motion.teach import Taught
 
     from ..sharing.shared import Order, SharedArm
@@ -53,10 +57,18 @@ _KEYS = {
     "joints": ("goals",),
     "place": ("position", "relative", "straight", "aim", "rpy", "pitch", "roll", "branch"),
     "pose": ("name",),
+    "step": ("joint", "by", "move", "turn"),
     "grip": ("share",),
     "play": ("begin", "end", "factor"),
 }
-_NEEDED = {"joints": ("goals",), "place": ("position",), "pose": ("name",), "grip": ("share",), "play": ()}
+_NEEDED: Mapping[str, tuple[str, ...]] = {
+    "joints": ("goals",),
+    "place": ("position",),
+    "pose": ("name",),
+    "step": (),
+    "grip": ("share",),
+    "play": (),
+}
 _NUMBERS = ("speed", "share", "begin", "end", "factor")
 _AIMS = ("arm", "space", "down", "rpy", "pitch")
 
@@ -66,11 +78,14 @@ class MotionRequest:
     """What is asked for; only what belongs to `what` has a meaning.
 
     Attributes:
-        what: ``joints``, ``place``, ``pose``, ``grip`` or ``play``.
+        what: ``joints``, ``place``, ``pose``, ``step``, ``grip`` or ``play``.
         speed: Share of the joints' speed limits.
         goals: Radians by joint.
         place: Where the tip is to go.
-        name: Name of a pose.
+        name: Name of a pose, or of the joint that makes a step.
+        by: How far that joint turns, radians.
+        move: How far the tip moves along the axes of the base, metres; None for no such step.
+        turn: How far the tool turns about them, radians; None for no such step.
         share: Opening of the gripper: 0 is closed, 1 fully open.
         begin: First second of the taught motion to play.
         end: Last second of it to play.
@@ -82,6 +97,9 @@ class MotionRequest:
     goals: Mapping[str, float] = field(default_factory=dict)
     place: Place = field(default_factory=lambda: Place((0.0, 0.0, 0.0)))
     name: str = ""
+    by: float = 0.0
+    move: Vector | None = None
+    turn: Vector | None = None
     share: float = 0.0
     begin: float = 0.0
     end: float = math.inf
@@ -106,9 +124,21 @@ def read_motion(args: Mapping[str, object]) -> MotionRequest:
             raise row["goals"].fault(f"must name 1 to {_MOST_JOINTS} joints")
     if what == "place":
         values["place"] = _place(item)
+    if what == "step":
+        values |= _step(item)
     if what == "pose":
         values["name"] = row["name"].text(_LONGEST_TEXT)
     return MotionRequest(what, **values)
+
+
+def _step(item: Item) -> dict[str, Any]:
+    row = item.table()
+    kinds = [key for key in ("joint", "move", "turn") if key in row]
+    if len(kinds) != 1 or ("by" in row) != (kinds == ["joint"]):
+        raise item.fault("a step has a joint and by how far, or a move, or a turn")
+    if kinds == ["joint"]:
+        return {"name": row["joint"].text(_LONGEST_TEXT), "by": row["by"].number(-_MOST, _MOST, "rad")}
+    return {kinds[0]: _three(row[kinds[0]], "m" if kinds == ["move"] else "rad")}
 
 
 def _place(item: Item) -> Place:
@@ -134,6 +164,14 @@ def _place(item: Item) -> Place:
 def _three(item: Item, unit: str) -> tuple[float, float, float]:
     a, b, c = (part.number(-_MOST, _MOST, unit) for part in item.rows(3, 3))
     return a, b, c
+
+
+def _step_words(request: MotionRequest) -> str:
+    if request.move is not None:
+        return f"of the tip by {' '.join(decimal(1e3 * part) for part in request.move)} mm"
+    if request.turn is not None:
+        return f"of the tool by {' '.join(decimal(math.degrees(part)) for part in request.turn)} deg"
+    return f"of {request.name} by {decimal(math.degrees(request.by))} deg"
 
 
 _NAMED = 2
@@ -298,6 +336,12 @@ class MotionService:
             return planner.to_place(request.place, speed=speed)
         if request.what == "pose":
             return planner.to_joints(self._pose(request.name), speed=speed)
+        if request.what == "step":
+            if request.move is not None:
+                return planner.by_move(request.move, speed=speed)
+            if request.turn is not None:
+                return planner.by_turn(request.turn, speed=speed)
+            return planner.by_joint(request.name, request.by, speed=speed)
         if request.what == "grip":
             if self.jaws is None:
                 raise UsageError(f"no gripper of {self._arm.settings.model.name} is known")
@@ -320,6 +364,8 @@ class MotionService:
             return f"the gripper to {decimal(100 * request.share, 3)} % open"
         if request.what == "play":
             return "the taught motion"
+        if request.what == "step":
+            return "a step " + _step_words(request)
         if len(request.goals) > _NAMED:
             return "a motion to joint angles"
         degrees = (f"{name} {decimal(math.degrees(angle))}" for name, angle in request.goals.items())

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from hexwire.errors import GoalError, HexwireError, LimitError, UsageError
-from hexwire.model.aim import Tip, aimed_pose
+from hexwire.model.aim import Aim, Tip, aimed_pose, rpy_of
+from hexwire.model.pose import multiply, rotation_about
 from hexwire.model.state import finite
 from hexwire.motion.joined import Joined, WithResting, sampled
 from hexwire.motion.teach import approach
@@ -21,15 +22,15 @@ from ..loop.outcomes import Reason
 from ..loop.reader import position_unknown
 from ..motion.goals import MAX_POINTS, Point, TrajectoryGoal
 from ..motion.path_check import PathCheck
-from ..motion.via import approached, chosen_solution, straight
+from ..motion.via import Place, approached, chosen_solution, straight
 
 if TYPE_CHECKING:
     from hexwire.model.kinematics import KinematicModel
+    from hexwire.model.pose import Vector
     from hexwire.model.state import JointState
     from hexwire.motion.teach import Taught
     from hexwire.motion.trajectory import Trajectory
 
-    from ..motion.via import Place
     from .controlled_arm import ControlledArm
 
 __all__ = ["PLAY_FACTORS", "Branch", "Planner", "Preview", "goal_of"]
@@ -42,6 +43,8 @@ _STEP = 0.02
 """Least seconds between two points that are sent."""
 _MOST_POINTS = MAX_POINTS - 1
 _SLOWEST = 0.01
+_ALL_DIRECTIONS = 6
+"""Joints with which a tool can be turned in every direction."""
 PLAY_FACTORS = (0.1, 4.0)
 """Slowest and fastest factor at which a taught motion is played."""
 
@@ -181,6 +184,57 @@ class Planner:
             found = self._to(model.to_joints(chosen.angles), here, state, speed)
             found = replace(found, branch=chosen.branch)
         return found if place.straight else replace(found, branches=branches)
+
+    def by_joint(self, name: str, by: float, *, speed: float = 0.3) -> Preview:
+        """Plan a step of one joint, from where it was last sent, so that many steps add up exactly.
+
+        Args:
+            name: The joint.
+            by: How far, radians.
+            speed: Share of the joints' speed limits.
+
+        Raises:
+            UsageError: There is no such joint, or a number is out of range.
+            HexwireError: The arm cannot be reached.
+        """
+        joint, by = self._model.joint(name).name, finite(by, f"the step of {name}")
+        state, here = self._here()
+        return self._to({joint: here[joint] + by}, here, state, _share(speed))
+
+    def by_move(self, by: Vector, *, speed: float = 0.3) -> Preview:
+        """Plan a step of the tip on a straight line; the tool keeps its direction as far as the arm can.
+
+        Args:
+            by: How far along the axes of the base, metres.
+            speed: As for `to_place`.
+
+        Raises:
+            HexwireError: As `to_place`.
+        """
+        whole = self._kinematics is not None and len(self._kinematics.ranges) >= _ALL_DIRECTIONS
+        return self.to_place(Place(by, Aim(fixed=whole), relative=True, straight=True), speed=speed)
+
+    def by_turn(self, by: Vector, *, speed: float = 0.3) -> Preview:
+        """Plan a turn of the tool about the tip.
+
+        Args:
+            by: The axis of the base about which it turns, as long as the angle in radians.
+            speed: As for `to_place`.
+
+        Raises:
+            UsageError: An arm of five joints cannot turn its tool about any axis; else as `to_place`.
+            HexwireError: The arm cannot be reached.
+        """
+        model = self._kinematics
+        if model is None or len(model.ranges) < _ALL_DIRECTIONS:
+            raise UsageError(f"the tool of {self._model.name} turns by its joints only")
+        here = model.from_joints(self._here()[1])
+        angle = math.hypot(*by)
+        rotation = model.forward(here).rotation
+        if angle > 0.0:
+            x, y, z = (part / angle for part in by)
+            rotation = multiply(rotation_about((x, y, z), angle), rotation)
+        return self.to_place(Place((0.0, 0.0, 0.0), Aim(rpy=rpy_of(rotation)), relative=True), speed=speed)
 
     def along(
         self,

@@ -90,7 +90,8 @@ function draw(element, args, opened) {
     });
   }, root);
   hexwire.onFacts((facts) => page.tell("facts", facts), root);
-  mountView(page);
+  // Nobody jogs by steps or keys before the arm is seen.
+  mountView(page).then(() => import("./arm_jog.js")).then(({ mountJog }) => root.isConnected && mountJog(page));
   return page;
 }
 
@@ -102,6 +103,7 @@ function makePage(root, args, opened) {
     view: null,
     plan: null, // the previewed motion
     speed: 0.3,
+    step: 0, // degrees or millimetres of a click; 0: the arm moves while a button is held
     find: (selector) => root.querySelector(selector),
     all: (selector) => [...root.querySelectorAll(selector)],
     on(name, act) {
@@ -150,6 +152,12 @@ async function mountView(page) {
   const show = () => hexwire.frame && view.setJoints(hexwire.frame.position, hexwire.known ? hexwire.frame.known : []);
   page.on("draw", show);
   page.on("facts", show);
+  for (const button of page.all("[data-view]")) button.addEventListener("click", () => view.resetView(button.dataset.view));
+  const large = page.find("#arm-large");
+  large.addEventListener("click", () => {
+    const now = element.closest(".arm-view-part").classList.toggle("arm-large");
+    large.setAttribute("aria-pressed", String(now));
+  });
   const watch = setInterval(() => {
     if (element.isConnected) return;
     clearInterval(watch);
@@ -267,7 +275,7 @@ function mountJoints(page) {
   for (const button of page.all(".arm-space .arm-jog")) {
     const tool = [0, 0, 0, 0, 0, 0];
     tool[Number(button.dataset.axis)] = Number(button.dataset.turn);
-    hexwire.holdButton(button, "space", () => ({ tool, speed: page.speed }));
+    hexwire.holdButton(button, "space", () => ({ tool, speed: page.speed }), { idle: () => page.step });
   }
 }
 
@@ -282,7 +290,7 @@ function mountRow(page, row, joint, i) {
   slider.style.setProperty("--high", share(joint.max));
   for (const button of row.querySelectorAll(".arm-jog")) {
     const turn = Number(button.dataset.turn);
-    hexwire.holdButton(button, "joint", () => ({ directions: { [joint.name]: turn }, speed: page.speed }));
+    hexwire.holdButton(button, "joint", () => ({ directions: { [joint.name]: turn }, speed: page.speed }), { idle: () => page.step });
   }
   mountSlider(page, slider, joint, i, { low, high, share });
   drawRow(page, { cell, slider, share, joint, i, row });
@@ -472,6 +480,12 @@ function markup({ joints, space, jaws, geometry, emulated }) {
   <label for="arm-speed">Speed</label>
   <input id="arm-speed" type="range" min="1" max="100" value="30" step="1" aria-describedby="arm-speed-value">
   <output id="arm-speed-value" for="arm-speed">30 %</output>
+  <fieldset class="hw-segments"><legend>Jog</legend>
+    ${[["0", "while held"], ["0.1", "0.1"], ["1", "1"], ["10", "10"]].map(([value, words]) => html`<label><input type="radio" name="step"
+      value="${value}" ${value === "0" ? "checked" : "disabled"} aria-label="${value === "0" ? words : `steps of ${words} degrees or millimetres`}"><span>${words}</span></label>`)}
+    <span class="arm-unit">° or mm</span></fieldset>
+  <label class="arm-keys"><input type="checkbox" id="arm-keys" class="arm-need"> Keys</label>
+  <button class="hw-button arm-help" id="arm-map" type="button" aria-label="Map of the keys" title="Map of the keys (?)" hidden>?</button>
   <span class="arm-hint" id="arm-hint" role="status"></span>
 </div>
 <div class="arm-left">${viewMarkup(geometry, space, emulated)}</div>
@@ -481,7 +495,10 @@ function markup({ joints, space, jaws, geometry, emulated }) {
 
 function viewMarkup(geometry, space, emulated) {
   return html`<section class="arm-part arm-view-part" aria-label="View and motion">
-  ${geometry ? html`<div class="arm-view" id="arm-view"></div>` : html`<p class="arm-note">The lengths of this arm are unknown,
+  ${geometry ? html`<div class="arm-view" id="arm-view"></div>
+    <div class="arm-camera" role="toolbar" aria-label="Camera">${["home", "front", "side", "top", "tip"].map((name) => html`<button
+      type="button" data-view="${name}" title="Look from ${name === "tip" ? "nearby at the tip" : name === "home" ? "the usual place" : `the ${name}`}">${capital(name)}</button>`)}
+      <button type="button" id="arm-large" aria-pressed="false" title="As large as the window" aria-label="Large view">⤢</button></div>` : html`<p class="arm-note">The lengths of this arm are unknown,
     so it has no 3D view, no tip, and no jog in space.</p>`}
   ${space && tipMarkup(space)}
   <div class="arm-run" id="arm-run">
@@ -505,8 +522,8 @@ export function jointsMarkup(joints) {
     </tr></thead>
     <tbody>${joints.map(jointMarkup)}</tbody>
   </table>
-  <p class="arm-note">A joint moves while its button is pressed, its marker is dragged, or an arrow key is held on
-  its slider. Letting go stops it.</p>
+  <p class="arm-note">A joint moves while its marker is dragged or an arrow key is held on its slider; its buttons move it
+  while they are pressed, or by a step for each click.</p>
 </section>`;
 }
 
@@ -545,6 +562,6 @@ function spaceMarkup() {
   return html`<section class="arm-part" aria-labelledby="arm-space-title">
   <h2 id="arm-space-title">Jog in space</h2>
   <div class="arm-space">${group("along", "Move", 0)}${group("about", "Turn", 3)}</div>
-  <p class="arm-note">In the frame of the base, while a button is pressed.</p>
+  <p class="arm-note">Along and about the axes of the base.</p>
 </section>`;
 }

@@ -16,13 +16,14 @@ metres.
   view.trace(points | null)          a line through points, [[x, y, z], ...] or a flat Float32Array, metres
   view.tip()                         {position, quaternion} of the drawn arm's tip
   view.setTheme("light" | "dark" | "auto")
-  view.resetView("home" | "front" | "side" | "top")
+  view.resetView("home" | "front" | "side" | "top" | "tip")
+  view.lookAt([x, y, z])             turns about this place from now on; a double click does it with a joint
   view.resize()                      only needed where ResizeObserver does not notice
   view.dispose()
   view.available                     false without WebGL: then the element says so, and every call does nothing
   view.drawn, view.pending           number of pictures drawn so far; whether one is due
 
-Mouse: drag turns, wheel zooms once the view has the focus, right drag moves. Touch: one finger turns, two zoom and
+Mouse: drag turns, wheel zooms once the view has the focus, right drag moves, a double click looks at a joint. Touch: one finger turns, two zoom and
 move; a finger that starts up or down scrolls the page. Keys: arrows turn, Shift and arrows move, + and - zoom, 0 or
 Home resets. Escape is not taken. */
 
@@ -176,6 +177,10 @@ export class Arm3D {
 
   resetView(name = "home") {
     if (!this.available) return;
+    if (name === "tip") {
+      this.lookAt(this.tip().position, 0.55 * this.geometry.reach);
+      return;
+    }
     const { reach, heading } = this.geometry, up = new three.THREE.Vector3(0, 0, 1);
     const aim = new three.THREE.Vector3(0.28 * reach, 0, 0.3 * reach).applyAxisAngle(up, heading).toArray();
     const way = new three.THREE.Vector3(...(VIEWS[name] ?? VIEWS.home)).normalize().applyAxisAngle(up, heading);
@@ -185,6 +190,27 @@ export class Arm3D {
     this._camera.position.set(...aim).addScaledVector(way, far);
     this._controls.update();
     this._change();
+  }
+
+  lookAt(place, far = null) {
+    if (!this.available) return;
+    const { target } = this._controls, way = this._camera.position.clone().sub(target);
+    if (far !== null) way.setLength(far);
+    target.fromArray(place);
+    this._camera.position.copy(target).add(way);
+    this._controls.update();
+    this._change();
+  }
+
+  /** Look at the joint that moves what is under the pointer. */
+  _choose(event) {
+    const THREE = three.THREE, box = this._canvas.getBoundingClientRect(), ray = new THREE.Raycaster();
+    const x = ((event.clientX - box.left) / box.width) * 2 - 1, y = 1 - ((event.clientY - box.top) / box.height) * 2;
+    ray.setFromCamera(new THREE.Vector2(x, y), this._camera);
+    const [hit] = ray.intersectObjects(this._arm.bodies.filter(Boolean), false);
+    if (!hit) return;
+    const at = this._arm.bodies.indexOf(hit.object), place = new THREE.Vector3();
+    this.lookAt(this._arm.frames[at].getWorldPosition(place).toArray());
   }
 
   resize() {
@@ -262,6 +288,7 @@ export class Arm3D {
       this._stops.push(() => target.removeEventListener(name, act));
     };
     on(canvas, "keydown", (event) => this._key_down(event));
+    on(canvas, "dblclick", (event) => this._choose(event));
     // The wheel scrolls the page until somebody has chosen the view.
     on(canvas, "focus", () => (this._controls.enableZoom = true));
     on(canvas, "blur", () => (this._controls.enableZoom = false));

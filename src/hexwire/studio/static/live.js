@@ -266,6 +266,7 @@ function ended(why, fine = false) {
   settle(why);
 }
 
+/** Let a button hold a motion while it is pressed; not while `options.idle` says that it does something else. */
 function holdButton(element, kind, args, options = {}) {
   const begin = () => {
     const over = hold(kind, typeof args === "function" ? args() : args, { ...options, element });
@@ -278,7 +279,7 @@ function holdButton(element, kind, args, options = {}) {
     });
   };
   element.addEventListener("pointerdown", (event) => {
-    if (event.button !== 0 || element.disabled) return;
+    if (event.button !== 0 || element.disabled || options.idle?.()) return;
     element.setPointerCapture(event.pointerId);
     begin();
   });
@@ -286,7 +287,7 @@ function holdButton(element, kind, args, options = {}) {
   const letGo = () => held && held.element === element && release();
   for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) element.addEventListener(name, letGo);
   element.addEventListener("keydown", (event) => {
-    if (event.repeat || (event.key !== " " && event.key !== "Enter") || element.disabled) return;
+    if (event.repeat || (event.key !== " " && event.key !== "Enter") || element.disabled || options.idle?.()) return;
     event.preventDefault();
     begin();
   });

@@ -1,0 +1,160 @@
+/* Jog by steps and by keys, on the page Move: a click is one exact motion, a key does what its button does, and a map shows
+which key that is.
+
+Owns what waits behind the present step, and the keys. Loaded after the first picture. Must not decide what may move: a step
+is planned and checked by the server like every motion. */
+
+import { capital, radians } from "./arm.js";
+import hexwire from "./live.js";
+import { node } from "./widgets.js";
+
+const MOST = 20; // clicks that may wait behind a step
+const PLUS = ["q", "w", "e", "r", "t", "y"], MINUS = ["a", "s", "d", "f", "g", "h"]; // along x y z, about x y z
+const AXES = ["along x", "along y", "along z", "about x", "about y", "about z"];
+const DIGIT = /^Digit([1-9])$/;
+const TYPED = "input:not([type='checkbox'], [type='radio'], [type='range']), select, textarea";
+const FINE = ["arrived", "released", "ended"];
+
+export function mountJog(page) {
+  const steps = mountSteps(page);
+  mountKeys(page, steps);
+}
+
+/** The way of a button: a joint or an axis of space, and the direction. */
+function wayOf(button) {
+  const joint = button.closest("tr")?.dataset.joint, turn = Number(button.dataset.turn);
+  return joint ? { joint, turn } : { axis: Number(button.dataset.axis), turn };
+}
+
+function mountSteps(page) {
+  const waiting = new Map(); // how far, in degrees or millimetres, by joint or axis
+  let clicks = 0; // that wait
+  let busy = false;
+
+  const motion = (key, far) => {
+    if (typeof key === "string") return { what: "step", joint: key, by: radians(far) };
+    const along = key < 3, by = [0, 0, 0];
+    by[key % 3] = along ? far / 1000 : radians(far);
+    return { what: "step", [along ? "move" : "turn"]: by };
+  };
+  const forget = () => {
+    waiting.clear();
+    clicks = 0;
+  };
+  const go = async () => {
+    busy = true;
+    while (waiting.size) {
+      const [key, far] = waiting.entries().next().value;
+      waiting.delete(key);
+      clicks = 0;
+      if (Math.abs(far) < 1e-9) continue; // there and back
+      const why = await page.run(motion(key, far));
+      // Only after an arrival: what waits behind a stop, a refusal or another motion is not done later.
+      if (why !== "arrived") forget();
+      if (!FINE.includes(why)) page.tell("why", why);
+    }
+    busy = false;
+  };
+
+  /** One step. While the one before is under way it is added to what waits, so that no click is lost. */
+  function press({ joint, axis, turn }) {
+    const key = joint ?? axis;
+    if (clicks >= MOST) {
+      page.tell("why", `${MOST} steps wait already: this one was left out`);
+      return;
+    }
+    clicks += 1;
+    waiting.set(key, (waiting.get(key) ?? 0) + turn * page.step);
+    if (!busy) go();
+  }
+
+  for (const button of page.all(".arm-jog")) {
+    button.addEventListener("click", () => page.step && press(wayOf(button)));
+    // A key that is held down is one click.
+    button.addEventListener("keydown", (event) => page.step && event.repeat && event.preventDefault());
+  }
+  for (const choice of page.all('[name="step"]')) {
+    choice.disabled = false;
+    choice.addEventListener("change", () => {
+      hexwire.release();
+      forget();
+      page.step = Number(choice.value);
+    });
+  }
+  return press;
+}
+
+function mountKeys(page, press) {
+  const keys = page.find("#arm-keys"), help = page.find("#arm-map");
+  const joints = page.args.joints.map(({ name }) => name);
+  let held = null; // the key that holds a jog
+  let map = null;
+
+  const wayOfKey = ({ key, code, shiftKey }) => {
+    const digit = DIGIT.exec(code);
+    if (digit) return joints[digit[1] - 1] && { joint: joints[digit[1] - 1], turn: shiftKey ? -1 : 1 };
+    if (!page.args.space) return null;
+    const letter = key.toLowerCase();
+    for (const [row, turn] of [[PLUS, 1], [MINUS, -1]]) if (row.includes(letter)) return { axis: row.indexOf(letter), turn };
+    return null;
+  };
+  const down = (event) => {
+    if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest?.(TYPED)) return;
+    if (event.key === "?") {
+      event.preventDefault();
+      toggle();
+      return;
+    }
+    const way = keys.checked ? wayOfKey(event) : null;
+    if (!way) return;
+    event.preventDefault();
+    if (event.repeat || keys.disabled) return;
+    if (page.step) press(way);
+    else hold(way, event.code);
+  };
+  const hold = (way, code) => {
+    const tool = [0, 0, 0, 0, 0, 0];
+    if (!way.joint) tool[way.axis] = way.turn;
+    const jog = way.joint ? ["joint", { directions: { [way.joint]: way.turn } }] : ["space", { tool }];
+    const mine = (held = { code });
+    hexwire.hold(jog[0], { ...jog[1], speed: page.speed }, { element: keys }).then((why) => {
+      if (held === mine) held = null;
+      if (!FINE.includes(why)) page.tell("why", why);
+    });
+  };
+  const up = (event) => held && (event.code === held.code || event.key === "Shift") && hexwire.release();
+  const listeners = [["keydown", down], ["keyup", up]];
+  for (const [name, act] of listeners) {
+    document.addEventListener(name, function once(event) {
+      if (page.root.isConnected) act(event);
+      else document.removeEventListener(name, once);
+    });
+  }
+  keys.addEventListener("change", () => hexwire.release());
+  // Whoever takes control again says again that keys move the arm.
+  page.on("need", () => page.mine || (keys.checked = false));
+
+  function toggle() {
+    if (map?.isConnected) {
+      map.remove();
+      return;
+    }
+    const row = (plus, minus, what) => node("tr", {}, node("th", { scope: "row" }, what), node("td", {}, node("kbd", {}, plus)), node("td", {}, node("kbd", {}, minus)));
+    const rows = joints.slice(0, 9).map((name, i) => row(`${i + 1}`, `Shift ${i + 1}`, name));
+    if (page.args.space) rows.push(...AXES.map((words, i) => row(PLUS[i].toUpperCase(), MINUS[i].toUpperCase(), capital(words))));
+    const close = node("button", { class: "hw-button", type: "button", onclick: toggle }, "Close");
+    map = node("dialog", { class: "hw-dialog", "aria-label": "Keys" },
+      node("h2", {}, "Keys"),
+      node("p", {}, "While the switch Keys is on, a key does what its button does: it jogs while it is held, or makes one step."),
+      node("table", { class: "arm-map" },
+        node("thead", {}, node("tr", {}, ...["Joint or axis", "+", "−"].map((words) => node("th", { scope: "col" }, words)))),
+        node("tbody", {}, ...rows)),
+      node("p", {}, node("kbd", {}, "Esc"), " stops the arm, ", node("kbd", {}, "?"), " shows and hides this map."),
+      close);
+    page.root.append(map);
+    map.show();
+    close.focus();
+  }
+  help.addEventListener("click", toggle);
+  help.hidden = false;
+}
