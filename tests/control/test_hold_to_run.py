@@ -39,7 +39,7 @@ def test_silence_ends_it_once() -> None:
     held.check()
     held.check()
     held.end("ann", "released")
-    assert finished == ended == ["no sign of life"]
+    assert finished == ended == ["whoever held it is heard no more"]
 
 
 def test_a_late_beat_does_not_revive_a_motion() -> None:
@@ -48,7 +48,7 @@ def test_a_late_beat_does_not_revive_a_motion() -> None:
     clock.time += SILENCE + 0.01
     assert not held.beat("ann", 1)
     assert not held.beat("ann", 1)
-    assert ended == ["no sign of life"]
+    assert ended == ["whoever held it is heard no more"]
 
 
 def test_a_motion_that_ended_while_it_was_checked_is_finished_when_it_begins() -> None:

@@ -130,7 +130,7 @@ def test_without_signs_of_life_it_holds(bench: RunBench) -> None:
     bench.turn(0.4)
     assert not run.over
     bench.turn(0.3)
-    assert run.progress().text == "no sign of life"
+    assert run.progress().text == "whoever held it is heard no more"
     stood = bench.where("J1")
     bench.turn(1.0)
     assert bench.where("J1") == pytest.approx(stood, abs=0.03)

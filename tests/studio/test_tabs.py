@@ -27,7 +27,7 @@ def test_the_holder_is_the_tab_with_that_grant() -> None:
     second.grant = 7
     assert tabs.holder(7) is second
     assert tabs.holder(0) is None
-    assert (first.name, second.name) == ("tab 1", "tab 2")
+    assert (first.name, second.name) == ("page 1", "page 2")
 
 
 def test_pages_that_never_opened_a_socket_are_forgotten_first() -> None:

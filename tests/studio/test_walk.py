@@ -123,7 +123,7 @@ def test_one_moves_and_the_others_watch_and_stop(
     watcher.goto(studio.watch_url)
     ready(watcher)
     # It sees who has control, and has no button to take it.
-    fact(watcher, "holder", "tab")
+    fact(watcher, "holder", "page")
     assert button(watcher, "Take control").count() == 0
     begin = studio.goals()
     hold(operator, {"J1": 1}, lambda: studio.goals() != begin)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from hexwire.errors import ServoError, UsageError
+from hexwire.units import decimal
 from hexwire.wire.registers import Register, Series
 
 from .servo_bus import ServoBus
@@ -24,6 +25,7 @@ __all__ = [
     "Edit",
     "RegisterEdits",
     "TableRow",
+    "in_people_unit",
     "make_table",
     "parse_value",
     "people_unit",
@@ -104,6 +106,12 @@ def people_unit(si_unit: str) -> tuple[str, float]:
         "fraction": ("%", 0.01),
         "degC": ("°C", 1.0),
     }.get(si_unit, (si_unit, 1.0))
+
+
+def in_people_unit(register: Register, raw: int) -> str:
+    """A raw value as people read it, with its unit: ``80 %``; the raw value itself of a register without one."""
+    unit, si = people_unit(register.si_unit)
+    return f"{decimal(raw * register.si_factor / si)} {unit}" if unit else str(raw)
 
 
 def make_table(series: Series, raws: Mapping[str, int], saved: Mapping[str, int] | None = None) -> list[TableRow]:
@@ -227,6 +235,11 @@ class Edit(NamedTuple):
 
     def __str__(self) -> str:
         return f"servo {self.servo_id} {self.register.name}: {self.before} → {self.after}"
+
+    def for_people(self) -> str:
+        """The change in the unit in which people read the register, as `str` says it in raw values."""
+        before, after = (in_people_unit(self.register, raw) for raw in (self.before, self.after))
+        return f"servo {self.servo_id} {self.register.name}: {before} → {after}"
 
 
 def why_not(register: Register) -> str:

@@ -68,7 +68,7 @@ class Tabs:
         idle = (each for each in self._tabs.values() if not each.live)
         if len(self._tabs) >= MOST_TABS and (oldest := next(idle, None)) is not None:
             self.close(oldest)
-        tab = Tab(f"tab {next(self._count)}", secrets.token_urlsafe(16), session, right)
+        tab = Tab(f"page {next(self._count)}", secrets.token_urlsafe(16), session, right)
         self._tabs[tab.key] = tab
         return tab
 

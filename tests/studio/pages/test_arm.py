@@ -135,7 +135,7 @@ def test_clicks_are_steps_that_add_up_and_keys_do_what_buttons_do(studio: Runnin
     assert rest(studio, "J1") == pytest.approx(end, abs=1e-3)
     # Whoever has lost control says again that keys move the arm; the page says that it has lost it.
     studio.studio.take(studio.studio.tabs.open("another", Right.OPERATE), force=True)
-    expect(operator.locator("#hw-banner")).to_contain_text("This page has lost control: tab")
+    expect(operator.locator("#hw-banner")).to_contain_text("This page has lost control: page")
     expect(operator.locator("#arm-keys")).not_to_be_checked()
 
 

@@ -39,7 +39,7 @@ def test_without_shared_arms_all_arms_are_what_is_open_here(fleet_page: Page, st
     row.get_by_text("J1 J2", exact=True).wait_for()
     fleet_page.get_by_role("button", name="Stop all arms").click()
     fleet_page.get_by_text(": stopped, holding: J1 J2; limp: J3 J4 J5 J6 J7 (").wait_for()
-    row.get_by_text("stopped: tab").wait_for()
+    row.get_by_text("stopped: page").wait_for()
     # Nothing is open: there is nothing to be stopped.
     studio.studio.source.close()
     row.wait_for(state="detached")
@@ -68,7 +68,7 @@ def test_an_operator_opens_an_arm_and_a_watcher_stops_it(
     row.get_by_text("hex7bot").wait_for()
     viewer.get_by_role("button", name="Stop lab/arm1").click()
     viewer.get_by_text("lab/arm1: stopped, limp: J1").wait_for()
-    row.get_by_text("stopped: tab").wait_for()
+    row.get_by_text("stopped: page").wait_for()
     other = viewer.get_by_role("row").filter(has_text="lab/arm2")
     assert "stopped" not in other.inner_text()
     # A viewer cannot open it, neither by a button nor without one.

@@ -24,7 +24,7 @@ def test_a_row_says_value_range_and_what_differs() -> None:
     }
     row = rows["max_temperature"]
     shown = [row[name] for name in ("value", "unit", "raw", "range", "factory", "backup", "kept", "address")]
-    assert shown == ["65", "°C", "65", "0 … 100", "70", "70", "stored", "13"]
+    assert shown == ["65", "°C", "65", "0 … 100", "70 °C", "70 °C", "stored", "13"]
     assert row["differs"] == ["factory", "backup"]
     assert (row["stored"], row["why_not"]) == (True, "")
     assert "a wave moves it" in rows["goal_position"]["why_not"]

@@ -114,7 +114,7 @@ def test_a_wave_without_signs_of_life_ends_and_the_servo_holds(view: Any) -> Non
     held.until_it_moves()
     held.let_go()
     view.bus.bench.silence = view.bus.hold_to_run.silence = 0.5
-    assert held.end()["end"] == "no sign of life"
+    assert held.end()["end"] == "whoever held it is heard no more"
     there = servo.motion.position
     threading.Event().wait(0.3)
     assert servo.motion.position == pytest.approx(there, abs=3)

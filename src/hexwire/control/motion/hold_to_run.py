@@ -127,7 +127,7 @@ class HoldToRun:
             return False
         if entry.age(now) > self.silence:
             # Too late: what moves by this entry has seen the silence already.
-            self._end(entry, "no sign of life")
+            self._end(entry, "whoever held it is heard no more")
             return False
         entry._heard = now
         return True
@@ -164,7 +164,7 @@ class HoldToRun:
         left = self.silence - entry.age(self._clock())
         if left > 0.0:
             return left
-        self._end(entry, "no sign of life")
+        self._end(entry, "whoever held it is heard no more")
         return math.inf
 
     def _end(self, entry: Entry | None, why: str) -> None:

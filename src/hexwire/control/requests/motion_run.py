@@ -199,7 +199,7 @@ class MotionRun:
         """Look for signs of life, and whether the jaws press; called in the owner's thread with every state."""
         if self._is_silent(state.stamp):
             # Here too, so that it ends although nothing else of the program may work.
-            self.end("no sign of life")
+            self.end("whoever held it is heard no more")
             return
         if self._closing is not None and self._closing.see(state):
             # In a thread of its own, since the owner's must not wait for the check of a path.

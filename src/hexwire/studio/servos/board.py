@@ -11,6 +11,9 @@ from hexwire.studio.calls import Arguments, Asked, call
 
 __all__: list[str] = []
 
+_SERIES = {"seven_bot": "7Bot", "scs": "SCS", "sts_sms": "STS", "hls": "HLS"}
+"""Series of servos as their makers write them."""
+
 
 @call("board.servos", Arguments)
 def _servos(asked: Asked, args: Arguments) -> dict[str, Any]:
@@ -27,13 +30,13 @@ def _ask(asked: Asked, args: Arguments) -> dict[str, Any]:
     """What each servo is, and the counters that are not 0."""
     arm = asked.arm
     report = arm.ask("probe", arm.shared.probe)
-    counters = {f"host: {name}": count for name, count in arm.driver.host_counters().items()}
+    counters = {f"this computer: {name}": count for name, count in arm.driver.host_counters().items()}
     counters |= {f"board: {name}": n for name, n in (arm.ask("counters", arm.shared.board_counters) or {}).items()}
     rows = [
         (
             joint.name,
             str(joint.servo_id),
-            joint.series,
+            _SERIES.get(joint.series, joint.series),
             "yes" if joint.present else "no answer",
             "" if joint.supply is None else f"{joint.supply[0]:.1f} to {joint.supply[1]:.1f} V",
             joint.remarks,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from hexwire.bus.registers import Edit, TableRow, read_table, why_not
+from hexwire.bus.registers import Edit, TableRow, in_people_unit, read_table, why_not
 from hexwire.studio.calls import Arguments, Asked, call
 from hexwire.units import decimal
 
@@ -39,7 +39,7 @@ def _read(asked: Asked, args: _Servo) -> dict[str, Any]:
     last = asked.bus.edits.done[-1] if asked.bus.edits.done else None
     return {
         "rows": [values(row) for row in rows],
-        "undo": "" if last is None else f"back to {last.before}: {last}",
+        "undo": "" if last is None else f"take back {last.for_people()}",
     }
 
 
@@ -49,18 +49,19 @@ def _edit(asked: Asked, args: _Edit) -> dict[str, str]:
     asked.known(args.servo)
     edit = prepared(asked, args.servo, args.register, args.text[:40], raw=args.raw)
     if edit.before == edit.after:
-        return {"told": f"{args.register} is {edit.after} already"}
+        return {"told": f"{args.register} is {in_people_unit(edit.register, edit.after)} already"}
     if edit.warning and not args.sure:
-        return {"question": f"{edit}.\n{edit.warning}."}
+        return {"question": f"{edit.for_people()}.\n{edit.warning}."}
     applied(asked, edit)
-    return {"told": str(edit)}
+    return {"told": edit.for_people()}
 
 
 @call("registers.undo", Arguments, control=True)
 def _undo(asked: Asked, args: Arguments) -> str:
     with asked.bus.bench.working("an edit", acts=True):
         undone = asked.bus.edits.undo(asked.bus.bus)
-    return f"undone: {undone.register.name} of servo {undone.servo_id} is {undone.before} again"
+    value = in_people_unit(undone.register, undone.before)
+    return f"undone: {undone.register.name} of servo {undone.servo_id} is {value} again"
 
 
 def prepared(asked: Asked, servo_id: int, name: str, text: str, *, raw: bool) -> Edit:
@@ -89,8 +90,8 @@ def values(row: TableRow) -> dict[str, Any]:
         "range": _range(row.low, row.high),
         "exact_range": _range(row.low, row.high, 6),
         "raw_range": _range(register.minimum, register.maximum),
-        "factory": "" if register.default is None else str(register.default),
-        "backup": "" if row.saved is None else str(row.saved),
+        "factory": "" if register.default is None else in_people_unit(register, register.default),
+        "backup": "" if row.saved is None else in_people_unit(register, row.saved),
         "kept": _KEPT.get(register.area, register.area),
         "stored": row.stored,
         "address": str(register.address),

@@ -102,7 +102,7 @@ class _Run:
         except Exception:  # noqa: BLE001  # logged and told
             _log.exception("a wave failed")
             why = "the studio failed at this; see its log"
-        why = why or self._entry.ended or ("complete" if end.complete else "no sign of life")
+        why = why or self._entry.ended or ("complete" if end.complete else "whoever held it is heard no more")
         self._send()
         message = {"kind": "wave", "end": why, "servo": servo_id, **figures_of(wave, end)}
         self._studio.live.tell(message, self._tab.key)

@@ -247,6 +247,9 @@ function mountRun(page) {
 
 export const capital = (words) => words.charAt(0).toUpperCase() + words.slice(1);
 
+/** A solution of the inverse kinematics in words: of the two of the wrist, one is turned over. */
+export const branchWords = (name) => name.replace(/,? ?wrist 1$/, "").replace("wrist 2", "wrist turned over") || "wrist as usual";
+
 /** What a plan comes to, in words, into an element. */
 export function showPlan(element, plan) {
   element.dataset.level = "";
@@ -257,7 +260,7 @@ export function showPlan(element, plan) {
   }
   const parts = [plan.duration < 0.001 ? "The arm is there already" : `Takes ${plan.duration.toFixed(1)} s`];
   if (plan.lead_in > 0.05) parts.push(`${plan.lead_in.toFixed(1)} s of it to the start`);
-  if (plan.branch) parts.push(plan.branch);
+  if (plan.branch) parts.push(branchWords(plan.branch));
   element.textContent = parts.join("; ");
   if (plan.unready) {
     element.textContent += `. Not now: ${plan.unready}`;

@@ -83,6 +83,11 @@ export class Arm3D {
     if (!this.available) return;
     const moved = this._place(this._arm, joints);
     if (this._mark(known, joints) || moved) this._change();
+    // The first posture that is known decides what the camera sees.
+    if (!this._seen && known?.some(Boolean)) {
+      this._seen = true;
+      this.resetView();
+    }
   }
 
   /** Make grey what a joint moves of which nobody knows where it is. */
@@ -182,10 +187,15 @@ export class Arm3D {
       return;
     }
     const { reach, heading } = this.geometry, up = new three.THREE.Vector3(0, 0, 1);
-    const aim = new three.THREE.Vector3(0.28 * reach, 0, 0.3 * reach).applyAxisAngle(up, heading).toArray();
+    // What is there now fills the picture, with some room to move.
+    const box = new three.THREE.Box3();
+    this._arm.root.updateMatrixWorld();
+    for (const body of this._arm.bodies) if (body) box.expandByObject(body);
+    const aim = box.getCenter(new three.THREE.Vector3()).toArray();
+    const size = Math.max(0.5 * box.getSize(new three.THREE.Vector3()).length(), 0.35 * reach);
     const way = new three.THREE.Vector3(...(VIEWS[name] ?? VIEWS.home)).normalize().applyAxisAngle(up, heading);
     // A narrow picture is filled by the arm's width, so the camera steps back.
-    const far = reach * 1.7 * Math.max(1, 1.05 / this._camera.aspect);
+    const far = 3.5 * size * Math.max(1, 1.05 / this._camera.aspect);
     this._controls.target.set(...aim);
     this._camera.position.set(...aim).addScaledVector(way, far);
     this._controls.update();

@@ -2,7 +2,7 @@
 motion. Asks for a preview after each change, shows it, and begins the motion. Owns the fields and lists; the server plans,
 checks and keeps. The cursor of the timeline shows a ghost of the arm and moves nothing. */
 
-import { capital, degrees, fixed, radians, showPlan, tipValues } from "./arm.js";
+import { branchWords, capital, degrees, fixed, radians, showPlan, tipValues } from "./arm.js";
 import { html, make } from "./widgets.js";
 
 const PAUSE = 150; // ms after the last change before a preview is asked for
@@ -25,6 +25,7 @@ export function mountGoto(page) {
   let touched = false;
   let changes = 0; // an answer to what was asked before the last one is not shown any more
   let followed = 0;
+  let refused = false;
 
   /** The motion that the form asks for; throws what is missing, in words. */
   const wanted = () => {
@@ -55,8 +56,16 @@ export function mountGoto(page) {
     return motion;
   };
 
+  /** What is refused cannot be begun, until something else is entered. */
+  const refuse = (so) => {
+    refused = so;
+    page.find("#arm-go").disabled = so || !page.mine || page.unready !== "";
+  };
+  page.on("need", () => refuse(refused));
+
   const hide = (words) => {
     page.plan = null;
+    refuse(false);
     page.ghost(null);
     unghost.hidden = true;
     if (words !== undefined) {
@@ -71,8 +80,8 @@ export function mountGoto(page) {
     const holder = page.find("#arm-branch-field");
     const chosen = select.value;
     holder.hidden = branches.filter((branch) => !branch.why).length < 2 && !chosen;
-    const rows = [["", "nearest"], ...branches.map((branch) => [branch.name, branch.why ? `${branch.name} (outside the limits)` : branch.name])];
-    if (chosen && !branches.some((branch) => branch.name === chosen)) rows.push([chosen, chosen]);
+    const rows = [["", "nearest"], ...branches.map((branch) => [branch.name, branch.why ? `${branchWords(branch.name)} (outside the limits)` : branchWords(branch.name)])];
+    if (chosen && !branches.some((branch) => branch.name === chosen)) rows.push([chosen, branchWords(chosen)]);
     select.replaceChildren(...rows.map(([name, words]) => new Option(words, name, false, name === chosen)));
   };
 
@@ -89,6 +98,7 @@ export function mountGoto(page) {
       hide();
       told.textContent = error.message;
       told.dataset.level = "error";
+      refuse(true);
       return;
     }
     asking = true;
@@ -102,6 +112,7 @@ export function mountGoto(page) {
     }
     if (asked !== changes) return;
     page.plan = plan;
+    refuse(Boolean(plan.error || plan.refusal));
     showPlan(told, plan);
     if (plan.branches) solutions(plan.branches);
     const show = !plan.error && plan.known;
@@ -178,11 +189,12 @@ export function mountGoto(page) {
     }
     touched = true;
     changes += 1;
+    refuse(false);
     soon();
   });
   form.addEventListener("submit", (event) => {
     event.preventDefault();
-    if (!page.mine || page.unready) return;
+    if (!page.mine || page.unready || refused) return;
     let motion;
     try {
       motion = wanted();

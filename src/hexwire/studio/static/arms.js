@@ -86,7 +86,7 @@ function table(caption, rows, known, operates) {
     const names = [...new Set([...row.robots, known.default, ...known.robots])];
     return html`<select aria-label="Robot on ${row.device}">${names.map((name) => html`<option>${name}</option>`)}</select>`;
   };
-  return html`<table class="hw-table"><caption class="hw-caption">${caption}</caption>
+  return html`<table class="hw-table hw-ports"><caption class="hw-caption">${caption}</caption>
     <thead><tr><th scope="col">Port</th><th scope="col">Probably</th><th scope="col">State</th><th scope="col">Robot</th>
       <td></td></tr></thead>
     <tbody>${rows.map((row) => html`<tr><th scope="row" class="hw-code">${row.device}</th><td>${row.guess}</td>

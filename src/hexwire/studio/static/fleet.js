@@ -6,7 +6,8 @@ import { go } from "./studio.js";
 import { loadSheet, node, put } from "./widgets.js";
 
 const PERIOD = 150; // ms between two looks: what is old is grey within a second
-const HEAD = ["Arm", "State", "Faults", "Lease", "Torque", "Age, ms", "Robot", "Computer", ""];
+const OLD = 750; // ms after an answer
+const HEAD = ["Arm", "State", "Faults", "Control", "Torque", "Age, ms", "Robot", "Computer", ""];
 
 export async function mountFleet(root, args) {
   await loadSheet("/static/fleet.css");
@@ -45,6 +46,11 @@ class FleetPage {
     const seen = () => (this.root.isConnected ? this.poll() : document.removeEventListener("visibilitychange", seen));
     document.addEventListener("visibilitychange", seen);
     this.poll();
+    // A studio that hangs says nothing: what it said before is old.
+    const watch = setInterval(() => {
+      if (!this.root.isConnected) clearInterval(watch);
+      else if (performance.now() - this.told > OLD) for (const row of this.rows.values()) row.classList.add("hw-fleet-old");
+    }, PERIOD);
   }
 
   /** By HTTP: it needs no socket, and waits for nothing else that this page asks for. */
@@ -59,13 +65,16 @@ class FleetPage {
   async poll() {
     clearTimeout(this.timer);
     if (!this.root.isConnected || document.hidden || this.asking) return;
-    this.asking = true;
-    try {
-      this.show(await hexwire.call("fleet.arms"));
-    } catch (error) {
-      this.fail(error.message);
+    if (hexwire.connected) {
+      this.asking = true;
+      try {
+        this.show(await hexwire.call("fleet.arms"));
+        this.told = performance.now();
+      } catch (error) {
+        if (hexwire.connected) this.fail(error.message);
+      }
+      this.asking = false;
     }
-    this.asking = false;
     this.timer = setTimeout(() => this.poll(), PERIOD);
   }
 

@@ -1,4 +1,4 @@
-// The page Plots: any signal of any joint, live, with the last ten minutes from the server.
+// The page Signals: any signal of any joint, live, with the last ten minutes from the server.
 //
 // Owns which signals are shown. plot.js draws; signals.js knows units.
 
@@ -40,9 +40,14 @@ export async function mount(element, args) {
   hexwire.onFrame((frame) => add(frame), element);
   hexwire.onLink((there) => there && state.model && refill(), element);
   if (!hexwire.model.joints.length) end(hexwire.facts && hexwire.facts.mode === "bus"
-    ? "A bare servo bus is open: its values are on the page Servos." : "No arm is open. Open one on the page Connect.");
+    ? "A bare servo bus is open: its values are on the page Servos." : "No arm is open. Open one on the page Arms.");
+  let tall = window.innerHeight;
   const gone = setInterval(() => {
-    if (element.isConnected) return;
+    if (element.isConnected) {
+      if (tall !== window.innerHeight && state.plot) { plot(); refill(); }
+      tall = window.innerHeight;
+      return;
+    }
     clearInterval(gone);
     state.plot?.destroy();
   }, 1000);
@@ -101,7 +106,10 @@ export async function mount(element, args) {
     const before = state.plot;
     state.rows = rows();
     const panels = new Set(state.rows.map((row) => row.series.panel ?? row.series.unit)).size;
-    const height = Math.max(320, Math.min(window.innerHeight - 330, 640), 130 * panels);
+    // The page is filled, and the table of values is in sight: beside the panels, or below them where there is no room.
+    const below = matchMedia("(max-width: 1100px)").matches ? Math.min(240, 34 + 21 * state.rows.length) : 0;
+    const top = place.getBoundingClientRect().top + window.scrollY;
+    const height = Math.max(260, window.innerHeight - top - below - 112, 130 * panels);
     const options = { title: "", fileName: `${hexwire.model.robot || "hexwire"} plot`, series: state.rows.map((row) => row.series), height,
       keep: 600, capacity: 66048, window: before?.window ?? 30, origin: state.origin ?? 0 };
     before?.destroy();

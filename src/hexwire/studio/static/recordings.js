@@ -27,7 +27,7 @@ export async function mount(element, args) {
   const body = make("tbody", {}, empty("Reading the folder …"));
   const table = make("table", { className: "rc-list" },
     make("caption", { textContent: "Recordings, newest first" }),
-    make("thead", {}, make("tr", {}, ...["recording", "recorded", "robot", "duration", "states", "size", "state", "actions"].map(
+    make("thead", {}, make("tr", {}, ...["Recording", "Recorded", "Robot", "Duration", "States", "Size", "State", "Actions"].map(
       (text) => make("th", { scope: "col", textContent: text })))), body);
   const frame = make("div", { className: "rc-scroll" }, table);
   const place = make("div", { className: "rc-view" });

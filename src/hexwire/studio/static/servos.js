@@ -39,7 +39,7 @@ export async function mount(element, { operates }) {
 
 /** Nothing is open: offer to open a bus. */
 async function closed(element, facts, operates) {
-  element.append(hint("Nothing is open. Open the adapter of a servo bus here, or an arm on the page Connect."));
+  element.append(hint("Nothing is open. Open the adapter of a servo bus here, or an arm on the page Arms."));
   const warning = hint("");
   // What could not be opened as an arm may be a bus of servos that are none yet.
   const url = node("input", { value: facts.refused, maxlength: 200 });
@@ -72,7 +72,7 @@ async function board(element, facts) {
   }
   const now = node("div"), told = node("div");
   const names = ["position", "velocity", "load", "voltage", "temperature", "current", "flags"];
-  fill(now, table("Servos of the arm", ["Joint", "#Servo", "#deg", "#deg/s", "#Load %", "#V", "#°C", "#A", "Condition"],
+  fill(now, table("Servos of the arm", ["Joint", "#Servo", "#°", "#°/s", "#Load %", "#V", "#°C", "#A", "Condition"],
     found.joints.map(({ name, servo }, i) => [name, servo, ...names.map((each) => html`<span data-frame="${each}" data-joint="${i}">–</span>`)])));
   frames(now);
   const ask = async () => {
@@ -80,7 +80,7 @@ async function board(element, facts) {
     if (report) {
       fill(told, html`${table("What each servo is", ["Joint", "#Servo", "Series", "Present", "Supply limits", "Remarks"], report.servos)}
         ${report.firmware && html`<p class="sv-hint">${report.firmware}</p>`}
-        ${table("Counters that are not 0", ["Counter", "#Count"], report.counters)}`);
+        <details class="sv-details"><summary>Details: counters that are not 0</summary>${table("Counters", ["Counter", "#Count"], report.counters)}</details>`);
     }
   };
   const ping = async () => {
