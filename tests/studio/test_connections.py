@@ -7,11 +7,15 @@ import contextlib
 import gc
 import json
 import socket
+import ssl
 import time
+from asyncio import sslproto
 from typing import TYPE_CHECKING
 
 import pytest
 from tests.studio.running import Visitor, until
+
+from hexwire.studio.connections import read_little
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -80,6 +84,18 @@ def test_a_long_body_is_no_head(served: RunningStudio) -> None:
             while not answer.endswith(b"0\r\n\r\n"):
                 answer += asking.recv(1000)
             assert answer.startswith(b"HTTP/1.1 403")
+
+
+def test_a_socket_over_tls_is_read_in_small_pieces_too() -> None:
+    loop = asyncio.new_event_loop()
+    try:
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        tls = sslproto.SSLProtocol(loop, asyncio.Protocol(), context, None, server_side=True)
+        assert len(tls.get_buffer(-1)) > 4096
+        read_little(tls._get_app_transport())
+        assert len(tls.get_buffer(-1)) == len(tls.get_buffer(100_000)) == 4096
+    finally:
+        loop.close()
 
 
 def test_a_socket_is_read_in_small_pieces(studio: RunningStudio) -> None:

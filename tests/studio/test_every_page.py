@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from tests.studio.running import RunningStudio
 
 SIZES = ((1440, 900), (1024, 768), (390, 844))
-FAULTY = ("serious", "critical")
 
 
 def connected(page: Page) -> None:
@@ -34,7 +33,7 @@ def walk(page: Page, path: str) -> None:
 
 
 def faults(page: Page, *rules: str, whole: bool = False) -> list[str]:
-    """What axe-core finds that is serious, by all of its rules or these, with or without the header."""
+    """What axe-core finds, by all of its rules or these, with or without the header."""
     from axe_playwright_python.sync_playwright import Axe
 
     if not page.evaluate("Boolean(window.axe)"):
@@ -42,11 +41,7 @@ def faults(page: Page, *rules: str, whole: bool = False) -> list[str]:
     place = "document" if whole else "document.getElementById('hw-main')"
     options: dict[str, Any] = {"resultTypes": ["violations"]} | ({"runOnly": rules} if rules else {})
     found = page.evaluate(f"(options) => axe.run({place}, options)", options)["violations"]
-    return [
-        f"{row['id']}: {row['help']}: {[node['html'][:200] for node in row['nodes'][:3]]}"
-        for row in found
-        if row["impact"] in FAULTY
-    ]
+    return [f"{row['id']}: {row['help']}: {[node['html'][:200] for node in row['nodes'][:3]]}" for row in found]
 
 
 def theme(page: Page, name: Literal["light", "dark"]) -> None:

@@ -207,9 +207,9 @@ def test_a_session_that_asks_for_much_is_refused_and_stops_all_the_same(
 def test_every_call_is_answered_whatever_it_was_about(studio: RunningStudio) -> None:
     """Half a letter has no bytes; whoever sends one must not wait for ever, and nobody else notices."""
     watcher = Visitor(studio, studio.studio.access.watch_token)
-    file = {"arm": "servos", "name": "a.json", "text": "\ud800"}
+    motion = {"motion": {"what": "pose", "name": "\ud800"}}
     with watcher.socket(f"/live?tab={watcher.page()}") as line:
-        for number, order in enumerate([{"name": "\ud800"}, {"name": "calibration.load", "args": file}]):
+        for number, order in enumerate([{"name": "\ud800"}, {"name": "arm.preview", "args": motion}]):
             assert _answer(line, {"id": number, **order})["error"], order
         # Numbers that no script of a page counts to are no orders; what comes behind them is heard.
         for number in (-1, 1 << 53, 10**30):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -186,6 +187,21 @@ def test_an_arm_is_moved_and_stopped_by_keyboard_only(studio: RunningStudio, pag
     _tab_to(page, "Resume")
     page.keyboard.press("Enter")
     page.locator("body:not(.hw-stopped)").wait_for()
+    # A whole task: to the page Move, steps of 10 degrees, and two of them.
+    _focus(page, page.get_by_role("link", name="Move", exact=True))
+    page.keyboard.press("Enter")
+    steps = page.locator('input[name="step"]')
+    steps.last.and_(page.locator(":enabled")).wait_for()
+    _focus(page, steps.first)
+    for _ in range(steps.count() - 1):
+        page.keyboard.press("ArrowRight")
+    begin = studio.arm.owner.newest().positions["J1"]
+    _tab_to(page, "Jog J1 up")
+    for _ in range(2):
+        page.keyboard.press("Enter")
+    studio.until(
+        lambda: abs(studio.arm.owner.newest().positions["J1"] - begin - math.radians(20.0)) < 0.01, "two steps"
+    )
     _tab_to(page, "STOP")
     page.keyboard.press("Enter")
     studio.until(lambda: studio.arm.owner.group.reason is not None, "the stop")
@@ -193,13 +209,17 @@ def test_an_arm_is_moved_and_stopped_by_keyboard_only(studio: RunningStudio, pag
 
 def _tab_to(page: Page, name: str) -> None:
     """Press Tab until a button has the focus."""
-    wanted = button(page, name)
+    _focus(page, button(page, name))
+
+
+def _focus(page: Page, wanted: Locator) -> None:
+    """Press Tab until something has the focus."""
     wanted.wait_for()
     for _ in range(100):
         if wanted.evaluate("(e) => e === document.activeElement"):
             return
         page.keyboard.press("Tab")
-    raise AssertionError(f"Tab does not lead to {name}")
+    raise AssertionError(f"Tab does not lead to {wanted}")
 
 
 @pytest.mark.slow

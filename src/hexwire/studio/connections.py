@@ -18,11 +18,26 @@ from .guard import PEER
 if TYPE_CHECKING:
     from .access import Limits, Right
 
-__all__ = ["make_protocol"]
+__all__ = ["make_protocol", "read_little"]
 
 _READ = 4096
 """Bytes that are read at once of a socket. The loop takes apart all that was read before it does anything else: of
 the usual 256 KiB that is 16,000 short messages, and a STOP would wait for them."""
+
+
+def read_little(transport: Any) -> None:
+    """Let a connection read few bytes at once, and decrypt no more than these complete.
+
+    Args:
+        transport: Of asyncio, whose loop is used, plain or over TLS.
+    """
+    tls = getattr(transport, "_ssl_protocol", None)
+    if tls is None:
+        transport.max_size = _READ
+        return
+    # It reads into a buffer of its own, which only grows.
+    tls.max_size, tls._ssl_buffer = _READ, bytearray(_READ)
+    tls._ssl_buffer_view = memoryview(tls._ssl_buffer)
 
 
 def make_protocol(
@@ -63,7 +78,7 @@ def make_protocol(
 
         def handle_websocket_upgrade(self, event: Any) -> None:
             self._forget()
-            self.transport.max_size = _READ  # type: ignore[attr-defined]  # of asyncio, whose loop is used
+            read_little(self.transport)
             super().handle_websocket_upgrade(event)
 
         def _peer(self) -> Right | None:

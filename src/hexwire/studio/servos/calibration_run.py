@@ -83,15 +83,15 @@ def _finish(asked: Asked, args: Arguments) -> None:
     _run_of(asked).finish()
 
 
-@call("calibration.load", _File)
-def _load(asked: Asked, args: _File) -> dict[str, Any]:
-    return _told(parse_file(asked.bus, args.name, args.text.encode(), args.arm))
-
-
 @call("calibration.store", _File, control=True)
 def _store(asked: Asked, args: _File) -> tuple[str, ...]:
     """Store a calibration of hexwire in the servos; the names of the joints that have changed."""
     return store_in(asked.bus, parse_file(asked.bus, "calibration.toml", args.text.encode(), args.arm))
+
+
+def loaded(asked: Asked, name: str, data: bytes, arm: str) -> dict[str, Any]:
+    """A calibration from a file, for a page; raises as `parse_file`."""
+    return _told(parse_file(asked.bus, name, data, arm))
 
 
 def _run_of(asked: Asked) -> CalibrationRun:

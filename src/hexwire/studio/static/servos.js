@@ -58,7 +58,7 @@ async function board(element, facts) {
   const view = new View(facts.opened);
   const found = await view.act("board.servos");
   if (!found || !element.isConnected) return;
-  const place = node("section", { class: "sv-board", "aria-label": "Servos of the arm" });
+  const place = node("section", { class: "sv-board", "aria-label": "The arm and its servos" });
   const switchOver = async () => {
     const text = "The arm is closed: motions end, joints with torque keep it and hold where they are.\nSTOP then reaches the servos directly.";
     if (await question("Work at the servos", text, "Close the arm, open its servos", "accent")) view.act("open_bus");
@@ -87,7 +87,7 @@ async function board(element, facts) {
     const answers = await view.act("board.ping");
     if (answers) fill(told, table("Pings", ["Joint", "#Servo", "Answer"], answers));
   };
-  place.append(...section("Now"), now, ...section(found.bare ? "Line" : "Board"), row(button("Ask again", ask), button("Ping every servo", ping)), told);
+  place.append(...section("Now", "", "h2"), now, ...section(found.bare ? "Line" : "Board", "", "h2"), row(button("Ask again", ask), button("Ping every servo", ping)), told);
   element.append(place);
   ask();
 }

@@ -5,7 +5,7 @@ import hexwire from "./live.js";
 import { button, choice, chooser, facts, field, form, hint, number, put, row, section, table } from "./servos_kit.js";
 import { download, fill, html, node, question } from "./widgets.js";
 
-const LARGEST = 48 * 1024; // bytes of a file; those of 250 servos have fewer
+const LARGEST = 256 * 1024; // bytes of a file
 
 export async function calibration(view, place, servo) {
   const middle = async () => {
@@ -54,8 +54,8 @@ export async function calibration(view, place, servo) {
   }
 
   async function load(chosen) {
-    if (chosen.size > LARGEST) return hexwire.notify("the file is larger than 48 KiB", "error");
-    const made = await view.act("calibration.load", { arm: arm.value, name: chosen.name, text: await chosen.text() });
+    if (chosen.size > LARGEST) return hexwire.notify("the file is larger than 256 KiB", "error");
+    const made = await view.send("calibration", chosen, { arm: arm.value, name: chosen.name });
     if (made) show(made, `Loaded from ${chosen.name}`);
   }
 

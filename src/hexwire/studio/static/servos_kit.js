@@ -24,6 +24,20 @@ export class View {
     return hexwire.act(name, args, this.opened);
   }
 
+  /** Send a file; what is refused is told. Resolves to undefined then. */
+  async send(what, file, values = {}) {
+    const query = new URLSearchParams({ tab: hexwire.key, opened: this.opened, ...values });
+    try {
+      const answer = await fetch(`/servos/${what}?${query}`, { method: "POST", body: file });
+      const found = await answer.json();
+      if (!found.refused) return found;
+      hexwire.notify(found.refused, "error");
+    } catch (error) {
+      hexwire.notify(`the studio did not take the file: ${error.message}`, "error");
+    }
+    return undefined;
+  }
+
   get servo() {
     return this.found.servos.find((one) => one.id === this.selected);
   }
@@ -69,8 +83,8 @@ export const form = (...parts) => node("div", { class: "sv-form" }, ...parts);
 export const hint = (words, attributes = {}) => node("p", { class: "sv-hint", ...attributes }, words);
 
 /** A heading of a part, and a sentence about it. */
-export function section(words, about = "") {
-  return [node("h3", { class: "sv-h3" }, words), ...(about ? [hint(about)] : [])];
+export function section(words, about = "", level = "h3") {
+  return [node(level, { class: "sv-h3" }, words), ...(about ? [hint(about)] : [])];
 }
 
 /** Names and values in two columns. */

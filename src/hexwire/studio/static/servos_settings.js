@@ -176,14 +176,8 @@ export function backup(view, place, servo) {
 
   async function load(file) {
     if (file.size > LARGEST) return hexwire.notify("the file is larger than 1 MiB", "error");
-    try {
-      const answer = await fetch(`/servos/backup?${new URLSearchParams({ tab: hexwire.key, opened: view.opened })}`, { method: "POST", body: file });
-      const found = await answer.json();
-      if (found.refused) hexwire.notify(found.refused, "error");
-      else kept(found.servos);
-    } catch (error) {
-      hexwire.notify(`the studio did not take the file: ${error.message}`, "error");
-    }
+    const found = await view.send("backup", file);
+    if (found) kept(found.servos);
   }
 
   function kept(servos) {
