@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -29,6 +29,7 @@ __all__ = [
     "make_table",
     "parse_value",
     "people_unit",
+    "prepare_edit",
     "read_table",
     "why_not",
 ]
@@ -313,14 +314,8 @@ class RegisterEdits:
             UsageError: The register is not edited like this, or the value is not accepted.
             ServoError: The servo does not answer.
         """
-        register = bus.series_of(servo_id).register(name)
-        if refusal := why_not(register):
-            raise UsageError(f"{name}: {refusal}")
-        after = parse_value(register, text, raw=raw)
-        other = _other_limit(bus, servo_id, register)
-        if other is not None and (after >= other if name.startswith("min") else after <= other):
-            raise UsageError(f"{name}: {after} leaves no range, the other limit is {other}")
-        return Edit(servo_id, register, _read(bus, servo_id, name), after)
+        series = bus.series_of(servo_id)
+        return prepare_edit(series, servo_id, name, text, raw=raw, read=lambda each: _read(bus, servo_id, each))
 
     def apply(self, bus: ServoBus, edit: Edit) -> None:
         """Write an edit and verify it.
@@ -356,18 +351,41 @@ class RegisterEdits:
         self.done = deque(rows, maxlen=_MOST_UNDONE)
 
 
-def _other_limit(bus: ServoBus, servo_id: int, register: Register) -> int | None:
+def prepare_edit(
+    series: Series, servo_id: int, name: str, text: str, *, raw: bool, read: Callable[[str], int]
+) -> Edit:
+    """Check an edit and read the value before it; nothing is written.
+
+    Args:
+        series: Of the servo.
+        servo_id: The servo.
+        name: The register.
+        text: As in `parse_value`.
+        raw: As in `parse_value`.
+        read: Reads a register, raw.
+
+    Raises:
+        UsageError: The register is not edited like this, or the value is not accepted.
+        HexwireError: As `read`.
+    """
+    register = series.register(name)
+    if refusal := why_not(register):
+        raise UsageError(f"{name}: {refusal}")
+    after = parse_value(register, text, raw=raw)
+    other = _other_limit(series, register, read)
+    if other is not None and (after >= other if name.startswith("min") else after <= other):
+        raise UsageError(f"{name}: {after} leaves no range, the other limit is {other}")
+    return Edit(servo_id, register, read(name), after)
+
+
+def _other_limit(series: Series, register: Register, read: Callable[[str], int]) -> int | None:
     """The other end of a range of two registers: without a range between them a servo refuses goals, or turns."""
     name = register.name
     pair = name.replace("min_", "max_") if name.startswith("min_") else name.replace("max_", "min_")
     # An SCS with both limits at 0 is a wheel on purpose.
-    if (
-        pair == name
-        or pair not in (known := bus.series_of(servo_id).registers)
-        or bus.series_of(servo_id) is Series.SCS
-    ):
+    if pair == name or pair not in (known := series.registers) or series is Series.SCS:
         return None
-    return _read(bus, servo_id, pair) if known[pair].si_unit == register.si_unit else None
+    return read(pair) if known[pair].si_unit == register.si_unit else None
 
 
 def _read(bus: ServoBus, servo_id: int, name: str) -> int:

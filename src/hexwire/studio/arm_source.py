@@ -33,6 +33,8 @@ from hexwire.model.state import JointFlag
 from .frames import FrameBit, serialize_frame
 
 if TYPE_CHECKING:
+    from hexwire.bus.backup import ServoBackup
+    from hexwire.bus.registers import Edit
     from hexwire.control.requests.motion_run import MotionRun
     from hexwire.control.sharing.lease import Grant
     from hexwire.drivers.base import RobotDriver
@@ -72,6 +74,9 @@ class ArmSource:
         goals: Last set-point of each joint, radians.
         motions: Motions to a goal, poses, teach mode.
         history: The last ten minutes.
+        edits: Edits of registers that can be undone, with their joints.
+        backups: Backups of stored settings, to compare with.
+        written: How often registers were written.
         listeners: Called with each state and the goals, in the owner's thread; they must not wait.
     """
 
@@ -86,6 +91,9 @@ class ArmSource:
         self.shared = SharedArm(self.arm, Lease(timeout=5.0))
         owner = self.arm.owner
         owner.observers = [*owner.observers, self._keep]
+        self.edits: list[tuple[str, Edit]] = []
+        self.backups: list[ServoBackup] = []
+        self.written = 0
         self._silence = silence
         self.hold_to_run = HoldToRun(silence=silence, clock=owner.now)
         self.jog = JogController(settings.model, settings.kinematics, self.shared.path_check, silence=silence)

@@ -18,10 +18,10 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from hexwire.drivers.values import StopMode
-from hexwire.errors import LeaseError, StoppedError, UsageError
+from hexwire.errors import LeaseError, NotSupportedError, StoppedError, UsageError
 
 from ..loop.holding import hold_moving, stop_or_log
 from ..motion.path_check import PathCheck
@@ -415,6 +415,34 @@ class SharedArm:
         self._orders.admit(order)
         return self._called(order, lambda: self._owner.command(sub_cmd, data))
 
+    def write_registers(self, order: Order, joint: str, parts: Sequence[tuple[int, bytes]]) -> None:
+        """Write registers of a joint's servo one part after the other, in maintenance, in which nothing moves.
+
+        Args:
+            order: As everywhere.
+            joint: Its name.
+            parts: First registers and their raw values.
+
+        Raises:
+            NotSupportedError: The robot has no such request.
+            CommandRefusedError: A joint has torque, or a register may not be written.
+            HexwireError: As for every order. Maintenance has ended then, too.
+        """
+        robot: Any = self._robot
+        if not hasattr(robot, "write_table"):
+            raise NotSupportedError(f"{robot.model.name} writes no registers; use an adapter on its servo bus")
+
+        def write() -> None:
+            robot.maintenance(True)
+            try:
+                for first, data in parts:
+                    robot.write_table(joint, first, data)
+            finally:
+                robot.maintenance(False)
+
+        self._orders.admit(order)
+        self._called(order, lambda: self._owner.call(write))
+
     def follow(
         self,
         order: Order,
@@ -472,6 +500,10 @@ class SharedArm:
     def ping(self, servo_id: int) -> int | None:
         """Ping a servo; see `RobotDriver.ping`."""
         return self._owner.call(lambda: self._robot.ping(servo_id))
+
+    def read_registers(self, joint: str) -> bytes:
+        """Read the register table of a joint's servo; see `RobotDriver.read_table`."""
+        return self._owner.call(lambda: self._robot.read_table(joint))
 
     def board_counters(self) -> dict[str, int]:
         """Read the board's counters; see `RobotDriver.board_counters`."""

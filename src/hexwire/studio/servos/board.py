@@ -1,18 +1,141 @@
-"""The servos of an arm that is open, as its protocol tells of them.
+"""The servos of an arm that is open, as its protocol tells of them, and their registers behind a board.
 
-Owns what a page is told of them. Registers need an adapter on the bus: a board answers for its servos.
+Owns what a page is told of them, and how an edit is made by the board's own requests: reads always, writes in
+maintenance, which the board refuses while a joint has torque. `bus.registers` says what may be edited.
 """
 
 from __future__ import annotations
 
-from typing import Any
+import datetime
+from typing import TYPE_CHECKING, Any
 
+from hexwire.bus.backup import ServoBackup, serialize_backups
+from hexwire.bus.registers import Edit, in_people_unit, make_table, prepare_edit
+from hexwire.errors import ServoError, UsageError
 from hexwire.studio.calls import Arguments, Asked, call
+from hexwire.wire.registers import Series
+
+from .registers import values
+
+if TYPE_CHECKING:
+    from hexwire.model.arm import JointModel
+    from hexwire.studio.source import ArmSource
 
 __all__: list[str] = []
 
 _SERIES = {"seven_bot": "7Bot", "scs": "SCS", "sts_sms": "STS", "hls": "HLS"}
 """Series of servos as their makers write them."""
+_UNDONE = 100
+"""Edits that can be undone."""
+
+
+class _Joint(Arguments, frozen=True):
+    joint: str
+
+
+class _Edit(Arguments, frozen=True):
+    joint: str
+    register: str
+    text: str
+    raw: bool
+    sure: bool = False
+
+
+@call("board.registers", _Joint)
+def _registers(asked: Asked, args: _Joint) -> dict[str, Any]:
+    """The registers of a joint's servo, and what the last edit was that can be undone."""
+    arm = asked.arm
+    joint = arm.settings.model.joint(args.joint)
+    saved = next((row for row in reversed(arm.backups) if row.servo_id == joint.servo_id), None)
+    rows = make_table(Series(joint.series), _raws(arm, joint), saved.registers if saved else None)
+    last = arm.edits[-1] if arm.edits else None
+    return {
+        "rows": [values(row) for row in rows],
+        "undo": "" if last is None else f"take back {last[1].for_people()}",
+    }
+
+
+@call("board.edit", _Edit, control=True)
+def _edit(asked: Asked, args: _Edit) -> dict[str, str]:
+    """Write a value, unless there is something to be asked before: then say what."""
+    arm = asked.arm
+    joint = arm.settings.model.joint(args.joint)
+    series, raws = Series(joint.series), _raws(arm, joint)
+
+    def read(name: str) -> int:
+        if name not in raws:
+            raise ServoError(f"servo {joint.servo_id} did not tell {name}", servo_id=joint.servo_id)
+        return raws[name]
+
+    edit = prepare_edit(series, joint.servo_id, args.register, args.text[:40], raw=args.raw, read=read)
+    if edit.before == edit.after:
+        return {"told": f"{args.register} is {in_people_unit(edit.register, edit.after)} already"}
+    if edit.warning and not args.sure:
+        return {"question": f"{edit.for_people()}.\n{edit.warning}."}
+    _write(asked, joint, edit, edit.after)
+    arm.edits.append((joint.name, edit))
+    del arm.edits[:-_UNDONE]
+    return {"told": edit.for_people()}
+
+
+@call("board.undo", Arguments, control=True)
+def _undo(asked: Asked, args: Arguments) -> str:
+    arm = asked.arm
+    if not arm.edits:
+        raise UsageError("there is nothing to undo")
+    name, edit = arm.edits[-1]
+    joint = arm.settings.model.joint(name)
+    if _raws(arm, joint).get(edit.register.name) != edit.after:
+        raise ServoError(
+            f"{edit.register.name} was changed by something else since that edit", servo_id=edit.servo_id
+        )
+    _write(asked, joint, edit, edit.before)
+    arm.edits.pop()
+    value = in_people_unit(edit.register, edit.before)
+    return f"undone: {edit.register.name} of servo {edit.servo_id} is {value} again"
+
+
+@call("board.backup", Arguments)
+def _backup(asked: Asked, args: Arguments) -> dict[str, object]:
+    """The stored settings of all servos, kept for comparison; the file for the page to save."""
+    arm, made = asked.arm, list[ServoBackup]()
+    now = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
+    for joint in arm.settings.model.joints:
+        series, raws = Series(joint.series), _raws(arm, joint)
+        stored = {
+            row.name: raws[row.name]
+            for row in series.registers.values()
+            if row.area == "eeprom" and row.name in raws
+        }
+        made.append(ServoBackup(joint.servo_id, series.value, "", "", now, stored))
+    arm.backups.extend(made)
+    del arm.backups[:-_UNDONE]
+    return {"servos": [row.servo_id for row in made], "file": serialize_backups(made)}
+
+
+def _raws(arm: ArmSource, joint: JointModel) -> dict[str, int]:
+    """Raw values of a servo's registers by name, read by one request of the board."""
+    # What was written is no answer of before.
+    table = arm.ask(f"registers of {joint.name} after {arm.written}", lambda: arm.shared.read_registers(joint.name))
+    rows = Series(joint.series).registers.values()
+    return {
+        row.name: row.decode(table[row.address : row.address + row.size])
+        for row in rows
+        if row.address + row.size <= len(table)
+    }
+
+
+def _write(asked: Asked, joint: JointModel, edit: Edit, value: int) -> None:
+    """Write a register in maintenance; a stored one is kept through power-off. The board reads it back."""
+    arm, register = asked.arm, edit.register
+    parts = [(register.address, register.encode(value))]
+    lock = Series(joint.series).registers.get("lock")
+    if edit.stored and lock is not None:
+        parts = [(lock.address, lock.encode(0)), *parts, (lock.address, lock.encode(1))]
+    try:
+        arm.shared.write_registers(arm.order(asked.tab, asked.arrived), joint.name, parts)
+    finally:
+        arm.written += 1
 
 
 @call("board.servos", Arguments)

@@ -6,7 +6,7 @@ import { backup, identity, registers } from "./servos_settings.js";
 import { health, overview, stress, wave } from "./servos_checks.js";
 import { calibration, setUp } from "./servos_calibration.js";
 import { View, button, choice, field, form, frames, hint, live, progress, put, row, section, table } from "./servos_kit.js";
-import { fill, html, loadSheet, node, question } from "./widgets.js";
+import { download, fill, html, loadSheet, node, question } from "./widgets.js";
 
 const PARTS = {
   overview: ["Overview", overview],
@@ -68,7 +68,7 @@ async function board(element, facts) {
       hint("The arm is open as a whole. Registers, ids, rates, calibration and waves need its servos one by one: this closes the arm, and joints with torque hold where they are."),
       button("Work at the servos", switchOver, { level: "accent" }));
   } else {
-    place.append(hint("A board is between this computer and the servos, and answers for them. It tells what is below. Registers, ids and rates need an adapter on the servo bus itself."));
+    place.append(hint("A board is between this computer and the servos, and answers for them. Registers are read through it at any time, and written while no joint has torque; ids and rates need an adapter on the servo bus itself."));
   }
   const now = node("div"), told = node("div");
   const names = ["position", "velocity", "load", "voltage", "temperature", "current", "flags"];
@@ -89,7 +89,28 @@ async function board(element, facts) {
   };
   place.append(...section("Now", "", "h2"), now, ...section(found.bare ? "Line" : "Board", "", "h2"), row(button("Ask again", ask), button("Ping every servo", ping)), told);
   element.append(place);
+  if (!found.bare) boardRegisters(view, place, found.joints);
   ask();
+}
+
+/** The registers of the servos behind a board. */
+function boardRegisters(view, place, joints) {
+  const which = choice(joints.map(({ name, servo }) => [name, `${name}, servo ${servo}`])), body = node("div");
+  const draw = () => {
+    const { name, servo } = joints.find((one) => one.name === which.value);
+    body.replaceChildren();
+    registers(view, body, servo, name);
+  };
+  const backUp = async () => {
+    const made = await view.act("board.backup");
+    if (!made) return;
+    hexwire.notify(`a backup of servo ${made.servos.join(", ")}`, "ok");
+    download("servos.json", made.file);
+    draw();
+  };
+  which.addEventListener("change", draw);
+  place.append(...section("Registers", "", "h2"), form(field("Servo", which), button("Back up all servos", backUp)), body);
+  draw();
 }
 
 // -- a bus -------------------------------------------------------------------------------------------------------

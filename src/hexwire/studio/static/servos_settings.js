@@ -17,7 +17,9 @@ const HEAD = ["Register", "#Value", "Unit", "Change", "#Raw", "Range", "#Factory
 
 // -- registers ---------------------------------------------------------------------------------------------------
 
-export function registers(view, place, servo) {
+/** The registers of a servo; of a joint's servo behind a board, if `joint` names it. */
+export function registers(view, place, servo, joint = "") {
+  const whose = joint ? { joint } : { servo }, kind = joint ? "board" : "registers";
   let rows = [];
   const shown = choice(FILTERS), find = node("input", { maxlength: 40 });
   const undo = button("Undo", takeBack), body = node("div");
@@ -31,7 +33,7 @@ export function registers(view, place, servo) {
   }
 
   async function read() {
-    const found = await view.act("registers.read", { servo });
+    const found = await view.act(joint ? "board.registers" : "registers.read", whose);
     if (!found) return;
     rows = found.rows;
     undo.hidden = !found.undo;
@@ -42,11 +44,11 @@ export function registers(view, place, servo) {
   async function edit(one) {
     const typed = await ask(one);
     if (!typed) return;
-    const wanted = { servo, register: one.name, ...typed };
-    let made = await view.act("registers.edit", wanted);
+    const wanted = { ...whose, register: one.name, ...typed };
+    let made = await view.act(`${kind}.edit`, wanted);
     if (made?.question) {
       if (!(await question(`Write ${one.name}`, made.question, "Write it"))) return;
-      made = await view.act("registers.edit", { ...wanted, sure: true });
+      made = await view.act(`${kind}.edit`, { ...wanted, sure: true });
     }
     if (!made) return;
     hexwire.notify(made.told, "ok");
@@ -54,7 +56,7 @@ export function registers(view, place, servo) {
   }
 
   async function takeBack() {
-    const undone = await view.act("registers.undo");
+    const undone = await view.act(`${kind}.undo`);
     if (undone === undefined) return;
     hexwire.notify(undone, "ok");
     read();
