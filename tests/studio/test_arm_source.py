@@ -179,6 +179,7 @@ def test_a_jog_that_begins_during_a_motion_begins_where_its_joints_have_braked(
     assert second is not None
     ended = len(told)
     arm.begin_jog(tab, second, "joint", {"directions": {"shoulder_pan": 1.0}, "speed": 0.1}, arm.mark())
+    until(lambda: len(told) > ended + 5, "it brakes and jogs")
     # Nothing is sent between the last target of the brake and the first of the jog.
     steps = [b - a for (_, a), (_, b) in pairwise(told[ended - 2 :])]
     assert len(steps) > 5
