@@ -47,9 +47,9 @@ class InJoints(Trajectory):
         position, velocity, acceleration = self._other.at(t)
         k = self._factors
         return Sample(
-            tuple(o + f * q for o, f, q in zip(self._offsets, k, position, strict=True)),
-            tuple(f * v for f, v in zip(k, velocity, strict=True)),
-            tuple(f * a for f, a in zip(k, acceleration, strict=True)),
+            tuple([o + f * q for o, f, q in zip(self._offsets, k, position, strict=True)]),
+            tuple([f * v for f, v in zip(k, velocity, strict=True)]),
+            tuple([f * a for f, a in zip(k, acceleration, strict=True)]),
         )
 
 
@@ -137,20 +137,22 @@ def check_trajectory(
         found.setdefault(kind, Finding(t, text))
 
     for t, sample in _samples(trajectory, max((other.duration for other in meanwhile), default=0.0), step):
-        since = t - last[0] if last else 0.0
+        # Two samples may be a rounding error apart; a distance covered in no time is still a jump.
+        since = max(t - last[0], 1e-6) if last else 0.0
         # A trajectory may be passed at its end, with the speed that it has there.
         velocity = trajectory.at(t).velocity if t == trajectory.duration else sample.velocity
         for i, (joint, angle) in enumerate(zip(joints, sample.position, strict=True)):
-            try:
-                joint.check(angle)
-            except LimitError as error:
-                advice = "" if last else f"; bring it back first: hexwire move {joint.name}=..."
-                note(joint.name, t, str(error).partition(";")[0] + advice)
+            if not joint.minimum <= angle <= joint.maximum:
+                try:
+                    joint.check(angle)
+                except LimitError as error:
+                    advice = "" if last else f"; bring it back first: hexwire move {joint.name}=..."
+                    note(joint.name, t, str(error).partition(";")[0] + advice)
             speed = abs(velocity[i])
-            if last:
-                # Two samples may be a rounding error apart; a distance covered in no time is still a jump.
-                speed = max(speed, abs(angle - last[1][i]) / max(since, 1e-6))
-            peak[i] = max(peak[i], speed)
+            if last and (mean := abs(angle - last[1][i]) / since) > speed:
+                speed = mean
+            if speed > peak[i]:
+                peak[i] = speed
             # A tolerance of 0.1 %: an optimal motion runs at its limit.
             if not speed <= joint.max_speed * 1.001:
                 note(

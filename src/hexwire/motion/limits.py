@@ -129,14 +129,16 @@ def slow_enough(model: ArmModel, trajectory: Trajectory) -> Trajectory:
     of the path, which refuses it by name.
     """
     joints = [model.joint(name) for name in trajectory.names]
+    limits = [(joint.max_acceleration, _STEP * joint.max_jerk) for joint in joints]
     # Jerk falls with the cube of the speed; but where a cubic meets the next, with the square.
-    worst, before, cause = 1.0, [0.0] * len(joints), None
-    for _, sample in trajectory.samples(_STEP):
-        for a, b, joint in zip(sample.acceleration, before, joints, strict=True):
-            share = max(abs(a) / joint.max_acceleration, abs(a - b) / (_STEP * joint.max_jerk))
+    worst, before, cause = 1.0, (0.0,) * len(joints), None
+    for _, (position, _, now) in trajectory.samples(_STEP):
+        for i, (most, change) in enumerate(limits):
+            a = now[i]
+            share = max(abs(a) / most, abs(a - before[i]) / change)
             if share > worst:
-                worst, cause = share, (joint.name, sample.position)
-        before = list(sample.acceleration)
+                worst, cause = share, (joints[i].name, position)
+        before = now
     return trajectory if cause is None else Slower(trajectory, math.sqrt(worst) * _ROUNDING, *cause)
 
 

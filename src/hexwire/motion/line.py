@@ -70,7 +70,12 @@ class Knots:
                 break
             self.steps *= 2
             self._knots = self._follow(tuple(start))
-        self._slopes = _slopes(self._knots)
+        slopes = _slopes(self._knots)
+        self._cubics = [
+            [_cubic(*ends) for ends in zip(*four, strict=True)]
+            for four in zip(self._knots, self._knots[1:], slopes, slopes[1:], strict=False)
+        ]
+        """By step and joint."""
 
     def at(self, place: float, speed: float, acceleration: float) -> Sample:
         """Angles at a place.
@@ -83,10 +88,7 @@ class Knots:
         i = max(0, min(int(place), self.steps - 1))
         u = place - i
         position, velocity, accelerations = [], [], []
-        for a, b, m, n in zip(
-            self._knots[i], self._knots[i + 1], self._slopes[i], self._slopes[i + 1], strict=True
-        ):
-            c2, c3 = 3.0 * (b - a) - 2.0 * m - n, m + n - 2.0 * (b - a)
+        for a, m, c2, c3 in self._cubics[i]:
             slope = m + u * (2.0 * c2 + 3.0 * c3 * u)
             position.append(a + u * (m + u * (c2 + c3 * u)))
             velocity.append(slope * speed)
@@ -123,6 +125,11 @@ class Knots:
                 )
             knots.append(angles)
         return knots
+
+
+def _cubic(a: float, b: float, m: float, n: float) -> tuple[float, float, float, float]:
+    """Factors of the cubic from one value to another with these slopes, in one step."""
+    return a, m, 3.0 * (b - a) - 2.0 * m - n, m + n - 2.0 * (b - a)
 
 
 def _bend(knots: Sequence[tuple[float, ...]], order: int) -> float:

@@ -69,13 +69,14 @@ class Pieces(Trajectory):
         self._begins = [[row[0] for row in some] for some in rows]
 
     def at(self, t: float) -> Sample:
-        columns = []
+        position, velocity, acceleration = [], [], []
         for begins, rows in zip(self._begins, self._rows, strict=True):
             since, p, v, a, j = rows[max(0, bisect_right(begins, t) - 1)]
             u = t - since
-            columns.append((p + u * (v + u * (0.5 * a + u * j / 6.0)), v + u * (a + 0.5 * u * j), a + u * j))
-        position = self._end if t >= self.duration else tuple(c[0] for c in columns)
-        return Sample(position, tuple(c[1] for c in columns), tuple(c[2] for c in columns))
+            position.append(p + u * (v + u * (0.5 * a + u * j / 6.0)))
+            velocity.append(v + u * (a + 0.5 * u * j))
+            acceleration.append(a + u * j)
+        return Sample(self._end if t >= self.duration else tuple(position), tuple(velocity), tuple(acceleration))
 
     @property
     def pieces(self) -> Sequence[Sequence[Row]]:

@@ -179,7 +179,7 @@ def _between(a: Waypoint, b: Waypoint, t: float) -> Sample:
             for q, r in zip(a.position, b.position, strict=True)
         ]
         return Sample(tuple(q for q, _ in steps), tuple(k for _, k in steps), (0.0,) * len(steps))
-    columns = []
+    values, velocity, acceleration = [], [], []
     for i, (q, r) in enumerate(zip(a.position, b.position, strict=True)):
         v, w = (a.velocity or ())[i], (b.velocity or ())[i]
         way = r - q - v * long
@@ -189,10 +189,12 @@ def _between(a: Waypoint, b: Waypoint, t: float) -> Sample:
         else:
             c, d = (a.acceleration or ())[i], (b.acceleration or ())[i]
             k = _quintic(q, r, v, w, c, d, long)
-        columns.append(_polynomial(k, u))
-    if t >= b.time:
-        columns = [(r, speed, more) for r, (_, speed, more) in zip(b.position, columns, strict=True)]
-    return Sample(tuple(c[0] for c in columns), tuple(c[1] for c in columns), tuple(c[2] for c in columns))
+        value, first, second = _polynomial(k, u)
+        values.append(value)
+        velocity.append(first)
+        acceleration.append(second)
+    # Exactly the waypoint at the end, despite rounding.
+    return Sample(b.position if t >= b.time else tuple(values), tuple(velocity), tuple(acceleration))
 
 
 def _quintic(q: float, r: float, v: float, w: float, c: float, d: float, long: float) -> tuple[float, ...]:
