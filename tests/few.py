@@ -35,10 +35,10 @@ def _module(file: Path) -> ast.Module:
 
 @functools.cache
 def _tests(file: Path) -> list[ast.FunctionDef]:
+    body = _module(file).body
+    methods = [node for each in body if isinstance(each, ast.ClassDef) for node in each.body]
     return [
-        node
-        for node in ast.walk(_module(file))
-        if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")
+        node for node in (*body, *methods) if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")
     ]
 
 

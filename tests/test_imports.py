@@ -8,7 +8,7 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -28,6 +28,16 @@ def _loaded_by(statement: str) -> set[str]:
     return set(json.loads(result.stdout))
 
 
+def _statements(path: Path) -> Iterator[ast.AST]:
+    """All statements of a file, however deep; no expressions, which are most of a file and import nothing."""
+    todo: list[ast.AST] = [ast.parse(path.read_text(encoding="utf-8"))]
+    while todo:
+        node = todo.pop()
+        yield node
+        for name in ("body", "orelse", "finalbody", "handlers", "cases"):
+            todo += getattr(node, name, ())
+
+
 def _imports(source: Path) -> dict[str, set[str]]:
     """Which modules below `source` each of them imports: at the top, in functions, for the type checker only."""
     files = {
@@ -38,7 +48,7 @@ def _imports(source: Path) -> dict[str, set[str]]:
     for module, path in files.items():
         package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
         found: set[str] = set()
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in _statements(path):
             if isinstance(node, ast.Import):
                 found |= {alias.name for alias in node.names}
             elif isinstance(node, ast.ImportFrom):
@@ -106,8 +116,8 @@ def _importers(source: Path, name: str) -> list[str]:
     return [
         str(path.relative_to(source))
         for path in sorted(source.rglob("*.py"))
-        if name in (text := path.read_text(encoding="utf-8"))
-        for node in ast.walk(ast.parse(text))
+        if name in path.read_text(encoding="utf-8")
+        for node in _statements(path)
         if any(module.split(".")[0] == name for module in modules(node))
     ]
 

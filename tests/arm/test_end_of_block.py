@@ -5,17 +5,16 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from contextlib import suppress
+from itertools import product
 from pathlib import Path
 from typing import Any
 
-import pytest
-from tests.arm.arms import KINDS, TIMED, connected, marked
+from tests.arm.arms import KINDS, TIMED, connected
+from tests.few import few
 from tests.waits import PATIENCE, eventually
 
 from hexwire import Arm, deg
 from hexwire.errors import HexwireError, StoppedError, UsageError
-
-QUICK = ("bus", "board", "timed board")
 
 
 def normally(arm: Arm) -> None:
@@ -35,8 +34,14 @@ WAYS: dict[str, tuple[Callable[[Arm], None], bool]] = {
 }
 
 
-@pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("kind", marked(KINDS | TIMED, QUICK))
+@few(
+    "kind, way",
+    product(KINDS | TIMED, WAYS),
+    *product(["bus"], WAYS),
+    ("board", "the end"),
+    ("board", "ctrl-c"),
+    ("timed board", "ctrl-c"),
+)
 def test_the_end_of_the_block_ends_the_motion_of_a_verb_in_another_thread(
     kind: str, way: str, tmp_path: Path
 ) -> None:
