@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
+from tests.model.states import make_state
 from tests.motion.arms import ARMS, EXCESS, at_rest
 
 from hexwire.control.motion.jog import JogController, JogRequest, read_request
@@ -24,23 +25,10 @@ _FIRST, _SECOND = _NAMES[0], _NAMES[1]
 
 
 def _state(torque: bool = True, **moved: float) -> JointState:
-    n = len(_NAMES)
-    flags = (int(JointFlag.TORQUE_ON) if torque else 0,) * n
-    zero = (0.0,) * n
+    flags = (int(JointFlag.TORQUE_ON) if torque else 0,) * len(_NAMES)
     middle = [0.5 * (joint.minimum + joint.maximum) for joint in HEX7BOT.joints]
-    place = tuple(moved.get(name, angle) for name, angle in zip(_NAMES, middle, strict=True))
-    return JointState(
-        names=_NAMES,
-        position=place,
-        velocity=zero,
-        load=zero,
-        current=zero,
-        voltage=zero,
-        temperature=zero,
-        flags=flags,
-        age=zero,
-        stamp=1.0,
-    )
+    place = [moved.get(name, angle) for name, angle in zip(_NAMES, middle, strict=True)]
+    return make_state(*place, names=_NAMES, velocity=(0.0,) * len(_NAMES), flags=flags, stamp=1.0)
 
 
 class _Hold:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.drivers.likely_boards import likely_boards
 
 from hexwire.control.motion.arrival import Tolerance
 from hexwire.control.requests.setting import Faults
@@ -16,7 +17,6 @@ from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.drivers.puma260 import Puma260Driver
 from hexwire.errors import LinkNotFoundError, UsageError
-from hexwire.link import ports
 from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
 from hexwire.motion.safety import SafetyLimits
 
@@ -25,13 +25,7 @@ ALL = ("J1", "J2", "J3", "J4", "J5", "J6", "J7")
 
 @pytest.fixture(autouse=True)
 def boards(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The likely boards of this machine; none at first, and each look for one leaves a mark."""
-    found: list[str] = []
-    monkeypatch.delenv(registry.PORT_VARIABLE, raising=False)
-    monkeypatch.setattr(
-        ports, "list_ports", lambda: [ports.PortInfo(name, likely_board=True, guess="a board") for name in found]
-    )
-    return found
+    return likely_boards(monkeypatch)
 
 
 def load(**given: object) -> Settings:

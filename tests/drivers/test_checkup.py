@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import pytest
+from tests.model.states import make_state
 
 from hexwire.drivers.base import JointProbe, ProbeReport
 from hexwire.drivers.checkup import judge_board, judge_probe, judge_state, together
@@ -53,19 +54,7 @@ def state(
     temperature: tuple[float, ...] = (28.0,) * 3,
     flags: tuple[int, ...] = (0, 0, 0),
 ) -> JointState:
-    zero = (0.0,) * 3
-    return JointState(
-        names=NAMES,
-        position=zero,
-        velocity=zero,
-        load=zero,
-        current=zero,
-        voltage=voltage,
-        temperature=temperature,
-        flags=flags,
-        age=zero,
-        stamp=1.0,
-    )
+    return make_state(0.0, 0.0, 0.0, names=NAMES, voltage=voltage, temperature=temperature, flags=flags, stamp=1.0)
 
 
 def bad(findings: list[Finding]) -> list[Finding]:

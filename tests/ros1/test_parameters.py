@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
+from tests.drivers.likely_boards import likely_boards
 
-from hexwire.drivers import registry
 from hexwire.errors import LinkNotFoundError, UsageError
-from hexwire.link import ports
 from hexwire.ros1.parameters import FOREIGN, OWN, PARAMETERS, Parameters, load_parameters
 
 ALL = ("J1", "J2", "J3", "J4", "J5", "J6", "J7")
@@ -17,13 +16,7 @@ ALL = ("J1", "J2", "J3", "J4", "J5", "J6", "J7")
 
 @pytest.fixture(autouse=True)
 def boards(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The likely boards of this machine; none at first, and each look for one leaves a mark."""
-    found: list[str] = []
-    monkeypatch.delenv(registry.PORT_VARIABLE, raising=False)
-    monkeypatch.setattr(
-        ports, "list_ports", lambda: [ports.PortInfo(name, likely_board=True, guess="a board") for name in found]
-    )
-    return found
+    return likely_boards(monkeypatch)
 
 
 def load(**params: object) -> Parameters:
