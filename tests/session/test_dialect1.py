@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from itertools import product
 from typing import Any
 
 import pytest
@@ -251,14 +252,13 @@ def test_behind_an_exchanged_echo_the_answer_is_still_big_endian() -> None:
     assert match_reply(bytes(7) + BIG_ENDIAN, pending) == LITTLE_ENDIAN
 
 
-@pytest.mark.parametrize("junk", range(9))
-@pytest.mark.parametrize("echo", [b"", LEGACY_READ, LEGACY_READ * 2])
-def test_wherever_the_exchanged_bytes_lie_the_value_is_right(junk: int, echo: bytes) -> None:
-    for filler in (b"\0", b"\xff", b"\xf5", b"\x04"):
-        payload = as_sent(filler * junk + echo + BIG_ENDIAN)
-        assert match_reply(payload, Pending1(1, Command.READ, LEGACY_READ, 0.2, 3)) == LITTLE_ENDIAN
-        only_echo = as_sent(filler * junk + echo)
-        assert match_reply(only_echo, Pending1(1, Command.READ, LEGACY_READ, 0.2, 3)) is None
+def test_wherever_the_exchanged_bytes_lie_the_value_is_right() -> None:
+    echoes = b"", LEGACY_READ, LEGACY_READ * 2
+    for filler, junk, echo in product((b"\0", b"\xff", b"\xf5", b"\x04"), range(9), echoes):
+        before = filler * junk + echo
+        payload = as_sent(before + BIG_ENDIAN)
+        assert match_reply(payload, Pending1(1, Command.READ, LEGACY_READ, 0.2, 3)) == LITTLE_ENDIAN, before
+        assert match_reply(as_sent(before), Pending1(1, Command.READ, LEGACY_READ, 0.2, 3)) is None, before
 
 
 def test_an_answer_followed_by_noise_is_accepted_the_second_time() -> None:

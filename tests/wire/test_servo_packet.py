@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import contextlib
+from itertools import product
 
 import pytest
 from hypothesis import assume, given
@@ -183,18 +184,17 @@ def test_sync_write_there_and_back(data: dict[int, bytes], address: int) -> None
     assert sp.parse_sync_write(packet) == (address, tuple(data.items()))
 
 
-@pytest.mark.parametrize("size", range(5))
-@pytest.mark.parametrize("more", range(13))
-def test_a_sync_write_is_read_only_where_its_rows_fill_it(size: int, more: int) -> None:
-    packet = ServoPacket(254, Instruction.SYNC_WRITE, bytes((42, size, *range(more))))
-    if size and more % (1 + size) == 0:
-        address, rows = sp.parse_sync_write(packet)
-        assert address == 42
-        assert [len(data) for _, data in rows] == [size] * (more // (1 + size))
-        assert b"".join(bytes((servo_id,)) + data for servo_id, data in rows) == packet.params[2:]
-    else:
-        with pytest.raises(RemoteProtocolError, match="ends within a row"):
-            sp.parse_sync_write(packet)
+def test_a_sync_write_is_read_only_where_its_rows_fill_it() -> None:
+    for size, more in product(range(5), range(13)):
+        packet = ServoPacket(254, Instruction.SYNC_WRITE, bytes((42, size, *range(more))))
+        if size and more % (1 + size) == 0:
+            address, rows = sp.parse_sync_write(packet)
+            assert address == 42
+            assert [len(data) for _, data in rows] == [size] * (more // (1 + size)), (size, more)
+            assert b"".join(bytes((servo_id,)) + data for servo_id, data in rows) == packet.params[2:]
+        else:
+            with pytest.raises(RemoteProtocolError, match="ends within a row"):
+                pytest.fail(f"{more} bytes of rows of {size} are {sp.parse_sync_write(packet)}")
 
 
 @pytest.mark.parametrize("body", [b"", b"\x2a"])
