@@ -95,6 +95,8 @@ RIGHT: dict[str, Callable[[object], bool]] = {
     "seconds": lambda value: (isinstance(value, float) and value == math.inf) or number(0)(value),
     "smooth": number(0),
     "repeat": number(2, 2),
+    "step": number(2, 2),
+    "ask": none_or(callable),
     "rate": lambda value: number(0, 1000)(value),
     "opening": FORCE,
     "grip": none_or(FORCE),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import tempfile
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -61,12 +63,22 @@ def other_opening(arm: Arm) -> float:
     return 0.3 if arm.opening > 0.6 else 0.9
 
 
+def a_program(arm: Arm) -> Path:
+    """Two small motions and a pause between them."""
+    joint, here = arm.model.names[0], arm.read().position[0]
+    rows = [f"joints = {{ {joint} = {math.degrees(here) + by} }}\nspeed = 1" for by in (4, 0)]
+    file = Path(tempfile.mkdtemp(prefix="hw")) / "a.toml"
+    file.write_text("\n".join(f"[[steps]]\n{row}" for row in (rows[0], "wait = 0.05", rows[1])))
+    return file
+
+
 VERBS: dict[str, Callable[[Arm], Callable[[], Handle[Any]]]] = {
     "move": lambda arm: partial(arm.move, {arm.model.names[0]: deg(4)}, relative=True, wait=False),
     "goto": lambda arm: partial(arm.goto, (0, 0, -mm(8)), relative=True, wait=False),
     "line": lambda arm: partial(arm.line, (0, 0, mm(8)), relative=True, tip_speed=0.1, wait=False),
     "home": lambda arm: partial(arm.home, wait=False),
     "play": lambda arm: partial(arm.play, a_way(arm), wait=False),
+    "program": lambda arm: partial(arm.play, a_program(arm), wait=False),
 }
 GRIPS: dict[str, Callable[[Arm], Callable[[], Handle[Any]]]] = {
     "grip": lambda arm: partial(arm.grip, other_opening(arm), wait=False),

@@ -210,6 +210,50 @@ def test_waypoints_with_a_mistake_are_refused(
     assert error in result.stderr
 
 
+PROGRAM = """
+[[steps]]
+pose = "home"
+[[steps]]
+grip = 100
+[[steps]]
+repeat = 2
+[[steps.steps]]
+joints = { J1 = 10 }
+speed = 1
+[[steps.steps]]
+joints = { J1 = 5 }
+speed = 1
+"""
+
+
+def test_play_runs_a_program(bench: Any, tmp_path: Path) -> None:
+    file = tmp_path / "a.toml"
+    file.write_text(PROGRAM)
+    before = bench.positions()
+    planned = bench.ok("play", str(file), "--dry-run").splitlines()
+    # What is repeated is said once from each place where it begins.
+    assert [line.partition(":")[0] for line in planned] == ["step 1", "step 3.1", "step 3.2", "step 3.1"]
+    assert bench.positions() == before
+    done = bench.ok("play", str(file)).splitlines()
+    ends = [line for line in done if "arrived" in line or "gripper" in line]
+    assert [line.partition(":")[0] for line in ends] == ["step 1", "step 2", *("step 3.1", "step 3.2") * 2]
+    assert bench.positions()["J1"] == pytest.approx(5, abs=1)
+    rows = json.loads(bench.ok("play", str(file), "--json", "--step", "3"))
+    assert rows["arrived"] is True
+    assert [(row["step"], row["arrived"]) for row in rows["steps"]] == [("3.1", True), ("3.2", True)] * 2
+    file.write_text(PROGRAM + "[[steps]]\nask = 'go on?'\n")
+    for words, said in (
+        ((), "waits for a person: run it in a terminal"),
+        (("--speed", "2"), "--speed is for motions"),
+        (("--from", "2"), "--from is for motions"),
+        (("--step", "9", "--dry-run"), "there is no step 9: the program has 4"),
+    ):
+        result = bench.run("play", str(file), *words)
+        assert result.exit_code == 2, result.output
+        assert said in result.stderr
+    assert bench.run("play", str(tmp_path / "a.mcap"), "--step", "2").exit_code == 2
+
+
 def test_play_too_fast_is_refused(bench: Any, tmp_path: Path) -> None:
     recording(tmp_path / "a.mcap", 0.4)
     result = bench.run("play", str(tmp_path / "a.mcap"), "--speed", "20")

@@ -15,6 +15,7 @@ from tests.emulator.terminals import serving
 from tests.site.pages import blocks, repository_pages
 from tests.site.shell import ELSEWHERE, OTHERS, Shell, commands, parse_mentioned, split
 
+from hexwire.control.requests.program import read_program
 from hexwire.drivers.arm_file import load_arm_file
 from hexwire.emulator.bus_arms import make_bus_arm
 from hexwire.emulator.bus_device import BusDevice
@@ -226,7 +227,10 @@ def test_toml(page: str, tmp_path: Path) -> None:
     for block in ALL[page]:
         if block.language == "toml":
             table = tomllib.loads(block.text)
-            if "name" in table:
+            if "steps" in table:
+                (tmp_path / "program.toml").write_text(block.text)
+                assert len(read_program(tmp_path / "program.toml").steps) > 1
+            elif "name" in table:
                 if "calibration" in table:
                     continue  # its second file is made by a calibration: tests/test_so101_page.py
                 (tmp_path / "arm.toml").write_text(block.text)

@@ -149,6 +149,10 @@ class Plans:
         angles = find_pose(self._model, self._poses, name)
         return angles if gripper else without_gripper(self._model, angles)
 
+    def angles(self, goals: Mapping[str, float]) -> Mapping[str, float]:
+        """Radians by joint, by the model's names; raises as `joint_angles`."""
+        return joint_angles(self._model, goals)
+
     def aim(
         self,
         down: bool,

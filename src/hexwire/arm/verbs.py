@@ -36,6 +36,7 @@ from hexwire.control.motion.jaws import MOST_SECONDS
 from hexwire.control.motion.motion_options import unwatched_words
 from hexwire.control.motion.via import approached
 from hexwire.control.requests.pose_file import HOME
+from hexwire.control.requests.program import is_program, read_program
 from hexwire.drivers.registry import connect as connect_driver
 from hexwire.drivers.registry import is_same_arm
 from hexwire.drivers.values import StopMode
@@ -53,6 +54,7 @@ from .front import Front
 from .handle import DETACHED, Handle, MotionHandle, told
 from .plans import ANGLES, SECONDS, SHARE, Plans, Point, is_number, joint_angles, length
 from .poses import Poses
+from .programs import Asking, ProgramRun, asking
 
 if TYPE_CHECKING:
     from hexwire.control.motion.following import Limit
@@ -76,7 +78,7 @@ _H = TypeVar("_H", bound=Handle[Any])
 
 _Run = Callable[[Claim, motions.MotionObserver], _R]
 Motion = str | Path | Taught | Trajectory | Lesson | Recording
-"""A recording by its file, what `Arm.teach` or `Arm.record` has recorded, or a trajectory."""
+"""A recording or a program by its file, what `Arm.teach` or `Arm.record` has recorded, or a trajectory."""
 _FORCE = Wanted("a share of full effort, 0 to 1", lambda value: is_number(value) and 0 <= value <= 1)
 _BEYOND = 0.05
 """How far beyond 0 and 1 the measured opening of a gripper may be."""
@@ -86,6 +88,8 @@ _END = Wanted(
     "seconds, 0 or more", lambda value: _TIME.fits(value) or (isinstance(value, float) and value == math.inf)
 )
 _TIMES = Wanted("a whole number, 1 or more: how often", lambda value: WHOLE.fits(value) and value >= 1, WHOLE.plain)
+_STEP = Wanted("the number of a step, from 1", lambda value: WHOLE.fits(value) and value >= 1, WHOLE.plain)
+_CALLED = Wanted("a function such as input", lambda value: value is None or callable(value))
 _ROBOT_NAME = Wanted("the name of a robot, as in 'so101', or an arm file", lambda value: isinstance(value, str))
 _FILE = Wanted("the name of a file", lambda value: isinstance(value, str | Path))
 _KEPT = Wanted("the name of a file", lambda value: _FILE.fits(value) or isinstance(value, RecordingWriter))
@@ -141,6 +145,8 @@ class _Play(TypedDict, total=False):
     smooth: float
     trim: bool
     repeat: int
+    step: int
+    ask: Asking | None
 
 
 class _Follow(TypedDict, total=False):
@@ -574,7 +580,17 @@ class Arm:
     def play(
         self, motion: Motion, /, *, wait: Literal[False], **how: Unpack[_Play]
     ) -> MotionHandle[MotionResult]: ...
-    @takes(factor=_FACTOR, begin=_TIME, end=_END, smooth=_TIME, trim=FLAG, repeat=_TIMES, wait=FLAG)
+    @takes(
+        factor=_FACTOR,
+        begin=_TIME,
+        end=_END,
+        smooth=_TIME,
+        trim=FLAG,
+        repeat=_TIMES,
+        step=_STEP,
+        ask=_CALLED,
+        wait=FLAG,
+    )
     def play(
         self,
         motion: Motion,
@@ -586,18 +602,23 @@ class Arm:
         smooth: float = 0.0,
         trim: bool = False,
         repeat: int = 1,
+        step: int = 1,
+        ask: Asking | None = None,
         wait: bool = True,
     ) -> Any:
-        """Go slowly to where a motion begins, and play it.
+        """Go slowly to where a motion begins, and play it; or run a program, after all of it was checked.
 
         Args:
-            motion: A recording (.mcap), what `teach` or `record` has recorded, or a trajectory.
+            motion: A recording (.mcap), a program (.toml), what `teach` or `record` has recorded, or a trajectory.
             factor: 2 plays twice as fast.
             begin: Where a recording is to begin, seconds.
             end: Where it is to end, seconds.
             smooth: Remove tremor of a recording that is shorter than this, seconds.
             trim: Remove pauses at both ends of a recording.
             repeat: How often it is played.
+            step: The step with which a program begins, from 1.
+            ask: Called where a program waits for a person, with what it asks for, as `input`; the program goes on
+                when it returns.
             wait: As for `move`.
 
         Returns:
@@ -607,6 +628,12 @@ class Arm:
             HexwireError: As `move`.
         """
         asked = self._asked()
+        if isinstance(motion, str | Path) and is_program(motion):
+            if (factor, begin, end, smooth, trim) != (1.0, 0.0, math.inf, 0.0, False):
+                raise UsageError("factor, begin, end, smooth and trim are for motions; a program has its own")
+            return self._program(motion, step, repeat, ask, asked, wait)
+        if step != 1 or ask is not None:
+            raise UsageError("step and ask are for programs (.toml)")
         if isinstance(motion, Lesson | Recording):
             motion = motion.played()
         with self._told():
@@ -1071,6 +1098,35 @@ class Arm:
 
             meanwhile = 0.0 if opening is None else MOST_SECONDS
             return run, max(meanwhile, sum(leg.duration for leg in path.legs))
+
+        return self._run(prepare, asked, wait)
+
+    def _program(
+        self, file: str | Path, first: int, times: int, ask: Asking | None, asked: Token, wait: bool
+    ) -> Any:
+        """Run a program; all of it is checked in this thread."""
+        how = replace(self._front.options, table=self._height())
+        with self._told():
+            program = read_program(file)
+            asks = asking(program, ask)
+            steps = ProgramRun(self.driver, self._plans, program, first, times, how)
+
+        def prepare(observer: MotionObserver) -> tuple[_Run[MotionResult], float]:
+            if not self._front.dry_run:
+                # Joints that a path of an earlier program still moves come to rest first.
+                with self.driver.epochs.using(asked):
+                    self.driver.clear_path(self.model.names)
+            with _beyond_limits():
+                seconds = steps.check(read_start(self.driver), observer)
+            if self._front.dry_run:
+                return lambda claim, observer: motions.MotionResult(None), 0.0
+
+            def run(claim: Claim, observer: MotionObserver) -> MotionResult:
+                return steps.run(
+                    claim, observer, asked, asks, lambda result: self._told_of(result, claim, observer)
+                )
+
+            return run, seconds
 
         return self._run(prepare, asked, wait)
 

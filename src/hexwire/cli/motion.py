@@ -33,6 +33,7 @@ from .options import (
     force_option,
     host_timed_option,
     is_number,
+    is_typed,
     json_option,
     links_option,
     make_robot_with,
@@ -502,6 +503,7 @@ def _run_through(
 @click.option(
     "--fastest", is_flag=True, help="Pass waypoints as fast as the joints' limits allow, not at their times."
 )
+@click.option("--step", type=click.IntRange(min=1), default=1, metavar="N", help="Begin a program with this step.")
 @arm_option
 @click.option("--save", metavar="FILE.mcap", help="Write the edited recording, and move nothing.")
 @links_option
@@ -516,6 +518,7 @@ def play(
     trim: bool,
     repeat: int,
     fastest: bool,
+    step: int,
     arm: str | None,
     save: str | None,
     force: bool,
@@ -523,19 +526,30 @@ def play(
     run: RunOptions,
     options: RobotOptions,
 ) -> None:
-    """Play a recording (.mcap), or waypoints (.json in the format of ROS's JointTrajectory).
+    """Play a recording (.mcap), waypoints (.json in the format of ROS's JointTrajectory), or a program (.toml).
 
-    The arm first moves slowly to the start of the motion. With --fastest, waypoints need no times, and --speed is a
-    share of the speed limits.
+    The arm first moves slowly to the start of the motion. A program is checked as a whole before it begins. With
+    --fastest, waypoints need no times, and --speed is a share of the speed limits.
     """
     from hexwire.arm.plans import edited
+    from hexwire.control.requests.program import is_program
     from hexwire.inputs import LARGEST_DATA, read_bytes
     from hexwire.motion.through import arm_path
     from hexwire.motion.trajectory import Scaled
     from hexwire.motion.waypoint_file import parse_points, parse_waypoints
 
+    from .program import run_program
     from .verbs import run_verb
 
+    if is_program(file):
+        for name in ("speed", "begin", "end", "smooth", "trim", "fastest", "arm", "save"):
+            if is_typed(name):
+                option = {"begin": "from", "end": "to"}.get(name, name)
+                raise UsageError(f"--{option} is for motions; a program (.toml) has its own")
+        run_program(make_robot_with(links, options), run, file, step, repeat)
+        return
+    if is_typed("step"):
+        raise UsageError("--step is for programs (.toml)")
     path: Trajectory | None = None
     names: tuple[str, ...] = ()
     points: Sequence[Sequence[float]] = ()

@@ -46,6 +46,8 @@ __all__ = [
     "TorqueTeller",
     "arrived_words",
     "hold_on_ctrl_c",
+    "leg_json",
+    "leg_words",
     "opening_json",
     "opening_words",
     "progress_bar",
@@ -253,8 +255,8 @@ class _Told(Teller):
         for leg, report in zip(path.legs, path.reports, strict=True):
             # What comes before the motion itself leads to its start.
             name = title if leg is path.legs[-1] else "approach"
-            legs.append(_leg_json(name, report))
-            self._say(f"{name}: {_in_words(report)}")
+            legs.append(leg_json(name, report))
+            self._say(f"{name}: {leg_words(report)}")
         if path.slowed:
             note(f"note: {path.slowed}")
         self._plan(path, title)
@@ -375,7 +377,8 @@ def rest_json(rest: Rest | None) -> dict[str, float | None]:
     }
 
 
-def _leg_json(name: str, report: MotionReport) -> dict[str, object]:
+def leg_json(name: str, report: MotionReport) -> dict[str, object]:
+    """What was planned for a leg of a motion, for ``--json``."""
     return {
         "name": name,
         "duration_s": report.duration,
@@ -384,7 +387,8 @@ def _leg_json(name: str, report: MotionReport) -> dict[str, object]:
     }
 
 
-def _in_words(report: MotionReport) -> str:
+def leg_words(report: MotionReport) -> str:
+    """What was planned for a leg of a motion."""
     fastest = max(report.peak_speed, key=lambda name: report.peak_speed[name])
     text = f"{report.duration:.2f} s, fastest {fastest} at {math.degrees(report.peak_speed[fastest]):.0f} deg/s"
     if math.isfinite(report.lowest):

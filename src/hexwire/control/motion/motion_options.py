@@ -145,6 +145,12 @@ class MotionObserver:
     def planned(self, path: CheckedPath) -> None:
         """A verb of an arm has checked its path; nothing has moved yet."""
 
+    def step(self, number: str) -> None:
+        """A step of a program begins; `number` as in `Program.run_from`."""
+
+    def checked(self, number: str, path: CheckedPath) -> None:
+        """The path of a step of a program was checked, before any of them begins."""
+
     def powered(self, joints: Sequence[str]) -> None:
         """Torque was switched on for these joints."""
 

@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 
     from .controlled_arm import ControlledArm
 
-__all__ = ["PLAY_FACTORS", "Branch", "Planner", "Preview", "goal_of"]
+__all__ = ["PLAY_FACTORS", "TIP_SPEED", "Branch", "Planner", "Preview", "goal_of"]
 
 _MARGIN = 0.98
 """Share of the wanted speed that is planned: between the points that are sent, a joint may be slightly faster."""
-_TIP_SPEED = 0.2
+TIP_SPEED = 0.2
 """Metres per second of the tip on a straight line at full speed."""
 _STEP = 0.02
 """Least seconds between two points that are sent."""
@@ -172,7 +172,7 @@ class Planner:
         branches = tuple(Branch(s.branch, s.distance(angles), "; ".join(s.violations)) for s in solutions)
         try:
             if place.straight:
-                along = straight(self._model, model, here, [place], speed=_TIP_SPEED * speed, rounding=0.0)
+                along = straight(self._model, model, here, [place], speed=TIP_SPEED * speed, rounding=0.0)
                 return self._checked(along, here, state)
             chosen = chosen_solution(model, pose, place.branch, angles, solutions)
         except LimitError as error:

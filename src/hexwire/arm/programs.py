@@ -1,0 +1,232 @@
+"""A program of an arm: its steps as paths, checked as a whole, and then run one after the other.
+
+Owns what each step is for the verbs of an arm, and where one is while a program runs. Must not know the format of
+its file, nor how a motion is checked or run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from hexwire.control.loop.outcomes import Reason
+from hexwire.control.loop.power import what_helps
+from hexwire.control.loop.reader import read_start
+from hexwire.control.motion import motions
+from hexwire.control.motion.jaws import MOST_SECONDS
+from hexwire.control.motion.via import approached
+from hexwire.control.requests.preview import TIP_SPEED
+from hexwire.control.requests.program import Ask, Move, Wait
+from hexwire.drivers.tools import Gripper
+from hexwire.errors import GoalError, LimitError, StoppedError, UsageError
+from hexwire.motion.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from hexwire.control.motion.motions import CheckedPath, MotionObserver, MotionOptions, MotionResult
+    from hexwire.control.motion.via import Place
+    from hexwire.control.requests.program import Program
+    from hexwire.drivers.base import RobotDriver
+    from hexwire.epochs import Token
+    from hexwire.motion.teach import Taught
+
+    from .claim import Claim
+    from .plans import Plans
+
+__all__ = ["ProgramRun", "asking"]
+
+_LOOK = 0.02
+"""Seconds between two looks, in a pause, at whether it is to end."""
+_MOST_STEPS = 100_000
+"""Steps in all repetitions: more than a week of the shortest motions."""
+_STOPPED = 5
+"""Status `stopped` of PROTOCOL.md section 6.2."""
+
+Asking = Callable[[str], object]
+"""Called with what a person is to do; returns when it is done."""
+
+
+def asking(program: Program, ask: Asking | None) -> Asking:
+    """Who asks a person.
+
+    Raises:
+        UsageError: The program has questions, and nobody asks them.
+    """
+    if ask is None and program.asks:
+        raise UsageError("this program waits for a person: say how, as in play('pick.toml', ask=input)")
+    return ask or (lambda text: None)
+
+
+@dataclass(frozen=True, slots=True)
+class _Step:
+    number: str
+    does: Move | Wait | Ask
+
+
+class ProgramRun:
+    """One run of a program.
+
+    Args:
+        driver: Attached.
+        plans: Of the arm.
+        program: What is run.
+        first: The step to begin with, from 1.
+        times: How often it is run.
+        how: How its motions are run and checked.
+
+    Raises:
+        UsageError: There is no such step, there are too many, or a recording cannot be read.
+    """
+
+    def __init__(
+        self, driver: RobotDriver, plans: Plans, program: Program, first: int, times: int, how: MotionOptions
+    ) -> None:
+        from .recorded import read_taught
+
+        self._driver, self._plans, self._how = driver, plans, how
+        self._steps: list[_Step] = []
+        for number, does in program.run_from(first, times):
+            if len(self._steps) == _MOST_STEPS:
+                raise UsageError(f"this program runs more than {_MOST_STEPS} steps, repetitions counted")
+            self._steps.append(_Step(number, does))
+        wanted = {step.does.file for step in self._steps if isinstance(step.does, Move) and step.does.file}
+        self._taught: dict[str, Taught] = {
+            name: read_taught(str(path)) for name, path in program.recordings().items() if name in wanted
+        }
+
+    def check(self, start: Mapping[str, float], observer: MotionObserver) -> float:
+        """Check all motions, each from where the one before it ends; nothing moves.
+
+        Args:
+            start: Present positions of all joints, radians.
+            observer: Is told of each step and its path.
+
+        Returns:
+            Seconds that the motions and pauses take.
+
+        Raises:
+            LimitError: A path is not allowed; the text names the step.
+            UsageError: A step cannot be, such as one to a pose that is not there; likewise.
+        """
+        here, seconds = dict(start), 0.0
+        # What is repeated is checked once from each place where it begins.
+        known: dict[tuple[str, tuple[float, ...]], tuple[float, dict[str, float]]] = {}
+        for step in self._steps:
+            if isinstance(step.does, Wait):
+                seconds += step.does.seconds
+            if not isinstance(step.does, Move):
+                continue
+            at = step.number, tuple(here.values())
+            if at not in known:
+                with _named(step.number):
+                    known[at] = self._ends(step, here, observer)
+            takes, here = known[at][0], dict(known[at][1])
+            seconds += takes
+        return seconds
+
+    def run(
+        self,
+        claim: Claim,
+        observer: MotionObserver,
+        asked: Token,
+        ask: Asking,
+        told: Callable[[MotionResult], object],
+    ) -> MotionResult:
+        """Run it.
+
+        Args:
+            claim: Ends it.
+            observer: Is told of each step, its path and its motion.
+            asked: When the program was asked for: a stop since then voids what is left of it.
+            ask: Asks a person.
+            told: Called with how each motion ended; raises what a person must know of it.
+
+        Returns:
+            How the last motion ended.
+
+        Raises:
+            HexwireError: As a verb of the arm.
+        """
+        result = motions.MotionResult(None)
+        for step in self._steps:
+            does = step.does
+            observer.step(step.number)
+            if isinstance(does, Move):
+                result = self._move(does, claim, observer, asked)
+                told(result)
+            elif isinstance(does, Wait):
+                self._pause(does.seconds, claim, asked)
+            else:
+                ask(does.text)
+            if not self._driver.epochs.holds(asked):
+                raise StoppedError("the motion", _STOPPED, f"the arm was stopped; {what_helps(self._driver)}")
+            if claim.ends() or result.cut:
+                return replace(result, cut=True, ended=result.ended or claim.why)
+        return result
+
+    def _move(self, move: Move, claim: Claim, observer: MotionObserver, asked: Token) -> MotionResult:
+        driver = self._driver
+        if move.request.what == "grip":
+            return motions.run_grip(
+                driver, move.request.share, observer=observer, cancelled=claim.ends, asked=asked
+            )
+        path = self._path(move, read_start(driver))
+        observer.planned(path)
+        return motions.run_motion(
+            driver, path, self._how, until=lambda _: claim.ends(), observer=observer, asked=asked, rest=True
+        )
+
+    def _pause(self, seconds: float, claim: Claim, asked: Token) -> None:
+        clock, sleep = self._how.clock or self._driver.now, self._how.sleep
+        until = clock() + seconds
+        while (left := until - clock()) > 0 and not claim.ends() and self._driver.epochs.holds(asked):
+            sleep(min(_LOOK, left))
+
+    def _ends(
+        self, step: _Step, here: Mapping[str, float], observer: MotionObserver
+    ) -> tuple[float, dict[str, float]]:
+        """How long a step takes from there, and where it ends."""
+        assert isinstance(step.does, Move)
+        request = step.does.request
+        if request.what == "grip":
+            gripper = Gripper(self._driver)
+            return MOST_SECONDS, {**here, gripper.joint.name: gripper.angle(request.share)}
+        path = self._path(step.does, here)
+        observer.checked(step.number, path)
+        leg = path.legs[-1]
+        return sum(leg.duration for leg in path.legs), {**here, **dict(zip(leg.names, leg.goal, strict=True))}
+
+    def _path(self, move: Move, here: Mapping[str, float]) -> CheckedPath:
+        return motions.check_path(self._driver, self._legs(move, dict(here)), self._how, start=here)
+
+    def _legs(self, move: Move, here: dict[str, float]) -> Sequence[Trajectory]:
+        request, plans = move.request, self._plans
+        if request.what == "play":
+            taught = self._taught[move.file]
+            path = plans.played(taught, request.factor, request.begin, request.end, 0.0, trim=False)
+            return approached(self._driver.model, path, here, speed=request.speed)
+        if request.what == "place" and request.place.straight:
+            return [plans.line([request.place], here, TIP_SPEED * request.speed, 0.0)]
+        point: Place | Mapping[str, float] = request.place
+        if request.what == "pose":
+            point = plans.pose(request.name)
+        elif request.what == "joints":
+            point = plans.angles(request.goals)
+        return [plans.through([point], here, request.speed, None)]
+
+
+@contextmanager
+def _named(number: str) -> Iterator[None]:
+    """Name the step in what is wrong with it."""
+    try:
+        yield
+    except LimitError as error:
+        raise LimitError(f"step {number}: {error}") from error
+    except GoalError as error:
+        # Whoever has checked it: a path that is not allowed is a matter of limits.
+        if error.reason != Reason.PATH_NOT_ALLOWED:
+            raise
+        raise LimitError(f"step {number}: {error}") from error
+    except UsageError as error:
+        raise UsageError(f"step {number}: {error}") from error

@@ -1,0 +1,363 @@
+"""Programs: motions of an arm one after the other, with pauses, questions to a person, and repetitions.
+
+Owns the format of their files and the order of their steps. A file is TOML with degrees, millimetres and percent,
+so that a person can read and change it. What a motion is, `motion_service` says. Must not know how a motion is
+planned or run, nor who runs a program.
+
+    speed = 0.3                      # share of the joints' speed limits, for all steps that have none
+
+    [[steps]]
+    pose = "home"
+
+    [[steps]]
+    place = [0, 200, 150]            # mm; with relative, line, aim ("arm", "space", "down"), rpy, or pitch and roll
+    aim = "down"
+
+    [[steps]]
+    joints = { J1 = 30 }             # deg
+
+    [[steps]]
+    grip = 0                         # percent open
+
+    [[steps]]
+    play = "wave.mcap"               # a recording, from the folder of this file; with from and to in s, and factor
+
+    [[steps]]
+    wait = 1.5                       # s
+
+    [[steps]]
+    ask = "Put the cube there"       # waits for a person
+
+    [[steps]]
+    repeat = 3
+    [[steps.steps]]
+    pose = "ready"
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from hexwire.errors import UsageError
+from hexwire.inputs import Item, parse_toml, read_text
+from hexwire.units import decimal
+
+from .motion_service import MotionRequest, read_motion
+from .pose_file import check_pose_name
+
+__all__ = ["Ask", "Move", "Program", "Repeat", "Step", "Wait", "is_program", "parse_program", "read_program"]
+
+_SPEED = 0.3
+_SLOWEST = 0.01
+_MOST_STEPS = 500
+"""Of a file."""
+_MOST_RUN = 10_000
+"""Steps that a program may run, repetitions counted."""
+_DEEPEST = 4
+_MOST_DEGREES = 3600.0
+_MOST_MM = 10_000.0
+_LONGEST_WAIT = 3600.0
+_LONGEST_TEXT = 200
+_DIGITS = 8
+_AIMS = ("arm", "space", "down")
+_MOTION_KEYS: Mapping[str, tuple[str, ...]] = {
+    "pose": (),
+    "joints": (),
+    "place": ("relative", "line", "aim", "rpy", "pitch", "roll", "branch"),
+    "grip": (),
+    "play": ("from", "to", "factor"),
+}
+_KINDS = (*_MOTION_KEYS, "wait", "ask", "repeat")
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """A motion.
+
+    Attributes:
+        request: What is asked for; of ``play``, the motion is that of `file`.
+        file: The recording to play; empty for other motions.
+    """
+
+    request: MotionRequest
+    file: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Wait:
+    """A pause of so many seconds."""
+
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Ask:
+    """A pause until a person says that it goes on."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Repeat:
+    """Steps that are run several times."""
+
+    times: int
+    steps: tuple[Step, ...]
+
+
+Step = Move | Wait | Ask | Repeat
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """Steps in their order.
+
+    Attributes:
+        steps: The steps.
+        folder: Where its recordings are.
+    """
+
+    steps: tuple[Step, ...]
+    folder: Path = Path()
+
+    def run_from(self, first: int = 1, times: int = 1) -> Iterator[tuple[str, Move | Wait | Ask]]:
+        """What is done, in its order, with the number of each step, such as ``3``, or ``3.1`` in a repetition.
+
+        Args:
+            first: The step to begin with, from 1; only the first time.
+            times: How often all of it is run.
+
+        Raises:
+            UsageError: There is no such step.
+        """
+        if not 1 <= first <= len(self.steps):
+            raise UsageError(f"there is no step {first}: the program has {len(self.steps)}")
+        for time in range(times):
+            yield from _unrolled(self.steps, "", first if not time else 1)
+
+    def recordings(self) -> dict[str, Path]:
+        """The recordings that it plays: their files by their names in the program."""
+        return {
+            move.file: self.folder / move.file for _, move in self.run_from() if isinstance(move, Move) if move.file
+        }
+
+    @property
+    def asks(self) -> bool:
+        """Whether a person must be there to say that it goes on."""
+        return any(isinstance(step, Ask) for _, step in self.run_from())
+
+    def serialize(self) -> str:
+        """The text of its file."""
+        lines = ["# A program of hexwire: degrees, millimetres, percent, seconds."]
+        _write(self.steps, "steps", lines)
+        return "\n".join(lines) + "\n"
+
+
+def _unrolled(steps: tuple[Step, ...], before: str, first: int = 1) -> Iterator[tuple[str, Move | Wait | Ask]]:
+    for i, step in enumerate(steps[first - 1 :], first):
+        if not isinstance(step, Repeat):
+            yield f"{before}{i}", step
+            continue
+        for _ in range(step.times):
+            yield from _unrolled(step.steps, f"{before}{i}.")
+
+
+def is_program(file: str | Path) -> bool:
+    """Whether the name of a file is that of a program."""
+    return str(file).lower().endswith(".toml")
+
+
+def read_program(file: str | Path) -> Program:
+    """Read a program.
+
+    Raises:
+        ConfigError: It is none; the text names the place.
+        UsageError: It cannot be read.
+    """
+    return replace(parse_program(parse_toml(read_text(file), str(file))), folder=Path(file).parent)
+
+
+def parse_program(item: Item) -> Program:
+    """Parse the content of such a file, or what a page has sent of one; raises `ConfigError`, as `read_program`."""
+    root = item.table(("speed", "steps"), needed=("steps",))
+    speed = root["speed"].number(_SLOWEST, 1.0) if "speed" in root else _SPEED
+    left = [_MOST_STEPS]
+    program = Program(_steps(root["steps"], speed, left, 1))
+    for count, _ in enumerate(program.run_from()):
+        if count >= _MOST_RUN:
+            raise root["steps"].fault(f"run more than {_MOST_RUN} steps, repetitions counted")
+    return program
+
+
+def _steps(item: Item, speed: float, left: list[int], depth: int) -> tuple[Step, ...]:
+    rows = list(item.rows(_MOST_STEPS, least=1))
+    left[0] -= len(rows)
+    if left[0] < 0:
+        raise item.fault(f"are more than {_MOST_STEPS} in all")
+    return tuple(_step(row, speed, left, depth) for row in rows)
+
+
+def _step(item: Item, speed: float, left: list[int], depth: int) -> Step:
+    kinds = [kind for kind in _KINDS if kind in item.table()]
+    if len(kinds) != 1:
+        which = f"; this has {' and '.join(kinds)}" if kinds else ""
+        raise item.fault(f"must have one of {', '.join(_KINDS)}{which}")
+    kind = kinds[0]
+    if kind == "wait":
+        return Wait(item.table(("wait",))["wait"].number(0.0, _LONGEST_WAIT, "s"))
+    if kind == "ask":
+        return Ask(item.table(("ask",))["ask"].text(_LONGEST_TEXT, least=1))
+    if kind == "repeat":
+        row = item.table(("repeat", "steps"), needed=("steps",))
+        times = row["repeat"].integer(1, _MOST_RUN)
+        if depth == _DEEPEST:
+            raise item.fault(f"repeats in more than {_DEEPEST - 1} repetitions")
+        return Repeat(times, _steps(row["steps"], speed, left, depth + 1))
+    row = item.table((kind, "speed", *_MOTION_KEYS[kind]))
+    args = _ARGS[kind](row)
+    file = args.pop("file", "")
+    args["speed"] = row["speed"].number(_SLOWEST, 1.0) if "speed" in row else speed
+    try:
+        return Move(read_motion({"what": kind} | args), file)
+    except UsageError as error:
+        raise item.fault(f"cannot be: {error}") from None
+
+
+def _pose(row: dict[str, Item]) -> dict[str, Any]:
+    name = row["pose"].text()
+    try:
+        return {"name": check_pose_name(name)}
+    except UsageError as error:
+        raise row["pose"].fault(f"is none: {error}") from None
+
+
+def _joints(row: dict[str, Item]) -> dict[str, Any]:
+    return {"goals": {name: _degrees(angle) for name, angle in row["joints"].table().items()}}
+
+
+def _place(row: dict[str, Item]) -> dict[str, Any]:
+    args: dict[str, Any] = {
+        "position": [1e-3 * value.number(-_MOST_MM, _MOST_MM, "mm") for value in row["place"].rows(3, 3)],
+        "relative": _flag(row.get("relative")),
+        "straight": _flag(row.get("line")),
+    }
+    if "branch" in row:
+        args["branch"] = row["branch"].text()
+    aims = [key for key in ("aim", "rpy", "pitch") if key in row]
+    if len(aims) > 1:
+        raise row[aims[1]].fault(f"and {aims[0]} both aim the tool; leave one out")
+    if "roll" in row and "pitch" not in row:
+        raise row["roll"].fault("needs a pitch")
+    if "aim" in row:
+        aim = args["aim"] = row["aim"].text()
+        if aim not in _AIMS:
+            raise row["aim"].fault(f"is {aim[:20]!r}, but must be {', '.join(_AIMS)}")
+    elif "rpy" in row:
+        args |= {"aim": "rpy", "rpy": [_degrees(angle) for angle in row["rpy"].rows(3, 3)]}
+    elif "pitch" in row:
+        args |= {"aim": "pitch", "pitch": _degrees(row["pitch"])}
+        if "roll" in row:
+            args["roll"] = _degrees(row["roll"])
+    return args
+
+
+def _grip(row: dict[str, Item]) -> dict[str, Any]:
+    return {"share": row["grip"].number(0.0, 100.0, "percent") / 100.0}
+
+
+def _play(row: dict[str, Item]) -> dict[str, Any]:
+    args: dict[str, Any] = {"file": row["play"].text(_LONGEST_TEXT, least=1)}
+    if Path(args["file"]).name != args["file"]:
+        raise row["play"].fault("must be the name of a recording in the folder of this file, without a path")
+    for key, name in (("from", "begin"), ("to", "end"), ("factor", "factor")):
+        if key in row:
+            args[name] = row[key].number(0.0)
+    return args
+
+
+_ARGS = {"pose": _pose, "joints": _joints, "place": _place, "grip": _grip, "play": _play}
+
+
+def _flag(item: Item | None) -> bool:
+    if item is None or isinstance(item.value, bool):
+        return item is not None and item.value is True
+    raise item.wrong_kind("true or false")
+
+
+def _degrees(item: Item) -> float:
+    return math.radians(item.number(-_MOST_DEGREES, _MOST_DEGREES, "deg"))
+
+
+def _write(steps: tuple[Step, ...], path: str, lines: list[str]) -> None:
+    for step in steps:
+        lines += ["", f"[[{path}]]"]
+        if isinstance(step, Wait):
+            lines.append(f"wait = {_number(step.seconds)}")
+        elif isinstance(step, Ask):
+            lines.append(f"ask = {_text(step.text)}")
+        elif isinstance(step, Repeat):
+            lines.append(f"repeat = {step.times}")
+            _write(step.steps, f"{path}.steps", lines)
+        else:
+            lines += _motion(step)
+
+
+def _motion(move: Move) -> list[str]:
+    request = move.request
+    if request.what == "pose":
+        lines = [f"pose = {_text(request.name)}"]
+    elif request.what == "joints":
+        angles = ", ".join(f"{_key(name)} = {_angle(angle)}" for name, angle in request.goals.items())
+        lines = [f"joints = {{ {angles} }}"]
+    elif request.what == "grip":
+        lines = [f"grip = {_number(100 * request.share)}"]
+    elif request.what == "play":
+        lines = [f"play = {_text(move.file)}"]
+        if request.begin:
+            lines.append(f"from = {_number(request.begin)}")
+        if request.end < math.inf:
+            lines.append(f"to = {_number(request.end)}")
+        if request.factor != 1.0:
+            lines.append(f"factor = {_number(request.factor)}")
+    else:
+        lines = _written_place(request)
+    return [*lines, f"speed = {_number(request.speed)}"]
+
+
+def _written_place(request: MotionRequest) -> list[str]:
+    place, aim = request.place, request.place.aim
+    lines = [f"place = [{', '.join(_number(1e3 * value) for value in place.position)}]"]
+    for name, flag in (("relative", place.relative), ("line", place.straight)):
+        if flag:
+            lines.append(f"{name} = true")
+    if aim.down or aim.fixed:
+        lines.append(f'aim = "{"down" if aim.down else "space"}"')
+    if aim.rpy is not None:
+        lines.append(f"rpy = [{', '.join(map(_angle, aim.rpy))}]")
+    for name, angle in (("pitch", aim.pitch), ("roll", aim.roll)):
+        if angle is not None:
+            lines.append(f"{name} = {_angle(angle)}")
+    return [*lines, f"branch = {_text(place.branch)}"] if place.branch else lines
+
+
+def _number(value: float) -> str:
+    return decimal(value, _DIGITS)
+
+
+def _angle(angle: float) -> str:
+    return _number(math.degrees(angle))
+
+
+def _text(text: str) -> str:
+    """A string of TOML; one of JSON also is one."""
+    return json.dumps(text, ensure_ascii=False)
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _text(name)
