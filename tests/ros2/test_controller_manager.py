@@ -139,7 +139,7 @@ def test_the_newest_command_wins_over_a_goal(front: Front, manager: TopicBasedSy
     manager.activate()
     manager.run(0.1)
     status, code, text = goal.result()
-    assert (status, code) == (6, -1)
+    assert (status, code) == (5, -1)
     assert "replaced by set-points" in text
 
 
