@@ -41,18 +41,17 @@ def test_a_stamp_is_never_beyond_its_second(reports: Reports) -> None:
 
 
 def test_a_joint_state_has_no_effort(types: Types, reports: Reports) -> None:
-    known = KnownState(("J1", "J2"), (0.5, -0.5), (0.0, 0.25), 0.01)
-    message = reports.joint_state(known, WALL, "base_link")
     type_ = types.message(JOINT_STATE)
-    again = type_.parse(type_.serialize(message))
-    assert again.header.frame_id == "base_link"
-    assert again.header.stamp.nanosec == 250_000_000
-    assert (again.name, again.position, again.velocity, again.effort) == (
-        ["J1", "J2"],
-        [0.5, -0.5],
-        [0.0, 0.25],
-        [],
-    )
+    for names, frame in ((("J1",), ""), (("J1", "J2"), "base_link"), (("J1", "J2", "gripper"), "base")):
+        # Of the same joints, and of others: one is made of the bytes of the one before.
+        for k in range(3):
+            position, velocity = (tuple(sign * k + i for i in range(len(names))) for sign in (0.5, -0.25))
+            data = reports.joint_state(KnownState(names, position, velocity, 0.01), WALL + k, frame)
+            again = type_.parse(data)
+            assert (again.name, again.effort, again.header.frame_id) == (list(names), [], frame)
+            assert (again.position, again.velocity) == (list(position), list(velocity))
+            assert again.header.stamp == reports.stamp(WALL + k)
+            assert type_.serialize(again) == data, f"{k} of {names}"
 
 
 def test_the_state_of_a_controller_has_the_names_of_its_distribution(types: Types, reports: Reports) -> None:

@@ -127,7 +127,7 @@ class Board(Protocol):
         """Have the board report its state every `period` seconds; 0 ends the reports."""
         ...
 
-    def decode_state(self, body: bytes, frame: Frame, now: float) -> JointState:
+    def decode_state(self, body: bytes, frame: Frame, now: float, slow: JointState | None = None) -> JointState:
         """Decode a report that arrived at `now`."""
         ...
 

@@ -592,7 +592,7 @@ class Board1:
     def report(self, period: float, fields: int = 0) -> None:
         raise _unsupported("REPORT")
 
-    def decode_state(self, body: bytes, frame: Frame, now: float) -> JointState:
+    def decode_state(self, body: bytes, frame: Frame, now: float, slow: JointState | None = None) -> JointState:
         raise _unsupported("REPORT")
 
     def watchdog(self, timeout: float, mode: StopMode) -> None:

@@ -136,16 +136,10 @@ class Board2:
             check_reply(reply)
         return self.decode_state(reply.body, reply.frame, session.now())  # type: ignore[arg-type]  # dialect 2 has a frame
 
-    def decode_state(self, body: bytes, frame: Frame, now: float) -> JointState:
-        """Turn a JOINT_STATE body into SI units.
-
-        Args:
-            body: Of a reply or a report.
-            frame: Its frame, whose time is the board's clock at sending.
-            now: Host clock at arrival.
-        """
+    def decode_state(self, body: bytes, frame: Frame, now: float, slow: JointState | None = None) -> JointState:
+        """Turn a JOINT_STATE body into SI units; see `StateDecoder.decode`."""
         self.clock = frame.time_sec + frame.time_nsec * 1e-9
-        state = self._decoder.decode(body, frame, now)
+        state = self._decoder.decode(body, frame, now, slow)
         if not state.watchdog_tripped:
             self._stalled, self._guarded = None, now
             return state

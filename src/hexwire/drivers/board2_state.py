@@ -88,7 +88,7 @@ class StateDecoder:
     def __init__(self, model: ArmModel, order: Sequence[JointModel | None]) -> None:
         self._count = len(order)
         self._places = tuple(order.index(joint) for joint in model.joints)
-        in_order = self._places == tuple(range(len(order)))
+        self._in_order = in_order = self._places == tuple(range(len(order)))
         self._names = model.names
         self._neutral = tuple(j.neutral for j in model.joints)
         self._offset = tuple(j.offset for j in model.joints)
@@ -115,13 +115,14 @@ class StateDecoder:
         self._zero_age = (0.0,) * len(model.joints)
         self._clock = BoardClock()
 
-    def decode(self, body: bytes, frame: Frame, now: float) -> JointState:
+    def decode(self, body: bytes, frame: Frame, now: float, slow: JointState | None = None) -> JointState:
         """Turn a JOINT_STATE body into SI units.
 
         Args:
             body: Of a reply or a report.
             frame: Its frame, whose time is the board's clock at sending.
             now: Host clock at arrival.
+            slow: Whose voltage, temperature and current it gets.
 
         Raises:
             ServoError: It has no positions, or not these joints.
@@ -145,6 +146,8 @@ class StateDecoder:
             # The board counts ages from the time it made this body; the stamp here is that of the newest sample.
             # The frame's time does not serve: a repeated reply is older than its frame.
             age = tuple([a - newest for a in age])
+        if slow is not None:
+            voltage, temperature, current = slow.voltage, slow.temperature, slow.current
         clock = frame.time_sec + frame.time_nsec * 1e-9
         return JointState(
             names=self._names,
@@ -167,7 +170,11 @@ class StateDecoder:
     def _scale(self, report: JointReport) -> tuple[int, int, tuple[tuple[float, ...], ...]]:
         """Scale a report with fewer fields or with joints in another order, as the scaler does."""
         factors = (self._factor, self._milli, self._deci, self._told, self._milli)
-        position, status, *columns, age = map(self._ordered, report[2:])
+        if len(column := report.position) != self._count:
+            raise ServoError(
+                f"the board reports {len(column)} joints instead of {self._count}: was it changed? attach again"
+            )
+        position, status, *columns, age = report[2:] if self._in_order else map(self._ordered, report[2:])
         if position is None or status is None:
             raise ServoError("the board reports no positions")
         scaled = [
@@ -178,10 +185,4 @@ class StateDecoder:
         return report.time_us, report.board_flags, (position, status, *scaled, ages)
 
     def _ordered(self, column: tuple[int, ...] | None) -> tuple[int, ...] | None:
-        if column is None:
-            return None
-        if len(column) != self._count:
-            raise ServoError(
-                f"the board reports {len(column)} joints instead of {self._count}: was it changed? attach again"
-            )
-        return tuple(column[i] for i in self._places)
+        return None if column is None else tuple(column[i] for i in self._places)

@@ -353,15 +353,8 @@ class Hex7BotDriver(SessionDriver):
                         whole, asked = board.read(), self.session.now()
                     # Another board of the channel may report too.
                     if frame.cmd == Command.JOINT_STATE and frame.src == self.session.connection.remote:
-                        state = orders.explain(board.decode_state(frame.body, frame, arrived))
+                        state = orders.explain(board.decode_state(frame.body, frame, arrived, whole))
                         self._remember(state)
-                        if whole is not None:
-                            state = replace(
-                                state,
-                                voltage=whole.voltage,
-                                temperature=whole.temperature,
-                                current=whole.current,
-                            )
                         yield state
                 # No reports: the port was lost, the board was reset, or it ended the reports.
                 given_back = orders.given_back

@@ -73,7 +73,8 @@ WITH_GAINS, JOINT_COMMANDS = "joint_commands", "osrf_msgs/msg/JointCommands"
 CLOCK, STRING = "rosgraph_msgs/msg/Clock", "std_msgs/msg/String"
 TRIGGER, SWITCH, QUERY = "std_srvs/srv/Trigger", "std_srvs/srv/SetBool", "control_msgs/srv/QueryTrajectoryState"
 
-_TICK = 0.1
+_TICK = 0.2
+"""Seconds between two looks at what changes seldom."""
 _RESULTS_WAIT = 0.2
 """Seconds to wait until the last results are on their way."""
 _LOOK_AROUND = 1.0
@@ -197,6 +198,8 @@ class HardwareInterface(ArmNode[ActionGoals]):
             self._diagnostics.publish(
                 self._reports.diagnostics(rows, self._clock.now() / 1e9, self._node.name, hardware_id)
             )
+        for name, publisher in self._states.items():
+            self._arm.controllers[name].monitored = publisher.has_readers
         if self._lifecycle is not None:
             self._lifecycle.mirror(arm_lifecycle.state_of(self._arm))
 
@@ -381,8 +384,7 @@ class HardwareInterface(ArmNode[ActionGoals]):
         both = self._joint_states, self._for_manager
         readers = [publisher for publisher in both if publisher is not None and publisher.has_readers]
         if readers:
-            message = self._reports.joint_state(published, wall, own["frame_id"])
-            payload = self._joint_states.type.serialize(message)
+            payload = self._reports.joint_state(published, wall, own["frame_id"])
             for publisher in readers:
                 publisher.publish_serialized(payload)
         if self._tf is not None and self._frames is not None and self._tf.has_readers:

@@ -7,6 +7,7 @@ message is due.
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,9 @@ DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 
+_HEADER, _STAMP = 4, struct.Struct("<iI")
+"""Bytes before a message, which say how it is encoded; and the stamp at its beginning."""
+
 
 class Reports:
     """Makes the messages of one distribution.
@@ -41,6 +45,9 @@ class Reports:
         self._duration = types.message("builtin_interfaces/msg/Duration")
         self._header = types.message("std_msgs/msg/Header")
         self._joint_state = types.message(JOINT_STATE)
+        # The last JointState, and of what its bytes consist.
+        self._last, self._numbers = bytearray(), struct.Struct("")
+        self._last_key: tuple[tuple[str, ...], str] = ((), "")
         self._trajectory = types.message(TRAJECTORY)
         self._point = types.message("trajectory_msgs/msg/JointTrajectoryPoint")
         self._controller_state = types.message(CONTROLLER_STATE)
@@ -58,11 +65,23 @@ class Reports:
         """A header; time as in `stamp`."""
         return self._header(stamp=self.stamp(wall), frame_id=frame)
 
-    def joint_state(self, state: KnownState, wall: float, frame: str) -> Any:
-        """A JointState, without efforts: servos measure none in newton metres."""
-        return self._joint_state(
-            header=self.header(wall, frame), name=state.names, position=state.position, velocity=state.velocity
-        )
+    def joint_state(self, state: KnownState, wall: float, frame: str) -> bytes:
+        """A JointState as it is sent, without efforts: servos measure none in newton metres."""
+        # A hundred a second differ in stamp and numbers only, which are put into the bytes of the last one.
+        if (key := (state.names, frame)) != self._last_key:
+            message = self._joint_state(
+                header=self.header(wall, frame), name=state.names, position=state.position, velocity=state.velocity
+            )
+            self._last = bytearray(self._joint_state.serialize(message))
+            self._last_key, self._numbers = key, struct.Struct(f"<{len(state.names)}d")
+        last, numbers = self._last, self._numbers
+        seconds = math.floor(wall)
+        _STAMP.pack_into(last, _HEADER, seconds, min(999_999_999, int((wall - seconds) * 1e9)))
+        # The end: positions, the count of velocities with its padding, velocities, and the count of no efforts.
+        velocities = len(last) - 4 - numbers.size
+        numbers.pack_into(last, velocities, *state.velocity)
+        numbers.pack_into(last, velocities - 8 - numbers.size, *state.position)
+        return bytes(last)
 
     def controller_state(self, progress: Progress, wall: float, elapsed: float = 0.0) -> Any:
         """A JointTrajectoryControllerState.

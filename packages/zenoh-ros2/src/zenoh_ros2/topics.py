@@ -57,7 +57,10 @@ class Publisher(Part):
 
     @property
     def has_readers(self) -> bool:
-        """Whether anybody would get a message, also a program without a token; always if it is latched."""
+        """Whether anybody would get a message, also a program without a token; always if it is latched.
+
+        It may be 50 ms old.
+        """
         return self._matched()
 
     def subscriber_count(self) -> int:

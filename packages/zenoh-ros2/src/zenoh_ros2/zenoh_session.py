@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
+import math
 import re
 import threading
 import time
@@ -40,6 +41,8 @@ _HERE = re.compile(r"(tcp|udp)/(localhost|127(\.[0-9]{1,3}){3}|\[::1\]):[0-9]+|u
 _STUCK = 20.0
 """Seconds for which an answer waits for a client that takes nothing; then its connection is closed. One that is
 silent for 10 s ends before: the other side notices that and connects again, while it never would otherwise."""
+_MATCHED = 0.05
+"""Seconds for which it is known whether anybody subscribes."""
 _LARGEST = 16 * 1024 * 1024
 """Most bytes of a message, so that no sender can fill the memory; `rmw_zenoh` takes 1 GiB."""
 _AGAIN = 1.0
@@ -389,11 +392,17 @@ class Session:
             except zenoh.ZError:
                 _log.debug("the session is closed; nothing is published at %s", key)
 
+        asked, reached = -math.inf, False
+
         def matched() -> bool:
-            try:
-                return bool(publisher.matching_status.matching)
-            except zenoh.ZError:
-                return False
+            # Asking takes half as long as publishing, and a node may ask a thousand times a second.
+            nonlocal asked, reached
+            if (now := time.monotonic()) - asked >= _MATCHED:
+                try:
+                    asked, reached = now, bool(publisher.matching_status.matching)
+                except zenoh.ZError:
+                    reached = False
+            return reached
 
         # A latched message is kept for those who come later.
         return put, (lambda: True) if qos.latched else matched, self._ending(publisher)

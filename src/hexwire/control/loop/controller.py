@@ -107,6 +107,7 @@ class TrajectoryController:
 
     Attributes:
         settings: Name, joints and tolerances.
+        monitored: As given; may be changed at any time.
         generator: Computes the set-points.
         planning: Seconds that the last `prepare` took.
         off: Joints that were not at the goal at the last check of the arrival, worst first.
@@ -123,7 +124,7 @@ class TrajectoryController:
         monitored: bool = True,
     ) -> None:
         self.settings = settings
-        self._monitored = monitored
+        self.monitored = monitored
         self._check = check
         self.generator = SetPointGenerator(arm, limits, lost_after=command_timeout, allowed=self._wrong)
         self.off: tuple[Deviation, ...] = ()
@@ -582,7 +583,7 @@ class TrajectoryController:
         """
         active = self._active
         self.generator.observe(state, now)
-        if active is None and not self._monitored:
+        if active is None and not self.monitored:
             self._progress = None
             return
         ages = [state.age[i] for i in self._places]

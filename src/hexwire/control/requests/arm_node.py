@@ -138,8 +138,9 @@ class ArmNode(ABC, Generic[_G]):
         if crash is not None:
             raise DeviceError(f"the node failed: {crash!r}") from crash
         facts = self._arm.facts()
-        rows = diagnose(facts, states="joint_states")
-        return (rows, facts.url) if self._watch.due(rows, time.monotonic()) else None
+        if not self._watch.due(diagnose(facts, states="joint_states", figures=False), time.monotonic()):
+            return None
+        return diagnose(facts, states="joint_states"), facts.url
 
     def _publish_progress(self, state_rate: float, feedback_rate: float) -> None:
         """Publish states of controllers and feedback of goals, each at its rate."""

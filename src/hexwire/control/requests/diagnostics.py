@@ -7,12 +7,13 @@ facts and time are arguments. Must not know who shows the rows, nor drivers or c
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cache, partial
 
 from hexwire.drivers.base import JointProbe, ProbeReport
-from hexwire.model.state import JointFlag, JointReading, JointState
+from hexwire.model.state import JointFlag, JointState
 from hexwire.wire.registers import Series
 
 __all__ = ["ChangeWatch", "Facts", "Level", "Row", "diagnose"]
@@ -25,6 +26,8 @@ _SAFETY_MARGIN = 10.0
 """Degrees Celsius below its factory cut-off temperature at which a servo is called hot."""
 _CUT_OFF = 70.0
 """Degrees Celsius: the lowest factory cut-off of all series, for series without a known one."""
+# As whole numbers: a test of a member of an IntFlag takes ten times as long.
+_FAULTS, _CLAMPED = int(JointFlag(-1).faults), int(JointFlag.CLAMPED)
 _SHORTEST = 0.1
 """Least seconds between two reports of changes: a loose plug must not flood the log."""
 
@@ -94,7 +97,7 @@ class Facts:
     stop_kind: str = ""
 
 
-def diagnose(facts: Facts, *, states: str = "states") -> tuple[Row, ...]:
+def diagnose(facts: Facts, *, states: str = "states", figures: bool = True) -> tuple[Row, ...]:
     """Rows for the link, the board and each servo, in this order.
 
     The servos are those of the probe; before the first probe, the joints of the state.
@@ -102,14 +105,17 @@ def diagnose(facts: Facts, *, states: str = "states") -> tuple[Row, ...]:
     Args:
         facts: The facts.
         states: The front's name of the published states.
+        figures: False leaves the rows without values, which take most of the time: `ChangeWatch` needs none.
     """
-    rows = [_row("link", _judge_link(facts, states)), _row("board", _judge_board(facts))]
+    rows = [_row("link", _judge_link(facts, states), partial(_of_link, facts, states), figures)]
+    rows.append(_row("board", _judge_board(facts), partial(_of_board, facts), figures))
+    servos: list[tuple[str, str, JointProbe | None]] = []
     if facts.probe is not None:
-        for joint in facts.probe.joints:
-            name = f"{joint.name} (servo {joint.servo_id})"
-            rows.append(_row(name, _judge_servo(facts, joint.name, joint)))
+        servos = [(f"{row.name} (servo {row.servo_id})", row.name, row) for row in facts.probe.joints]
     elif facts.state is not None:
-        rows += [_row(name, _judge_servo(facts, name, None)) for name in facts.state.names]
+        servos = [(name, name, None) for name in facts.state.names]
+    for title, name, probe in servos:
+        rows.append(_row(title, _judge_servo(facts, name, probe), partial(_of_servo, facts, name, probe), figures))
     return tuple(rows)
 
 
@@ -148,16 +154,29 @@ class ChangeWatch:
         return True
 
 
-Verdict = tuple[Level, str, list[tuple[str, str]]]
+_Verdict = tuple[Level, str]
+_Values = list[tuple[str, str]]
 
 
-def _row(name: str, verdict: Verdict) -> Row:
-    level, text, values = verdict
-    return Row(level, name, text, tuple(values))
+def _row(name: str, verdict: _Verdict, values: Callable[[], _Values], figures: bool) -> Row:
+    level, text = verdict
+    return Row(level, name, text, tuple(values()) if figures else ())
 
 
-def _judge_link(facts: Facts, states: str) -> Verdict:
-    error = " ".join(facts.error.split())
+def _judge_link(facts: Facts, states: str) -> _Verdict:
+    if not facts.connected:
+        error = _one_line(facts.error)
+        return Level.ERROR, f"not connected: {error}" if error else "not connected"
+    if facts.state is None:
+        return Level.STALE, "no state received yet"
+    if _is_old(facts):
+        return Level.STALE, "no new states"
+    if facts.rate < _ENOUGH * facts.wanted_rate:
+        return Level.WARNING, f"{states} come too slowly"
+    return Level.OK, "ok"
+
+
+def _of_link(facts: Facts, states: str) -> _Values:
     values = [
         ("url", facts.url),
         ("connected", _yes(facts.connected)),
@@ -166,22 +185,29 @@ def _judge_link(facts: Facts, states: str) -> Verdict:
         *_number(f"{states} (Hz)", facts.rate, 1),
         *_number("age of the last state (s)", facts.state_age, 3),
     ]
-    if error:
+    if error := _one_line(facts.error):
         values.append(("last error", error))
+    return values
+
+
+def _judge_board(facts: Facts) -> _Verdict:
+    probe = facts.probe
     if not facts.connected:
-        return Level.ERROR, f"not connected: {error}" if error else "not connected", values
-    if facts.state is None:
-        return Level.STALE, "no state received yet", values
-    if _is_old(facts):
-        return Level.STALE, "no new states", values
-    if facts.rate < _ENOUGH * facts.wanted_rate:
-        return Level.WARNING, f"{states} come too slowly", values
-    return Level.OK, "ok", values
+        return Level.STALE, "not connected"
+    verdicts: list[_Verdict] = []
+    if reason := _stop_reason(facts):
+        asked = facts.stop_kind == "asked" and not _tripped(facts)
+        verdicts.append((Level.WARNING if asked else Level.ERROR, f"stopped: {reason}"))
+    if probe is None:
+        verdicts.append((Level.STALE, "not probed yet"))
+    elif probe.unprotected:
+        verdicts.append((Level.WARNING, probe.unprotected))
+    level = max((level for level, _ in verdicts), default=Level.OK)
+    return level, "; ".join(text for _, text in verdicts) or "ok"
 
 
-def _judge_board(facts: Facts) -> Verdict:
-    probe, state = facts.probe, facts.state
-    tripped = state is not None and state.watchdog_tripped
+def _of_board(facts: Facts) -> _Values:
+    probe = facts.probe
     values = [("robot", facts.robot)]
     if probe is not None:
         values.append(("dialect", probe.dialect_name))
@@ -192,32 +218,23 @@ def _judge_board(facts: Facts) -> Verdict:
         if probe.capabilities:
             values.append(("capabilities", ", ".join(probe.capabilities)))
     values.append(("watchdog (s)", f"{facts.watchdog:g}" if facts.watchdog > 0 else "off"))
-    values.append(("watchdog tripped", _yes(tripped)))
-    reason = _stop_reason(facts)
-    values.append(("stopped", reason or "no"))
+    values.append(("watchdog tripped", _yes(_tripped(facts))))
+    values.append(("stopped", _stop_reason(facts) or "no"))
     for name, doing in facts.controllers.items():
         values.append((f"controller {name}".rstrip(), doing))
     counters = {**(probe.counters if probe is not None else {}), **facts.counters}
     values += [(name.replace("_", " "), str(count)) for name, count in counters.items()]
+    return values
 
-    if not facts.connected:
-        return Level.STALE, "not connected", values
-    verdicts: list[tuple[Level, str]] = []
-    if reason:
-        asked = facts.stop_kind == "asked" and not tripped
-        verdicts.append((Level.WARNING if asked else Level.ERROR, f"stopped: {reason}"))
-    if probe is None:
-        verdicts.append((Level.STALE, "not probed yet"))
-    elif probe.unprotected:
-        verdicts.append((Level.WARNING, probe.unprotected))
-    level = max((level for level, _ in verdicts), default=Level.OK)
-    return level, "; ".join(text for _, text in verdicts) or "ok", values
+
+def _tripped(facts: Facts) -> bool:
+    return facts.state is not None and facts.state.watchdog_tripped
 
 
 def _stop_reason(facts: Facts) -> str:
     """Why the arm is stopped; empty if it is not."""
     if facts.stopped:
-        return " ".join(facts.stopped.split())
+        return _one_line(facts.stopped)
     if facts.state is not None:
         if facts.state.watchdog_tripped:
             return f"the board's watchdog: {facts.state.trip_reason}"
@@ -225,36 +242,41 @@ def _stop_reason(facts: Facts) -> str:
     return "a stop is latched on the board" if facts.probe is not None and facts.probe.stopped else ""
 
 
-def _judge_servo(facts: Facts, name: str, probe: JointProbe | None) -> Verdict:
-    values: list[tuple[str, str]] = []
+def _judge_servo(facts: Facts, name: str, probe: JointProbe | None) -> _Verdict:
+    state = facts.state
+    if not facts.connected:
+        return Level.STALE, "not connected"
+    if state is None or name not in state.names:
+        return Level.STALE, "never seen"
+    place = state.names.index(name)
+    if not math.isfinite(state.age[place]):
+        return Level.STALE, "never seen"
+    if _is_old(facts):
+        return Level.STALE, "no new states"
+    flags = state.flags[place]
+    if flags & _FAULTS:
+        return Level.ERROR, str(JointFlag(flags).faults)
+    warnings = []
+    if flags & _CLAMPED:
+        warnings.append("target clamped to the limits")
+    if state.temperature[place] >= _hot(probe.series if probe is not None else ""):
+        warnings.append("hot")
+    return Level.WARNING if warnings else Level.OK, ", ".join(warnings) or "ok"
+
+
+def _of_servo(facts: Facts, name: str, probe: JointProbe | None) -> _Values:
+    values: _Values = []
     if probe is not None:
         values += [("id", str(probe.servo_id)), ("series", probe.series)]
         if probe.remarks:
             values.append(("note", probe.remarks))
     state = facts.state
-    joint = state[name] if state is not None and name in state.names else None
-    if joint is not None:
-        values += _figures(joint)
-    if not facts.connected:
-        return Level.STALE, "not connected", values
-    if joint is None or not math.isfinite(joint.age):
-        return Level.STALE, "never seen", values
-    if _is_old(facts):
-        return Level.STALE, "no new states", values
-    flags = JointFlag(joint.flags)
-    if flags.faults:
-        return Level.ERROR, str(flags.faults), values
-    warnings = []
-    if flags & JointFlag.CLAMPED:
-        warnings.append("target clamped to the limits")
-    if joint.temperature >= _hot(probe.series if probe is not None else ""):
-        warnings.append("hot")
-    return Level.WARNING if warnings else Level.OK, ", ".join(warnings) or "ok", values
-
-
-def _figures(joint: JointReading) -> list[tuple[str, str]]:
+    if state is None or name not in state.names:
+        return values
+    joint = state[name]
     flags = JointFlag(joint.flags)
     return [
+        *values,
         *_number("position (deg)", math.degrees(joint.position), 2),
         *_number("velocity (deg/s)", math.degrees(joint.velocity), 1),
         *_number("load (%)", 100 * joint.load, 1),
@@ -273,6 +295,7 @@ def _torque(flags: JointFlag) -> str:
     return "on" if flags & JointFlag.TORQUE_ON else "off"
 
 
+@cache
 def _hot(series: str) -> float:
     """Temperature near the cut-off temperature of a servo of this series."""
     try:
@@ -292,6 +315,10 @@ def _number(key: str, value: float, digits: int) -> list[tuple[str, str]]:
     """A value with its key; nothing if it is unknown."""
     # Adding 0.0 turns -0.0 into 0.0.
     return [(key, f"{round(value, digits) + 0.0:.{digits}f}")] if math.isfinite(value) else []
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
 
 
 def _yes(so: bool) -> str:
