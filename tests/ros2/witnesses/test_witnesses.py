@@ -1,7 +1,7 @@
 """Programs that others wrote for ROS 2 on Zenoh meet the node.
 
-zenoh-ros2-sdk, asyncio-for-robotics and ros2-pyterfaces each run once, in the environment `build/witnesses`, which
-`make test` makes; the tests look at what they saw.
+zenoh-ros2-sdk, asyncio-for-robotics with ros2-pyterfaces, and pyzeros each run once, in the environment
+`build/witnesses`, which `make test` makes; the tests look at what they saw.
 """
 
 from __future__ import annotations
@@ -136,3 +136,17 @@ def test_requests_of_pyterfaces_are_answered(afor: dict[str, Any]) -> None:
     assert {"port", "publish_rate"} <= set(afor["parameters"])
     assert afor["values"] == ["sim://hex7bot", 100.0]
     assert afor["state"] in ([2, "inactive"], [3, "active"])
+
+
+# --- pyzeros ---
+
+
+def test_pyzeros_makes_the_time_of_the_node_and_drives_its_life_cycle(tmp_path: Path) -> None:
+    with running(tmp_path, "enable_on_start:=true", "use_sim_time:=true"):
+        seen = run("pyzeros_clock.py", tmp_path, NODE)
+    stamps = [stamp for stamp, _ in seen["stamps"]]
+    assert stamps == sorted(stamps)
+    # As old as what was simulated when it was sampled; the real time is a billion seconds further.
+    assert all(1000.0 < stamp <= simulated + 0.02 for stamp, simulated in seen["stamps"])
+    assert stamps[-1] > stamps[0]
+    assert seen["changes"] == [[True, "inactive"], [True, "active"], [True, "inactive"]]
