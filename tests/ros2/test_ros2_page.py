@@ -304,4 +304,4 @@ def test_messages_of_the_page_are_those_of_the_program(words: str) -> None:
 
 
 def test_it_says_what_no_ros_2_has_seen() -> None:
-    assert "**No ROS 2 installation has seen this node yet.**" in PAGE
+    assert "**No whole ROS 2 installation has seen this node yet" in PAGE
