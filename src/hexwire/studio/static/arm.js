@@ -90,8 +90,12 @@ function draw(element, args, opened) {
     });
   }, root);
   hexwire.onFacts((facts) => page.tell("facts", facts), root);
-  // Nobody jogs by steps or keys before the arm is seen.
-  mountView(page).then(() => import("./arm_jog.js")).then(({ mountJog }) => root.isConnected && mountJog(page));
+  mountView(page);
+  // Not in the first picture: nobody jogs by steps or keys before the page has control.
+  let jog = null;
+  page.on("need", () => {
+    if (page.mine) jog ||= import("./arm_jog.js").then(({ mountJog }) => root.isConnected && mountJog(page));
+  });
   return page;
 }
 
