@@ -18,12 +18,10 @@ from hexwire.errors import UsageError
 
 from .exits import note
 from .options import attached, refuse_idle_table
-from .output import print_json, say
+from .output import print_json, say, wants_json
 from .verbs import Teller, arrived_words, hold_on_ctrl_c, leg_json, leg_words, opening_words, rest_json
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from hexwire.control.motion.motions import CheckedPath, MotionResult
     from hexwire.drivers.base import RobotDriver
 
@@ -38,7 +36,7 @@ class _ProgramTeller(Teller):
     def __init__(self, robot: RobotDriver, options: RunOptions, moving: ExitStack) -> None:
         super().__init__(robot)
         self._moving, self._dry_run = moving, options.dry_run
-        self._say: Callable[[str], object] = (lambda text: None) if options.as_json else partial(say, flush=True)
+        self._say = partial(say, flush=True)
         self._number = ""
         self.rows: list[dict[str, object]] = []
 
@@ -112,7 +110,7 @@ def run_program(robot: RobotDriver, options: RunOptions, file: str, step: int, r
             arm.play(file, step=step, repeat=repeat, ask=_ask)
             done = True
         finally:
-            if options.as_json and (told.rows or done):
+            if wants_json() and (told.rows or done):
                 print_json({"steps": told.rows, "arrived": None if options.dry_run else done})
 
 
