@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hexwire.gateway.line import GATEWAY_MODULE, BoardLine
+from hexwire.gateway.line import _MAX_VOIDED, GATEWAY_MODULE, BoardLine
 from hexwire.session.connection import Connection, Role
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command, Frame, Status, parse_frame
@@ -115,6 +115,16 @@ def test_what_found_no_room_is_forgotten_with_its_host(line: BoardLine) -> None:
     line.request(ask(Command.IDENTIFY, seq=0), 0.1)
     line.request(ask(Command.STOP, b"\0", 31), 0.1)
     assert line.request(resume, 0.2) == [], "a restarted host counts anew"
+
+
+def test_what_found_no_room_takes_no_more_memory_than_what_a_stop_voids(line: BoardLine) -> None:
+    for n in range(24 + 2 * _MAX_VOIDED):
+        line.request(ask(Command.STATS, n.to_bytes(2, "big")), 0.0)
+    assert len(line._refused) == _MAX_VOIDED
+    line.request(ask(Command.IDENTIFY, seq=2)._replace(src=6), 0.0)
+    for n in range(2 * _MAX_VOIDED):
+        line.request(ask(Command.STATS, n.to_bytes(2, "big")), 0.1)
+    assert len(line._refused) == _MAX_VOIDED, "nor after a restart of another host"
 
 
 def test_a_stop_of_another_voids_repeats_too(line: BoardLine) -> None:

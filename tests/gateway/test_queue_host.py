@@ -59,6 +59,11 @@ def bench() -> QueueBench:
     return made
 
 
+def test_the_hosts_before_are_counted() -> None:
+    side = QueueHost("mq:///bench", (8,), lambda: 1)
+    assert side.generation == 0
+
+
 def test_a_host_reaches_every_board_in_one_conversation(bench: QueueBench) -> None:
     for module in bench.boards:
         assert bench.ask(Command.TORQUE, ALL_ON, module).status == Status.OK
