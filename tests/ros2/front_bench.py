@@ -5,6 +5,7 @@ Messages and requests are those that others send and read; the arm is emulated. 
 
 from __future__ import annotations
 
+import functools
 import math
 import threading
 import time
@@ -26,6 +27,7 @@ from hexwire.ros2 import hardware_interface
 from hexwire.ros2.hardware_interface import NAME, HardwareInterface
 from hexwire.ros2.settings import load_settings
 from zenoh_ros2.node import NodeOptions
+from zenoh_ros2.types import Types
 
 WALL = 1_700_000_000.0
 """Unix time at which the simulated time is 0."""
@@ -58,6 +60,10 @@ class Turns:
         self._go.release()
 
 
+_types = functools.cache(Types)
+"""The same for all nodes: a type is compiled when it is first used."""
+
+
 class Front(Bench):
     """The node, its arm, and what others send and get.
 
@@ -82,6 +88,7 @@ class Front(Bench):
         )
         for module, name, what in (
             (hardware_interface, "Node", self._make_node),
+            (hardware_interface, "Types", _types),
             (arm_node, "ControlledArm", self._make_arm),
             (arm_node, "Shutdown", Turns),
             (hardware_interface, "time", self.time),
