@@ -128,6 +128,15 @@ def test_calibrate_with_the_console_script_finds_the_plug_in_and_stores_a_file()
             assert arm.bus.read(2, "position_offset").raw == row["homing_offset"]
 
 
+def test_calibrate_without_a_console_ends_with_an_error(program: Program, monkeypatch: pytest.MonkeyPatch) -> None:
+    def ended(text: str = "") -> str:
+        raise EOFError
+
+    monkeypatch.setattr("builtins.input", ended)
+    with bus("--baud", "0") as port, pytest.raises(RuntimeError, match="the input has ended; nothing was saved"):
+        program("lerobot_calibrate", "--robot.type=hexwire_so101", f"--robot.port={port}", "--robot.id=nobody")
+
+
 def test_calibrate_by_hand(program: Program, monkeypatch: pytest.MonkeyPatch) -> None:
     with bus("--leader", "--baud", "0") as port:
         file = CALIBRATION / "teleoperators" / "so_leader" / "new.json"

@@ -34,6 +34,7 @@ _FREE = """Every joint moves to its stops, for about two minutes:
 - put the arm down folded, with the gripper in the middle of its roll
 - clear everything out of its reach
 - keep a hand at the switch of its supply; Ctrl-C leaves it without torque"""
+_ENDED = "the input has ended; nothing was saved"
 _typed = TypedLines()
 
 
@@ -50,7 +51,7 @@ def calibrate(arm: type[BusArm], link: Link, file: Path, *, auto: bool) -> None:
         RuntimeError: Something odd happened; the text says what.
     """
     if file.is_file():
-        answer = input(f"Press ENTER to use the calibration in {file}, or type 'c' and press ENTER for a new one: ")
+        answer = _ask(f"Press ENTER to use the calibration in {file}, or type 'c' and press ENTER for a new one: ")
         if answer.strip().lower() != "c":
             with faults(), arm(link) as driver:
                 driver.bus.retries = RETRIES
@@ -80,10 +81,10 @@ def calibrate(arm: type[BusArm], link: Link, file: Path, *, auto: bool) -> None:
 
 
 def _by_hand(bench: CalibrationBench) -> Calibration:
-    input("Torque will be switched off: hold the arm and press ENTER....")
+    _ask("Torque will be switched off: hold the arm and press ENTER....")
     bench.release()
     hand = bench.by_hand()
-    input(f"Put {' and '.join(hand.endless)} in the middle of its range of motion and press ENTER....")
+    _ask(f"Put {' and '.join(hand.endless)} in the middle of its range of motion and press ENTER....")
     hand.receive(bench.positions(), time.monotonic())
     hand.mark_middle()
     print(
@@ -120,7 +121,7 @@ def _show(hand: HandCalibration) -> int:
 
 def _automatic(bench: CalibrationBench) -> Calibration:
     print(_FREE)
-    input("Press ENTER to begin....")
+    _ask("Press ENTER to begin....")
     bench.release()
     said = ""
 
@@ -133,6 +134,18 @@ def _automatic(bench: CalibrationBench) -> Calibration:
     return bench.automatic(_now(), watch=watch)
 
 
+def _ask(text: str) -> str:
+    """Show a text and wait for a line.
+
+    Raises:
+        RuntimeError: As `_entered`.
+    """
+    try:
+        return input(text)
+    except EOFError:
+        raise RuntimeError(_ENDED) from None
+
+
 def _entered(seconds: float) -> bool:
     """Wait, and tell whether Enter was pressed.
 
@@ -141,7 +154,7 @@ def _entered(seconds: float) -> bool:
     """
     entered = _typed.entered(seconds)
     if entered is None:
-        raise RuntimeError("the input has ended; nothing was saved")
+        raise RuntimeError(_ENDED)
     return entered
 
 
