@@ -14,7 +14,7 @@ from hexwire.link.tap import Direction, Passed
 from hexwire.trace.explain import Explained, Explainer
 from hexwire.wire.command_frame import Command
 from hexwire.wire.commands import JointReport
-from hexwire.wire.servo_packet import make_read, make_status, make_sync_write, make_write
+from hexwire.wire.servo_packet import make_read, make_status, make_sync_read, make_sync_write, make_write
 
 VECTORS = Path(__file__).parents[2] / "vectors"
 SENT, RECEIVED = Direction.SENT, Direction.RECEIVED
@@ -72,6 +72,18 @@ def test_the_flags_of_a_board_have_names() -> None:
     assert told.layers[2].text.endswith("(position 2047, status 0) [stopped, watchdog tripped]")
     assert also.layers[2].text.endswith(" [settings default, maintenance]")
     assert not [other for other in others if "board_flags" in layer(other, "body")]
+
+
+def test_what_a_line_says_in_words_its_fields_say_too() -> None:
+    asked = make_sync_read(0x38, 2, [4, 9])
+    _, *answers = explain((SENT, asked, 1.0), *((RECEIVED, make_status(i, 0, b"\x00\x08"), 1.0) for i in (4, 9)))
+    (register,) = layer(answers[0], "servo")["registers"]
+    assert (register["name"], register["raw"], "present_position 2048" in answers[0].text) == (
+        "present_position", 2048, True,
+    )  # fmt: skip
+    # Which registers servo 9 has is not known.
+    assert "registers" not in layer(answers[1], "servo")
+    assert answers[1].text == "status 9: 00 08"
 
 
 def test_a_cooked_port_is_recognised_and_the_frame_explained_all_the_same() -> None:

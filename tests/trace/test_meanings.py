@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from hexwire.trace.dissect import BODY, FRAME, body_meaning, flag_words, register_meaning
+from hexwire.trace.explain import BODY, FRAME, body_meaning, flag_words, register_meaning
 from hexwire.wire import tables as t
 from hexwire.wire.registers import Series
 

@@ -5,7 +5,7 @@ import json
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.trace.dissect import Part, filled
+from hexwire.trace.explain import Part, filled
 
 TREE = Part(
     "frame",

@@ -16,7 +16,7 @@ import click
 from hexwire.inputs import read_stream
 from hexwire.ipc.channel import load_own_modules
 from hexwire.link.tap import Direction, wrap_new_links
-from hexwire.trace.explain import Explained, Explainer
+from hexwire.trace.explain import Explained, Explainer, Part
 from hexwire.trace.live import Tracer, explained_lines
 from hexwire.trace.sources import LARGEST, read_traffic
 
@@ -26,7 +26,6 @@ from .output import Column, RowType, answer, print_json, say, wants_json
 
 if TYPE_CHECKING:
     from hexwire.trace.analyzers import Installed
-    from hexwire.trace.dissect import Part
     from hexwire.trace.reading import Reading
 
 __all__ = ["analyzers", "trace", "tracing"]
@@ -66,15 +65,12 @@ def decode(file: BinaryIO, fields: bool) -> None:
 
     Corrupt parts are shown where they occur, with the reason, and decoding continues after them.
     """
-    from hexwire.trace.dissect import Dissector
-
     load_own_modules()
     explainer = Explainer()
-    dissector = Dissector() if fields else None
 
     def show(readings: Iterable[Reading]) -> None:
         for reading in readings:
-            tree = dissector.dissect(reading) if dissector is not None else None
+            tree = explainer.dissect(reading) if fields else None
             _show(explainer.explain(reading), tree)
 
     name = name_of(file)

@@ -9,7 +9,7 @@ import secrets
 from typing import Any
 
 from hexwire.errors import UsageError
-from hexwire.trace.dissect import Dissector
+from hexwire.trace.explain import Explainer
 from hexwire.trace.filtering import parse_filter
 from hexwire.trace.traffic import Entry, Traffic
 
@@ -49,7 +49,7 @@ class View:
     def __init__(self, kind: str, name: str, traffic: Traffic) -> None:
         self.id = secrets.token_hex(8)
         self.kind, self.name, self.traffic = kind, name, traffic
-        self._dissector = Dissector(traffic.series)
+        self._explainer = Explainer(traffic.series)
 
     def rows(self, since: int, wanted: str = "", note: str = "", offset: float = 0.0) -> dict[str, Any]:
         """The rows after a number that pass a filter, oldest first, for JSON.
@@ -104,7 +104,7 @@ class View:
             "number": number,
             "row": entry.as_row(),
             "hex": entry.reading.data.hex(),
-            "tree": self._dissector.dissect(entry.reading).as_fields(),
+            "tree": self._explainer.dissect(entry.reading).as_fields(),
             "answered": entry.answered,
             "took": None if entry.took is None else round(1000 * entry.took, 3),
         }

@@ -17,7 +17,7 @@ from typing import Any
 from hexwire.link.tap import Direction, Passed
 from hexwire.wire.tables import INSTRUCTIONS
 
-from .dissect import doubt
+from .explain import doubt
 from .line_reader import LineReader
 from .reading import HEAD_SIZE, TAIL, Reader, Reading, packet_problem, u16
 

@@ -8,7 +8,7 @@ from tests.analyzers.lines import readings_table
 from tests.frames import frame_bytes
 
 from hexwire.link.tap import Direction, Passed
-from hexwire.trace.dissect import Dissector, Part, doubt
+from hexwire.trace.explain import Explainer, Part, doubt
 from hexwire.trace.line_reader import LineReader
 from hexwire.wire import tables as t
 from hexwire.wire.command_frame import Command
@@ -44,7 +44,7 @@ def check(tree: Part, size: int) -> None:
 
 
 def trees(*transfers: tuple[Direction, bytes], series: str = "board", bus: bool | None = None) -> list[Part]:
-    reader, dissector, found = LineReader(series, bus=bus), Dissector(series), []
+    reader, dissector, found = LineReader(series, bus=bus), Explainer(series), []
     readings = [r for way, data in transfers for r in reader.feed(Passed(way, data, 0.0, ""))]
     for reading in [*readings, *reader.finish()]:
         tree = dissector.dissect(reading)
