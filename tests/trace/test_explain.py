@@ -76,7 +76,10 @@ def test_the_flags_of_a_board_have_names() -> None:
 
 def test_what_a_line_says_in_words_its_fields_say_too() -> None:
     asked = make_sync_read(0x38, 2, [4, 9])
-    _, *answers = explain((SENT, asked, 1.0), *((RECEIVED, make_status(i, 0, b"\x00\x08"), 1.0) for i in (4, 9)))
+    request, *answers = explain(
+        (SENT, asked, 1.0), *((RECEIVED, make_status(i, 0, b"\x00\x08"), 1.0) for i in (4, 9))
+    )
+    assert layer(request, "servo")["register"] == "present_position"
     (register,) = layer(answers[0], "servo")["registers"]
     assert (register["name"], register["raw"], "present_position 2048" in answers[0].text) == (
         "present_position", 2048, True,
@@ -84,6 +87,11 @@ def test_what_a_line_says_in_words_its_fields_say_too() -> None:
     # Which registers servo 9 has is not known.
     assert "registers" not in layer(answers[1], "servo")
     assert answers[1].text == "status 9: 00 08"
+    explainer = Explainer("sts_sms")
+    write = Passed(SENT, frame(1, Command.SYNC_WRITE, make_write(4, 0x2A, b"\x34\x12")), 0.0, "")
+    (reading,) = explainer.lines.feed(write)
+    (value,) = (part.value for part in explainer.dissect(reading).leaves() if part.name == "goal_position")
+    assert f"goal_position {value} " in reading.text
 
 
 def test_a_cooked_port_is_recognised_and_the_frame_explained_all_the_same() -> None:

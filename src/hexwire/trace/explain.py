@@ -524,6 +524,8 @@ class Explainer:
         name = reader.tables["instructions"].get(data[4])
         fields |= {"instruction": name.replace(" ", "_") if name else data[4], "checksum": "good"}
         params = data[5:-1]
+        if name == "sync read" and len(params) > 2:
+            series = reader.series_of(params[2])
         if name in ("write", "reg write") and params and series:
             items = reader.register_items(series, params[0], params[1:], None)
             fields["registers"] = list(_values(items, Series(series), params[0]))
@@ -669,7 +671,7 @@ class Explainer:
             count = Part("count", 1, 2, f"{params[1]} bytes", SERVO["count"], params[1])
             return [_address(series, params[0]), count, *(ids if inst == instruction["SYNC_READ"] else [])]
         if inst in (instruction["WRITE"], instruction["REG_WRITE"]):
-            items = reader.register_items(series, params[0], params[1:], order) if series else []
+            items = reader.register_items(series, params[0], params[1:], None) if series else []
             return [_address(series, params[0]), *(_moved(p, 1) for p in _registers(items, series, params[0]))]
         if inst == instruction["SYNC_WRITE"] and len(params) > 2 and (len(params) - 2) % (params[1] + 1) == 0:
             step = params[1] + 1
