@@ -1,4 +1,4 @@
-"""Recordings of all traffic of a command: raw bytes, explained frames, joint states; and reading them back.
+"""Recordings of all traffic of a command: raw bytes, frames in words, joint states; and reading them back.
 
 Owns the topics of such a recording, reading it and recovering a damaged one; `recording` owns the file. Topics:
 ``/bytes/sent`` and ``/bytes/received`` hold raw bytes, ``/frames`` holds ``foxglove.Log``, ``/joint_states`` holds
@@ -17,8 +17,9 @@ from typing import IO, TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 from hexwire.errors import HexwireError
 from hexwire.link.tap import Direction, Passed
 
-from .explain import Explainer
+from .explain import doubt
 from .foxglove import INFO, NSEC, WARNING, log_line
+from .line_reader import LineReader
 from .mcap_file import MAGIC, load_mcap, read_records
 from .recording import JOINT_STATES, RecordingWriter
 
@@ -27,8 +28,8 @@ if TYPE_CHECKING:
 
     from hexwire.model.state import JointState
 
-    from .explain import Explained
     from .mcap_file import Readable
+    from .reading import Reading
 
 __all__ = [
     "BYTES",
@@ -87,7 +88,7 @@ class Capture:
 
     def __init__(self, path: str | Path | Writer, *, offset: float, force: bool = False) -> None:
         self._writer: Writer = RecordingWriter(path, force=force) if isinstance(path, str | PurePath) else path
-        self._explainers: dict[str, Explainer] = {}
+        self._lines: dict[str, LineReader] = {}
         self._offset = offset
         self._lock = threading.Lock()
         self._owner = 0
@@ -100,8 +101,8 @@ class Capture:
                 return
             stamp = passed.time + self._offset
             self._writer.raw(BYTES[passed.direction], stamp, passed.data)
-            for explained in self._explainers.setdefault(passed.url, Explainer()).feed(passed):
-                self._frame(explained, stamp)
+            for reading in self._lines.setdefault(passed.url, LineReader()).feed(passed):
+                self._frame(reading, stamp)
 
     def joint_state(self, state: JointState, stamp: float, topic: str = JOINT_STATES) -> None:
         """Record a joint state at `stamp`, seconds since 1970; each of several arms has a topic of its own."""
@@ -149,10 +150,9 @@ class Capture:
             finally:
                 self._owner = 0
 
-    def _frame(self, explained: Explained, stamp: float) -> None:
-        doubtful = bool(explained.problem) or " ! " in explained.reading
-        line = log_line(WARNING if doubtful else INFO, explained.reading, explained.direction.value, stamp)
-        body = line | {"hex": explained.data.hex(" ").upper()}
+    def _frame(self, reading: Reading, stamp: float) -> None:
+        line = log_line(WARNING if doubt(reading) else INFO, reading.text, reading.way.value, stamp)
+        body = line | {"hex": reading.data.hex(" ").upper()}
         self._writer.message(FRAMES, "foxglove.Log", stamp, body)
 
 
