@@ -136,6 +136,36 @@ def test_the_end_at_rest_leaves_the_board_as_it_was() -> None:
         bench.owner.call(lambda: None)
 
 
+def test_an_arm_that_nobody_uses_is_read_rarely_and_as_before_once_somebody_does() -> None:
+    bench = BoardBench(publish_rate=50.0)
+    names = bench.robot.model.names
+    seen: list[float] = []
+    bench.owner.observers.append(lambda state: seen.append(bench.clock.time))
+
+    def rate(seconds: float = 2.0) -> float:
+        seen.clear()
+        bench.turn(seconds)
+        return len(seen) / seconds
+
+    bench.owner.connect()
+    bench.turn(3.0)
+    assert rate() == pytest.approx(50.0, rel=0.1), "somebody may need it, whoever does not say so"
+    bench.owner.needed = lambda: False
+    bench.ask(lambda: bench.owner.torque(False, names))
+    bench.turn(2.5)
+    assert rate() == pytest.approx(10.0, rel=0.15)
+    assert not bench.robot.read().stopped, "its watchdog is fed"
+    bench.ask(lambda: bench.owner.torque(True, names[:1]))
+    bench.turn(0.3)
+    assert rate() == pytest.approx(50.0, rel=0.1), "a joint has torque"
+    bench.ask(lambda: bench.owner.torque(False, names))
+    bench.turn(2.5)
+    bench.owner.needed = lambda: True
+    bench.turn(0.2)
+    assert rate() == pytest.approx(50.0, rel=0.1)
+    bench.owner.shutdown()
+
+
 def test_a_shutdown_during_a_motion_stops_the_arm() -> None:
     bench, told = moving()
     bench.owner.shutdown()

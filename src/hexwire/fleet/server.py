@@ -211,6 +211,7 @@ class ArmServer:
             node.take_at_once(keys.order(role), self._accept_set_point)
             self._take_stops(keys.off(role), StopMode.TORQUE_OFF)
         self._owner.observers.append(self._on_state)
+        self._owner.needed = lambda: self._publish.is_wanted or self._shared.holder is not None
         self._shared.looks.append(self._tell)
 
     def close(self) -> None:

@@ -35,6 +35,7 @@ from hexwire.errors import (
     UsageError,
     WrongDeviceError,
 )
+from hexwire.model.state import JointFlag
 from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop
 
 from ..motion.path_check import PathCheck
@@ -171,6 +172,11 @@ _FEEDS = 4.0
 """States read per watchdog timeout: a driver feeds the watchdog between them."""
 _SHORT = 0.02
 """Seconds for which a shutdown may wait until the owner notices it."""
+_UNUSED = 2.0
+"""Seconds for which an arm is not in use until its states are read rarely."""
+_RARELY = 10.0
+"""States per second then; so late somebody who needs them gets the first one."""
+_TORQUE_ON = int(JointFlag.TORQUE_ON)
 _FRESH = 1.0
 """Greatest age in seconds of a state from which a motion may begin; on a slow line, three command periods."""
 _SILENT = 0.5
@@ -217,6 +223,8 @@ class RobotOwner:
         probe: The report of the last probe.
         crash: The programming error that ended the thread, if any.
         observers: Called in the owner's thread with every state, before it becomes the newest.
+        needed: Whether somebody needs the states of an arm that rests without torque; otherwise they are read
+            rarely.
     """
 
     def __init__(
@@ -271,7 +279,12 @@ class RobotOwner:
         self._owes_stop = False
         # What failed in another thread since the last turn.
         self._failed: HexwireError | None = None
+        self.needed: Callable[[], bool] = lambda: True
         self._reader: StateReader | None = None
+        # States per second while the arm is in use; since when it has not been, and whether fewer are read.
+        self._rate = 0.0
+        self._unused_since: float | None = None
+        self._reads_rarely = False
         self._restarts = 0
         self._latest, self._calls = LatestState(publish_rate), QueuedCalls()
         self._thread: threading.Thread | None = None
@@ -686,6 +699,7 @@ class RobotOwner:
                 self._output.update(
                     state, self._latest.speeds(state.names), self._clock(), self.command_period, self.lead
                 )
+                self._choose_rate(self._reader, state)
             self._calls.run()
         except PreemptedError:
             # A stop interrupted the exchange on the line: not a failure, and the stop handles the rest.
@@ -768,7 +782,22 @@ class RobotOwner:
         )
         self._latest.begin(reader.period, max(_SILENT, 3.0 * self.command_period))
         self._restarts = self.robot.restarts
+        self._rate, self._unused_since, self._reads_rarely = rate, None, False
         return reader
+
+    def _choose_rate(self, reader: StateReader, state: JointState) -> None:
+        """Read rarely while the arm is not in use: without torque, and nobody needs to know."""
+        if self.needed() or self.group.busy or any(flags & _TORQUE_ON for flags in state.flags) or self.running():
+            self._unused_since = None
+            if self._reads_rarely:
+                self._reads_rarely = False
+                reader.change_rate(self._rate)
+        elif self._unused_since is None:
+            self._unused_since = self._clock()
+        elif not self._reads_rarely and self._clock() - self._unused_since >= _UNUSED:
+            self._reads_rarely = True
+            rarely = max(_RARELY, _FEEDS / self.watchdog if self.watchdog else 0.0)
+            reader.change_rate(min(rarely, self._rate))
 
     def _reconnect(self) -> None:
         self._fail_calls()

@@ -151,13 +151,21 @@ class StateReader:
         clock: Callable[[], float],
         sleep: Callable[[float], object],
     ) -> None:
-        self.period = 1.0 / rate if ask else min(max(1.0 / rate, _MIN_PERIOD), _MAX_PERIOD)
-        self.timing = RateLoop(1.0 / self.period, clock=clock, sleep=sleep)
-        self._ask = ask
+        self._ask, self._clock, self._sleep = ask, clock, sleep
+        self._set_rate(rate)
         self._robot = robot
         self._ask_for = read
         self._states: Generator[JointState, None, None] | None = None
         self._reports = False
+
+    def _set_rate(self, rate: float) -> None:
+        self.period = 1.0 / rate if self._ask else min(max(1.0 / rate, _MIN_PERIOD), _MAX_PERIOD)
+        self.timing = RateLoop(1.0 / self.period, clock=self._clock, sleep=self._sleep)
+
+    def change_rate(self, rate: float) -> None:
+        """Read at another rate, states per second, from the next state on."""
+        self.close()
+        self._set_rate(rate)
 
     def next(self) -> JointState | None:
         """The next state; None if the robot answers, but its reports have ended.
