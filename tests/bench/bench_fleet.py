@@ -14,6 +14,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
+from itertools import pairwise
 from pathlib import Path
 from statistics import median
 
@@ -206,9 +207,8 @@ def _first_byte(sender: Process, board: Process) -> Block:
     sent = sender.ask("write", seconds=_SECONDS)["sent"]
     times = board.ask("times")["times"]
     delays = []
-    for began, _, done in sent:
-        # The board writes before it answers, and the next target comes only then.
-        found = [when for when in times if began <= when <= done]
+    for (began, _, _), (until, _, _) in pairwise(sent):
+        found = [when for when in times if began <= when <= until]
         if found:
             delays.append(found[0] - began)
     return quantiles(delays)

@@ -9,9 +9,11 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from statistics import median
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
@@ -21,6 +23,8 @@ from fleet_blocks import Block, Process, in_rounds, middle, quantiles, ratio  # 
 
 _ROUNDS = 5
 _SECONDS = 3.0
+_UNUSED = 3.0
+"""Seconds until an arm that nobody uses is read rarely."""
 _AIMS = ("at most 60", "at most 50", "of the owner, at most 8")
 
 
@@ -30,6 +34,46 @@ def run() -> Iterator[str]:
         os.environ |= {"XDG_RUNTIME_DIR": folder, "XDG_STATE_HOME": folder}
         os.environ.pop("HEXWIRE_PORT", None)
         yield from _one_client(stack, Path(folder))
+    with tempfile.TemporaryDirectory(prefix="hw") as folder, ExitStack() as stack:
+        os.environ |= {"XDG_RUNTIME_DIR": folder, "XDG_STATE_HOME": folder}
+        yield from _on_boards(stack, Path(folder))
+
+
+def _on_boards(stack: ExitStack, folder: Path) -> Iterator[str]:
+    ports = [f"{folder}/board{i}" for i in range(5)]
+    for port in ports:
+        Process(stack, "board", port).ready()
+    owner = Process(stack, "owner", "lab/board", ports[0]).ready()
+    client = Process(stack, "client", "zenoh:lab/board").ready()
+    rounds: list[Block] = []
+    for _ in range(_ROUNDS):
+        # Until nobody uses it any more.
+        client.ask("wait", seconds=_UNUSED)
+        rounds.append({"idle": _idle(owner, client)["owner"]})
+        before = owner.ask("cpu")
+        work = client.ask("work", seconds=_SECONDS, torque=True)
+        after = owner.ask("cpu")
+        rounds[-1]["owner"] = 1000 * (after["cpu"] - before["cpu"]) / (after["now"] - before["now"])
+        rounds[-1]["client"] = 1000 * work["cpu"] / work["seconds"]
+        rounds[-1]["states"] = len(work["ages"]) / work["seconds"]
+    idle, used, by, states = (median(row[key] for row in rounds) for key in ("idle", "owner", "client", "states"))
+    yield "the same on an emulated board in another process; CPU in ms/s of one core:"
+    yield f"  owner {used:.0f}, client {by:.0f}, {states:.0f} states a second"
+    yield f"  owner whose arm has no torque and no reader: {idle:.1f} (aim: at most 10)"
+    four = Process(stack, "several", "50", *ports[1:]).ready()
+    readers = [Process(stack, "client", f"zenoh:lab/arm{i}").ready() for i in range(4)]
+    for reader in readers:
+        reader.ask("open", count=1)
+    shares = []
+    for _ in range(_ROUNDS):
+        before = four.ask("cpu")
+        for reader in readers:
+            reader.begin("read", seconds=_SECONDS)
+        read = sum(len(rows) for reader in readers for rows in reader.end()["ages"])
+        after = four.ask("cpu")
+        shares.append((1000 * (after["cpu"] - before["cpu"]) / (after["now"] - before["now"]), read / _SECONDS))
+    cost, rate = (median(column) for column in zip(*shares, strict=True))
+    yield f"  four arms in one process at 50 Hz, {rate:.0f} states read a second: {cost:.0f} (aim: at most 80)"
 
 
 def _one_client(stack: ExitStack, folder: Path) -> Iterator[str]:
@@ -68,7 +112,11 @@ def _idle(owner: Process, client: Process) -> Block:
 def _work(owner: Process, client: Process) -> Block:
     owner.ask("targets")
     before = owner.ask("cpu")
-    work = client.ask("work", seconds=_SECONDS)
+    client.begin("work", seconds=_SECONDS)
+    time.sleep(0.8 * _SECONDS)
+    # Not at the end, when the client gives the lease back.
+    threads = owner.ask("cpu")["threads"]
+    work = client.end()
     after = owner.ask("cpu")
     arrived = {_number(value): when for when, value in owner.ask("targets")["targets"]}
     delays = [arrived[_number(value)] - sent for sent, value in work["sent"] if _number(value) in arrived]
@@ -78,7 +126,7 @@ def _work(owner: Process, client: Process) -> Block:
         **rows,
         "owner": 1000 * (after["cpu"] - before["cpu"]) / (after["now"] - before["now"]),
         "client": 1000 * work["cpu"] / work["seconds"],
-        "threads": after["threads"],
+        "threads": threads,
         "states": len(work["ages"]) / work["seconds"],
         "targets": len(arrived) / work["seconds"],
     }

@@ -21,7 +21,7 @@ HERE = Path(__file__).resolve().parent
 Block = dict[str, float]
 
 _FILES = {
-    "fleet_own.py": ("owner", "client", "driver", "local", "board"),
+    "fleet_own.py": ("owner", "several", "client", "driver", "local", "board"),
     "fleet_many.py": ("router", "arms", "replay", "watcher"),
     "fleet_worker.py": ("bare-owner", "bare-reader", "bare-client", "physical-owner", "physical-client"),
 }

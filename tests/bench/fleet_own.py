@@ -126,6 +126,15 @@ def owner(name: str, port: str, *listen: str) -> Iterator[w.Worker]:
 
 
 @contextmanager
+def several(rate: str, *ports: str) -> Iterator[w.Worker]:
+    """Arms at these ports, shared by one process, which publish so many states a second each."""
+    sys.setswitchinterval(SWITCH)
+    rows = {f"lab/arm{i}": {"port": port, "publish_rate": float(rate)} for i, port in enumerate(ports)}
+    with Service(read_arms(rows)):
+        yield lambda what: w.cpu()
+
+
+@contextmanager
 def client(url: str) -> Iterator[w.Worker]:
     """Programs that read an arm, and one that commands it."""
 
@@ -149,7 +158,7 @@ def client(url: str) -> Iterator[w.Worker]:
             time.sleep(options["seconds"])
             return {}
         if what == "work":
-            return _work(url, options["seconds"])
+            return _work(url, options["seconds"], options.get("torque", False))
         if what != "write":
             return readers(what, **options)
         with registry.connect(url) as robot:
@@ -168,7 +177,7 @@ def _size(url: str) -> int:
     return size
 
 
-def _work(url: str, seconds: float) -> w.Row:
+def _work(url: str, seconds: float, torque: bool) -> w.Row:
     with registry.connect(url) as robot:
         joint = robot.model.names[0]
 
@@ -179,8 +188,16 @@ def _work(url: str, seconds: float) -> w.Row:
         def send(angle: float) -> None:
             robot.write(JointTarget(((joint, angle),), _DURATION))
 
-        send(0.0)
-        return w.answer_states(following, send, seconds)
+        if not torque:
+            send(0.0)
+            return w.answer_states(following, send, seconds)
+        robot.torque(True)
+        start = robot.read()[joint].position
+        send(start)
+        try:
+            return w.answer_states(following, lambda angle: send(start + angle), seconds)
+        finally:
+            robot.torque(False)
 
 
 def _write(send: Callable[[JointTarget], object], robot: RobotDriver, seconds: float) -> w.Row:
@@ -288,7 +305,9 @@ def board(link: str) -> Iterator[w.Worker]:
     server.close()
 
 
-_ROLES: dict[str, Callable[..., Any]] = {role.__name__: role for role in (owner, client, driver, local, board)}
+_ROLES: dict[str, Callable[..., Any]] = {
+    role.__name__: role for role in (owner, several, client, driver, local, board)
+}
 
 if __name__ == "__main__":
     w.main(_ROLES, *sys.argv[1:])
