@@ -20,11 +20,22 @@ from hexwire.fleet.endpoints import endpoints_of, local_socket
 from hexwire.fleet.names import Keys, Role
 from hexwire.fleet.network import Network
 from hexwire.fleet.node import Node
-from hexwire.fleet.overview import look, stop_all
+from hexwire.fleet.overview import Overview, look, stop_all
 from hexwire.fleet.roster import HUNG, Roster
 from hexwire.model.state import JointFlag, JointTarget
 
 from .conftest import Serve
+
+
+def test_the_condition_of_an_arm_in_words() -> None:
+    for row, words in (
+        (Overview("a"), "ok"),
+        (Overview("a", why="power is low"), "power is low"),
+        (Overview("a", stopped=True), "stopped"),
+        (Overview("a", stopped=True, why="Ann stopped it"), "stopped: Ann stopped it"),
+        (Overview("a", stopped=True, silent=True, why="gone"), "no answer: gone"),
+    ):
+        assert row.condition == words
 
 
 def puppet(name: str, **answers: Any) -> Node:

@@ -55,14 +55,6 @@ def fleet() -> None:
     """
 
 
-def _condition(row: Overview) -> str:
-    if row.silent:
-        return f"no answer: {row.why}"
-    if row.stopped:
-        return f"stopped: {row.why}" if row.why else "stopped"
-    return row.why or "ok"
-
-
 _ARMS: RowType[Overview] = RowType(
     Column("name", "arm"),
     Column("robot", "robot", lambda row: row.robot or None),
@@ -70,11 +62,11 @@ _ARMS: RowType[Overview] = RowType(
     Column("holder", "holder", lambda row: row.holder or None),
     Column("torque", "torque", lambda row: row.torque or None),
     Column("stopped"),
-    Column("condition", get=_condition),
+    Column("condition"),
     Column("age_s", "age ms", "age", scale=1000),
     Column("answers", get=lambda row: not row.silent),
     Column("local"),
-    Column("", "condition", text=_condition),
+    Column("", "condition", "condition"),
 )
 _STOPPED: RowType[Stopped] = RowType(
     *map(Column, ("name", "confirmed", "joints", "error", "seconds", "kept")),
@@ -236,9 +228,9 @@ class _Lines:
     @staticmethod
     def _words(row: Overview) -> str:
         if row.silent:
-            return _condition(row)
+            return row.condition
         holder = f", {row.holder} holds the lease" if row.holder else ""
-        return f"{row.robot} at {row.host}, torque {row.torque or 'unknown'}{holder}, {_condition(row)}"
+        return f"{row.robot} at {row.host}, torque {row.torque or 'unknown'}{holder}, {row.condition}"
 
 
 class _Table:
@@ -270,7 +262,7 @@ class _Table:
         parts: list[Any] = []
         if rows:
             parts.append(
-                JointTable(_ARMS.titles, [_ARMS.cells(r) for r in rows], [_condition(r) != "ok" for r in rows])
+                JointTable(_ARMS.titles, [_ARMS.cells(r) for r in rows], [r.condition != "ok" for r in rows])
             )
         else:
             parts.append(Text(self._none))

@@ -70,6 +70,15 @@ class Overview:
     local: bool = False
     faults: str = ""
 
+    @property
+    def condition(self) -> str:
+        """Its condition in words: ``ok``, ``no answer`` or ``stopped`` and why, or what is wrong."""
+        if self.silent:
+            return f"no answer: {self.why}"
+        if self.stopped:
+            return f"stopped: {self.why}" if self.why else "stopped"
+        return self.why or "ok"
+
 
 def look(roster: Roster, timeout: float) -> list[Overview]:
     """Ask every arm for its condition.

@@ -274,7 +274,6 @@ def _of_servo(facts: Facts, name: str, probe: JointProbe | None) -> _Values:
     if state is None or name not in state.names:
         return values
     joint = state[name]
-    flags = JointFlag(joint.flags)
     return [
         *values,
         *_number("position (deg)", math.degrees(joint.position), 2),
@@ -283,16 +282,10 @@ def _of_servo(facts: Facts, name: str, probe: JointProbe | None) -> _Values:
         *_number("current (A)", joint.current, 3),
         *_number("voltage (V)", joint.voltage, 1),
         *_number("temperature (C)", joint.temperature, 0),
-        ("torque", _torque(flags)),
-        ("flags", str(flags)),
+        ("torque", joint.torque),
+        ("flags", str(JointFlag(joint.flags))),
         *_number("age (s)", joint.age, 3),
     ]
-
-
-def _torque(flags: JointFlag) -> str:
-    if flags & JointFlag.TORQUE_UNKNOWN:
-        return "unknown"
-    return "on" if flags & JointFlag.TORQUE_ON else "off"
 
 
 @cache
