@@ -139,6 +139,70 @@ def test_clicks_are_steps_that_add_up_and_keys_do_what_buttons_do(studio: Runnin
     expect(operator.locator("#arm-keys")).not_to_be_checked()
 
 
+def test_a_gamepad_moves_the_arm_only_while_its_dead_man_button_is_pressed(
+    studio: RunningStudio, operator: Page
+) -> None:
+    operator.evaluate(
+        """() => {
+          const button = () => ({ pressed: false, value: 0 });
+          const buttons = Array.from({ length: 17 }, button);
+          window.pad = { connected: true, id: 'Pad', axes: [0, 0, 0, 0], buttons };
+          navigator.getGamepads = () => [null, window.pad];
+        }"""
+    )
+
+    def pad(*, deadman: bool, x: float = 0.0) -> None:
+        operator.evaluate("([on, x]) => { pad.buttons[5].pressed = on; pad.axes[0] = x; }", [deadman, x])
+
+    open_page(operator)
+    prepare(operator, speed=100)
+    hint = operator.locator("#arm-hint")
+    operator.locator("#arm-pad").check()
+    expect(hint).to_contain_text("hold L1 and move a stick")
+    operator.get_by_role("button", name="Mapping of the gamepad").click()
+    box = operator.get_by_role("dialog", name="Gamepad")
+    box.get_by_label("Dead-man button").select_option("R1")
+    box.get_by_label("Moves", exact=True).select_option("the joints")
+    box.get_by_label("Direction of J1").select_option("reversed")
+    box.get_by_role("button", name="Close").click()
+    expect(hint).to_contain_text("hold R1 and move a stick")
+    start = shaft(studio, "J1")
+
+    def moved() -> float:
+        return shaft(studio, "J1") - start
+
+    # A stick alone moves nothing; nor do fingers that only rest on it.
+    pad(deadman=False, x=1.0)
+    operator.wait_for_timeout(100)
+    pad(deadman=True, x=0.1)
+    operator.wait_for_timeout(100)
+    assert not studio.studio.source.arm.jog.busy
+    pad(deadman=True, x=-1.0)
+    studio.until(lambda: moved() > math.radians(2.0), "a jog by the stick, reversed")
+    pad(deadman=True, x=1.0)
+    studio.until(lambda: moved() < math.radians(1.0), "a jog the other way")
+    pad(deadman=False, x=1.0)
+    end = rest(studio, "J1")
+    # After a stop, a thumb that stays on the button moves nothing when the stop has ended.
+    pad(deadman=True, x=1.0)
+    studio.until(lambda: shaft(studio, "J1") < end - math.radians(1.0), "a jog")
+    operator.keyboard.press("Escape")
+    operator.get_by_role("button", name="Resume").click()
+    expect(operator.get_by_role("button", name="Resume")).to_be_hidden()
+    end = rest(studio, "J1")
+    operator.wait_for_timeout(200)
+    assert shaft(studio, "J1") == pytest.approx(end, abs=1e-3)
+    # A pad that is gone lets go, and the mapping is that of the browser.
+    pad(deadman=False)
+    expect(hint).to_contain_text("hold R1")
+    pad(deadman=True, x=-1.0)
+    studio.until(lambda: shaft(studio, "J1") > end + math.radians(1.0), "a jog")
+    operator.evaluate("() => { pad.connected = false; }")
+    rest(studio, "J1")
+    expect(hint).to_contain_text("No gamepad")
+    assert json.loads(operator.evaluate("localStorage.getItem('hexwire-gamepad')"))["deadman"] == 5
+
+
 @pytest.mark.slow
 def test_joints_move_only_while_somebody_holds_them(studio: RunningStudio, page: Page) -> None:
     open_page(page)

@@ -93,6 +93,9 @@ function draw(element, args, opened) {
   mountView(page);
   // Not in the first picture: nobody jogs by steps or keys before the page has control.
   let jog = null;
+  const pad = page.find("#arm-pad"), map = page.find("#arm-pad-map");
+  pad.addEventListener("change", () => import("./arm_pad.js").then(({ mountPad }) => root.isConnected && mountPad(page)), { once: true });
+  pad.addEventListener("change", () => (map.hidden = false), { once: true });
   page.on("need", () => {
     if (page.mine) jog ||= import("./arm_jog.js").then(({ mountJog }) => root.isConnected && mountJog(page));
   });
@@ -493,6 +496,8 @@ function markup({ joints, space, jaws, geometry, emulated }) {
     <span class="arm-unit">° or mm</span></fieldset>
   <label class="arm-keys"><input type="checkbox" id="arm-keys" class="arm-need"> Keys</label>
   <button class="hw-button arm-help" id="arm-map" type="button" aria-label="Map of the keys" title="Map of the keys (?)" hidden>?</button>
+  <label class="arm-pad"><input type="checkbox" id="arm-pad" class="arm-need"> Gamepad</label>
+  <button class="hw-button arm-help" id="arm-pad-map" type="button" aria-label="Mapping of the gamepad" title="Mapping of the gamepad" hidden>⚙</button>
   <span class="arm-hint" id="arm-hint" role="status"></span>
 </div>
 <div class="arm-left">${viewMarkup(geometry, space, emulated)}</div>
