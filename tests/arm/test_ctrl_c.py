@@ -21,8 +21,8 @@ from hexwire.arm.handle import Handle
 
 IN_THE_VERB = ("arm/verbs.py", "arm/handle.py", "arm/claim.py")
 VERBS: dict[str, Callable[[Arm], Handle[Any]]] = {
-    "move": lambda arm: arm.move({arm.model.names[0]: deg(60)}, duration=60.0, wait=False),
-    "grip": lambda arm: arm.grip(0.2 if arm.opening > 0.5 else 0.9, duration=60.0, wait=False),
+    "move": lambda arm: arm.move({arm.model.names[0]: deg(60)}, duration=10.0, wait=False),
+    "grip": lambda arm: arm.grip(0.2 if arm.opening > 0.5 else 0.9, duration=10.0, wait=False),
     "teach": lambda arm: arm.teach(),
 }
 

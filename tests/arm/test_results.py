@@ -27,14 +27,14 @@ from hexwire.control.requests.pose_file import home_pose
 from hexwire.errors import StoppedError, UsageError
 
 SLOW: dict[str, Callable[[Arm], Callable[[], MotionHandle[Any]]]] = {
-    "move": lambda arm: partial(arm.move, {arm.model.names[0]: deg(4)}, relative=True, duration=60.0, wait=False),
-    "goto": lambda arm: partial(arm.goto, (0, 0, -mm(8)), relative=True, duration=60.0, wait=False),
+    "move": lambda arm: partial(arm.move, {arm.model.names[0]: deg(4)}, relative=True, duration=30.0, wait=False),
+    "goto": lambda arm: partial(arm.goto, (0, 0, -mm(8)), relative=True, duration=30.0, wait=False),
     "line": lambda arm: partial(arm.line, (0, 0, -mm(8)), relative=True, tip_speed=0.0005, wait=False),
-    "home": lambda arm: partial(arm.home, duration=60.0, wait=False),
+    "home": lambda arm: partial(arm.home, duration=30.0, wait=False),
     "play": lambda arm: partial(arm.play, a_way(arm), factor=0.01, wait=False),
-    "grip": lambda arm: partial(arm.grip, other_opening(arm), duration=60.0, wait=False),
+    "grip": lambda arm: partial(arm.grip, other_opening(arm), duration=30.0, wait=False),
     "move and grip": lambda arm: partial(
-        arm.move, {arm.model.names[0]: -deg(4)}, relative=True, grip=other_opening(arm), duration=60.0, wait=False
+        arm.move, {arm.model.names[0]: -deg(4)}, relative=True, grip=other_opening(arm), duration=30.0, wait=False
     ),
 }
 

@@ -23,7 +23,8 @@ from tests.site.pages import ROOT, commands, make
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-# Building all pages, on a busy machine.
+# Building all pages.
+pytestmark = pytest.mark.long
 
 LOADS = {"script": "src", "img": "src", "iframe": "src", "source": "srcset", "link": "href"}
 

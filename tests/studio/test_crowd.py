@@ -78,6 +78,7 @@ def _stop(studio: RunningStudio, visitor: Visitor) -> float:
 
 @pytest.mark.usefixtures("_fine_turns")
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_stop_is_as_fast_while_64_sessions_download_upload_and_plan(studio: RunningStudio) -> None:
     recordings = studio.studio.recordings
     recordings.library.make_folder()
