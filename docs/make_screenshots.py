@@ -241,6 +241,7 @@ def main() -> int:
                 go(page, name)
                 prepare(page)
                 page.mouse.move(WIDTH - 1, HEIGHT - 1)
+                page.evaluate("scrollTo(0, 0)")
                 page.wait_for_timeout(1000)
                 page.screenshot(
                     path=HERE / "pictures" / f"studio-{picture}-{theme}.png", animations="disabled", caret="hide"
