@@ -20,6 +20,7 @@ BLOCK = re.compile(r"```python([^\n]*)\n(.*?)```", re.DOTALL)
 OWN = """
 import hexwire
 from hexwire import JointTarget, MotionHandle, MotionResult, RobotDriver, ServoBus, Session, StopMode, deg, mm
+from hexwire.drivers.abilities import Counters, ServoPing, StateReports, Watchdog
 from hexwire.errors import HexwireError, LimitError, StoppedError
 
 
@@ -38,18 +39,19 @@ def angles(arm: RobotDriver) -> dict[str, float]:
 
 
 def follow(arm: RobotDriver) -> None:
-    if arm.has_watchdog and not arm.watchdog_armed:
-        arm.watchdog(0.5, StopMode.TORQUE_OFF)
+    if (dog := Watchdog.find(arm)) is not None and not dog.watchdog_armed:
+        dog.watchdog(0.5, StopMode.TORQUE_OFF)
     with arm.watched(0.5) as covered:
         print(covered, arm.url, arm.command_rate, arm.stop_kept_by, arm.now())
-        if arm.reports_states:
-            for state in arm.stream(0.02, slow=2.0):
+        if (reports := StateReports.find(arm)) is not None:
+            for state in reports.stream(0.02, slow=2.0):
                 print(state.position)
                 break
     latch = arm.stop_latch()
-    error: int | None = arm.ping(1)
-    retries: int = arm.host_counters()["retries"] + arm.board_counters().get("retries", 0)
-    print(latch.stopped, latch.cause.value, error, retries, max(arm.round_trips, default=0.0), arm.restarts)
+    error: int | None = ServoPing.of(arm).ping(1)
+    counters = Counters.of(arm)
+    retries: int = counters.host_counters()["retries"] + counters.board_counters().get("retries", 0)
+    print(latch.stopped, latch.cause.value, error, retries, max(counters.round_trips, default=0.0))
 
 
 def main() -> int:
@@ -60,7 +62,7 @@ def main() -> int:
             names: tuple[str, ...] = nod(arm.driver, 0.1)
             print(names, angles(arm.driver), arm.driver.probe().missing)
         with hexwire.connect() as arm:
-            arm.driver.watchdog(0.5)
+            Watchdog.of(arm.driver).watchdog(0.5)
             follow(arm.driver)
             went: MotionResult = arm.goto((0.0, mm(200), 0.1), "home", down=True, speed=0.2)
             under_way: MotionHandle[MotionResult] = arm.move(J1=deg(10), wait=False)

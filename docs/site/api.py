@@ -40,6 +40,7 @@ MODULES: dict[str, tuple[str, ...]] = {
     "Robots": (
         "hexwire.drivers.registry",
         "hexwire.drivers.base",
+        "hexwire.drivers.abilities",
         "hexwire.drivers.plain",
         "hexwire.drivers.hex7bot",
         "hexwire.drivers.bus_arm",

@@ -16,6 +16,7 @@ from tests.drivers.arms import Arm
 from tests.session import test_conversation
 from tests.wire import test_commands, test_servo_vectors, test_session_vectors
 
+from hexwire.drivers.abilities import OnboardPaths
 from hexwire.emulator import board_dialect2
 from hexwire.errors import NotSupportedError, StoppedError
 from hexwire.model.state import JointTarget
@@ -149,7 +150,7 @@ def test_a_new_host_moves_and_stops_an_older_board(older: Arm) -> None:
         driver.write(JointTarget.of({"J1": 0.1}, duration=0.3))
     older.wait(1.0)
     assert driver.read()["J1"].position == pytest.approx(0.1, abs=0.02)
-    assert not driver.times_motion
+    assert not driver.can(OnboardPaths)
     with pytest.raises(NotSupportedError):
         driver.path()
     driver.stop()

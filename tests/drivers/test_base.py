@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 from tests.model.states import make_state
 
+from hexwire.drivers import abilities
+from hexwire.drivers.abilities import OwnWatchdog, ServoPing, StateReports, Watchdog
 from hexwire.drivers.base import RobotDriver, Signal, StopCause, StopLatch, StopMode
 from hexwire.errors import DeviceError, NotSupportedError, StoppedError, UsageError
 from hexwire.link.diagnose import Level
@@ -65,10 +67,9 @@ class Plain(RobotDriver):
         self.stopped = self.tripped = False
 
 
-class Guarded(Plain):
+class Guarded(Plain, OwnWatchdog):
     """Has a watchdog."""
 
-    has_watchdog = True
     armed = 0.0
 
     @property
@@ -108,27 +109,24 @@ def test_an_attached_robot_is_not_attached_again() -> None:
 def test_what_a_plain_robot_says_of_itself() -> None:
     robot = Plain()
     assert (robot.url, robot.command_rate, robot.stop_kept_by) == ("", 20.0, "board")
-    assert [robot.has_watchdog, robot.watchdog_armed, robot.reports_states] == [False] * 3
-    assert (list(robot.round_trips), robot.restarts) == ([], 0)
-    assert (robot.host_counters(), robot.board_counters()) == ({}, {})
-    assert (robot.left_path(), robot.clear_path()) == ((), False)
+    kinds = [getattr(abilities, name) for name in abilities.__all__]
+    assert [kind for kind in kinds if robot.can(kind) or kind.find(robot) is not None] == []
+    assert robot.probe().counters == {}
     before = time.monotonic()
     assert before <= robot.now() <= time.monotonic()
-    robot.auto_reconnect(False)
-    robot.discard_reports()
 
 
 @pytest.mark.parametrize(
-    ("call", "words"),
+    ("kind", "words"),
     [
-        (lambda robot: robot.watchdog(1.0), "plain has no watchdog to stop it when this program falls silent"),
-        (lambda robot: robot.stream(0.1), "plain sends no state reports; use read"),
-        (lambda robot: robot.ping(1), "the servos of robot plain cannot be pinged one by one"),
+        (Watchdog, "plain has no watchdog to stop it when this program falls silent"),
+        (StateReports, "plain sends no state reports; use read"),
+        (ServoPing, "the servos of robot plain cannot be pinged one by one"),
     ],
 )
-def test_an_unsupported_call_raises_an_error(call: Any, words: str) -> None:
+def test_an_ability_that_it_has_not_is_an_error(kind: Any, words: str) -> None:
     with pytest.raises(NotSupportedError, match=words):
-        call(Plain())
+        kind.of(Plain())
 
 
 def test_abort_ends_it_and_sends_nothing() -> None:
@@ -189,7 +187,6 @@ def test_a_plain_robot_is_examined_by_its_probe_and_its_state() -> None:
     said = [(finding.level, finding.about, finding.text) for finding in robot.examine()]
     assert said[:2] == [(Level.OK, "board", "plain"), (Level.OK, "servos", "all 1 answer")]
     assert Level.BAD not in [level for level, _, _ in said]
-    assert robot.explain_silence() == []
 
 
 # -- watched --------------------------------------------------------------------------------------------

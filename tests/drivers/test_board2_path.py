@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from tests.drivers.arms import Arm
 
+from hexwire.drivers.abilities import OnboardPaths
 from hexwire.drivers.board2 import Board2
 from hexwire.drivers.board2_path import BoardTime
 from hexwire.drivers.hex7bot import Hex7BotDriver
@@ -57,7 +58,7 @@ def until_over(arm: Arm, path: TimedPath) -> PathState:
 def test_a_whole_path_is_followed(arm: Arm, robot: Hex7BotDriver) -> None:
     here = robot.read().positions["J2"]
     path = robot.path(["J2"])
-    assert robot.times_motion
+    assert robot.can(OnboardPaths)
     assert path.joints == ("J2",)
     points = wave(here, 0.3, 1.0, 20)
     assert path.send(points, last=True) == 21
@@ -182,7 +183,7 @@ def test_the_time_to_come_to_rest_is_bounded(robot: Hex7BotDriver) -> None:
 
 def test_a_board_of_the_chapters_dialect_keeps_no_time() -> None:
     with Hex7BotDriver.from_url("sim://hex7bot?name=chapter&dialect=1") as robot:
-        assert not robot.times_motion
+        assert not robot.can(OnboardPaths)
         with pytest.raises(NotSupportedError):
             robot.path(["J1"])
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from tests.bus.bus_bench import make_bus
 
+from hexwire.drivers.abilities import Leased, OnboardPaths, ServoTables, StateReports, Watchdog
 from hexwire.drivers.base import Signal, StopMode
 from hexwire.drivers.bus_arm import BusArm, ChainArm, SevenBotArm, So100Arm, So101Arm, arm_class
 from hexwire.drivers.registry import load_driver, robot_names
@@ -247,9 +248,9 @@ def test_probe_names_who_is_missing_or_wrong(monkeypatch: pytest.MonkeyPatch) ->
 def test_what_an_arm_on_a_bus_says_of_itself(arm: BusArm) -> None:
     ids = [joint.servo_id for joint in arm.model.joints]
     assert [arm.ping(servo_id) for servo_id in (*ids, 99)] == [0] * len(ids) + [None]
-    assert (arm.has_watchdog, arm.reports_states) == (False, False)
+    assert not any(arm.can(kind) for kind in (Watchdog, StateReports, OnboardPaths, Leased, ServoTables))
     with pytest.raises(NotSupportedError, match="has no watchdog to stop it when this program falls silent"):
-        arm.watchdog(1.0)
+        Watchdog.of(arm)
     assert arm.host_counters()["requests"] > len(ids)
     assert arm.probe().unprotected == "no watchdog, no limits: servos without a board"
     assert arm.read().stamp <= arm.now()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import sys
 from collections.abc import Mapping
@@ -12,6 +13,7 @@ from click.testing import CliRunner, Result
 from tests.packages import install
 
 from hexwire.cli.main import cli
+from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.registry import connect, load_driver, robot_names
 from hexwire.errors import LinkNotFoundError, UsageError
 
@@ -52,6 +54,18 @@ def test_the_robots_of_the_pages_are_found(page: Path) -> None:
     assert (result.exit_code, "/dev/none" in result.stderr) == (1, True)
     with pytest.raises(LinkNotFoundError):
         connect("/dev/none", robot="swing")
+
+
+def test_the_whole_contract_is_small_and_a_driver_of_it_short() -> None:
+    members = {name for name in vars(RobotDriver) if not name.startswith("_")} | set(RobotDriver.__annotations__)
+    members = {name for name in members if not name.startswith("_")}
+    assert len(members) <= 30, sorted(members)
+    classes = [node for node in ast.walk(ast.parse(drivers())) if isinstance(node, ast.ClassDef)]
+    lines = {
+        node.name: (node.end_lineno or 0) - node.lineno + 1 for node in classes if node.name.endswith("Driver")
+    }
+    assert lines.keys() == {"PretendDriver", "SwingDriver"}
+    assert max(lines.values()) < 80, lines
 
 
 @pytest.mark.slow

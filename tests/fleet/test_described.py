@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from hexwire.drivers.abilities import OwnWatchdog, StateReports, Watchdog
 from hexwire.fleet import messages as m
 from hexwire.fleet.remote import RemoteRobot
 
@@ -23,14 +24,14 @@ class Client(RemoteRobot):
 
 def test_a_server_watches_and_reports_for_every_robot() -> None:
     robot = Client()
-    assert (robot.has_watchdog, robot.reports_states, robot.command_rate) == (True, True, 12.0)
+    assert (robot.can(Watchdog), robot.can(StateReports), robot.command_rate) == (True, True, 12.0)
 
 
 def test_a_server_of_an_older_version_says_nothing_of_a_watchdog_and_none_is_assumed() -> None:
     old = msgspec.convert(list(msgspec.to_builtins(FACTS))[:-2], m.Facts)
     assert (old.host, old.watchdog, old.kept) == ("lab-pc", False, "board")
-    assert not Client().has_own_watchdog
-    assert Client(watchdog=True).has_own_watchdog
+    assert not Client().can(OwnWatchdog)
+    assert Client(watchdog=True).can(OwnWatchdog)
 
 
 @pytest.mark.parametrize(("kept", "by"), [("board", "board"), ("user", "server"), ("", "server")])

@@ -10,6 +10,7 @@ from tests.motion.arms import rest_to_rest
 
 from hexwire.control.motion.motions import MotionOptions, run_motion
 from hexwire.drivers import registry
+from hexwire.drivers.abilities import OnboardPaths, RefilledPaths
 from hexwire.drivers.timed_path import PathState, TimedPoint
 from hexwire.errors import GoalError, NotSupportedError, UsageError
 from hexwire.fleet import messages as m
@@ -164,8 +165,8 @@ def test_a_motion_of_a_client_is_followed_by_the_board(serve: Serve) -> None:
     serve("lab/arm1", lease=2.0, port="sim://hex7bot?name=goalpath")
     with registry.connect("zenoh:lab/arm1") as robot:
         assert isinstance(robot, RemoteRobot)
-        assert robot.times_motion
-        assert not robot.refills_paths
+        assert robot.can(OnboardPaths)
+        assert not robot.can(RefilledPaths)
         # The server's controller moves all joints.
         robot.torque(True)
         here = robot.read()["J4"].position
@@ -204,7 +205,7 @@ def test_what_a_server_does_not_allow_is_said_as_it_is(serve: Serve, host_timed:
 def test_a_server_that_sends_targets_itself_gets_targets(serve: Serve) -> None:
     serve("lab/arm1", lease=2.0, port="sim://hex7bot?name=goalhost", host_timed=True)
     with registry.connect("zenoh:lab/arm1") as robot:
-        assert not robot.times_motion
+        assert not robot.can(OnboardPaths)
         with pytest.raises(NotSupportedError):
             robot.path()
 

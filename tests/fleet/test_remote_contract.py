@@ -15,6 +15,7 @@ from tests.waits import PATIENCE, eventually
 
 from hexwire.control.motion.motions import MotionObserver, run_motion
 from hexwire.drivers import registry
+from hexwire.drivers.abilities import Counters, OwnWatchdog, ServoPing, StateReports, Watchdog
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.registry import make_driver
 from hexwire.drivers.values import Signal, StopCause, StopMode
@@ -63,7 +64,12 @@ def _stopped(robot: RobotDriver) -> object:
 
 def if_own(call: Callable[[RobotDriver], object]) -> Callable[[RobotDriver], object]:
     """For what only a board with hexwire's firmware can do, and every shared arm: a server does it."""
-    return lambda robot: call(robot) if robot.has_own_watchdog else None
+    return lambda robot: call(robot) if robot.can(OwnWatchdog) else None
+
+
+def _armed(robot: RobotDriver) -> bool:
+    dog = Watchdog.find(robot)
+    return dog is not None and dog.watchdog_armed
 
 
 def _bad(robot: RobotDriver) -> object:
@@ -78,8 +84,8 @@ def _refuses(call: Callable[[], object]) -> None:
 CALLS: list[Callable[[RobotDriver], object]] = [
     lambda robot: robot.model,
     lambda robot: robot.is_attached,
-    lambda robot: (robot.has_own_watchdog, robot.watchdog_armed, robot.stop_kept_by == "board", robot.command_rate),
-    if_own(lambda robot: (robot.has_watchdog, robot.reports_states)),
+    lambda robot: (robot.can(OwnWatchdog), _armed(robot), robot.stop_kept_by == "board", robot.command_rate),
+    if_own(lambda robot: (robot.can(Watchdog), robot.can(StateReports))),
     lambda robot: (_read(robot).names, _read(robot).torque_on),
     # A PUMA 260 switches all on.
     lambda robot: robot.torque(True, robot.model.names[:2])[:2],
@@ -90,17 +96,17 @@ CALLS: list[Callable[[RobotDriver], object]] = [
     write(7.0),
     lambda robot: robot.write(JointTarget.of({"J9": 0.0}, 0.05)),
     lambda robot: robot.write(JointTarget.of({robot.model.names[0]: 0.2}, -1.0)),
-    lambda robot: (robot.ping(3), robot.ping(77)),
-    lambda robot: robot.ping(-1),
+    lambda robot: (ServoPing.of(robot).ping(3), ServoPing.of(robot).ping(77)),
+    lambda robot: ServoPing.of(robot).ping(-1),
     lambda robot: robot.probe().same_kind(robot.probe()),
     lambda robot: [(row.name, row.servo_id, row.present) for row in robot.probe().joints],
-    if_own(lambda robot: robot.watchdog(0.01)),
+    if_own(lambda robot: Watchdog.of(robot).watchdog(0.01)),
     # Longer than a busy machine stands still between two of these calls.
-    if_own(lambda robot: robot.watchdog(10.0)),
-    if_own(lambda robot: robot.watchdog_armed),
+    if_own(lambda robot: Watchdog.of(robot).watchdog(10.0)),
+    if_own(_armed),
     write(0.1),
-    lambda robot: robot.watchdog(0.0) if robot.has_watchdog else None,
-    lambda robot: robot.watchdog_armed,
+    lambda robot: Watchdog.of(robot).watchdog(0.0) if robot.can(Watchdog) else None,
+    lambda robot: _armed(robot),
     lambda robot: robot.stop(),
     _stopped,
     write(0.0),
@@ -114,11 +120,11 @@ CALLS: list[Callable[[RobotDriver], object]] = [
     lambda robot: robot.signal(Signal.TORQUE_ON),
     lambda robot: robot.signal(99),
     lambda robot: robot.ioctl(0xEE),
-    if_own(lambda robot: len(next(robot.stream(0.02)).names)),
-    if_own(lambda robot: next(robot.stream(0.0))),
+    if_own(lambda robot: len(next(StateReports.of(robot).stream(0.02)).names)),
+    if_own(lambda robot: next(StateReports.of(robot).stream(0.0))),
     _bad,
-    lambda robot: robot.discard_reports(),
-    lambda robot: "requests" in robot.host_counters() if robot.has_own_watchdog else None,
+    if_own(lambda robot: StateReports.of(robot).discard_reports()),
+    lambda robot: "requests" in Counters.of(robot).host_counters() if robot.can(OwnWatchdog) else None,
     lambda robot: robot.detach(torque_off=True),
     lambda robot: robot.is_attached,
     lambda robot: robot.detach(),

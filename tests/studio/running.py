@@ -15,6 +15,7 @@ from tests.waits import PATIENCE
 from websockets.sync.client import connect
 
 from hexwire.control.requests.history import History
+from hexwire.drivers.abilities import BareServos
 
 if TYPE_CHECKING:
     from playwright.sync_api import Locator, LocatorAssertions, Page
@@ -167,7 +168,7 @@ class RunningStudio:
 
 def _link_of(robot: Any) -> Any:
     session = getattr(robot, "session", None)
-    return session.ipc.link if session is not None else robot.servo_link
+    return session.ipc.link if session is not None else BareServos.of(robot).servo_link
 
 
 class Visitor:

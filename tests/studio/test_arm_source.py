@@ -219,6 +219,10 @@ class Seen:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._owner, name)
 
+    @property  # type: ignore[misc]  # a driver is asked for its abilities by their classes
+    def __class__(self) -> Any:
+        return type(self._owner)
+
 
 MEASURED = {"known": False, "dialect": 0, "rate": None, "round_trip_ms": None, "faults": None, "torque": "unknown"}
 """What the facts say once nothing is known any more."""

@@ -37,6 +37,7 @@ from hexwire.control.motion.motion_options import unwatched_words
 from hexwire.control.motion.via import approached
 from hexwire.control.requests.pose_file import HOME
 from hexwire.control.requests.program import is_program, read_program
+from hexwire.drivers.abilities import Leased, OnboardPaths
 from hexwire.drivers.registry import connect as connect_driver
 from hexwire.drivers.registry import is_same_arm
 from hexwire.drivers.values import StopMode
@@ -978,7 +979,14 @@ class Arm:
         """Take the lease of a shared arm, also one that was lost by silence: a person asks for this."""
         if not self._front.dry_run:
             with self._told():
-                self.driver.take()
+                if (leased := Leased.find(self.driver)) is not None:
+                    leased.take()
+
+    def _clear_path(self, joints: Sequence[str], asked: Token) -> None:
+        """Bring joints to rest that a path of an earlier program still moves."""
+        with self.driver.epochs.using(asked):
+            if (paths := OnboardPaths.find(self.driver)) is not None:
+                paths.clear_path(joints)
 
     @contextmanager
     def _claimed(self, claim: Claim) -> Iterator[None]:
@@ -1074,9 +1082,7 @@ class Arm:
             observer: MotionObserver,
         ) -> tuple[_Run[MotionResult], float]:
             if not self._front.dry_run:
-                # Joints that a path of an earlier program still moves come to rest first.
-                with self.driver.epochs.using(asked):
-                    self.driver.clear_path(joints)
+                self._clear_path(joints, asked)
             start = read_start(self.driver)
             with _beyond_limits():
                 path = motions.check_path(self.driver, plan(start), how, start=start, grip=opening)
@@ -1113,9 +1119,7 @@ class Arm:
 
         def prepare(observer: MotionObserver) -> tuple[_Run[MotionResult], float]:
             if not self._front.dry_run:
-                # Joints that a path of an earlier program still moves come to rest first.
-                with self.driver.epochs.using(asked):
-                    self.driver.clear_path(self.model.names)
+                self._clear_path(self.model.names, asked)
             with _beyond_limits():
                 seconds = steps.check(read_start(self.driver), observer)
             if self._front.dry_run:

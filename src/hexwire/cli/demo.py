@@ -356,9 +356,10 @@ def _torque(robot: Hex7BotDriver, view: View) -> Iterator[None]:
         ServoError: A joint did not confirm that torque is off.
     """
     from hexwire.control.loop.power import switch_torque
+    from hexwire.drivers.abilities import Watchdog
 
     safety = "; the board switches it off if this program dies"
-    if not robot.has_watchdog:
+    if not robot.can(Watchdog):
         safety = "; it stays on if this program is killed: dialect 1 has no watchdog"
     try:
         view.say("torque on", " ".join(robot.torque(True)) + safety)

@@ -1,7 +1,7 @@
 """`doctor` and `loopback`: checks for all known problems, each with a remedy, and of a cable at several rates.
 
 Owns the choice of ports, the order and the printing. Read-only unless --fix is given, which writes a udev rule and
-nothing else. The findings come from `link.diagnose`, `RobotDriver.examine` and `RobotDriver.explain_silence`, the
+nothing else. The findings come from `link.diagnose`, `RobotDriver.examine` and `SilenceCheck.explain_silence`, the
 test of a cable is `link.loopback`.
 """
 
@@ -126,6 +126,8 @@ def _ask(options: RobotOptions) -> list[Finding]:
     Raises:
         UsageError: The options are invalid.
     """
+    from hexwire.drivers.abilities import SilenceCheck
+
     robot = make_robot(options)
     try:
         with attached(robot):
@@ -136,7 +138,9 @@ def _ask(options: RobotOptions) -> list[Finding]:
         return [Finding(Level.BAD, "device", str(error))]
     except ReplyTimeoutError as error:
         try:
-            return robot.explain_silence() or [Finding(Level.BAD, "board", str(error))]
+            silence = SilenceCheck.find(robot)
+            found = [] if silence is None else silence.explain_silence()
+            return found or [Finding(Level.BAD, "board", str(error))]
         except LinkError as lost:
             return [Finding(Level.BAD, "link", str(lost))]
     except LinkError as error:

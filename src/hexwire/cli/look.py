@@ -84,12 +84,14 @@ def ping(ids: tuple[int, ...], options: RobotOptions) -> None:
 
 
 def _ping(robot: RobotDriver, servo_id: int) -> _Ping:
+    from hexwire.drivers.abilities import Counters, ServoPing
     from hexwire.model.state import fault_names
 
-    error = robot.ping(servo_id)
+    error, counters = ServoPing.of(robot).ping(servo_id), Counters.find(robot)
     joint = robot.model.by_servo(servo_id)
     there = error is not None
-    trip = robot.round_trips[-1] if there and robot.round_trips else None
+    trips = () if counters is None else counters.round_trips
+    trip = trips[-1] if there and trips else None
     return _Ping(servo_id, joint.name if joint else None, there, fault_names(error or 0), trip)
 
 
@@ -300,6 +302,7 @@ def registers(joint: str, names: tuple[str, ...], options: RobotOptions) -> None
 
     The board reads the whole table by one request. For servos on a bus adapter use 'hexwire bus read'.
     """
+    from hexwire.drivers.abilities import ServoTables
     from hexwire.wire.registers import Series
 
     with open_robot(options) as robot:
@@ -308,7 +311,7 @@ def registers(joint: str, names: tuple[str, ...], options: RobotOptions) -> None
         wanted = [series.register(name) for name in names] or list(series.registers.values())
         first = min(register.address for register in wanted)
         end = max(register.address + register.size for register in wanted)
-        table = robot.read_table(row.name, first, end - first)
+        table = ServoTables.of(robot).read_table(row.name, first, end - first)
     rows = [(register, register.decode(table[register.address - first :][: register.size])) for register in wanted]
     if wants_json():
         data = [_REGISTERS.as_json(found) for found in rows]

@@ -142,6 +142,7 @@ def teleop(
     from hexwire.control.motion.operator_control import OVERLAP
     from hexwire.control.motion.path_check import PathCheck
     from hexwire.control.motion.teleop import TeleopController, run_teleop
+    from hexwire.drivers.abilities import OwnWatchdog
     from hexwire.motion.teleop import JogMode, StickMap, Teleop
 
     if sum(option is not None for option in (device, url, conf)) > 1:
@@ -164,7 +165,7 @@ def teleop(
 
         def announce() -> None:
             note(f"hold button {dead_man} to move {model.name}, {mode} jog; Ctrl-C ends it")
-            if not robot.has_own_watchdog:
+            if not robot.can(OwnWatchdog):
                 note(f"note: {unwatched_words(robot, OVERLAP / rate)}")
 
         run_teleop(robot, controller, rate, check=check, on_ready=announce, shield=shielded)

@@ -17,6 +17,7 @@ from hexwire.arm.front import Front
 from hexwire.arm.verbs import Arm
 from hexwire.control.motion import motions
 from hexwire.control.motion.motion_options import unwatched_words
+from hexwire.drivers.abilities import OwnWatchdog
 from hexwire.drivers.registry import is_address
 from hexwire.errors import HexwireError
 from hexwire.link.tap import Missed
@@ -140,7 +141,7 @@ class FollowTeller(Teller):
     def powered(self, joints: Sequence[str]) -> None:
         """Tell who follows whom."""
         note(f"{self._follower} follows {self._leader}; Ctrl-C ends it, and it holds")
-        if not self.robot.has_own_watchdog and not is_address(self.robot.url):
+        if not self.robot.can(OwnWatchdog) and not is_address(self.robot.url):
             note(
                 f"warning: nothing stops {self._follower} if this program dies: its servos go to their last "
                 "set-point and hold there"

@@ -20,19 +20,18 @@ from hexwire.errors import HexwireError, LinkError, NotSupportedError, ReplyTime
 from hexwire.model.state import JointTarget, NewestState
 from hexwire.wire.command_frame import Status
 
+from .abilities import Counters, ObeysGains, Watchdog
 from .robot_state import RobotState
 from .values import JointProbe, ProbeReport, Signal, StopCause, StopLatch, StopMode
 
 if TYPE_CHECKING:
     from types import TracebackType
 
-    from hexwire.link.base import Link
     from hexwire.link.diagnose import Finding
     from hexwire.model.arm import ArmModel
     from hexwire.model.kinematics import KinematicModel
     from hexwire.model.state import JointState, SentTarget
 
-    from .timed_path import TimedPath
 
 __all__ = ["JointProbe", "ProbeReport", "RobotDriver", "RobotState", "Signal", "StopCause", "StopLatch", "StopMode"]
 
@@ -43,7 +42,9 @@ _COMMAND_RATE = 20.0
 _MODE = Wanted("a StopMode", lambda value: WHOLE.fits(value) and value in (*StopMode,))
 _TARGET = Wanted("a JointTarget, as in JointTarget.of({'J1': 0.1})", lambda value: isinstance(value, JointTarget))
 _MANY = or_none(NAMES)
+_ABILITY = Wanted("an ability, as in can(Watchdog)", lambda value: isinstance(value, type))
 _ARGUMENTS: dict[str, dict[str, Wanted]] = {
+    "can": {"kind": _ABILITY},
     "torque": {"on": FLAG, "joints": _MANY},
     "path": {"joints": _MANY, "smooth": FLAG, "brake": or_none(SECONDS), "outlives": FLAG},
     "clear_path": {"joints": _MANY},
@@ -83,8 +84,8 @@ def _refusing(write: Callable[..., SentTarget]) -> Callable[..., SentTarget]:
     def refusing(self: RobotDriver, target: JointTarget) -> SentTarget:
         if type(target) is not JointTarget:
             check("write", "target", _TARGET, target)
-        if target.laws and not self.obeys_gains:
-            raise NotSupportedError(f"{self.model.name} takes positions only, no efforts and no gains")
+        if target.laws:
+            ObeysGains.of(self)
         return write(self, target)
 
     return refusing
@@ -112,8 +113,8 @@ _WRAPPED: dict[str, Callable[[Callable[..., Any]], Callable[..., Any]]] = {
 class RobotDriver(ABC):
     """A robot. The constructor does no I/O; `attach` does.
 
-    Every robot implements the abstract members. The others have a default for robots without the ability: a
-    property that says so, or a `NotSupportedError`. Times are in seconds, angles in radians.
+    Every robot implements the abstract members; the others have a default. What only some robots can do is in
+    `hexwire.drivers.abilities`, and `can` says whether this one can. Times are in seconds, angles in radians.
 
     A call that needs the robot raises `UsageError` before `attach`, and a `LinkError` or `DeviceError` if the robot
     cannot be reached.
@@ -182,35 +183,12 @@ class RobotDriver(ABC):
         """Targets per second that the robot accepts while its state is also read; known after `attach`."""
         return _COMMAND_RATE
 
-    @property
-    def has_watchdog(self) -> bool:
-        """Whether the robot can stop automatically when this program falls silent; known after `attach`."""
-        return False
+    def can(self, kind: type[object]) -> bool:
+        """Whether the robot has an ability, as in ``robot.can(Watchdog)``; for some, that is known after `attach`.
 
-    @property
-    def has_own_watchdog(self) -> bool:
-        """Whether that watchdog is in the robot. One in a program in between ends with that program."""
-        return self.has_watchdog
-
-    @property
-    def obeys_gains(self) -> bool:
-        """Whether joints follow their targets with gains, see `JointTarget.laws`; others take positions only."""
-        return False
-
-    @property
-    def times_motion(self) -> bool:
-        """Whether the robot follows a path in its own time, see `path`; known after `attach`."""
-        return False
-
-    @property
-    def refills_paths(self) -> bool:
-        """Whether points of such a path may be sent and replaced after its start; else it is sent whole before."""
-        return self.times_motion
-
-    @property
-    def reports_states(self) -> bool:
-        """Whether the robot can report states periodically, see `stream`; known after `attach`."""
-        return False
+        By default what the driver derives from. `Ability.find` and `Ability.of` give the robot with the methods.
+        """
+        return isinstance(self, kind)
 
     @property
     def stop_kept_by(self) -> str:
@@ -221,82 +199,11 @@ class RobotDriver(ABC):
         """
         return "board"
 
-    @property
-    def servo_link(self) -> Link | None:
-        """The link to the bare servos, for a program that sets them up; None if a board or a server is between."""
-        return None
-
-    # -- an arm that another program serves --------------------------------------------------------------
-
-    @property
-    def holder(self) -> str:
-        """Who holds the lease of an arm that another program serves, in words; empty if nobody, or if none does."""
-        return ""
-
-    def take(self, *, force: bool | None = None) -> None:  # noqa: B027  # an arm of its own has no lease
-        """Take the lease of an arm that another program serves; without effect for every other robot.
-
-        Args:
-            force: Pre-empt another holder; as the address says if None.
-
-        Raises:
-            LeaseError: Another program holds it.
-        """
-
-    def release(self, *, finish: bool = False) -> None:  # noqa: B027  # likewise
-        """Give that lease back.
-
-        Args:
-            finish: A motion that was begun runs to its end; otherwise the arm holds.
-        """
-
     def now(self) -> float:
         """Present time of the clock that stamps states, seconds; monotonic."""
         return time.monotonic()
 
-    # -- counters and timing --------------------------------------------------------------------------
-
-    @property
-    def round_trips(self) -> Sequence[float]:
-        """Times from request to reply, seconds, newest last; empty if they are not measured."""
-        return ()
-
-    @property
-    def restarts(self) -> int:
-        """Number of board resets detected while the connection stayed open."""
-        return 0
-
-    def host_counters(self) -> dict[str, int]:
-        """Return the host's counters (requests, retries, dropped frames and so on) by name; sends nothing."""
-        return {}
-
-    def board_counters(self) -> dict[str, int]:
-        """Read the board's counters since its reset, by name; empty if it has none.
-
-        Raises:
-            HexwireError: The board does not answer.
-        """
-        return {}
-
     # -- watchdog -------------------------------------------------------------------------------------
-
-    @property
-    def watchdog_armed(self) -> bool:
-        """Whether this driver has armed the watchdog."""
-        return False
-
-    def watchdog(self, timeout: float, mode: StopMode = StopMode.HOLD) -> None:
-        """Arm the watchdog: the robot stops when this program sends nothing for `timeout` seconds.
-
-        Args:
-            timeout: Seconds of silence; 0 disarms the watchdog.
-            mode: How the robot stops.
-
-        Raises:
-            NotSupportedError: The robot has no watchdog, see `has_watchdog`.
-            UsageError: The timeout is outside the robot's range.
-        """
-        raise NotSupportedError(f"{self.model.name} has no watchdog to stop it when this program falls silent")
 
     @contextmanager
     def watched(
@@ -319,26 +226,27 @@ class RobotDriver(ABC):
             StoppedError: The arm is stopped, and `always` is not set. Otherwise the block would move an arm that
                 somebody resumes meanwhile, without a watchdog.
         """
-        if not self.has_watchdog:
+        dog = Watchdog.find(self)
+        if dog is None:
             yield False
             return
-        armed = not self.watchdog_armed
+        armed = not dog.watchdog_armed
         if armed:
             if not always and (state := self.read()).stopped:
                 why = f" (its watchdog stopped it because {state.trip_reason})" if state.watchdog_tripped else ""
                 text = f"the arm is stopped{why}; `hexwire resume` ends that"
                 raise StoppedError.unsent("a motion", Status.STOPPED, text)
-            self.watchdog(timeout, mode)
+            dog.watchdog(timeout, mode)
         try:
             yield True
         except BaseException:
             if armed:
                 # Report the original error, not a failure to disarm.
                 with suppress(HexwireError):
-                    self.watchdog(0.0)
+                    dog.watchdog(0.0)
             raise
         if armed:
-            self.watchdog(0.0)
+            dog.watchdog(0.0)
 
     # -- the chapter's verbs --------------------------------------------------------------------------
 
@@ -390,13 +298,13 @@ class RobotDriver(ABC):
 
         By default the joints of `model`, and what `read` says of them.
         """
-        state, joints = self.read(), self.model.joints
+        state, joints, counters = self.read(), self.model.joints, Counters.find(self)
         return ProbeReport(
             robot=self.model.name,
             link=self.url,
             stopped=state.stopped,
             joints=tuple(JointProbe(j.name, j.servo_id, j.series, j.name not in state.silent) for j in joints),
-            counters=self.host_counters(),
+            counters={} if counters is None else counters.host_counters(),
         )
 
     @abstractmethod
@@ -428,83 +336,16 @@ class RobotDriver(ABC):
         """Read at least positions and loads, in the shortest time; the rest may be NaN. Else as `read`."""
         return self.read()
 
-    def stream(self, period: float, timeout: float = 1.0, *, slow: float | None = None) -> Iterator[JointState]:
-        """Yield the states that the robot reports periodically, until the caller stops iterating.
-
-        Args:
-            period: Seconds between reports.
-            timeout: Seconds without a report after which the robot is polled; the iterator ends if it answers the
-                poll but sends no reports.
-            slow: Seconds between readings of what changes slowly (voltage, temperature, current), where leaving it
-                out makes reports shorter; None puts everything into every report.
-
-        Raises:
-            NotSupportedError: The robot sends no reports, see `reports_states`; use `read`.
-            ReplyTimeoutError: The robot no longer answers.
-            UsageError: The period is outside the robot's range.
-        """
-        raise NotSupportedError(f"{self.model.name} sends no state reports; use read()")
-
-    def discard_reports(self) -> None:  # noqa: B027  # a robot without reports has none to discard
-        """Discard reported states that were not read yet; they are older than the last reply.
-
-        Raises:
-            LinkError: The line is lost.
-        """
-
     @abstractmethod
     def write(self, target: JointTarget) -> SentTarget:
         """Send joints to a target and return, without waiting for the motion, what was actually sent.
 
         Raises:
             LimitError: A target is outside the limits; nothing was sent.
-            NotSupportedError: It has gains, and the robot does not obey any, see `obeys_gains`.
+            NotSupportedError: The target has gains, and the robot obeys none, see `ObeysGains`.
             StoppedError: A stop is latched.
             CommandRefusedError: The robot refuses, for example because a joint has no torque.
         """
-
-    def path(
-        self,
-        joints: Sequence[str] | None = None,
-        *,
-        smooth: bool = True,
-        brake: float | None = None,
-        outlives: bool = False,
-    ) -> TimedPath:
-        """Begin a path that the robot follows in its own time, whatever this program does meanwhile. Nothing moves.
-
-        Args:
-            joints: Names; all if None.
-            smooth: Its points have velocities, and the joints follow cubics between them; else straight lines.
-            brake: Seconds in which the joints come to rest on the path when they must; if None, as long as even
-                motion at their greatest speed needs within their limits.
-            outlives: Once all points have arrived, the watchdog lets it finish; `clear_path` ends it.
-
-        Raises:
-            NotSupportedError: The robot keeps no time of its own, see `times_motion`.
-            StoppedError: A stop is latched.
-            CommandRefusedError: It follows another path.
-        """
-        raise NotSupportedError(f"{self.model.name} follows no path in its own time")
-
-    def left_path(self) -> tuple[str, ...]:
-        """Joints that follow a path which outlives its program, see `path`; asks the robot."""
-        return ()
-
-    def clear_path(self, joints: Sequence[str] | None = None) -> bool:
-        """Bring joints to rest that follow such a path, so that another motion can begin; `write` does so too.
-
-        Args:
-            joints: Only if one of them is on it; None for any.
-
-        Returns:
-            Whether it was ended.
-
-        Raises:
-            UsageError: Other joints are on it too, and would not get to their goals; it goes on.
-            StoppedError: A stop is latched.
-        """
-        return False
 
     def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:
         """Send a special command; each driver documents its own.
@@ -568,20 +409,6 @@ class RobotDriver(ABC):
         except (LinkError, ReplyTimeoutError):
             return RobotState.LOST
 
-    def ping(self, servo_id: int) -> int | None:
-        """Ping one servo.
-
-        Args:
-            servo_id: Its id on the bus; it need not belong to this arm.
-
-        Returns:
-            Its error byte (0 = none), or None if it does not answer.
-
-        Raises:
-            NotSupportedError: The robot's servos cannot be pinged one by one.
-        """
-        raise NotSupportedError(f"the servos of robot {self.model.name} cannot be pinged one by one")
-
     def signal(self, number: int) -> None:
         """Send a `Signal` by number, as the chapter's drivers do.
 
@@ -601,20 +428,6 @@ class RobotDriver(ABC):
         else:
             self.torque(signal is Signal.TORQUE_ON)
 
-    def read_table(self, joint: str, first: int = 0, count: int | None = None) -> bytes:
-        """Read registers of a joint's servo by one request, raw and in the servo's byte order; no snapshot.
-
-        Args:
-            joint: Its name.
-            first: The first register.
-            count: How many; all from `first` on if None.
-
-        Raises:
-            NotSupportedError: The robot has no such request.
-            CommandRefusedError: The servo is silent, or the robot follows a path.
-        """
-        raise NotSupportedError(f"{self.model.name} reads no register tables; 'hexwire bus read' reads bus servos")
-
     # -- diagnosis ------------------------------------------------------------------------------------
 
     def examine(self) -> list[Finding]:
@@ -626,23 +439,6 @@ class RobotDriver(ABC):
         from .checkup import examine
 
         return examine(self.probe(), self.read())
-
-    def explain_silence(self) -> list[Finding]:
-        """Find out why nothing answered `attach`; empty if no cause is found. Nothing moves.
-
-        Raises:
-            LinkError: The port cannot be opened.
-        """
-        return []
-
-    # -- loss of the connection -----------------------------------------------------------------------
-
-    def auto_reconnect(self, on: bool) -> None:  # noqa: B027  # not every robot has a connection to lose
-        """Choose what a call does when the connection is lost.
-
-        Args:
-            on: True opens the connection again; False raises LinkLostError immediately.
-        """
 
     def abort(self) -> None:
         """Close the connection from any thread; a call that waits in another thread ends with a LinkError.

@@ -60,15 +60,15 @@ class Board(Protocol):
         ...
 
     def path(self, joints: Sequence[str] | None, *, smooth: bool, brake: float | None, outlives: bool) -> TimedPath:
-        """Begin a path; see `RobotDriver.path`."""
+        """Begin a path; see `OnboardPaths.path`."""
         ...
 
     def left_path(self) -> tuple[str, ...]:
-        """Joints on a path that outlives its program; see `RobotDriver.left_path`."""
+        """Joints on a path that outlives its program; see `OnboardPaths.left_path`."""
         ...
 
     def clear_path(self, joints: Sequence[str] | None) -> bool:
-        """End such a path; see `RobotDriver.clear_path`."""
+        """End such a path; see `OnboardPaths.clear_path`."""
         ...
 
     @property

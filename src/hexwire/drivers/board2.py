@@ -181,7 +181,7 @@ class Board2:
     def path(
         self, joints: Sequence[str] | None, *, smooth: bool, brake: float | None, outlives: bool
     ) -> Board2Path:
-        """Send TRAJECTORY_BEGIN; see `RobotDriver.path`."""
+        """Send TRAJECTORY_BEGIN; see `OnboardPaths.path`."""
         if not self.times_motion:
             version = ".".join(map(str, self.identity.firmware))
             raise NotSupportedError(f"the board's firmware {version} follows no path of its own; flash a newer one")

@@ -36,6 +36,7 @@ from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import make_sync_write, sync_write_packer
 from hexwire.wire.tables import DEFAULT_CEILING
 
+from .abilities import BareServos, Counters, ServoPing, SilenceCheck
 from .arm_file import BusArmFile, load_arm_file, load_profile
 from .base import ProbeReport, StopMode
 from .board_reset import note_servos, warn_of_reset
@@ -406,7 +407,7 @@ _THERE = math.radians(1.0)
 _ADVICE = "check power, cable, and --robot if it is another one; `hexwire doctor` looks for the reason"
 
 
-class BusArm(PlainDriver):
+class BusArm(PlainDriver, BareServos, Counters, ServoPing, SilenceCheck):
     """An arm on a servo bus.
 
     `ioctl` takes Command.TRANSACT with reply length, milliseconds (not used: the bus computes the time-out) and a
@@ -475,7 +476,7 @@ class BusArm(PlainDriver):
         return self.bus.link.url
 
     @property
-    def servo_link(self) -> Link | None:
+    def servo_link(self) -> Link:
         return self.bus.link
 
     @property

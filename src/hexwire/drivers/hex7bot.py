@@ -28,6 +28,16 @@ from hexwire.wire.command_frame import Command, command_name
 from hexwire.wire.commands import ALL_FIELDS, LimitRow, OffsetRow
 from hexwire.wire.servo_table import TABLE_REGISTERS
 
+from .abilities import (
+    OnboardPaths,
+    OwnWatchdog,
+    RefilledPaths,
+    ServoPing,
+    ServoTables,
+    SilenceCheck,
+    StateReports,
+    Watchdog,
+)
 from .base import ProbeReport, StopMode
 from .board import Board
 from .board1 import Board1
@@ -124,7 +134,7 @@ _FEEDS = 3.0
 """Requests per watchdog time-out while this program only receives reports."""
 
 
-class Hex7BotDriver(SessionDriver):
+class Hex7BotDriver(SessionDriver, StateReports, OwnWatchdog, RefilledPaths, ServoPing, ServoTables, SilenceCheck):
     """The Hex7Bot, or any arm behind a board with the same protocol.
 
     `ioctl` takes the command codes of `hexwire.wire.command_frame.Command` with a body as in PROTOCOL.md section 6,
@@ -174,6 +184,17 @@ class Hex7BotDriver(SessionDriver):
     @property
     def command_rate(self) -> float:
         return super().command_rate if self._board is None else self._board.command_rate
+
+    def can(self, kind: type[object]) -> bool:
+        """Watchdog, reports and paths are the board's."""
+        board = self._board
+        if issubclass(kind, Watchdog):
+            return board is not None and board.has_watchdog
+        if issubclass(kind, StateReports):
+            return board is not None and board.reports_states
+        if issubclass(kind, OnboardPaths):
+            return board is not None and board.times_motion
+        return super().can(kind)
 
     # -- attaching and detaching --------------------------------------------------------------------
 
@@ -285,10 +306,6 @@ class Hex7BotDriver(SessionDriver):
             self._keep_armed()
             return sent
 
-    @property
-    def times_motion(self) -> bool:
-        return self._board is not None and self._board.times_motion
-
     def path(
         self,
         joints: Sequence[str] | None = None,
@@ -393,14 +410,6 @@ class Hex7BotDriver(SessionDriver):
     @property
     def stop_kept_by(self) -> str:
         return "board" if self._board is None or self._board.keeps_stop else self._memory.kept_by
-
-    @property
-    def has_watchdog(self) -> bool:
-        return self._board is not None and self._board.has_watchdog
-
-    @property
-    def reports_states(self) -> bool:
-        return self._board is not None and self._board.reports_states
 
     @property
     def watchdog_armed(self) -> bool:

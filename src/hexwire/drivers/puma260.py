@@ -34,6 +34,7 @@ from hexwire.wire.robot_bodies import (
     TrajectoryPoints,
 )
 
+from .abilities import ObeysGains, StateReports
 from .base import JointProbe, ProbeReport, Signal, StopMode
 from .replies import check_reply
 from .session_driver import SessionDriver
@@ -54,7 +55,7 @@ class Puma260Mode(IntEnum):
     """Without torque: the arm is moved by hand; commands are refused."""
 
 
-class Puma260Driver(SessionDriver):
+class Puma260Driver(SessionDriver, StateReports, ObeysGains):
     """The PUMA 260 behind its controller.
 
     One channel is enough. With a configuration file, or over TCP, each of the chapter's modules has its own:
@@ -209,10 +210,6 @@ class Puma260Driver(SessionDriver):
         reply = check_reply(self.states.request(Command.JOINT_STATES, repeatable=True))
         return self._decode(EncoderStates.parse(reply.body), self.states.now())
 
-    @property
-    def reports_states(self) -> bool:
-        return True
-
     def stream(self, period: float, timeout: float = 1.0, *, slow: float | None = None) -> Iterator[JointState]:
         """Yield the states that the controller reports every `period` seconds.
 
@@ -274,10 +271,6 @@ class Puma260Driver(SessionDriver):
             self._send(TrajectoryPoints((duration,), (angles,)))
         named = dict(zip(self.model.names, angles, strict=True))
         return SentTarget(tuple((name, named[name]) for name, _ in checked.positions), duration)
-
-    @property
-    def obeys_gains(self) -> bool:
-        return True
 
     def _write_with_gains(self, target: JointTarget) -> SentTarget:
         laws = {self.model.joint(name).name: law for name, law in target.laws}

@@ -13,6 +13,7 @@ from hexwire.arguments import Wanted, check
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
 
+from .abilities import Counters, Reconnects
 from .base import RobotDriver
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ __all__ = ["SessionDriver"]
 _SESSION = Wanted("a Session, as in Session.from_url(...)", lambda value: isinstance(value, Session))
 
 
-class SessionDriver(RobotDriver):
+class SessionDriver(RobotDriver, Counters, Reconnects):
     """A robot behind sessions.
 
     Args:
@@ -84,6 +85,7 @@ class SessionDriver(RobotDriver):
         return sum(session.board_restarts for session in self.sessions)
 
     def discard_reports(self) -> None:
+        """As `StateReports.discard_reports`, for robots that report."""
         for session in self.sessions:
             session.poll_reports()
 

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 from hexwire.arguments import FLAG, SECONDS, WHOLE, Wanted, one_of
 from hexwire.control.loop.outcomes import Outcome, Reason
 from hexwire.control.motion.goals import MAX_POINTS
+from hexwire.drivers.abilities import Counters, Leased, OnboardPaths, OwnWatchdog, ServoPing, StateReports
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.timed_path import PathReport, PathStart, PathState, TimedPath, TimedPoint
 from hexwire.drivers.values import ProbeReport, StopMode
@@ -32,7 +33,6 @@ from hexwire.errors import (
     LeaseError,
     LinkLostError,
     LinkPermissionError,
-    NotSupportedError,
     RemoteProtocolError,
     UsageError,
 )
@@ -230,7 +230,7 @@ class Silence:
             _log.warning("%s: %s for %.1f s; is its server halted, or the network down?", self._url, none, silent)
 
 
-class RemoteRobot(RobotDriver):
+class RemoteRobot(RobotDriver, OwnWatchdog, StateReports, OnboardPaths, Leased, ServoPing, Counters):
     """An arm that `hexwire serve` shares.
 
     Reading needs no lease. The first order takes it; a lease that was lost is not taken again by itself, but by
@@ -328,31 +328,17 @@ class RemoteRobot(RobotDriver):
     def command_rate(self) -> float:
         return self._facts.command_rate
 
-    @property
-    def has_watchdog(self) -> bool:
-        return True
-
-    @property
-    def has_own_watchdog(self) -> bool:
-        return self._facts.watchdog
-
-    @property
-    def reports_states(self) -> bool:
-        return True
+    def can(self, kind: type[object]) -> bool:
+        """Its server has a watchdog; whether the arm has one, or keeps the time of a path, is the board's."""
+        if issubclass(kind, OwnWatchdog):
+            return self._facts.watchdog
+        if issubclass(kind, OnboardPaths):
+            return self._facts.times_motion and super().can(kind)
+        return super().can(kind)
 
     @property
     def stop_kept_by(self) -> str:
         return "board" if self._facts.kept == "board" else "server"
-
-    @property
-    def times_motion(self) -> bool:
-        """Whether the arm's board keeps the time, so that neither its server nor this program disturbs a motion."""
-        return self._facts.times_motion
-
-    @property
-    def refills_paths(self) -> bool:
-        """The server takes a trajectory whole."""
-        return False
 
     @property
     def round_trips(self) -> Sequence[float]:
@@ -747,14 +733,15 @@ class RemoteRobot(RobotDriver):
         brake: float | None = None,
         outlives: bool = False,
     ) -> GoalPath:
-        """Begin a path that the arm's server follows; see `RobotDriver.path`. The braking time is the server's.
+        """Begin a path that the arm's server follows; see `OnboardPaths.path`.
+
+        The server takes it whole, and the time in which it brakes is the server's.
 
         Raises:
             NotSupportedError: The arm's board keeps no time.
             UsageError: `outlives` is asked for: a motion ends with the lease.
         """
-        if not self.times_motion:
-            raise NotSupportedError(f"{self.model.name} follows no path in its own time")
+        OnboardPaths.of(self)
         if outlives:
             raise UsageError("a motion of a shared arm does not go on without the program that began it")
         names = self.model.names if joints is None else [self.model.joint(name).name for name in joints]

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from hexwire.drivers.abilities import OnboardPaths, OwnWatchdog
 from hexwire.drivers.values import ProbeReport
 from hexwire.errors import RemoteProtocolError, UsageError
 from hexwire.model.arm import ArmModel, JointModel
@@ -185,8 +186,8 @@ def facts_of(shared: SharedArm, server: str) -> m.Facts:
         "" if owner.connected else owner.error,
         shared.now(),
         socket.gethostname(),
-        robot.has_own_watchdog,
+        robot.can(OwnWatchdog),
         robot.stop_kept_by,
         model.geometry,
-        robot.times_motion and not settings.host_timed,
+        robot.can(OnboardPaths) and not settings.host_timed,
     )

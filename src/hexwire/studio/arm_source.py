@@ -26,6 +26,7 @@ from hexwire.control.requests.motion_service import MotionService
 from hexwire.control.requests.pose_file import PoseFile
 from hexwire.control.sharing.lease import Lease
 from hexwire.control.sharing.shared import Order, SharedArm
+from hexwire.drivers.abilities import Counters, Leased
 from hexwire.drivers.values import StopMode
 from hexwire.errors import HexwireError, StoppedError
 from hexwire.model.state import JointFlag
@@ -106,8 +107,12 @@ class ArmSource:
     def _sent(self, sent: SentTarget) -> None:
         self.goals.update(sent.positions)
 
+    def _trips(self) -> Sequence[float]:
+        counters = Counters.find(self.driver)
+        return () if counters is None else counters.round_trips
+
     def _keep(self, state: JointState) -> None:
-        owner, trips = self.arm.owner, self.driver.round_trips
+        owner, trips = self.arm.owner, self._trips()
         self.history.append(state, self.goals, rate=owner.rate, round_trip=trips[-1] if trips else math.nan)
         for listener in self.listeners:
             listener(state, self.goals)
@@ -183,7 +188,8 @@ class ArmSource:
     def release(self) -> None:
         """Give the lease of an arm that another program serves back, so that others there can command it."""
         try:
-            self.driver.release()
+            if (leased := Leased.find(self.driver)) is not None:
+                leased.release()
         except HexwireError as error:
             _log.warning("the lease was not given back: %s", error)
 
@@ -328,7 +334,7 @@ class ArmSource:
         known = self._known(state)
         missing = [name for name in names if name not in known]
         probe = owner.probe if known else None
-        trips = driver.round_trips if known else ()
+        trips, leased = self._trips() if known else (), Leased.find(driver)
         holder = self.shared.holder
         reason, taught = owner.group.reason, self.motions.taught
         flags = {joint.name: joint.flags for joint in state or ()}
@@ -353,7 +359,7 @@ class ArmSource:
             "round_trip_ms": round(1000.0 * trips[-1], 2) if trips else None,
             "faults": [f"{name}: {fault}" for name, fault in found.items() if fault] if known else None,
             # That of an arm which another program serves, if nobody here has control.
-            "holder": holder.client if holder is not None else driver.holder,
+            "holder": holder.client if holder is not None else "" if leased is None else leased.holder,
             "lost": self.shared.held,
             "stopped": str(reason) if reason is not None else "latched" if latched else "",
             "stops": self.stops,

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from hexwire.control.motion.hold_to_run import SILENCE
 from hexwire.control.requests.setting import Faults
 from hexwire.control.requests.settings_reader import read_settings
+from hexwire.drivers.abilities import BareServos, Leased
 from hexwire.errors import HexwireError, LeaseError, LinkLostError, UsageError
 from hexwire.link.tap import wrap_new_links
 
@@ -128,10 +129,10 @@ class Source:
             link: Link | None = None
             if not url:
                 # The same link: an emulated arm goes on as it is.
-                link = self.need_arm().driver.servo_link
-                if link is None:
+                bare = BareServos.find(self.need_arm().driver)
+                if bare is None:
                     raise UsageError("this arm has a board: its servos are on the board's bus, not on this port")
-                url = link.url
+                link, url = bare.servo_link, bare.servo_link.url
             # Until the servos are known, those of the arm that was open here, or the most common ones.
             series = (
                 [joint.series for joint in self.arm.settings.model.joints] if self.arm and link else ["sts_sms"]
@@ -213,7 +214,8 @@ class Source:
         former = arm.shared.holder
         tab.grant = arm.shared.take(tab.name, _RANK, key=tab.grant, force=force).key
         try:
-            arm.driver.take()
+            if (leased := Leased.find(arm.driver)) is not None:
+                leased.take()
         except HexwireError:
             self.leave(tab)
             raise

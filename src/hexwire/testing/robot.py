@@ -15,6 +15,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
+import re
 import threading
 import time
 from collections.abc import Iterator
@@ -22,6 +23,16 @@ from pathlib import Path
 
 import pytest
 
+from hexwire.drivers.abilities import (
+    Counters,
+    Leased,
+    OnboardPaths,
+    OwnWatchdog,
+    ServoPing,
+    ServoTables,
+    StateReports,
+    Watchdog,
+)
 from hexwire.drivers.base import ProbeReport, RobotDriver, Signal, StopMode
 from hexwire.errors import HexwireError, LimitError, NotSupportedError, StoppedError, UsageError
 from hexwire.model.state import JointFlag, JointState, JointTarget
@@ -190,16 +201,15 @@ class RobotConformance:
         assert self.stays(state, positions)
 
     def test_states_that_it_reports_on_its_own(self, robot: RobotDriver) -> None:
-        """`stream` yields states, or says that there are none."""
-        if not robot.reports_states:
-            with pytest.raises(NotSupportedError):
-                next(iter(robot.stream(0.05)))
+        """`stream` yields states, if it reports any."""
+        reports = StateReports.find(robot)
+        if reports is None:
             return
-        for number, state in enumerate(robot.stream(0.05)):
+        for number, state in enumerate(reports.stream(0.05)):
             assert state.names == robot.model.names
             if number == 2:
                 break
-        robot.discard_reports()
+        reports.discard_reports()
 
     def test_probe_names_every_joint(self, robot: RobotDriver) -> None:
         """A report has a row for each joint, and counters are whole numbers."""
@@ -207,8 +217,11 @@ class RobotConformance:
         assert isinstance(report, ProbeReport)
         assert [row.name for row in report.joints] == list(robot.model.names)
         assert isinstance(report.missing, tuple)
-        for counters in (report.counters, robot.host_counters(), robot.board_counters()):
-            assert all(type(value) is int for value in counters.values()), counters
+        counted = [report.counters]
+        if (counters := Counters.find(robot)) is not None:
+            counted += [counters.host_counters(), counters.board_counters()]
+        for values in counted:
+            assert all(type(value) is int for value in values.values()), values
         robot.examine()
 
     # --- torque and motion --------------------------------------------------------------------------
@@ -328,17 +341,27 @@ class RobotConformance:
     def test_the_watchdog(self, robot: RobotDriver) -> None:
         """`watched` protects its block, or says that nothing does."""
         with robot.watched(1.0) as covered:
-            assert covered == robot.has_watchdog
-            assert robot.watchdog_armed == covered
-        assert not robot.watchdog_armed
-        if not robot.has_watchdog:
-            assert not robot.has_own_watchdog
+            dog = Watchdog.find(robot)
+            assert covered == (dog is not None)
+            assert covered or not robot.can(OwnWatchdog)
+            assert dog is None or dog.watchdog_armed
+        assert dog is None or not dog.watchdog_armed
+
+    def test_what_it_has_not_it_says(self, robot: RobotDriver) -> None:
+        """An ability that it has not is refused in words that name the arm."""
+        for kind in (Watchdog, StateReports, OnboardPaths, ServoPing, ServoTables, Leased):
+            if not robot.can(kind):
+                assert kind.find(robot) is None, kind
+                with pytest.raises(NotSupportedError, match=re.escape(robot.model.name)):
+                    kind.of(robot)
+        # A driver that knows it only when it is attached.
+        if isinstance(robot, Watchdog) and not robot.can(Watchdog):
             with pytest.raises(NotSupportedError):
                 robot.watchdog(1.0)
-
-    def test_a_path_in_its_own_time(self, robot: RobotDriver) -> None:
-        """A robot that keeps no time of its own says so."""
-        if not robot.times_motion:
+        if isinstance(robot, StateReports) and not robot.can(StateReports):
+            with pytest.raises(NotSupportedError):
+                next(iter(robot.stream(0.05)))
+        if isinstance(robot, OnboardPaths) and not robot.can(OnboardPaths):
             with pytest.raises(NotSupportedError):
                 robot.path()
 
@@ -347,6 +370,6 @@ class RobotConformance:
         with pytest.raises(HexwireError):
             robot.ioctl(0x7FFF_FFFF)
         with contextlib.suppress(HexwireError):
-            assert robot.ping(1) in (None, *range(256))
+            assert ServoPing.of(robot).ping(1) in (None, *range(256))
         assert isinstance(robot.may_move(0), bool)
         assert robot.command_rate > 0

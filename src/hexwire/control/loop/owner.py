@@ -21,6 +21,7 @@ from weakref import WeakValueDictionary
 
 from hexwire.arguments import ROBOT
 from hexwire.arguments import check as check_argument
+from hexwire.drivers.abilities import Reconnects, Watchdog
 from hexwire.drivers.values import StopMode
 from hexwire.errors import (
     DeviceError,
@@ -291,9 +292,10 @@ class RobotOwner:
         self._still_armed: HexwireError | None = None
         # Id of the thread that turns: its calls run at once.
         self._turning = 0
-        if not borrowed:
+        self._line = Reconnects.find(robot)
+        if self._line is not None and not borrowed:
             # The owner must notice a lost link and stop the arm; automatic reconnection would hide it.
-            robot.auto_reconnect(on=False)
+            self._line.auto_reconnect(on=False)
 
     # -- start and shutdown -------------------------------------------------------------------------
 
@@ -423,7 +425,8 @@ class RobotOwner:
     @property
     def watchdog(self) -> float:
         """Seconds of silence after which the board stops the arm; 0 if no watchdog is armed."""
-        return self._wanted_watchdog if self.robot.watchdog_armed else 0.0
+        dog = Watchdog.find(self.robot)
+        return self._wanted_watchdog if dog is not None and dog.watchdog_armed else 0.0
 
     @property
     def timing(self) -> RateLoop:
@@ -608,7 +611,7 @@ class RobotOwner:
 
     def _may_send(self) -> bool:
         """Whether other threads may send: the owner's thread arms the watchdog, in its first cycle."""
-        return self._covered or not (self._wanted_watchdog and self.robot.has_watchdog)
+        return self._covered or not (self._wanted_watchdog and self.robot.can(Watchdog))
 
     def stop(self, why: str, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
         """Latched stop, ahead of everything else: it does not wait for the lock of the controllers.
@@ -781,7 +784,7 @@ class RobotOwner:
             self.robot, rate, ask=self._borrowed, read=self._read, clock=self._clock, sleep=self._sleep
         )
         self._latest.begin(reader.period, max(_SILENT, 3.0 * self.command_period))
-        self._restarts = self.robot.restarts
+        self._restarts = self._resets()
         self._rate, self._unused_since, self._reads_rarely = rate, None, False
         return reader
 
@@ -853,9 +856,12 @@ class RobotOwner:
         if self._reader is not None:
             self._reader.close()
 
+    def _resets(self) -> int:
+        return 0 if self._line is None else self._line.restarts
+
     def _see_restarts(self) -> None:
         """Stop after a reset of the board, which loses its stop latch; its servos may have been without power."""
-        restarts = self.robot.restarts
+        restarts = self._resets()
         if restarts == self._restarts:
             return
         self._restarts = restarts

@@ -10,6 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from hexwire.drivers.abilities import Watchdog
 from hexwire.drivers.values import StopCause, StopMode
 from hexwire.errors import HexwireError, ServoError
 from hexwire.model.state import JointFlag
@@ -214,5 +215,5 @@ def end_stop(robot: RobotDriver) -> bool:
     tripped = robot.stop_latch().cause is StopCause.WATCHDOG
     robot.resume()
     if tripped:
-        robot.watchdog(0.0)
+        Watchdog.of(robot).watchdog(0.0)
     return tripped

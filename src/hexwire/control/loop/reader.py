@@ -11,6 +11,7 @@ from collections.abc import Callable, Collection, Generator, Iterable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from hexwire.drivers.abilities import StateReports
 from hexwire.errors import DeviceError, HexwireError, ServoError
 from hexwire.motion.limits import resting_inside
 
@@ -156,7 +157,7 @@ class StateReader:
         self._robot = robot
         self._ask_for = read
         self._states: Generator[JointState, None, None] | None = None
-        self._reports = False
+        self._reports: StateReports | None = None
 
     def _set_rate(self, rate: float) -> None:
         self.period = 1.0 / rate if self._ask else min(max(1.0 / rate, _MIN_PERIOD), _MAX_PERIOD)
@@ -190,8 +191,8 @@ class StateReader:
         Raises:
             LinkError: The line is lost.
         """
-        if self._reports:
-            self._robot.discard_reports()
+        if self._reports is not None:
+            self._reports.discard_reports()
 
     def close(self) -> None:
         """End the robot's reports, if it can still be reached."""
@@ -201,9 +202,9 @@ class StateReader:
                 states.close()
 
     def _read(self) -> Generator[JointState, None, None]:
-        self._reports = self._robot.reports_states and not self._ask
-        if self._reports:
-            yield from self._robot.stream(self.period, _SILENCE, slow=_SLOW)
+        self._reports = None if self._ask else StateReports.find(self._robot)
+        if self._reports is not None:
+            yield from self._reports.stream(self.period, _SILENCE, slow=_SLOW)
             return
         for _ in self.timing.ticks():
             yield self._robot.read() if self._ask_for is None else self._ask_for()

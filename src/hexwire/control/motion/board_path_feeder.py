@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from typing import TYPE_CHECKING
 
+from hexwire.drivers.abilities import OnboardPaths, RefilledPaths
 from hexwire.drivers.timed_path import REST_POINTS, PathReport, PathState, TimedPath, TimedPoint
 from hexwire.errors import CommandRefusedError, DeviceError, StoppedError, UsageError
 from hexwire.motion.eased import LONGEST, ease_out
@@ -419,7 +420,7 @@ class BoardPathFeeder:
             begins: When it starts, host's clock.
             apart: Seconds between two points, and all of them are sent before the start; if None, they are as close
                 as the plan needs, and are sent while it runs if the robot takes them then.
-            outlives: As in `RobotDriver.path`.
+            outlives: As in `OnboardPaths.path`.
 
         Raises:
             CommandRefusedError: The robot refuses the points or the start; nothing moves.
@@ -429,14 +430,14 @@ class BoardPathFeeder:
         """
         robot, before = self._robot, self._clock()
         self._brakes_for, self._outlives = rest_duration(robot.model, plan.names), outlives
-        path = robot.path(plan.names, brake=self._brakes_for, outlives=outlives)
+        path = OnboardPaths.of(robot).path(plan.names, brake=self._brakes_for, outlives=outlives)
         self.pace.measure(self._clock() - before)
         self._plan = self.on_robot = plan
         self._sent, self._oldest, self._replaced = [], 0, None
         self.stands = None
         self._rests = PathBrake(robot.model, path.joints)
         self._make_points(path, 0.0, self.pace.apart(path.capacity) if apart is None else (apart, apart))
-        if apart is None and robot.refills_paths:
+        if apart is None and robot.can(RefilledPaths):
             self._send_first(path)
         else:
             self._send(path, path.capacity)
@@ -480,7 +481,7 @@ class BoardPathFeeder:
             return
         # One is always kept back, so that the last is known to be the last.
         last = len(waiting) <= most
-        needed = not (last or self._outlives) and self._robot.refills_paths
+        needed = not (last or self._outlives) and self._robot.can(RefilledPaths)
         taken = path.send(
             some,
             last=last,
@@ -688,7 +689,7 @@ class BoardPathFeeder:
 
     def _brake(self, path: TimedPath) -> bool:
         """Send the planned brake in place of what is left of the path; whether that was possible."""
-        if not self._robot.refills_paths:
+        if not self._robot.can(RefilledPaths):
             return False
         times = [point.time for point in self._sent]
         found = self._rests.end(path, self.on_robot, times, self._oldest, lambda: self._settled(path))

@@ -12,6 +12,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext, supp
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
+from hexwire.drivers.abilities import OnboardPaths, OwnWatchdog, RefilledPaths, Watchdog
 from hexwire.drivers.timed_path import PathState
 from hexwire.errors import (
     CommandRefusedError,
@@ -136,9 +137,9 @@ class Execution:
                 jaws.was_sent(sent)
 
         # The server of a shared arm follows a path as its goal, which a target for the gripper would end.
-        timed = robot.times_motion and not options.host_timed and (jaws is None or robot.refills_paths)
+        timed = robot.can(OnboardPaths) and not options.host_timed and (jaws is None or robot.can(RefilledPaths))
         # And with it, it holds the joints that are not on the path.
-        driven = every if not timed or robot.refills_paths else robot.model.names
+        driven = every if not timed or robot.can(RefilledPaths) else robot.model.names
         with self._owned(was_sent) as owner:
             powered = self._give_torque(driven, read_state(robot))
             self._start(owner, controller)
@@ -213,7 +214,7 @@ class Execution:
         target = check_target(robot.model, target, {})
         goal = dict(target.positions)
         with self._asked_then():
-            cleared = robot.clear_path(list(goal))
+            cleared = robot.can(OnboardPaths) and OnboardPaths.of(robot).clear_path(list(goal))
         if cleared:
             # The joints are elsewhere now, and at rest.
             state = _check_target(robot, goal, options)
@@ -222,13 +223,13 @@ class Execution:
         powered = self._give_torque(list(goal), state)
         # What `until` ends is replaced at once, but a path comes to rest first. And the server of a shared arm,
         # which refills none, follows a path as a goal: it would stop an arm whose gripper meets an object.
-        timed = robot.refills_paths and not options.host_timed and self._until is None
+        timed = robot.can(RefilledPaths) and not options.host_timed and self._until is None
         if not wait:
             sent = self._send_and_leave(target, timed=timed)
             return MotionResult(
                 None, powered=powered, sent=sent, seconds=sent.duration, timed=self._feeder is not None
             )
-        step = None if robot.has_watchdog else 1.0 / self._rate
+        step = None if robot.can(Watchdog) else 1.0 / self._rate
         here = state.positions
         if step is not None:
             target = check_target(robot.model, target, here)
@@ -324,7 +325,7 @@ class Execution:
             clock=options.clock,
             sleep=options.sleep,
         )
-        if not self._robot.has_own_watchdog:
+        if not self._robot.can(OwnWatchdog):
             self._observer.unwatched(owner.lead)
         owner.observers.append(self._observer.seen)
         with owner, self._safe or nullcontext():
@@ -444,7 +445,7 @@ class Execution:
 
         Args:
             path: Checked.
-            outlives: As in `RobotDriver.path`.
+            outlives: As in `OnboardPaths.path`.
             owner: Who feeds it from now on; None for nobody.
             apart: As in `BoardPathFeeder.begin`; it is the path of a target then.
             shifted: As in `BoardPathFeeder`.
@@ -576,7 +577,8 @@ def _check_target(robot: RobotDriver, goal: Mapping[str, float], options: Motion
     if unknown:
         raise ServoError(position_unknown(unknown))
     # A path begins too slowly to be seen.
-    left = robot.left_path()
+    paths = OnboardPaths.find(robot)
+    left = () if paths is None else paths.left_path()
     turned = [
         name
         for name in known

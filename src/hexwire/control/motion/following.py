@@ -14,6 +14,7 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Self
 
+from hexwire.drivers.abilities import Reconnects
 from hexwire.drivers.registry import is_address
 from hexwire.errors import HexwireError, LeaseError, LinkError, StoppedError, UsageError
 from hexwire.model.gripper import jaws_of
@@ -528,8 +529,9 @@ def run_following(
     with ExitStack() as steps:
         for arm in (pair.leader, follower):
             # A call that waits for one arm's cable would keep the other one from its cycle, and trip its watchdog.
-            arm.auto_reconnect(on=False)
-            steps.callback(arm.auto_reconnect, on=True)
+            if (line := Reconnects.find(arm)) is not None:
+                line.auto_reconnect(on=False)
+                steps.callback(line.auto_reconnect, on=True)
         ahead = ReadAhead(pair.leader.read_positions) if pair.ahead else None
         if ahead is not None:
             steps.callback(ahead.end)

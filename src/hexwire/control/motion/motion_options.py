@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from hexwire.arguments import FLAG, SECONDS, Wanted, check, one_of, or_none
+from hexwire.drivers.abilities import Watchdog
 from hexwire.drivers.values import StopMode
 from hexwire.errors import UsageError
 from hexwire.motion.safety import SafetyLimits, StopReason
@@ -129,7 +130,7 @@ def unwatched_words(robot: RobotDriver, seconds: float) -> str:
         robot: The arm.
         seconds: How long it then moves on.
     """
-    where, dies = ("at its server", "its server") if robot.has_watchdog else ("on this port", "this program")
+    where, dies = ("at its server", "its server") if robot.can(Watchdog) else ("on this port", "this program")
     return (
         f"{robot.model.name} has no watchdog {where}: if {dies} dies, the arm moves on to its last target, "
         f"for up to {seconds:.2g} s"

@@ -15,6 +15,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
+from hexwire.drivers.abilities import Counters
 from hexwire.drivers.values import StopMode
 from hexwire.errors import GoalError, HexwireError, UsageError
 from hexwire.motion.teach import approach
@@ -469,7 +470,8 @@ class ControlledArm:
             "stalls_of_the_loop": sum(c.generator.counters.slips for c in self.controllers.values()),
             "set_points_lost": sum(c.generator.counters.lost for c in self.controllers.values()),
         }
-        return own | (self.owner.robot.host_counters() if self.owner.connected else {})
+        counters = Counters.find(self.owner.robot) if self.owner.connected else None
+        return own if counters is None else own | counters.host_counters()
 
     # -- helpers --------------------------------------------------------------------------------------
 

@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from hexwire.drivers.abilities import ObeysGains
 from hexwire.errors import GoalError, HexwireError, UsageError
 from hexwire.model.control_law import ControlLaw
 from hexwire.wire.robot_bodies import COMMAND_ARRAYS, LAW_ARRAYS
@@ -119,7 +120,7 @@ class JointCommandStream:
             HexwireError: As `SetPointStream.follow`.
         """
         positions, laws = _read(message)
-        obeys = self._arm.owner.robot.obeys_gains
+        obeys = self._arm.owner.robot.can(ObeysGains)
         used = {name: law for name, law in laws.items() if obeys and law.acts}
         self._stream.follow(positions, sent, used)
         lost = [law for name, law in laws.items() if name not in used]

@@ -18,8 +18,9 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
+from hexwire.drivers.abilities import Counters, ServoPing, ServoTables
 from hexwire.drivers.values import StopMode
 from hexwire.errors import LeaseError, NotSupportedError, StoppedError, UsageError
 
@@ -428,17 +429,19 @@ class SharedArm:
             CommandRefusedError: A joint has torque, or a register may not be written.
             HexwireError: As for every order. Maintenance has ended then, too.
         """
-        robot: Any = self._robot
-        if not hasattr(robot, "write_table"):
-            raise NotSupportedError(f"{robot.model.name} writes no registers; use an adapter on its servo bus")
+        tables = ServoTables.find(self._robot)
+        if tables is None:
+            raise NotSupportedError(
+                f"{self._robot.model.name} writes no registers; use an adapter on its servo bus"
+            )
 
         def write() -> None:
-            robot.maintenance(True)
+            tables.maintenance(True)
             try:
                 for first, data in parts:
-                    robot.write_table(joint, first, data)
+                    tables.write_table(joint, first, data)
             finally:
-                robot.maintenance(False)
+                tables.maintenance(False)
 
         self._orders.admit(order)
         self._called(order, lambda: self._owner.call(write))
@@ -498,16 +501,17 @@ class SharedArm:
         return self._owner.probe_again()
 
     def ping(self, servo_id: int) -> int | None:
-        """Ping a servo; see `RobotDriver.ping`."""
-        return self._owner.call(lambda: self._robot.ping(servo_id))
+        """Ping a servo; see `ServoPing.ping`."""
+        return self._owner.call(lambda: ServoPing.of(self._robot).ping(servo_id))
 
     def read_registers(self, joint: str) -> bytes:
-        """Read the register table of a joint's servo; see `RobotDriver.read_table`."""
-        return self._owner.call(lambda: self._robot.read_table(joint))
+        """Read the register table of a joint's servo; see `ServoTables.read_table`."""
+        return self._owner.call(lambda: ServoTables.of(self._robot).read_table(joint))
 
     def board_counters(self) -> dict[str, int]:
-        """Read the board's counters; see `RobotDriver.board_counters`."""
-        return self._owner.call(self._robot.board_counters)
+        """Read the board's counters; see `Counters.board_counters`."""
+        counters = Counters.find(self._robot)
+        return {} if counters is None else self._owner.call(counters.board_counters)
 
     # -- supervision ------------------------------------------------------------------------------------
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from hexwire.drivers.abilities import Watchdog
 from hexwire.errors import StoppedError
 from hexwire.model.state import JointTarget, SentTarget
 from hexwire.motion.limits import check_target, smooth_duration
@@ -148,7 +149,7 @@ class SteppedTargets:
             HexwireError: As `RobotOwner.send`.
         """
         owner, robot = self._owner, self._owner.robot
-        if robot.has_watchdog:
+        if robot.can(Watchdog):
             return owner.send(target, asked)
         now, step = owner.now(), owner.command_period
         here = self._here(now)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from hexwire.bus.backup import ServoBackup, serialize_backups
 from hexwire.bus.registers import Edit, in_people_unit, make_table, prepare_edit
+from hexwire.drivers.abilities import BareServos, Counters
 from hexwire.errors import ServoError, UsageError
 from hexwire.studio.calls import Arguments, Asked, call
 from hexwire.wire.registers import Series
@@ -143,7 +144,7 @@ def _servos(asked: Asked, args: Arguments) -> dict[str, Any]:
     """The joints with their servos, and whether these can be reached without the arm."""
     joints = asked.arm.settings.model.joints
     return {
-        "bare": asked.arm.driver.servo_link is not None,
+        "bare": asked.arm.driver.can(BareServos),
         "joints": [{"name": joint.name, "servo": joint.servo_id} for joint in joints],
     }
 
@@ -153,7 +154,8 @@ def _ask(asked: Asked, args: Arguments) -> dict[str, Any]:
     """What each servo is, and the counters that are not 0."""
     arm = asked.arm
     report = arm.ask("probe", arm.shared.probe)
-    counters = {f"this computer: {name}": count for name, count in arm.driver.host_counters().items()}
+    host = Counters.find(arm.driver)
+    counters = {f"this computer: {name}": n for name, n in ({} if host is None else host.host_counters()).items()}
     counters |= {f"board: {name}": n for name, n in (arm.ask("counters", arm.shared.board_counters) or {}).items()}
     rows = [
         (
