@@ -29,8 +29,8 @@ _FOREIGN = {
 """Exceptions of others whose words are hexwire's."""
 _ADAPTS = {"format", "removeprefix", "removesuffix", "replace"}
 _PREFIX = {"LeaseError": "not done: "}
-_TEXT_AT = {"CommandRefusedError": 2, "StoppedError": 2, "kind": 2, "unsent": 2, "Ended": 2, "Finding": 1}
-_ENDS = {"Ended", "Finding"}
+_TEXT_AT = {"CommandRefusedError": 2, "StoppedError": 2, "kind": 2, "unsent": 2, "Ended": 2, "PathFault": 1}
+_ENDS = {"Ended", "PathFault"}
 """No exceptions, but what a client is told in their place: the end of a goal, a violation on its path."""
 _DEPTH = 4
 _LETTERS = 4
@@ -162,8 +162,6 @@ class _Source:
                     for value in self._assigned(module, call.func.id, module.function_of(call)):
                         if isinstance(value, ast.IfExp) and _last(value.body) in self.kinds:
                             kind = _last(value.body)
-                if kind == "Finding" and not module.name.startswith("motion/"):
-                    continue  # that of `hexwire doctor` says what to do beside it
                 if kind and module.name != "errors.py":
                     yield module, call, kind
 

@@ -15,7 +15,7 @@ from tests.motion.arms import HOME
 
 from hexwire.control.loop.outcomes import Ended, Outcome, Reason
 from hexwire.control.motion.goals import Point, TrajectoryGoal
-from hexwire.control.requests.client_goals import ClientGoals, Request
+from hexwire.control.requests.client_goals import ClientGoals, ClientRequest
 from hexwire.control.requests.controlled_arm import ControlledArm
 from hexwire.control.requests.setting import Faults
 from hexwire.control.requests.settings_reader import read_settings
@@ -88,7 +88,7 @@ def _measure(arm: ControlledArm, goals: ClientGoals[_Client], count: int) -> lis
         goal = TrajectoryGoal(("J1",), (Point(0.3, (HOME["J1"] + 0.05 * (i % 2),)),))
         # Anywhere between two states, not always just after one.
         time.sleep(0.05 + 0.0013 * (i % 8))
-        goals.send("", str(i), client, lambda goal=goal: Request(goal))  # type: ignore[misc]
+        goals.send("", str(i), client, lambda goal=goal: ClientRequest(goal))  # type: ignore[misc]
         if not client.over.wait(_PATIENCE) or client.why:
             raise RuntimeError(f"goal {i}: {client.why or 'it does not end'}")
     return [next(when for when, cmd in left if when >= at and cmd in _FIRST) - at for at in accepted]

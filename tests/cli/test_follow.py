@@ -21,7 +21,7 @@ from hexwire.control.motion.following import Pair, run_following
 from hexwire.emulator.hand import HandOrder
 from hexwire.emulator.serve_hand import move_by_hand
 from hexwire.errors import LinkLostError
-from hexwire.trace.capture import Message, read_messages
+from hexwire.trace.capture import CapturedMessage, read_messages
 from hexwire.trace.recording import JOINT_STATES
 
 LEADER, FOLLOWER = "sim://so101?leader=1&name=follow_lead", "sim://so101?name=follow_follow"
@@ -86,7 +86,7 @@ def test_the_followers_of_two_pairs_are_recorded_apart(
     if option == "--record-ros2":
         file = next(file.glob("*.mcap"))
     with file.open("rb") as opened:
-        messages = [message for message in read_messages(opened, "it") if isinstance(message, Message)]
+        messages = [message for message in read_messages(opened, "it") if isinstance(message, CapturedMessage)]
     topics = {message.topic for message in messages if message.topic.endswith(f"/{JOINT_STATES[1:]}")}
     assert topics == {"/left/joint_states", "/right_1/joint_states", "/right_1_2/joint_states"}
     if option == "--record-ros2":

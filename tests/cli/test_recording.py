@@ -14,11 +14,11 @@ from hexwire.drivers.base import RobotDriver
 from hexwire.errors import UsageError
 from hexwire.link.memory import memory_pair
 from hexwire.link.tap import Direction, tapped
-from hexwire.trace.capture import BYTES, FRAMES, Message, read_messages
+from hexwire.trace.capture import BYTES, FRAMES, CapturedMessage, read_messages
 from hexwire.trace.recording import JOINT_STATES
 
 
-def _read(path: Path) -> list[Message]:
+def _read(path: Path) -> list[CapturedMessage]:
     with path.open("rb") as file:
         found = list(read_messages(file, str(path)))
     return [each for each in found if not isinstance(each, str)]

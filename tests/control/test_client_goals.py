@@ -16,7 +16,7 @@ from tests.waits import eventually
 
 from hexwire.control.loop.outcomes import Ended, Outcome, Reason
 from hexwire.control.motion.goals import Component, ComponentTolerance, Point, TrajectoryGoal
-from hexwire.control.requests.client_goals import ClientGoal, ClientGoals, Request
+from hexwire.control.requests.client_goals import ClientGoal, ClientGoals, ClientRequest
 from hexwire.errors import LinkLostError
 from hexwire.wire.command_frame import Command, parse_frame
 
@@ -74,7 +74,7 @@ class Goals:
     ) -> Client:
         client = client or Client()
         order = TrajectoryGoal(tuple(where), (Point(seconds, tuple(where.values())),))
-        self.goals.send(controller, key, client, lambda: Request(order))
+        self.goals.send(controller, key, client, lambda: ClientRequest(order))
         return client
 
 
@@ -342,7 +342,7 @@ def test_the_tolerances_of_a_goal_decide_how_it_ends(goals: Goals, own: dict[str
     goals.goals.start()
     goals.bench.jam("J1")
     client, order = Client(), TrajectoryGoal(("J1",), (Point(1.0, (HOME["J1"] + 0.1,)),))
-    goals.goals.send("", "one", client, lambda: Request(order, **own))
+    goals.goals.send("", "one", client, lambda: ClientRequest(order, **own))
     eventually(lambda: client.said)
     goals.bench.until(lambda: goals.bench.controller.listener is None)
     eventually(lambda: client.over)

@@ -9,7 +9,7 @@ import pytest
 from tests.waits import eventually
 
 from hexwire.control.loop import workers as module
-from hexwire.control.loop.workers import Gathering, Together, Worker
+from hexwire.control.loop.workers import Gathering, MergedCalls, Worker
 from hexwire.errors import UsageError
 
 
@@ -107,7 +107,7 @@ def test_one_call_answers_all_who_ask_before_it_begins() -> None:
         go.wait(30)
         return len(calls)
 
-    stops = Together("test", call)
+    stops = MergedCalls("test", call)
     first = stops.ask(0)
     assert begun.wait(30)
     others = {stops.ask(number % 3) for number in range(2356)}
@@ -124,7 +124,7 @@ def test_one_call_answers_all_who_ask_before_it_begins() -> None:
 
 
 def test_a_call_that_fails_fails_for_all_who_asked() -> None:
-    stops: Together[int, float] = Together("test", lambda said: 1 / said[0])
+    stops: MergedCalls[int, float] = MergedCalls("test", lambda said: 1 / said[0])
     for _ in range(2):
         with pytest.raises(ZeroDivisionError):
             stops.ask(0).result(30)

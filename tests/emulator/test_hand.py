@@ -7,7 +7,7 @@ import pytest
 from hexwire.emulator.arms import make_hex7bot_servos
 from hexwire.emulator.hand import Grip, Hand, HandOrder, HandResult, Hands, usual_seconds
 from hexwire.emulator.servo import EmulatedServo
-from hexwire.emulator.servo_motion import TICK, Drive, Mechanics, Motion
+from hexwire.emulator.servo_motion import TICK, Mechanics, Motion, MotorDrive
 from hexwire.errors import UsageError
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.wire.registers import Series
@@ -157,7 +157,7 @@ def test_a_motor_that_moves_goes_on_to_its_goal_afterwards() -> None:
 
 
 def test_it_works_for_a_motor_that_is_driven_by_torque_or_speed() -> None:
-    for drive in (Drive.TORQUE, Drive.SPEED, Drive.DAMPED):
+    for drive in (MotorDrive.TORQUE, MotorDrive.SPEED, MotorDrive.DAMPED):
         motion = Motion(Mechanics(5000.0), 1000.0)
         motion.command(drive, target=0.0, speed=0.0, acceleration=0.0, ceiling=0.3)
         hand = Hand(motion, 100.0, 0.3, 0.0, 0.6)

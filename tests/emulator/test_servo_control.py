@@ -5,7 +5,7 @@ import math
 import pytest
 
 from hexwire.emulator import servo_control as control
-from hexwire.emulator.servo_motion import Drive
+from hexwire.emulator.servo_motion import MotorDrive
 from hexwire.emulator.servo_protection import NO_LIMITS
 from hexwire.emulator.servo_registers import RegisterFile
 from hexwire.wire.registers import Series
@@ -27,7 +27,7 @@ def made(series: Series, **values: int) -> RegisterFile:
 
 def test_hls_units() -> None:
     given = order(made(Series.HLS, goal_speed=60, acceleration=50, goal_torque=100))
-    assert given.drive is Drive.POSITION
+    assert given.drive is MotorDrive.POSITION
     assert (given.speed, given.acceleration, given.target) == (3000.0, 5000.0, 1234.0)
     assert given.ceiling == pytest.approx(0.65 / 1.3)
 
@@ -67,15 +67,15 @@ def test_top_speed_goes_with_the_supply() -> None:
 @pytest.mark.parametrize(
     ("series", "values", "mode", "drive", "speed"),
     [
-        (Series.HLS, {"mode": 1, "goal_speed": -20}, "speed", Drive.SPEED, -1000.0),
-        (Series.HLS, {"mode": 3, "goal_torque": -500, "torque_limit": 1000}, "pwm", Drive.SPEED, -7578 / 2),
-        (Series.STS_SMS, {"mode": 1, "goal_speed": 0}, "speed", Drive.SPEED, 0.0),
-        (Series.STS_SMS, {"mode": 2, "goal_pwm_or_time": 250}, "pwm", Drive.SPEED, 3400 / 4),
-        (Series.STS_SMS, {"mode": 3}, "step", Drive.POSITION, 3400.0),
-        (Series.SCS, {"max_position_limit": 0, "goal_time": 0x400 | 500}, "pwm", Drive.SPEED, -2050 / 2),
+        (Series.HLS, {"mode": 1, "goal_speed": -20}, "speed", MotorDrive.SPEED, -1000.0),
+        (Series.HLS, {"mode": 3, "goal_torque": -500, "torque_limit": 1000}, "pwm", MotorDrive.SPEED, -7578 / 2),
+        (Series.STS_SMS, {"mode": 1, "goal_speed": 0}, "speed", MotorDrive.SPEED, 0.0),
+        (Series.STS_SMS, {"mode": 2, "goal_pwm_or_time": 250}, "pwm", MotorDrive.SPEED, 3400 / 4),
+        (Series.STS_SMS, {"mode": 3}, "step", MotorDrive.POSITION, 3400.0),
+        (Series.SCS, {"max_position_limit": 0, "goal_time": 0x400 | 500}, "pwm", MotorDrive.SPEED, -2050 / 2),
     ],
 )
-def test_modes(series: Series, values: dict[str, int], mode: str, drive: Drive, speed: float) -> None:
+def test_modes(series: Series, values: dict[str, int], mode: str, drive: MotorDrive, speed: float) -> None:
     registers = made(series, **values)
     assert control.drive_mode(registers) == mode
     given = order(registers)
@@ -85,7 +85,7 @@ def test_modes(series: Series, values: dict[str, int], mode: str, drive: Drive, 
 
 def test_hls_current_mode_pushes_with_the_goal_torque() -> None:
     given = order(made(Series.HLS, mode=2, goal_torque=-100))
-    assert given.drive is Drive.TORQUE
+    assert given.drive is MotorDrive.TORQUE
     assert given.target == pytest.approx(-0.5)
 
 

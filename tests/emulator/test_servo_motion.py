@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.emulator.servo_motion import TICK, Drive, Mechanics, Motion, speed_for_duration
+from hexwire.emulator.servo_motion import TICK, Mechanics, Motion, MotorDrive, speed_for_duration
 
 FAST = Mechanics(max_speed=5000.0)
 
@@ -14,7 +14,7 @@ FAST = Mechanics(max_speed=5000.0)
 def move_to(
     motion: Motion, target: float, *, speed: float = 2000.0, acceleration: float = 0.0, ceiling: float = 1.0
 ) -> None:
-    motion.command(Drive.POSITION, target=target, speed=speed, acceleration=acceleration, ceiling=ceiling)
+    motion.command(MotorDrive.POSITION, target=target, speed=speed, acceleration=acceleration, ceiling=ceiling)
 
 
 def run(motion: Motion, seconds: float) -> list[tuple[float, float]]:
@@ -120,7 +120,7 @@ def test_without_power_the_gears_hold_a_little_and_no_more() -> None:
 
 def test_damping_falls_slower_than_free() -> None:
     ends = []
-    for drive in (Drive.FREE, Drive.DAMPED):
+    for drive in (MotorDrive.FREE, MotorDrive.DAMPED):
         motion = Motion(FAST, 2000.0)
         motion.gravity = lambda shaft: -0.4
         motion.command(drive, target=0.0, speed=0.0, acceleration=0.0, ceiling=0.0)
@@ -162,7 +162,7 @@ def test_an_obstacle_works_downward_too() -> None:
 
 def test_end_stops_hold_against_a_turning_motor() -> None:
     motion = Motion(Mechanics(5000.0, stops=(0.0, 1023.0)), 500.0)
-    motion.command(Drive.SPEED, target=0.0, speed=2000.0, acceleration=0.0, ceiling=1.0)
+    motion.command(MotorDrive.SPEED, target=0.0, speed=2000.0, acceleration=0.0, ceiling=1.0)
     run(motion, 1.0)
     assert motion.position == 1023.0
     assert motion.torque == 1.0
@@ -170,18 +170,18 @@ def test_end_stops_hold_against_a_turning_motor() -> None:
 
 def test_constant_speed() -> None:
     motion = Motion(FAST, 0.0)
-    motion.command(Drive.SPEED, target=0.0, speed=-1000.0, acceleration=0.0, ceiling=1.0)
+    motion.command(MotorDrive.SPEED, target=0.0, speed=-1000.0, acceleration=0.0, ceiling=1.0)
     rows = run(motion, 1.0)
     assert rows[-1][1] == -1000.0
     assert rows[-1][0] == pytest.approx(-1000.0, abs=30)
-    motion.command(Drive.SPEED, target=0.0, speed=0.0, acceleration=0.0, ceiling=1.0)
+    motion.command(MotorDrive.SPEED, target=0.0, speed=0.0, acceleration=0.0, ceiling=1.0)
     run(motion, 0.1)
     assert motion.velocity == 0.0
 
 
 def test_constant_torque_accelerates_up_to_the_top_speed() -> None:
     motion = Motion(FAST, 0.0)
-    motion.command(Drive.TORQUE, target=-0.3, speed=0.0, acceleration=0.0, ceiling=0.3)
+    motion.command(MotorDrive.TORQUE, target=-0.3, speed=0.0, acceleration=0.0, ceiling=0.3)
     rows = run(motion, 1.0)
     assert 0 > rows[10][1] > rows[50][1] > -5000.0
     assert rows[-1][1] == -5000.0
@@ -195,13 +195,15 @@ def test_speed_zero_goes_nowhere() -> None:
     assert motion.settled
 
 
-@given(st.sampled_from(list(Drive)), st.floats(-2, 2), st.floats(-1, 1), st.floats(0, 1), st.floats(-3000, 3000))
+@given(
+    st.sampled_from(list(MotorDrive)), st.floats(-2, 2), st.floats(-1, 1), st.floats(0, 1), st.floats(-3000, 3000)
+)
 def test_a_settled_shaft_stays_as_it_is(
-    drive: Drive, target: float, push: float, ceiling: float, speed: float
+    drive: MotorDrive, target: float, push: float, ceiling: float, speed: float
 ) -> None:
     motion = Motion(Mechanics(5000.0, stops=(0.0, 4095.0)), 2000.0)
     motion.external_torque = push
-    goal = target if drive is Drive.TORQUE else 2000 + target * 100
+    goal = target if drive is MotorDrive.TORQUE else 2000 + target * 100
     motion.command(drive, target=goal, speed=speed, acceleration=0.0, ceiling=ceiling)
     for _ in range(5000):
         motion.tick()

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from hexwire.errors import ConfigError
-from hexwire.ipc.channel import COLUMNS, Cell, ChannelConf, Direction, Record, link_url, make_channels
+from hexwire.ipc.channel import COLUMNS, Cell, ChannelConf, ChannelDirection, Record, link_url, make_channels
 from hexwire.link.open import known_schemes
 from hexwire.wire.modules import IpcType, ModuleType
 
@@ -25,52 +25,52 @@ def channel(*words: str) -> ChannelConf:
     [
         (
             ("CLIENT_TRX", "PUMA260_RBT_IO_SVR", "TCP", "192.168.1.175", "15030"),
-            (Direction.CLIENT_TRX, IpcType.TCP, "192.168.1.175", 15030, ""),
+            (ChannelDirection.CLIENT_TRX, IpcType.TCP, "192.168.1.175", 15030, ""),
             "tcp://192.168.1.175:15030",
         ),
         (
             ("SERVER_RX", "PUMA260_RBT_IO_SVR", "TCP", "::1", "15030"),
-            (Direction.SERVER_RX, IpcType.TCP, "::1", 15030, ""),
+            (ChannelDirection.SERVER_RX, IpcType.TCP, "::1", 15030, ""),
             "tcp-listen://[::1]:15030",
         ),
         (
             ("CLIENT_TX", "PUMA260_RBT_IO_SVR", "UDP", "arm-1.lab.local", "1"),
-            (Direction.CLIENT_TX, IpcType.UDP, "arm-1.lab.local", 1, ""),
+            (ChannelDirection.CLIENT_TX, IpcType.UDP, "arm-1.lab.local", 1, ""),
             "udp://arm-1.lab.local:1",
         ),
         (
             ("SERVER_TRX", "PUMA260_RBT_IO_SVR", "UDP", "127.0.0.1", "65535"),
-            (Direction.SERVER_TRX, IpcType.UDP, "127.0.0.1", 65535, ""),
+            (ChannelDirection.SERVER_TRX, IpcType.UDP, "127.0.0.1", 65535, ""),
             "udp-listen://127.0.0.1:65535",
         ),
         (
             ("SERVER_TRX", "PUMA260_RBT_IO_SVR", "UDP", "10.0.0.1", "15030", "10.0.0.2"),
-            (Direction.SERVER_TRX, IpcType.UDP, "10.0.0.1", 15030, "10.0.0.2"),
+            (ChannelDirection.SERVER_TRX, IpcType.UDP, "10.0.0.1", 15030, "10.0.0.2"),
             "udp-listen://10.0.0.1:15030?peer=10.0.0.2",
         ),
         (
             ("SERVER_TRX", "PUMA260_RBT_IO_SVR", "UDP", "fd00::1", "15030", "fd00::2"),
-            (Direction.SERVER_TRX, IpcType.UDP, "fd00::1", 15030, "fd00::2"),
+            (ChannelDirection.SERVER_TRX, IpcType.UDP, "fd00::1", 15030, "fd00::2"),
             "udp-listen://[fd00::1]:15030?peer=[fd00::2]",
         ),
         (
             ("CLIENT_TRX", "ARM_7BOT_ARDUINO_TRX", "SERIAL", "/dev/serial/by-id/a#b"),
-            (Direction.CLIENT_TRX, IpcType.SERIAL, "/dev/serial/by-id/a#b", 115200, ""),
+            (ChannelDirection.CLIENT_TRX, IpcType.SERIAL, "/dev/serial/by-id/a#b", 115200, ""),
             "serial:///dev/serial/by-id/a%23b?baud=115200",
         ),
         (
             ("CLIENT_TRX", "ARM_7BOT_ARDUINO_TRX", "SERIAL", "/dev/ttyUSB0", "1000000"),
-            (Direction.CLIENT_TRX, IpcType.SERIAL, "/dev/ttyUSB0", 1_000_000, ""),
+            (ChannelDirection.CLIENT_TRX, IpcType.SERIAL, "/dev/ttyUSB0", 1_000_000, ""),
             "serial:///dev/ttyUSB0?baud=1000000",
         ),
         (
             ("CLIENT_TRX", "PUMA260_RBT_IO_SVR", "QUEUE", "/arm"),
-            (Direction.CLIENT_TRX, IpcType.QUEUE, "/arm", None, ""),
+            (ChannelDirection.CLIENT_TRX, IpcType.QUEUE, "/arm", None, ""),
             "mq:///arm",
         ),
         (
             ("SERVER_TRX", "PUMA260_RBT_IO_SVR", "QUEUE", "arm"),
-            (Direction.SERVER_TRX, IpcType.QUEUE, "arm", None, ""),
+            (ChannelDirection.SERVER_TRX, IpcType.QUEUE, "arm", None, ""),
             "mq:///arm?role=server",
         ),
     ],
@@ -174,14 +174,14 @@ def test_channels_that_get_on_with_each_other() -> None:
 
 
 def test_directions() -> None:
-    assert [d for d in Direction if d.is_server] == [
-        Direction.SERVER_TX,
-        Direction.SERVER_RX,
-        Direction.SERVER_TRX,
+    assert [d for d in ChannelDirection if d.is_server] == [
+        ChannelDirection.SERVER_TX,
+        ChannelDirection.SERVER_RX,
+        ChannelDirection.SERVER_TRX,
     ]
-    assert Direction.CLIENT_TX.sends
-    assert not Direction.CLIENT_TX.receives
-    assert Direction.SERVER_RX.receives
-    assert not Direction.SERVER_RX.sends
-    assert Direction.CLIENT_TRX.sends
-    assert Direction.CLIENT_TRX.receives
+    assert ChannelDirection.CLIENT_TX.sends
+    assert not ChannelDirection.CLIENT_TX.receives
+    assert ChannelDirection.SERVER_RX.receives
+    assert not ChannelDirection.SERVER_RX.sends
+    assert ChannelDirection.CLIENT_TRX.sends
+    assert ChannelDirection.CLIENT_TRX.receives

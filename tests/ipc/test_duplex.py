@@ -15,7 +15,7 @@ from tests.beside import beside
 from tests.link.far_ends import free_port
 
 from hexwire.errors import ConfigError, LinkTimeoutError, LocalProtocolError
-from hexwire.ipc.channel import Direction
+from hexwire.ipc.channel import ChannelDirection
 from hexwire.ipc.conf import parse_conf
 from hexwire.ipc.session import Session
 from hexwire.wire.command_frame import Command, Status
@@ -204,8 +204,8 @@ def test_what_only_sends_reaches_what_only_receives(tmp_path: Path, kind: str) -
         assert heard[0] == b"seen"
 
 
-@pytest.mark.parametrize("way", [way for way in Direction if way.is_server])
-def test_a_server_on_a_serial_port_is_refused(way: Direction) -> None:
+@pytest.mark.parametrize("way", [way for way in ChannelDirection if way.is_server])
+def test_a_server_on_a_serial_port_is_refused(way: ChannelDirection) -> None:
     line = f"12 {way.value} 13 IPC_SERIAL_PORT /dev/ttyUSB0 115200\n"
     client = way.value.replace("SERVER", "CLIENT")
     with pytest.raises(ConfigError, match=f"a serial port has no server: write {client} at both ends") as error:

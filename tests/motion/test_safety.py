@@ -7,13 +7,13 @@ from tests.motion.arms import HOME, state
 
 from hexwire.errors import UsageError
 from hexwire.model.state import JointFlag
-from hexwire.motion.safety import Guard, SafetyLimits, StopReason
+from hexwire.motion.safety import SafetyGuard, SafetyLimits, StopReason
 
 LIMITS = SafetyLimits()
 
 
 def judged(
-    guard: Guard, seconds: float, step: float = 0.05, start: float = 0.0, **options: object
+    guard: SafetyGuard, seconds: float, step: float = 0.05, start: float = 0.0, **options: object
 ) -> StopReason | None:
     """Judge the same state again and again; the first reason."""
     for i in range(round(seconds / step) + 1):
@@ -23,8 +23,8 @@ def judged(
     return None
 
 
-def commanded(**positions: float) -> Guard:
-    guard = Guard(LIMITS)
+def commanded(**positions: float) -> SafetyGuard:
+    guard = SafetyGuard(LIMITS)
     guard.commanded({**HOME, **positions}, 0.0)
     return guard
 
@@ -43,7 +43,7 @@ def test_following_error_must_last() -> None:
 
 
 def test_a_delay_is_not_a_following_error() -> None:
-    guard = Guard(LIMITS)
+    guard = SafetyGuard(LIMITS)
     # 90 deg/s: a servo 0.2 s behind is 18 deg off the newest command, and well.
     speed, t = math.radians(90), 0.0
     while t < 2.0:
@@ -54,7 +54,7 @@ def test_a_delay_is_not_a_following_error() -> None:
 
 
 def test_not_moving_on_command_is_a_following_error() -> None:
-    guard = Guard(LIMITS)
+    guard = SafetyGuard(LIMITS)
     t = 0.0
     while t < 3.0:
         guard.commanded({"J1": HOME["J1"] + math.radians(30) * t}, t)
@@ -127,7 +127,7 @@ def test_old_values_are_as_bad_as_silence() -> None:
 
 
 def test_joints_that_nobody_commanded_do_not_stop_the_arm() -> None:
-    guard = Guard(LIMITS)
+    guard = SafetyGuard(LIMITS)
     guard.commanded({"J1": HOME["J1"]}, 0.0)
     assert judged(guard, 3.0, load={"J2": 1.0}, flags={"J7": JointFlag.SILENT | JointFlag.OVERLOAD}) is None
 
@@ -218,19 +218,19 @@ def test_commands_within_the_lag_count_and_older_ones_do_not() -> None:
     limits = SafetyLimits(lag=0.25, following_error=0.1, following_time=1e-9)
     # The command of 0.5 s is in force until 1 s, and counts for as long as the lag after that.
     for when, good in ((1.125, True), (1.247, True), (1.25, False)):
-        guard = Guard(limits)
+        guard = SafetyGuard(limits)
         for due, angle in ((0.0, 0.0), (0.5, 1.0), (1.0, 2.0), (2.0, 3.0)):
             guard.commanded({"J1": angle}, due)
         found = [guard.judge(state({"J1": 0.95}), when + k / 1024) for k in range(2)]
         assert (found[1] is None) is good
     # A position is as old as it says.
-    guard = Guard(limits)
+    guard = SafetyGuard(limits)
     for due, angle in ((0.0, 0.0), (1.0, 2.0)):
         guard.commanded({"J1": angle}, due)
     for now in (1.375, 1.4375):
         assert guard.judge(state({"J1": 0.05}, age={"J1": 0.25}), now) is None
     # Before anything is due, the first command counts.
-    guard = Guard(limits)
+    guard = SafetyGuard(limits)
     guard.commanded({"J1": 1.0}, 5.0)
     guard.commanded({"J1": 2.0}, 6.0)
     assert guard.judge(state({"J1": 1.05}), 1.0) is None
@@ -240,7 +240,7 @@ def test_commands_within_the_lag_count_and_older_ones_do_not() -> None:
 
 
 def test_old_commands_are_dropped_but_the_one_in_force_is_not() -> None:
-    guard = Guard(SafetyLimits(lag=0.25, max_age=0.25))
+    guard = SafetyGuard(SafetyLimits(lag=0.25, max_age=0.25))
     for i in range(1000):
         guard.commanded({"J1": float(i)}, 0.25 * i)
     # Lag and twice the age: 0.75 s, and the command before them.
@@ -266,7 +266,7 @@ def test_a_joint_is_lost_after_its_age_and_not_at_it() -> None:
 
 def test_every_joint_that_was_commanded_is_judged() -> None:
     for name in HOME:
-        guard = Guard(LIMITS)
+        guard = SafetyGuard(LIMITS)
         guard.commanded({name: HOME[name]}, 0.0)
         found = guard.judge(state(flags={name: JointFlag.CURRENT}), 0.0)
         assert found is not None
@@ -274,7 +274,7 @@ def test_every_joint_that_was_commanded_is_judged() -> None:
 
 
 def test_a_stall_counts_as_one_cycle_for_every_condition() -> None:
-    guard = Guard(SafetyLimits(lag=0.25))
+    guard = SafetyGuard(SafetyLimits(lag=0.25))
     guard.commanded(HOME, 0.0)
     push = {"J1": 0.95, "J2": 0.95}
     assert guard.judge(state(load=push), 0.0) is None

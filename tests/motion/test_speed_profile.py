@@ -8,13 +8,13 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from hexwire.motion.speed_profile import JointLimits, Passing, Piece, change_time, profile, time_window
+from hexwire.motion.speed_profile import JointLimits, Passing, SpeedPiece, change_time, profile, time_window
 
 LIMITS = st.builds(JointLimits, st.floats(0.1, 10.0), st.floats(0.1, 50.0), st.floats(1.0, 1000.0))
 SHARE = st.floats(0.0, 1.0)
 
 
-def run(pieces: list[Piece], begin: Passing) -> tuple[float, float, float, list[float], list[float]]:
+def run(pieces: list[SpeedPiece], begin: Passing) -> tuple[float, float, float, list[float], list[float]]:
     """Distance, speed and acceleration at the end; speeds and accelerations between the pieces."""
     p, v, a = 0.0, begin.speed, begin.turn
     speeds, accelerations = [v], [a]

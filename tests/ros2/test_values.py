@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from hexwire.control.motion.goals import ComponentTolerance, Point, TrajectoryGoal
-from hexwire.control.requests.client_goals import Request
+from hexwire.control.requests.client_goals import ClientRequest
 from hexwire.ros2.values import request_of, trajectory_of
 from zenoh_ros2.times import nanoseconds_of, seconds_of
 from zenoh_ros2.types import Types
@@ -102,7 +102,7 @@ def test_a_goal_is_read_whole() -> None:
         component_goal_tolerance=[component(joint_name="J2", component=1, velocity=0.4, acceleration=0.6)],
         goal_time_tolerance=duration(-1_000_000_000),
     )
-    assert request_of(goal, NOW) == Request(
+    assert request_of(goal, NOW) == ClientRequest(
         expected(1.0, ("base",)),
         [("J1", 0.1, -1.0, 0.5)],
         [("J2", 0.2, 0.0, 0.0)],

@@ -9,7 +9,7 @@ from typing import Any
 from hexwire.control.requests.history import BLOCK, History
 from hexwire.studio.columns import history_columns, serialize_columns, series_columns
 from hexwire.trace.recording import make_positions
-from hexwire.trace.series import Series
+from hexwire.trace.series import PlotSeries
 
 
 def parsed(data: bytes) -> tuple[dict[str, Any], array[float], dict[str, array[float]]]:
@@ -61,7 +61,9 @@ def _at(i: int) -> dict[str, Any]:
 
 
 def test_a_recording_has_its_quantities_and_its_damage() -> None:
-    series = Series(("J1",), 1000.0, array("d", [0.0, 0.5]), {("J1", "load"): array("f", [0.1, 0.2])}, "truncated")
+    series = PlotSeries(
+        ("J1",), 1000.0, array("d", [0.0, 0.5]), {("J1", "load"): array("f", [0.1, 0.2])}, "truncated"
+    )
     head, times, columns = parsed(series_columns(series))
     assert (head["begin"], head["problem"], head["names"]) == (1000.0, "truncated", ["J1"])
     assert list(times) == [0.0, 0.5]

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 from tests.studio.running import until
 
-from hexwire.control.motion.hold_to_run import Entry
+from hexwire.control.motion.hold_to_run import HeldMotion
 from hexwire.errors import GoalError, HexwireError, LeaseError, LinkLostError
 from hexwire.fleet.service import Service
 from hexwire.fleet.service_file import read_arms
@@ -91,7 +91,7 @@ def test_a_motion_to_a_goal_ends_with_its_entry(source: Source) -> None:
     until(lambda: arm.facts()["torque"] == "on", "torque")
     over: list[str] = []
 
-    def begin(number: int, by: float) -> Entry:
+    def begin(number: int, by: float) -> HeldMotion:
         entry = arm.hold_to_run.begin(tab.key, number)
         assert entry is not None
         goal = arm.arm.owner.newest().positions["J1"] + by

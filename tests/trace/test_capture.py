@@ -14,7 +14,7 @@ from tests.analyzers.lines import readings_table
 
 from hexwire.errors import HexwireError, UsageError
 from hexwire.link.tap import Direction, Passed
-from hexwire.trace.capture import BYTES, FRAMES, Capture, Message, read_messages, recover, traffic_of
+from hexwire.trace.capture import BYTES, FRAMES, Capture, CapturedMessage, read_messages, recover, traffic_of
 from hexwire.trace.mcap_file import MAGIC
 from hexwire.trace.recording import JOINT_STATES, make_positions, read_joint_states
 from hexwire.trace.sources import read_traffic
@@ -35,9 +35,9 @@ def record(path: Path, *, states: int = 3) -> bytes:
     return path.read_bytes()
 
 
-def messages(data: bytes) -> tuple[list[Message], list[str]]:
+def messages(data: bytes) -> tuple[list[CapturedMessage], list[str]]:
     found = list(read_messages(io.BytesIO(data), "it"))
-    return [m for m in found if isinstance(m, Message)], [m for m in found if isinstance(m, str)]
+    return [m for m in found if isinstance(m, CapturedMessage)], [m for m in found if isinstance(m, str)]
 
 
 def test_bytes_frames_and_states_stand_in_one_file(tmp_path: Path) -> None:

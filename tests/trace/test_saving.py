@@ -8,7 +8,7 @@ from tests.frames import frame_bytes
 
 from hexwire.errors import UsageError
 from hexwire.link.tap import Direction, Passed
-from hexwire.trace.capture import FRAMES, Message, read_messages
+from hexwire.trace.capture import FRAMES, CapturedMessage, read_messages
 from hexwire.trace.sources import FORMATS, read_traffic, saved_traffic
 from hexwire.wire.command_frame import Command
 
@@ -26,7 +26,7 @@ def test_what_is_saved_is_read_back_with_times_of_day(form: str) -> None:
 
 def test_a_recording_has_the_frames_in_words_too() -> None:
     data = saved_traffic(TRAFFIC, "mcap", offset=1000.0)
-    topics = [each.topic for each in read_messages(io.BytesIO(data), "x") if isinstance(each, Message)]
+    topics = [each.topic for each in read_messages(io.BytesIO(data), "x") if isinstance(each, CapturedMessage)]
     assert FRAMES in topics
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from hexwire.errors import ConfigError, UsageError
 from hexwire.trace.recording import RecordingWriter, make_positions, read_joint_states
-from hexwire.trace.series import Series, TimedFile, read_series, write_csv, write_mcap
+from hexwire.trace.series import PlotSeries, TimedFile, read_series, write_csv, write_mcap
 
 COLUMNS = [("J1", "position"), ("J1", "goal"), ("J2", "position"), ("J2", "goal"), ("", "rate")]
 NAN = math.nan
@@ -21,7 +21,7 @@ def _written(path: Path, rows: int = 5) -> Path:
     return path
 
 
-def _series(path: Path) -> Series:
+def _series(path: Path) -> PlotSeries:
     with path.open("rb") as file:
         return read_series(file, path.name)
 

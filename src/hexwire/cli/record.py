@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.state import JointState
     from hexwire.ros2.bag_recording import BagRecording
-    from hexwire.trace.capture import Message, Writer
+    from hexwire.trace.capture import CapturedMessage, Writer
 
 __all__ = ["bag_recording", "capturing", "record", "record_as", "recording", "ros2", "topic_for"]
 
@@ -289,7 +289,7 @@ def replay(file: BinaryIO, link: str | None, baud: int, tcp: str | None) -> None
     serve_device(device, tcp=tcp, link=link, baud=baud, stop=lambda: False, announce=say_document)
 
 
-def _messages(file: BinaryIO) -> Iterator[Message | str]:
+def _messages(file: BinaryIO) -> Iterator[CapturedMessage | str]:
     from hexwire.trace.capture import read_messages
 
     return read_messages(file, name_of(file))

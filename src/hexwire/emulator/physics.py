@@ -26,7 +26,7 @@ from hexwire.wire.registers import Series
 from .physics_body import make_body, puppet_poses
 from .servo import EmulatedServo
 from .servo_control import MECHANICS
-from .servo_motion import TICK, Drive, Mechanics, Motion
+from .servo_motion import TICK, Mechanics, Motion, MotorDrive
 
 __all__ = ["PhysicsTwin"]
 
@@ -221,8 +221,10 @@ class _Shaft(Motion):
         self._joint = replace(self._joint, neutral=self._joint.neutral + round(counts))
         self._taken = self.position
 
-    def command(self, drive: Drive, *, target: float, speed: float, acceleration: float, ceiling: float) -> None:
-        if self._drive is not Drive.POSITION or drive is not Drive.POSITION:
+    def command(
+        self, drive: MotorDrive, *, target: float, speed: float, acceleration: float, ceiling: float
+    ) -> None:
+        if self._drive is not MotorDrive.POSITION or drive is not MotorDrive.POSITION:
             self._ahead, self._pace = self.position, self.velocity
         super().command(drive, target=target, speed=speed, acceleration=acceleration, ceiling=ceiling)
 
@@ -235,18 +237,18 @@ class _Shaft(Motion):
 
     def push(self) -> float:
         """Torque on the joint, newton metres; also sets what the load register shows."""
-        if self._drive is Drive.POSITION:
+        if self._drive is MotorDrive.POSITION:
             self._follow_profile()
             wanted = _GAIN * (self._ahead - self.position) + self._damping * (self._pace - self.velocity)
-        elif self._drive is Drive.SPEED:
+        elif self._drive is MotorDrive.SPEED:
             wanted = 4 * self._damping * (self._speed - self.velocity)
-        elif self._drive is Drive.TORQUE:
+        elif self._drive is MotorDrive.TORQUE:
             wanted = self._target
         else:
             wanted = 0.0
         self.torque = max(-self._ceiling, min(self._ceiling, wanted))
         outside = self.external_torque + (self._pull() if self.hand is not None else 0.0)
-        if self._drive is Drive.DAMPED:
+        if self._drive is MotorDrive.DAMPED:
             outside -= self._damping * self.velocity
         low, high = self.obstacle
         self.blocked = False
@@ -260,7 +262,7 @@ class _Shaft(Motion):
 
     def friction(self) -> float:
         """Dry friction now, newton metres."""
-        powered = self._drive not in {Drive.FREE, Drive.DAMPED} and self._ceiling > 0
+        powered = self._drive not in {MotorDrive.FREE, MotorDrive.DAMPED} and self._ceiling > 0
         share = self.mechanics.friction if powered else self.mechanics.holding_friction
         return share * self._stall
 

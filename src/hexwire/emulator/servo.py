@@ -34,7 +34,7 @@ from hexwire.wire.servo_packet import (
 from hexwire.wire.tables import INSTRUCTIONS
 
 from . import servo_control as control
-from .servo_motion import TICK, Drive, Mechanics, Motion
+from .servo_motion import TICK, Mechanics, Motion, MotorDrive
 from .servo_protection import Protection
 from .servo_registers import RegisterFile
 
@@ -396,7 +396,7 @@ class EmulatedServo:
         allowed = self.protection.ceiling
         motion = self.motion
         if torque != 1 or allowed == 0.0:
-            drive = Drive.DAMPED if torque == 2 else Drive.FREE
+            drive = MotorDrive.DAMPED if torque == 2 else MotorDrive.FREE
             motion.command(drive, target=motion.position, speed=0.0, acceleration=0.0, ceiling=0.0)
             return
         order = control.order_for(self.registers, motion.mechanics, self._supply, self._goal_distance, self._target)

@@ -11,7 +11,7 @@ from math import copysign, inf
 
 from hexwire.wire.registers import Series
 
-from .servo_motion import Drive, Mechanics, speed_for_duration
+from .servo_motion import Mechanics, MotorDrive, speed_for_duration
 from .servo_protection import NO_LIMITS, ProtectionLimits
 from .servo_registers import RegisterFile
 
@@ -55,7 +55,7 @@ _HLS_HELD = 0.2
 class MotionOrder:
     """Arguments of `Motion.command`, before protection reduces them."""
 
-    drive: Drive
+    drive: MotorDrive
     target: float
     speed: float
     acceleration: float
@@ -130,15 +130,15 @@ def order_for(
     if series is Series.HLS and mode != "pwm":
         ceiling = min(ceiling, abs(registers.get("goal_torque")) * AMPERES / mechanics.stall_current)
     if mode == "pwm":
-        return MotionOrder(Drive.SPEED, target, fastest * _pwm(registers), acceleration, ceiling)
+        return MotionOrder(MotorDrive.SPEED, target, fastest * _pwm(registers), acceleration, ceiling)
     if mode == "current":
         push = copysign(ceiling, registers.get("goal_torque"))
-        return MotionOrder(Drive.TORQUE, push, fastest, acceleration, ceiling)
+        return MotionOrder(MotorDrive.TORQUE, push, fastest, acceleration, ceiling)
     if mode == "speed":
         speed = registers.get("goal_speed") * speed_unit(registers)
-        return MotionOrder(Drive.SPEED, target, max(-fastest, min(fastest, speed)), acceleration, ceiling)
+        return MotionOrder(MotorDrive.SPEED, target, max(-fastest, min(fastest, speed)), acceleration, ceiling)
     speed = min(fastest, _travel_speed(registers, mechanics, distance))
-    return MotionOrder(Drive.POSITION, target, speed, acceleration, ceiling)
+    return MotionOrder(MotorDrive.POSITION, target, speed, acceleration, ceiling)
 
 
 def _pwm(registers: RegisterFile) -> float:

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-__all__ = ["TICK", "Drive", "Mechanics", "Motion", "speed_for_duration"]
+__all__ = ["TICK", "Mechanics", "Motion", "MotorDrive", "speed_for_duration"]
 
 TICK = 0.001
 """Seconds per step of the model. Time is counted in whole ticks from 0, so results do not depend on the caller."""
@@ -27,7 +27,7 @@ _STIFFNESS = 1 / 64  # torque per count of error against an obstacle, about what
 _WIND_UP = 1.5 / _STIFFNESS  # counts by which a profile may lead a shaft that is held back
 
 
-class Drive(Enum):
+class MotorDrive(Enum):
     """Kind of control of the motor."""
 
     FREE = "free"
@@ -38,7 +38,7 @@ class Drive(Enum):
 
 
 # Kept here because each tick asks for them: looking up a member of an enum is slow.
-_POSITION, _SPEED, _TORQUE, _DAMPED = Drive.POSITION, Drive.SPEED, Drive.TORQUE, Drive.DAMPED
+_POSITION, _SPEED, _TORQUE, _DAMPED = MotorDrive.POSITION, MotorDrive.SPEED, MotorDrive.TORQUE, MotorDrive.DAMPED
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ class Motion:
         self.blocked = False
         self.settled = False
         self.stops = mechanics.stops
-        self._drive = Drive.FREE
+        self._drive = MotorDrive.FREE
         self._target = self.position
         self._speed = 0.0
         self._acceleration = mechanics.max_acceleration
@@ -104,7 +104,9 @@ class Motion:
         # The profile that a shaft follows which gives way: counts and counts/s.
         self._ahead, self._pace = self.position, 0.0
 
-    def command(self, drive: Drive, *, target: float, speed: float, acceleration: float, ceiling: float) -> None:
+    def command(
+        self, drive: MotorDrive, *, target: float, speed: float, acceleration: float, ceiling: float
+    ) -> None:
         """Command the motor.
 
         Args:

@@ -25,7 +25,7 @@ __all__ = [
     "ENTRY_POINT_GROUP",
     "Cell",
     "ChannelConf",
-    "Direction",
+    "ChannelDirection",
     "Record",
     "interface_named",
     "link_url",
@@ -85,7 +85,7 @@ def interface_named(text: str) -> IpcType | None:
     return IpcType.__members__.get(text)
 
 
-class Direction(enum.Enum):
+class ChannelDirection(enum.Enum):
     """Which side opens the channel, and in which direction it carries data."""
 
     CLIENT_TX = "CLIENT_TX"
@@ -132,7 +132,7 @@ class ChannelConf:
     """
 
     module: ModuleType
-    direction: Direction
+    direction: ChannelDirection
     destination: ModuleType
     interface: IpcType
     address: str
@@ -200,13 +200,13 @@ class Record:
                     "", f"the record ends before its {column}; columns: {' '.join(COLUMNS[:5])} [port]"
                 )
         module = self.module("module_name")
-        direction = Direction(self.one_of("direction", (member.value for member in Direction)))
+        direction = ChannelDirection(self.one_of("direction", (member.value for member in ChannelDirection)))
         destination = self.module("destination_module")
         interface = IpcType[self.one_of("interface", IpcType.__members__)]
         address, port, peer = self._endpoint(interface, direction)
         return ChannelConf(module, direction, destination, interface, address, port, peer, self.start.line)
 
-    def _endpoint(self, interface: IpcType, direction: Direction) -> tuple[str, int | None, str]:
+    def _endpoint(self, interface: IpcType, direction: ChannelDirection) -> tuple[str, int | None, str]:
         """Address, port and peer, as the interface requires."""
         listens = interface is IpcType.UDP and direction.is_server
         if "peer" in self.cells and not listens and interface is not IpcType.QUEUE:

@@ -32,7 +32,7 @@ from .channel import (
     NEEDED,
     Cell,
     ChannelConf,
-    Direction,
+    ChannelDirection,
     Record,
     interface_named,
     link_url,
@@ -40,7 +40,16 @@ from .channel import (
     rows_of,
 )
 
-__all__ = ["ChannelConf", "Direction", "link_url", "load_conf", "parse_conf", "parse_toml", "to_conf", "to_toml"]
+__all__ = [
+    "ChannelConf",
+    "ChannelDirection",
+    "link_url",
+    "load_conf",
+    "parse_conf",
+    "parse_toml",
+    "to_conf",
+    "to_toml",
+]
 
 _TRUST = "trust="
 # Key -> column. A serial port's rate and the user whose queue is trusted have names of their own here.

@@ -14,7 +14,7 @@ from hexwire.link.base import Link, LinkKind, Openable
 from hexwire.wire.modules import IpcType, ModuleType, module_name
 
 if TYPE_CHECKING:
-    from .channel import Direction
+    from .channel import ChannelDirection
 
 __all__ = ["IpcHandle"]
 
@@ -47,7 +47,7 @@ class IpcHandle(Openable):
         direction: What the record of a configuration file permits; None without a file, and before it is read.
     """
 
-    direction: Direction | None = None
+    direction: ChannelDirection | None = None
     behind_gateway = False
     _line = 0
 

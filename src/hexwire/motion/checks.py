@@ -18,7 +18,7 @@ from hexwire.units import decimal
 from .fence import Fence
 from .trajectory import Sample, Trajectory
 
-__all__ = ["Finding", "InJoints", "MotionReport", "check_move", "check_trajectory"]
+__all__ = ["InJoints", "MotionReport", "PathFault", "check_move", "check_trajectory"]
 
 _TURN = math.radians(1.0)
 """Radians between two checks of a move."""
@@ -54,7 +54,7 @@ class InJoints(Trajectory):
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class PathFault:
     """A violation, and when it first occurs.
 
     Attributes:
@@ -83,7 +83,7 @@ class MotionReport:
     duration: float
     peak_speed: Mapping[str, float]
     lowest: float
-    findings: tuple[Finding, ...]
+    findings: tuple[PathFault, ...]
 
     def require(self) -> MotionReport:
         """Refuse a trajectory that is not allowed.
@@ -126,7 +126,7 @@ def check_trajectory(
         goes_on: It is a part of a motion, which may end where the arm does not stay.
     """
     joints = [arm.joint(name) for name in trajectory.names]
-    found: dict[str, Finding] = {}
+    found: dict[str, PathFault] = {}
     peak = [0.0] * len(joints)
     lowest = math.inf
     known = set(trajectory.names).intersection(model.joint_names) if model is not None else set()
@@ -134,7 +134,7 @@ def check_trajectory(
     last: tuple[float, tuple[float, ...]] | None = None
 
     def note(kind: str, t: float, text: str) -> None:
-        found.setdefault(kind, Finding(t, text))
+        found.setdefault(kind, PathFault(t, text))
 
     for t, sample in _samples(trajectory, max((other.duration for other in meanwhile), default=0.0), step):
         # Two samples may be a rounding error apart; a distance covered in no time is still a jump.

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from hexwire.errors import LimitError
 from hexwire.model.arm import ArmModel
 
-from .speed_profile import JointLimits, Piece
+from .speed_profile import JointLimits, SpeedPiece
 from .trajectory import Sample, Trajectory
 
 __all__ = ["Pieces", "Row", "State", "brake", "braking_time", "change", "joint_limits", "reach", "rest_range"]
@@ -108,7 +108,7 @@ def _roots(a: float, b: float, c: float) -> tuple[float, ...]:
     return (q / a, c / q) if q else (0.0,)
 
 
-def _change(v: float, a: float, to: float, limits: JointLimits) -> list[Piece]:
+def _change(v: float, a: float, to: float, limits: JointLimits) -> list[SpeedPiece]:
     """From a speed and an acceleration to another speed without acceleration, in the shortest time."""
     _, most, jerk = limits
     sign = 1.0 if to >= v + 0.5 * a * abs(a) / jerk else -1.0
@@ -117,14 +117,14 @@ def _change(v: float, a: float, to: float, limits: JointLimits) -> list[Piece]:
     square = 0.5 * a * a + size * change
     peak = math.sqrt(square) if square > 0.0 else 0.0
     if peak <= most:
-        return [Piece(max(0.0, peak - a) / size, jerk), Piece(peak / size, -jerk)]
+        return [SpeedPiece(max(0.0, peak - a) / size, jerk), SpeedPiece(peak / size, -jerk)]
     # An acceleration that is above the limit is first brought back to it.
     ramp = (most - a) / size
     flat = (change - abs(ramp) * 0.5 * (most + a)) / most - 0.5 * most / size
     return [
-        Piece(abs(ramp), math.copysign(jerk, jerk * ramp)),
-        Piece(max(0.0, flat), 0.0),
-        Piece(most / size, -jerk),
+        SpeedPiece(abs(ramp), math.copysign(jerk, jerk * ramp)),
+        SpeedPiece(max(0.0, flat), 0.0),
+        SpeedPiece(most / size, -jerk),
     ]
 
 
@@ -205,7 +205,7 @@ class _Way:
         changes, distance = self._changes(speed)
         return seconds - changes, distance + speed * (seconds - changes)
 
-    def in_time(self, seconds: float) -> list[Piece] | None:
+    def in_time(self, seconds: float) -> list[SpeedPiece] | None:
         """The pieces that take so many seconds, or None if these do not suit it."""
         low, high = sorted((self._settle, self._leave))
         distance, most = self._distance, self._limits.speed
@@ -221,7 +221,7 @@ class _Way:
                 return self._towards(edge, end, seconds)
         return self._between(low, high, seconds)
 
-    def _towards(self, near: float, far: float, seconds: float) -> list[Piece] | None:
+    def _towards(self, near: float, far: float, seconds: float) -> list[SpeedPiece] | None:
         """With a speed further out than those at both ends."""
         if not (far - near) * far > 0.0:
             return None
@@ -238,7 +238,7 @@ class _Way:
             speed = 0.5 * (near + far)
         return None
 
-    def _between(self, low: float, high: float, seconds: float) -> list[Piece] | None:
+    def _between(self, low: float, high: float, seconds: float) -> list[SpeedPiece] | None:
         """With a speed between those at both ends: there may be no time for some of them."""
         found = self._solve(low, high, seconds)
         if found is not None:
@@ -260,9 +260,9 @@ class _Way:
         if not -_EXACT <= wait <= rest + _EXACT:
             return None
         wait = min(max(0.0, wait), rest)
-        return [*settle, Piece(wait, 0.0), *middle, Piece(rest - wait, 0.0), *reversed(leave)]
+        return [*settle, SpeedPiece(wait, 0.0), *middle, SpeedPiece(rest - wait, 0.0), *reversed(leave)]
 
-    def _solve(self, near: float, far: float, seconds: float) -> list[Piece] | None:
+    def _solve(self, near: float, far: float, seconds: float) -> list[SpeedPiece] | None:
         """The speed between two with which the distance takes the time: regula falsi, with halving."""
         a, b = near, far
         fa, fb = (self._ways(x, seconds)[1] - self._distance for x in (a, b))
@@ -286,13 +286,13 @@ class _Way:
             return None
         return self._pieces(speed, seconds)
 
-    def _pieces(self, speed: float, seconds: float) -> list[Piece]:
+    def _pieces(self, speed: float, seconds: float) -> list[SpeedPiece]:
         left, _ = self._ways(speed, seconds)
         up, down = _change(self._v, self._a, speed, self._limits), _change(self._w, self._b, speed, self._limits)
-        return [*up, Piece(max(0.0, left), 0.0), *reversed(down)]
+        return [*up, SpeedPiece(max(0.0, left), 0.0), *reversed(down)]
 
 
-def _rows(p: float, v: float, a: float, pieces: Sequence[Piece]) -> list[Row]:
+def _rows(p: float, v: float, a: float, pieces: Sequence[SpeedPiece]) -> list[Row]:
     rows: list[Row] = []
     t = 0.0
     for u, j in pieces:
@@ -369,7 +369,7 @@ def reach(
     if longer:
         seconds = max(seconds, *((1.0 + _ROUNDING) * way.soonest() for way in ways))
     for _ in range((_TRIES if longer else 1) if known else 0):
-        found: list[list[Piece]] = []
+        found: list[list[SpeedPiece]] = []
         for way in ways:
             if (pieces := way.in_time(seconds)) is None:
                 break
@@ -377,7 +377,7 @@ def reach(
         else:
             if straight is not None:
                 # A joint with next to nothing to go is no task of its own.
-                found = [[Piece(u, share * j) for u, j in found[0]] for share in straight[1]]
+                found = [[SpeedPiece(u, share * j) for u, j in found[0]] for share in straight[1]]
             states = zip(*begin, found, strict=True)
             return Pieces(names, [_rows(*state) for state in states], end.position, seconds)
         seconds = _GROWTH * seconds + _STEP
@@ -439,7 +439,7 @@ def braking_time(begin: Sample, limits: Sequence[JointLimits]) -> float:
     return max((_measure(v, a, 0.0, limit)[0] for v, a, limit in moving), default=0.0)
 
 
-def _gently(v: float, a: float, seconds: float, limits: JointLimits) -> list[Piece]:
+def _gently(v: float, a: float, seconds: float, limits: JointLimits) -> list[SpeedPiece]:
     """The brake of one joint in a time that is not shorter than it needs: with a share of its limits."""
     if not v and not a:
         return []
@@ -450,7 +450,7 @@ def _gently(v: float, a: float, seconds: float, limits: JointLimits) -> list[Pie
     first = abs(a) / limits.jerk
     settled = v + 0.5 * a * first
     share = _share(settled, 0.0, seconds - first, limits)
-    return [Piece(first, math.copysign(limits.jerk, -a)), *_change(settled, 0.0, 0.0, _less(share, limits))]
+    return [SpeedPiece(first, math.copysign(limits.jerk, -a)), *_change(settled, 0.0, 0.0, _less(share, limits))]
 
 
 def _share(v: float, a: float, seconds: float, limits: JointLimits) -> float:

@@ -15,7 +15,7 @@ from typing import Any, Self
 from hexwire.errors import UsageError
 from hexwire.model.state import JointFlag, JointState
 
-__all__ = ["STOP_COMMAND", "TORQUE_OFF", "Guard", "SafetyLimits", "StopReason", "board_stop", "silence"]
+__all__ = ["STOP_COMMAND", "TORQUE_OFF", "SafetyGuard", "SafetyLimits", "StopReason", "board_stop", "silence"]
 
 
 _SILENT = int(JointFlag.SILENT)
@@ -135,7 +135,7 @@ def silence(state: JointState, names: Collection[str]) -> StopReason:
     return StopReason("lost", f"{name} has not answered for {state[name].age:.2f} s", name)
 
 
-class Guard:
+class SafetyGuard:
     """Checks states against the commands.
 
     Args:

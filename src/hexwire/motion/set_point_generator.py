@@ -23,7 +23,7 @@ from .eased import ease_out
 from .limits import resting_inside
 from .moving import Pieces, brake, joint_limits
 from .quintic import PEAK_SPEED
-from .safety import Guard, SafetyLimits, StopReason
+from .safety import SafetyGuard, SafetyLimits, StopReason
 from .slowed import slow_down, start_on
 from .takeover import Takeover, take_over
 from .together import Together
@@ -126,7 +126,7 @@ class SetPointGenerator:
             if not 0 < value < math.inf:
                 raise UsageError(f"lost_after and jump must be above 0 and finite, not {value:g}")
         self.arm = arm
-        self.guard = Guard(limits or SafetyLimits())
+        self.guard = SafetyGuard(limits or SafetyLimits())
         self.mode = Mode.HOLD
         self.reason: StopReason | None = None
         self.counters = GeneratorCounters()

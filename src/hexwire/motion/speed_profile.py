@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-__all__ = ["JointLimits", "Passing", "Piece", "change_time", "profile", "time_window"]
+__all__ = ["JointLimits", "Passing", "SpeedPiece", "change_time", "profile", "time_window"]
 
 _HALVINGS = 50
 """Of an interval of speeds: the rest is far below the resolution of any servo."""
@@ -64,7 +64,7 @@ class Passing(NamedTuple):
         return self.turn / limits.jerk, -(self.turn**3) / (3.0 * limits.jerk * limits.jerk)
 
 
-class Piece(NamedTuple):
+class SpeedPiece(NamedTuple):
     """A time of constant jerk.
 
     Attributes:
@@ -118,7 +118,7 @@ def time_window(distance: float, begin: Passing, end: Passing, limits: JointLimi
     return shortest, _extreme(distance, first, last, low, slowest, limits)
 
 
-def profile(distance: float, begin: Passing, end: Passing, seconds: float, limits: JointLimits) -> list[Piece]:
+def profile(distance: float, begin: Passing, end: Passing, seconds: float, limits: JointLimits) -> list[SpeedPiece]:
     """The pieces of constant jerk that cover a distance in a time.
 
     Args:
@@ -141,23 +141,23 @@ def profile(distance: float, begin: Passing, end: Passing, seconds: float, limit
         change = change_time(high - low, limits)
         wait = (last * (seconds - change) + 0.5 * (first + last) * change - distance) / (last - first)
         wait = min(max(0.0, wait), seconds - change)
-        return [Piece(wait, 0.0), *_change(first, last, limits), Piece(seconds - change - wait, 0.0)]
+        return [SpeedPiece(wait, 0.0), *_change(first, last, limits), SpeedPiece(seconds - change - wait, 0.0)]
     changes = change_time(abs(between - first), limits) + change_time(abs(between - last), limits)
     up, down = _change(first, between, limits), _change(between, last, limits)
     if cut:
-        up[0] = Piece(max(0.0, up[0].seconds - cut), up[0].jerk)
+        up[0] = SpeedPiece(max(0.0, up[0].seconds - cut), up[0].jerk)
     if left:
-        down[-1] = Piece(max(0.0, down[-1].seconds - left), down[-1].jerk)
-    return [*up, Piece(max(0.0, seconds - changes), 0.0), *down]
+        down[-1] = SpeedPiece(max(0.0, down[-1].seconds - left), down[-1].jerk)
+    return [*up, SpeedPiece(max(0.0, seconds - changes), 0.0), *down]
 
 
-def _change(begin: float, end: float, limits: JointLimits) -> list[Piece]:
+def _change(begin: float, end: float, limits: JointLimits) -> list[SpeedPiece]:
     seconds = change_time(abs(end - begin), limits)
     if not seconds:
         return []
     jerk = math.copysign(limits.jerk, end - begin)
     ramp = min(0.5 * seconds, limits.acceleration / limits.jerk)
-    return [Piece(ramp, jerk), Piece(max(0.0, seconds - 2.0 * ramp), 0.0), Piece(ramp, -jerk)]
+    return [SpeedPiece(ramp, jerk), SpeedPiece(max(0.0, seconds - 2.0 * ramp), 0.0), SpeedPiece(ramp, -jerk)]
 
 
 def _needed(begin: float, end: float, between: float, limits: JointLimits) -> float:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from hexwire.control.loop.outcomes import Outcome, Reason
 from hexwire.control.motion.goal_fields import CODES, tolerance_rows
-from hexwire.control.requests.client_goals import ClientGoals, Request
+from hexwire.control.requests.client_goals import ClientGoals, ClientRequest
 
 from .values import trajectory_of
 
@@ -88,8 +88,8 @@ class ActionGoals(ClientGoals[ActionClient]):
         """Cancel a goal for its client."""
         self.cancel(controller, handle.get_goal_id().id)
 
-    def _request(self, message: Any) -> Request:
-        return Request(
+    def _request(self, message: Any) -> ClientRequest:
+        return ClientRequest(
             trajectory_of(message.trajectory, self._now()),
             tolerance_rows(message.path_tolerance),
             tolerance_rows(message.goal_tolerance),

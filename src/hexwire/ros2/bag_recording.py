@@ -25,7 +25,7 @@ from hexwire.control.loop.known_state import StateFilter
 from hexwire.errors import UsageError
 from hexwire.inputs import parse_message
 from hexwire.model.state import JointState
-from hexwire.trace.capture import BYTES, Message, read_messages
+from hexwire.trace.capture import BYTES, CapturedMessage, read_messages
 from hexwire.trace.foxglove import nanoseconds
 from hexwire.trace.recording import JOINT_STATES, parse_joints
 from zenoh_ros2 import LATCHED, Types
@@ -185,7 +185,7 @@ def convert(file: IO[bytes], name: str, recording: BagRecording, *, note: Callab
     return left_out
 
 
-def _convert(message: Message, name: str, number: int, recording: BagRecording) -> bool:
+def _convert(message: CapturedMessage, name: str, number: int, recording: BagRecording) -> bool:
     if message.schema == "foxglove.JointStates" and message.encoding == "json":
         stamp, rows = parse_joints(message.data, name, number)
         values = [{key: item.value for key, item in row.items()} for row in rows]

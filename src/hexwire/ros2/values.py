@@ -10,7 +10,7 @@ from typing import Any
 from hexwire.control.loop.outcomes import Reason
 from hexwire.control.motion.goal_fields import component_rows, tolerance_rows, trajectory_goal
 from hexwire.control.motion.goals import TrajectoryGoal
-from hexwire.control.requests.client_goals import Request
+from hexwire.control.requests.client_goals import ClientRequest
 from hexwire.errors import GoalError
 from zenoh_ros2 import nanoseconds_of, seconds_of
 
@@ -52,7 +52,7 @@ def trajectory_of(message: Any, now: int, multi_dof: Any = None) -> TrajectoryGo
     return trajectory_goal(message, delay, seconds_of, free)
 
 
-def request_of(goal: Any, now: int) -> Request:
+def request_of(goal: Any, now: int) -> ClientRequest:
     """The contents of a FollowJointTrajectory_Goal.
 
     Args:
@@ -62,7 +62,7 @@ def request_of(goal: Any, now: int) -> Request:
     Raises:
         GoalError: As `delay_of`.
     """
-    return Request(
+    return ClientRequest(
         trajectory_of(goal.trajectory, now, goal.multi_dof_trajectory),
         tolerance_rows(goal.path_tolerance),
         tolerance_rows(goal.goal_tolerance),

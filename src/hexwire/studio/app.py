@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from hexwire.control.loop.power import Stopped
-from hexwire.control.loop.workers import Together
+from hexwire.control.loop.workers import MergedCalls
 from hexwire.control.motion.hold_to_run import FINE
 from hexwire.errors import HexwireError, LeaseError, LinkLostError, LinkNotFoundError, UsageError
 
@@ -49,7 +49,7 @@ from .tabs import Tab, Tabs
 from .wire_feed import WireFeed
 
 if TYPE_CHECKING:
-    from hexwire.control.motion.hold_to_run import Entry
+    from hexwire.control.motion.hold_to_run import HeldMotion
     from hexwire.epochs import Token
 
     from .bus_source import BusSource
@@ -130,7 +130,7 @@ class Studio:
         self.live = Live(self)
         self.orders = ThreadPoolExecutor(1, "studio orders")
         # The stops of what is open: one answers all who have asked before it began.
-        self._stops: tuple[object, Together[str, Stopped]] | None = None
+        self._stops: tuple[object, MergedCalls[str, Stopped]] | None = None
         self._stopping = threading.Lock()
         # Those who may operate never wait for those who only watch.
         self._workers = {right: ThreadPoolExecutor(8, "studio") for right in Right}
@@ -306,7 +306,7 @@ class Studio:
         with self._stopping:
             return present.name, self._stops_of(present).ask(who)
 
-    def _stops_of(self, present: ArmSource | BusSource) -> Together[str, Stopped]:
+    def _stops_of(self, present: ArmSource | BusSource) -> MergedCalls[str, Stopped]:
         """The stops of what is open. Another one never waits for those of what was open before, which may hang."""
 
         def stop(names: list[str]) -> Stopped:
@@ -324,7 +324,7 @@ class Studio:
         known = self._stops
         if known is not None and known[0] is present:
             return known[1]
-        self._stops = made = present, Together("studio stops", stop)
+        self._stops = made = present, MergedCalls("studio stops", stop)
         if known is not None:
             known[1].close(0.0)
         return made[1]
@@ -385,13 +385,13 @@ class Studio:
         if tab.grant:
             self.orders.submit(self.source.leave, tab)
 
-    def refused(self, entry: Entry, why: str) -> None:
+    def refused(self, entry: HeldMotion, why: str) -> None:
         """A motion that was announced did not begin."""
         present = self.source.present
         if present is not None:
             present.hold_to_run.end(entry.who, why, entry.number)
 
-    def ended(self, entry: Entry) -> None:
+    def ended(self, entry: HeldMotion) -> None:
         """A motion has ended: tell its tab."""
         fine = entry.ended in FINE
         self.live.tell({"kind": "ended", "id": entry.number, "why": entry.ended, "fine": fine}, entry.who)
@@ -420,7 +420,7 @@ class Studio:
 
     # -- motions to a goal ----------------------------------------------------------------------------------
 
-    def _begin_run(self, tab: Tab, entry: Entry, args: Mapping[str, object], arrived: Token) -> None:
+    def _begin_run(self, tab: Tab, entry: HeldMotion, args: Mapping[str, object], arrived: Token) -> None:
         """Begin a motion to a goal for a tab, and tell all tabs how far it is."""
         arm = self.source.need_arm()
         args = dict(args)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 from hexwire.control.loop.holding import SOON, hold_moving
 from hexwire.control.loop.known_state import known_joints
 from hexwire.control.loop.power import Stopped, Torques
-from hexwire.control.motion.hold_to_run import SILENCE, Entry, HoldToRun, silence_for
+from hexwire.control.motion.hold_to_run import SILENCE, HeldMotion, HoldToRun, silence_for
 from hexwire.control.motion.jog import JogController, read_request
 from hexwire.control.requests.controlled_arm import ControlledArm
 from hexwire.control.requests.history import History
@@ -199,7 +199,7 @@ class ArmSource:
 
     # -- holds ------------------------------------------------------------------------------------------
 
-    def begin_jog(self, tab: Tab, entry: Entry, kind: str, args: Mapping[str, object], arrived: Token) -> None:
+    def begin_jog(self, tab: Tab, entry: HeldMotion, kind: str, args: Mapping[str, object], arrived: Token) -> None:
         """Begin a jog that was announced to `hold_to_run`.
 
         Raises:
@@ -229,7 +229,7 @@ class ArmSource:
     def begin_run(
         self,
         tab: Tab,
-        entry: Entry,
+        entry: HeldMotion,
         args: Mapping[str, object],
         arrived: Token,
         on_end: Callable[[], object] = lambda: None,

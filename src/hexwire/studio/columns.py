@@ -20,7 +20,7 @@ from hexwire.trace.series import column_name
 
 if TYPE_CHECKING:
     from hexwire.control.requests.history import Rows
-    from hexwire.trace.series import Series
+    from hexwire.trace.series import PlotSeries
 
 __all__ = ["history_columns", "serialize_columns", "series_columns", "transposed"]
 
@@ -77,7 +77,7 @@ def history_columns(
     return serialize_columns(head, rows.times, [pair for pair in pairs if pair[0].endswith(endings)])
 
 
-def series_columns(series: Series) -> bytes:
+def series_columns(series: PlotSeries) -> bytes:
     """A recording."""
     head = {"names": list(series.names), "begin": series.begin, "problem": series.problem}
     columns = [(f"{joint}.{quantity}", values) for (joint, quantity), values in series.columns.items()]

@@ -17,7 +17,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from hexwire.control.loop.known_state import KNOWN_FOR
-from hexwire.control.loop.workers import MOST_GATHERED, Together
+from hexwire.control.loop.workers import MOST_GATHERED, MergedCalls
 from hexwire.errors import HexwireError, LinkNotFoundError, UsageError
 from hexwire.extras import extras_named
 
@@ -74,7 +74,7 @@ class FleetWatch:
         self._gone: dict[str, float] = {}
         self._error = ""
         self._router = ""
-        self._stops: Together[tuple[str | None, str], Future[list[Stopped]]] | None = None
+        self._stops: MergedCalls[tuple[str | None, str], Future[list[Stopped]]] | None = None
         self._stopping = ThreadPoolExecutor(_MOST_STOPS, "fleet stops")
 
     def look(self) -> dict[str, Any]:
@@ -118,7 +118,7 @@ class FleetWatch:
             # The next one finds the arms at once.
             self._begin()
             if self._stops is None:
-                self._stops = Together("fleet stops", self._stop)
+                self._stops = MergedCalls("fleet stops", self._stop)
             asked = self._stops.ask((name, who))
         begun = await asyncio.wrap_future(asked)
         # Who loses interest does not cancel it for the others.

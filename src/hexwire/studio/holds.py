@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from hexwire.errors import UsageError
 
 if TYPE_CHECKING:
-    from hexwire.control.motion.hold_to_run import Entry
+    from hexwire.control.motion.hold_to_run import HeldMotion
     from hexwire.epochs import Token
 
     from .source import Source
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Begin", "Holds"]
 
-Begin = Callable[["Tab", "Entry", Mapping[str, object], "Token"], object]
+Begin = Callable[["Tab", "HeldMotion", Mapping[str, object], "Token"], object]
 """Begins a motion for a tab, then calls `HoldToRun.begun` with how it ends. Runs in a thread and may wait. Raises
 `HexwireError` if it is refused. The token says when it was asked for: a stop since then voids it."""
 
@@ -42,7 +42,7 @@ class Holds:
         """Add a kind of motion, such as ``goto``."""
         self._kinds[kind] = begin
 
-    def begin(self, tab: Tab, entry: Entry, kind: str, args: Mapping[str, object], arrived: Token) -> None:
+    def begin(self, tab: Tab, entry: HeldMotion, kind: str, args: Mapping[str, object], arrived: Token) -> None:
         """Begin a motion; raises `HexwireError` if it is refused."""
         self._source.need_control(tab)
         if kind in _JOGS:

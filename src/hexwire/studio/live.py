@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from concurrent.futures import ThreadPoolExecutor
 
-    from hexwire.control.motion.hold_to_run import Entry
+    from hexwire.control.motion.hold_to_run import HeldMotion
 
     from .access import Access
     from .holds import Holds
@@ -117,7 +117,7 @@ class Desk(Protocol):
     def gone(self, tab: Tab) -> None:
         """The socket of a tab is closed."""
 
-    def refused(self, entry: Entry, why: str) -> None:
+    def refused(self, entry: HeldMotion, why: str) -> None:
         """A motion that was announced did not begin."""
 
     def facts(self) -> dict[str, object]:
@@ -372,7 +372,7 @@ class Live:
             text = json.dumps({"kind": "answer", "id": order.id, "error": "the answer cannot be sent as JSON"})
         socket.put(text)
 
-    def _begin(self, socket: _Socket, entry: Entry, order: _Hold, arrived: Any) -> None:
+    def _begin(self, socket: _Socket, entry: HeldMotion, order: _Hold, arrived: Any) -> None:
         def begin() -> None:
             try:
                 self._studio.holds.begin(socket.tab, entry, order.kind, order.args, arrived)

@@ -18,7 +18,7 @@ from .columns import serialize_columns
 
 if TYPE_CHECKING:
     from hexwire.trace.library import Library
-    from hexwire.trace.series import Series
+    from hexwire.trace.series import PlotSeries
 
 __all__ = ["Plotted"]
 
@@ -35,9 +35,9 @@ class Plotted:
 
     def __init__(self, library: Library) -> None:
         self._library = library
-        self._kept: OrderedDict[tuple[object, ...], Series] = OrderedDict()
+        self._kept: OrderedDict[tuple[object, ...], PlotSeries] = OrderedDict()
 
-    def series(self, name: str, topic: str | None = None) -> Series:
+    def series(self, name: str, topic: str | None = None) -> PlotSeries:
         """The columns of a recording; raises as `Library.series`."""
         found = self._library.find(name)
         if topic is None and found.topics:

@@ -36,7 +36,7 @@ __all__ = [
     "FRAMES",
     "MAGIC",
     "Capture",
-    "Message",
+    "CapturedMessage",
     "Recovered",
     "Writer",
     "read_messages",
@@ -156,7 +156,7 @@ class Capture:
         self._writer.message(FRAMES, "foxglove.Log", stamp, body)
 
 
-class Message(NamedTuple):
+class CapturedMessage(NamedTuple):
     """One message of a recording.
 
     Attributes:
@@ -181,7 +181,7 @@ class Recovered(NamedTuple):
     problem: str
 
 
-def read_messages(file: IO[bytes], name: str) -> Iterator[Message | str]:
+def read_messages(file: IO[bytes], name: str) -> Iterator[CapturedMessage | str]:
     """The messages of a recording in file order, up to the first damage.
 
     Args:
@@ -199,7 +199,7 @@ def read_messages(file: IO[bytes], name: str) -> Iterator[Message | str]:
             yield record
             continue
         schema, channel, message = record
-        yield Message(
+        yield CapturedMessage(
             channel.topic,
             schema.name if schema else "",
             channel.message_encoding,

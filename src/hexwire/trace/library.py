@@ -26,9 +26,9 @@ from hexwire.new_file import OutputFile
 from .capture import BYTES, recover
 from .mcap_file import Readable, read_records
 from .recording import is_joint_state, parse_joints
-from .series import Series, TimedFile, read_series
+from .series import PlotSeries, TimedFile, read_series
 
-__all__ = ["LARGEST", "Library", "Recording", "recordings_folder", "survey"]
+__all__ = ["LARGEST", "Library", "StoredRecording", "recordings_folder", "survey"]
 
 LARGEST = 256 * 1024 * 1024
 """Bytes of a file that somebody brings."""
@@ -47,7 +47,7 @@ _ENDING = ".mcap"
 
 
 @dataclass(frozen=True, slots=True)
-class Recording:
+class StoredRecording:
     """What a recording holds.
 
     Attributes:
@@ -86,7 +86,7 @@ def recordings_folder() -> Path:
     return base / "hexwire" / "recordings"
 
 
-def survey(file: Readable, empty: Recording) -> Recording:
+def survey(file: Readable, empty: StoredRecording) -> StoredRecording:
     """What a recording holds, from reading all of it.
 
     Args:
@@ -177,12 +177,12 @@ class Library:
         self.folder = Path(folder)
         self.largest = largest
         self.remark = ""
-        self._known: dict[str, Recording] = {}
+        self._known: dict[str, StoredRecording] = {}
         self._rests: dict[str, float] = {}
         self._lock = threading.Lock()
         self._reading = threading.Lock()
 
-    def entries(self, without: str = "") -> list[Recording]:
+    def entries(self, without: str = "") -> list[StoredRecording]:
         """The recordings, newest first. Reads those that are new or have changed.
 
         A file that grows, and whose reading takes long, is as it was some seconds ago.
@@ -214,7 +214,7 @@ class Library:
                 del self._known[gone]
         return listed
 
-    def _entry(self, changed: float, name: str, size: int) -> Recording:
+    def _entry(self, changed: float, name: str, size: int) -> StoredRecording:
         """What a file holds; it is read if that is not known."""
         # One at a time: a page asks again while the first answer is being made.
         with self._reading:
@@ -226,14 +226,14 @@ class Library:
                 if size > known.size and time.monotonic() < rest:
                     return known
             began = time.thread_time()
-            known = self._look(Recording(name, size, changed))
+            known = self._look(StoredRecording(name, size, changed))
             took = time.thread_time() - began
             with self._lock:
                 self._known[name] = known
                 self._rests[name] = time.monotonic() + (_REST * took if took > _SHORT else 0.0)
             return known
 
-    def _look(self, empty: Recording) -> Recording:
+    def _look(self, empty: StoredRecording) -> StoredRecording:
         if not empty.size:
             return replace(empty, problem="is empty: nothing was written, or it is being written")
         try:
@@ -244,7 +244,7 @@ class Library:
         except ConfigError as error:
             return replace(empty, problem=str(error).removeprefix(f"{error.file}: "))
 
-    def find(self, name: str) -> Recording:
+    def find(self, name: str) -> StoredRecording:
         """One recording.
 
         Raises:
@@ -292,7 +292,7 @@ class Library:
             )
         return self.folder / name
 
-    def series(self, name: str, topic: str | None = None) -> Series:
+    def series(self, name: str, topic: str | None = None) -> PlotSeries:
         """Its joint states as columns; raises as `read_series`."""
         try:
             with self.open(name) as file:
@@ -315,7 +315,7 @@ class Library:
         """Make the folder; raises as `hexwire.new_file.make_folder`."""
         make_folder(self.folder)
 
-    def add(self, name: str, content: IO[bytes]) -> Recording:
+    def add(self, name: str, content: IO[bytes]) -> StoredRecording:
         """Add a file that somebody brings. A truncated recording is kept; what is no recording is not.
 
         Args:
@@ -340,12 +340,12 @@ class Library:
             out.file.flush()
             with Path(out.path).open("rb") as file:
                 status = os.fstat(file.fileno())
-                found = survey(file, Recording(name, status.st_size, status.st_mtime))
+                found = survey(file, StoredRecording(name, status.st_size, status.st_mtime))
             if found.problem and not found.recoverable:
                 raise UsageError(f"{found.problem}; nothing was kept")
         return self.find(name)
 
-    def recover(self, name: str) -> Recording:
+    def recover(self, name: str) -> StoredRecording:
         """Save the intact part of a damaged recording as a new one, as `hexwire record recover` does.
 
         Raises:

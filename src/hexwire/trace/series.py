@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .mcap_file import Readable
     from .recording import RecordedJoints
 
-__all__ = ["QUANTITIES", "Series", "TimedFile", "column_name", "read_series", "write_csv", "write_mcap"]
+__all__ = ["QUANTITIES", "PlotSeries", "TimedFile", "column_name", "read_series", "write_csv", "write_mcap"]
 
 QUANTITIES = ("position", "goal", "velocity", "load", "current", "voltage", "temperature")
 """Numbers of a joint that a recording may have, in SI units."""
@@ -66,7 +66,7 @@ class TimedFile:
 
 
 @dataclass(slots=True)
-class Series:
+class PlotSeries:
     """Columns of a recording.
 
     Attributes:
@@ -121,7 +121,7 @@ def _float(value: float) -> float:
     return value if abs(value) < 1e30 else math.nan
 
 
-def read_series(file: Readable, name: str, *, topic: str | None = None, most: int = _MOST_NUMBERS) -> Series:
+def read_series(file: Readable, name: str, *, topic: str | None = None, most: int = _MOST_NUMBERS) -> PlotSeries:
     """Read the joint states of a recording; of a damaged one, those before the damage.
 
     Args:
@@ -135,7 +135,7 @@ def read_series(file: Readable, name: str, *, topic: str | None = None, most: in
             package ``mcap`` is not installed.
         ConfigError: A joint state is wrong, or the file cannot be read.
     """
-    series: Series | None = None
+    series: PlotSeries | None = None
     problem = ""
     for state in joint_states_in(file, name, topic=topic):
         if isinstance(state, str):
@@ -146,7 +146,7 @@ def read_series(file: Readable, name: str, *, topic: str | None = None, most: in
         if series is None:
             if len(state.names) > _MOST_JOINTS:
                 raise UsageError(f"{name} has {len(state.names)} joints: too many for a plot")
-            series = Series(state.names)
+            series = PlotSeries(state.names)
             for joint in state.names:
                 series.columns[joint, "position"] = array("f")
         series._add(state)

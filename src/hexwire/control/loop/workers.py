@@ -14,7 +14,7 @@ from typing import Generic, TypeVar
 
 from hexwire.errors import UsageError
 
-__all__ = ["MOST_GATHERED", "Gathering", "Together", "Worker"]
+__all__ = ["MOST_GATHERED", "Gathering", "MergedCalls", "Worker"]
 
 _log = logging.getLogger(__name__)
 
@@ -136,7 +136,7 @@ class Gathering(Generic[_T]):
         self._act(items)
 
 
-class Together(Generic[_T, _R]):
+class MergedCalls(Generic[_T, _R]):
     """Makes a call in a thread of its own, once for all who have asked for it before it begins.
 
     Args:

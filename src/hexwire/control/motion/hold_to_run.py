@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable
 
-__all__ = ["FINE", "SILENCE", "Entry", "HoldToRun", "silence_for"]
+__all__ = ["FINE", "SILENCE", "HeldMotion", "HoldToRun", "silence_for"]
 
 FINE = frozenset({"released", "arrived", "complete"})
 """Why a motion ends that has ended as it was asked for: no news for anybody who looks for faults."""
@@ -32,7 +32,7 @@ def silence_for(period: float, silence: float = SILENCE) -> float:
     return min(silence, _SHORT_SILENCE) if period > _SLOW else silence
 
 
-class Entry:
+class HeldMotion:
     """One held motion. Any thread may call its methods; none of them waits.
 
     Args:
@@ -74,20 +74,20 @@ class HoldToRun:
         *,
         silence: float = SILENCE,
         clock: Callable[[], float] = time.monotonic,
-        on_end: Callable[[Entry], object] = lambda entry: None,
+        on_end: Callable[[HeldMotion], object] = lambda entry: None,
     ) -> None:
         self.silence, self._clock, self.on_end = silence, clock, on_end
         self._lock = threading.Lock()
-        self._entry: Entry | None = None
+        self._entry: HeldMotion | None = None
         # The greatest number of each person: an older one must not begin after a newer one has ended.
         self._last: dict[str, int] = {}
 
     @property
-    def entry(self) -> Entry | None:
+    def entry(self) -> HeldMotion | None:
         """The present motion, or None."""
         return self._entry
 
-    def begin(self, who: str, number: int) -> Entry | None:
+    def begin(self, who: str, number: int) -> HeldMotion | None:
         """Announce a motion, before it is checked and begun; ends the one before.
 
         Args:
@@ -101,12 +101,12 @@ class HoldToRun:
             if number <= self._last.get(who, -1):
                 return None
             self._last[who] = number
-            former, self._entry = self._entry, Entry(who, number, self._clock())
+            former, self._entry = self._entry, HeldMotion(who, number, self._clock())
             entry = self._entry
         self._end(former, "another motion was begun")
         return entry
 
-    def begun(self, entry: Entry, finish: Callable[[str], object]) -> None:
+    def begun(self, entry: HeldMotion, finish: Callable[[str], object]) -> None:
         """Note how a motion is ended, once it has begun; if it has ended meanwhile, it is ended at once.
 
         Args:
@@ -167,7 +167,7 @@ class HoldToRun:
         self._end(entry, "whoever held it is heard no more")
         return math.inf
 
-    def _end(self, entry: Entry | None, why: str) -> None:
+    def _end(self, entry: HeldMotion | None, why: str) -> None:
         if entry is None:
             return
         with self._lock:
@@ -179,7 +179,7 @@ class HoldToRun:
         self._call(entry)
         self.on_end(entry)
 
-    def _call(self, entry: Entry) -> None:
+    def _call(self, entry: HeldMotion) -> None:
         with self._lock:
             finish, entry._finish = entry._finish, None
         if finish is not None:

@@ -19,7 +19,7 @@ from hexwire.log_limiter import LogLimiter
 
 from ..loop.rate import Periodic
 from ..loop.shutdown import Shutdown
-from ..loop.workers import Together
+from ..loop.workers import MergedCalls
 from ..motion.rest import rest_in_words
 from .client_goals import ClientGoal, ClientGoals
 from .controlled_arm import ControlledArm
@@ -63,7 +63,7 @@ class ArmNode(ABC, Generic[_G]):
 
     def __init__(self, robot: RobotDriver, settings: Settings, diagnostics_rate: float) -> None:
         self._arm = ControlledArm(robot, settings, on_state=self._publish_state, on_taught=self._publish_taught)
-        self._stops: Together[str, str] = Together("stops", lambda said: self._arm.stop(said[0]))
+        self._stops: MergedCalls[str, str] = MergedCalls("stops", lambda said: self._arm.stop(said[0]))
         self._joint_commands = JointCommandStream(self._arm)
         self._shutdown = Shutdown(_LONGEST_SHUTDOWN)
         self._watch = ChangeWatch(1.0 / diagnostics_rate)

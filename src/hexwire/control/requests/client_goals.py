@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ..motion.goals import ComponentTolerance, TrajectoryGoal
     from .controlled_arm import ControlledArm
 
-__all__ = ["Client", "ClientGoal", "ClientGoals", "Request"]
+__all__ = ["Client", "ClientGoal", "ClientGoals", "ClientRequest"]
 
 _log = logging.getLogger(__name__)
 
@@ -52,7 +52,7 @@ _C = TypeVar("_C", bound=Client)
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class ClientRequest:
     """The contents of a client's goal.
 
     Attributes:
@@ -150,7 +150,7 @@ class ClientGoals(Generic[_C]):
         """A client still waits for the end of a goal."""
         return bool(self._goals)
 
-    def send(self, controller: str, key: str, client: _C, read: Callable[[], Request]) -> None:
+    def send(self, controller: str, key: str, client: _C, read: Callable[[], ClientRequest]) -> None:
         """Take a goal.
 
         Args:
@@ -171,7 +171,7 @@ class ClientGoals(Generic[_C]):
             goal.cancelled = True
             self._arm.cancel(controller, goal)
 
-    def _begin(self, goal: ClientGoal[_C], read: Callable[[], Request]) -> None:
+    def _begin(self, goal: ClientGoal[_C], read: Callable[[], ClientRequest]) -> None:
         try:
             request = read()
             tolerances = self._arm.controllers[goal.controller].settings.tolerances.overridden(

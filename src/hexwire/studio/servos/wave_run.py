@@ -23,7 +23,7 @@ from hexwire.setup.servo_wave import WaveEnd, WaveSample, and_back, one_servo, r
 from hexwire.studio.calls import Arguments, Asked, Host, call
 
 if TYPE_CHECKING:
-    from hexwire.control.motion.hold_to_run import Entry
+    from hexwire.control.motion.hold_to_run import HeldMotion
     from hexwire.epochs import Token
     from hexwire.studio.bus_source import BusSource
     from hexwire.studio.tabs import Tab
@@ -72,7 +72,7 @@ def read_wave(args: Mapping[str, object]) -> tuple[int, Wave]:
 def add_wave(studio: Host) -> None:
     """Let pages hold a wave."""
 
-    def begin(tab: Tab, entry: Entry, args: Mapping[str, object], arrived: Token) -> None:
+    def begin(tab: Tab, entry: HeldMotion, args: Mapping[str, object], arrived: Token) -> None:
         bus = studio.source.need_bus()
         servo_id, wave = read_wave(args)
         if servo_id not in bus.bench.servo_ids:
@@ -87,7 +87,7 @@ def add_wave(studio: Host) -> None:
 
 
 class _Run:
-    def __init__(self, studio: Host, bus: BusSource, tab: Tab, entry: Entry, arrived: Token) -> None:
+    def __init__(self, studio: Host, bus: BusSource, tab: Tab, entry: HeldMotion, arrived: Token) -> None:
         self._studio, self._bus, self._tab, self._entry, self._arrived = studio, bus, tab, entry, arrived
         self._rows: list[list[float]] = []
         self._told = -math.inf
