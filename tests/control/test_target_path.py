@@ -11,7 +11,7 @@ import pytest
 from tests.drivers.arms import Arm
 from tests.motion.arms import HOME, state
 
-from hexwire.control.motion.execution import apart, path_to, sent_as
+from hexwire.control.motion.motions import apart, path_to, sent_as
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointState, JointTarget
 from hexwire.motion.limits import smooth_duration

@@ -6,7 +6,7 @@ import pytest
 from tests.drivers.test_bus_checkup import foreign, only
 from tests.ipc.test_mistaken import board_link, bus_link
 
-from hexwire.drivers.board_checkup import explain_no_board
+from hexwire.drivers.checkup import explain_no_board
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.serve import BoardLink, FakeClock
 

@@ -11,7 +11,7 @@ from tests.motion.arms import at_rest
 
 from hexwire.bus.servo_bus import ServoBus
 from hexwire.drivers.arm_file import load_profile
-from hexwire.drivers.bus_checkup import (
+from hexwire.drivers.checkup import (
     examine_bus,
     explain_chatter,
     explain_missing,

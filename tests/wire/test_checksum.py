@@ -3,7 +3,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.wire.checksum import frame_check
+from hexwire.wire.command_frame import frame_check
 
 
 def _crc_by_hand(data: bytes, crc: int = 0xFFFF) -> int:

@@ -185,7 +185,7 @@ def bus(port: str | None) -> None:
 def scan(all_rates: bool, ids: str, options: BusOptions) -> None:
     """Find servos: every id, at every rate with --all-rates. Reports ids that several servos share."""
     from hexwire.bus.setup import scan as scan_bus
-    from hexwire.drivers.bus_checkup import SERVO_RATES
+    from hexwire.drivers.checkup import SERVO_RATES
 
     wanted = parse_ids(ids)
     with open_bus(options) as opened:

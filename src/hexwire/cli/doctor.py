@@ -177,7 +177,7 @@ def loopback(port: str | None, rates: tuple[int, ...], count: int) -> None:
     Tries the rates that servos and boards use, slowest first. Exit status 1 if one of them fails.
     """
     from hexwire.drivers.board_reset import warn_of_reset
-    from hexwire.drivers.bus_checkup import SERVO_RATES
+    from hexwire.drivers.checkup import SERVO_RATES
     from hexwire.link.loopback import try_loopback
     from hexwire.link.open import make_link
     from hexwire.link.url import parse_url

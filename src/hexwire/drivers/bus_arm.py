@@ -573,12 +573,12 @@ class BusArm(PlainDriver, BareServos, Counters, ServoPing, SilenceCheck):
         return None if found.error else found.status
 
     def examine(self) -> list[Finding]:
-        from .bus_checkup import examine_bus
+        from .checkup import examine_bus
 
         return examine_bus(self.bus, self.model, self.probe(), self.read())
 
     def explain_silence(self) -> list[Finding]:
-        from .bus_checkup import explain_silence
+        from .checkup import explain_silence
 
         with self.bus as bus:
             return explain_silence(bus, self.model)

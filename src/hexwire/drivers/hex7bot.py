@@ -419,7 +419,7 @@ class Hex7BotDriver(SessionDriver, StateReports, OwnWatchdog, RefilledPaths, Ser
         return self._attached().ping(servo_id)
 
     def explain_silence(self) -> list[Finding]:
-        from .board_checkup import explain_no_board
+        from .checkup import explain_no_board
 
         return explain_no_board(self.session.ipc.link)
 

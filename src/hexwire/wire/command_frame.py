@@ -16,7 +16,6 @@ from hexwire.errors import LocalProtocolError, RemoteProtocolError
 
 from . import tables
 from .addresses import destination_name
-from .checksum import frame_check
 from .modules import module_name
 from .tables import (
     EXT_REPLY,
@@ -41,11 +40,23 @@ __all__ = [
     "Status",
     "command_name",
     "examine",
+    "frame_check",
     "max_body",
     "parse_frame",
     "serialize_frame",
     "status_name",
 ]
+
+
+def frame_check(data: bytes | bytearray | memoryview) -> int:
+    """Compute the check field of a dialect-2 frame, from byte 0 to the end of the body.
+
+    CRC-16/IBM-3740: poly 1021, init FFFF, not reflected, no final xor. FFFF means "not checked" on
+    the wire, so a CRC of FFFF is sent as 0000.
+    """
+    crc = crc_hqx(data, 0xFFFF)
+    return 0 if crc == 0xFFFF else crc
+
 
 BODY_OFFSET = HEADER_SIZE + 8
 _HEAD = struct.Struct("<IIIIiiiIBBBBHBB")

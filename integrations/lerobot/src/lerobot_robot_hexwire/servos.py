@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from hexwire.bus.setup import write_setting
 from hexwire.drivers.base import JointProbe
 from hexwire.drivers.bus_arm import ratings
-from hexwire.drivers.bus_checkup import explain_missing
+from hexwire.drivers.checkup import explain_missing
 from hexwire.errors import ServoError
 from hexwire.wire.registers import Series
 

@@ -1,26 +1,52 @@
 """Runs one complete motion for a program, or opens and closes its gripper.
 
-Owns the check of its path, and what may be asked for. Must not know terminals, nor where a motion comes from.
+Owns the check of its path, what may be asked for, the order (torque, watchdog, motion, arrival, rest) and what ends
+it early: along a path that the board keeps, or target by target. A trajectory is monitored for following error,
+load, faults and old states. Must not know terminals, nor where a motion comes from.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from hexwire.arguments import FLAG, ROBOT, check
+from hexwire.drivers.abilities import OnboardPaths, OwnWatchdog, RefilledPaths, Watchdog
+from hexwire.drivers.timed_path import PathState
 from hexwire.drivers.tools import Gripper
-from hexwire.errors import UsageError
-from hexwire.model.state import JointTarget
+from hexwire.errors import (
+    CommandRefusedError,
+    GoalError,
+    HexwireError,
+    LimitError,
+    PreemptedError,
+    ServoError,
+    StoppedError,
+    UsageError,
+)
+from hexwire.model.state import JointTarget, SentTarget
 from hexwire.motion.checks import InJoints
-from hexwire.motion.limits import Slower, slow_enough
-from hexwire.motion.trajectory import Trajectory
+from hexwire.motion.joined import Joined
+from hexwire.motion.limits import Slower, check_target, resting_inside, slow_enough, smooth_duration
+from hexwire.motion.safety import STOP_COMMAND, TORQUE_OFF, SafetyLimits, StopReason, board_stop
+from hexwire.motion.trajectory import Spline, Trajectory, Waypoint
+from hexwire.wire.command_frame import Status
 
-from ..loop.reader import read_known
-from .execution import Execution, Until
+from ..loop.controller import TrajectoryController
+from ..loop.holding import brake_at_end
+from ..loop.outcomes import Outcome, Reason
+from ..loop.owner import RobotOwner
+from ..loop.power import NOT_LATCHED, give_torque, what_helps
+from ..loop.reader import position_unknown, read_known, read_state
+from ..loop.target import TargetController, holding
+from ..loop.waiting import Waiter
+from ..requests.settings import ControllerSettings
+from .arrival import Tolerance
+from .board_path_feeder import ENDED_BY_OTHERS, BoardPathFeeder
+from .goals import Tolerances
 from .jaws import GRACE, MOST_SECONDS, Closing, JawsMeanwhile, jaw_tolerance
 from .motion_options import MotionObserver, MotionOptions, wanted_options
 from .motion_result import MotionResult
@@ -32,7 +58,600 @@ if TYPE_CHECKING:
     from hexwire.epochs import Token
     from hexwire.model.state import JointState
 
-__all__ = ["CheckedPath", "MotionObserver", "MotionOptions", "MotionResult", "check_path", "run_grip", "run_motion"]
+    from ..loop.group import Controller
+
+__all__ = [
+    "CheckedPath",
+    "Execution",
+    "MotionObserver",
+    "MotionOptions",
+    "MotionResult",
+    "Until",
+    "apart",
+    "check_path",
+    "path_to",
+    "run_grip",
+    "run_motion",
+    "sent_as",
+]
+
+Until = Callable[["JointState"], bool | JointTarget | None]
+"""Called with every state: whether the motion is to end now, or a target that replaces it."""
+
+_LOOK = 0.1
+"""Seconds between two states that show whether a joint is moving."""
+_APART = math.radians(0.4)
+"""A trajectory that begins further from the arm than this, more than a few counts, is joined from there."""
+_FLICKER = math.radians(0.2)
+"""Two counts: a smaller difference is noise, not motion."""
+_BRIEF = 0.05
+"""Seconds; a shorter motion is one target."""
+_MOVING = math.radians(20.0)
+"""Radians per second; a faster joint is turning, and a path begins at rest. Flicker by a count is slower."""
+_POINTS = 12
+"""Parts of a path: enough for a twentieth of a count over half a turn, and few enough to fit on any board."""
+_LONGEST = 6.0
+"""Most seconds between two points; a board takes 6.5."""
+_TICK = 1e-4
+"""Seconds, of which the times of points are multiples."""
+_TOO_SLOW = "the board came to rest on its path, because this program was too slow to send the next points"
+_WHY = {
+    PathState.DRY: _TOO_SLOW,
+    PathState.FAULT: "a joint lost its torque or does not answer; the others came to rest on the path",
+    **ENDED_BY_OTHERS,
+}
+
+
+class Execution:
+    """One motion; see `run_motion`. One of its methods is called, once.
+
+    Args:
+        robot: Attached.
+        options: How it is run and checked.
+        observer: Is called at its events.
+        asked: When it was asked for; a stop since then voids it.
+        until: As in `run_motion`.
+        safe: As in `run_motion`.
+    """
+
+    def __init__(
+        self,
+        robot: RobotDriver,
+        options: MotionOptions,
+        observer: MotionObserver,
+        asked: Token,
+        until: Until | None = None,
+        safe: AbstractContextManager[object] | None = None,
+    ) -> None:
+        self._robot, self._options, self._observer, self._asked = robot, options, observer, asked
+        self._until, self._safe = until, safe
+        self._rate = options.rate or robot.command_rate
+        # Of a path that the board keeps; None if targets are sent.
+        self._feeder: BoardPathFeeder | None = None
+        # A stop of the arm has ended that path; it is known to be at its end.
+        self._stopped = self._done = False
+
+    def path(self, legs: Sequence[Trajectory], grip: float | None = None) -> MotionResult:
+        """Follow checked trajectories, each from where the previous one ends; raises as `run_motion`.
+
+        Args:
+            legs: The trajectories.
+            grip: As in `CheckedPath`.
+        """
+        robot, options, names = self._robot, self._options, legs[0].names
+        jaws = None if grip is None else JawsMeanwhile(robot, grip, options.grace)
+        every = names if jaws is None else (*names, jaws.joint)
+        none = Tolerances(dict.fromkeys(names, Tolerance()), dict.fromkeys(names, Tolerance()))
+        last = Tolerances(none.path, options.goal(names), options.grace)
+        limits = options.limits or SafetyLimits.at_period(1.0 / self._rate)
+        # The paths are checked, but not the way from the arm to the first one.
+        kept = ControllerSettings("", names, True, none), robot.model, limits
+        controller = TrajectoryController(*kept, check=options.checks(robot))
+        arrived, reason, end = False, None, None
+
+        def was_sent(sent: SentTarget) -> None:
+            if jaws is not None:
+                jaws.was_sent(sent)
+
+        # The server of a shared arm follows a path as its goal, which a target for the gripper would end.
+        timed = robot.can(OnboardPaths) and not options.host_timed and (jaws is None or robot.can(RefilledPaths))
+        # And with it, it holds the joints that are not on the path.
+        driven = every if not timed or robot.can(RefilledPaths) else robot.model.names
+        with self._owned(was_sent) as owner:
+            powered = self._give_torque(driven, read_state(robot))
+            self._start(owner, controller)
+            if timed and owner.group.reason is None:
+                whole = legs[0] if len(legs) == 1 else Joined(legs)
+                whole = _from_here(controller, whole, owner.newest())
+
+                def shifted(by: float) -> None:
+                    with owner.locked():
+                        controller.generator.shift(by)
+
+                # A path of no length has one point, which no robot starts: one target says the same.
+                if whole.duration > 0.0 and self._feed_path(
+                    whole, outlives=options.outlives, owner=owner, shifted=shifted
+                ):
+                    legs = (whole,)
+                    controller.generator.waits = False
+            if jaws is not None:
+                self._until = _with_jaws(owner, controller, jaws, self._until)
+                with owner.locked():
+                    jaws.begin(owner.newest(), None if self._feeder is not None else 1.0 / self._rate)
+                    owner.group.members = (controller, jaws.controller)
+            for leg in legs:
+                # Stopped before it began: `stopped` has the reason.
+                if owner.group.reason is not None:
+                    break
+                waiter = Waiter()
+                tolerances = last if leg is legs[-1] else none
+                with owner.locked():
+                    begins = owner.now() if self._feeder is None else self._feeder.origin
+                    controller.follow(leg, owner.newest(), begins, listener=waiter, tolerances=tolerances)
+                end = self._turn(owner, waiter.is_over, owner.group.stop)
+                arrived = waiter.end is not None and waiter.end.outcome is Outcome.SUCCEEDED
+                if not arrived:
+                    break
+            self._come_to_rest(owner, abort=bool(end) or not arrived)
+            off, without_torque = controller.off, tuple[str, ...]()
+            if jaws is not None:
+                if arrived and not end:
+                    end = self._turn(owner, lambda: jaws.over or owner.group.reason is not None)
+                arrived = arrived and (jaws.holds or jaws.controller.arrived)
+                off, without_torque = (*off, *jaws.off), jaws.without_torque
+            braking = [controller] if jaws is None or jaws.over else [controller, jaws.controller]
+            if end and not (end is True and self._feeder is None and brake_at_end(owner, *braking)):
+                reason = self._end_at(owner, end, every)
+            controller.hold("it is over")
+            if jaws is not None:
+                jaws.controller.release("it is over")
+            return MotionResult(
+                arrived,
+                owner.group.reason or reason,
+                off,
+                without_torque,
+                cut=bool(end),
+                powered=powered,
+                state=owner.state,
+                timing=owner.timing.counters,
+                timed=self._feeder is not None,
+                holds=jaws is not None and jaws.holds,
+                opening=math.nan if jaws is None or owner.state is None else jaws.opening(owner.state),
+            )
+
+    def target(self, target: JointTarget, *, wait: bool) -> MotionResult:
+        """Move joints to a target; raises as `run_motion`.
+
+        Args:
+            target: Not checked.
+            wait: Watch it until it has arrived.
+        """
+        robot, options, observer = self._robot, self._options, self._observer
+        state = _check_target(robot, dict(target.positions), options)
+        target = check_target(robot.model, target, {})
+        goal = dict(target.positions)
+        with self._asked_then():
+            cleared = robot.can(OnboardPaths) and OnboardPaths.of(robot).clear_path(list(goal))
+        if cleared:
+            # The joints are elsewhere now, and at rest.
+            state = _check_target(robot, goal, options)
+        # Its ends are smooth; a longer time that was asked for stays.
+        target = replace(target, duration=max(target.duration, smooth_duration(robot.model, state.positions, goal)))
+        powered = self._give_torque(list(goal), state)
+        # What `until` ends is replaced at once, but a path comes to rest first. And the server of a shared arm,
+        # which refills none, follows a path as a goal: it would stop an arm whose gripper meets an object.
+        timed = robot.can(RefilledPaths) and not options.host_timed and self._until is None
+        if not wait:
+            sent = self._send_and_leave(target, timed=timed)
+            return MotionResult(
+                None, powered=powered, sent=sent, seconds=sent.duration, timed=self._feeder is not None
+            )
+        step = None if robot.can(Watchdog) else 1.0 / self._rate
+        here = state.positions
+        if step is not None:
+            target = check_target(robot.model, target, here)
+        controller = TargetController(
+            target,
+            here,
+            options.goal(list(goal)),
+            grace=options.grace,
+            step=step,
+            early=options.early,
+            waits=timed,
+            arm=robot.model,
+        )
+
+        def was_sent(sent: SentTarget) -> None:
+            controller.was_sent(sent)
+            if step is None:
+                observer.sent(sent)
+
+        with self._owned(was_sent) as owner:
+
+            def ended(found: StopReason) -> None:
+                if self._stopped:
+                    owner.group.stop(found)
+                    return
+                # The next states say what is wrong.
+                with owner.locked():
+                    controller.cut(str(found), owner.now())
+
+            if step is not None:
+                observer.sent(SentTarget(target.positions, target.duration))
+            self._start(owner, controller)
+            if timed and not controller.over and (path := path_to(robot, target, owner.newest())) is not None:
+                self._feed_path(path, outlives=options.outlives, owner=owner, apart=apart(path))
+                if self._feeder is not None:
+                    # Its end may be judged by this program's clock: the grace is longer than what clocks differ.
+                    with owner.locked():
+                        controller.on_path(sent_as(robot, path), self._feeder.origin)
+                    observer.sent(sent_as(robot, path))
+            if self._feeder is None:
+                controller.go()
+            end = self._turn(owner, lambda: controller.over, ended)
+            self._come_to_rest(owner, abort=not controller.arrived)
+            reason = None
+            if end and not (end is True and brake_at_end(owner, controller)):
+                reason = self._end_at(owner, end, goal)
+            controller.release("it is over")
+            return MotionResult(
+                controller.arrived,
+                controller.reason or reason,
+                controller.off,
+                controller.without_torque,
+                cut=bool(end),
+                powered=powered,
+                sent=controller.sent,
+                state=owner.state,
+                timing=owner.timing.counters,
+                timed=self._feeder is not None,
+                ended=controller.ended,
+            )
+
+    # -- the steps ----------------------------------------------------------------------------------
+
+    @contextmanager
+    def _asked_then(self) -> Iterator[None]:
+        """Requests inside the block count as made when the motion was asked for, so that a later stop voids them.
+
+        Raises:
+            StoppedError: There was a stop since then, or torque was switched off.
+        """
+        self._robot.epochs.check(self._asked, "the motion")
+        with self._robot.epochs.using(self._asked):
+            yield
+
+    @property
+    def _limp(self) -> bool:
+        """Torque was switched off since the motion was asked for."""
+        return self._robot.epochs.limp_since(self._asked)
+
+    @contextmanager
+    def _owned(self, on_sent: Callable[[SentTarget], object] = lambda sent: None) -> Iterator[RobotOwner]:
+        options = self._options
+        owner = RobotOwner(
+            self._robot,
+            borrowed=True,
+            check=options.checks(self._robot),
+            asked=self._asked,
+            on_sent=on_sent,
+            command_rate=self._rate,
+            watchdog=options.watchdog,
+            watchdog_mode=options.watchdog_mode,
+            stop_on_failure=self._safe is None,
+            clock=options.clock,
+            sleep=options.sleep,
+        )
+        if not self._robot.can(OwnWatchdog):
+            self._observer.unwatched(owner.lead)
+        owner.observers.append(self._observer.seen)
+        with owner, self._safe or nullcontext():
+            yield owner
+
+    def _give_torque(self, names: Sequence[str], state: JointState) -> tuple[str, ...]:
+        with self._asked_then():
+            powered = give_torque(self._robot, names, state)
+        if powered:
+            self._observer.powered(powered)
+        return powered
+
+    def _start(self, owner: RobotOwner, controller: Controller) -> None:
+        """Begin to turn.
+
+        Raises:
+            StoppedError: The arm is stopped, or was stopped or without torque since the motion was asked for.
+        """
+        owner.group.members = (controller,)
+        owner.turn()
+        reason, state = owner.group.reason, owner.state
+        is_stopped = (state is not None and state.stopped) or not self._robot.epochs.holds(self._asked)
+        if reason is not None and reason.kind == "board" and is_stopped:
+            helps = NOT_LATCHED if self._limp else what_helps(self._robot, state)
+            raise StoppedError("the motion", Status.STOPPED, f"{reason}; {helps}")
+        self._observer.started(owner.timing)
+
+    def _turn(
+        self,
+        owner: RobotOwner,
+        over: Callable[[], bool],
+        ended: Callable[[StopReason], object] | None = None,
+    ) -> JointTarget | Literal[True] | None:
+        """Turn until `over` returns true, or `until` ends the motion; returns what it ended it with, or None.
+
+        Args:
+            owner: Of the robot.
+            over: Whether the motion is over.
+            ended: Called with the reason if the board does not follow its path any more; None if the path is over.
+
+        Raises:
+            LimitError: A server or robot does not allow the next target, although the path was allowed here.
+        """
+        while not over():
+            if ended is not None and (found := self._feed()) is not None:
+                ended(found)
+                if over():
+                    break
+            try:
+                owner.turn()
+            except LimitError as error:
+                words = str(error).removesuffix("; nothing was sent")
+                raise LimitError(f"{words}: the motion ended on its way") from error
+            if self._until is not None and owner.state is not None and (end := self._until(owner.state)):
+                return end
+        return None
+
+    def _end_at(
+        self, owner: RobotOwner, end: JointTarget | Literal[True], joints: Collection[str]
+    ) -> StopReason | None:
+        """Send what replaces an ended motion; returns the reason if the arm is stopped.
+
+        Raises:
+            LimitError: The path to a target is not allowed; the joints are held instead.
+        """
+        robot = self._robot
+        state = owner.state or read_state(robot)
+        # Otherwise the robot completes what was sent: all of a target, or more than a second with dialect 1.
+        target: JointTarget | None = holding(robot.model, state, joints)
+        refusal: LimitError | None = None
+        if isinstance(end, JointTarget):
+            try:
+                self._options.checks(robot).target(state.positions, dict(end.positions))
+                target = end
+            except LimitError as error:
+                refusal = error
+        try:
+            with self._asked_then():
+                if target is not None:
+                    owner.arm_watchdog()
+                    robot.write(target)
+        except CommandRefusedError as error:
+            # A robot may say first that a joint has no torque.
+            if not isinstance(error, StoppedError) and not self._limp:
+                raise
+            return board_stop(read_state(robot)) or StopReason("board", str(error))
+        if refusal is not None:
+            raise refusal
+        return None
+
+    def _send_and_leave(self, target: JointTarget, *, timed: bool) -> SentTarget:
+        """Send a target that nobody waits for."""
+        robot = self._robot
+        with self._asked_then():
+            joints = [name for name, _ in target.positions]
+            state = read_known(robot, joints, sleep=self._options.sleep) if timed else None
+            path = None if state is None else path_to(robot, target, state)
+            if path is not None and self._feed_path(path, outlives=True, apart=apart(path)):
+                sent = sent_as(robot, path)
+            else:
+                sent = robot.write(target)
+        self._observer.sent(sent)
+        return sent
+
+    # -- along a path of the board ------------------------------------------------------------------
+
+    def _feed_path(
+        self,
+        path: Trajectory,
+        *,
+        outlives: bool,
+        owner: RobotOwner | None = None,
+        apart: float | None = None,
+        shifted: Callable[[float], object] = lambda by: None,
+    ) -> bool:
+        """Have the board follow a path in its own time; False if it refuses it, and nothing moves.
+
+        Args:
+            path: Checked.
+            outlives: As in `OnboardPaths.path`.
+            owner: Who feeds it from now on; None for nobody.
+            apart: As in `BoardPathFeeder.begin`; it is the path of a target then.
+            shifted: As in `BoardPathFeeder`.
+
+        Raises:
+            StoppedError: The arm is stopped.
+            GoalError: The server of a shared arm does not allow the path; nothing moves.
+            HexwireError: It does not answer.
+        """
+        robot = self._robot
+        now = self._options.clock or robot.now
+        feeder = BoardPathFeeder(robot, now, shifted, fixed=True)
+        if owner is not None:
+            feeder.pace.period = owner.command_period
+        try:
+            with self._asked_then():
+                feeder.begin(path, now(), apart=apart, outlives=outlives)
+        except (StoppedError, PreemptedError):
+            raise
+        except (CommandRefusedError, UsageError) as error:
+            if isinstance(error, GoalError) and error.reason != Reason.TOO_LATE:
+                # The server of a shared arm has checked the path as a whole, with its table and its limits.
+                raise
+            # Its limits may be tighter than the model's: targets one by one are clamped and given more time there.
+            observer = self._observer if apart is None else MotionObserver()
+            observer.refused(error.reason if isinstance(error, CommandRefusedError) else str(error))
+            return False
+        except BaseException:
+            # Without an answer it may have started, and no controller knows of it yet.
+            if feeder.path is not None and (self._safe is None or owner is None):
+                with suppress(HexwireError):
+                    robot.stop()
+            raise
+        self._feeder = feeder
+        return True
+
+    def _feed(self) -> StopReason | None:
+        """Send the next points if there is room, and see where the board is; why it does not follow, or None."""
+        feeder = self._feeder
+        if feeder is None or feeder.path is None or self._done:
+            return None
+        try:
+            with self._asked_then():
+                if feeder.must_look():
+                    report = feeder.look()
+                    self._done = report.state is PathState.DONE
+                    if report.state is PathState.STOPPED:
+                        self._stopped = True
+                        # Perhaps resumed since: then no state says so any more.
+                        return board_stop(self._robot.read()) or StopReason("board", STOP_COMMAND)
+                    if (why := _WHY.get(report.state)) is not None:
+                        return StopReason.of_outcome("board", report.why or why)
+                if feeder.leaving or self._done:
+                    return None
+                feeder.forget_past()
+                return None if feeder.refill() else StopReason("board", _TOO_SLOW)
+        except (StoppedError, PreemptedError):
+            self._stopped = True
+            return StopReason("board", TORQUE_OFF if self._limp else STOP_COMMAND)
+        except CommandRefusedError as error:
+            # It ended while the points were on their way; or the rest is beyond the robot's own limits.
+            return StopReason("board", _WHY.get(feeder.path.report().state, str(error)))
+        except UsageError as error:
+            return StopReason("board", str(error))
+
+    def _come_to_rest(self, owner: RobotOwner, *, abort: bool) -> None:
+        """Wait until the joints are at rest on a path of the board, whatever ended the motion.
+
+        This program must not leave, and disarm the watchdog, while they move. And another motion would be refused.
+
+        Args:
+            owner: Of the robot.
+            abort: Bring them to rest; otherwise the path is known to be at its end.
+
+        Raises:
+            DeviceError: They do not come to rest.
+            HexwireError: As `TimedPath`.
+        """
+        feeder = self._feeder
+        if feeder is None or feeder.path is None or self._done:
+            return
+        try:
+            if abort and not feeder.leaving and not feeder.at_rest():
+                try:
+                    feeder.leave()
+                except CommandRefusedError:
+                    # It has ended meanwhile; or the arm is stopped, and takes no points of a brake.
+                    if not feeder.at_rest():
+                        feeder.path.abort()
+            feeder.wait_for_rest(owner.turn)
+        except BaseException:
+            if self._safe is None:
+                with suppress(HexwireError):
+                    self._robot.stop()
+            raise
+
+
+def _with_jaws(
+    owner: RobotOwner, controller: TrajectoryController, jaws: JawsMeanwhile, until: Until | None
+) -> Until:
+    """`until`, and jaws that meet an object hold it from then on."""
+
+    def seen(state: JointState) -> bool | JointTarget | None:
+        if jaws.see(state):
+            with owner.locked():
+                owner.group.members = (controller, jaws.controller)
+        return None if until is None else until(state)
+
+    return seen
+
+
+def _check_target(robot: RobotDriver, goal: Mapping[str, float], options: MotionOptions) -> JointState:
+    """Check the straight path to a target; returns the present state.
+
+    Raises:
+        LimitError: The path is not allowed; nothing was sent.
+        ServoError: A joint on which the path depends does not answer.
+        UsageError: Other joints are still moving, so that the path cannot be checked.
+    """
+    check = options.checks(robot)
+    check.limits(goal)
+    known = check.joint_names
+    if set(goal).isdisjoint(known):
+        return read_known(robot, list(goal), sleep=options.sleep)
+    before = read_known(robot, [*known, *goal], sleep=options.sleep)
+    options.sleep(_LOOK)
+    state = read_state(robot)
+    unknown = [name for name in known if not math.isfinite(state[name].position)]
+    if unknown:
+        raise ServoError(position_unknown(unknown))
+    # A path begins too slowly to be seen.
+    paths = OnboardPaths.find(robot)
+    left = () if paths is None else paths.left_path()
+    turned = [
+        name
+        for name in known
+        if name not in goal and (name in left or not abs(state[name].position - before[name].position) <= _FLICKER)
+    ]
+    if turned:
+        words = f"still moving: {', '.join(turned)}; wait until the arm has stopped, or move all joints together"
+        raise UsageError(f"{words}; nothing was sent")
+    check.target(state.positions, goal)
+    return state
+
+
+def _from_here(controller: TrajectoryController, trajectory: Trajectory, state: JointState) -> Trajectory:
+    """The trajectory, from the arm's position if that is not its start: a board would jump there."""
+    gaps = [abs(state.positions[name] - at) for name, at in zip(trajectory.names, trajectory.start, strict=True)]
+    if not _APART < max(gaps) < math.inf:
+        return trajectory
+    controller.generator.observe(state)
+    return controller.generator.join(trajectory)
+
+
+def path_to(robot: RobotDriver, target: JointTarget, state: JointState) -> Spline | None:
+    """The way from rest to rest, all joints together, with limited jerk.
+
+    Args:
+        robot: Attached; it keeps the time of a path.
+        target: Checked, with the arm's own names.
+        state: Just read.
+
+    Returns:
+        The path; None if the target itself must be sent: a joint is turning, or its position is unknown.
+    """
+    names, goal = tuple([name for name, _ in target.positions]), tuple([angle for _, angle in target.positions])
+    here = resting_inside(robot.model, {name: state[name].position for name in names})
+    duration = max(target.duration, smooth_duration(robot.model, here, dict(target.positions)))
+    unknown = not all(map(math.isfinite, here.values()))
+    if unknown or duration < _BRIEF or any(abs(state[name].velocity) > _MOVING for name in names):
+        return None
+    rest = (0.0,) * len(names)
+    start = tuple([here[name] for name in names])
+    return Spline(names, [Waypoint(0.0, start, rest, rest), Waypoint(duration, goal, rest, rest)])
+
+
+def apart(path: Spline) -> float:
+    """Seconds between two points of the path to a target."""
+    parts = max(_POINTS, math.ceil(path.duration / _LONGEST))
+    # In whole ticks, and not more: the last part may be longer, but would be twice as long if it were shorter.
+    return math.floor(path.duration / parts / _TICK) * _TICK
+
+
+def sent_as(robot: RobotDriver, path: Spline) -> SentTarget:
+    """What the servos are sent at the end of the path to a target: whole counts."""
+    joints = [robot.model.joint(name) for name in path.names]
+    rows = zip(joints, path.goal, strict=True)
+    goal = tuple([(joint.name, joint.counts_to_angle(joint.angle_to_counts(angle))) for joint, angle in rows])
+    return SentTarget(goal, path.duration)
 
 
 _MUCH = 1.5

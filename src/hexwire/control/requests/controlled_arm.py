@@ -1,7 +1,8 @@
 """The requests of fronts to an arm: motions, set-points, poses, teach mode, power, stop; and its diagnostics.
 
-Owns which request is allowed when, across all controllers of an arm. Must not know the front: requests come in as
-plain values, and answers are texts.
+Owns which request is allowed when, across all controllers of an arm, and that a goal's way out of the running
+motion is planned and checked while nobody is kept waiting. Must not know the front: requests come in as plain
+values, and answers are texts.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -18,6 +19,7 @@ from typing import TYPE_CHECKING
 from hexwire.drivers.abilities import Counters
 from hexwire.drivers.values import StopMode
 from hexwire.errors import GoalError, HexwireError, UsageError
+from hexwire.motion.set_point_generator import Mode
 from hexwire.motion.teach import approach
 from hexwire.trace.chapter_log import format_positions
 
@@ -25,7 +27,6 @@ from ..loop.controller import TrajectoryController
 from ..loop.outcomes import Reason
 from ..loop.owner import RobotOwner
 from ..loop.power import Torques, switch_torque
-from ..loop.prepared import begin
 from ..loop.rate import Periodic
 from ..loop.waiting import TryLock, Waiter
 from ..motion.path_check import PathCheck
@@ -43,10 +44,71 @@ if TYPE_CHECKING:
 
     from ..loop.known_state import KnownState
     from ..loop.outcomes import GoalListener
+    from ..loop.plan import Plan
     from ..motion.goals import Tolerances, TrajectoryGoal
     from .settings import Settings
 
-__all__ = ["ControlledArm", "logging_states"]
+__all__ = ["ControlledArm", "begin", "logging_states"]
+
+_TRIES = 3
+"""How often a way is planned without the lock while the motion that it leads out of goes on; then with it."""
+_LONGEST = 0.2
+"""Seconds by which a goal may begin later, so that it is planned before that."""
+
+
+def begin(
+    owner: RobotOwner,
+    controller: TrajectoryController,
+    plan: Plan,
+    end: tuple[GoalListener | None, Tolerances | None],
+    *,
+    meanwhile: Callable[[float], Sequence[Trajectory]],
+    refuse: Callable[[], object],
+    accepting: Callable[[], object],
+) -> None:
+    """Have a controller accept a goal whose path was checked.
+
+    Args:
+        owner: Of the robot.
+        controller: Of the joints.
+        plan: Of the goal.
+        end: Listener and tolerances, as in `TrajectoryController.accept`.
+        meanwhile: Returns what other controllers do from a time on; called with the lock held.
+        refuse: Raises the error with which the goal is refused by now; likewise.
+        accepting: Called right before it is accepted; likewise.
+
+    Raises:
+        HexwireError: It is refused; the previous motion goes on.
+    """
+    listener, tolerances = end
+    generator, streamed = controller.generator, listener is None
+    for i in range(_TRIES + 1):
+        with owner.locked():
+            refuse()
+            state, now = owner.newest(), owner.now()
+            soonest = generator.next_start(now)
+            waits = plan.goal.delay > 0.0 and plan.due > soonest
+            # What gives way needs no way, and must begin at once.
+            if i == _TRIES or waits or plan.goal.gives_way:
+                accepting()
+                controller.accept(
+                    plan, state, now, listener=listener, tolerances=tolerances, meanwhile=meanwhile(soonest)
+                )
+                return
+            # What follows set-points is where they will be, which nobody knows.
+            later = min(_LONGEST, 2.0 * controller.planning) if generator.mode is not Mode.STREAM else 0.0
+            begins = soonest + (later if not generator.done or streamed else 0.0)
+            outline = controller.outline(plan, state, now, begins, meanwhile(begins), streamed=streamed)
+        ready = controller.prepare(outline)
+        with owner.locked():
+            refuse()
+            state, done = owner.newest(), owner.now()
+            controller.planning = done - now
+            if controller.is_current(ready, done):
+                accepting()
+                controller.accept(plan, state, done, listener=listener, tolerances=tolerances, ready=ready)
+                return
+
 
 _log = logging.getLogger(__name__)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from hexwire.bus import setup as servo_setup
 from hexwire.bus.ids import parse_ids
-from hexwire.drivers.bus_checkup import SERVO_RATES
+from hexwire.drivers.checkup import SERVO_RATES
 from hexwire.errors import ServoError, UsageError
 from hexwire.studio.calls import Arguments, Asked, call
 
