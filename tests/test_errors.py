@@ -8,7 +8,7 @@ import re
 import pytest
 
 from hexwire import errors
-from hexwire.wire.command_frame import Command
+from hexwire.wire.command_frame import Command, Status
 
 CLASSES = [getattr(errors, name) for name in errors.__all__]
 
@@ -101,6 +101,7 @@ def test_that_an_arm_is_stopped_is_not_said_in_commands_of_the_wire() -> None:
         for make in (errors.StoppedError, errors.StoppedError.unsent):
             assert name not in str(make(name, 6, "the arm is stopped"))
     assert str(errors.StoppedError.unsent("a move", 6, "stopped")) == "a move was not sent: stopped"
+    assert errors.StoppedError.STATUS == Status.STOPPED
 
 
 def test_a_servo_error_names_the_servo() -> None:

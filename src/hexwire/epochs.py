@@ -31,8 +31,6 @@ _T = TypeVar("_T")
 _A_MOMENT, _LONGEST = 0.001, 1000
 _MEETINGS = 10
 """Stops that torque off meets at most, one after another, before it gives up."""
-_STOPPED = 5
-"""Status `stopped` of PROTOCOL.md section 6.2."""
 _CAME = "a stop came after the call; `resume()` first, then call it again"
 _OVER = "a stop came after the call, and is over; call it again"
 _UNDER_WAY = "the arm is being stopped; when that is done, `resume()` first"
@@ -208,7 +206,7 @@ class Epochs:
         if mine is not None:
             return mine
         if self._under_way:
-            raise StoppedError.unsent(what, _STOPPED, _UNDER_WAY)
+            raise StoppedError.unsent(what, StoppedError.STATUS, _UNDER_WAY)
         # What only frees the arm must not be refused because somebody else frees it, too.
         current, voided, limp = self._current, self._voided, None if freeing else self._limp
         if self._ended is current:
@@ -220,7 +218,7 @@ class Epochs:
                 self._unstopped = token = Token(current, False, voided=voided, limp=limp)
             return token
         if self._failed is current and not freeing:
-            raise StoppedError.unsent(what, _STOPPED, _UNCONFIRMED)
+            raise StoppedError.unsent(what, StoppedError.STATUS, _UNCONFIRMED)
         return Token(current, True, voided=voided, limp=limp)
 
     def mark(self) -> Token:
@@ -270,7 +268,7 @@ class Epochs:
         if token.urgent:
             return
         if (why := self._refused(token)) is not None:
-            raise StoppedError.unsent(what, _STOPPED, why)
+            raise StoppedError.unsent(what, StoppedError.STATUS, why)
         if token.refusal is not None and (error := token.refusal()) is not None:
             raise error
 

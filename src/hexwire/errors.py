@@ -31,7 +31,7 @@ the layers that raise them.
 
 from __future__ import annotations
 
-from typing import Self
+from typing import ClassVar, Self
 
 __all__ = [
     "CommandRefusedError",
@@ -218,6 +218,9 @@ class StoppedError(CommandRefusedError):
 
     The text says so, and not which command of the wire met it: `command` does.
     """
+
+    STATUS: ClassVar[int] = 5
+    """Status `stopped` of PROTOCOL.md section 6.2, also of a request that was not sent."""
 
     def __init__(self, command: str, status: int, reason: str) -> None:
         super().__init__(command, status, reason)

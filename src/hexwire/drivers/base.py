@@ -18,7 +18,6 @@ from hexwire.arguments import DATA, FLAG, NAME, NAMES, SECONDS, WHOLE, Wanted, c
 from hexwire.epochs import Epochs
 from hexwire.errors import HexwireError, LinkError, NotSupportedError, ReplyTimeoutError, StoppedError, UsageError
 from hexwire.model.state import JointTarget, NewestState
-from hexwire.wire.command_frame import Status
 
 from .abilities import Counters, ObeysGains, Watchdog
 from .robot_state import RobotState
@@ -235,7 +234,7 @@ class RobotDriver(ABC):
             if not always and (state := self.read()).stopped:
                 why = f" (its watchdog stopped it because {state.trip_reason})" if state.watchdog_tripped else ""
                 text = f"the arm is stopped{why}; `hexwire resume` ends that"
-                raise StoppedError.unsent("a motion", Status.STOPPED, text)
+                raise StoppedError.unsent("a motion", StoppedError.STATUS, text)
             dog.watchdog(timeout, mode)
         try:
             yield True

@@ -166,7 +166,7 @@ class PlainDriver(RobotDriver):
 
     def _refuse_if_stopped(self, what: str) -> None:
         if self.epochs.stopped:
-            raise StoppedError.unsent(what, int(Status.STOPPED), "the arm is stopped; `hexwire resume` ends that")
+            raise StoppedError.unsent(what, StoppedError.STATUS, "the arm is stopped; `hexwire resume` ends that")
 
     def _refuse_limp(self, joints: Sequence[str]) -> None:
         if joints:

@@ -26,7 +26,6 @@ from hexwire.errors import HexwireError, NotSupportedError, ServoError, StoppedE
 from hexwire.model.arm import ArmModel
 from hexwire.model.arms import assembly_of
 from hexwire.model.calibration import Calibration
-from hexwire.wire.command_frame import Status
 
 from .auto_calibration import COUNT, AutoCalibration
 from .hand_calibration import HandCalibration, ServoFacts, endless_joints, fitted, full_turn, make_row
@@ -172,7 +171,7 @@ class CalibrationBench:
                         self._look_at_limits(auto)
                     watch(auto)
             if self.arm.epochs.stopped:
-                raise StoppedError.unsent("a motion", int(Status.STOPPED), _HOLDS)
+                raise StoppedError.unsent("a motion", StoppedError.STATUS, _HOLDS)
             if auto.fault:
                 raise ServoError(f"{auto.fault}; nothing was saved")
         return self._calibration(auto, start, unturned, taken)

@@ -24,7 +24,6 @@ from hexwire.drivers.stop_memory import StopMemory
 from hexwire.drivers.values import StopMode
 from hexwire.errors import DeviceError, LeaseError, StoppedError, UsageError
 from hexwire.model.arm import ArmModel, JointModel
-from hexwire.wire.command_frame import Status
 
 if TYPE_CHECKING:
     from hexwire.bus.servo_bus import ServoBus
@@ -214,7 +213,7 @@ class ServoBench:
     def refuse_if_stopped(self, what: str) -> None:
         """Raise `StoppedError` while the servos are stopped."""
         if self.stopped:
-            raise StoppedError.unsent(what, int(Status.STOPPED), "the servos are stopped; resume first")
+            raise StoppedError.unsent(what, StoppedError.STATUS, "the servos are stopped; resume first")
 
     def describe(self, servo_ids: Sequence[int], reach: float) -> BusArmFile:
         """Describe an arm of servos of which nothing else is known.

@@ -17,15 +17,15 @@ from .graph import Graph
 from .keys import Endpoint, gid_of
 from .qos import Qos
 
-__all__ = ["MessageCodec", "Owner", "Part", "ServiceCodec", "TypeSource"]
+__all__ = ["Codec", "MessageCodec", "Owner", "Part", "ServiceCodec", "TypeSource"]
 
 
 _PAUSE = 1.0
 """Least seconds between two warnings of an endpoint."""
 
 
-class MessageCodec(Protocol):
-    """A type of messages."""
+class Codec(Protocol):
+    """A type of messages or of services."""
 
     @property
     def name(self) -> str:
@@ -39,6 +39,10 @@ class MessageCodec(Protocol):
     def hash(self) -> str:
         """As in ``RIHS01_...``."""
 
+
+class MessageCodec(Codec, Protocol):
+    """A type of messages."""
+
     def __call__(self, **fields: Any) -> Any:
         """A new message."""
 
@@ -49,20 +53,8 @@ class MessageCodec(Protocol):
         """A message from bytes; raises `ProtocolError` if they are malformed."""
 
 
-class ServiceCodec(Protocol):
+class ServiceCodec(Codec, Protocol):
     """A type of services."""
-
-    @property
-    def name(self) -> str:
-        """As in ``std_srvs/srv/Trigger``."""
-
-    @property
-    def dds_name(self) -> str:
-        """As in ``std_srvs::srv::dds_::Trigger_``."""
-
-    @property
-    def hash(self) -> str:
-        """As in ``RIHS01_...``."""
 
     @property
     def request(self) -> MessageCodec:
@@ -100,7 +92,7 @@ class Owner(Protocol):
 class Part:
     """What every endpoint has: its token, its id, and its end."""
 
-    type: MessageCodec | ServiceCodec
+    type: Codec
     """Of its messages or requests."""
 
     def __init__(self, owner: Owner, endpoint: Endpoint) -> None:
