@@ -16,6 +16,7 @@ from hexwire.errors import LinkNotFoundError
 from hexwire.fleet import network
 from hexwire.fleet.network import Network, why_unreachable
 from hexwire.fleet.rights import Kind
+from hexwire.link import certs
 from hexwire.link.tls import TlsFiles
 
 from .lab import LONG_AGO, Lab
@@ -106,7 +107,7 @@ def test_no_session_opens_with_a_certificate_of_another_authority_an_expired_one
     lab: Lab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # As a program would that does not look at its own certificate.
-    monkeypatch.setattr(network, "check_usable", lambda files: None)
+    monkeypatch.setattr(certs, "check_usable", lambda files: None)
     other = Lab(tmp_path)
     other.issue("anna", Kind.OPERATOR, "lab/*")
     (tmp_path / "ca.pem").write_bytes((lab.folder / "ca.pem").read_bytes())

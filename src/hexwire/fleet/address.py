@@ -14,7 +14,6 @@ from urllib.parse import parse_qsl, urlencode
 
 from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.inputs import parse_toml, read_text
-from hexwire.link.certs import check_usable, read_certificate
 
 from .endpoints import endpoints_of, is_served, local_name, local_socket, local_sockets
 from .names import SCHEME, Role, check_name
@@ -152,6 +151,9 @@ def rights_of(cert: str) -> Rights | None:
     Raises:
         UsageError: It cannot be read.
     """
+    # Here and below: loaded only where there are certificates.
+    from hexwire.link.certs import read_certificate
+
     try:
         return Rights.from_uris(read_certificate(cert).uris)
     except UsageError as error:
@@ -202,6 +204,8 @@ def router_network(
         reachable_without_certificates=without_certificates,
     )
     if check and network.files is not None:
+        from hexwire.link.certs import check_usable
+
         check_usable(network.files)
     return network
 

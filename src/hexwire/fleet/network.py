@@ -14,10 +14,9 @@ import json
 import os
 import re
 import socket
-import ssl
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hexwire.errors import (
     ConfigError,
@@ -27,8 +26,6 @@ from hexwire.errors import (
     UsageError,
 )
 from hexwire.inputs import LARGEST_DATA, parse_json, read_text
-from hexwire.link.certs import check_usable
-from hexwire.link.tls import TlsFiles
 
 from .endpoints import (
     UNIX,
@@ -41,6 +38,9 @@ from .endpoints import (
     make_socket_folder,
 )
 from .node import Node, load_zenoh
+
+if TYPE_CHECKING:
+    from hexwire.link.tls import TlsFiles
 
 __all__ = [
     "SILENT",
@@ -93,6 +93,9 @@ def why_unreachable(endpoint: str, files: TlsFiles | None) -> str:
 
 
 def _handshake(connection: socket.socket, host: str, files: TlsFiles) -> str:
+    # Here and below: a program without certificates needs no TLS, which takes memory and time to load.
+    import ssl
+
     try:
         context = files.client_context()
     except UsageError as error:
@@ -184,7 +187,11 @@ class Network:
     @property
     def files(self) -> TlsFiles | None:
         """The certificates; None for none."""
-        return TlsFiles(self.ca, self.cert, self.key) if self.ca else None
+        if not self.ca:
+            return None
+        from hexwire.link.tls import TlsFiles
+
+        return TlsFiles(self.ca, self.cert, self.key)
 
     def open(self, *, wait: bool = True) -> Node:
         """Open a session.
@@ -204,6 +211,8 @@ class Network:
             # Zenoh reads it once, when it starts its first thread.
             os.environ.setdefault("ZENOH_RUNTIME", _THREADS)
         if self.files is not None:
+            from hexwire.link.certs import check_usable
+
             check_usable(self.files)
         config = zenoh.Config()
         for key, value in self._settings(wait).items():

@@ -8,7 +8,7 @@ client publishes, and what it concludes. Must not know Zenoh, nor how a set-poin
 from __future__ import annotations
 
 import math
-import secrets
+import os
 import threading
 from collections import deque
 from typing import TYPE_CHECKING
@@ -33,7 +33,7 @@ _LATE = 2.0
 """Seconds after which a set-point that no state tells of counts as lost, as an answer to it would."""
 _SILENT = 0.5
 """Seconds without a state after which set-points are asked again."""
-_NUMBER_BITS = 53
+_NUMBER_BYTES = 6
 
 
 class SetPointReports:
@@ -50,7 +50,7 @@ class SetPointReports:
 
     def _of(self, key: int) -> m.Stream:
         if key != self._key:
-            self._key, self._report = key, m.Stream(secrets.randbits(_NUMBER_BITS) | 1)
+            self._key, self._report = key, m.Stream(int.from_bytes(os.urandom(_NUMBER_BYTES)) | 1)
         return self._report
 
     @property
