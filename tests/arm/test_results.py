@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 from tests.arm.arms import connected
-from tests.arm.test_torque_off import GRIPS, VERBS, a_way, insisted, other_opening
+from tests.arm.test_torque_off import GRIPS, VERBS, a_program, a_way, insisted, other_opening
 from tests.waits import PATIENCE, eventually
 
 from hexwire import Arm, MotionResult, deg, mm
@@ -32,6 +32,7 @@ SLOW: dict[str, Callable[[Arm], Callable[[], MotionHandle[Any]]]] = {
     "line": lambda arm: partial(arm.line, (0, 0, -mm(8)), relative=True, tip_speed=0.0005, wait=False),
     "home": lambda arm: partial(arm.home, duration=30.0, wait=False),
     "play": lambda arm: partial(arm.play, a_way(arm), factor=0.01, wait=False),
+    "program": lambda arm: partial(arm.play, a_program(arm, 40.0, speed=0.01), wait=False),
     "grip": lambda arm: partial(arm.grip, other_opening(arm), duration=30.0, wait=False),
     "move and grip": lambda arm: partial(
         arm.move, {arm.model.names[0]: -deg(4)}, relative=True, grip=other_opening(arm), duration=30.0, wait=False

@@ -63,10 +63,10 @@ def other_opening(arm: Arm) -> float:
     return 0.3 if arm.opening > 0.6 else 0.9
 
 
-def a_program(arm: Arm) -> Path:
-    """Two small motions and a pause between them."""
+def a_program(arm: Arm, way: float = 4.0, speed: float = 1.0) -> Path:
+    """Two motions, there and back, and a pause between them; degrees, and a share of the speed."""
     joint, here = arm.model.names[0], arm.read().position[0]
-    rows = [f"joints = {{ {joint} = {math.degrees(here) + by} }}\nspeed = 1" for by in (4, 0)]
+    rows = [f"joints = {{ {joint} = {math.degrees(here) + by} }}\nspeed = {speed}" for by in (way, 0.0)]
     file = Path(tempfile.mkdtemp(prefix="hw")) / "a.toml"
     file.write_text("\n".join(f"[[steps]]\n{row}" for row in (rows[0], "wait = 0.05", rows[1])))
     return file
