@@ -58,7 +58,7 @@ def test_pose_gripper_and_taught_motion() -> None:
     ("args", "error"),
     [
         ({}, "what is missing"),
-        ({"what": "fly"}, "what must be one of joints, place, pose, grip, play, not the text 'fly'"),
+        ({"what": "fly"}, "what must be one of joints, place, pose, step, grip, play, not the text 'fly'"),
         ({"what": ["place"]}, r"what must be one of joints, .*, not the list \['place'\]"),
         ({"what": "pose", "name": "a", "share": 1}, "share is an unknown key; known: what, speed, name"),
         ({"what": "pose", "nme": "a"}, "nme is an unknown key, did you mean name"),
