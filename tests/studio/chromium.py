@@ -15,7 +15,9 @@ __all__ = ["chromium"]
 _PROGRAM = "/usr/bin/chromium"
 _ARGUMENTS = (
     "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
-    "--disable-component-update --disable-sync"
+    "--disable-component-update --disable-sync "
+    # Two cameras that nobody has to allow.
+    "--use-fake-device-for-media-stream=device-count=2 --use-fake-ui-for-media-stream"
 )
 _ONE_RENDERER = "--disable-site-isolation-trials --renderer-process-limit=1"
 """A new page takes the process of the last one: a third less processor time for each page."""

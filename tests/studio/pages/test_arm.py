@@ -139,6 +139,36 @@ def test_clicks_are_steps_that_add_up_and_keys_do_what_buttons_do(studio: Runnin
     expect(operator.locator("#arm-keys")).not_to_be_checked()
 
 
+def test_cameras_of_the_browser_are_tiles_and_are_off_when_nobody_sees_them(
+    studio: RunningStudio, operator: Page
+) -> None:
+    open_page(operator)
+    # Whoever only watches sees cameras, too: the picture stays in the browser.
+    for _ in range(2):
+        operator.get_by_role("button", name="Camera", exact=True).click()
+    tiles = operator.locator(".arm-camera-tile")
+    expect(tiles).to_have_count(2)
+    operator.wait_for_function(
+        "[...document.querySelectorAll('.arm-camera-tile video')].every((video) => video.videoWidth > 0)"
+    )
+    # Another one each.
+    devices = tiles.evaluate_all("(all) => all.map((one) => one.dataset.device)")
+    assert len(set(devices)) == 2
+    operator.evaluate(
+        "window.tracks = [...document.querySelectorAll('video')].map((v) => v.srcObject.getTracks()[0])"
+    )
+    tiles.first.get_by_role("button", name="Close this camera").click()
+    expect(tiles).to_have_count(1)
+    operator.wait_for_function("tracks.map((track) => track.readyState).join() === 'ended,live'")
+    operator.get_by_role("link", name="Wire", exact=True).click()
+    operator.wait_for_function("tracks.every((track) => track.readyState === 'ended')")
+    # A page without TLS on another computer has no cameras, and says what helps.
+    operator.evaluate("Object.defineProperty(navigator, 'mediaDevices', { value: undefined })")
+    operator.get_by_role("link", name="Move", exact=True).click()
+    operator.get_by_role("button", name="Camera", exact=True).click()
+    expect(operator.locator("#arm-hint")).to_contain_text("TLS")
+
+
 def test_a_gamepad_moves_the_arm_only_while_its_dead_man_button_is_pressed(
     studio: RunningStudio, operator: Page
 ) -> None:

@@ -95,6 +95,11 @@ function draw(element, args, opened) {
   let jog = null;
   const pad = page.find("#arm-pad"), map = page.find("#arm-pad-map");
   pad.addEventListener("change", () => import("./arm_pad.js").then(({ mountPad }) => root.isConnected && mountPad(page)), { once: true });
+  const camera = page.find("#arm-camera");
+  camera?.addEventListener("click", () => {
+    camera.disabled = true; // until there is a picture
+    import("./arm_camera.js").then(({ mountCameras }) => root.isConnected && mountCameras(page, camera));
+  }, { once: true });
   pad.addEventListener("change", () => (map.hidden = false), { once: true });
   page.on("need", () => {
     if (page.mine) jog ||= import("./arm_jog.js").then(({ mountJog }) => root.isConnected && mountJog(page));
@@ -510,8 +515,10 @@ function viewMarkup(geometry, space, emulated) {
   ${geometry ? html`<div class="arm-view" id="arm-view"></div>
     <div class="arm-camera" role="toolbar" aria-label="Camera">${["home", "front", "side", "top", "tip"].map((name) => html`<button
       type="button" data-view="${name}" title="Look from ${name === "tip" ? "nearby at the tip" : name === "home" ? "the usual place" : `the ${name}`}">${capital(name)}</button>`)}
-      <button type="button" id="arm-large" aria-pressed="false" title="As large as the window" aria-label="Large view">⤢</button></div>` : html`<p class="arm-note">The lengths of this arm are unknown,
+      <button type="button" id="arm-large" aria-pressed="false" title="As large as the window" aria-label="Large view">⤢</button>
+      <button type="button" id="arm-camera" title="Show a camera of this computer below">Camera</button></div>` : html`<p class="arm-note">The lengths of this arm are unknown,
     so it has no 3D view, no tip, and no jog in space.</p>`}
+  <div class="arm-cameras" id="arm-cameras"></div>
   ${space && tipMarkup(space)}
   <div class="arm-run" id="arm-run">
     <progress id="arm-run-bar" max="1" value="0" aria-label="Progress of the motion"></progress>
