@@ -72,7 +72,7 @@ class Protection:
         return 1.0
 
     def clear(self) -> None:
-        """A new command ends an overload or overcurrent."""
+        """End an overload or overcurrent: its torque was switched off, or a goal presses no further."""
         self.status &= ~(OVERLOAD | CURRENT)
         self._overload = self._current = 0
 
