@@ -28,7 +28,7 @@ def source() -> Iterator[Source]:
 
 def test_nothing_is_open_at_first(source: Source) -> None:
     assert source.mode == "none"
-    with pytest.raises(LinkLostError, match="page Connect"):
+    with pytest.raises(LinkLostError, match="page Arms"):
         source.need_arm()
 
 

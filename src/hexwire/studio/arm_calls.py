@@ -1,4 +1,4 @@
-"""What the page Arm asks of the server: what the arm is, previews, poses, teach mode.
+"""What the page Move asks of the server: what the arm is, previews, poses, teach mode.
 
 Owns these calls, and their answers as values for JSON. Motion itself is held over the live socket, not asked for
 here. Must not know sockets, nor decide about motion.

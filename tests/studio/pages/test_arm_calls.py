@@ -1,4 +1,4 @@
-"""What the page Arm asks of the server, without a browser."""
+"""What the page Move asks of the server, without a browser."""
 
 from __future__ import annotations
 

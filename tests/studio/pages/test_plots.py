@@ -1,4 +1,4 @@
-"""The page Plots, as a person uses it."""
+"""The page Signals, as a person uses it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 def _open(page: Page) -> None:
     page.get_by_role("link", name="Signals", exact=True).click()
-    page.get_by_role("heading", name="Plots", level=1).wait_for()
+    page.get_by_role("heading", name="Signals", level=1).wait_for()
     page.locator(".uplot").first.wait_for()
 
 

@@ -159,7 +159,7 @@ def test_follow_keeps_its_state_until_somebody_ticks_it_or_scrolls_back(wire: Pa
         wire.get_by_role("button", name="Back to the line").click()
         grown()
         wire.get_by_role("link", name="Move", exact=True).click()
-        wire.get_by_role("heading", name="Arm", level=1).wait_for()
+        wire.get_by_role("heading", name="Move", level=1).wait_for()
         wire.get_by_role("link", name="Wire", exact=True).click()
         wire.get_by_role("option", name="JOINT_STATE").first.wait_for()
         grown()

@@ -1,4 +1,4 @@
-/* The page Arm in the browser: the 3D view, joints, jog, the pose of the tip, and the motion that this page holds.
+/* The page Move in the browser: the 3D view, joints, jog, the pose of the tip, and the motion that this page holds.
 
 Owns what the parts share (`page`): speed, calls to the server, the ghost, the running motion; how a press, a drag or a key
 becomes a hold, and the numbers at frame rate. Must not decide what may move: the server checks every hold and every call. */

@@ -1,4 +1,4 @@
-/* Motions to a goal of the page Arm: the form Go to, poses by name, the gripper, teach mode and the timeline of the taught
+/* Motions to a goal of the page Move: the form Go to, poses by name, the gripper, teach mode and the timeline of the taught
 motion. Asks for a preview after each change, shows it, and begins the motion. Owns the fields and lists; the server plans,
 checks and keeps. The cursor of the timeline shows a ghost of the arm and moves nothing. */
 
