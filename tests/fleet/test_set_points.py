@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import sys
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -28,7 +29,7 @@ class Bench:
     """A client and what a server tells it, without a network, in simulated time."""
 
     def __init__(self) -> None:
-        self.time, self.sequence = 100.0, 0
+        self.time, self.sequence, self.stopping = 100.0, 0, False
         self.reports = SetPointReports()
         self.stream = SetPointStream("zenoh:lab/arm1")
         self.stream.begin(self.reports.number(KEY))
@@ -130,8 +131,49 @@ def test_a_stopped_arm_is_told_by_the_state_and_the_next_order() -> None:
     bench.publish()
     bench.reports.refuse(KEY, bench.sequence, StoppedError("a move", 5, "the arm is stopped"))
     bench.look()
-    assert bench.stream.take_error(stopped=True) is None
+    assert bench.stream.take_error_of_read(bench.time + 9.0, stopped=True) is None
     assert isinstance(bench.stream.take_error(), StoppedError)
+
+
+def test_who_goes_on_writing_hears_of_a_refusal_there_and_who_only_reads_soon() -> None:
+    bench = Bench()
+    bench.begin()
+    bench.publish()
+    bench.reports.refuse(KEY, bench.sequence, LeaseError("too late", lost=False))
+    bench.look()
+    assert bench.stream.take_error_of_read(bench.time + 0.2, stopped=False) is None
+    assert isinstance(bench.stream.take_error_of_read(bench.time + 0.3, stopped=False), LeaseError)
+    assert bench.stream.take_error() is None
+
+
+def test_a_signal_handler_that_stops_the_arm_anywhere_here_neither_waits_nor_breaks_it() -> None:
+    bench = Bench()
+    bench.begin()
+    for _ in range(3):
+        bench.publish()
+    bench.reports.done(KEY, bench.sequence - 1, SENT)
+    told = bench.reports.report(KEY, bench.reports.dealt)
+    lines = 0
+
+    def trace(frame: Any, event: str, argument: object) -> Any:
+        nonlocal lines
+        if frame.f_code.co_filename.endswith("set_points.py") and event == "line" and not bench.stopping:
+            lines += 1
+            bench.stopping = True
+            bench.stream.answered(bench.sequence, bench.time, set_point=False)
+            bench.stopping = False
+        return trace
+
+    sys.settrace(trace)
+    try:
+        bench.stream.look(msgspec.structs.replace(STATE, stream=told), bench.time)
+        bench.stream.published(bench.sequence + 1, bench.time)
+        bench.stream.take_error()
+    finally:
+        sys.settrace(None)
+    assert lines > 10
+    bench.look()
+    assert bench.stream.take_error() is None
 
 
 def test_a_refusal_of_before_an_answered_order_is_over() -> None:

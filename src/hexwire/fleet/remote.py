@@ -496,10 +496,10 @@ class RemoteRobot(RobotDriver, OwnWatchdog, StateReports, OnboardPaths, Leased, 
         since = self._so_far()
         while (state := self._next(since, _SILENCE)) is None:
             self._ask_why()
-            self._check_set_points()
+            self._check_set_points(reads=True)
             if time.monotonic() - since > _SLOW:
                 raise LinkLostError(f"{self.url} answers, but its robot sends no states", url=self.url)
-        self._check_set_points(stopped=state.stopped)
+        self._check_set_points(reads=True, stopped=state.stopped)
         return state
 
     def newest(self) -> NewestState:
@@ -512,7 +512,7 @@ class RemoteRobot(RobotDriver, OwnWatchdog, StateReports, OnboardPaths, Leased, 
         self._attached()
         state = self._states.latest()
         self._check_lease()
-        self._check_set_points(stopped=state is not None and state.stopped)
+        self._check_set_points(reads=True, stopped=state is not None and state.stopped)
         return super().newest() if state is None else NewestState(state, max(0.0, self.now() - state.stamp))
 
     def stream(self, period: float, timeout: float = 1.0, *, slow: float | None = None) -> Iterator[JointState]:
@@ -560,9 +560,9 @@ class RemoteRobot(RobotDriver, OwnWatchdog, StateReports, OnboardPaths, Leased, 
         """Send a target; see `RobotDriver.write`.
 
         After five short ones that follow each other closely, further ones are sent without waiting for answers. The
-        result is then what was asked for, with the limited and silent joints of one before. If one is refused, what
-        is called next once a state tells so raises the error: `read`, `newest`, `write` or another order. Only that
-        the arm is stopped is no error in a state, which shows it.
+        result is then what was asked for, with the limited and silent joints of one before. If one is refused, the
+        next order raises the error once a state tells so, and if none follows for 0.25 s, `read` and `newest` do.
+        Only that the arm is stopped is no error of a state, which shows it.
         """
         names, angles = zip(*target.positions, strict=True)
         value = self._order("a move", m.Write(names, angles, target.duration, target.guided))
@@ -678,10 +678,14 @@ class RemoteRobot(RobotDriver, OwnWatchdog, StateReports, OnboardPaths, Leased, 
     def _look_at_set_points(self) -> None:
         self._set_points.look(self._states.newest, self._states.arrived)
 
-    def _check_set_points(self, *, stopped: bool = False) -> None:
-        """Raise the error of a published set-point that was refused; see `SetPointStream.take_error`."""
+    def _check_set_points(self, *, reads: bool = False, stopped: bool = False) -> None:
+        """Raise the error of a published set-point that was refused; see `SetPointStream.take_error_of_read`."""
         self._look_at_set_points()
-        error = self._set_points.take_error(stopped=stopped)
+        set_points = self._set_points
+        if reads:
+            error = set_points.take_error_of_read(time.monotonic(), stopped=stopped)
+        else:
+            error = set_points.take_error()
         if error is None:
             return
         self._states.require_dealt(0, 0)

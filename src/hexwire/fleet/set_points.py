@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import os
 import threading
-from collections import deque
 from typing import TYPE_CHECKING
 
 from hexwire.errors import HexwireError, LeaseError, PreemptedError, ReplyTimeoutError, StoppedError
@@ -40,7 +39,7 @@ class SetPointReports:
     """What a server tells of the published set-points. Any thread may call its methods."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._key, self._report = 0, m.Stream(0)
 
     def number(self, key: int) -> int:
@@ -118,12 +117,13 @@ class SetPointStream:
         self.lease, self.renewed, self.refused = 0, -math.inf, 0
         self.clamped: tuple[str, ...] = ()
         self.silent: tuple[str, ...] = ()
-        self._url, self._lock = url, threading.Lock()
+        # A signal handler may stop the arm at any line here: it may come in, and each change is one assignment.
+        self._url, self._lock = url, threading.RLock()
         # Set-points in a row that were answered, and when the last one was made.
         self._row, self._last = 0, -math.inf
         self._arrived = -math.inf
         # Published ones of which no state has told yet: number, and when it was made.
-        self._waiting: deque[tuple[int, float]] = deque()
+        self._waiting: tuple[tuple[int, float], ...] = ()
         # The refusals that are known, and the last order whose end the client knows by other means.
         self._known = self._barrier = 0
         self._seen = False
@@ -151,8 +151,7 @@ class SetPointStream:
             self._row, self._last = (self._row + 1 if goes_on else 1 if set_point else 0), now
 
     def _forget(self, barrier: int) -> None:
-        self._waiting.clear()
-        self._barrier, self._error = barrier, None
+        self._barrier, self._waiting, self._error = barrier, (), None
 
     def runs(self, now: float) -> bool:
         """Whether a set-point that is made now belongs to a stream, and states will tell of it."""
@@ -162,7 +161,7 @@ class SetPointStream:
     def published(self, sequence: int, now: float) -> None:
         """Note a set-point that is about to be published."""
         with self._lock:
-            self._waiting.append((sequence, now))
+            self._waiting = (*self._waiting, (sequence, now))
             self._last = now
 
     def look(self, state: m.State | None, arrived: float) -> None:
@@ -187,29 +186,36 @@ class SetPointStream:
             if new > 0 and told.last > self._barrier:
                 self._fail(restore(told.kind, told.text, told.details))
                 return
-            while self._waiting and self._waiting[0][0] <= told.dealt:
-                self.renewed = self._waiting.popleft()[1]
-            if self._waiting and arrived - self._waiting[0][1] > _LATE:
+            over = max(told.dealt, self._barrier)
+            done = [made for sequence, made in self._waiting if sequence <= over]
+            if done:
+                self.renewed = done[-1]
+                self._waiting = tuple(each for each in self._waiting if each[0] > over)
+            waiting = self._waiting
+            if waiting and arrived - waiting[0][1] > _LATE:
                 self._fail(ReplyTimeoutError(f"a set-point at {self._url}"))
 
     def _fail(self, error: HexwireError) -> None:
         # Once for all that were published meanwhile.
-        self._forget(self._waiting[-1][0] if self._waiting else self._barrier)
+        self._forget(max([self._barrier, *(sequence for sequence, _ in self._waiting)]))
         self._row, self._error = 0, error
 
-    def take_error(self, *, stopped: bool = False) -> HexwireError | None:
-        """Why a set-point was refused, once; None if none was.
+    def take_error(self) -> HexwireError | None:
+        """Why a set-point was refused, once; None if none was. For the next order."""
+        error, self._error = self._error, None
+        return error
+
+    def take_error_of_read(self, now: float, *, stopped: bool) -> HexwireError | None:
+        """The same for somebody who reads, if no set-point follows, whose write would raise it.
 
         Args:
-            stopped: The caller learns from the state that the arm is stopped; then this is kept for the next order.
+            now: Seconds.
+            stopped: The state shows that the arm is stopped; that is kept for the next order.
         """
-        if self._error is None:
+        error = self._error
+        if error is None or now - self._last < LONGEST:
             return None
-        with self._lock:
-            if stopped and isinstance(self._error, StoppedError | PreemptedError):
-                return None
-            error, self._error = self._error, None
-            return error
+        return None if stopped and isinstance(error, StoppedError | PreemptedError) else self.take_error()
 
 
 def _lost(state: m.State) -> LeaseError:
