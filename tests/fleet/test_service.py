@@ -11,6 +11,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from tests.emulator.terminals import serving
@@ -22,7 +23,7 @@ from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
 from hexwire.emulator.serve_pty import PtyServer
 from hexwire.errors import DeviceError, LinkError, LinkNotFoundError, StoppedError, UsageError
 from hexwire.fleet.network import Network, local_socket
-from hexwire.fleet.service import Service
+from hexwire.fleet.service import Service, _Served
 from hexwire.fleet.service_file import ServedArm, read_arms
 from hexwire.model.state import JointTarget
 
@@ -241,6 +242,16 @@ def test_the_end_does_not_stop_an_arm_that_does_not_move(runtime: Path) -> None:
         with registry.connect(str(port)) as robot:
             state = robot.read()
             assert (state.stopped, state.torque_on) == (False, robot.model.names)
+
+
+def test_an_arm_that_does_not_end_takes_no_time_beyond_that_of_all() -> None:
+    waited: list[float] = []
+    (given,) = read_arms({"a": {"robot": "sim"}})
+    served = _Served(given, Network(), False, "", None)
+    assert served.join(time.monotonic())
+    served._thread = SimpleNamespace(join=waited.append, is_alive=lambda: True)  # type: ignore[assignment]
+    assert not served.join(time.monotonic() - 1.0)
+    assert waited == [0.0]
 
 
 # -- the router -------------------------------------------------------------------------------------------
