@@ -137,9 +137,8 @@ lint: setup
 	$(BIN)/ruff format --check .
 
 types: setup
-	$(BIN)/mypy --strict src packages/zenoh-ros2/src examples
 	@# LeRobot is not installed here; what the plug-in uses of it is in the stubs.
-	$(BIN)/mypy --strict '$(PLUGIN)/src'
+	$(BIN)/mypy --strict src packages/zenoh-ros2/src examples '$(PLUGIN)/src'
 
 # What is guarded for another system is unreachable in these two. A cache serves one system.
 types-elsewhere: setup
