@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.text import Text
 from tests.model.states import make_state
 
-from hexwire.cli.draw import JointTable, LiveView, SafeConsole, Sample, progress
+from hexwire.cli.draw import CycleSample, JointTable, LiveView, SafeConsole, progress
 from hexwire.model.state import JointFlag, JointState
 
 NAN = math.nan
@@ -25,7 +25,7 @@ def drawn(what: object, *, width: int = 80, colour: bool = False) -> str:
     return capture.get()
 
 
-def sample(**changes: object) -> Sample:
+def sample(**changes: object) -> CycleSample:
     joints = state((math.radians(10.0), math.radians(-0.02)), (0.05, NAN), (0, int(JointFlag.OVERLOAD)))
     values: dict[str, object] = {
         "time": 1.5,
@@ -36,7 +36,7 @@ def sample(**changes: object) -> Sample:
         "round_trip": 0.0203,
         "retries": 3,
     }
-    return Sample(**(values | changes))  # type: ignore[arg-type]
+    return CycleSample(**(values | changes))  # type: ignore[arg-type]
 
 
 def test_a_table_has_a_row_a_joint() -> None:

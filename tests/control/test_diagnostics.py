@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from hexwire.control.requests.diagnostics import ChangeWatch, Facts, Level, Row, diagnose
+from hexwire.control.requests.diagnostics import ChangeWatch, RobotFacts, Row, RowLevel, diagnose
 from hexwire.drivers.base import JointProbe, ProbeReport
 from hexwire.model.state import JointFlag, JointState
 
@@ -34,7 +34,7 @@ STATE = JointState(
     age=(0.004, 0.0),
     stamp=100.0,
 )
-FACTS = Facts(
+FACTS = RobotFacts(
     robot="hex7bot",
     url="serial:///dev/ttyUSB0",
     connected=True,
@@ -56,12 +56,12 @@ def rows(**changes: Any) -> dict[str, Row]:
     return {row.name: row for row in diagnose(replace(FACTS, **changes))}
 
 
-def verdict(part: str, **changes: Any) -> tuple[Level, str]:
+def verdict(part: str, **changes: Any) -> tuple[RowLevel, str]:
     row = rows(**changes)[part]
     return row.level, row.text
 
 
-def servo(**changes: Any) -> tuple[Level, str]:
+def servo(**changes: Any) -> tuple[RowLevel, str]:
     """Verdict on the second joint, with these values in its place of the state."""
     state = replace(STATE, **{key: (getattr(STATE, key)[0], value) for key, value in changes.items()})
     return verdict("J2 (servo 7)", state=state)
@@ -74,8 +74,8 @@ def test_names_and_order() -> None:
         "J1 (servo 1)",
         "J2 (servo 7)",
     ]
-    assert {(row.level, row.text) for row in diagnose(FACTS)} == {(Level.OK, "ok")}
-    assert sorted(Level) == [Level.OK, Level.WARNING, Level.ERROR, Level.STALE]
+    assert {(row.level, row.text) for row in diagnose(FACTS)} == {(RowLevel.OK, "ok")}
+    assert sorted(RowLevel) == [RowLevel.OK, RowLevel.WARNING, RowLevel.ERROR, RowLevel.STALE]
 
 
 def test_values_of_the_link() -> None:
@@ -93,17 +93,17 @@ def test_values_of_the_link() -> None:
 
 
 def test_the_link() -> None:
-    assert verdict("link", connected=False) == (Level.ERROR, "not connected")
+    assert verdict("link", connected=False) == (RowLevel.ERROR, "not connected")
     gone = verdict("link", connected=False, error="/dev/ttyUSB0 is gone\nplug it in")
-    assert gone == (Level.ERROR, "not connected: /dev/ttyUSB0 is gone plug it in")
-    assert verdict("link", state=None, state_age=math.inf) == (Level.STALE, "no state received yet")
+    assert gone == (RowLevel.ERROR, "not connected: /dev/ttyUSB0 is gone plug it in")
+    assert verdict("link", state=None, state_age=math.inf) == (RowLevel.STALE, "no state received yet")
     assert "age of the last state (s)" not in dict(rows(state=None, state_age=math.inf)["link"].values)
-    assert verdict("link", state_age=1.01) == (Level.STALE, "no new states")
-    assert verdict("link", rate=79.9) == (Level.WARNING, "states come too slowly")
-    assert verdict("link", rate=80.1) == (Level.OK, "ok")
-    assert verdict("link", error="long ago") == (Level.OK, "ok")
-    assert verdict("link", rate=NAN) == (Level.OK, "ok"), "not measured yet"
-    assert verdict("link", rate=0.0, wanted_rate=0.0) == (Level.OK, "ok")
+    assert verdict("link", state_age=1.01) == (RowLevel.STALE, "no new states")
+    assert verdict("link", rate=79.9) == (RowLevel.WARNING, "states come too slowly")
+    assert verdict("link", rate=80.1) == (RowLevel.OK, "ok")
+    assert verdict("link", error="long ago") == (RowLevel.OK, "ok")
+    assert verdict("link", rate=NAN) == (RowLevel.OK, "ok"), "not measured yet"
+    assert verdict("link", rate=0.0, wanted_rate=0.0) == (RowLevel.OK, "ok")
 
 
 def test_states_have_the_name_that_readers_know() -> None:
@@ -114,9 +114,9 @@ def test_states_have_the_name_that_readers_know() -> None:
 
 def test_a_slow_line_may_be_slow() -> None:
     slow = {"rate": 1.5, "wanted_rate": 1.5}
-    assert verdict("link", state_age=1.4, **slow) == (Level.OK, "ok")
-    assert verdict("link", state_age=2.1, **slow)[0] is Level.STALE
-    assert verdict("J2 (servo 7)", state_age=1.4, **slow) == (Level.OK, "ok")
+    assert verdict("link", state_age=1.4, **slow) == (RowLevel.OK, "ok")
+    assert verdict("link", state_age=2.1, **slow)[0] is RowLevel.STALE
+    assert verdict("J2 (servo 7)", state_age=1.4, **slow) == (RowLevel.OK, "ok")
 
 
 def test_values_of_the_board() -> None:
@@ -151,52 +151,52 @@ def test_what_a_board_does_not_tell_is_left_out() -> None:
 @pytest.mark.parametrize(
     ("kind", "level"),
     [
-        ("asked", Level.WARNING),
-        ("following", Level.ERROR),
-        ("overload", Level.ERROR),
-        ("collision", Level.ERROR),
-        ("fault", Level.ERROR),
-        ("lost", Level.ERROR),
-        ("board", Level.ERROR),
-        ("", Level.ERROR),
+        ("asked", RowLevel.WARNING),
+        ("following", RowLevel.ERROR),
+        ("overload", RowLevel.ERROR),
+        ("collision", RowLevel.ERROR),
+        ("fault", RowLevel.ERROR),
+        ("lost", RowLevel.ERROR),
+        ("board", RowLevel.ERROR),
+        ("", RowLevel.ERROR),
     ],
 )
-def test_a_stop_that_was_asked_for_is_no_fault(kind: str, level: Level) -> None:
+def test_a_stop_that_was_asked_for_is_no_fault(kind: str, level: RowLevel) -> None:
     assert verdict("board", stopped="for this", stop_kind=kind) == (level, "stopped: for this")
     assert dict(rows(stopped="for this", stop_kind=kind)["board"].values)["stopped"] == "for this"
 
 
 def test_a_stop_that_only_the_board_tells_of() -> None:
     stopped = replace(STATE, stopped=True)
-    assert verdict("board", state=stopped) == (Level.ERROR, "stopped: a stop is latched on the board")
+    assert verdict("board", state=stopped) == (RowLevel.ERROR, "stopped: a stop is latched on the board")
     tripped = replace(stopped, watchdog_tripped=True)
     assert verdict("board", state=tripped) == (
-        Level.ERROR,
+        RowLevel.ERROR,
         "stopped: the board's watchdog: the host fell silent",
     )
     assert dict(rows(state=tripped)["board"].values)["watchdog tripped"] == "yes"
     # A watchdog that tripped is a fault even after somebody has asked for a stop.
-    assert verdict("board", state=tripped, stopped="asked", stop_kind="asked")[0] is Level.ERROR
+    assert verdict("board", state=tripped, stopped="asked", stop_kind="asked")[0] is RowLevel.ERROR
 
 
 def test_the_probe_tells_of_a_stop_until_there_is_a_state() -> None:
     probe = replace(PROBE, stopped=True)
     assert verdict("board", probe=probe, state=None)[1] == "stopped: a stop is latched on the board"
-    assert verdict("board", probe=probe) == (Level.OK, "ok"), "it was resumed since"
+    assert verdict("board", probe=probe) == (RowLevel.OK, "ok"), "it was resumed since"
 
 
 def test_boards_that_do_not_watch_over_the_arm() -> None:
     one = replace(PROBE, unprotected="no watchdog, no limits on this board")
-    assert verdict("board", probe=one) == (Level.WARNING, "no watchdog, no limits on this board")
+    assert verdict("board", probe=one) == (RowLevel.WARNING, "no watchdog, no limits on this board")
     assert verdict("board", probe=one, stopped="lost J1", stop_kind="lost") == (
-        Level.ERROR,
+        RowLevel.ERROR,
         "stopped: lost J1; no watchdog, no limits on this board",
     )
 
 
 def test_the_board_of_a_link_that_is_gone_or_new() -> None:
-    assert verdict("board", connected=False, stopped="x") == (Level.STALE, "not connected")
-    assert verdict("board", probe=None) == (Level.STALE, "not probed yet")
+    assert verdict("board", connected=False, stopped="x") == (RowLevel.STALE, "not connected")
+    assert verdict("board", probe=None) == (RowLevel.STALE, "not probed yet")
 
 
 def test_values_of_a_servo() -> None:
@@ -224,14 +224,14 @@ def test_what_a_servo_does_not_tell_is_left_out() -> None:
 
 
 def test_faults_of_a_servo() -> None:
-    assert servo(flags=int(JointFlag.SILENT), age=2.1) == (Level.ERROR, "silent")
+    assert servo(flags=int(JointFlag.SILENT), age=2.1) == (RowLevel.ERROR, "silent")
     both = int(JointFlag.OVERLOAD | JointFlag.TEMPERATURE | JointFlag.TORQUE_ON)
-    assert servo(flags=both) == (Level.ERROR, "temperature, overload")
-    assert servo(flags=both | int(JointFlag.CLAMPED), temperature=75.0)[0] is Level.ERROR
+    assert servo(flags=both) == (RowLevel.ERROR, "temperature, overload")
+    assert servo(flags=both | int(JointFlag.CLAMPED), temperature=75.0)[0] is RowLevel.ERROR
 
 
 def test_warnings_of_a_servo() -> None:
-    assert servo(flags=int(JointFlag.CLAMPED)) == (Level.WARNING, "target clamped to the limits")
+    assert servo(flags=int(JointFlag.CLAMPED)) == (RowLevel.WARNING, "target clamped to the limits")
     assert servo(flags=int(JointFlag.CLAMPED), temperature=60.0)[1] == "target clamped to the limits, hot"
 
 
@@ -246,22 +246,22 @@ def test_hot_is_ten_degrees_below_the_factory_cut_off(series: str, cut_off: int)
 
 
 def test_servos_that_nobody_has_seen() -> None:
-    assert servo(flags=int(JointFlag.SILENT), age=math.inf, position=NAN) == (Level.STALE, "never seen")
-    assert verdict("J2 (servo 7)", state=None) == (Level.STALE, "never seen")
+    assert servo(flags=int(JointFlag.SILENT), age=math.inf, position=NAN) == (RowLevel.STALE, "never seen")
+    assert verdict("J2 (servo 7)", state=None) == (RowLevel.STALE, "never seen")
     other = replace(PROBE, joints=(JointProbe("J9", 9, "hls", False),))
-    assert verdict("J9 (servo 9)", probe=other) == (Level.STALE, "never seen")
+    assert verdict("J9 (servo 9)", probe=other) == (RowLevel.STALE, "never seen")
 
 
 def test_servos_of_old_states() -> None:
-    assert verdict("J2 (servo 7)", state_age=1.5) == (Level.STALE, "no new states")
-    assert verdict("J2 (servo 7)", state_age=NAN)[0] is Level.STALE
-    assert verdict("J2 (servo 7)", connected=False) == (Level.STALE, "not connected")
+    assert verdict("J2 (servo 7)", state_age=1.5) == (RowLevel.STALE, "no new states")
+    assert verdict("J2 (servo 7)", state_age=NAN)[0] is RowLevel.STALE
+    assert verdict("J2 (servo 7)", connected=False) == (RowLevel.STALE, "not connected")
 
 
 def test_without_a_probe_the_state_tells_the_joints() -> None:
     found = rows(probe=None)
     assert list(found) == ["link", "board", "J1", "J2"]
-    assert found["J2"].level is Level.OK
+    assert found["J2"].level is RowLevel.OK
     assert list(rows(probe=None, state=None)) == ["link", "board"]
 
 
@@ -275,7 +275,7 @@ def test_texts_do_not_change_with_figures() -> None:
     assert before != after
 
 
-def row(text: str = "ok", level: Level = Level.OK, value: str = "1", name: str = "link") -> Row:
+def row(text: str = "ok", level: RowLevel = RowLevel.OK, value: str = "1", name: str = "link") -> Row:
     return Row(level, name, text, (("x", value),))
 
 
@@ -297,10 +297,10 @@ def test_a_change_is_due_at_once_but_a_value_is_no_change() -> None:
     assert not watch.due([row(value="2")], 5.2)
     assert watch.due([row("hot")], 5.3)
     assert not watch.due([row("hot")], 5.41)
-    assert watch.due([row("hot", Level.ERROR)], 5.5)
-    assert watch.due([row("hot", Level.ERROR), row(name="J1")], 5.7)
-    assert not watch.due([row(name="J1"), row("hot", Level.ERROR)], 5.85), "the order does not matter"
-    assert watch.due([row("hot", Level.ERROR)], 5.86)
+    assert watch.due([row("hot", RowLevel.ERROR)], 5.5)
+    assert watch.due([row("hot", RowLevel.ERROR), row(name="J1")], 5.7)
+    assert not watch.due([row(name="J1"), row("hot", RowLevel.ERROR)], 5.85), "the order does not matter"
+    assert watch.due([row("hot", RowLevel.ERROR)], 5.86)
 
 
 def test_a_change_for_a_moment_does_not_flood() -> None:

@@ -12,7 +12,7 @@ import pytest
 from tests.waits import PATIENCE
 
 from hexwire.bus.servo_bus import ServoBus
-from hexwire.control.requests.diagnostics import Facts, _stop_reason
+from hexwire.control.requests.diagnostics import RobotFacts, _stop_reason
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.checkup import judge_state
 from hexwire.drivers.registry import connect
@@ -234,7 +234,7 @@ def said_of(robot: RobotDriver, state: JointState) -> dict[str, str]:
     robot.watchdog(0.0)
     with pytest.raises(StoppedError) as watched, robot.watched():
         pass
-    facts = Facts("", "", True, "", 0, None, state, 0.0, 0.0, 0.0, "", {}, {}, 0.5)
+    facts = RobotFacts("", "", True, "", 0, None, state, 0.0, 0.0, 0.0, "", {}, {}, 0.5)
     return {
         "an order": str(moved.value),
         "a motion": str(watched.value),

@@ -15,7 +15,7 @@ from hexwire.drivers import registry
 from hexwire.errors import LeaseError, PreemptedError, ReplyTimeoutError, StoppedError
 from hexwire.fleet import messages as m
 from hexwire.fleet.remote import RemoteRobot
-from hexwire.fleet.set_points import SetPointReports, SetPointStream
+from hexwire.fleet.set_points import SetPointReports, SharedSetPoints
 from hexwire.model.state import JointTarget, SentTarget
 
 from .conftest import Serve
@@ -31,7 +31,7 @@ class Bench:
     def __init__(self) -> None:
         self.time, self.sequence, self.stopping = 100.0, 0, False
         self.reports = SetPointReports()
-        self.stream = SetPointStream("zenoh:lab/arm1")
+        self.stream = SharedSetPoints("zenoh:lab/arm1")
         self.stream.begin(self.reports.number(KEY))
 
     def look(self, **changes: Any) -> None:

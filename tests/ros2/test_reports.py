@@ -8,7 +8,7 @@ import pytest
 
 from hexwire.control.loop.known_state import KnownState
 from hexwire.control.loop.outcomes import Progress
-from hexwire.control.requests.diagnostics import Level, Row
+from hexwire.control.requests.diagnostics import Row, RowLevel
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.teach import Taught
 from hexwire.motion.trajectory import Sample
@@ -100,13 +100,13 @@ def test_feedback_names_the_point_under_way_where_it_can(types: Types, reports: 
 
 
 def test_diagnostics_have_the_levels_of_ros(types: Types, reports: Reports) -> None:
-    rows = [Row(level, f"part {level}", level.name, (("key (s)", "0.1"),)) for level in Level]
+    rows = [Row(level, f"part {level}", level.name, (("key (s)", "0.1"),)) for level in RowLevel]
     type_ = types.message(DIAGNOSTICS)
     message = type_.parse(type_.serialize(reports.diagnostics(rows, WALL, "arm", "arm-7")))
     status = types.message("diagnostic_msgs/msg/DiagnosticStatus")
     wanted = [status.constants[name] for name in ("OK", "WARN", "ERROR", "STALE")]
     assert [each.level for each in message.status] == wanted
-    assert [each.name for each in message.status] == [f"arm: part {level}" for level in Level]
+    assert [each.name for each in message.status] == [f"arm: part {level}" for level in RowLevel]
     assert {each.hardware_id for each in message.status} == {"arm-7"}
     assert [(value.key, value.value) for value in message.status[0].values] == [("key (s)", "0.1")]
 

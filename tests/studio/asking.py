@@ -10,7 +10,7 @@ from urllib.parse import urlencode
 
 from starlette.routing import BaseRoute, Router
 
-from hexwire.studio.access import Session
+from hexwire.studio.access import BrowserSession
 from hexwire.studio.guard import SESSION
 
 __all__ = ["Asker"]
@@ -24,7 +24,7 @@ class Asker:
         session: Who asks.
     """
 
-    def __init__(self, routes: Sequence[BaseRoute], session: Session) -> None:
+    def __init__(self, routes: Sequence[BaseRoute], session: BrowserSession) -> None:
         self._router, self._session = Router(routes), session
 
     def raw(self, path: str, method: str = "GET", body: Sequence[bytes] = (), **query: object) -> tuple[int, bytes]:

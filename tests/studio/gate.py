@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from hexwire.studio.access import Right, Session
+from hexwire.studio.access import BrowserSession, Right
 from hexwire.studio.app import Studio
 from hexwire.studio.guard import SESSION
 
@@ -23,7 +23,7 @@ class GatedClient:
         app = Starlette(routes=routes)
 
         async def served(scope: Any, receive: Any, send: Any) -> None:
-            scope[SESSION] = Session("key", self.right, 0.0)
+            scope[SESSION] = BrowserSession("key", self.right, 0.0)
             await app(scope, receive, send)
 
         self.http = TestClient(served)

@@ -36,9 +36,9 @@ if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState
 
-    from .draw import Sample
+    from .draw import CycleSample
 
-__all__ = ["PlainView", "View", "board_process", "demo", "in_degrees", "turning_pose"]
+__all__ = ["DemoView", "PlainView", "board_process", "demo", "in_degrees", "turning_pose"]
 
 _START_TIMEOUT = 30.0
 _END_TIMEOUT = 5.0
@@ -114,7 +114,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
                 last_resort()
 
 
-class View(Protocol):
+class DemoView(Protocol):
     """Shows the progress of the demo."""
 
     def say(self, phase: str, text: str) -> None:
@@ -123,7 +123,7 @@ class View(Protocol):
     def moving(self) -> AbstractContextManager[object]:
         """A context for the time in which the arm moves."""
 
-    def show(self, sample: Sample) -> None:
+    def show(self, sample: CycleSample) -> None:
         """Show a cycle."""
 
 
@@ -139,7 +139,7 @@ class PlainView:
     def moving(self) -> AbstractContextManager[object]:
         return nullcontext()
 
-    def show(self, sample: Sample) -> None:
+    def show(self, sample: CycleSample) -> None:
         if sample.time < self._next:
             return
         self._next = math.floor(sample.time) + 1.0
@@ -196,7 +196,7 @@ def demo(
     if port is None and yes_move_the_arm:
         # A variable that is always set must not make every demo move the real arm.
         port = os.environ.get("HEXWIRE_PORT") or None
-    view: View = PlainView()
+    view: DemoView = PlainView()
     if on_terminal():
         from .draw import LiveView
 
@@ -231,7 +231,7 @@ def turning_pose(model: ArmModel, start: tuple[float, ...]) -> tuple[float, ...]
     return tuple(goal)
 
 
-def _run(url: str, dialect: int | None, duration: float, rate: float | None, view: View) -> None:
+def _run(url: str, dialect: int | None, duration: float, rate: float | None, view: DemoView) -> None:
     from hexwire.control.loop.reader import raise_if_silent, read_known
     from hexwire.drivers.hex7bot import Hex7BotDriver
 
@@ -260,7 +260,7 @@ def _move(
     goal: tuple[float, ...],
     duration: float,
     rate: float,
-    view: View,
+    view: DemoView,
 ) -> str:
     """Torque on, there and back, torque off; returns the summary.
 
@@ -274,7 +274,7 @@ def _move(
     from hexwire.motion.safety import SafetyLimits
     from hexwire.motion.trajectory import Spline, Waypoint
 
-    from .draw import Sample
+    from .draw import CycleSample
 
     names = robot.model.names
     leg = max(duration / 2, Quintic.shortest_duration(start, goal, [j.max_speed for j in robot.model.joints]))
@@ -302,7 +302,7 @@ def _move(
             # Where the joints should have been when they were sampled, not where they are sent next.
             target = path.sample(state.stamp - self.began).position
             t = min(due, path.duration)
-            view.show(Sample(t, path.duration, state, target, rate, robot.round_trips[-1], retries))
+            view.show(CycleSample(t, path.duration, state, target, rate, robot.round_trips[-1], retries))
 
     watch = Watch()
     options = MotionOptions(
@@ -349,7 +349,7 @@ def _counters(robot: Hex7BotDriver) -> dict[str, int]:
 
 
 @contextmanager
-def _torque(robot: Hex7BotDriver, view: View) -> Iterator[None]:
+def _torque(robot: Hex7BotDriver, view: DemoView) -> Iterator[None]:
     """Switch torque on, and off at the end, even after an error.
 
     Raises:

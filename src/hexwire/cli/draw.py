@@ -26,7 +26,7 @@ from .output import format_table, line_width, shown, split_columns
 if TYPE_CHECKING:
     from hexwire.model.state import JointState
 
-__all__ = ["JointTable", "LiveView", "SafeConsole", "Sample", "live", "live_table", "progress"]
+__all__ = ["CycleSample", "JointTable", "LiveView", "SafeConsole", "live", "live_table", "progress"]
 
 _REDRAWS = 12
 """Redraws per second: enough for a smooth view."""
@@ -120,7 +120,7 @@ def _cell(cell: str | Text, column: int, bad: bool) -> Text:
     return Text(shown(cell), style=style)
 
 
-class Sample(NamedTuple):
+class CycleSample(NamedTuple):
     """One cycle, for the view. Angles in radians, loads as fractions, times in seconds.
 
     Attributes:
@@ -150,7 +150,7 @@ class LiveView:
 
     def __init__(self, console: Console | None = None) -> None:
         self._console = console or SafeConsole()
-        self._sample: Sample | None = None
+        self._sample: CycleSample | None = None
 
     def say(self, phase: str, text: str) -> None:
         """Print a phase above the table."""
@@ -161,7 +161,7 @@ class LiveView:
         """Draw while the arm moves."""
         return Live(get_renderable=self.render, console=self._console, refresh_per_second=_REDRAWS)
 
-    def show(self, sample: Sample) -> None:
+    def show(self, sample: CycleSample) -> None:
         """Store a cycle for the next redraw."""
         self._sample = sample
 
@@ -188,7 +188,7 @@ class LiveView:
         head = ("joint", "target deg", "position deg", "error deg", "load %", "age ms")
         return Group(JointTable(head, rows, faulty), self._bar(sample))
 
-    def _bar(self, sample: Sample) -> RenderableType:
+    def _bar(self, sample: CycleSample) -> RenderableType:
         line = Table.grid(padding=(0, 1))
         direction = "there" if sample.time < sample.duration / 2 else "back"
         line.add_row(

@@ -21,7 +21,7 @@ from hexwire.errors import LinkClosedError, NotSupportedError
 
 from .names import HERE
 
-__all__ = ["Inbox", "NoAnswerError", "Node", "Pending", "Publisher", "Question", "load_zenoh"]
+__all__ = ["Inbox", "NoAnswerError", "Node", "OpenQuestion", "Publisher", "Question", "load_zenoh"]
 
 _log = logging.getLogger(__name__)
 
@@ -84,7 +84,7 @@ class Question:
             self._query.drop()
 
 
-class Pending:
+class OpenQuestion:
     """A question without an answer yet.
 
     Args:
@@ -266,13 +266,13 @@ class Node:
             raise NoAnswerError(absent=False)
         raise NoAnswerError(absent=True)
 
-    def question(self, key: str, payload: bytes, timeout: float, *, urgent: bool = False) -> Pending:
+    def question(self, key: str, payload: bytes, timeout: float, *, urgent: bool = False) -> OpenQuestion:
         """Ask a question without waiting for its answer; otherwise as `ask`.
 
         Raises:
             LinkClosedError: The session is closed.
         """
-        return Pending(self._get(key, payload, timeout, urgent), self._zenoh.ZError)
+        return OpenQuestion(self._get(key, payload, timeout, urgent), self._zenoh.ZError)
 
     def _get(self, key: str, payload: bytes, timeout: float, urgent: bool) -> Any:
         zenoh = self._zenoh

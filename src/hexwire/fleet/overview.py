@@ -21,7 +21,7 @@ from . import messages as m
 from .address import role_of
 from .failures import restore
 from .names import Keys, Role
-from .node import NoAnswerError, Pending
+from .node import NoAnswerError, OpenQuestion
 from .questions import KEEPS_TORQUE
 from .roster import HUNG, SLOW, Roster, Seen
 from .rows import joint_state
@@ -274,7 +274,7 @@ def _ask_all(
     seen: Mapping[str, Seen], key: Callable[[Keys], str], messages: tuple[Any, ...], timeout: float
 ) -> Iterator[tuple[str, m.Answer | None]]:
     """Ask all arms at once; yields the answers as they arrive, None for a question that no program answers."""
-    waiting: list[tuple[str, Pending]] = []
+    waiting: list[tuple[str, OpenQuestion]] = []
     for message in messages:
         payload = m.encode(message)
         for name, one in seen.items():

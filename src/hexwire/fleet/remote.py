@@ -48,7 +48,7 @@ from .names import Keys, Role
 from .node import NoAnswerError, Node, Publisher, load_zenoh
 from .questions import Questions, ask, decoded
 from .rows import arm_model, as_probe_report, joint_names, sent_target
-from .set_points import LONGEST, SetPointStream
+from .set_points import LONGEST, SharedSetPoints
 from .states import ArrivedStates
 from .trajectories import follow_message
 
@@ -274,7 +274,7 @@ class RemoteRobot(RobotDriver, OwnWatchdog, StateReports, OnboardPaths, Leased, 
         self._ordered = -math.inf
         self._discarded = -math.inf
         self._refused = 0
-        self._set_points = SetPointStream(address.text)
+        self._set_points = SharedSetPoints(address.text)
         # Made when the first stream begins.
         self._publish: Publisher | None = None
         self._keeper: threading.Thread | None = None
@@ -679,7 +679,7 @@ class RemoteRobot(RobotDriver, OwnWatchdog, StateReports, OnboardPaths, Leased, 
         self._set_points.look(self._states.newest, self._states.arrived)
 
     def _check_set_points(self, *, reads: bool = False, stopped: bool = False) -> None:
-        """Raise the error of a published set-point that was refused; see `SetPointStream.take_error_of_read`."""
+        """Raise the error of a published set-point that was refused; see `SharedSetPoints.take_error_of_read`."""
         self._look_at_set_points()
         set_points = self._set_points
         if reads:

@@ -20,7 +20,7 @@ from .failures import describe, restore
 if TYPE_CHECKING:
     from hexwire.model.state import SentTarget
 
-__all__ = ["LONGEST", "SetPointReports", "SetPointStream"]
+__all__ = ["LONGEST", "SetPointReports", "SharedSetPoints"]
 
 LONGEST = 0.25
 """Seconds; a target of longer duration is no set-point, but a motion that its sender waits for."""
@@ -99,7 +99,7 @@ class SetPointReports:
         )
 
 
-class SetPointStream:
+class SharedSetPoints:
     """Which set-points of a client are published, and what became of them. Any thread may call its methods.
 
     Args:

@@ -22,7 +22,7 @@ from . import messages as m
 from .clock import ClockOffset
 from .rows import joint_state
 
-__all__ = ["ArrivedStates", "Inbox"]
+__all__ = ["ArrivedStates", "StateInbox"]
 
 _SILENT = 1.0
 """Seconds of silence after which the states of an earlier server count again."""
@@ -32,7 +32,7 @@ _SERVERS = 8
 """Number of earlier servers that are remembered."""
 
 
-class Inbox(Protocol):
+class StateInbox(Protocol):
     """Where states arrive. One thread at a time calls `wait` or `poll`."""
 
     def wait(self) -> bytes:
@@ -66,7 +66,7 @@ class ArrivedStates:
         self,
         url: str,
         clock: ClockOffset,
-        inbox: Inbox | None = None,
+        inbox: StateInbox | None = None,
         *,
         now: Callable[[], float] = time.monotonic,
     ) -> None:

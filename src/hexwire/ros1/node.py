@@ -36,7 +36,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from hexwire.control.loop.stamps import StampClock
 from hexwire.control.requests.arm_node import ArmNode
-from hexwire.control.requests.diagnostics import Level, Row
+from hexwire.control.requests.diagnostics import Row, RowLevel
 from hexwire.control.requests.teach_mode import to_points, tolerance_of
 from hexwire.errors import DeviceError, HexwireError, UsageError
 
@@ -70,10 +70,10 @@ _RESULTS_WAIT = 0.2
 _ADDRESS_WAIT = 2.0
 _QUEUE = 10
 _LEVELS = {
-    Level.OK: DiagnosticStatus.OK,
-    Level.WARNING: DiagnosticStatus.WARN,
-    Level.ERROR: DiagnosticStatus.ERROR,
-    Level.STALE: DiagnosticStatus.STALE,
+    RowLevel.OK: DiagnosticStatus.OK,
+    RowLevel.WARNING: DiagnosticStatus.WARN,
+    RowLevel.ERROR: DiagnosticStatus.ERROR,
+    RowLevel.STALE: DiagnosticStatus.STALE,
 }
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import IntEnum
 
-__all__ = ["COOKIE", "SHORTEST_PASSWORD", "WATCHING_ONLY", "Access", "Limits", "Right", "Session"]
+__all__ = ["COOKIE", "SHORTEST_PASSWORD", "WATCHING_ONLY", "Access", "BrowserSession", "Limits", "Right"]
 
 COOKIE = "hexwire_session"
 """Start of the name of the cookie; the port is added, since browsers share cookies between ports."""
@@ -71,7 +71,7 @@ class Limits:
 
 
 @dataclass(slots=True)
-class Session:
+class BrowserSession:
     """A browser that has shown a token.
 
     Attributes:
@@ -114,7 +114,7 @@ class Access:
     new_secret: Callable[[], str] = _new_secret
     operate_token: str = field(default="", repr=False)
     watch_token: str = field(default="", repr=False)
-    _sessions: dict[str, Session] = field(default_factory=dict, repr=False)
+    _sessions: dict[str, BrowserSession] = field(default_factory=dict, repr=False)
     _former: dict[str, None] = field(default_factory=dict, repr=False)
     """Keys of sessions that have ended, oldest first."""
     _tries: float = _ATTEMPTS
@@ -162,7 +162,7 @@ class Access:
         port = min(self.hosts, default="").rpartition(":")[2]
         return f"{COOKIE}_{port}"
 
-    def enter(self, token: str, now: float) -> Session | None:
+    def enter(self, token: str, now: float) -> BrowserSession | None:
         """Begin a session for a token; None if it is not valid, or if there are too many sessions."""
         right = self._right_of(token)
         return None if right is None else self.admit(right, now)
@@ -174,7 +174,7 @@ class Access:
                 found = granted
         return found
 
-    def log_in(self, password: str, now: float) -> Session | None:
+    def log_in(self, password: str, now: float) -> BrowserSession | None:
         """Begin a session for the password; None if it is wrong, or if too many were tried in a short time."""
         self._tries = min(float(_ATTEMPTS), self._tries + (now - self._tried) / _ATTEMPT_PERIOD)
         self._tried = now
@@ -185,7 +185,7 @@ class Access:
             return None
         return self.admit(Right.OPERATE, now)
 
-    def admit(self, right: Right, now: float) -> Session | None:
+    def admit(self, right: Right, now: float) -> BrowserSession | None:
         """Begin a session; the caller has checked who asks for it.
 
         If there are too many, the one that was idle longest ends, but none with more rights than the new one: a
@@ -197,11 +197,11 @@ class Access:
             if not others:
                 return None
             self.leave(min(others, key=lambda session: (session.right, session.seen)).key)
-        session = Session(self.new_secret(), right, now)
+        session = BrowserSession(self.new_secret(), right, now)
         self._sessions[session.key] = session
         return session
 
-    def session(self, key: str | None, now: float) -> Session | None:
+    def session(self, key: str | None, now: float) -> BrowserSession | None:
         """The session of a cookie, which counts as a sign of life; None if there is none."""
         self._expire(now)
         found = self._sessions.get(key) if key else None

@@ -27,14 +27,14 @@ if TYPE_CHECKING:
     from .source import ArmSource, Source
     from .tabs import Tab
 
-__all__ = ["Arguments", "Asked", "Call", "Host", "call", "find_call"]
+__all__ = ["Arguments", "Asked", "Call", "CallHost", "call", "find_call"]
 
 
 class Arguments(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The arguments of a call; those of one that has none."""
 
 
-class Host(Protocol):
+class CallHost(Protocol):
     """What calls need of their studio."""
 
     source: Source
@@ -76,7 +76,7 @@ class Asked:
         arrived: When the call came, relative to stops; None if nothing was open.
     """
 
-    studio: Host
+    studio: CallHost
     tab: Tab
     present: ArmSource | BusSource | None
     arrived: Token | None

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 from urllib.parse import parse_qs, quote
 
-from .access import Access, Right, Session
+from .access import Access, BrowserSession, Right
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["PEER", "SESSION", "Guard"]
 
 SESSION = "hexwire.session"
-"""Key of the scope of a request, with its `Session`."""
+"""Key of the scope of a request, with its `BrowserSession`."""
 PEER = "hexwire.peer"
 """Key of the state of a connection, with the `Right` of the client certificate that was verified, or None."""
 
@@ -187,11 +187,11 @@ class Guard:
         with _counted(self._sockets, session.key, session.right):
             await self.app(scope, of_session, send)
 
-    def _has_most_sockets(self, session: Session) -> bool:
+    def _has_most_sockets(self, session: BrowserSession) -> bool:
         count, limits = self._sockets, self.access.limits
         return count[session.key] >= limits.session_sockets or count[session.right] >= limits.sockets
 
-    def _cookie(self, session: Session) -> tuple[bytes, bytes]:
+    def _cookie(self, session: BrowserSession) -> tuple[bytes, bytes]:
         secure = "; Secure" if self.access.secure else ""
         value = f"{self.access.cookie}={session.key}; Path=/; HttpOnly; SameSite=Strict{secure}"
         return b"set-cookie", value.encode()

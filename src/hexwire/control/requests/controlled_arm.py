@@ -30,7 +30,7 @@ from ..loop.power import Torques, switch_torque
 from ..loop.rate import Periodic
 from ..loop.waiting import TryLock, Waiter
 from ..motion.path_check import PathCheck
-from .diagnostics import Facts
+from .diagnostics import RobotFacts
 from .pose_file import find_pose
 from .teach_mode import TeachMode
 
@@ -505,11 +505,11 @@ class ControlledArm:
 
     # -- diagnostics ----------------------------------------------------------------------------------
 
-    def facts(self) -> Facts:
+    def facts(self) -> RobotFacts:
         """The input of `diagnose`."""
         owner = self.owner
         reason = owner.group.reason
-        return Facts(
+        return RobotFacts(
             robot=self.settings.model.name,
             url=owner.robot.url,
             connected=owner.connected,

@@ -16,7 +16,7 @@ from hexwire.drivers.base import JointProbe, ProbeReport
 from hexwire.model.state import JointFlag, JointState
 from hexwire.wire.registers import Series
 
-__all__ = ["ChangeWatch", "Facts", "Level", "Row", "diagnose"]
+__all__ = ["ChangeWatch", "RobotFacts", "Row", "RowLevel", "diagnose"]
 
 _ENOUGH = 0.8
 """Fraction of the wanted rate below which states are too slow."""
@@ -32,7 +32,7 @@ _SHORTEST = 0.1
 """Least seconds between two reports of changes: a loose plug must not flood the log."""
 
 
-class Level(IntEnum):
+class RowLevel(IntEnum):
     """Severity; a greater value is worse."""
 
     OK = 0
@@ -52,14 +52,14 @@ class Row:
         values: Pairs of key, with the unit, and value.
     """
 
-    level: Level
+    level: RowLevel
     name: str
     text: str
     values: tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Facts:
+class RobotFacts:
     """The facts from which a robot is diagnosed.
 
     Attributes:
@@ -97,7 +97,7 @@ class Facts:
     stop_kind: str = ""
 
 
-def diagnose(facts: Facts, *, states: str = "states", figures: bool = True) -> tuple[Row, ...]:
+def diagnose(facts: RobotFacts, *, states: str = "states", figures: bool = True) -> tuple[Row, ...]:
     """Rows for the link, the board and each servo, in this order.
 
     The servos are those of the probe; before the first probe, the joints of the state.
@@ -131,7 +131,7 @@ class ChangeWatch:
 
     def __init__(self, period: float = 1.0) -> None:
         self.period = period
-        self._said: frozenset[tuple[str, Level, str]] | None = None
+        self._said: frozenset[tuple[str, RowLevel, str]] | None = None
         self._when = -math.inf
         self._next = -math.inf
 
@@ -154,7 +154,7 @@ class ChangeWatch:
         return True
 
 
-_Verdict = tuple[Level, str]
+_Verdict = tuple[RowLevel, str]
 _Values = list[tuple[str, str]]
 
 
@@ -163,20 +163,20 @@ def _row(name: str, verdict: _Verdict, values: Callable[[], _Values], figures: b
     return Row(level, name, text, tuple(values()) if figures else ())
 
 
-def _judge_link(facts: Facts, states: str) -> _Verdict:
+def _judge_link(facts: RobotFacts, states: str) -> _Verdict:
     if not facts.connected:
         error = _one_line(facts.error)
-        return Level.ERROR, f"not connected: {error}" if error else "not connected"
+        return RowLevel.ERROR, f"not connected: {error}" if error else "not connected"
     if facts.state is None:
-        return Level.STALE, "no state received yet"
+        return RowLevel.STALE, "no state received yet"
     if _is_old(facts):
-        return Level.STALE, "no new states"
+        return RowLevel.STALE, "no new states"
     if facts.rate < _ENOUGH * facts.wanted_rate:
-        return Level.WARNING, f"{states} come too slowly"
-    return Level.OK, "ok"
+        return RowLevel.WARNING, f"{states} come too slowly"
+    return RowLevel.OK, "ok"
 
 
-def _of_link(facts: Facts, states: str) -> _Values:
+def _of_link(facts: RobotFacts, states: str) -> _Values:
     values = [
         ("url", facts.url),
         ("connected", _yes(facts.connected)),
@@ -190,23 +190,23 @@ def _of_link(facts: Facts, states: str) -> _Values:
     return values
 
 
-def _judge_board(facts: Facts) -> _Verdict:
+def _judge_board(facts: RobotFacts) -> _Verdict:
     probe = facts.probe
     if not facts.connected:
-        return Level.STALE, "not connected"
+        return RowLevel.STALE, "not connected"
     verdicts: list[_Verdict] = []
     if reason := _stop_reason(facts):
         asked = facts.stop_kind == "asked" and not _tripped(facts)
-        verdicts.append((Level.WARNING if asked else Level.ERROR, f"stopped: {reason}"))
+        verdicts.append((RowLevel.WARNING if asked else RowLevel.ERROR, f"stopped: {reason}"))
     if probe is None:
-        verdicts.append((Level.STALE, "not probed yet"))
+        verdicts.append((RowLevel.STALE, "not probed yet"))
     elif probe.unprotected:
-        verdicts.append((Level.WARNING, probe.unprotected))
-    level = max((level for level, _ in verdicts), default=Level.OK)
+        verdicts.append((RowLevel.WARNING, probe.unprotected))
+    level = max((level for level, _ in verdicts), default=RowLevel.OK)
     return level, "; ".join(text for _, text in verdicts) or "ok"
 
 
-def _of_board(facts: Facts) -> _Values:
+def _of_board(facts: RobotFacts) -> _Values:
     probe = facts.probe
     values = [("robot", facts.robot)]
     if probe is not None:
@@ -227,11 +227,11 @@ def _of_board(facts: Facts) -> _Values:
     return values
 
 
-def _tripped(facts: Facts) -> bool:
+def _tripped(facts: RobotFacts) -> bool:
     return facts.state is not None and facts.state.watchdog_tripped
 
 
-def _stop_reason(facts: Facts) -> str:
+def _stop_reason(facts: RobotFacts) -> str:
     """Why the arm is stopped; empty if it is not."""
     if facts.stopped:
         return _one_line(facts.stopped)
@@ -242,29 +242,29 @@ def _stop_reason(facts: Facts) -> str:
     return "a stop is latched on the board" if facts.probe is not None and facts.probe.stopped else ""
 
 
-def _judge_servo(facts: Facts, name: str, probe: JointProbe | None) -> _Verdict:
+def _judge_servo(facts: RobotFacts, name: str, probe: JointProbe | None) -> _Verdict:
     state = facts.state
     if not facts.connected:
-        return Level.STALE, "not connected"
+        return RowLevel.STALE, "not connected"
     if state is None or name not in state.names:
-        return Level.STALE, "never seen"
+        return RowLevel.STALE, "never seen"
     place = state.names.index(name)
     if not math.isfinite(state.age[place]):
-        return Level.STALE, "never seen"
+        return RowLevel.STALE, "never seen"
     if _is_old(facts):
-        return Level.STALE, "no new states"
+        return RowLevel.STALE, "no new states"
     flags = state.flags[place]
     if flags & _FAULTS:
-        return Level.ERROR, str(JointFlag(flags).faults)
+        return RowLevel.ERROR, str(JointFlag(flags).faults)
     warnings = []
     if flags & _CLAMPED:
         warnings.append("target clamped to the limits")
     if state.temperature[place] >= _hot(probe.series if probe is not None else ""):
         warnings.append("hot")
-    return Level.WARNING if warnings else Level.OK, ", ".join(warnings) or "ok"
+    return RowLevel.WARNING if warnings else RowLevel.OK, ", ".join(warnings) or "ok"
 
 
-def _of_servo(facts: Facts, name: str, probe: JointProbe | None) -> _Values:
+def _of_servo(facts: RobotFacts, name: str, probe: JointProbe | None) -> _Values:
     values: _Values = []
     if probe is not None:
         values += [("id", str(probe.servo_id)), ("series", probe.series)]
@@ -299,7 +299,7 @@ def _hot(series: str) -> float:
     return (_CUT_OFF if cut_off is None else cut_off) - _SAFETY_MARGIN
 
 
-def _is_old(facts: Facts) -> bool:
+def _is_old(facts: RobotFacts) -> bool:
     slow = 3 / facts.wanted_rate if facts.wanted_rate > 0 else 0.0
     return not facts.state_age <= max(_STALE, slow)
 

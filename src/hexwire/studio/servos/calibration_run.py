@@ -18,7 +18,7 @@ from hexwire.errors import ConfigError, DeviceError, HexwireError, UsageError
 from hexwire.model.arms import assembled_arms
 from hexwire.model.calibration import Calibration
 from hexwire.setup.calibrating import CalibrationBench, counting_arm, store
-from hexwire.studio.calls import Arguments, Asked, Host, call
+from hexwire.studio.calls import Arguments, Asked, CallHost, call
 
 if TYPE_CHECKING:
     from hexwire.studio.bus_source import BusSource
@@ -143,7 +143,7 @@ class CalibrationRun:
         HexwireError: A servo does not answer.
     """
 
-    def __init__(self, studio: Host, bus: BusSource, tab: Tab, arm: str) -> None:
+    def __init__(self, studio: CallHost, bus: BusSource, tab: Tab, arm: str) -> None:
         if arm not in _kinds():
             raise UsageError(f"there is no arm {arm[:20]!r}")
         described = (

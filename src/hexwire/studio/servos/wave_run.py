@@ -20,7 +20,7 @@ from hexwire.model.state import JointFlag
 from hexwire.motion.step_response import step_figures
 from hexwire.motion.waves import SHAPES, Wave
 from hexwire.setup.servo_wave import WaveEnd, WaveSample, and_back, one_servo, run_wave, standing
-from hexwire.studio.calls import Arguments, Asked, Host, call
+from hexwire.studio.calls import Arguments, Asked, CallHost, call
 
 if TYPE_CHECKING:
     from hexwire.control.motion.hold_to_run import HeldMotion
@@ -69,7 +69,7 @@ def read_wave(args: Mapping[str, object]) -> tuple[int, Wave]:
     return row["servo"].integer(0, 253), wave
 
 
-def add_wave(studio: Host) -> None:
+def add_wave(studio: CallHost) -> None:
     """Let pages hold a wave."""
 
     def begin(tab: Tab, entry: HeldMotion, args: Mapping[str, object], arrived: Token) -> None:
@@ -87,7 +87,7 @@ def add_wave(studio: Host) -> None:
 
 
 class _Run:
-    def __init__(self, studio: Host, bus: BusSource, tab: Tab, entry: HeldMotion, arrived: Token) -> None:
+    def __init__(self, studio: CallHost, bus: BusSource, tab: Tab, entry: HeldMotion, arrived: Token) -> None:
         self._studio, self._bus, self._tab, self._entry, self._arrived = studio, bus, tab, entry, arrived
         self._rows: list[list[float]] = []
         self._told = -math.inf
