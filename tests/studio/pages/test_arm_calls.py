@@ -66,7 +66,7 @@ def test_a_preview_has_all_that_is_drawn(desk: Desk) -> None:
 
 
 def test_what_is_malformed_is_an_answer_too(desk: Desk) -> None:
-    assert "no motion" in desk.ask("preview", motion={"what": "fly"})["error"]
+    assert "what must be one of joints" in desk.ask("preview", motion={"what": "fly"})["error"]
     assert "no call 'arm.format'" in desk.ask("format")["error"]
     assert "Expected `str`, got `int` - at `$.name`" in desk.ask("save_pose", name=3)["error"]
     assert "no pose 'x'" in desk.ask("remove_pose", name="x")["error"]
