@@ -8,6 +8,7 @@ import pytest
 from hexwire.errors import HexwireError
 from hexwire.studio.access import Right
 from hexwire.studio.calls import Asked, find_call
+from hexwire.wire.registers import Series
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -52,6 +53,15 @@ def test_registers_behind_a_board_are_read_written_and_put_back(studio: RunningS
     assert row("max_temperature")["raw"] == before["raw"]
     with pytest.raises(HexwireError, match="nothing to undo"):
         ask("undo")
+    # Who only watches takes no time of the line. A setting that is refused leaves its servo locked.
+    assert {find_call(f"board.{what}").right for what in ("registers", "backup")} == {Right.OPERATE}
+    rows = Series.HLS.registers
+    lock, moving = rows["lock"], rows["goal_position"]
+    parts = [(lock.address, lock.encode(0)), (moving.address, moving.encode(0)), (lock.address, lock.encode(1))]
+    with pytest.raises(HexwireError):
+        arm.shared.write_registers(arm.order(tab, arm.mark()), "J5", parts)
+    arm.written += 1
+    assert row("lock")["raw"] == "1"
     # Maintenance has ended each time.
     assert arm.arm.owner.newest().maintenance is False
 

@@ -419,6 +419,8 @@ class SharedArm:
     def write_registers(self, order: Order, joint: str, parts: Sequence[tuple[int, bytes]]) -> None:
         """Write registers of a joint's servo one part after the other, in maintenance, in which nothing moves.
 
+        The last part is written whatever becomes of the others, such as a lock after stored settings.
+
         Args:
             order: As everywhere.
             joint: Its name.
@@ -438,8 +440,11 @@ class SharedArm:
         def write() -> None:
             tables.maintenance(True)
             try:
-                for first, data in parts:
-                    tables.write_table(joint, first, data)
+                try:
+                    for first, data in parts[:-1]:
+                        tables.write_table(joint, first, data)
+                finally:
+                    tables.write_table(joint, *parts[-1])
             finally:
                 tables.maintenance(False)
 

@@ -1,7 +1,8 @@
 """The servos of an arm that is open, as its protocol tells of them, and their registers behind a board.
 
 Owns what a page is told of them, and how an edit is made by the board's own requests: reads always, writes in
-maintenance, which the board refuses while a joint has torque. `bus.registers` says what may be edited.
+maintenance, which the board refuses while a joint has torque. A table takes the line for as long as several states,
+so who only watches does not read them. `bus.registers` says what may be edited.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from hexwire.bus.backup import ServoBackup, serialize_backups
 from hexwire.bus.registers import Edit, in_people_unit, make_table, prepare_edit
 from hexwire.drivers.abilities import BareServos, Counters
 from hexwire.errors import ServoError, UsageError
+from hexwire.studio.access import Right
 from hexwire.studio.calls import Arguments, Asked, call
 from hexwire.wire.registers import Series
 
@@ -42,7 +44,7 @@ class _Edit(Arguments, frozen=True):
     sure: bool = False
 
 
-@call("board.registers", _Joint)
+@call("board.registers", _Joint, right=Right.OPERATE)
 def _registers(asked: Asked, args: _Joint) -> dict[str, Any]:
     """The registers of a joint's servo, and what the last edit was that can be undone."""
     arm = asked.arm
@@ -96,7 +98,7 @@ def _undo(asked: Asked, args: Arguments) -> str:
     return f"undone: {edit.register.name} of servo {edit.servo_id} is {value} again"
 
 
-@call("board.backup", Arguments)
+@call("board.backup", Arguments, right=Right.OPERATE)
 def _backup(asked: Asked, args: Arguments) -> dict[str, object]:
     """The stored settings of all servos, kept for comparison; the file for the page to save."""
     arm, made = asked.arm, list[ServoBackup]()

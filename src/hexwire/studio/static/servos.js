@@ -89,7 +89,7 @@ async function board(element, facts) {
   };
   place.append(...section("Now", "", "h2"), now, ...section(found.bare ? "Line" : "Board", "", "h2"), row(button("Ask again", ask), button("Ping every servo", ping)), told);
   element.append(place);
-  if (!found.bare) boardRegisters(view, place, found.joints);
+  if (!found.bare && hexwire.operates) boardRegisters(view, place, found.joints);
   ask();
 }
 
