@@ -1,8 +1,8 @@
 """Epochs: a stop cancels every call that was made before it and has not been sent yet.
 
-Owns the epochs of one arm, and the call that each thread executes. Must not know links, frames or what a call does.
-Every stop begins an epoch at the moment it is called. A call belongs to the epoch in which it was made, however
-long it waits for the line, for a reconnection or for a read, and however many requests it sends.
+Owns the epochs of one arm, and the call that each thread executes. Must not know links or frames. Every stop begins
+an epoch at the moment it is called. A call belongs to the epoch in which it was made, however long it waits for the
+line, for a reconnection or for a read, and however many requests it sends.
 
 What stops an arm without a call of this host (its board's latch, the path check, the loss of the robot) voids what
 was asked for before it as well, but begins no epoch: nobody has to resume from it here.

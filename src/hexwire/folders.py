@@ -1,8 +1,7 @@
 """Folders opened once and kept open, so that replacing a part of their path has no effect.
 
 Owns the search for a folder: no symbolic link is followed that another user may have planted. Only Linux can open a
-folder to work in it; on other systems a `Folder` is its path, and the promise is that of the system. Must not know
-what is put into a folder.
+folder to work in it; on other systems a `Folder` is its path, and the promise is that of the system.
 """
 
 from __future__ import annotations

@@ -2,8 +2,7 @@
 
 Owns the opening of files, the size limits, the refusal of pipes and devices, text encodings, JSON and TOML, and
 `Item`, by which readers take values out of a parsed file, a request or a parameter. Whatever is written there, the
-outcome is a value or a `ConfigError`, and time and memory are proportional to its length. Must not know what the
-values mean.
+outcome is a value or a `ConfigError`, and time and memory are proportional to its length.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Limits how often a warning is repeated in the log.
 
-Owns the record of logged texts. Time comes in as an argument. Must not know who logs, nor why.
+Owns the record of logged texts. Time comes in as an argument.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Creates files safely: new, owned by this user, and in the intended folder.
 
 Keeps three promises: nothing is overwritten unless that is asked for; no symbolic link is followed that another
-user may have planted (see `hexwire.folders`); only its owner can read a new file. Must not know what is written.
+user may have planted (see `hexwire.folders`); only its owner can read a new file.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """What differs between operating systems: users, devices, flags of files, sockets, signals, waiting for input.
 
 Owns these differences, so that no other module asks which system it runs on, except those that exist for one system
-only. Linux is the system hexwire is made for; where another one has no such thing, the value here says so. Must not
-know what it is used for.
+only. Linux is the system hexwire is made for; where another one has no such thing, the value here says so.
 """
 
 from __future__ import annotations

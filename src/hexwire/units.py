@@ -14,7 +14,7 @@ NSEC = 1_000_000_000
 
 CHAPTER_RADIANS_PER_COUNT = 0.001534
 """Angle of one encoder count as the chapter's host computes it: the rounded constant, not 2 pi / 4096.
-Every angle printed in the chapter's log confirms it to six digits."""
+Every angle printed in its log confirms it to six digits."""
 
 _LONG = 1e15
 """From here on an exponent reads better than a row of digits."""

@@ -1,7 +1,6 @@
 """What goes on during a ``with`` block: a hand that teaches the arm, and a recording.
 
-Owns when they begin and end, and what is kept of them. Must not know how an arm is guided, nor the format of
-a file.
+Owns when they begin and end, and what is kept of them. Must not know the format of a file.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """The one thing at a time that an arm does for its program, and what ends it: the program, a detach, or Ctrl-C.
 
-Owns whose turn it is, why it ended, and the handler of SIGINT while something goes on for which no verb waits. Must
-not know what is done.
+Owns whose turn it is, why it ended, and the handler of SIGINT while something goes on for which no verb waits.
 
 A list is the lock: a signal handler may raise KeyboardInterrupt at any line, so that nothing here may be left half
 done by it, nor wait for what it has interrupted.

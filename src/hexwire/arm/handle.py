@@ -1,6 +1,6 @@
 """What goes on while the program does something else: a motion, a recording, an arm that follows another.
 
-Owns its thread, how it is ended, and how the program learns what came of it. Must not know what it does.
+Owns its thread, how it is ended, and how the program learns what came of it.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The poses of an arm by name, as a mapping.
 
-Owns nothing but this view of their file. Must not know how an arm gets to a pose.
+Owns nothing but this view of their file.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The health of the servos on a bus: read, judged from samples, put in words, and kept for ten minutes.
 
 Owns which registers are read for it and how often, what counts as healthy, what a pattern of lost answers along the
-chain means, and the samples in bounded memory. Nothing is written and nothing moves. Must not know who shows it.
+chain means, and the samples in bounded memory. Nothing is written and nothing moves.
 
 The servos are listed in the order of the chain, from the adapter on: a bad plug or cable spoils the answers of
 every servo behind it.

@@ -1,6 +1,6 @@
 """Lists of servo ids as people write them.
 
-Owns the notation. Must not know which servos there are.
+Owns the notation.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Known facts of the servos on a bus: series, return delay, acknowledgement of writes.
 
-Owns these facts and nothing else. No I/O, no time; must not know how they are detected.
+Owns these facts and nothing else. No I/O, no time.
 """
 
 from __future__ import annotations

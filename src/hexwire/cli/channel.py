@@ -1,7 +1,7 @@
 """Channels and what goes over them past a driver: `conf`, `--all` to every board of a channel, and `ioctl`.
 
 Owns the presentation of channels, when a board of several counts as missing, and how a user types a special
-command. Must not know how frames travel, nor what a command does.
+command.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """`demo`: the whole chain, from a joint command to a moving servo and back, on an emulated arm.
 
 Owns the order of the phases, that the arm is always safe at the end, and the emulated board in a separate process:
-it reads a pipe that only this program holds open, so it ends however this program ends. Must not know how a
-terminal is drawn.
+it reads a pipe that only this program holds open, so it ends however this program ends.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """`firmware`: build, flash and identify the firmware of the controller board.
 
-Owns the options and the output. Must not know which tools are used.
+Owns the options and the output.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What answers, how it is and where: `ping`, `probe`, `ports`, `state`, `registers`, `tip`, `limits`, `poses`.
 
-Nothing moves. Owns the presentation of the answers. Must not know how they are obtained.
+Nothing moves. Owns the presentation of the answers.
 """
 
 from __future__ import annotations

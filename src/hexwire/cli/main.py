@@ -1,7 +1,7 @@
 """The program `hexwire`: the table of commands, and the options of all of them.
 
 Owns command names and one-line help texts, so that `hexwire --help` imports no command. A command's module is
-imported when the command is used. Must not know what a command does.
+imported when the command is used.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The table of parameters in the help of a ROS node.
 
-Owns its columns. Must not know which parameters there are.
+Owns its columns.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """`torque`, `stop`, `resume`, `grip` and `pump`: whether the arm may move, has torque, or holds something.
 
-Owns the messages about the outcome, and how a user types a tool command. Must not know how it is achieved.
+Owns the messages about the outcome, and how a user types a tool command.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """`serve`: share arms with other programs and machines.
 
-Owns the command line, and the loop until a signal ends it. Must not know how an arm is shared.
+Owns the command line, and the loop until a signal ends it.
 """
 
 from __future__ import annotations

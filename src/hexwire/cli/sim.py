@@ -1,7 +1,6 @@
 """`sim`: emulated hardware for other programs: a board, servos on a bus, a PUMA 260, and a hand that moves them.
 
-Owns the options of the emulator, how a device is offered to other programs, and when it ends. Must not know how a
-device works.
+Owns the options of the emulator, how a device is offered to other programs, and when it ends.
 """
 
 from __future__ import annotations

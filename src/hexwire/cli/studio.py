@@ -1,6 +1,6 @@
 """`studio`: the arm, its servos and its wire in a browser.
 
-Owns the command line, and the start and end of the program. Must not know what the pages show.
+Owns the command line, and the start and end of the program.
 """
 
 from __future__ import annotations

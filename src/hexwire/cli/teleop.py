@@ -1,6 +1,6 @@
 """`joystick`, `teleop` and `follow`: arms that a person moves, by a joystick or by another arm.
 
-Owns the command lines and the choice of the joystick. Must not know how a joystick or a leader moves an arm.
+Owns the command lines and the choice of the joystick.
 """
 
 from __future__ import annotations

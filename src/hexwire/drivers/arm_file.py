@@ -1,6 +1,6 @@
 """Arms on a servo bus as TOML files: joints, ids, series, signs, neutral counts, limits, gearing.
 
-Owns the format of the file and the profiles that come with hexwire. Must not know how an arm is used.
+Owns the format of the file and the profiles that come with hexwire.
 """
 
 from __future__ import annotations

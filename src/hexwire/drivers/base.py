@@ -1,7 +1,7 @@
 """`RobotDriver`: the interface of every robot, whatever board, bus or program is behind it.
 
 Owns the contract between robots and fronts: the chapter's verbs, and what a robot without an ability answers. Must
-not know any particular robot, how bytes reach it, or who calls.
+not know any particular robot.
 """
 
 from __future__ import annotations
@@ -247,7 +247,7 @@ class RobotDriver(ABC):
         if armed:
             dog.watchdog(0.0)
 
-    # -- the chapter's verbs --------------------------------------------------------------------------
+    # -- verbs ----------------------------------------------------------------------------------------
 
     @classmethod
     def from_url(cls, url: str, **options: Any) -> Self:
@@ -409,7 +409,7 @@ class RobotDriver(ABC):
             return RobotState.LOST
 
     def signal(self, number: int) -> None:
-        """Send a `Signal` by number, as the chapter's drivers do.
+        """Send a `Signal` by number.
 
         Raises:
             UsageError: There is no such signal.

@@ -1,7 +1,7 @@
 """A dialect-2 board's JOINT_STATE in SI units: counts by the joints' models, ages, stamps of the host's clock.
 
 Owns this decoding, with a fast path for the usual report, and the relation of the two clocks. Pure. Must not know
-sessions, nor how a report arrived.
+sessions.
 
 A frame arrives some time after it was sent: a millisecond later, or seconds if this program was stopped meanwhile
 and the frame waited in the port. The frame with the shortest transit time gives the best relation, so the smallest

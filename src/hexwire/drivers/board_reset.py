@@ -1,9 +1,8 @@
 """Warns before a link is opened whose board may move the arm by itself.
 
-The chapter's sketch drives the arm to its middle pose whenever the board starts, and the opening of a port resets
-a board. Nobody knows which firmware is there before the port is open, so the warning comes unless hexwire's
-firmware has been seen there. Owns that warning, for drivers, commands and pages alike. Must not know how a link is
-opened.
+The chapter's sketch drives the arm to its middle pose whenever the board starts, and the opening of a port resets a
+board. Nobody knows which firmware is there before the port is open, so the warning comes unless hexwire's firmware
+has been seen there. Owns that warning, for drivers, commands and pages alike.
 """
 
 from __future__ import annotations

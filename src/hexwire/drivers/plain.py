@@ -1,7 +1,7 @@
 """`PlainDriver`: a robot without a board that latches a stop, so that this program keeps the stop.
 
 Owns what such robots share: targets checked before they are sent, and a stop that holds until `resume`, whichever
-thread or signal handler calls it. Must not know any particular robot, nor how bytes reach it.
+thread or signal handler calls it. Must not know any particular robot.
 """
 
 from __future__ import annotations

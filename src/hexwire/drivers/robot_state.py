@@ -1,6 +1,6 @@
 """`RobotState`: the state of a whole robot in one word, the chapter's ``m_rbtState``.
 
-Owns the states and how they follow from a joint state. Must not know how that is read.
+Owns the states and how they follow from a joint state.
 """
 
 from __future__ import annotations

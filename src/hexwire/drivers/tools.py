@@ -1,6 +1,6 @@
 """Tools at the end of the arm: a gripper, and a suction cup with its pump.
 
-Owns the meaning of the outputs and of the gripper's joint. Must not know how a command reaches the board.
+Owns the meaning of the outputs and of the gripper's joint.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ HEX7BOT_START = (2053, 2043, 2035, 2039, 2083, 2046, 2047)
 _BEYOND = (5.0,) * 6 + (30.0,)
 """Degrees from a joint's limits to its mechanical stops: assumed. The travel of the gripper is not known either."""
 _BAUD_115200 = 4  # the chapter's bus; an HLS servo leaves the factory at 1 Mbaud
-_IDLE_LOAD_6 = 52  # the chapter's log: load of id 6 with nothing moving
+_IDLE_LOAD_6 = 52  # in the same log: load of id 6 with nothing moving
 
 
 def _arm(weight: float, horizontal: float) -> Callable[[float], float]:

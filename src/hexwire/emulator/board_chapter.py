@@ -57,7 +57,7 @@ def no_answer(servo_id: int, *, ping: bool) -> bytes:
 
 
 def status_bytes(packet: ServoPacket, status: StatusPacket) -> bytes:
-    """What the chapter's board would send for this answer."""
+    """What that board would send for this answer."""
     params = status.params
     if status.legacy and packet.instruction == Instruction.PING:
         return make_legacy_ping_status(status.servo_id, status.error)
@@ -72,7 +72,7 @@ def sync_write_rows(body: bytes, joints: int, *, verified: bool) -> list[Chapter
     Args:
         body: The packet.
         joints: Number of joints; an id that is not below it ends the rows.
-        verified: Check register and checksum, as hexwire's board does; the chapter's checks neither.
+        verified: Check register and checksum, as hexwire's board does; that with the sketch checks neither.
     """
     if len(body) < 11 or body[4] != Instruction.SYNC_WRITE or body[3] < 9 or body[6] != 4:
         return []
@@ -206,7 +206,7 @@ _SETUP_WAIT = 1.0
 
 
 class ChapterDialect:
-    """Dispatch of the chapter's board.
+    """Dispatch of a board with the sketch.
 
     Args:
         state: What the board knows, here of its joints.

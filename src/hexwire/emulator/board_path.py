@@ -2,7 +2,7 @@
 
 Owns points and their checks, what may be replaced, interpolation, running dry and braking, as in PROTOCOL.md
 section 6.7. Pure: moments are arguments, in seconds of the board's clock. Knows joints only as columns of counts;
-must not know servos, commands or how far ahead targets are sent.
+must not know servos or commands.
 """
 
 from __future__ import annotations

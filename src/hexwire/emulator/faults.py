@@ -198,7 +198,7 @@ class FaultPlan:
 
     @property
     def sketch(self) -> bool:
-        """Whether the board has the chapter's own sketch, hazards and all."""
+        """Whether the board has that sketch, hazards and all."""
         return bool(self._of("sketch"))
 
     def reset_due(self, now: float) -> str | None:

@@ -1,8 +1,7 @@
 """Hands that move the joints of an emulated arm, as a person does who guides it.
 
 Owns the path and the force of a hand, and which joint a word names. A hand pulls the joint along a smooth path, as
-hard as its force allows, and then lets go; what comes of it follows from the motor, the gears and the stops. Must
-not know how an order arrives.
+hard as its force allows, and then lets go; what comes of it follows from the motor, the gears and the stops.
 """
 
 from __future__ import annotations

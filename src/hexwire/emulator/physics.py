@@ -2,8 +2,8 @@
 
 `physics_body` builds the body. Owns the coupling: servos give torques, MuJoCo moves links under gravity and
 contact, servos read their positions. So load, sag, stops and collisions show up in the registers. Masses and the
-motors' torques are estimates. Must not know a board or a line, nor how the body is shown. Needs the package
-``mujoco-core``, imported on first use.
+motors' torques are estimates. Must not know a board or a line. Needs the package ``mujoco-core``, imported on first
+use.
 
 Unlike the usual shafts, which follow exact profiles, these are held by a proportional controller as in real servos:
 they sag a little under load.

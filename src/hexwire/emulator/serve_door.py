@@ -2,7 +2,7 @@
 
 Owns how it is made, and how another program knocks. On Linux it is a Unix socket at that path, and the kernel tells
 who serves it. Elsewhere it is a TCP port of this machine, and the path is a file of this user with its number and a
-key, which whoever comes says first. Must not know what is said afterwards.
+key, which whoever comes says first.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Owns the conversations, the names of doors, and how the arm at a port is found. The door of a pseudo-terminal is
 named after the terminal, that of a TCP port after its number, that of an arm inside a program after its address and
-the program. Must not know what hands do.
+the program.
 
 An order is one line, its result another. Whatever arrives, the outcome is one of three: the hand moves and the line
 of its result follows, or a line with an error does and nothing moves, or the conversation ends without a word

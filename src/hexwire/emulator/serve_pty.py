@@ -3,7 +3,7 @@
 For Linux; elsewhere, see `serve_tcp`. Owns the terminal, its rate, the loops, and the name: a symbolic link, which
 never replaces one that another program still serves, that belongs to another user, or that leads to anything but a
 pseudo-terminal. A bus keeps the line's timing more finely than a board needs it, and follows the rate that the host
-has set: servos set to another rate do not understand it. Must not know who is on the other side.
+has set: servos set to another rate do not understand it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """An emulated device behind a TCP port, or behind a POSIX queue.
 
 The port is for systems without pseudo-terminals, and for other machines in a test. Owns the port: one host at a
-time, a new one replaces nobody. Must not know what the device is.
+time, a new one replaces nobody.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The offset of another computer's clock, measured by exchanges.
 
-Owns the estimate and its uncertainty. Pure. Must not know what is exchanged.
+Owns the estimate and its uncertainty. Pure.
 
 As with NTP: the other clock was read some time between sending and receiving, so one exchange gives the offset to
 half its round trip. The exchange with the shortest round trip counts; an old one is worth less: clocks drift.

@@ -1,7 +1,7 @@
 """An open Zenoh session: questions and answers, published samples, and liveliness.
 
-Owns questions with a time-out, and the threads that receive. The only module that imports Zenoh. Must
-not know how a session is set up, nor arms, messages or roles.
+Owns questions with a time-out, and the threads that receive. The only module that imports Zenoh. Must not know
+arms, messages or roles.
 """
 
 from __future__ import annotations

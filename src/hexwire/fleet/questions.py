@@ -1,7 +1,7 @@
 """Questions to the server of an arm, and the reason if there is no answer.
 
-Owns the distinction between "no such arm", "no right" and "no answer", which Zenoh does not make, and the stop
-that replaces a denied torque off. Must not know what else is asked.
+Owns the distinction between "no such arm", "no right" and "no answer", which Zenoh does not make, and the stop that
+replaces a denied torque off.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Owns what a client keeps: the newest state, the lease and its heartbeat, the offset of the owner's clock, the
 trajectories that the arm's server follows for it, how one of these is a `TimedPath`, and a warning when states stop
-arriving. Must not know what is behind the arm, nor the bytes of a robot.
+arriving. Must not know the bytes of a robot.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The arms that this program may see: those of this user on this machine, and those behind a router.
 
-Owns finding them, and noticing when one appears or vanishes (by liveliness: at once when its program
-ends, after `network.SILENT` seconds when its machine is cut off). Must not know what is asked of them.
+Owns finding them, and noticing when one appears or vanishes (by liveliness: at once when its program ends, after
+`network.SILENT` seconds when its machine is cut off).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The arms that `hexwire serve` shares, out of a file or of a command line, checked before anything is opened.
 
-Owns the file, and the checks that concern several arms. Must not know how an arm is shared.
+Owns the file, and the checks that concern several arms.
 
     lease = 0.5                           # seconds of silence after which a lease is lost
 

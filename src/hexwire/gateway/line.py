@@ -2,7 +2,7 @@
 
 Owns the order in which frames reach the board, and at which pace, so that a stop never waits behind anything, and
 whether a host may leave without the board having to stop. No I/O; time comes in as `now`. Must not know the host's
-link, other boards, nor what moves a joint.
+link or other boards.
 """
 
 from __future__ import annotations

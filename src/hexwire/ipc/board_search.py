@@ -1,7 +1,6 @@
 """Is a controller board, or another robot, behind a link on which no servo answers?
 
-Owns the search for it at the rate of boards. It leaves the link at the rate it had. Must not know joints, nor who
-asks.
+Owns the search for it at the rate of boards. It leaves the link at the rate it had. Must not know joints.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Owns the columns of one form, the keys of the other, and the choice between the two. `hexwire.ipc.channel` owns the
 meaning of a channel.
 
-The chapter's format (PROTOCOL.md, the section on `ipc_msg.conf`)::
+Its format (PROTOCOL.md, the section on `ipc_msg.conf`)::
 
     # module_name   direction   destination_module  interface  address         [port]
     ARM_7BOT_SERIAL_TRX  CLIENT_TRX  ARM_7BOT_ARDUINO_TRX  SERIAL  /dev/ttyUSB0  115200
@@ -71,7 +71,7 @@ _LONGEST = 4000
 
 
 def parse_conf(text: str, file: str = "") -> list[ChannelConf]:
-    """Parse the chapter's format.
+    """Parse the format of `ipc_msg.conf`.
 
     Args:
         text: Contents of the file.
@@ -98,7 +98,7 @@ def parse_conf(text: str, file: str = "") -> list[ChannelConf]:
         elif open_record is not None and (not after_comment or len(open_record) < NEEDED):
             open_record.extend(cells)
         elif after_comment and module_named(cells[0].text) is None:
-            pass  # the comment continues, as in the chapter's own file
+            pass  # the comment continues, as in the printed file
         else:
             raise ConfigError(
                 "an indented line continues a record, but there is none; start the line in the first column",
@@ -149,7 +149,7 @@ def load_conf(path: str | Path) -> list[ChannelConf]:
 
 
 def to_conf(channels: Iterable[ChannelConf]) -> str:
-    """Write the chapter's format; `parse_conf` reads the same channels back."""
+    """Write the format of `ipc_msg.conf`; `parse_conf` reads the same channels back."""
     table = [["# module_name", *COLUMNS[1:5], "[port]"]]
     table += [
         [f"{_TRUST}{value}" if key == "trust" else str(value) for key, value in row.items()]

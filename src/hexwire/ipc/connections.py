@@ -1,7 +1,7 @@
 """Creates the session machine that fits the link of a channel.
 
 Owns the consequences of the kind of link: the longest frame, and over datagrams the random numbers and the IDENTIFY
-requests of a conversation. Must not know how bytes are transported, nor the requests that follow.
+requests of a conversation. Must not know the requests that follow.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The host line of a board at a raised rate (PROTOCOL.md section 6.8): raised, checked, kept, and lowered again.
 
 Owns which of the two rates the port has, and the request that keeps the board at the raised one. Must not know
-joints, nor what the other requests mean.
+joints.
 
 The board goes back to its own rate by itself, after a reset or when this program stalls. So a request that gets no
 answer twice is repeated at the board's own rate, and from its answer on the port stays there: the rate is not

@@ -118,7 +118,7 @@ class Session(Openable):
         ipc: The channel.
         src: Our module id; the channel's if None.
         dst: The peer's module id; the channel's if None.
-        type: Kind of channel, as in the chapter's constructor; the channel's if None.
+        type: Kind of channel; the channel's if None.
         policy: Deadlines and retries.
         reconnect: What to do when the port is lost.
         clock: Monotonic seconds; must be the clock of the link's deadlines.

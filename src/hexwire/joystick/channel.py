@@ -1,8 +1,7 @@
 """The JOY_STICK module: a channel that carries axes and buttons.
 
 Owns both ends: a sender that sends the complete state periodically, and a receiver that knows the age of the newest
-state. States are not answered or repeated, since the next one follows. Must not know where the axes come from, nor
-what they move.
+state. States are not answered or repeated, since the next one follows.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """The device behind a serial port's name, and whether it is still the intended one.
 
 Owns the checks: is this a terminal in which a program runs, does a symbolic link lead to a pseudo-terminal that is
-newer than the link, is this the same USB device as before. Nothing is written to a port for this. Must not know why
-a port is opened.
+newer than the link, is this the same USB device as before. Nothing is written to a port for this.
 """
 
 from __future__ import annotations

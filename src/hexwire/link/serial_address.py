@@ -1,7 +1,7 @@
 """Makes the link of a ``serial:`` address.
 
 Owns which of two links it is: on Linux `SerialLink` (termios), elsewhere `PySerialLink`. Windows has no termios,
-and that of macOS cannot set 1,000,000 baud, the usual rate of bus servos. Must not know how a port is opened.
+and that of macOS cannot set 1,000,000 baud, the usual rate of bus servos.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What all links to serial ports share: rates, addresses, errors. Must not know how a port is opened."""
+"""What all links to serial ports share: rates, addresses, errors."""
 
 from __future__ import annotations
 

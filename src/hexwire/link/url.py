@@ -1,6 +1,6 @@
 """The address of a link, as typed by the user: ``scheme://host:port/path?key=value``.
 
-Owns the syntax and the wording of its errors. Must not know which schemes exist or what they need.
+Owns the syntax and the wording of its errors.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Where the tip of a tool is to be and where the tool is to point, and how a pose is told to people.
 
-Owns the ways to give a tool's direction, and roll, pitch and yaw of a rotation. Must not know particular arms, nor
-how a person types a pose.
+Owns the ways to give a tool's direction, and roll, pitch and yaw of a rotation. Must not know particular arms.
 """
 
 from __future__ import annotations

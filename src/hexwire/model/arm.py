@@ -1,6 +1,6 @@
 """The model of an arm: joints, their servos, the conversion of counts to angles, and limits.
 
-Owns `JointModel` and `ArmModel`. Series are plain strings; must not know what they mean on the wire.
+Owns `JointModel` and `ArmModel`. Series are plain strings.
 """
 
 from __future__ import annotations

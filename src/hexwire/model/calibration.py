@@ -1,7 +1,7 @@
 """Calibration of each joint: its middle and its ends in counts, the date, and the servo.
 
 Owns the value, its TOML text, and the text of LeRobot's files in both directions. Reads and writes text, not files;
-must not know servos, nor how a calibration is measured.
+must not know servos.
 """
 
 from __future__ import annotations

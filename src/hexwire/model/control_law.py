@@ -1,6 +1,6 @@
 """`ControlLaw`: gains with which a robot's controller shall follow the position of one joint.
 
-Owns the values, those of osrf_msgs/JointCommands. Must not know which robots obey them, nor how they are sent.
+Owns the values, those of osrf_msgs/JointCommands.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Kinematics and shapes of an arm by the robot's name, and by the name or file of its link set.
 
-Owns how a record of `hexwire.model.arms` becomes a model for motion. Must not know drivers, nor how a model is
-used.
+Owns how a record of `hexwire.model.arms` becomes a model for motion. Must not know drivers.
 """
 
 from __future__ import annotations

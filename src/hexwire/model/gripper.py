@@ -1,6 +1,6 @@
 """The joint that opens and closes a gripper: how far it is open at an angle, and the angle for an opening.
 
-Which joint it is, says the arm's record. Must not know servos, nor how a gripper is moved.
+Which joint it is, says the arm's record. Must not know servos.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The colours of joints, the same in every picture: plots, 3D views, tables, on paper and on dark screens.
 
-Owns the two rows of colours and how they become CSS custom properties. Must not know what is drawn.
+Owns the two rows of colours and how they become CSS custom properties.
 
 Neighbours in a row differ for people with any of the three kinds of colour blindness, and every colour has a
 contrast of 3:1 or more on its background, so that a thin line can be seen.

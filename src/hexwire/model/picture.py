@@ -1,6 +1,6 @@
 """A picture of an arm as SVG, drawn from its shapes: what a notebook shows of where an arm is.
 
-Owns the view, the facets and their order. Must not know a particular arm, nor who shows the picture.
+Owns the view, the facets and their order. Must not know a particular arm.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Checks of a complete trajectory or path before anything moves.
 
-Owns the checks of joint limits, joint speeds, the joint coupling limit and the table. Must not know robots, nor how
-a trajectory was made.
+Owns the checks of joint limits, joint speeds, the joint coupling limit and the table. Must not know robots.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Motion that begins while the joints move: from any position, velocity and acceleration within all limits.
 
-Owns the jerk-limited profile from one moving state to another, and the brake. Must not know robots, clocks, nor
-where an arm may go.
+Owns the jerk-limited profile from one moving state to another, and the brake. Must not know robots or clocks.
 
 A change of speed takes the shortest time: at full jerk and, if it is long, full acceleration. A way from one state
 to another is a change to some speed, a time at that speed, and a change to the speed at its end.

@@ -1,7 +1,7 @@
 """A tool that a person guides: its speed changes as the limits of the joints that carry it allow.
 
 Owns the speed along and about the axes of the base, and what that asks of the joints. Must not know sticks, robots
-or clocks, nor where an arm may go.
+or clocks.
 
 The tool keeps its line, so its joints move as the kinematics say; the Jacobian gives their velocities and
 accelerations.

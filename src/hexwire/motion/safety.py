@@ -1,7 +1,6 @@
 """Conditions that stop a moving arm automatically: following error, load, faults, old states.
 
-Owns the thresholds and their check in each cycle; time comes in as an argument. Must not know what the arm was
-doing, nor how it is stopped.
+Owns the thresholds and their check in each cycle; time comes in as an argument.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """One joint from one point to the next, under limits of speed, acceleration and jerk.
 
-Owns the profile: a change of speed, a constant speed, another change of speed. The joint moves one way only.
-Must not know other joints, nor how speeds at points are chosen.
+Owns the profile: a change of speed, a constant speed, another change of speed. The joint moves one way only. Must
+not know other joints.
 
 All values are magnitudes: a distance and speeds in its direction. A change of speed begins and ends without
 acceleration, and takes the shortest time: at full jerk and, if it is long, full acceleration. It is symmetric: its

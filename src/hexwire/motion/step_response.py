@@ -1,6 +1,6 @@
 """How a joint answers a step of its goal: rise, overshoot, settling and the error that stays.
 
-Owns the figures, as control engineering defines them. Pure: samples in, figures out. Must not know who took them.
+Owns the figures, as control engineering defines them. Pure: samples in, figures out.
 
 The definitions: *delay* and *rise* are the times to 10 %, and from 10 % to 90 % of the way; *overshoot* is how far
 the joint goes beyond its **final** position, as a fraction of the way to it; *settled* is the time after which it

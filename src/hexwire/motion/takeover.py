@@ -1,7 +1,6 @@
 """A trajectory that begins while the joints move: how they join it, and how they come to rest after it.
 
-Owns the choice of where the joints join and leave a trajectory. Must not know robots, clocks, nor where an arm may
-go.
+Owns the choice of where the joints join and leave a trajectory. Must not know robots or clocks.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The fastest motion through points under limits of speed, acceleration and jerk, without a stop at them.
 
-Owns the choice of the speeds at the points, and the trajectory. Must not know robots, nor where points come from.
+Owns the choice of the speeds at the points, and the trajectory. Must not know robots.
 
 Between two points each joint moves one way only, so it never leaves the range between their positions; where it
 turns back it has no speed while the others go on, and only there it accelerates at a point. Speeds, and the

@@ -1,6 +1,6 @@
 """Several trajectories of different joints as one, each with what it replaces.
 
-Owns which of them counts at a time. Pure. Must not know robots, clocks or who planned them.
+Owns which of them counts at a time. Pure. Must not know robots or clocks.
 """
 
 from __future__ import annotations

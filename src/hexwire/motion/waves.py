@@ -1,6 +1,6 @@
 """Waves with which one servo is tested: sine, triangle, step and sweep about the place where it stands.
 
-Owns their shapes and bounds. Pure: time is an argument. Must not know servos, robots or how a wave is run.
+Owns their shapes and bounds. Pure: time is an argument. Must not know servos or robots.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Writes control_msgs and osrf_msgs as Python packages, for programs that do not import hexwire.
 
-Owns the files. Their fields and checksums come from `messages`; genpy generates their code, as for any ROS
-package. Must not know what a message is used for.
+Owns the files. Their fields and checksums come from `messages`; genpy generates their code, as for any ROS package.
 """
 
 from __future__ import annotations

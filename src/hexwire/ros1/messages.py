@@ -1,7 +1,7 @@
 """Message classes that Debian does not package, control_msgs and osrf_msgs, generated at run time.
 
-Owns their fields, and the checksums by which an installed class is recognised as the same message. Must not know
-what a message is used for. `message_files` writes the same messages as packages.
+Owns their fields, and the checksums by which an installed class is recognised as the same message. `message_files`
+writes the same messages as packages.
 """
 
 from __future__ import annotations

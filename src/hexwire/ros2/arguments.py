@@ -1,7 +1,6 @@
 """The command line of a ROS 2 node: what stands after ``--ros-args``, as `rcl` reads it, and ROS_DOMAIN_ID.
 
-Owns the grammar of these arguments and the order in which parameters override each other. Must not know which
-parameters a node has.
+Owns the grammar of these arguments and the order in which parameters override each other.
 """
 
 from __future__ import annotations

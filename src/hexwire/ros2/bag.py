@@ -1,7 +1,6 @@
 """Bags of ROS 2, in files that are made as safely as a recording.
 
-Owns the folder and its files; `zenoh_ros2` has what is in them. Must not know what is recorded. Needs the package
-``mcap``, imported on first use.
+Owns the folder and its files; `zenoh_ros2` has what is in them. Needs the package ``mcap``, imported on first use.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Parameters in YAML, as `rcl` reads them: files with node names and wildcards, and the values of ``-p``.
 
-Owns the reading of files, `rcl`'s meaning of a plain scalar, and which node a pattern is for. Must not know which
-parameters a node has.
+Owns the reading of files, `rcl`'s meaning of a plain scalar, and which node a pattern is for.
 """
 
 from __future__ import annotations

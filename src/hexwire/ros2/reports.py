@@ -1,7 +1,6 @@
 """Messages about an arm: joint states, states of controllers, feedback, diagnostics, taught motions.
 
-Owns which value is in which field, also where distributions differ. Must not know topics, clocks, nor when a
-message is due.
+Owns which value is in which field, also where distributions differ. Must not know topics or clocks.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """The time of ROS: that of the system, or with `use_sim_time` what a simulation or a bag publishes on `/clock`.
 
-Owns which time is which. The arm itself runs in real time, whatever it is called. Clocks come in as arguments; must
-not know what is stamped.
+Owns which time is which. The arm itself runs in real time, whatever it is called. Clocks come in as arguments.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Starts the node from ROS's arguments, and shows its log on the console as ROS nodes do.
 
-Owns the order of the first steps: arguments, parameters, the log, the node. Must not know what the node does.
+Owns the order of the first steps: arguments, parameters, the log, the node.
 """
 
 from __future__ import annotations

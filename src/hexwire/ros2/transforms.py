@@ -1,6 +1,6 @@
 """Frames of an arm as transforms (`/tf`, `/tf_static`), for machines without a robot_state_publisher.
 
-Owns which frames these are: those of the URDF of `hexwire.model.urdf`. Must not know when they are published.
+Owns which frames these are: those of the URDF of `hexwire.model.urdf`.
 """
 
 from __future__ import annotations

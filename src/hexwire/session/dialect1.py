@@ -65,7 +65,7 @@ class Pending1:
     """A dialect-1 request that waits to be sent or answered.
 
     Raises:
-        LocalProtocolError: Its body is not a servo packet, or is one that the chapter's board cannot process.
+        LocalProtocolError: Its body is not a servo packet, or is one that the sketch cannot process.
     """
 
     ticket: int
@@ -109,7 +109,7 @@ class Pending1:
 
 
 def _problem(cmd: int, packet: ServoPacket, size: int) -> str:
-    """Return why the chapter's board would hang on a request or misinterpret it; empty if it would not."""
+    """Return why the sketch would hang on a request or misinterpret it; empty if it would not."""
     instruction, params = packet.instruction, packet.params
     if cmd == Command.SYNC_WRITE:
         longest = max_body(MAX_SERIAL_FRAME)

@@ -1,6 +1,6 @@
 """Effect of a request on an arm: whether a stop must cancel it, and whether it is a stop itself.
 
-Owns the classification by command and body. No I/O and no time; must not know the sender.
+Owns the classification by command and body. No I/O and no time.
 """
 
 from __future__ import annotations

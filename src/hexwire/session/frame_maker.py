@@ -1,7 +1,7 @@
 """The sending half of a connection: numbers, stamps and serializes frames, and queues them for writing.
 
 Owns the header of sent frames (source, destination, time, frame counter, over datagrams the conversation) and the
-queue of frames to write. No I/O; time comes in as `now`. Must not know which requests are outstanding.
+queue of frames to write. No I/O; time comes in as `now`.
 """
 
 from __future__ import annotations

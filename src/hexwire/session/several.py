@@ -1,7 +1,7 @@
 """Requests to several modules of a channel: one frame to all of them, one answer from each.
 
 Owns who has answered such a request, and its repeats, which go only to those who have not. No I/O; time comes in as
-`now`. Must not know links, nor which modules there are.
+`now`. Must not know links.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Work at a bare servo bus: who has control, one job at a time, and a stop that reaches every servo.
 
-Owns the bus while servos are searched, set up and tested by hand, without an arm. Whatever moves is held: it
-lasts while somebody holds it. Must not know pages or terminals, nor what a job does.
+Owns the bus while servos are searched, set up and tested by hand, without an arm. Whatever moves is held: it lasts
+while somebody holds it. Must not know pages or terminals.
 
 A stop ends the job, voids what was not sent yet, and makes every servo with torque hold where it is; it is kept for
 the next program like the stop of an arm. Nobody needs control for it.

@@ -104,7 +104,7 @@ class Studio:
         fleet: The shared arms that this program may see.
         holds: The kinds of motion that a page may hold.
         live: The tabs' own sockets.
-        foxglove: As given.
+        foxglove: Shows what is open to programs that speak Foxglove's protocol; None for nobody.
         settings: Further settings of arms that pages open, see `hexwire.control.requests.settings`.
         plugged: What was found last at the ports of this machine; None before somebody has looked.
         demo: Port of the emulated arm that this program has started, and what a person should know of it; empty if

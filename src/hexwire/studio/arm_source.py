@@ -1,7 +1,6 @@
 """An arm that is open in the studio: its owner, its lease, the motion that somebody holds, its facts.
 
-Owns joining them. Its calls block; any thread may make them. Must not know pages, sockets, or what else may be
-open.
+Owns joining them. Its calls block; any thread may make them. Must not know pages or sockets.
 """
 
 from __future__ import annotations

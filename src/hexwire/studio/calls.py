@@ -1,7 +1,6 @@
 """What pages may ask the studio for by name: each call has typed arguments, and the rights that it needs.
 
-Owns the table of calls and the check of their arguments. `Studio.call` runs them. Must not know sockets, nor what a
-page shows.
+Owns the table of calls and the check of their arguments. `Studio.call` runs them. Must not know sockets.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Connections to the server: bounded in number and in time.
 
-Owns which connection is closed when there are too many, and the client certificate that each has shown. Must not
-know what is served.
+Owns which connection is closed when there are too many, and the client certificate that each has shown.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What pages fetch and send as files: columns for plots, exports, recordings.
 
 Owns the addresses below ``/data`` and the check of what they are asked. Behind the gate as everything else; writing
-needs the right to operate. Another process makes them (`page_work`). Must not know how a page shows it.
+needs the right to operate. Another process makes them (`page_work`).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """An arm's shapes for the browser's 3D view, as plain values that become JSON.
 
-Owns the format, which `static/arm3d.js` reads. Must not know pages, nor how anything is drawn.
+Owns the format, which `static/arm3d.js` reads. Must not know pages.
 """
 
 from __future__ import annotations

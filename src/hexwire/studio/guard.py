@@ -1,7 +1,6 @@
 """The gate before everything that the studio serves: HTTP requests and sockets.
 
-Owns applying the rules of access, the exchange of a token for a session, and the headers of every answer. Must not
-know what is served behind it.
+Owns applying the rules of access, the exchange of a token for a session, and the headers of every answer.
 """
 
 from __future__ import annotations

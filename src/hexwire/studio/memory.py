@@ -1,6 +1,6 @@
 """When Python's garbage collector looks through everything: where it keeps no moving arm waiting.
 
-Owns the collector of the studio's process. Must not know what fills the memory.
+Owns the collector of the studio's process.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The static files of pages, in memory: found by name, compressed once.
 
-Owns their bytes and headers. Nothing else of a disk can be reached by an address. Must not know what is in them.
+Owns their bytes and headers. Nothing else of a disk can be reached by an address.
 """
 
 from __future__ import annotations

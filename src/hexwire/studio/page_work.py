@@ -2,7 +2,7 @@
 
 Owns the loop that carries out one order after the other, the bounds of the process, and what is in its memory: open
 files of traffic, columns of recordings. It reads pickled orders from its input and ends with it. What is large, it
-leaves in a file whose path it is given. Must not know requests, pages, or how anything moves.
+leaves in a file whose path it is given. Must not know requests or pages.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What every page, and the page Arms, asks of the server: opening, closing, control, resume, torque.
 
-Owns these calls. Must not know sockets, nor how ports are found or opened.
+Owns these calls. Must not know sockets.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What the recordings page asks for: the list, and what is done with recordings.
 
 Owns the requests and the check of every value. Behind the gate; whatever changes something needs the right to
-operate, and nothing here moves a real arm. Must not know how the page shows it.
+operate, and nothing here moves a real arm.
 """
 
 from __future__ import annotations

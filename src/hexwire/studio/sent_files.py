@@ -1,6 +1,6 @@
 """Files on their way from and to a browser, on this disk meanwhile: never as a whole in memory.
 
-Owns the folder of each, which is removed when it has arrived. Must not know what is in them.
+Owns the folder of each, which is removed when it has arrived.
 """
 
 from __future__ import annotations

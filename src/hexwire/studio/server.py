@@ -1,7 +1,7 @@
 """The server of a studio: its pages, the live socket, and STOP by HTTP, behind the gate.
 
 Owns what is served where, and the start and end of the server. The only module that imports the web server: it is
-imported late. Must not know what a page shows.
+imported late.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """A server for viewers of shared arms, in a thread of its own: `hexwire serve --foxglove`.
 
-Owns its start and end. Only this machine can reach it: elsewhere a studio shows a shared arm, with TLS. Must not
-know how arms are shared.
+Owns its start and end. Only this machine can reach it: elsewhere a studio shows a shared arm, with TLS.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """What the wire page asks for, over HTTP: rows, one frame, files in and out.
 
 Owns the requests, their checks and bounds. Behind the gate (`guard`), so each comes from a page of this studio.
-Must not know how traffic is read.
 """
 
 from __future__ import annotations

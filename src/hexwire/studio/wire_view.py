@@ -1,6 +1,6 @@
 """Traffic that somebody looks at: pages of rows that pass a filter, one frame with its tree.
 
-Owns what of it becomes JSON. Its calls may take tens of milliseconds. Must not know where the traffic comes from.
+Owns what of it becomes JSON. Its calls may take tens of milliseconds.
 """
 
 from __future__ import annotations

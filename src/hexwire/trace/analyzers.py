@@ -1,7 +1,7 @@
 """The plug-ins for Wireshark, sigrok and Logic 2: put into the user's folders, listed, and taken away.
 
 Owns which folder each program reads on each system, and which files there are ours: those that an earlier
-installation has written and nobody has changed since. Must not know what the plug-ins do.
+installation has written and nobody has changed since.
 """
 
 from __future__ import annotations

@@ -2,8 +2,7 @@
 
 Owns the topics of such a recording, reading it and recovering a damaged one; `recording` owns the file. Topics:
 ``/bytes/sent`` and ``/bytes/received`` hold raw bytes, ``/frames`` holds ``foxglove.Log``, ``/joint_states`` holds
-``foxglove.JointStates``, ``/NAME/joint_states`` those of one of several arms. Must not know who sends or receives
-the bytes.
+``foxglove.JointStates``, ``/NAME/joint_states`` those of one of several arms.
 """
 
 from __future__ import annotations

@@ -39,8 +39,8 @@ def format_passed(passed: Passed, *, name: str = "SerialPort", start: float | No
 
     Args:
         passed: The transfer.
-        name: The chapter's name of the port.
-        start: If given, the headline begins with the seconds since then, which the chapter's log does not have.
+        name: Name of the port there.
+        start: If given, the headline begins with the seconds since then, which the host's own log does not have.
     """
     stamp = "" if start is None else f"{passed.time - start:.6f} "
     yield f"{stamp}{name} {_WORDS[passed.direction]} - Length={len(passed.data)}"

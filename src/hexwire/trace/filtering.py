@@ -1,6 +1,6 @@
 """Filters for a list of frames, in simple words: ``servo 3``, ``joint_move``, ``bad``, ``slow 20``, ``not sent``.
 
-Owns the language. Must not know where the list comes from.
+Owns the language.
 
 Conditions are separated by blanks, and all of them must hold:
 

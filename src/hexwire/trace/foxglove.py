@@ -2,7 +2,7 @@
 
 Owns what a joint state, a line of a log, and the shapes of an arm are as such messages, in recordings and live. The
 schemas allow additional fields, which hold what Foxglove has no name for (load, current, voltage, temperature,
-flags). Must not know files, nor who is sent a message.
+flags). Must not know files.
 
 Source: https://docs.foxglove.dev/docs/sdk/schemas
 """

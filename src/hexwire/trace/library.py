@@ -1,7 +1,6 @@
 """A folder of recordings: what is in it, what each holds, which are damaged; adding and repairing them.
 
-Owns the folder, the names in it, and the bounds for files that somebody brings. Must not know who plays or plots.
-Any thread may call it.
+Owns the folder, the names in it, and the bounds for files that somebody brings. Any thread may call it.
 """
 
 from __future__ import annotations

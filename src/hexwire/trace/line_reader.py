@@ -1,7 +1,7 @@
 """Reads the transfers of one link as frames or servo packets: decides by itself whether a board or a bus is there.
 
 Owns that decision and the order of transfers; `reading` finds frames and matches answers with requests. Never
-raises. Must not know where the transfers come from.
+raises.
 """
 
 from __future__ import annotations

@@ -93,7 +93,7 @@ class Tracer:
         return _TracedLink(link.link if isinstance(link, _TracedLink) else link, self)
 
     def state(self, robot: Any, state: JointState) -> None:
-        """Print the joint positions that a robot has read, as the chapter's node does."""
+        """Print the joint positions that a robot has read, as that log has them."""
         degrees = [math.degrees(angle) for angle in state.position]
         self._put(lambda: format_positions(state.names, degrees, name=robot.model.name))
 

@@ -2,7 +2,7 @@
 
 Owns finding records, decompressing chunks within limits, the sentence that says where a file is truncated or
 damaged, and what is left of a file that cannot be written to its end. The package ``mcap``, imported on first use,
-reads and writes the contents of a record. Must not know topics, nor what messages mean.
+reads and writes the contents of a record. Must not know topics.
 
 A chunk that decompresses to more than 64 MiB, or a file that decompresses to more than 256 times its size, is a
 decompression bomb: reading ends there, as it does where a file is truncated or damaged; earlier messages are given.

@@ -1,7 +1,6 @@
 """The tables that `reading` needs, as plain values: names of modules, commands, bodies, registers.
 
-Owns their layout; `make analyzers` also writes them for sigrok, Logic 2 and Wireshark. Must not know what they are
-used for.
+Owns their layout; `make analyzers` also writes them for sigrok, Logic 2 and Wireshark.
 """
 
 from __future__ import annotations

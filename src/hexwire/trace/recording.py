@@ -1,7 +1,7 @@
 """Recordings: MCAP files with JSON channels under Foxglove's schema names, which other tools can open.
 
 Owns the file and its channels. A joint state is a ``foxglove.JointStates`` message on the topic ``/joint_states``.
-Must not know who records or plays. Needs the package ``mcap``, imported on first use.
+Needs the package ``mcap``, imported on first use.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Joint states as columns of numbers, one for each quantity of each joint: for plots and tables.
 
-Owns the columns, filling them from a recording within bounds, and writing rows as CSV or MCAP. Must not know who
-plots.
+Owns the columns, filling them from a recording within bounds, and writing rows as CSV or MCAP.
 """
 
 from __future__ import annotations

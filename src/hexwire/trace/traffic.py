@@ -3,7 +3,7 @@
 Owns numbering them, the times between request and answer, which servos each concerns, which bytes are only the rest
 of a frame that began before, and the newest traffic of a link, kept while an arm is open. Keeping costs the link's
 owner next to nothing: one append, without a lock that a reader could hold. `reading` finds and pairs frames. Must
-not know links, nor who looks at the list.
+not know links.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}")
 
 
 class ModuleType(IntEnum):
-    """The chapter's ModuleType_e: sender and receiver of a frame.
+    """ModuleType_e: sender and receiver of a frame.
 
     Every id up to `MAX_MODULE` is a value, as in ``ModuleType(12)``; one that nobody has registered has its number
     as name.
@@ -58,12 +58,12 @@ class ModuleType(IntEnum):
         return cls._value2member_map_.setdefault(value, member)
 
     def __reduce_ex__(self, protocol: object) -> Any:
-        # By its number: before 3.11.4 Python asks for the name, which a class has only for the chapter's modules.
+        # By its number: before 3.11.4 Python asks for the name, which a class has only for its own members.
         return type(self), (self.value,)
 
 
 class IpcType(IntEnum):
-    """The chapter's Ipctype_e: the kind of channel. The chapter's spellings name the same members."""
+    """Ipctype_e: the kind of channel. Its spellings name the same members."""
 
     QUEUE = 0
     TCP = 1
@@ -76,7 +76,7 @@ class IpcType(IntEnum):
 
 
 LAST_MODULE_TYPES = max(ModuleType) + 1
-"""The chapter's LastModuleTypes: the first id for a module of one's own."""
+"""LastModuleTypes: the first id for a module of one's own."""
 
 TOTAL_IPC_TYPES = len(IpcType)
 
@@ -91,7 +91,7 @@ def register_module(name: str, number: int) -> ModuleType:
         number: `LAST_MODULE_TYPES` to `MAX_MODULE`. Ids up to 29 can be addressed together in one frame.
 
     Returns:
-        The module, to be used like those of the chapter.
+        The module, to be used like a member of `ModuleType`.
 
     Raises:
         UsageError: The name or the id is invalid, or belongs to another module.
@@ -114,13 +114,13 @@ def register_module(name: str, number: int) -> ModuleType:
 
 
 def module_named(name: str) -> ModuleType | None:
-    """The module of a name, of the chapter or registered; None if there is none."""
+    """The module of a name, a member of `ModuleType` or registered; None if there is none."""
     module = _named.get(name)
     return None if module is ModuleType.INVALID_MODULE else module
 
 
 def known_modules() -> tuple[ModuleType, ...]:
-    """All modules that have a name, by id: the chapter's, then those registered."""
+    """All modules that have a name, by id: those of `ModuleType`, then those registered."""
     return tuple(sorted(module for module in _named.values() if module is not ModuleType.INVALID_MODULE))
 
 

@@ -309,7 +309,7 @@ def make_legacy_ping_status(servo_id: int, error: int = 0) -> bytes:
 
 
 def make_board_error(code: int, servo_id: int = BOARD_ID) -> bytes:
-    """Build an error packet as the chapter's board does.
+    """Build an error packet as that board does.
 
     Args:
         code: A value of `tables.BOARD_ERRORS`. "read_silent" is 8 bytes long, the others 6.
@@ -501,7 +501,7 @@ def strip_echo(data: bytes, request: bytes) -> bytes:
 
 
 def undo_one_byte_swap(data: bytes) -> bytes:
-    """Correct a one-byte legacy read whose value and checksum the chapter's board exchanged.
+    """Correct a one-byte legacy read whose value and checksum were exchanged (see above).
 
     A sum does not depend on the order of its terms, so the exchanged bytes have a valid checksum and do not
     show the exchange. Use this only for answers of a legacy servo through a dialect-1 board; better, read two

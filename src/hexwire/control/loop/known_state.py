@@ -2,7 +2,7 @@
 
 Owns the choice of joints, the estimate of velocities that a driver does not give, the rule that time stamps
 increase, for how long what was read counts as known, and the newest of these for one thread that writes states and
-others that read. Time comes with the states. Must not know who gets it, nor drivers or clocks.
+others that read. Time comes with the states. Must not know drivers or clocks.
 """
 
 from __future__ import annotations

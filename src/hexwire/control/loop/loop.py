@@ -1,6 +1,6 @@
 """A loop at a fixed rate, with absolute deadlines.
 
-Owns the deadlines and the timing counters. Must not know what is done in a cycle.
+Owns the deadlines and the timing counters.
 """
 
 from __future__ import annotations

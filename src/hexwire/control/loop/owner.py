@@ -3,8 +3,7 @@
 Owns the read-update-write cycle, the watchdog during it, calls that other threads queue for it, with their time
 limits, that a robot has one owner in a program (two would send targets in turn and disarm each other's watchdog),
 and the reaction to a failure of the robot: everything stops and goals end. It runs in its own thread and
-reconnects, or in the caller's thread with a robot borrowed from the caller. Must not know who sends requests, nor
-how its reports are used.
+reconnects, or in the caller's thread with a robot borrowed from the caller.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Limits an action to once per period, and measures the rate of events.
 
-Owns the due times, which never lead to bursts, and the count behind a rate. Time comes in as an argument. Must not
-know what is done, nor who waits for it.
+Owns the due times, which never lead to bursts, and the count behind a rate. Time comes in as an argument.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Reads the states of a robot one after the other, from its reports if it sends them, else on request.
 
 Owns the choice between the two, the rate, ending the reports, the check that no joint is missing, and how often a
-joint that does not answer is asked again. Must not know how the states are used, nor what happens when none arrive.
+joint that does not answer is asked again.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The shutdown of a program: signals request it, and a program that hangs is killed.
 
-Owns the signal handlers and the time limit. Must not know what is done at a shutdown.
+Owns the signal handlers and the time limit.
 """
 
 from __future__ import annotations

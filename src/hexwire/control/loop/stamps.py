@@ -1,7 +1,6 @@
 """Converts monotonic times to wall-clock times, for message stamps.
 
-Owns the offset between the two clocks, and keeps stamps in order. The clocks come in as arguments; must not know
-what is stamped.
+Owns the offset between the two clocks, and keeps stamps in order. The clocks come in as arguments.
 """
 
 from __future__ import annotations

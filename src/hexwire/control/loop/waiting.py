@@ -1,6 +1,6 @@
 """Waiting: for the end of goals, for the end of a thread, and an exclusive lock that fails instead of waiting.
 
-Owns only the waiting. Must not know what is waited for, nor who ends it.
+Owns only the waiting.
 """
 
 from __future__ import annotations

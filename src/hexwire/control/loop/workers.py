@@ -1,6 +1,6 @@
 """Threads of a server that answer: one job after the other, and stops together.
 
-Owns the queues and their bounds. Must not know what is asked.
+Owns the queues and their bounds.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The one check of arrival: whether joints have reached their goal, not yet, or not in time, and why.
 
-Owns tolerances and the verdict. Pure: time, states and targets come in as arguments. Must not know robots,
-trajectories, nor who waits for the arrival.
+Owns tolerances and the verdict. Pure: time, states and targets come in as arguments. Must not know robots or
+trajectories.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Owns what the robot has of a path, how early and how densely it is sent, the points with which it comes to rest
 (sent with each part of a path, and to end one), and that no request lets it run dry on a fast curve. Must not know
-goals, what a path is for, nor how a robot follows it.
+goals.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Hold to run: a motion goes on only while signs of life of the person who began it arrive.
 
-Owns which motion is held, its last sign of life, and that each one ends once, for one reason. Must not know how
-signs of life arrive (pages, sockets), nor what moves. Time comes from the clock that it is given.
+Owns which motion is held, its last sign of life, and that each one ends once, for one reason. Time comes from the
+clock that it is given.
 """
 
 from __future__ import annotations

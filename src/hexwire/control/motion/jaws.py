@@ -1,7 +1,6 @@
 """The jaws of a gripper on their way: alone, or while the arm moves.
 
-Owns when they hold an object, when they have arrived, and what they do beside a motion. Must not know who moves the
-arm, nor how a motion ends.
+Owns when they hold an object, when they have arrived, and what they do beside a motion.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """How one motion of a program is run and checked, and who is told of its events.
 
-Owns these values. Must not know how a motion is run.
+Owns these values.
 """
 
 from __future__ import annotations

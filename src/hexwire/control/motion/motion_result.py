@@ -1,6 +1,6 @@
 """How a motion of a program ended.
 
-Owns the result as a value, and its words. Must not know how a motion is run.
+Owns the result as a value, and its words.
 """
 
 from __future__ import annotations

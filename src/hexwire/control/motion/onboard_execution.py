@@ -2,7 +2,7 @@
 
 Owns when a path of the robot begins, when a plan replaces it, and what its ends mean for the controllers. The
 generators decide where the joints are to be at each time, as for any robot; here the robot is told earlier. One
-thread at a time makes all calls. Must not know connections, goals, nor what of a path is sent when.
+thread at a time makes all calls. Must not know connections or goals.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What controllers share that a person guides without goals: by a joystick, or by another arm.
 
-Owns when such a controller moves, what it says, and how long its last cycle took. Must not know what guides it.
+Owns when such a controller moves, what it says, and how long its last cycle took.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Whether an arm is at rest, and where it came to rest after a motion, beside where it should be.
 
-Owns how long to wait until it is at rest, and the distance of joints and tip. Must not know how it moved.
+Owns how long to wait until it is at rest, and the distance of joints and tip.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Paths that people ask for: through places of the tip and poses of joints, on straight lines, along a motion.
 
 Owns how points become joint angles, and paths through them: each place is reached from the point before it, so that
-the tool and the elbow stay as they are. Nothing moves here. Must not know how points are typed or sent.
+the tool and the elbow stay as they are. Nothing moves here.
 """
 
 from __future__ import annotations

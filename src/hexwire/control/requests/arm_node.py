@@ -1,7 +1,7 @@
 """What a program does that serves an arm to other programs by messages, whatever these look like.
 
 Owns the services and whom they ask, the order at the end, diagnostics, warnings, and when each is due. Must not
-know messages, names of topics, or how they travel.
+know messages or names of topics.
 """
 
 from __future__ import annotations

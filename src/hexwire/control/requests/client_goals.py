@@ -1,7 +1,6 @@
 """Goals of asynchronous clients: checked, started and answered in the order of their arrival.
 
-Owns the worker thread, and goals that are cancelled before they begin. Must not know how a client sends a goal or
-gets its answer.
+Owns the worker thread, and goals that are cancelled before they begin.
 """
 
 from __future__ import annotations

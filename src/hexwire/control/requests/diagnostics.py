@@ -1,7 +1,7 @@
 """Diagnostics of a robot as plain rows: the link, the board, every servo.
 
 Owns the levels and their texts. A text stays the same as long as nothing changes; numbers are in the values. Pure:
-facts and time are arguments. Must not know who shows the rows, nor drivers or clocks.
+facts and time are arguments. Must not know drivers or clocks.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The last ten minutes of an arm: positions, goals, velocities, loads, rates, for plots and files.
 
 Owns the samples, in memory that is taken once and never grows. Pure: states come in as arguments, with their times.
-Must not know who looks at them, nor files or sockets.
+Must not know files or sockets.
 
 One thread adds samples; any thread may read. Neither waits for the other: a reader notices that the oldest rows
 were overwritten while it copied, and leaves them out.

@@ -1,8 +1,7 @@
 """One motion that a person began: followed by the controllers, watched while it runs, ended when nobody wants it.
 
 Owns its beginning, its progress and its end, for all controllers together; that it ends in the owner's own cycle
-when signs of life stop; and that a closing gripper does not crush what it meets. Must not know who began it, nor
-how a person keeps it alive.
+when signs of life stop; and that a closing gripper does not crush what it meets.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Motions that people ask for: read, previewed, begun, and watched; poses by name; a taught motion.
 
 Owns what may be asked for, the check of every value, what each request means for this arm, and which of its motions
-was begun last. Must not know pages, how values arrive, nor how a person keeps a motion alive.
+was begun last. Must not know pages.
 
 A request is a table with the key ``what``:
 

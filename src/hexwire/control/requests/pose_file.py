@@ -1,7 +1,7 @@
 """Poses by name: home, which every arm has, and those of this user's file for each kind of arm.
 
 Owns the format of that file, its place, and what a name may be. The file is TOML with angles in degrees, so that a
-person can read and change it. Must not know robots, nor how an arm gets to a pose.
+person can read and change it. Must not know robots.
 """
 
 from __future__ import annotations

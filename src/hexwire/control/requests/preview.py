@@ -1,7 +1,7 @@
 """What a motion would do, found out before it begins: joint angles, path, duration, and why it would be refused.
 
 Owns the plans of motions that a person asks for: to joint angles, to a place of the tip, along a taught motion. A
-motion is planned again by the same rules when it begins. Nothing moves here. Must not know who asks.
+motion is planned again by the same rules when it begins. Nothing moves here.
 """
 
 from __future__ import annotations

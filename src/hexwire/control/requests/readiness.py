@@ -1,6 +1,6 @@
 """Whether an arm can move, and requests to make it so or not, for fronts whose users think in such states.
 
-Owns the three states, and what may change them. Must not know how a front names them.
+Owns the three states, and what may change them.
 """
 
 from __future__ import annotations

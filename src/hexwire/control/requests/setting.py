@@ -1,6 +1,6 @@
 """One setting as a row of a table, and strict reading of its value, which collects every fault.
 
-Owns types of values, bounds and the wording of faults. Must not know arms, nor what a setting is for.
+Owns types of values, bounds and the wording of faults. Must not know arms.
 """
 
 from __future__ import annotations

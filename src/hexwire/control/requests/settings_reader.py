@@ -1,7 +1,7 @@
 """Reads and checks the settings of an arm, and reports all mistakes together.
 
 Owns the checks that involve several settings or the arm: joints, poses, tolerances, controllers. Builds the driver
-but opens nothing. Must not know where the values come from, nor what the front calls them.
+but opens nothing.
 """
 
 from __future__ import annotations

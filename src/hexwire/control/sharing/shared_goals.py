@@ -1,8 +1,7 @@
 """Trajectories of a shared arm: started at a time of the owner's clock, followed by the owner, checked to the end.
 
 Owns the start time and its confirmation, the report on the motion, and the check of a path without moving. The
-owner's controller follows, so that the connection to the client cannot disturb a motion. Must not know how orders
-arrive.
+owner's controller follows, so that the connection to the client cannot disturb a motion.
 """
 
 from __future__ import annotations

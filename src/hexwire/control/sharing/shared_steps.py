@@ -1,7 +1,7 @@
 """Sends a far target of a shared arm without a watchdog in short steps, as a command at the port does.
 
 Owns when a target is far, and the path of each joint to it. If this program dies, at most a step and a half
-remains. Must not know leases, nor who sends targets.
+remains. Must not know leases.
 """
 
 from __future__ import annotations

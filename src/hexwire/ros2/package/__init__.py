@@ -1,6 +1,6 @@
 """The ROS 2 package of an arm: robot description, controllers, MoveIt configuration and launch files, as text.
 
-Owns what is in these files. Must not know the node's wire, nor where the files are written.
+Owns what is in these files. Must not know the node's wire.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The parameter files of an arm's package: the node, the controllers of ros2_control, and MoveIt.
 
-Owns their keys and numbers. Must not know how YAML is written, nor who starts the programs that read them.
+Owns their keys and numbers.
 """
 
 from __future__ import annotations

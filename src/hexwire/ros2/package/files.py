@@ -1,6 +1,6 @@
 """The whole package of an arm: descriptions, parameter files, and the files that are the same for all arms.
 
-Owns the list of files and the names in them. Must not know what is in a description or a parameter file.
+Owns the list of files and the names in them.
 """
 
 from __future__ import annotations

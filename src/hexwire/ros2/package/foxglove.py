@@ -1,6 +1,6 @@
 """A layout for Foxglove: the arm in 3D, its positions over time, what is wrong with it, and its log.
 
-Owns the file's form. Must not know who publishes the topics in it.
+Owns the file's form.
 """
 
 from __future__ import annotations

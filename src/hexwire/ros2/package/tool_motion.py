@@ -1,6 +1,6 @@
 """How MoveIt moves the tool: lines, arcs and sequences by Pilz's planner, and streams of velocities by Servo.
 
-Owns the keys and numbers of these files, from the sources of MoveIt 2. Must not know how YAML is written.
+Owns the keys and numbers of these files, from the sources of MoveIt 2.
 """
 
 from __future__ import annotations

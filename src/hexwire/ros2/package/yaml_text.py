@@ -1,7 +1,7 @@
 """Writes tables as YAML, the same text for the same table.
 
 Owns the form: mappings over lines, lists of plain values on one line, text quoted where YAML would read something
-else. Must not know what the values mean.
+else.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The search for servos at all ids and rates, the list of those that were found, and what a chosen one is.
 
-Owns which rates are searched, and what of a servo a page is told. Must not know what is done with a servo.
+Owns which rates are searched, and what of a servo a page is told.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The Hex7Bot behind its board, and its servos alone on an adapter.
 
-Owns their records. Must not know the link sets, nor how a record is used.
+Owns their records. Must not know the link sets.
 """
 
 from __future__ import annotations

@@ -51,4 +51,4 @@ HEX7BOT = ArmModel(
         _joint("J7", 6, 0.0, -45.0, 45.0, 3.5),
     ),
 )
-"""The arm of the chapter."""
+"""The arm with seven servos."""

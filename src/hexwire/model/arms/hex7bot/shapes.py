@@ -1,7 +1,7 @@
 """What a Hex7Bot looks like, for any link set.
 
 Owns joints and shapes. Places of joints follow from the link set; masses, and the sizes of everything that is not a
-length of the link set, are estimates after pictures of the 7Bot family. Must not know who draws them.
+length of the link set, are estimates after pictures of the 7Bot family.
 
 The forearm's servo sits at the shoulder: a crank there and a rod beside the upper arm keep the forearm's pitch.
 They only follow J2 and J3, as the jaws follow J7. The jaws meet at the tool's tip.

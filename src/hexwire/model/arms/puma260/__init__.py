@@ -1,6 +1,6 @@
 """The PUMA 260.
 
-Owns its record. Must not know its links, nor how a record is used.
+Owns its record. Must not know its links.
 """
 
 from __future__ import annotations

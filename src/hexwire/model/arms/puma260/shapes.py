@@ -1,7 +1,6 @@
 """What a PUMA 260 looks like: a column, a drum at the shoulder, an arm beside it, a wrist, a flange without a tool.
 
 Owns joints and shapes. Places of joints are those of the kinematics; sizes of parts are estimates after pictures.
-Must not know who draws them.
 """
 
 from __future__ import annotations

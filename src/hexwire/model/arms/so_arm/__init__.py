@@ -1,7 +1,6 @@
 """The SO-100 and the SO-101.
 
-Owns their records, and those of arms with the same joints and other links (`so_arm`). Must not know how a record
-is used.
+Owns their records, and those of arms with the same joints and other links (`so_arm`).
 
 Sources: ids, servo models, gear ratios and part numbers from the makers' bill of materials, and the vendor's list
 (STS3215-C001: 7.4 V, 1:345; C018: 12 V, 1:345; C044: 7.4 V, 1:191; C046: 7.4 V, 1:147); ranges from the URDF

@@ -1,7 +1,7 @@
 """What an SO-100 and an SO-101 look like: printed parts, black servos, one jaw that moves.
 
 Owns joints and shapes. Places of joints follow from the links, masses are the published ones; shapes are simplified
-after the makers' pictures, with servos of the size of an STS3215. Must not know who draws them.
+after the makers' pictures, with servos of the size of an STS3215.
 """
 
 from __future__ import annotations
