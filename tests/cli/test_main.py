@@ -44,7 +44,8 @@ def test_help_fits_a_screen_and_names_every_command_once_in_its_group(monkeypatc
     words = [line.split() for line in lines]
     for title, names in GROUPS.items():
         assert [*title.split(), *names] in words
-    assert len(lines) <= 25
+    # 24 lines are a screen, and the shell needs one.
+    assert len(lines) <= 23
     assert max(map(len, lines)) < 80
 
 

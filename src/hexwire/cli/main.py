@@ -177,7 +177,10 @@ class _Program(LazyGroup):
 @click.option("--force", is_flag=True, help="With --record or --record-ros2, overwrite.")
 @click.option("--robot", metavar="NAME", help="Robot, for every command that takes --robot.")
 @click.option("--port", metavar="URL", help="Its port, for every command that takes --port.")
-@click.version_option(None, "-V", "--version", package_name="hexwire", message="%(prog)s %(version)s")
+@click.version_option(
+    None, "-V", "--version", package_name="hexwire", message="%(prog)s %(version)s", hidden=True
+)
+@click.help_option("-h", "--help", help="Show this message; -V, --version: the version.")
 @click.pass_context
 def cli(
     ctx: click.Context,
@@ -191,7 +194,6 @@ def cli(
     port: str | None,
 ) -> None:
     """Control a robot arm, from joint commands down to the bytes on the wire.
-
     Exit status: 0 success, 1 device or line, 2 usage, 130 interrupted.
     """
     show_more(verbose)

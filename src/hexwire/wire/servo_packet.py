@@ -1,12 +1,11 @@
 """Servo packets: FF FF id len inst params chk, and the status packets that answer them.
 
 Owns building, exact parsing and finding them in a byte stream. Knows no registers, no time and no series. The
-quirks
-of answers are:
+quirks of answers are:
 
 - A status packet starts FF FF (Feetech) or FF F5 (legacy servo, and every error the board makes itself).
 - A legacy ping status has 6 bytes, with 6 in its length byte; a JOHO part has 2 there, which is correct. Both are
-accepted.
+  accepted.
 - Board errors are FF F5 FF 06 04 and FF F5 FF 06 07, FF F5 id 06 05, and FF F5 id 04 01 00 00: see
   `board_error_name`. From a legacy id the last two may also be the servo's own error bits.
   - The chapter's board exchanges value and checksum of a one-byte legacy read. The checksum still fits, so this
