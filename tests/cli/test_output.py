@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 
 from hexwire.cli import output
 from hexwire.cli.main import cli
-from hexwire.cli.output import format_table, plain, print_json, say, say_document, shown
+from hexwire.cli.output import format_table, plain, print_json, say, say_document, settings_text, shown
+from hexwire.control.requests.setting import Setting
 from hexwire.link import ports
 from hexwire.link.ports import PortInfo
 from hexwire.trace.recording import RecordingWriter, make_positions
@@ -255,3 +256,13 @@ def test_with_json_nothing_is_said_until_the_command_ends(capsys: pytest.Capture
     output.answer({}, "two")
     output.answer({})
     assert capsys.readouterr().out == "two\n"
+
+
+def test_texts_are_beside_short_names_and_below_long_ones() -> None:
+    row = Setting("rate", 1.0, "states per second", "Hz", low=0.0, high=9.0)
+    rows = [("rate:=1.0", row), ("r" * 50, row), ("of:=x", Setting("of", "x", "words " * 40))]
+    lines = settings_text(rows).splitlines()
+    assert lines[0] == "  rate:=1.0  states per second (0 to 9 Hz)"
+    assert lines[1:3] == ["  " + "r" * 50, " " * 13 + "states per second (0 to 9 Hz)"]
+    assert all(line.startswith(" " * 13 + "words") for line in lines[4:])
+    assert max(map(len, lines)) <= 112

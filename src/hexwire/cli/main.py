@@ -54,7 +54,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "follow": ("hexwire.cli.teleop:follow", "Let an arm follow another one that is moved by hand."),
     "doctor": ("hexwire.cli.doctor:doctor", "Diagnose problems, from the USB port to the servos."),
     "fleet": ("hexwire.cli.fleet:fleet", "See, stop, record and play many shared arms; router and rights."),
-    "gateway": ("hexwire.cli.gateway:gateway", "Put several boards behind one TCP port."),
+    "gateway": ("hexwire.cli.channel:gateway", "Put several boards behind one TCP port."),
     "goto": ("hexwire.cli.motion:goto", "Move the tool tip to a position, as fast as allowed."),
     "grip": ("hexwire.cli.power:grip", "Open or close the gripper."),
     "ioctl": ("hexwire.cli.channel:ioctl", "Send one special command to the robot, byte for byte."),
@@ -166,6 +166,8 @@ class _Program(LazyGroup):
 
 @click.command(
     cls=_Program,
+    help="Control a robot arm, from joint commands down to the bytes on the wire. "
+    "Exit status: 0 success, 1 device or line, 2 usage, 130 interrupted.",
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
@@ -177,9 +179,7 @@ class _Program(LazyGroup):
 @click.option("--force", is_flag=True, help="With --record or --record-ros2, overwrite.")
 @click.option("--robot", metavar="NAME", help="Robot, for every command that takes --robot.")
 @click.option("--port", metavar="URL", help="Its port, for every command that takes --port.")
-@click.version_option(
-    None, "-V", "--version", package_name="hexwire", message="%(prog)s %(version)s", hidden=True
-)
+@click.version_option(None, "-V", "--version", package_name="hexwire", message="%(prog)s %(version)s", hidden=True)
 @click.help_option("-h", "--help", help="Show this message; -V, --version: the version.")
 @click.pass_context
 def cli(
@@ -193,9 +193,7 @@ def cli(
     robot: str | None,
     port: str | None,
 ) -> None:
-    """Control a robot arm, from joint commands down to the bytes on the wire.
-    Exit status: 0 success, 1 device or line, 2 usage, 130 interrupted.
-    """
+    """Apply the options of all commands."""
     show_more(verbose)
     if trace or explain:
         from .trace import tracing

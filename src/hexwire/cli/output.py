@@ -18,9 +18,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import IO, Any, Generic, TypeVar
+from typing import IO, TYPE_CHECKING, Any, Generic, TypeVar
 
 from hexwire.units import decimal, plain
+
+if TYPE_CHECKING:
+    from hexwire.control.requests.setting import Setting
 
 __all__ = [
     "DEGREES",
@@ -36,6 +39,7 @@ __all__ = [
     "say_document",
     "say_finding",
     "say_table",
+    "settings_text",
     "shown",
     "split_columns",
     "wants_json",
@@ -47,6 +51,9 @@ _GAP = "  "
 _DIGITS = 12
 """Decimals of a number in JSON: smaller digits are rounding errors, such as 1e-17 instead of 0."""
 _NARROWEST = 10
+_HELP_WIDTH = 112
+_LONGEST_NAME = 40
+"""Longest name in the help of a node; a longer one has a line of its own."""
 _PAIR = re.compile(r"(?<! )\S+ -?[0-9.]+(?= |$)")
 _TIE = "\0"
 """Placeholder for a space at which a line must not be folded; it never occurs in text from `shown`."""
@@ -345,3 +352,21 @@ def _fitted(cell: str, width: int) -> list[str]:
 
 def _is_number(cell: str) -> bool:
     return cell == "-" or cell.lstrip("+-").replace(".", "", 1).isdigit()
+
+
+def settings_text(rows: Iterable[tuple[str, Setting]]) -> str:
+    """The parameters of a ROS node, for its help.
+
+    Args:
+        rows: How users write each parameter with its default, and the parameter.
+    """
+    rows = list(rows)
+    width = max(len(name) for name, _ in rows if len(name) <= _LONGEST_NAME) + 4
+    lines = []
+    for name, row in rows:
+        first = f"  {name}".ljust(width)
+        if len(first) > width:
+            lines.append(first)
+            first = " " * width
+        lines += textwrap.wrap(row.description, _HELP_WIDTH, initial_indent=first, subsequent_indent=" " * width)
+    return "\n".join(lines)

@@ -16,8 +16,7 @@ from pathlib import Path
 from hexwire.errors import UsageError
 
 from .exits import run_node
-from .output import say, say_document
-from .parameter_table import table
+from .output import say, say_document, settings_text
 
 __all__ = ["PROGRAM", "environment", "help_text", "main", "package_path"]
 
@@ -145,7 +144,9 @@ def help_text() -> str:
     """The text of `--help`."""
     from hexwire.ros1.parameters import PARAMETERS
 
-    return _HELP.format(parameters=table((f"_{row.name}:={row.default_text}", row) for row in PARAMETERS)).rstrip()
+    return _HELP.format(
+        parameters=settings_text((f"_{row.name}:={row.default_text}", row) for row in PARAMETERS)
+    ).rstrip()
 
 
 def _version() -> str:

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING
 from hexwire.errors import UsageError
 
 from .exits import run_node
-from .output import say_document
-from .parameter_table import table
+from .output import say_document, settings_text
 
 if TYPE_CHECKING:
     from hexwire.control.requests.setting import Setting
@@ -98,7 +97,7 @@ def _main(args: Sequence[str]) -> int | None:
 
 def help_text() -> str:
     """The text of `--help`."""
-    return _HELP.format(parameters=table(_rows())).rstrip()
+    return _HELP.format(parameters=settings_text(_rows())).rstrip()
 
 
 def _rows() -> Iterator[tuple[str, Setting]]:
