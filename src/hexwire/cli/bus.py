@@ -7,6 +7,7 @@ know packets, nor what is healthy: `hexwire.bus.health` judges.
 
 from __future__ import annotations
 
+import datetime
 import functools
 import time
 from collections.abc import Callable, Iterator
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from hexwire.bus.ids import parse_ids
-from hexwire.errors import ServoError, StoppedError, UsageError
+from hexwire.errors import LinkNotFoundError, ServoError, StoppedError, UsageError
 
 from .exits import note, shielded
 from .main import LazyGroup
@@ -31,7 +32,22 @@ if TYPE_CHECKING:
     from hexwire.bus.setup import Found, ServoInfo
     from hexwire.bus.values import Answer, Reading
 
-__all__ = ["BusOptions", "bus", "bus_options", "bus_url", "health", "known_servo", "open_bus", "refuse_if_stopped"]
+__all__ = [
+    "BusOptions",
+    "bus",
+    "bus_options",
+    "bus_url",
+    "health",
+    "known_servo",
+    "open_bus",
+    "refuse_if_stopped",
+    "search_bar",
+    "taken_now",
+]
+
+
+SearchProgress = Callable[[int, int, int], None]
+"""Gets rate and id that are asked, and how many servos were found."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +79,11 @@ def bus_options(command: Callable[..., Any]) -> Callable[..., Any]:
         "--series", metavar="S", help="sts, sms, scs, hls or seven_bot. Optional: hexwire asks the servos."
     )
     return port_option(series_option(baud_option(packed)))
+
+
+def taken_now() -> str:
+    """The time of a backup or calibration."""
+    return datetime.datetime.now().astimezone().isoformat(timespec="seconds")
 
 
 @contextmanager
@@ -122,7 +143,6 @@ def refuse_if_stopped(opened: ServoBus, what: str) -> None:
 
 
 def _only_adapter() -> str:
-    from hexwire.errors import LinkNotFoundError
     from hexwire.link.ports import list_ports
 
     found = [port for port in list_ports() if port.likely_adapter]
@@ -190,10 +210,8 @@ def scan(all_rates: bool, ids: str, options: BusOptions) -> None:
     wanted = parse_ids(ids)
     with open_bus(options) as opened:
         rates = SERVO_RATES if all_rates else (opened.timing.baud,)
-        if on_terminal() and not wants_json():
-            found = _scan_with_bar(opened, rates, wanted)
-        else:
-            found = scan_bus(opened, bauds=rates, ids=wanted)
+        with search_bar(len(rates) * len(wanted)) as progress:
+            found = scan_bus(opened, bauds=rates, ids=wanted, progress=progress)
         if len(found) > _TOO_MANY and not any(row.info for row in found):
             raise ServoError("every ping is answered, but not by a servo: is another device on this port?")
         if found or wants_json():
@@ -254,18 +272,25 @@ def _info_json(info: ServoInfo | None) -> dict[str, object]:
     }
 
 
-def _scan_with_bar(opened: ServoBus, rates: tuple[int, ...], ids: list[int]) -> list[Found]:
-    from hexwire.bus.setup import scan as scan_bus
+@contextmanager
+def search_bar(total: int | None) -> Iterator[SearchProgress]:
+    """A bar on the terminal for a search of servos, if it can be drawn on.
 
+    Args:
+        total: How many ids are asked, at all rates together; None if nobody knows.
+    """
+    if wants_json() or not on_terminal():
+        yield lambda baud, servo_id, found: None
+        return
     from .draw import progress
 
     with progress() as bar:
-        task = bar.add_task("scanning", total=len(rates) * len(ids))
+        task = bar.add_task("searching", total=total)
 
         def show(baud: int, servo_id: int, found: int) -> None:
             bar.update(task, advance=1, description=f"{baud} baud, id {servo_id}, {found} found")
 
-        return scan_bus(opened, bauds=rates, ids=ids, progress=show)
+        yield show
 
 
 @bus.command()

@@ -21,7 +21,7 @@ from hexwire.new_file import OutputFile
 from hexwire.system import TypedLines
 from hexwire.units import plain
 
-from .bus import BusOptions, bus_options, bus_url
+from .bus import BusOptions, bus_options, bus_url, taken_now
 from .exits import note, shielded
 from .options import confirm, force_option, json_option, on_terminal
 from .output import DEGREES, Column, RowType, answer, format_table
@@ -55,10 +55,6 @@ _BEFORE_AUTO = (
     "- keep a hand at the switch of its supply; Ctrl-C leaves it without torque",
 )
 _typed = TypedLines()
-
-
-def _now() -> str:
-    return datetime.datetime.now().astimezone().isoformat(timespec="seconds")
 
 
 @click.command()
@@ -207,7 +203,7 @@ def _by_hand(bench: CalibrationBench, seconds: int | None, yes: bool) -> Calibra
         hand.mark_middle()
         note("now move every joint to both ends" + (", then press Enter" if seconds is None else ""))
         _sweep(bench, hand, seconds)
-        return hand.finish(_now())
+        return hand.finish(taken_now())
 
 
 def _sample(bench: CalibrationBench, hand: HandCalibration) -> None:
@@ -288,7 +284,7 @@ def _automatic(bench: CalibrationBench, yes: bool) -> Calibration:
                 show(_auto_rows(auto), f"{auto.step} of {auto.steps} motions, Ctrl-C ends it; {auto.doing}")
             said = auto.doing
 
-        return bench.automatic(_now(), watch=watch, clock=time.monotonic, sleep=time.sleep)
+        return bench.automatic(taken_now(), watch=watch, clock=time.monotonic, sleep=time.sleep)
 
 
 def _auto_rows(auto: AutoCalibration) -> list[tuple[str, ...]]:

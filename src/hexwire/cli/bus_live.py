@@ -27,7 +27,7 @@ from hexwire.new_file import OutputFile
 
 from .bus import BusOptions, bus_options, known_servo, open_bus
 from .exits import note, shielded
-from .options import FiniteFloat, confirm, force_option, json_option, number_option, on_terminal, refuse_idle_force
+from .options import confirm, force_option, json_option, number_option, on_terminal, refuse_idle_force
 from .output import DEGREES, Column, RowType, answer, print_json, say_table, wants_json, with_unit
 from .plot import TimePlot, open_picture
 
@@ -213,16 +213,11 @@ def _screen() -> Iterator[Callable[[Sequence[Sequence[str]], str], None]]:
     help="Shape of the motion.",
 )
 @number_option("--amplitude", "DEG", "To either side of the present position; at most 45.", above=0, default=10.0)
-@click.option("--period", type=FiniteFloat("seconds", minimum=0.2), default=2.0, show_default=True, metavar="S")
-@click.option(
-    "--last-period",
-    type=FiniteFloat("seconds", minimum=0.2),
-    default=0.25,
-    show_default=True,
-    metavar="S",
-    help="Period at the end of a sweep, which begins with --period.",
+@number_option("--period", "S", "Period of the motion.", minimum=0.2, default=2.0)
+@number_option(
+    "--last-period", "S", "Period at the end of a sweep, which begins with --period.", minimum=0.2, default=0.25
 )
-@click.option("--seconds", type=FiniteFloat("seconds", above=0), default=6.0, show_default=True, metavar="S")
+@number_option("--seconds", "S", "Duration.", above=0, default=6.0)
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @file_options
 @bus_options

@@ -6,7 +6,6 @@ made safe, nor which servo of an arm is next: `hexwire.bus.setup` and `hexwire.c
 
 from __future__ import annotations
 
-import datetime
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,9 +17,9 @@ from hexwire.bus.ids import parse_ids
 from hexwire.errors import ServoError, UsageError
 from hexwire.new_file import OutputFile
 
-from .bus import BusOptions, bus_options, known_servo, open_bus, refuse_if_stopped
+from .bus import BusOptions, bus_options, known_servo, open_bus, refuse_if_stopped, search_bar, taken_now
 from .exits import note, shielded
-from .options import confirm, force_option, json_option, on_terminal
+from .options import confirm, force_option, json_option
 from .output import Column, RowType, answer, print_json, say, wants_json
 
 if TYPE_CHECKING:
@@ -49,10 +48,6 @@ def _changing(options: BusOptions, servo_id: int, what: str, becomes: str, yes: 
         refuse_if_stopped(opened, what)
         confirm(f"{becomes}. Continue?", yes)
         yield opened
-
-
-def _now() -> str:
-    return datetime.datetime.now().astimezone().isoformat(timespec="seconds")
 
 
 @click.command("set-id")
@@ -146,7 +141,7 @@ def backup(ids: str, file: str, force: bool, options: BusOptions) -> None:
     wanted = parse_ids(ids)
     with OutputFile(file, force=force) as out:
         with open_bus(options) as opened:
-            rows = [take_backup(opened, servo_id, taken=_now()) for servo_id in wanted]
+            rows = [take_backup(opened, servo_id, taken=taken_now()) for servo_id in wanted]
         out.file.write(serialize_backups(rows).encode())
     words = f"{len(rows)} servo{'s' if len(rows) != 1 else ''} saved to {file}"
     answer({"file": file, "ids": [row.servo_id for row in rows]}, words)
@@ -299,18 +294,8 @@ def _look(opened: ServoBus, plan: ArmSetup, *, everywhere: bool = False) -> None
     from hexwire.setup.setting_up import look
 
     before = dict(plan.done)
-    if not on_terminal():
-        look(opened, plan, everywhere=everywhere)
-    else:
-        from .draw import progress
-
-        with progress() as bar:
-            task = bar.add_task("looking", total=None)
-
-            def show(baud: int, servo_id: int, found: int) -> None:
-                bar.update(task, description=f"{baud} baud, id {servo_id}")
-
-            look(opened, plan, everywhere=everywhere, progress=show)
+    with search_bar(None) as progress:
+        look(opened, plan, everywhere=everywhere, progress=progress)
     for name, info in plan.done.items():
         if name not in before:
             note(f"{name} is set up: servo {plan.model.joint(name).servo_id}, {info.model_name} {info.firmware}")

@@ -13,6 +13,8 @@ from typing import Any, TypeVar
 
 import click
 
+from hexwire.errors import UsageError
+
 from .options import json_option, number_option
 from .output import answer
 
@@ -78,7 +80,6 @@ def new(
     Without --server and --client, one of each is created, named server and client. Anyone who has ca.key can give
     others access: do not copy it to the robots.
     """
-    from hexwire.errors import UsageError
     from hexwire.link.certs import CERTIFICATE_DAYS, issue_certificate
 
     if not servers and not clients:
@@ -134,7 +135,6 @@ def issue(
 
     The role takes effect after 'hexwire fleet config DIR' and a restart of the router.
     """
-    from hexwire.errors import UsageError
     from hexwire.fleet.rights import Kind, Rights
     from hexwire.link.certs import CERTIFICATE_DAYS, issue_certificate
 
@@ -176,8 +176,6 @@ def _authority(folder: str, lab: str) -> tuple[list[dict[str, str]], list[str]]:
 
 def _check_names(names: list[str], folder: Path) -> None:
     """Refuse names that would fail, before anything is written."""
-    from hexwire.errors import UsageError
-
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise UsageError(f"{', '.join(twice)} is named twice: each certificate has its own files")

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import click
 
-from hexwire.drivers.firmware import HOST_RATES
+from hexwire.drivers import firmware as tools
+from hexwire.errors import DeviceError
 
 from .exits import note
 from .options import (
@@ -32,7 +33,7 @@ source_option = click.option(
 )
 rate_option = click.option(
     "--host-baud",
-    type=click.Choice([str(rate) for rate in HOST_RATES]),
+    type=click.Choice([str(rate) for rate in tools.HOST_RATES]),
     default="115200",
     show_default=True,
     help="Rate of the line to the host. The servo line stays at 115200.",
@@ -51,8 +52,6 @@ def firmware(port: str | None) -> None:
 @json_option
 def build(source: str | None, host_baud: str) -> None:
     """Build the firmware for an Arduino Mega 2560."""
-    from hexwire.drivers import firmware as tools
-
     report = tools.build(tools.find_sources(source), host_baud=int(host_baud))
     hex_file = str(report.hex_file)
     words = f"version {report.version}, host line at {report.host_baud}"
@@ -85,7 +84,6 @@ def flash(
     A wheel brings the firmware; in a copy of the repository, or with --source, it is built first.
     The joints keep their torque, but for some seconds nothing controls them: support the arm.
     """
-    from hexwire.drivers import firmware as tools
     from hexwire.drivers.board_reset import warn_of_reset
     from hexwire.link.open import make_link
 
@@ -103,8 +101,6 @@ def flash(
     note("written and verified; waiting for the board")
     running = _version_of(RobotOptions(device, options.robot, int(host_baud), 2, options.timeout))
     if version is not None and running != version:
-        from hexwire.errors import DeviceError
-
         raise DeviceError(f"the board runs {running} after version {version} was written; is it the same board?")
     say(f"the board runs version {running}")
 
@@ -140,12 +136,9 @@ def info(options: RobotOptions, source: str | None) -> None:
 
 def _image(hex_file: str | None, source: str | None, host_baud: int) -> tuple[Path, str | None]:
     """The file to flash, and its version if that is known."""
-    from hexwire.drivers import firmware as tools
-    from hexwire.drivers.firmware import find_image
-
     if hex_file is not None:
         return Path(hex_file), None
-    image = find_image(host_baud) if source is None and not tools.has_sources() else None
+    image = tools.find_image(host_baud) if source is None and not tools.has_sources() else None
     if image is not None:
         return image.file, image.version
     report = tools.build(tools.find_sources(source), host_baud=host_baud)
@@ -154,12 +147,9 @@ def _image(hex_file: str | None, source: str | None, host_baud: int) -> tuple[Pa
 
 def _available(source: str | None) -> tuple[str, str]:
     """What is here to flash, in a word, and its version; empty if nothing is."""
-    from hexwire.drivers import firmware as tools
-    from hexwire.drivers.firmware import list_images
-
     if source is not None or tools.has_sources():
         return "sources", tools.source_version(tools.find_sources(source))
-    return "in this package", next((image.version for image in list_images()), "")
+    return "in this package", next((image.version for image in tools.list_images()), "")
 
 
 def _version_of(options: RobotOptions) -> str:

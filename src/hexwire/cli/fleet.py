@@ -23,7 +23,6 @@ from hexwire.errors import LinkLostError, LinkNotFoundError, LinkPermissionError
 
 from .exits import ends_when_asked, note, shielded
 from .options import (
-    FiniteFloat,
     certificate_options,
     force_option,
     json_option,
@@ -278,7 +277,6 @@ class _Table:
 
 _SLICE = 0.5
 """Seconds between two looks at signals."""
-_SETTLE = 4.0
 _KEEPERS = {"board": "board", "host": "server"}
 
 
@@ -328,14 +326,7 @@ def record(file: str, pattern: str, duration: float | None, force: bool, router:
 @number_option("--speed", "FACTOR", "2 plays twice as fast.", above=0, default=1.0)
 @click.option("--take", is_flag=True, help="Take the leases from other holders, if this program's role may.")
 @click.option("--dry-run", is_flag=True, help="Have each arm check its motion, and move nothing.")
-@click.option(
-    "--max-doubt",
-    type=FiniteFloat("ms", above=0),
-    default=10.0,
-    show_default=True,
-    metavar="MS",
-    help="Refuse an arm whose clock is known less well.",
-)
+@number_option("--max-doubt", "MS", "Refuse an arm whose clock is known less well.", above=0, default=10.0)
 @router_options
 @json_option
 def play(
@@ -571,6 +562,7 @@ def config(folder: str, certificates: tuple[str, ...], output: str | None, force
     rights: a certificate that is not in the file gives none. To revoke a certificate, remove it, run this again
     with --force, and restart the router.
     """
+    from hexwire.fleet.address import rights_of
     from hexwire.fleet.rights import access_control
     from hexwire.link.certs import AUTHORITY
     from hexwire.new_file import OutputFile
@@ -579,8 +571,6 @@ def config(folder: str, certificates: tuple[str, ...], output: str | None, force
     paths = [Path(name) for name in certificates] or sorted(Path(folder).glob("*.pem"))
     rows, lines = [], []
     for facts in _read_certificates(paths, ca, named=bool(certificates)):
-        from hexwire.fleet.address import rights_of
-
         rights = rights_of(str(facts.path))
         if rights is None:
             lines.append(f"{facts.path}: no role, no rights")

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from hexwire.errors import ConfigError, LimitError, UsageError
+from hexwire.folders import make_folder
 from hexwire.inputs import LARGEST_TEXT, Item, parse_json, read_bytes, read_stream, read_text
 from hexwire.model.arms import arm_with_geometry, arms_with_geometry
 from hexwire.model.geometry import make_kinematics
@@ -28,6 +29,7 @@ from .options import (
     DEFAULT_ROBOT,
     FiniteFloat,
     NumbersCommand,
+    early_robot,
     force_option,
     json_option,
     links_option,
@@ -55,7 +57,7 @@ def _robot_option(command: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(command)
     def packed(*args: Any, robot: str | None, **rest: Any) -> Any:
-        robot = robot or click.get_current_context().find_root().params.get("robot") or DEFAULT_ROBOT
+        robot = early_robot(robot) or DEFAULT_ROBOT
         arm_with_geometry(robot)
         return command(*args, robot=robot, **rest)
 
@@ -373,7 +375,6 @@ def ros2_package(folder: str, distribution: str | None, links: str, robot: str, 
     It has the URDF with the tags of ros2_control, controllers, the MoveIt configuration, and launch
     files for the arm alone, under ros2_control, and with MoveIt. No ROS is needed to make it.
     """
-    from hexwire.folders import make_folder
     from hexwire.ros2.package import make_package, package_name
     from hexwire.ros2.package.releases import usual_release
 

@@ -419,14 +419,13 @@ def goto(
 @pose_options
 @_grip_option
 @number_option("--speed", "MM/S", "Speed of the tip.", above=0, default=50.0)
-@click.option(
+@number_option(
     "--round",
-    "rounding",
-    type=FiniteFloat("millimetres", minimum=0),
+    "MM",
+    "Of several lines: how far from a corner the tip may leave them; 0 stops there.",
+    minimum=0,
     default=10.0,
-    show_default=True,
-    metavar="MM",
-    help="Of several lines: how far from a corner the tip may leave them; 0 stops there.",
+    dest="rounding",
 )
 @links_option
 @_motion_options
@@ -491,10 +490,8 @@ def _run_through(
 @click.command()
 @click.argument("file", metavar="FILE")
 @number_option("--speed", "FACTOR", "2 plays twice as fast.", above=0, default=1.0)
-@click.option(
-    "--from", "begin", type=FiniteFloat("seconds", minimum=0), default=0.0, metavar="SECONDS", help="Start time."
-)
-@click.option("--to", "end", type=FiniteFloat("seconds", above=0), metavar="SECONDS", help="End time.")
+@number_option("--from", "SECONDS", "Start time.", minimum=0, default=0.0, dest="begin")
+@number_option("--to", "SECONDS", "End time.", above=0, dest="end")
 @number_option("--smooth", "SECONDS", "Remove tremor shorter than this.", minimum=0, default=0.0)
 @click.option("--trim", is_flag=True, help="Remove pauses at both ends.")
 @click.option(

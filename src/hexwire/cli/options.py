@@ -19,6 +19,7 @@ from typing import IO, TYPE_CHECKING, Any, TypeVar
 import click
 
 from hexwire.errors import UsageError
+from hexwire.model.arms import record_of
 from hexwire.model.gripper import OPENINGS
 
 from .exits import note
@@ -34,10 +35,12 @@ __all__ = [
     "NumbersCommand",
     "RobotOptions",
     "arm_option",
+    "arm_settings",
     "attached",
     "certificate_options",
     "confirm",
     "early_port",
+    "early_robot",
     "force_option",
     "group_port_option",
     "host_timed_option",
@@ -151,11 +154,23 @@ def number_option(
     minimum: float = -math.inf,
     above: float = -math.inf,
     default: float | None = None,
+    dest: str | None = None,
 ) -> Callable[[_F], _F]:
-    """An option that takes a finite number within bounds; a default stands in its help."""
+    """An option that takes a finite number within bounds; a default stands in its help.
+
+    Args:
+        name: As typed.
+        metavar: What the number is, for the help.
+        help_text: Text of the help.
+        minimum: Smallest value.
+        above: Exclusive lower bound.
+        default: Value if it is not given.
+        dest: Name of the command's parameter, if it has another one.
+    """
     kind = FiniteFloat(metavar.lower(), minimum=minimum, above=above)
     shown = default is not None
-    return click.option(name, type=kind, default=default, show_default=shown, metavar=metavar, help=help_text)
+    names = (name,) if dest is None else (name, dest)
+    return click.option(*names, type=kind, default=default, show_default=shown, metavar=metavar, help=help_text)
 
 
 def numbers_argument(name: str, metavar: str, kind: FiniteFloat) -> Callable[[_F], _F]:
@@ -252,6 +267,22 @@ def early_port(port: str | None) -> str | None:
     return port
 
 
+def early_robot(robot: str | None) -> str | None:
+    """The robot that is typed after a command, otherwise before it: `hexwire --robot puma260 state`."""
+    early: str | None = click.get_current_context().find_root().params.get("robot")
+    return robot or early
+
+
+def arm_settings(links: str, table: float | None) -> dict[str, object]:
+    """Settings of an arm (`hexwire.control.requests.settings`) by `links_option` and `table_options`."""
+    settings: dict[str, object] = {"check_table": table is not None}
+    if is_typed("links"):
+        settings["links"] = links
+    if is_typed("table") and table is not None:
+        settings["table_height"] = table
+    return settings
+
+
 def line_options(command: _F) -> _F:
     """``--baud``, ``--raise-baud``, ``--dialect`` and ``--timeout``: parameters of the connection to the board."""
     command = number_option(
@@ -286,10 +317,7 @@ def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
         take: bool,
         **rest: Any,
     ) -> Any:
-        # It may also come before the command: `hexwire --robot puma260 state`.
-        robot = robot or click.get_current_context().find_root().params.get("robot")
-        if robot is None:
-            robot = robot_at_port(port)
+        robot = early_robot(robot) or robot_at_port(port)
         options = RobotOptions(port, robot, baud, dialect, timeout, take, raise_baud=raise_baud)
         return command(*args, options=options, **rest)
 
@@ -431,8 +459,6 @@ def make_robot_with(links: str, options: RobotOptions) -> RobotDriver:
 
 def unit_of(robot: str) -> float:
     """Metres in the unit of a robot's coordinates."""
-    from hexwire.model.arms import record_of
-
     record = record_of(robot)
     return 1e-3 if record is None else record.unit
 

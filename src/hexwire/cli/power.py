@@ -11,10 +11,11 @@ from dataclasses import asdict
 
 import click
 
+from hexwire.errors import HexwireError
+
 from .channel import all_option, resume_all, stop_all
 from .exits import note
 from .options import (
-    FiniteFloat,
     NumbersCommand,
     RobotOptions,
     json_option,
@@ -73,7 +74,6 @@ def stop(torque_off: bool, everybody: bool, options: RobotOptions) -> None:
         return
     from hexwire.control.loop.power import Torques, require_confirmed
     from hexwire.drivers.base import StopMode
-    from hexwire.errors import HexwireError
 
     with open_robot(options) as robot:
         mode = StopMode.TORQUE_OFF if torque_off else StopMode.HOLD
@@ -147,14 +147,8 @@ def grip(how: str, duration: float, options: RobotOptions) -> None:
 
 @click.command()
 @click.argument("how", type=click.Choice(["suck", "release", "off", "state"]))
-@click.option(
-    "--time",
-    "seconds",
-    type=FiniteFloat("seconds", minimum=0),
-    default=0.5,
-    show_default=True,
-    metavar="SECONDS",
-    help="With release, how long the valve stays open.",
+@number_option(
+    "--time", "SECONDS", "With release, how long the valve stays open.", minimum=0, default=0.5, dest="seconds"
 )
 @robot_options
 @json_option

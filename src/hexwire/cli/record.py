@@ -24,13 +24,13 @@ import click
 from hexwire.errors import UsageError
 from hexwire.inputs import open_file, parse_message
 from hexwire.link.base import Link
-from hexwire.link.tap import Missed, Passed, TapLink, wrap_new_links
+from hexwire.link.tap import Direction, Missed, Passed, TapLink, wrap_new_links
 from hexwire.model.arms import arms_with_geometry
 from hexwire.model.geometry import make_kinematics
 from hexwire.new_file import OutputFile
 
 from .exits import note, tell_missed
-from .options import InputFile, arm_option, force_option, json_option, name_of, observing_states
+from .options import InputFile, arm_option, early_robot, force_option, json_option, name_of, observing_states
 from .output import Column, RowType, answer, print_json, say, say_document, wants_json
 from .sim import link_option, serve_device, tcp_option
 
@@ -270,7 +270,6 @@ def replay(file: BinaryIO, link: str | None, baud: int, tcp: str | None) -> None
     move an arm along the joint states of FILE, use `hexwire play FILE`.
     """
     from hexwire.emulator.replay import RecordedTransfer, ReplayedBoard
-    from hexwire.link.tap import Direction
     from hexwire.trace.capture import traffic_of
 
     def transfers() -> Iterator[RecordedTransfer]:
@@ -418,7 +417,7 @@ def ros2(file: BinaryIO, folder: str, robot: str | None, force: bool) -> None:
     from hexwire.ros2.bag_recording import BagRecording, convert
     from zenoh_ros2 import Types
 
-    robot = robot or click.get_current_context().find_root().params.get("robot")
+    robot = early_robot(robot)
     urdf = "" if robot is None else make_urdf(make_kinematics(robot))
     recording = BagRecording(folder, Types(), force=force)
     recording.urdf = urdf

@@ -15,8 +15,10 @@ from hexwire.errors import UsageError
 from .exits import note
 from .options import (
     DEFAULT_ROBOT,
+    arm_settings,
     certificate_options,
     early_port,
+    early_robot,
     host_timed_option,
     is_typed,
     links_option,
@@ -138,17 +140,12 @@ def _given(robot: str | None, port: str | None, links: str, table: float | None)
     """The settings of the only arm."""
     from hexwire.fleet.service_file import SIMULATED
 
-    context = click.get_current_context()
-    robot = robot or context.find_root().params.get("robot")
-    rows: dict[str, object] = {"check_table": table is not None}
+    robot = early_robot(robot)
+    rows = arm_settings(links, table)
     if robot:
         rows["robot"] = robot
     if port and not (robot == SIMULATED and not is_typed("port")):
         rows["port"] = port
-    if is_typed("links"):
-        rows["links"] = links
-    if is_typed("table") and table is not None:
-        rows["table_height"] = table
     return rows
 
 

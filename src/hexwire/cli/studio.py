@@ -24,7 +24,7 @@ import click
 from hexwire.errors import HexwireError, UsageError
 
 from .exits import note
-from .options import early_port, host_timed_option, is_typed, links_option, table_options
+from .options import arm_settings, early_port, early_robot, host_timed_option, is_typed, links_option, table_options
 from .output import say
 
 if TYPE_CHECKING:
@@ -137,16 +137,12 @@ def studio(
     if find_spec("uvicorn") is None:
         raise UsageError(_MISSING)
     port = early_port(port)
-    robot = robot or click.get_current_context().find_root().params.get("robot")
+    robot = early_robot(robot)
     if demo and port and is_typed("port"):
         raise UsageError("--demo has an arm of its own; leave out --port")
     if physics and not demo:
         raise UsageError("--physics is for --demo; for an arm on a port of its own there is 'hexwire sim board'")
-    settings: dict[str, object] = {"check_table": table is not None, "host_timed": host_timed}
-    if is_typed("links"):
-        settings["links"] = links
-    if is_typed("table") and table is not None:
-        settings["table_height"] = table
+    settings = arm_settings(links, table) | {"host_timed": host_timed}
     if take and not (port or "").startswith("zenoh:"):
         raise UsageError("--take is for a shared arm, as in --port zenoh:lab/arm1")
     if take and port:

@@ -21,6 +21,7 @@ from .exits import note, shielded
 from .options import (
     RobotOptions,
     attached,
+    early_robot,
     json_option,
     links_option,
     make_robot,
@@ -236,10 +237,9 @@ def follow(
 
     from .verbs import FollowTeller
 
-    context = click.get_current_context()
-    if context.find_root().params.get("port"):
+    if click.get_current_context().find_root().params.get("port"):
         raise UsageError("--port is for commands with one arm; name the ports as LEADER and FOLLOWER")
-    robot = robot or context.find_root().params.get("robot")
+    robot = early_robot(robot)
     if len(arms) % 2:
         raise UsageError("give a LEADER and a FOLLOWER for each pair")
     if len(set(arms)) < len(arms):

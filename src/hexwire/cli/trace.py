@@ -16,6 +16,7 @@ import click
 from hexwire.inputs import read_stream
 from hexwire.ipc.channel import load_own_modules
 from hexwire.link.tap import Direction, wrap_new_links
+from hexwire.trace import analyzers as plugins
 from hexwire.trace.explain import Explained, Explainer, Part
 from hexwire.trace.live import Tracer, explained_lines
 from hexwire.trace.sources import LARGEST, read_traffic
@@ -25,7 +26,6 @@ from .options import InputFile, force_option, json_option, name_of, observing_st
 from .output import Column, RowType, answer, print_json, say, wants_json
 
 if TYPE_CHECKING:
-    from hexwire.trace.analyzers import Installed
     from hexwire.trace.reading import Reading
 
 __all__ = ["analyzers", "trace", "tracing"]
@@ -121,7 +121,7 @@ _STATE: dict[str, str] = {
     "partly": "files are missing; install it again",
 }
 
-_PLUGINS: RowType[Installed] = RowType(
+_PLUGINS: RowType[plugins.Installed] = RowType(
     Column("program", "program"),
     Column("folder", get=lambda row: str(row.folder)),
     Column("state", "state", text=lambda row: _STATE[row.state]),
@@ -148,8 +148,6 @@ def install(program: str, folder: str | None, force: bool) -> None:
 
     A file that hexwire has not written stays as it is, and nothing is installed, unless --force is given.
     """
-    from hexwire.trace import analyzers as plugins
-
     where = _folder(program, folder)
     files = plugins.install(program, where, force=force)
     value = {"program": program, "folder": str(where), "files": [str(path) for path in files]}
@@ -160,8 +158,6 @@ def install(program: str, folder: str | None, force: bool) -> None:
 @json_option
 def list_() -> None:
     """Show which plug-ins are installed, and where."""
-    from hexwire.trace import analyzers as plugins
-
     _PLUGINS.show([plugins.status(program, _folder(program, None)) for program in _PROGRAMS])
 
 
@@ -172,8 +168,6 @@ def list_() -> None:
 @json_option
 def remove(program: str, folder: str | None, force: bool) -> None:
     """Remove the plug-in for PROGRAM. Files that were changed since stay, unless --force is given."""
-    from hexwire.trace import analyzers as plugins
-
     removed, kept = plugins.remove(program, _folder(program, folder), force=force)
     lines = [f"removed {path}" for path in removed] + [f"kept {path}: it was changed" for path in kept]
     value = {"removed": [str(path) for path in removed], "kept": [str(path) for path in kept]}
@@ -181,6 +175,4 @@ def remove(program: str, folder: str | None, force: bool) -> None:
 
 
 def _folder(program: str, given: str | None) -> Path:
-    from hexwire.trace.analyzers import default_folder
-
-    return default_folder(program) if given is None else Path(given).absolute()
+    return plugins.default_folder(program) if given is None else Path(given).absolute()
