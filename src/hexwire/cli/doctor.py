@@ -15,15 +15,7 @@ from typing import TYPE_CHECKING
 import click
 
 from hexwire.errors import DeviceError, HexwireError, LinkError, ReplyTimeoutError, UsageError, WrongDeviceError
-from hexwire.link.diagnose import (
-    Finding,
-    Level,
-    diagnose_baud,
-    diagnose_port,
-    diagnose_system,
-    udev_rule,
-    write_udev_rule,
-)
+from hexwire.link.diagnose import Finding, Level
 
 from .exits import note
 from .options import (
@@ -59,6 +51,7 @@ def doctor(options: RobotOptions, fix: bool) -> None:
     Checks the port that --port names, otherwise all ports. Exit status 1 if something is BAD.
     """
     from hexwire.drivers.registry import is_address, load_driver
+    from hexwire.link.diagnose import diagnose_system, udev_rule, write_udev_rule
     from hexwire.link.ports import list_ports
 
     # The robot behind a shared arm may be unknown here, and its port is at its server.
@@ -117,6 +110,8 @@ def _found(devices: list[str]) -> list[PortInfo]:
 
 def _look(options: RobotOptions, port: PortInfo, on_bus: bool, *, ask: bool = True) -> list[Finding]:
     """Check one port: its identity, its permissions, and the device on it."""
+    from hexwire.link.diagnose import diagnose_baud, diagnose_port
+
     findings = diagnose_port(port)
     if any(row.level is Level.BAD and "may not open" in row.text for row in findings):
         return findings
