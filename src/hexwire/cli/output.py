@@ -16,7 +16,6 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from operator import attrgetter
 from typing import IO, TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -177,11 +176,10 @@ def answer(value: object, *lines: str) -> None:
         say(*lines)
 
 
-@dataclass(frozen=True, slots=True)
 class Column(Generic[_R]):
     """One fact of a row: its key in JSON, its column in a table.
 
-    Attributes:
+    Args:
         key: Key in JSON; empty if only people see it; ``**`` for a mapping whose items are keys of their own.
         title: Title of the column; None if only programs see it.
         get: Where the value is: an attribute of the row, perhaps of an attribute, or a function of the row. The
@@ -191,27 +189,33 @@ class Column(Generic[_R]):
         text: The cell, from the row; the value in words if None: "-" for what is not known, "yes" or "no".
     """
 
-    key: str
-    title: str | None = None
-    get: str | Callable[[_R], object] = ""
-    digits: int = 0
-    scale: float = 1.0
-    text: Callable[[_R], str] | None = None
+    def __init__(
+        self,
+        key: str,
+        title: str | None = None,
+        get: str | Callable[[_R], object] = "",
+        digits: int = 0,
+        scale: float = 1.0,
+        text: Callable[[_R], str] | None = None,
+    ) -> None:
+        self.key, self.title = key, title
+        self._get: Callable[[_R], object] = get if callable(get) else attrgetter(get or key)
+        self._digits, self._scale, self._text = digits, scale, text
 
     def value(self, row: _R) -> object:
         """The value for JSON."""
-        return self.get(row) if callable(self.get) else attrgetter(self.get or self.key)(row)
+        return self._get(row)
 
     def cell(self, row: _R) -> str:
         """The text in a table."""
-        if self.text is not None:
-            return self.text(row)
+        if self._text is not None:
+            return self._text(row)
         value = self.value(row)
         if value is None or value == "":
             return "-"
         if isinstance(value, bool):
             return "yes" if value else "no"
-        return plain(self.scale * value, self.digits) if isinstance(value, float) else str(value)
+        return plain(self._scale * value, self._digits) if isinstance(value, float) else str(value)
 
 
 class RowType(Generic[_R]):
