@@ -41,7 +41,7 @@ def test_the_page_has_every_command_and_option(pages: dict[str, Path]) -> None:
         assert f"hexwire {name} " in text, name
     assert "hexwire firmware flash [OPTIONS]" in text
     assert "--dry-run Check everything and show the command, but do not write." in text
-    assert "-h, --help Show this message and exit." in text
+    assert "-h, --help Show this message; -V, --version: the version." in text
     assert "HEXWIRE_PORT" in text
 
 
