@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hexwire.errors import ConfigError
 from hexwire.ipc.conf import (
     ChannelConf,
-    Direction,
+    ChannelDirection,
     link_url,
     load_conf,
     parse_conf,
@@ -23,7 +23,7 @@ from hexwire.wire.modules import IpcType, ModuleType
 CHAPTER = Path(__file__).with_name("ipc_msg.conf").read_text()
 IO = ChannelConf(
     ModuleType.PUMA260_HOST_IO_TRX,
-    Direction.CLIENT_TRX,
+    ChannelDirection.CLIENT_TRX,
     ModuleType.PUMA260_RBT_IO_SVR,
     IpcType.TCP,
     "192.168.1.175",
@@ -31,7 +31,7 @@ IO = ChannelConf(
 )
 COMMANDS = ChannelConf(
     ModuleType.PUMA260_HOST_JNT_CMD_TX,
-    Direction.CLIENT_TRX,
+    ChannelDirection.CLIENT_TRX,
     ModuleType.PUMA260_RBT_IO_SVR,
     IpcType.TCP,
     "192.168.2.35",
@@ -191,7 +191,7 @@ def channels(draw: st.DrawFn) -> list[ChannelConf]:
     made = []
     for number, module in enumerate(draw(st.lists(MODULES, unique=True, max_size=9))):
         interface = draw(st.sampled_from(IpcType))
-        ways = [way for way in Direction if not (way.is_server and interface is IpcType.SERIAL)]
+        ways = [way for way in ChannelDirection if not (way.is_server and interface is IpcType.SERIAL)]
         direction = draw(st.sampled_from(ways))
         peer = ""
         port: int | None = 1000 + number
