@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import queue
 import random
 import threading
 import time
@@ -12,6 +13,7 @@ from typing import Any
 
 import pytest
 from tests.fleet.conftest import Serve
+from tests.fleet.fake_inbox import FakeInbox
 from tests.fleet.fake_server import FACTS, SENT, TARGET, FakeServer, attached
 from tests.motion.arms import rest_to_rest
 from tests.test_arguments import assert_told
@@ -33,7 +35,7 @@ from hexwire.fleet.address import Address
 from hexwire.fleet.names import Role
 from hexwire.fleet.remote import RemoteRobot, whoami
 from hexwire.fleet.states import ArrivedStates
-from hexwire.model.state import JointTarget
+from hexwire.model.state import JointState, JointTarget
 
 # -- over a socket ------------------------------------------------------------------------------------------------
 
@@ -238,6 +240,35 @@ def test_orders_carry_lease_number_time_and_its_uncertainty(fake: tuple[RemoteRo
     assert (first.key, first.sequence, second.sequence) == (99, 1, 2)
     assert 0.0 < first.doubt < 10.0
     assert before - first.doubt <= first.made <= time.monotonic() + first.doubt
+
+
+def test_the_newest_state_is_there_at_once_with_its_age_and_a_read_waits_for_the_next(
+    fake: tuple[RemoteRobot, FakeServer],
+) -> None:
+    robot, _ = fake
+    inbox = robot._states._inbox
+    assert isinstance(inbox, FakeInbox)
+    columns = [tuple([0.0] * len(robot.model.names))] * 6
+
+    def arrives(number: int, ago: float) -> None:
+        at = time.monotonic() - ago
+        flags, age = (0,) * len(robot.model.names), columns[0]
+        row = m.State(1, number, at, at, 1.7e9, robot.model.names, *columns, flags, age, 0.0, False, False, False)
+        inbox.rows.put(m.encode(row))
+
+    arrives(1, ago=0.5)
+    first, again = robot.newest(), robot.newest()
+    assert first.state.stamp == again.state.stamp
+    assert 0.4 < first.age <= again.age
+    read: queue.SimpleQueue[JointState] = queue.SimpleQueue()
+    thread = threading.Thread(target=lambda: read.put(robot.read()))
+    thread.start()
+    assert inbox.waiting.acquire(timeout=30)
+    assert robot.newest().state.stamp == first.state.stamp, "also while another thread waits"
+    assert read.empty()
+    arrives(2, ago=0.0)
+    assert read.get(timeout=30).stamp > first.state.stamp
+    thread.join(30)
 
 
 def test_a_watchdog_stops_as_it_was_armed_to(fake: tuple[RemoteRobot, FakeServer]) -> None:
