@@ -47,6 +47,12 @@ class Process:
         self._line()
         return self
 
+    @property
+    def memory(self) -> float:
+        """MB that it takes now; Linux only."""
+        rows = Path(f"/proc/{self._process.pid}/status").read_text().splitlines()
+        return next(int(row.split()[1]) for row in rows if row.startswith("VmRSS")) / 1024
+
     def begin(self, what: str, **options: object) -> None:
         assert self._process.stdin is not None
         self._process.stdin.write(json.dumps({"what": what, **options}) + "\n")
