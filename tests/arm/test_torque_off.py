@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import tempfile
+import os
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -67,7 +67,7 @@ def a_program(arm: Arm, way: float = 4.0, speed: float = 1.0) -> Path:
     """Two motions, there and back, and a pause between them; degrees, and a share of the speed."""
     joint, here = arm.model.names[0], arm.read().position[0]
     rows = [f"joints = {{ {joint} = {math.degrees(here) + by} }}\nspeed = {speed}" for by in (way, 0.0)]
-    file = Path(tempfile.mkdtemp(prefix="hw")) / "a.toml"
+    file = Path(os.environ["XDG_CONFIG_HOME"]) / "a.toml"
     file.write_text("\n".join(f"[[steps]]\n{row}" for row in (rows[0], "wait = 0.05", rows[1])))
     return file
 
