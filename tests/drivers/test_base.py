@@ -192,6 +192,11 @@ def test_a_plain_robot_is_examined_by_its_probe_and_its_state() -> None:
 # -- watched --------------------------------------------------------------------------------------------
 
 
+def test_a_watchdog_that_nobody_would_find_is_an_error() -> None:
+    with pytest.raises(TypeError, match="Lonely has a watchdog: derive it from"):
+        type("Lonely", (Plain,), {"watchdog": Guarded.watchdog})
+
+
 def test_watched_arms_and_disarms() -> None:
     robot = Guarded()
     with robot.watched(0.5) as covered:

@@ -126,6 +126,9 @@ class RobotDriver(ABC):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
+        if hasattr(cls, "watchdog") and not issubclass(cls, Watchdog):
+            # Nobody would find it, and motions would begin without it.
+            raise TypeError(f"{cls.__name__} has a watchdog: derive it from hexwire.drivers.abilities.Watchdog too")
         # Here rather than in each robot.
         _check_arguments(cls)
 
