@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import sys
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -19,6 +20,8 @@ from hexwire.fleet.set_points import SetPointReports, SharedSetPoints
 from hexwire.model.state import JointTarget, SentTarget
 
 from .conftest import Serve
+from .fake_inbox import FakeInbox
+from .fake_server import attached
 
 SENT = SentTarget((("J1", 0.1),), 0.02, ("J1",), ("J2",))
 STATE = m.State(1, 1, 0.0, 0.0, 0.0, (), *((),) * 8, 0.0, False, False, False)  # type: ignore[arg-type]
@@ -93,6 +96,18 @@ def test_states_that_fail_to_arrive_end_it() -> None:
     for _ in range(60):
         bench.publish()
     assert not bench.runs()
+
+
+def test_of_many_that_no_state_tells_of_the_next_one_is_asked() -> None:
+    bench = Bench()
+    bench.begin()
+    for _ in range(50):
+        assert bench.runs()
+        bench.publish()
+        bench.look()
+    assert not bench.runs()
+    bench.answer()
+    assert bench.runs(), "and that was all"
 
 
 def test_what_was_done_renews_the_lease_and_says_which_joints_were_limited() -> None:
@@ -223,6 +238,31 @@ def test_another_lease_has_another_number_and_no_memory() -> None:
     reports.done(KEY, 4, SENT)
     assert reports.report(KEY + 1, reports.dealt) == m.Stream(reports.number(KEY + 1))
     assert reports.report(0, (0, 0)) is None
+    # A state that is made while the lease changes hands gives no number to one that has none, nor takes one away.
+    second = reports.number(KEY + 1)
+    assert [reports.report(key, (0, 0)) for key in (KEY, KEY + 2)] == [None, None]
+    assert reports.number(KEY + 1) == second
+
+
+@pytest.mark.parametrize("refused", [0, 1])
+def test_the_lease_is_given_back_after_the_set_points_and_what_was_refused_is_logged(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, refused: int
+) -> None:
+    robot, server = attached(monkeypatch)
+    robot.take()
+    robot._set_points.begin(5)
+    robot._set_points.published(1, time.monotonic())
+    inbox = robot._states._inbox
+    assert isinstance(inbox, FakeInbox)
+    thread = threading.Thread(target=robot.detach)
+    thread.start()
+    assert inbox.waiting.acquire(timeout=30.0)
+    assert not any(isinstance(message, m.Leave) for _, message in server.asked)
+    told = m.Stream(5, 1, refused, 1, "LimitError" if refused else "", "too far")
+    inbox.rows.put(m.encode(msgspec.structs.replace(STATE, stream=told)))
+    thread.join(30.0)
+    assert server.asked[-1][1] == m.Leave(17, finish=True)
+    assert ("the last set-points were not done: too far" in caplog.text) is bool(refused)
 
 
 # -- with a server ------------------------------------------------------------------------------------------

@@ -407,7 +407,8 @@ class Node:
         zenoh = self._zenoh
         publisher = self._session.declare_publisher(
             key,
-            congestion_control=zenoh.CongestionControl.DROP,
+            # As questions: what is dropped here without a word would leave the arm short of the last set-point.
+            congestion_control=zenoh.CongestionControl.BLOCK,
             # That of questions: each priority has a queue of its own.
             priority=zenoh.Priority.DATA,
             express=True,

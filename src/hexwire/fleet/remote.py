@@ -468,10 +468,22 @@ class RemoteRobot(RobotDriver, OwnWatchdog, StateReports, OnboardPaths, Leased, 
             finish: A motion that was begun runs to its end; otherwise the arm holds.
         """
         with self._ordering:
+            if finish:
+                self._settle()
             lease, self._lease = self._lease, 0
             self._set_points.begin(0)
             if lease:
                 self._exchange(self._keys.lease(self._role), m.Leave(lease, finish), _TIMEOUT)
+
+    def _settle(self) -> None:
+        """Wait until the states tell what became of the published set-points, which the end of the lease voids."""
+        deadline = time.monotonic() + _TIMEOUT
+        with suppress(HexwireError):
+            while self._set_points.waits and (left := deadline - time.monotonic()) > 0.0:
+                self._states.next(self._so_far(), min(left, _LOOK))
+                self._look_at_set_points()
+        if (error := self._set_points.take_error()) is not None:
+            _log.warning("%s: the last set-points were not done: %s", self.url, error)
 
     @property
     def _role(self) -> Role:

@@ -32,6 +32,9 @@ _LATE = 2.0
 """Seconds after which a set-point that no state tells of counts as lost, as an answer to it would."""
 _SILENT = 0.5
 """Seconds without a state after which set-points are asked again."""
+_MOST_WAITING = 50
+"""Published set-points of which no state has told yet; the next one is asked. So a server that is slow or halted
+slows the program down, before its queue or that of the network is full."""
 _NUMBER_BYTES = 6
 
 
@@ -45,12 +48,9 @@ class SetPointReports:
     def number(self, key: int) -> int:
         """The number of the lease with this key, another one for each lease."""
         with self._lock:
-            return self._of(key).lease
-
-    def _of(self, key: int) -> m.Stream:
-        if key != self._key:
-            self._key, self._report = key, m.Stream(int.from_bytes(os.urandom(_NUMBER_BYTES)) | 1)
-        return self._report
+            if key != self._key:
+                self._key, self._report = key, m.Stream(int.from_bytes(os.urandom(_NUMBER_BYTES)) | 1)
+            return self._report.lease
 
     @property
     def dealt(self) -> tuple[int, int]:
@@ -80,16 +80,16 @@ class SetPointReports:
                 )
 
     def report(self, key: int, dealt: tuple[int, int]) -> m.Stream | None:
-        """What a state tells.
+        """What a state tells; None before the lease has a number, and once another one has.
 
         Args:
             key: Of the present lease; 0 if nobody holds it.
             dealt: As the property, when the values of the state were sampled.
         """
-        if not key:
-            return None
         with self._lock:
-            newest = self._of(key)
+            if not key or key != self._key:
+                return None
+            newest = self._report
         before = dealt[1] if dealt[0] == newest.lease else 0
         if before == newest.dealt:
             return newest
@@ -156,13 +156,18 @@ class SharedSetPoints:
     def runs(self, now: float) -> bool:
         """Whether a set-point that is made now belongs to a stream, and states will tell of it."""
         steady = self._row >= _ANSWERED and now - self._last <= _PAUSE
-        return steady and self._seen and now - self._arrived < _SILENT
+        return steady and self._seen and now - self._arrived < _SILENT and len(self._waiting) < _MOST_WAITING
 
     def published(self, sequence: int, now: float) -> None:
         """Note a set-point that is about to be published."""
         with self._lock:
             self._waiting = (*self._waiting, (sequence, now))
             self._last = now
+
+    @property
+    def waits(self) -> bool:
+        """Whether no state has told yet what became of some set-point."""
+        return bool(self._waiting)
 
     def look(self, state: m.State | None, arrived: float) -> None:
         """Learn from the newest state.
