@@ -410,6 +410,9 @@ MOVING = ("enable", "send_goal", "refused_goal", "lifecycle_set", "stop")
 def emulated(checks: Checks) -> Iterator[None]:
     """A router, which may run already, and the node with an emulated arm, until the checks are made."""
     os.environ["RMW_IMPLEMENTATION"] = "rmw_zenoh_cpp"
+    # One that was started beside another router, or for another middleware, knows none of these nodes.
+    with contextlib.suppress(Failed):
+        checks.ros2.run("daemon", "stop")
     router = start("ros2", "run", "rmw_zenoh_cpp", "rmw_zenohd")
     node = start("hexwire-ros2", "--ros-args", "-p", "port:=sim://hex7bot", "-p", "enable_on_start:=true")
     try:
