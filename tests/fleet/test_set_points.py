@@ -13,7 +13,7 @@ import msgspec
 import pytest
 
 from hexwire.drivers import registry
-from hexwire.errors import LeaseError, PreemptedError, ReplyTimeoutError, StoppedError
+from hexwire.errors import LeaseError, LimitError, PreemptedError, ReplyTimeoutError, StoppedError
 from hexwire.fleet import messages as m
 from hexwire.fleet.remote import RemoteRobot
 from hexwire.fleet.set_points import SetPointReports, SharedSetPoints
@@ -263,6 +263,42 @@ def test_the_lease_is_given_back_after_the_set_points_and_what_was_refused_is_lo
     thread.join(30.0)
     assert server.asked[-1][1] == m.Leave(17, finish=True)
     assert ("the last set-points were not done: too far" in caplog.text) is bool(refused)
+
+
+READS: list[Callable[[RemoteRobot], object]] = [
+    RemoteRobot.read,
+    RemoteRobot.newest,
+    lambda robot: next(robot.stream(0.01, timeout=30.0)),
+]
+
+
+@pytest.mark.parametrize("read", READS)
+def test_who_only_reads_after_set_points_hears_that_one_was_refused(
+    monkeypatch: pytest.MonkeyPatch, read: Callable[[RemoteRobot], object]
+) -> None:
+    robot, _ = attached(monkeypatch)
+    robot.take()
+    robot._set_points.begin(5)
+    robot._set_points.published(1, time.monotonic() - 1.0)
+    inbox, one = robot._states._inbox, (0.0,)
+    assert isinstance(inbox, FakeInbox)
+    told = m.Stream(5, 1, 1, 1, "LimitError", "too far")
+    ended, number = threading.Event(), itertools.count(1)
+
+    def tell() -> None:
+        while not ended.wait(0.01):
+            values = m.State(1, next(number), 0.0, 0.0, 0.0, ("J1",), *(one,) * 6, (0,), one, 0.0, *(False,) * 3)
+            inbox.rows.put(m.encode(msgspec.structs.replace(values, stream=told)))
+
+    thread = threading.Thread(target=tell)
+    thread.start()
+    try:
+        with pytest.raises(LimitError, match="too far"):
+            read(robot)
+    finally:
+        ended.set()
+        thread.join(30.0)
+        robot.abort()
 
 
 # -- with a server ------------------------------------------------------------------------------------------

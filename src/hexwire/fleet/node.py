@@ -403,7 +403,7 @@ class Node:
         return Publisher(publisher, zenoh)
 
     def publisher_in_order(self, key: str) -> Publisher:
-        """As `publisher`, but what it publishes arrives in one order with the questions of this session."""
+        """What publishes under a key in one order with the questions of this session, and waits as they do."""
         zenoh = self._zenoh
         publisher = self._session.declare_publisher(
             key,

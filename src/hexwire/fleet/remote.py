@@ -540,6 +540,7 @@ class RemoteRobot(RobotDriver, OwnWatchdog, StateReports, OnboardPaths, Leased, 
             # Half a period early is in time, to keep the average rate.
             due = max(due + period, time.monotonic() - period)
             self._use()
+            self._check_set_points(reads=True, stopped=state.stopped)
             yield state
             due = max(due, self._states.arrived + 0.5 * period)
 
@@ -573,7 +574,7 @@ class RemoteRobot(RobotDriver, OwnWatchdog, StateReports, OnboardPaths, Leased, 
 
         After five short ones that follow each other closely, further ones are sent without waiting for answers. The
         result is then what was asked for, with the limited and silent joints of one before. If one is refused, the
-        next order raises the error once a state tells so, and if none follows for 0.25 s, `read` and `newest` do.
+        next order raises the error once a state tells so, and if none follows for 0.25 s, whatever reads does.
         Only that the arm is stopped is no error of a state, which shows it.
         """
         names, angles = zip(*target.positions, strict=True)
