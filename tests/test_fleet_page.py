@@ -145,7 +145,8 @@ def test_the_size_of_a_state_is_what_the_page_says() -> None:
         names = tuple(f"J{i}" for i in range(1, 8))
         head = (2**40, 123456, 12345.678, 12345.679, 1.7e9 + 0.1, names)
         flags = (64,) * 7
-        state = m.State(*head, *(row,) * 6, flags, row, 12345.6, False, False, False, holder, "", "", "", 17)
+        ends = (holder, "", "", "", 17, 0, m.Stream(2**52, 12345) if holder else None)
+        state = m.State(*head, *(row,) * 6, flags, row, 12345.6, False, False, False, *ends)
         return len(m.encode(state))
 
     holder = "ann@lab-pc (hexwire, process 12345), operator"

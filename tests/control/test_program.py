@@ -104,7 +104,7 @@ def test_what_is_written_is_read_again(steps: tuple[Step, ...]) -> None:
         ("steps = [{wait = 1e9}]", "must be 0 to 3600 s"),
         ("steps = [{ask = ''}]", "must have 1 to 200"),
         ("steps = [{pose = 'a\"b'}]", "has a character that a name cannot have"),
-        ("steps = [{joints = {}}]", "at least one joint"),
+        ("steps = [{joints = {}}]", "goals must name 1 to 253 joints"),
         ("steps = [{joints = {J1 = 1e5}}]", "-3600 to 3600 deg"),
         ("steps = [{place = [1, 2]}]", "has 2 values, but must have 3"),
         ("steps = [{place = [1, 2, 1e6]}]", "must be -10000 to 10000 mm"),

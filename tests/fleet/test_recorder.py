@@ -131,10 +131,6 @@ def test_an_arm_that_vanishes_while_it_is_found_does_not_end_the_recording(
         eventually(lambda: (far.send(), recorder.run(0.05), recorder.counts["lab/far"][0])[2])
 
 
-def test_a_time_is_whole_seconds_and_nanoseconds() -> None:
-    assert module._time(12.25) == {"sec": 12, "nsec": 250_000_000}
-
-
 class Near:
     """The way to an arm whose clock is 1000 s ahead of here."""
 

@@ -92,8 +92,10 @@ def test_a_socket_over_tls_is_read_in_small_pieces_too() -> None:
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         tls = sslproto.SSLProtocol(loop, asyncio.Protocol(), context, None, server_side=True)
         assert len(tls.get_buffer(-1)) > 4096
-        read_little(tls._get_app_transport())
+        transport = tls._get_app_transport()
+        read_little(transport)
         assert len(tls.get_buffer(-1)) == len(tls.get_buffer(100_000)) == 4096
+        transport.close()
     finally:
         loop.close()
 
