@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, settings
 from tests.strangers import BelongsTo
+from tests.threads import left_behind
 
 # Programs that tests start with the system's Python, for its rospy: nothing that pytest could import here.
 collect_ignore = ["bench/ros1_client.py", "ros1/ros_client.py"]
@@ -130,8 +131,4 @@ def _no_thread_left() -> Iterator[None]:
     """Fail a test whose threads outlive it; those of wider fixtures are there before and do not count."""
     before = set(threading.enumerate())
     yield
-    left = [thread for thread in threading.enumerate() if thread not in before]
-    for thread in left:
-        thread.join(timeout=30)
-    alive = [thread.name for thread in left if thread.is_alive()]
-    assert not alive, f"threads left behind: {alive}"
+    assert not (left := left_behind(before)), f"threads left behind: {left}"

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from tests.studio.chromium import chromium
 from tests.studio.running import PATIENCE, RunningStudio
+from tests.threads import left_behind
 
 from hexwire.control.requests.settings_reader import read_settings
 from hexwire.control.sharing.lease import Lease
@@ -52,11 +53,8 @@ def _no_thread_left() -> Iterator[None]:
     """As for all tests, but for the threads of the server."""
     before = set(threading.enumerate())
     yield
-    left = [t for t in threading.enumerate() if t not in before and not _SERVERS_OWN.fullmatch(t.name)]
-    for thread in left:
-        thread.join(timeout=30)
-    alive = [thread.name for thread in left if thread.is_alive()]
-    assert not alive, f"threads left behind: {alive}"
+    left = left_behind(before, lambda thread: _SERVERS_OWN.fullmatch(thread.name) is not None)
+    assert not left, f"threads left behind: {left}"
 
 
 @pytest.fixture(autouse=True)
