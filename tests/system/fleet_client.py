@@ -16,16 +16,20 @@ import sys
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from hexwire.errors import HexwireError
 from hexwire.fleet import messages as m
 from hexwire.fleet.node import Node
 from hexwire.fleet.remote import RemoteRobot
+from hexwire.fleet.set_points import SharedSetPoints
 from hexwire.model.state import JointTarget
 
 SHIFT = float(os.environ.get("FLEET_SHIFT", "0"))
 _PLAIN_ASK = Node.ask
+_HEARD = 0.5
+"""Seconds for which a published set-point of which no state tells may be on its way; an older one is refused."""
 
 
 def clock() -> float:
@@ -43,7 +47,11 @@ class Client:
         self._numbers = iter(range(1, 1 << 62))
         self._streams: list[threading.Thread] = []
         self._ending = threading.Event()
-        Node.ask = self._watched_ask()  # type: ignore[method-assign]  # every message passes here
+        # Every message passes one of these.
+        Node.ask = self._watched_ask()  # type: ignore[method-assign]
+        self._published: dict[int, int] = {}
+        Node.publisher_in_order = self._watched_publisher()  # type: ignore[method-assign]
+        SharedSetPoints.look = self._watched_look()  # type: ignore[method-assign]
 
     def note(self, **row: object) -> None:
         self._log.write(json.dumps(row) + "\n")
@@ -65,6 +73,38 @@ class Client:
             return data
 
         return ask
+
+    def _watched_publisher(self) -> Any:
+        plain = Node.publisher_in_order
+
+        def made(node: Node, key: str) -> Any:
+            publisher = plain(node, key)
+            publish = publisher._publisher.put
+
+            def put(payload: bytes) -> None:
+                message = m.decode(payload, m.Envelope)
+                number = self._published[message.sequence] = next(self._numbers)
+                row = {"duration": message.order.duration, "finish": False}
+                self.note(e="sent", n=number, what="Write", t=clock(), wait=_HEARD, **row)
+                publish(payload)
+
+            publisher._publisher = SimpleNamespace(put=put)
+            return publisher
+
+        return made
+
+    def _watched_look(self) -> Any:
+        plain, published = SharedSetPoints.look, self._published
+
+        def look(stream: SharedSetPoints, state: m.State | None, arrived: float) -> None:
+            told = None if state is None else state.stream
+            if told is not None and told.lease == stream.lease:
+                for sequence in [one for one in published if one <= told.dealt]:
+                    refused = told.kind if sequence == told.last else ""
+                    self.note(e="answered", n=published.pop(sequence), t=clock(), refused=refused)
+            plain(stream, state, arrived)
+
+        return look
 
     @property
     def robot(self) -> RemoteRobot:
