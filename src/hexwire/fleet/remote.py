@@ -703,8 +703,22 @@ class RemoteRobot(RobotDriver, OwnWatchdog, StateReports, OnboardPaths, Leased, 
             return
         self._states.require_dealt(0, 0)
         if isinstance(error, LeaseError) and error.lost:
+            error = self._why_lost(error)
             self._lose(error.reason)
         raise error
+
+    def _why_lost(self, known: LeaseError) -> LeaseError:
+        """Why the lease was lost: the server knows, even if whoever took it has given it back since."""
+        if not self._lease:
+            return LeaseError(self._lost)
+        try:
+            self._exchange(self._keys.lease(self._role), m.Beat(self._lease), _TIMEOUT)
+        except LeaseError as told:
+            return told
+        except HexwireError:
+            # What the state has told is true, too.
+            return known
+        return known
 
     def _lose(self, why: str) -> None:
         self._lease, self._lost = 0, why or "the lease was lost"
