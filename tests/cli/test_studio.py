@@ -23,7 +23,7 @@ from hexwire.cli.main import cli
 from hexwire.link.certs import issue_certificate, make_authority
 
 if TYPE_CHECKING:
-    from hexwire.studio.app import Studio
+    pass
 
 
 @contextlib.contextmanager
@@ -63,8 +63,8 @@ def test_the_arm_is_opened_when_the_server_has_started_and_not_after_its_end(
     class FakeServer:
         host, port = "127.0.0.1", 1
 
-        def __init__(self, studio: Studio, *_: object) -> None:
-            self.studio = studio
+        def __init__(self, make: object, access: object, *_: object) -> None:
+            self.access = access
 
         def bind(self) -> int:
             return self.port
