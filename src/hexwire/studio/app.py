@@ -24,7 +24,7 @@ from hexwire.control.motion.hold_to_run import FINE
 from hexwire.errors import HexwireError, LeaseError, LinkLostError, LinkNotFoundError, UsageError
 
 # What pages may ask for by name: each of these adds its calls.
-from . import arm_calls, present_calls  # noqa: F401
+from . import arm_calls, present_calls, program_calls  # noqa: F401
 from .access import WATCHING_ONLY, Access, Right
 from .bus_source import live_row
 from .calls import Asked, find_call

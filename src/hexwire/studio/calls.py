@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .holds import Holds
     from .live import Live
     from .plugged import Plugged
+    from .recordings import Recordings
     from .source import ArmSource, Source
     from .tabs import Tab
 
@@ -41,6 +42,7 @@ class CallHost(Protocol):
     live: Live
     fleet: FleetWatch
     plugged: list[Plugged] | None
+    recordings: Recordings
 
     def arms(self) -> dict[str, Any]:
         """The arms that a page can reach, for JSON."""

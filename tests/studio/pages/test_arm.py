@@ -15,6 +15,7 @@ from tests.studio.running import PATIENCE, expect, press
 from hexwire.control.loop import known_state
 from hexwire.control.requests.motion_service import read_motion
 from hexwire.control.requests.pose_file import check_pose_name
+from hexwire.control.requests.program import read_program
 from hexwire.model.aim import Tip
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.teach import Taught
@@ -167,6 +168,57 @@ def test_cameras_of_the_browser_are_tiles_and_are_off_when_nobody_sees_them(
     operator.get_by_role("link", name="Move", exact=True).click()
     operator.get_by_role("button", name="Camera", exact=True).click()
     expect(operator.locator("#arm-hint")).to_contain_text("TLS")
+
+
+def test_a_program_is_edited_checked_run_and_ended_by_a_stop(studio: RunningStudio, operator: Page) -> None:
+    open_page(operator)
+    prepare(operator, speed=100)
+    operator.locator("#arm-program > summary").click()
+    part = operator.locator("#arm-program")
+    note = part.locator("[role=status]")
+
+    def add(kind: str) -> None:
+        part.get_by_label("Kind of step").select_option(kind)
+        part.get_by_role("button", name="Add step").click()
+
+    for kind in ("go to these joint angles", "wait for me", "go to these joint angles", "repeat"):
+        add(kind)
+    angle = part.get_by_label("J1, degrees")
+    for place, by in ((0, 10.0), (1, 0.0)):
+        angle.nth(place).fill(str(by))
+        angle.nth(place).press("Tab")
+    # By drag, and by keys, past the repetition into it.
+    part.locator('[data-step="3"] .arm-step').first.drag_to(part.locator('[data-step="4.1"] .arm-step'))
+    expect(part.locator('[data-step="3.1"]').get_by_label("J1, degrees")).to_have_value("0")
+    part.get_by_label("Name of the program").fill("both")
+    part.get_by_role("button", name="Save").click()
+    expect(note).to_contain_text("Saved")
+    file = studio.studio.recordings.library.folder / "both.toml"
+    rows = read_program(file).rows()
+    assert [next(iter(row)) for row in rows] == ["joints", "ask", "repeat"]
+    assert [next(iter(row)) for row in rows[2]["steps"]] == ["joints", "wait"]
+
+    part.get_by_role("button", name="Run", exact=True).click()
+    expect(note).to_contain_text("Continue?")
+    studio.until(lambda: abs(math.degrees(shaft(studio, "J1")) - 10.0) < 1.0, "the first step")
+    # A stop while it waits for somebody voids what is left, although the arm is released again.
+    operator.keyboard.press("Escape")
+    expect(note).to_contain_text("Ended: stopped")
+    operator.get_by_role("button", name="Resume").click()
+    expect(operator.get_by_role("button", name="Resume")).to_be_hidden()
+    assert math.degrees(rest(studio, "J1")) == pytest.approx(10.0, abs=1.0)
+
+    part.locator('[data-step="2"]').get_by_role("button", name="Run from here").click()
+    part.get_by_role("button", name="Continue").click()
+    expect(note).to_have_text("The program has ended.")
+    assert abs(math.degrees(shaft(studio, "J1"))) < 1.0
+    # One step that is not allowed, and none begins.
+    angle.nth(1).fill("400")
+    angle.nth(1).press("Tab")
+    part.get_by_role("button", name="Run", exact=True).click()
+    expect(note).to_contain_text("Step 3.1: ")
+    assert abs(math.degrees(rest(studio, "J1"))) < 1.0
+    file.unlink()
 
 
 def test_a_gamepad_moves_the_arm_only_while_its_dead_man_button_is_pressed(

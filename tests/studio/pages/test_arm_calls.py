@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import math
+import re
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
@@ -15,6 +16,7 @@ import pytest
 from tests.studio.running import until
 
 from hexwire.control.requests.pose_file import PoseFile, home_pose
+from hexwire.control.requests.program import read_program
 from hexwire.errors import HexwireError, UsageError
 from hexwire.motion.teach import Taught
 from hexwire.studio.access import Access, Right
@@ -27,7 +29,7 @@ class Desk:
     """A studio with an open arm, and a tab that has control."""
 
     def __init__(self, folder: Path) -> None:
-        self.studio = Studio(Access(frozenset()))
+        self.studio = Studio(Access(frozenset()), folder / "recordings")
         self.arm = self.studio.source.open("sim://hex7bot?name=calls", watchdog=5.0)
         self.arm.motions.poses = PoseFile(self.arm.settings.model, folder)
         until(lambda: self.arm.arm.owner.state is not None, "a state")
@@ -158,3 +160,57 @@ def test_an_arm_that_lacks_something_says_so(desk: Desk) -> None:
     desk.arm.motions.jaws = None
     poor = desk.ask("values")
     assert (poor["space"], poor["turns"], poor["jaws"]) == (None, None, None)
+
+
+STEPS = [
+    {"pose": "home", "speed": 0.5},
+    {
+        "repeat": 2,
+        "steps": [{"joints": {"J1": 20.0}, "speed": 1.0}, {"ask": "go on?"}, {"joints": {"J1": 0.0}, "speed": 1.0}],
+    },
+    {"place": [0.0, 200.0, 180.0], "line": True, "speed": 0.3},
+    {"wait": 1.5},
+]
+
+
+def test_a_program_is_kept_as_a_file_that_the_command_runs_too(desk: Desk, tmp_path: Path) -> None:
+    assert desk.ask("programs") == []
+    assert desk.ask("save_program", name="pick", steps=STEPS) == ["pick"]
+    assert desk.ask("program", name="pick") == STEPS
+    assert read_program(tmp_path / "recordings" / "pick.toml").rows() == STEPS
+    # What somebody else has saved meanwhile is not overwritten by the way.
+    assert "exists" in desk.ask("save_program", name="pick", steps=STEPS[:1])["error"]
+    assert desk.ask("save_program", name="pick", steps=STEPS[:1], force=True) == ["pick"]
+    assert desk.ask("program", name="pick") == STEPS[:1]
+    for name in ("../x", "", ".x", "a/b", "x" * 200, "a\0b"):
+        for call, more in (("save_program", {"steps": STEPS}), ("program", {}), ("remove_program", {})):
+            assert "cannot be the name of a program" in desk.ask(call, name=name, **more)["error"], name
+    assert "cannot be read" in desk.ask("program", name="missing")["error"]
+    assert desk.ask("remove_program", name="pick") == []
+    assert "cannot be removed" in desk.ask("remove_program", name="pick")["error"]
+    watcher = desk.studio.tabs.open("w", Right.WATCH)
+    with pytest.raises(HexwireError):
+        asyncio.run(desk.studio.call(watcher, "arm.save_program", {"name": "a", "steps": STEPS}))
+
+
+def test_a_program_is_checked_as_a_whole_and_nothing_moves(desk: Desk) -> None:
+    before = desk.arm.arm.owner.newest().positions
+    rows = desk.ask("check_program", steps=STEPS)
+    # What is repeated is planned once from each place where it begins.
+    assert [row["number"] for row in rows] == ["1", "2.1", "2.3", "2.1", "3"]
+    assert all(row["refusal"] == "" for row in rows)
+    assert rows[1]["duration"] > 0.05
+    # A step that is allowed by itself, but not from where the one before it ends.
+    away = [{"joints": {"J1": 60.0}}, {"place": [0.0, 0.0, -120.0], "relative": True, "line": True}]
+    refused = desk.ask("check_program", steps=[*away, {"wait": 1}])
+    assert (len(refused), refused[1]["number"]) == (2, "2")
+    assert refused[1]["refusal"]
+    for steps, said in (
+        ([{"pose": "nowhere"}], "step 1: no pose 'nowhere'"),
+        ([{"play": "missing.mcap"}], "missing.mcap"),
+        ([{"fly": 1}], "must have one of pose"),
+        ([], "at least 1|1 to 500"),
+        ([{"repeat": 600, "steps": [{"place": [0.0, 0.0, 0.1], "relative": True}]}], "too many to be checked"),
+    ):
+        assert re.search(said, desk.ask("check_program", steps=steps)["error"]), steps
+    assert desk.arm.arm.owner.newest().positions == pytest.approx(before, abs=1e-3)

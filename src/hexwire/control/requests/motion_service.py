@@ -239,7 +239,7 @@ class MotionService:
             UsageError: The request is malformed, or there is no such joint, pose or taught motion.
             HexwireError: The arm cannot be reached.
         """
-        return self._plan(read_motion(args), taught)
+        return self.plan(read_motion(args), taught)
 
     def begin(
         self,
@@ -273,7 +273,7 @@ class MotionService:
             self._shared,
             orders,
             self._title(request) if taught is None else "a recording",
-            lambda: self._plan(request, taught),
+            lambda: self.plan(request, taught),
             grip=request.share if request.what == "grip" else None,
             wanted=wanted,
             age=age,
@@ -328,14 +328,26 @@ class MotionService:
 
     # -- helpers ----------------------------------------------------------------------------------------
 
-    def _plan(self, request: MotionRequest, taught: Taught | None) -> Preview:
+    def plan(
+        self, request: MotionRequest, taught: Taught | None = None, start: Mapping[str, float] | None = None
+    ) -> Preview:
+        """Plan a motion without moving.
+
+        Args:
+            request: What is asked for; no step of a jog if `start` is given.
+            taught: As for `preview`.
+            start: As for `Planner.to_joints`.
+
+        Raises:
+            HexwireError: As `preview`.
+        """
         planner, speed = self._planner, request.speed
         if request.what == "joints":
-            return planner.to_joints(request.goals, speed=speed)
+            return planner.to_joints(request.goals, speed=speed, start=start)
         if request.what == "place":
-            return planner.to_place(request.place, speed=speed)
+            return planner.to_place(request.place, speed=speed, start=start)
         if request.what == "pose":
-            return planner.to_joints(self._pose(request.name), speed=speed)
+            return planner.to_joints(self._pose(request.name), speed=speed, start=start)
         if request.what == "step":
             if request.move is not None:
                 return planner.by_move(request.move, speed=speed)
@@ -345,11 +357,13 @@ class MotionService:
         if request.what == "grip":
             if self.jaws is None:
                 raise UsageError(f"no gripper of {self._arm.settings.model.name} is known")
-            return planner.to_joints({self.jaws.joint: self.jaws.angle(request.share)}, speed=speed)
+            goals = {self.jaws.joint: self.jaws.angle(request.share)}
+            return planner.to_joints(goals, speed=speed, start=start)
         taught = taught or self.taught
         if taught is None:
             raise UsageError("nothing was taught since this arm was opened")
-        return planner.along(taught, begin=request.begin, end=request.end, factor=request.factor, speed=speed)
+        part = {"begin": request.begin, "end": request.end, "factor": request.factor}
+        return planner.along(taught, **part, speed=speed, start=start)
 
     def _pose(self, name: str) -> Mapping[str, float]:
         return find_pose(self._arm.settings.model, {row.name: row.angles for row in self.pose_rows()}, name)

@@ -129,12 +129,15 @@ class Planner:
         # Not that of the arm's controllers, which keeps what it has seen of the running motion.
         self._check = PathCheck(arm.settings.model, arm.settings.kinematics, arm.settings.table)
 
-    def to_joints(self, goals: Mapping[str, float], *, speed: float = 0.3) -> Preview:
+    def to_joints(
+        self, goals: Mapping[str, float], *, speed: float = 0.3, start: Mapping[str, float] | None = None
+    ) -> Preview:
         """Plan a motion to joint angles; joints that are not named stay.
 
         Args:
             goals: Radians by joint.
             speed: Share of the joints' speed limits.
+            start: Where all joints will be then, radians; where they are now, or were last sent, if None.
 
         Raises:
             UsageError: No joint is named, one is unknown, or a number is out of range.
@@ -145,15 +148,16 @@ class Planner:
         wanted = {
             self._model.joint(name).name: finite(angle, f"the goal of {name}") for name, angle in goals.items()
         }
-        state, here = self._here()
+        state, here = self._here(start)
         return self._to(wanted, here, state, _share(speed))
 
-    def to_place(self, place: Place, *, speed: float = 0.3) -> Preview:
+    def to_place(self, place: Place, *, speed: float = 0.3, start: Mapping[str, float] | None = None) -> Preview:
         """Plan a motion of the tip to a place.
 
         Args:
             place: Where.
             speed: Share of the joints' speed limits, and of 0.2 m/s on a straight line.
+            start: As for `to_joints`.
 
         Raises:
             UsageError: The arm's geometry is unknown, its tool cannot be aimed so, or a number is out of range.
@@ -163,7 +167,7 @@ class Planner:
         if model is None:
             raise UsageError(f"no geometry is known for {self._model.name}, so its tip cannot be sent to a place")
         x, y, z = (finite(value, name) for value, name in zip(place.position, "xyz", strict=True))
-        state, here = self._here()
+        state, here = self._here(start)
         if unknown := [name for name in model.joint_names if not math.isfinite(here[name])]:
             return Preview({}, refusal=position_unknown(unknown), unready=self._unready(state))
         angles = model.from_joints(here)
@@ -244,6 +248,7 @@ class Planner:
         end: float = math.inf,
         factor: float = 1.0,
         speed: float = 0.3,
+        start: Mapping[str, float] | None = None,
     ) -> Preview:
         """Plan to move to where a taught motion, or a part of it, begins, and then along it.
 
@@ -253,6 +258,7 @@ class Planner:
             end: Its last second to play.
             factor: 2 plays it twice as fast.
             speed: Share of the joints' speed limits on the way to its start.
+            start: As for `to_joints`.
 
         Raises:
             UsageError: The arm lacks one of its joints, nothing is left of it, or a number is out of range.
@@ -264,7 +270,7 @@ class Planner:
         for name in taught.names:
             self._model.joint(name)
         part = taught.trimmed(begin, end).faster(factor)
-        state, here = self._here()
+        state, here = self._here(start)
         if unknown := [name for name in taught.names if not math.isfinite(here[name])]:
             return Preview({}, refusal=position_unknown(unknown), unready=self._unready(state))
         legs = approached(self._model, part.trajectory(), here, speed=_MARGIN * _share(speed))
@@ -303,10 +309,12 @@ class Planner:
             return None
         return Tip.of(model, model.from_joints(positions))
 
-    def _here(self) -> tuple[JointState, dict[str, float]]:
-        """The newest state, and where each joint is or was last sent; NaN if unknown."""
+    def _here(self, start: Mapping[str, float] | None = None) -> tuple[JointState, dict[str, float]]:
+        """The newest state, and where each joint will be, or is or was last sent; NaN if unknown."""
         owner = self._arm.owner
         state = owner.newest()
+        if start is not None:
+            return state, {**state.positions, **start}
         here = state.positions
         with owner.locked():
             now = owner.now()

@@ -39,10 +39,10 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hexwire.errors import UsageError
 from hexwire.inputs import Item, parse_toml, read_text
@@ -51,12 +51,27 @@ from hexwire.units import decimal
 from .motion_service import MotionRequest, read_motion
 from .pose_file import check_pose_name
 
-__all__ = ["Ask", "Move", "Program", "Repeat", "Step", "Wait", "is_program", "parse_program", "read_program"]
+if TYPE_CHECKING:
+    from .preview import Preview
+
+__all__ = [
+    "Ask",
+    "Move",
+    "Program",
+    "Repeat",
+    "Step",
+    "Wait",
+    "check_program",
+    "is_program",
+    "parse_program",
+    "read_program",
+]
 
 _SPEED = 0.3
 _SLOWEST = 0.01
 _MOST_STEPS = 500
 """Of a file."""
+_MOST_CHECKED = 500
 _MOST_RUN = 10_000
 """Steps that a program may run, repetitions counted."""
 _DEEPEST = 4
@@ -152,10 +167,14 @@ class Program:
         """Whether a person must be there to say that it goes on."""
         return any(isinstance(step, Ask) for _, step in self.run_from())
 
+    def rows(self) -> list[dict[str, Any]]:
+        """Its steps as the values of its file."""
+        return _rows(self.steps)
+
     def serialize(self) -> str:
         """The text of its file."""
         lines = ["# A program of hexwire: degrees, millimetres, percent, seconds."]
-        _write(self.steps, "steps", lines)
+        _write(self.rows(), "steps", lines)
         return "\n".join(lines) + "\n"
 
 
@@ -166,6 +185,47 @@ def _unrolled(steps: tuple[Step, ...], before: str, first: int = 1) -> Iterator[
             continue
         for _ in range(step.times):
             yield from _unrolled(step.steps, f"{before}{i}.")
+
+
+def check_program(
+    program: Program, plan: Callable[[Move, Mapping[str, float] | None], Preview]
+) -> list[tuple[str, Preview]]:
+    """Plan all motions of a program, each from where the one before it ends, until one is refused; nothing moves.
+
+    Args:
+        program: The program.
+        plan: Plans a motion from where all joints are then, radians; from where the arm is if None.
+
+    Returns:
+        The number and the plan of each motion; of what is repeated, once for each place where it begins.
+
+    Raises:
+        UsageError: A step cannot be, with its number; or there are too many to be checked like this.
+        HexwireError: As `plan`.
+    """
+    found: list[tuple[str, Preview]] = []
+    known: dict[tuple[str, tuple[float, ...]], dict[str, float]] = {}
+    here: dict[str, float] = {}
+    for number, step in program.run_from():
+        if not isinstance(step, Move):
+            continue
+        at = number, tuple(here.values())
+        if at not in known:
+            if len(found) == _MOST_CHECKED:
+                raise UsageError(
+                    f"more than {_MOST_CHECKED} motions of this program differ: too many to be checked"
+                )
+            try:
+                preview = plan(step, here or None)
+            except UsageError as error:
+                raise UsageError(f"step {number}: {error}") from error
+            found.append((number, preview))
+            if preview.refusal:
+                return found
+            path = preview.path
+            known[at] = here | (dict(zip(path.names, path.goal, strict=True)) if path is not None else {})
+        here = known[at]
+    return found
 
 
 def is_program(file: str | Path) -> bool:
@@ -294,70 +354,77 @@ def _degrees(item: Item) -> float:
     return math.radians(item.number(-_MOST_DEGREES, _MOST_DEGREES, "deg"))
 
 
-def _write(steps: tuple[Step, ...], path: str, lines: list[str]) -> None:
-    for step in steps:
-        lines += ["", f"[[{path}]]"]
-        if isinstance(step, Wait):
-            lines.append(f"wait = {_number(step.seconds)}")
-        elif isinstance(step, Ask):
-            lines.append(f"ask = {_text(step.text)}")
-        elif isinstance(step, Repeat):
-            lines.append(f"repeat = {step.times}")
-            _write(step.steps, f"{path}.steps", lines)
-        else:
-            lines += _motion(step)
+def _rows(steps: tuple[Step, ...]) -> list[dict[str, Any]]:
+    return [_row(step) for step in steps]
 
 
-def _motion(move: Move) -> list[str]:
-    request = move.request
+def _row(step: Step) -> dict[str, Any]:
+    if isinstance(step, Wait):
+        return {"wait": _rounded(step.seconds)}
+    if isinstance(step, Ask):
+        return {"ask": step.text}
+    if isinstance(step, Repeat):
+        return {"repeat": step.times, "steps": _rows(step.steps)}
+    request = step.request
+    row: dict[str, Any]
     if request.what == "pose":
-        lines = [f"pose = {_text(request.name)}"]
+        row = {"pose": request.name}
     elif request.what == "joints":
-        angles = ", ".join(f"{_key(name)} = {_angle(angle)}" for name, angle in request.goals.items())
-        lines = [f"joints = {{ {angles} }}"]
+        row = {"joints": {name: _angle(angle) for name, angle in request.goals.items()}}
     elif request.what == "grip":
-        lines = [f"grip = {_number(100 * request.share)}"]
+        row = {"grip": _rounded(100 * request.share)}
     elif request.what == "play":
-        lines = [f"play = {_text(move.file)}"]
+        row = {"play": step.file}
         if request.begin:
-            lines.append(f"from = {_number(request.begin)}")
+            row["from"] = _rounded(request.begin)
         if request.end < math.inf:
-            lines.append(f"to = {_number(request.end)}")
+            row["to"] = _rounded(request.end)
         if request.factor != 1.0:
-            lines.append(f"factor = {_number(request.factor)}")
+            row["factor"] = _rounded(request.factor)
     else:
-        lines = _written_place(request)
-    return [*lines, f"speed = {_number(request.speed)}"]
+        row = _place_row(request)
+    return row | {"speed": _rounded(request.speed)}
 
 
-def _written_place(request: MotionRequest) -> list[str]:
+def _place_row(request: MotionRequest) -> dict[str, Any]:
     place, aim = request.place, request.place.aim
-    lines = [f"place = [{', '.join(_number(1e3 * value) for value in place.position)}]"]
-    for name, flag in (("relative", place.relative), ("line", place.straight)):
-        if flag:
-            lines.append(f"{name} = true")
+    row: dict[str, Any] = {"place": [_rounded(1e3 * value) for value in place.position]}
+    row |= {name: True for name, flag in (("relative", place.relative), ("line", place.straight)) if flag}
     if aim.down or aim.fixed:
-        lines.append(f'aim = "{"down" if aim.down else "space"}"')
+        row["aim"] = "down" if aim.down else "space"
     if aim.rpy is not None:
-        lines.append(f"rpy = [{', '.join(map(_angle, aim.rpy))}]")
-    for name, angle in (("pitch", aim.pitch), ("roll", aim.roll)):
-        if angle is not None:
-            lines.append(f"{name} = {_angle(angle)}")
-    return [*lines, f"branch = {_text(place.branch)}"] if place.branch else lines
+        row["rpy"] = [_angle(angle) for angle in aim.rpy]
+    row |= {name: _angle(angle) for name, angle in (("pitch", aim.pitch), ("roll", aim.roll)) if angle is not None}
+    return row | {"branch": place.branch} if place.branch else row
 
 
-def _number(value: float) -> str:
-    return decimal(value, _DIGITS)
+def _rounded(value: float) -> float:
+    return float(decimal(value, _DIGITS))
 
 
-def _angle(angle: float) -> str:
-    return _number(math.degrees(angle))
+def _angle(angle: float) -> float:
+    return _rounded(math.degrees(angle))
 
 
-def _text(text: str) -> str:
-    """A string of TOML; one of JSON also is one."""
-    return json.dumps(text, ensure_ascii=False)
+def _write(rows: list[dict[str, Any]], path: str, lines: list[str]) -> None:
+    for row in rows:
+        lines += ["", f"[[{path}]]"]
+        lines += [f"{key} = {_value(value)}" for key, value in row.items() if key != "steps"]
+        _write(row.get("steps", []), f"{path}.steps", lines)
+
+
+def _value(value: object) -> str:
+    """A value of TOML; a string of JSON is one, too."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int | float):
+        return decimal(value, _DIGITS)
+    if isinstance(value, list):
+        return f"[{', '.join(map(_value, value))}]"
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{_key(name)} = {_value(one)}' for name, one in value.items())} }}"
+    return json.dumps(value, ensure_ascii=False)
 
 
 def _key(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _text(name)
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)

@@ -95,6 +95,8 @@ function draw(element, args, opened) {
   let jog = null;
   const pad = page.find("#arm-pad"), map = page.find("#arm-pad-map");
   pad.addEventListener("change", () => import("./arm_pad.js").then(({ mountPad }) => root.isConnected && mountPad(page)), { once: true });
+  const program = page.find("#arm-program");
+  program.addEventListener("toggle", () => import("./arm_program.js").then(({ mountProgram }) => root.isConnected && mountProgram(page, program)), { once: true });
   const camera = page.find("#arm-camera");
   camera?.addEventListener("click", () => {
     camera.disabled = true; // until there is a picture
@@ -506,7 +508,8 @@ function markup({ joints, space, jaws, geometry, emulated }) {
   <span class="arm-hint" id="arm-hint" role="status"></span>
 </div>
 <div class="arm-left">${viewMarkup(geometry, space, emulated)}</div>
-<div class="arm-right">${jointsMarkup(joints)}${space && spaceMarkup()}${jaws && gripperMarkup()}${gotoMarkup(joints, space)}${posesMarkup(jaws)}${teachMarkup()}</div>
+<div class="arm-right">${jointsMarkup(joints)}${space && spaceMarkup()}${jaws && gripperMarkup()}${gotoMarkup(joints, space)}${posesMarkup(jaws)}${teachMarkup()}
+  <details class="arm-part" id="arm-program"><summary>Program</summary></details></div>
 </div>`;
 }
 
