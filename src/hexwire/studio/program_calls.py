@@ -48,6 +48,10 @@ class _Saved(Arguments, frozen=True):
 
 @call("arm.programs", Arguments)
 def _list(asked: Asked, args: Arguments) -> list[str]:
+    return _names(asked)
+
+
+def _names(asked: Asked) -> list[str]:
     folder = asked.studio.recordings.library.folder
     found = []
     with suppress(OSError):
@@ -66,7 +70,7 @@ def _save(asked: Asked, args: _Saved) -> list[str]:
     asked.studio.recordings.library.make_folder()
     with OutputFile(_file(asked, args.name), force=args.force) as out:
         out.file.write(text.encode())
-    return _list(asked, args)
+    return _names(asked)
 
 
 @call("arm.remove_program", _Named, right=Right.OPERATE)
@@ -75,7 +79,7 @@ def _remove(asked: Asked, args: _Named) -> list[str]:
         _file(asked, args.name).unlink()
     except OSError as error:
         raise UsageError(f"the program {args.name} cannot be removed: {error.strerror}") from None
-    return _list(asked, args)
+    return _names(asked)
 
 
 @call("arm.check_program", _Steps)

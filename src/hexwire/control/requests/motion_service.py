@@ -362,8 +362,9 @@ class MotionService:
         taught = taught or self.taught
         if taught is None:
             raise UsageError("nothing was taught since this arm was opened")
-        part = {"begin": request.begin, "end": request.end, "factor": request.factor}
-        return planner.along(taught, **part, speed=speed, start=start)
+        return planner.along(
+            taught, begin=request.begin, end=request.end, factor=request.factor, speed=speed, start=start
+        )
 
     def _pose(self, name: str) -> Mapping[str, float]:
         return find_pose(self._arm.settings.model, {row.name: row.angles for row in self.pose_rows()}, name)
