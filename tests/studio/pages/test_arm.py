@@ -367,8 +367,19 @@ def test_a_goal_is_previewed_and_reached_a_pose_recalled_a_motion_taught(
     before = rest(studio, "J2")
     type_goal(page, y=900)
     expect(plan).to_contain_text("Out of reach")
-    go.click()
-    type_goal(page, x=60, y=200, z=180)
+    expect(go).to_be_disabled()
+    page.locator("#arm-goto").evaluate("(form) => form.requestSubmit()")
+    # A preview that was not made is no refusal.
+    page.evaluate(
+        """() => {
+            const { call } = hexwire;
+            hexwire.call = () => { hexwire.call = call; return Promise.reject(new Error("try again")); };
+        }"""
+    )
+    type_goal(page, x=60)
+    expect(plan).to_have_text("try again")
+    expect(go).to_be_enabled()
+    type_goal(page, y=200, z=180)
     expect(plan).to_contain_text("Takes")
     expect(plan).to_contain_text("front, elbow up")
     expect(page.get_by_role("button", name="Hide preview")).to_be_visible()
@@ -395,9 +406,16 @@ def test_a_goal_is_previewed_and_reached_a_pose_recalled_a_motion_taught(
     for _ in range(2):
         page.get_by_role("button", name="Remove over there").click()
     expect(page.get_by_role("button", name="Go to over there")).to_have_count(0)
+    # What is refused from here is allowed from home: Go is on again after the arm has moved.
+    page.get_by_role("radio", name="Place of the tip").check()
+    page.get_by_role("checkbox", name="from the present tip").check()
+    type_goal(page, y=-150)
+    expect(go).to_be_disabled()
     # Where the chapter's board drives its arm: a home button, on every arm.
     page.get_by_role("button", name="Go to home").click()
     expect(page.locator("#arm-pose-note")).to_have_text("At home.")
+    expect(plan).to_contain_text("Takes")
+    expect(go).to_be_enabled()
     assert rest(studio, "J4") == pytest.approx(HEX7BOT.joint("J4").offset, abs=0.02)
 
     expect(page.get_by_role("button", name="Start teaching")).to_be_disabled()

@@ -7,6 +7,7 @@ import { html, make } from "./widgets.js";
 
 const PAUSE = 150; // ms after the last change before a preview is asked for
 const FOLLOW = 400; // ms between two looks at where the arm is, until somebody has changed a value
+const STILL = 0.002; // radians, more than one step of a servo: an arm that moves less has not moved
 const SURE = 4000; // ms in which a second press confirms
 const WHOLE = "arm-need arm-whole"; // needs all joints
 const PAD = 6;
@@ -26,6 +27,7 @@ export function mountGoto(page) {
   let changes = 0; // an answer to what was asked before the last one is not shown any more
   let followed = 0;
   let refused = false;
+  let where = null; // the arm when a preview was asked for, or when it last moved
 
   /** The motion that the form asks for; throws what is missing, in words. */
   const wanted = () => {
@@ -56,7 +58,7 @@ export function mountGoto(page) {
     return motion;
   };
 
-  /** What is refused cannot be begun, until something else is entered. */
+  /** What is refused cannot be begun, until something else is entered or the arm is where it is allowed. */
   const refuse = (so) => {
     refused = so;
     page.find("#arm-go").disabled = so || !page.mine || page.unready !== "";
@@ -102,6 +104,7 @@ export function mountGoto(page) {
       return;
     }
     asking = true;
+    where = page.positions();
     const asked = changes;
     const plan = await page.call("preview", { motion: { speed: page.speed, ...motion } });
     asking = false;
@@ -112,7 +115,8 @@ export function mountGoto(page) {
     }
     if (asked !== changes) return;
     page.plan = plan;
-    refuse(Boolean(plan.error || plan.refusal));
+    // An error is no refusal: the studio may have been busy.
+    refuse(Boolean(plan.refusal));
     showPlan(told, plan);
     if (plan.branches) solutions(plan.branches);
     const show = !plan.error && plan.known;
@@ -158,6 +162,13 @@ export function mountGoto(page) {
       }
       field("branch").value = "";
     }
+  };
+  const moved = () => {
+    const before = where;
+    const now = page.positions();
+    const same = now.every((angle, i) => Object.is(angle, before?.[i]) || Math.abs(angle - before?.[i]) <= STILL);
+    if (!same) where = now;
+    return !same;
   };
   /** Something else is shown from now on: previews of before do not come any more. */
   const renew = () => {
@@ -231,6 +242,7 @@ export function mountGoto(page) {
   page.on("speed", () => page.plan && soon());
   arrange();
   page.on("draw", () => {
+    if (refused && page.plan && moved()) soon();
     const now = performance.now();
     if (touched || now - followed < FOLLOW || (followed && form.contains(document.activeElement))) return;
     followed = now;
