@@ -320,11 +320,11 @@ class Planner:
             now = owner.now()
             for controller in self._arm.controllers.values():
                 try:
-                    start = controller.start(0.0, state, now)
+                    begin = controller.start(0.0, state, now)
                 except GoalError:
                     # Stopped, or a position is unknown: then the motion begins where the joints are.
                     continue
-                here.update(zip(controller.joints, start.position, strict=True))
+                here.update(zip(controller.joints, begin.position, strict=True))
         return state, here
 
     def _unready(self, state: JointState) -> str:
