@@ -1,17 +1,29 @@
-"""Programs on every kind of arm: checked as a whole, run from any step, ended by whatever ends a motion."""
+"""Programs: checked as a whole, run from any step, ended by whatever ends a motion.
+
+`test_torque_off` asks of every kind of arm that torque off voids what is left; a step is a motion as of any verb.
+"""
 
 from __future__ import annotations
 
 import math
 import tempfile
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.arm.arms import connected, marked
 from tests.waits import PATIENCE, eventually
 
 from hexwire import Arm, deg
 from hexwire.errors import ConfigError, HexwireError, LimitError, StoppedError, UsageError
+
+
+@pytest.fixture(scope="module", params=marked(("board", "bus", "shared board", "timed board")))
+def arm(request: pytest.FixtureRequest) -> Iterator[Arm]:
+    """Arms whose host keeps the time, on a board, a bus and behind a server, and one whose board keeps it."""
+    with tempfile.TemporaryDirectory(prefix="hw") as folder, connected(request.param, Path(folder)) as arm:
+        yield arm
 
 
 @pytest.fixture
