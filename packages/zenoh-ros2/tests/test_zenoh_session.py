@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,6 +10,7 @@ from tests.link.far_ends import free_port
 from tests.waits import eventually
 from zenoh_ros2_tests.router import Router
 
+from zenoh_ros2 import zenoh_session
 from zenoh_ros2.errors import RouterNotFoundError, SessionClosedError, SessionError, UsageError
 from zenoh_ros2.zenoh_session import Request, ZenohSettings
 
@@ -156,3 +158,12 @@ def test_a_session_opens_without_a_router() -> None:
 def test_an_endpoint_that_is_taken_cannot_be_listened_on(router: Router) -> None:
     with pytest.raises(SessionError, match="cannot open a Zenoh session"):
         ZenohSettings(connect=(router.endpoint,), listen=(router.endpoint,)).open()
+
+
+def test_the_end_of_a_session_waits_for_its_threads() -> None:
+    """One that came back from Zenoh into an interpreter that has ended would abort the program."""
+    closed = threading.Event()
+    thread = threading.Thread(target=closed.wait, args=(30.0,))
+    thread.start()
+    zenoh_session._close(SimpleNamespace(close=closed.set), RuntimeError, (thread,))
+    assert not thread.is_alive()

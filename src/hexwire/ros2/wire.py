@@ -5,7 +5,8 @@ Owns which exception of that package is which of hexwire. Must not know nodes, n
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import threading
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -61,9 +62,9 @@ class RouterSettings(ZenohSettings):
         """
         return read_text(self.config_file)
 
-    def opened(self, session: Any) -> None:
+    def opened(self, session: Any) -> Sequence[threading.Thread]:
         """Let no connection of a session wait when it ends: a stop would wait with it."""
-        close_at_once(session, load_zenoh().handlers.RingChannel(1))
+        return (close_at_once(session, load_zenoh().handlers.RingChannel(1)),)
 
     @property
     def how_to_start_a_router(self) -> str:

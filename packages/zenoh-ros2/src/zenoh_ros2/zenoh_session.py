@@ -14,7 +14,7 @@ import re
 import threading
 import time
 import weakref
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -41,6 +41,8 @@ _HERE = re.compile(r"(tcp|udp)/(localhost|127(\.[0-9]{1,3}){3}|\[::1\]):[0-9]+|u
 _STUCK = 20.0
 """Seconds for which an answer waits for a client that takes nothing; then its connection is closed. One that is
 silent for 10 s ends before: the other side notices that and connects again, while it never would otherwise."""
+_ENDING = 5.0
+"""Seconds for a thread of a session to end with it."""
 _MATCHED = 0.05
 """Seconds for which it is known whether anybody subscribes."""
 _LARGEST = 16 * 1024 * 1024
@@ -168,8 +170,7 @@ class ZenohSettings:
             try:
                 # Zenoh changes the settings that it opens.
                 session = zenoh.open(self._config(zenoh))
-                self.opened(session)
-                return Session(session, endpoints_in(config, "connect"))
+                return Session(session, endpoints_in(config, "connect"), self.opened(session))
             except zenoh.ZError as error:
                 if json.loads(config.get_json("mode")) != "client":
                     raise SessionError(f"cannot open a Zenoh session: {_first_line(error)}") from None
@@ -187,12 +188,16 @@ class ZenohSettings:
             UsageError: A setting cannot be used.
         """
 
-    def opened(self, session: Any) -> None:
+    def opened(self, session: Any) -> Sequence[threading.Thread]:
         """Look at a session that was opened; nothing here.
 
         Args:
             session: Zenoh's.
+
+        Returns:
+            Threads that end with the session, and for which its `close` waits.
         """
+        return ()
 
     def read_config_file(self) -> str:
         """The text of `config_file`.
@@ -334,11 +339,13 @@ class Session:
         endpoints: Where routers are expected.
     """
 
-    def __init__(self, session: Any, endpoints: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, session: Any, endpoints: tuple[str, ...] = (), threads: Sequence[threading.Thread] = ()
+    ) -> None:
         self._session = session
         self.endpoints = endpoints
         self._zenoh = load_zenoh()
-        self._closing = weakref.finalize(self, _close, session, self._zenoh.ZError)
+        self._closing = weakref.finalize(self, _close, session, self._zenoh.ZError, threads)
 
     @property
     def zid(self) -> str:
@@ -500,6 +507,10 @@ def _bytes(data: Any) -> bytes | None:
     return None if data is None else bytes(data.to_bytes())
 
 
-def _close(session: Any, error: type[Exception]) -> None:
+def _close(session: Any, error: type[Exception], threads: Sequence[threading.Thread]) -> None:
     with contextlib.suppress(error):
         session.close()
+    # A thread that comes back from Zenoh into an interpreter that has ended would abort the program.
+    for thread in threads:
+        if thread is not threading.current_thread():
+            thread.join(_ENDING)
