@@ -493,21 +493,6 @@ class Hex7BotDriver(SessionDriver, StateReports, OwnWatchdog, RefilledPaths, Ser
         return self._attached().read_table(servo_id, first, TABLE_REGISTERS - first if count is None else count)
 
     def write_table(self, joint: str, first: int, data: bytes) -> None:
-        """Write registers of a joint's servo by one request; the board writes those that differ.
-
-        It reads them back. It must be in `maintenance`. A servo keeps settings through power-off only while its
-        register `lock` is 0. If a part is refused, an earlier part may be written: read it back.
-
-        Args:
-            joint: Its name.
-            first: The first register.
-            data: Their values, raw.
-
-        Raises:
-            NotSupportedError: The board speaks dialect 1, or its firmware is too old.
-            CommandRefusedError: The board is not in maintenance, or the gate lets a register not pass.
-            ServoError: The servo does not keep a value.
-        """
         with self._calling("write registers"):
             self._attached().write_table(self.model.joint(joint).servo_id, first, data)
 

@@ -391,30 +391,26 @@ class Node:
     def publisher(self, key: str, **options: Any) -> Publisher:
         """What publishes under a key. A slow receiver never delays it; what cannot be delivered is dropped."""
         zenoh = self._zenoh
-        publisher = self._session.declare_publisher(
-            key,
-            **options,
-            congestion_control=zenoh.CongestionControl.DROP,
-            priority=zenoh.Priority.INTERACTIVE_HIGH,
-            express=True,
-            reliability=zenoh.Reliability.BEST_EFFORT,
-        )
-
-        return Publisher(publisher, zenoh)
+        how = (zenoh.CongestionControl.DROP, zenoh.Priority.INTERACTIVE_HIGH, zenoh.Reliability.BEST_EFFORT)
+        return self._publisher(key, *how, **options)
 
     def publisher_in_order(self, key: str) -> Publisher:
         """What publishes under a key in one order with the questions of this session, and waits as they do."""
         zenoh = self._zenoh
+        # As questions: what is dropped here without a word would leave the arm short of the last set-point. Each
+        # priority has a queue of its own.
+        return self._publisher(key, zenoh.CongestionControl.BLOCK, zenoh.Priority.DATA, zenoh.Reliability.RELIABLE)
+
+    def _publisher(self, key: str, congestion: Any, priority: Any, reliability: Any, **options: Any) -> Publisher:
         publisher = self._session.declare_publisher(
             key,
-            # As questions: what is dropped here without a word would leave the arm short of the last set-point.
-            congestion_control=zenoh.CongestionControl.BLOCK,
-            # That of questions: each priority has a queue of its own.
-            priority=zenoh.Priority.DATA,
+            **options,
+            congestion_control=congestion,
+            priority=priority,
             express=True,
-            reliability=zenoh.Reliability.RELIABLE,
+            reliability=reliability,
         )
-        return Publisher(publisher, zenoh)
+        return Publisher(publisher, self._zenoh)
 
     def announce(self, key: str) -> None:
         """Be visible under a key as long as this session lasts."""

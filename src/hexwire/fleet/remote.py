@@ -433,15 +433,6 @@ class RemoteRobot(RobotDriver, OwnWatchdog, StateReports, OnboardPaths, Leased, 
     # -- the lease ------------------------------------------------------------------------------------
 
     def take(self, *, force: bool | None = None) -> None:
-        """Take the lease; without effect if this program holds it.
-
-        Args:
-            force: Pre-empt another holder; as the address says if None.
-
-        Raises:
-            LeaseError: Another program holds it.
-            LinkPermissionError: The certificate does not allow it.
-        """
         with self._ordering:
             force = self.address.take if force is None else force
             sent = time.monotonic()
