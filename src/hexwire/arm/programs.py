@@ -6,21 +6,20 @@ its file, nor how a motion is checked or run.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from itertools import islice
 from typing import TYPE_CHECKING
 
-from hexwire.control.loop.outcomes import Reason
 from hexwire.control.loop.power import what_helps
 from hexwire.control.loop.reader import read_start
 from hexwire.control.motion import motions
 from hexwire.control.motion.jaws import MOST_SECONDS
 from hexwire.control.motion.via import approached
 from hexwire.control.requests.preview import TIP_SPEED
-from hexwire.control.requests.program import Ask, Move, Wait
+from hexwire.control.requests.program import Move, Wait, along
 from hexwire.drivers.tools import Gripper
-from hexwire.errors import GoalError, LimitError, StoppedError, UsageError
+from hexwire.errors import StoppedError, UsageError
 from hexwire.motion.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -58,12 +57,6 @@ def asking(program: Program, ask: Asking | None) -> Asking:
     return ask or (lambda text: None)
 
 
-@dataclass(frozen=True, slots=True)
-class _Step:
-    number: str
-    does: Move | Wait | Ask
-
-
 class ProgramRun:
     """One run of a program.
 
@@ -85,12 +78,10 @@ class ProgramRun:
         from .recorded import read_taught
 
         self._driver, self._plans, self._how = driver, plans, how
-        self._steps: list[_Step] = []
-        for number, does in program.run_from(first, times):
-            if len(self._steps) == _MOST_STEPS:
-                raise UsageError(f"this program runs more than {_MOST_STEPS} steps, repetitions counted")
-            self._steps.append(_Step(number, does))
-        wanted = {step.does.file for step in self._steps if isinstance(step.does, Move) and step.does.file}
+        self._steps = list(islice(program.run_from(first, times), _MOST_STEPS + 1))
+        if len(self._steps) > _MOST_STEPS:
+            raise UsageError(f"this program runs more than {_MOST_STEPS} steps, repetitions counted")
+        wanted = {does.file for _, does in self._steps if isinstance(does, Move) and does.file}
         self._taught: dict[str, Taught] = {
             name: read_taught(str(path)) for name, path in program.recordings().items() if name in wanted
         }
@@ -109,21 +100,18 @@ class ProgramRun:
             LimitError: A path is not allowed; the text names the step.
             UsageError: A step cannot be, such as one to a pose that is not there; likewise.
         """
-        here, seconds = dict(start), 0.0
-        # What is repeated is checked once from each place where it begins.
-        known: dict[tuple[str, tuple[float, ...]], tuple[float, dict[str, float]]] = {}
-        for step in self._steps:
-            if isinstance(step.does, Wait):
-                seconds += step.does.seconds
-            if not isinstance(step.does, Move):
-                continue
-            at = step.number, tuple(here.values())
-            if at not in known:
-                with _named(step.number):
-                    known[at] = self._ends(step, here, observer)
-            takes, here = known[at][0], dict(known[at][1])
-            seconds += takes
-        return seconds
+
+        def ends(number: str, move: Move, here: dict[str, float]) -> tuple[float, dict[str, float]]:
+            if move.request.what == "grip":
+                gripper = Gripper(self._driver)
+                return MOST_SECONDS, {**here, gripper.joint.name: gripper.angle(move.request.share)}
+            path = self._path(move, here)
+            observer.checked(number, path)
+            leg = path.legs[-1]
+            return sum(leg.duration for leg in path.legs), {**here, **dict(zip(leg.names, leg.goal, strict=True))}
+
+        pauses = sum(does.seconds for _, does in self._steps if isinstance(does, Wait))
+        return pauses + sum(along(self._steps, start, ends))
 
     def run(
         self,
@@ -149,9 +137,8 @@ class ProgramRun:
             HexwireError: As a verb of the arm.
         """
         result = motions.MotionResult(None)
-        for step in self._steps:
-            does = step.does
-            observer.step(step.number)
+        for number, does in self._steps:
+            observer.step(number)
             if isinstance(does, Move):
                 result = self._move(does, claim, observer, asked)
                 told(result)
@@ -183,20 +170,6 @@ class ProgramRun:
         while (left := until - clock()) > 0 and not claim.ends() and self._driver.epochs.holds(asked):
             sleep(min(_LOOK, left))
 
-    def _ends(
-        self, step: _Step, here: Mapping[str, float], observer: MotionObserver
-    ) -> tuple[float, dict[str, float]]:
-        """How long a step takes from there, and where it ends."""
-        assert isinstance(step.does, Move)
-        request = step.does.request
-        if request.what == "grip":
-            gripper = Gripper(self._driver)
-            return MOST_SECONDS, {**here, gripper.joint.name: gripper.angle(request.share)}
-        path = self._path(step.does, here)
-        observer.checked(step.number, path)
-        leg = path.legs[-1]
-        return sum(leg.duration for leg in path.legs), {**here, **dict(zip(leg.names, leg.goal, strict=True))}
-
     def _path(self, move: Move, here: Mapping[str, float]) -> CheckedPath:
         return motions.check_path(self._driver, self._legs(move, dict(here)), self._how, start=here)
 
@@ -214,19 +187,3 @@ class ProgramRun:
         elif request.what == "joints":
             point = plans.angles(request.goals)
         return [plans.through([point], here, request.speed, None)]
-
-
-@contextmanager
-def _named(number: str) -> Iterator[None]:
-    """Name the step in what is wrong with it."""
-    try:
-        yield
-    except LimitError as error:
-        raise LimitError(f"step {number}: {error}") from error
-    except GoalError as error:
-        # Whoever has checked it: a path that is not allowed is a matter of limits.
-        if error.reason != Reason.PATH_NOT_ALLOWED:
-            raise
-        raise LimitError(f"step {number}: {error}") from error
-    except UsageError as error:
-        raise UsageError(f"step {number}: {error}") from error

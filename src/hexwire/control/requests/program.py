@@ -39,15 +39,17 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from hexwire.errors import UsageError
+from hexwire.errors import GoalError, LimitError, UsageError
 from hexwire.inputs import Item, parse_toml, read_text
 from hexwire.units import decimal
 
+from ..loop.outcomes import Reason
 from .motion_service import MotionRequest, read_motion
 from .pose_file import check_pose_name
 
@@ -61,12 +63,14 @@ __all__ = [
     "Repeat",
     "Step",
     "Wait",
+    "along",
     "check_program",
     "is_program",
     "parse_program",
     "read_program",
 ]
 
+_T = TypeVar("_T")
 _SPEED = 0.3
 _SLOWEST = 0.01
 _MOST_STEPS = 500
@@ -204,28 +208,66 @@ def check_program(
         HexwireError: As `plan`.
     """
     found: list[tuple[str, Preview]] = []
-    known: dict[tuple[str, tuple[float, ...]], dict[str, float]] = {}
-    here: dict[str, float] = {}
-    for number, step in program.run_from():
-        if not isinstance(step, Move):
-            continue
-        at = number, tuple(here.values())
-        if at not in known:
-            if len(found) == _MOST_CHECKED:
-                raise UsageError(
-                    f"more than {_MOST_CHECKED} motions of this program differ: too many to be checked"
-                )
-            try:
-                preview = plan(step, here or None)
-            except UsageError as error:
-                raise UsageError(f"step {number}: {error}") from error
-            found.append((number, preview))
-            if preview.refusal:
-                return found
-            path = preview.path
-            known[at] = here | (dict(zip(path.names, path.goal, strict=True)) if path is not None else {})
-        here = known[at]
+
+    def planned(number: str, move: Move, here: dict[str, float]) -> tuple[Preview, dict[str, float]]:
+        if len(found) == _MOST_CHECKED:
+            raise UsageError(f"more than {_MOST_CHECKED} motions of this program differ: too many to be checked")
+        preview = plan(move, here or None)
+        found.append((number, preview))
+        path = preview.path
+        return preview, here | (dict(zip(path.names, path.goal, strict=True)) if path is not None else {})
+
+    for preview in along(program.run_from(), {}, planned):
+        if preview.refusal:
+            break
     return found
+
+
+def along(
+    steps: Iterable[tuple[str, Move | Wait | Ask]],
+    start: Mapping[str, float],
+    check: Callable[[str, Move, dict[str, float]], tuple[_T, dict[str, float]]],
+) -> Iterator[_T]:
+    """Check the motions of a program, each from where the one before it ends.
+
+    Args:
+        steps: As `Program.run_from` gives them.
+        start: Where the first one begins, radians by joint.
+        check: Called with the number, the motion and where it begins: of what is repeated, once for each such
+            place. Returns what it found, and where the motion ends.
+
+    Yields:
+        What was found, for each motion.
+
+    Raises:
+        HexwireError: As `check`; what is wrong with a step has its number.
+    """
+    here = dict(start)
+    known: dict[tuple[str, tuple[float, ...]], tuple[_T, dict[str, float]]] = {}
+    for number, step in steps:
+        if isinstance(step, Move):
+            at = number, tuple(here.values())
+            if at not in known:
+                with _named(number):
+                    known[at] = check(number, step, here)
+            found, here = known[at]
+            yield found
+
+
+@contextmanager
+def _named(number: str) -> Iterator[None]:
+    """Name the step in what is wrong with it."""
+    try:
+        yield
+    except LimitError as error:
+        raise LimitError(f"step {number}: {error}") from error
+    except GoalError as error:
+        # Whoever has checked it: a path that is not allowed is a matter of limits.
+        if error.reason != Reason.PATH_NOT_ALLOWED:
+            raise
+        raise LimitError(f"step {number}: {error}") from error
+    except UsageError as error:
+        raise UsageError(f"step {number}: {error}") from error
 
 
 def is_program(file: str | Path) -> bool:
