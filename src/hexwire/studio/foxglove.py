@@ -34,6 +34,8 @@ from hexwire.trace.foxglove import (
     scene_update,
 )
 
+from .live import end_tasks
+
 if TYPE_CHECKING:
     from starlette.websockets import WebSocket
 
@@ -42,8 +44,6 @@ if TYPE_CHECKING:
     from hexwire.model.state import JointState
 
 __all__ = ["SUBPROTOCOL", "Foxglove", "Viewer"]
-
-_log = logging.getLogger(__name__)
 
 SUBPROTOCOL = "foxglove.sdk.v1"
 """Of the WebSocket; whoever does not offer it is refused."""
@@ -414,18 +414,13 @@ class Foxglove(logging.Handler):
         viewer.advertise([self._log_channel, *(c for arm in self._arms.values() for c in arm.channels.values())])
         self._viewers[viewer] = due
         due.set()
-        tasks = [asyncio.create_task(self._send(websocket, viewer, due))]
-        tasks.append(asyncio.create_task(self._receive(websocket, viewer)))
+        works = (self._send(websocket, viewer, due), self._receive(websocket, viewer))
+        tasks = [asyncio.create_task(work) for work in works]
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
             del self._viewers[viewer]
-            for task in tasks:
-                task.cancel()
-            for failed in await asyncio.gather(*tasks, return_exceptions=True):
-                expected = WebSocketDisconnect | TimeoutError | asyncio.CancelledError | RuntimeError
-                if isinstance(failed, BaseException) and not isinstance(failed, expected):
-                    _log.error("a viewer failed", exc_info=failed)
+            await end_tasks(tasks)
             with contextlib.suppress(RuntimeError, WebSocketDisconnect, TimeoutError):
                 async with asyncio.timeout(_PATIENCE):
                     await websocket.close(1008 if viewer.closed else 1000)

@@ -30,7 +30,7 @@ from .guard import SESSION
 from .memory import FullPasses
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Collection, Mapping
     from concurrent.futures import ThreadPoolExecutor
 
     from hexwire.control.motion.hold_to_run import HeldMotion
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from .source import Source
     from .tabs import Tab, Tabs
 
-__all__ = ["Desk", "Live"]
+__all__ = ["Desk", "Live", "end_tasks"]
 
 _log = logging.getLogger(__name__)
 
@@ -128,6 +128,16 @@ class Desk(Protocol):
 
     async def call(self, tab: Tab, name: str, args: Mapping[str, object], opened: int | None = None) -> object:
         """Do what a page asks for by name."""
+
+
+async def end_tasks(tasks: Collection[asyncio.Task[Any]]) -> None:
+    """End the tasks of a socket; what failed otherwise than by the end of the connection is logged."""
+    for task in tasks:
+        task.cancel()
+    for failed in await asyncio.gather(*tasks, return_exceptions=True):
+        expected = WebSocketDisconnect | TimeoutError | asyncio.CancelledError | RuntimeError
+        if isinstance(failed, BaseException) and not isinstance(failed, expected):
+            _log.error("a socket failed", exc_info=failed)
 
 
 class _Socket:
@@ -281,12 +291,7 @@ class Live:
             self._sockets.discard(socket)
             studio.gone(tab)
             socket.over.set()
-            for task in tasks:
-                task.cancel()
-            for failed in await asyncio.gather(*tasks, return_exceptions=True):
-                expected = WebSocketDisconnect | TimeoutError | asyncio.CancelledError | RuntimeError
-                if isinstance(failed, BaseException) and not isinstance(failed, expected):
-                    _log.error("a socket failed", exc_info=failed)
+            await end_tasks(tasks)
             with contextlib.suppress(RuntimeError, WebSocketDisconnect):
                 # A page that hears of its replacement is a copy: it loads itself again and is a page of its own.
                 gone = 4404 if socket.replaced.is_set() else 1000
