@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
+import time
 from collections.abc import Callable, Collection
 
 from tests.waits import PATIENCE
@@ -21,9 +22,11 @@ def left_behind(
         fine: Whether another one may stay.
     """
     left = [t for t in threading.enumerate() if t not in before and not fine(t) and not _of_a_server(t)]
-    for thread in left:
-        thread.join(timeout=PATIENCE)
-    return [thread.name for thread in left if thread.is_alive()]
+    deadline = time.monotonic() + PATIENCE
+    # Not `join`: one that is just being started cannot be joined yet.
+    while (stay := set(left).intersection(threading.enumerate())) and time.monotonic() < deadline:
+        time.sleep(0.005)
+    return [thread.name for thread in stay]
 
 
 def _of_a_server(thread: threading.Thread) -> bool:

@@ -30,6 +30,22 @@ from zenoh_ros2_sdk.session import ZenohSession
 from zenoh_ros2_sdk.utils import compute_service_type_hash
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
+PATIENCE = 30.0
+
+
+def eventually(question: Callable[[], Any], enough: Callable[[Any], bool]) -> Any:
+    """The first answer that is enough, or the last one.
+
+    The SDK asks once, and a session that has just been opened knows neither all tokens nor all ways at once.
+    """
+    deadline = time.monotonic() + PATIENCE
+    while not enough(answer := question()) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return answer
+
+
+def came(answer: Any) -> bool:
+    return answer is not None
 
 
 def definition(name: str) -> str:
@@ -45,9 +61,7 @@ def record(folder: Path, topics: dict[str, str]) -> dict[str, dict[str, Any]]:
         return lambda sample: heard[topic].append((time.time_ns(), bytes(sample.payload.to_bytes())))
 
     listeners = [session.declare_subscriber(f"0{topic}/**", note(topic)) for topic in topics]
-    deadline = time.monotonic() + 60.0
-    while min(map(len, heard.values())) < 3 and time.monotonic() < deadline:
-        time.sleep(0.05)
+    eventually(lambda: min(map(len, heard.values())), lambda count: count >= 3)
     for listener in listeners:
         listener.undeclare()
     # In this thread: the writer is for one, and a listener may still have been at work.
@@ -87,8 +101,7 @@ def drive_lifecycle(node: str, at: dict[str, Any]) -> list[Any]:
     transition = ZenohSession.get_instance().store.types["lifecycle_msgs/msg/Transition"]
 
     def call(name: str, **fields: Any) -> Any:
-        # Its first request may come before its session knows the way.
-        return next((answer for _ in range(5) if (answer := clients[name].call(**fields)) is not None), None)
+        return eventually(lambda: clients[name].call(**fields), came)
 
     seen = [call("get_state").current_state.label]
     for number, label in ((4, "deactivate"), (3, "activate")):
@@ -105,25 +118,17 @@ def main(port: int, node: str, folder: Path) -> dict[str, Any]:
     seen: dict[str, Any] = {}
     where = {"router_ip": "127.0.0.1", "router_port": port, "domain_id": 0, "timeout": 2.0}
 
-    def ask(question: Callable[[], Any], enough: Callable[[Any], bool]) -> Any:
-        """It asks for the tokens once; a fresh session may not know them all yet."""
-        for _ in range(20):
-            answer = question()
-            if enough(answer):
-                break
-        return answer
-
     topics = {"/joint_states", "/joint_trajectory_controller/joint_trajectory", "/robot_description", "/rosout"}
     services = {f"{node}/reset", f"{node}/get_state", f"{node}/list_parameters"}
-    seen["topics"] = ask(lambda: dict(get_topic_names_and_types(**where)), topics.issubset)
-    seen["services"] = ask(lambda: dict(get_service_names_and_types(**where)), services.issubset)
-    info = ask(
+    seen["topics"] = eventually(lambda: dict(get_topic_names_and_types(**where)), topics.issubset)
+    seen["services"] = eventually(lambda: dict(get_service_names_and_types(**where)), services.issubset)
+    info = eventually(
         lambda: get_topic_info("/joint_states", verbose=True, **where),
         lambda found: bool(found and found.publishers),
     )
     seen["publishers"] = [end.node_name for end in info.publishers]
 
-    def hear(topic: str, name: str, count: int, wait: float = 30.0, **more: Any) -> list[Any]:
+    def hear(topic: str, name: str, count: int, wait: float = PATIENCE, **more: Any) -> list[Any]:
         heard: queue.Queue[Any] = queue.Queue()
         subscriber = ROS2Subscriber(
             topic, name, heard.put, msg_definition=definition(name), type_hash=STORE.hash_rihs01(name), **at, **more
@@ -138,11 +143,13 @@ def main(port: int, node: str, folder: Path) -> dict[str, Any]:
     seen["positions"] = [float(position) for position in states[-1].position]
     seen["stamps"] = [state.header.stamp.sec + state.header.stamp.nanosec * 1e-9 for state in states]
     latched = QosProfile(durability=QosDurability.TRANSIENT_LOCAL, history_depth=1)
-    for _ in range(10):
-        # It asks for the history once, when it starts.
+
+    def description() -> str | None:
         with contextlib.suppress(queue.Empty):
-            seen["description"] = hear("/robot_description", "std_msgs/msg/String", 1, 3.0, qos=latched)[0].data
-            break
+            return str(hear("/robot_description", "std_msgs/msg/String", 1, 3.0, qos=latched)[0].data)
+        return None
+
+    seen["description"] = eventually(description, came)
 
     # An empty text counts as none.
     request, response = "# nothing\n", "bool success\nstring message\n"
@@ -157,12 +164,7 @@ def main(port: int, node: str, folder: Path) -> dict[str, Any]:
         type_hash=seen["trigger_hash"],
         **at,
     )
-    answer = None
-    for _ in range(5):
-        # Its first request may come before its session knows the way.
-        answer = client.call()
-        if answer is not None:
-            break
+    answer = eventually(client.call, came)
     seen["reset"] = [bool(answer.success), answer.message] if answer is not None else None
     client.close()
 
@@ -190,14 +192,14 @@ def main(port: int, node: str, folder: Path) -> dict[str, Any]:
     )
     stamp = types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
     header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
-    reached = False
-    for _ in range(10):
+
+    def distance() -> float:
         publisher.publish(header=header, joint_names=list(seen["joints"]), points=[point])
         last = hear("/joint_states", "sensor_msgs/msg/JointState", 150)[-1]
-        reached = abs(float(last.position[0]) - goal[0]) < 0.05
-        if reached:
-            break
-    seen["reached"] = bool(reached)
+        return abs(float(last.position[0]) - goal[0])
+
+    near = 0.05
+    seen["reached"] = bool(eventually(distance, lambda left: left < near) < near)
     publisher.close()
     seen["lifecycle"] = drive_lifecycle(node, at)
     kinds = {"/joint_states": "sensor_msgs/msg/JointState", "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray"}
