@@ -12,6 +12,7 @@ import pytest
 from tests.control.shared_bench import SharedBench
 from tests.motion.arms import HOME, state
 
+from hexwire.control.loop.outcomes import Outcome
 from hexwire.control.requests.motion_run import MotionRun, begin_motion
 from hexwire.control.requests.preview import Planner, Preview
 from hexwire.control.sharing.lease import Lease
@@ -61,11 +62,11 @@ def bench() -> RunBench:
 
 def test_it_arrives_and_says_so_once(bench: RunBench) -> None:
     run = bench.go()
-    assert run.progress().outcome == ""
+    assert run.progress().outcome is None
     bench.until(run)
     assert bench.where("J1") == pytest.approx(J1 + 0.8, abs=0.02)
     progress = run.progress()
-    assert (progress.outcome, progress.text) == ("succeeded", "")
+    assert (progress.outcome, progress.text) == (Outcome.SUCCEEDED, "")
     assert progress.elapsed == progress.duration > 0.5
     bench.turn(1.0)
     assert bench.over == [run]
@@ -77,7 +78,7 @@ def test_it_says_how_far_off_the_joints_are(monkeypatch: pytest.MonkeyPatch) -> 
     run = bench.begin(lambda: bench.planner.to_joints({"J1": J1 + 0.3, "J7": HOME["J7"] + 0.3}))
     bench.until(run)
     progress = run.progress()
-    assert (progress.outcome, progress.text) == ("succeeded", "")
+    assert (progress.outcome, progress.text) == (Outcome.SUCCEEDED, "")
     assert set(progress.off.split("; ")) == {"J6 0.6 deg off", "J7 0.6 deg off"}
 
 
@@ -98,7 +99,7 @@ def test_ended_it_holds_at_once(bench: RunBench) -> None:
     run = bench.go()
     bench.turn(0.6)
     run.end("released")
-    assert run.progress().outcome == "preempted"
+    assert run.progress().outcome is Outcome.PREEMPTED
     assert run.progress().text == "released"
     assert 0.3 < run.progress().elapsed < 0.8
     bench.turn(0.3)
@@ -163,7 +164,7 @@ def test_a_stop_ends_it_and_the_reason_is_told(bench: RunBench) -> None:
     run = bench.go()
     bench.turn(0.5)
     bench.ask(lambda: bench.shared.stop("somebody pressed STOP"))
-    assert run.progress().outcome == "aborted"
+    assert run.progress().outcome is Outcome.ABORTED
     assert "somebody pressed STOP" in run.progress().text
     stood = bench.where("J1")
     bench.turn(1.0)
@@ -199,7 +200,7 @@ def test_a_lost_lease_ends_it(bench: RunBench) -> None:
     run = bench.go()
     bench.turn(0.5)
     bench.shared.leave(bench.key, finish=False)
-    assert run.progress().outcome == "aborted"
+    assert run.progress().outcome is Outcome.ABORTED
     stood = bench.where("J1")
     bench.turn(1.0)
     assert bench.where("J1") == pytest.approx(stood, abs=0.05)
@@ -208,7 +209,7 @@ def test_a_lost_lease_ends_it(bench: RunBench) -> None:
 def test_a_motion_to_where_the_arm_is_succeeds_at_once(bench: RunBench) -> None:
     here = bench.owner.newest().positions["J1"]
     run = bench.begin(lambda: bench.planner.to_joints({"J1": here}))
-    assert run.progress().outcome == "succeeded"
+    assert run.progress().outcome is Outcome.SUCCEEDED
     assert bench.over == [run]
 
 
@@ -217,7 +218,7 @@ def test_all_controllers_move_and_it_ends_with_the_last() -> None:
     goals = {"J1": J1 + 0.6, "J7": HOME["J7"] + 0.2}
     run = bench.begin(lambda: bench.planner.to_joints(goals))
     bench.until(run)
-    assert run.progress().outcome == "succeeded"
+    assert run.progress().outcome is Outcome.SUCCEEDED
     assert (bench.where("J1"), bench.where("J7")) == pytest.approx(tuple(goals.values()), abs=0.02)
 
 
@@ -260,7 +261,7 @@ def test_a_gripper_opens_and_closes(bench: RunBench) -> None:
     for share in (1.0, 0.0, 0.5):
         run = grip(bench, share)
         bench.until(run)
-        assert (run.progress().outcome, run.progress().holds) == ("succeeded", False)
+        assert (run.progress().outcome, run.progress().holds) == (Outcome.SUCCEEDED, False)
         assert Gripper(bench.robot).share(bench.owner.newest()) == pytest.approx(share, abs=0.03)
 
 

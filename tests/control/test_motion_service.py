@@ -11,6 +11,7 @@ from tests.control.arm_bench import POSES, guide
 from tests.control.test_motion_run import RunBench
 from tests.motion.arms import HOME
 
+from hexwire.control.loop.outcomes import Outcome
 from hexwire.control.requests.motion_service import MotionService
 from hexwire.control.requests.pose_file import PoseFile
 from hexwire.errors import ConfigError, GoalError, HexwireError, LeaseError, UsageError
@@ -24,7 +25,7 @@ class DeskBench(RunBench):
         super().__init__(poses=POSES, **options)
         self.motions = MotionService(self.shared, PoseFile(HEX7BOT, folder))
 
-    def do(self, **args: Any) -> str:
+    def do(self, **args: Any) -> Outcome | None:
         """Begin a motion, wait for its end; returns its outcome."""
         run = self.motions.begin(self.orders, args)
         self.until(run)
@@ -41,7 +42,7 @@ def test_steps_are_exact_and_add_up(bench: DeskBench) -> None:
     stay = {"what": "step", "joint": "J1", "by": 0.0}
     start = bench.motions.preview(stay).goal["J1"]
     for _ in range(3):
-        assert bench.do(what="step", joint="J1", by=math.radians(0.1)) == "succeeded"
+        assert bench.do(what="step", joint="J1", by=math.radians(0.1)) is Outcome.SUCCEEDED
     assert bench.motions.progress is not None
     assert bench.motions.progress.title == "a step of J1 by 0.1 deg"
     begin = bench.motions.preview(stay)
@@ -54,7 +55,7 @@ def test_steps_are_exact_and_add_up(bench: DeskBench) -> None:
         {"turn": [0.0, 0.0, -0.1]},
         {"move": [0, 0, -0.01]},
     ):
-        assert bench.do(what="step", **what) == "succeeded", what
+        assert bench.do(what="step", **what) is Outcome.SUCCEEDED, what
     end = bench.motions.preview(stay).tip
     assert end is not None
     assert end.position == pytest.approx(tip.position, abs=1e-6)
@@ -84,7 +85,7 @@ def test_a_preview_moves_nothing_and_the_motion_goes_where_it_said(bench: DeskBe
     bench.turn(0.5)
     assert bench.where("J2") == pytest.approx(HOME["J2"], abs=0.01)
     assert bench.motions.progress is None
-    assert bench.do(**args) == "succeeded"
+    assert bench.do(**args) is Outcome.SUCCEEDED
     for joint, angle in plan.goal.items():
         assert bench.where(joint) == pytest.approx(angle, abs=0.02)
     assert bench.motions.progress is not None
@@ -98,7 +99,7 @@ def test_a_motion_to_where_the_arm_is_succeeds_and_says_nothing(
     bench = DeskBench(tmp_path, host_timed=not timed)
     place = {"what": "place", "position": [0.0, 0.0, 0.0], "relative": True}
     for args in (*[{"what": "pose", "name": "home"}] * 2, place, {"what": "joints", "goals": {"J1": J1}}):
-        assert bench.do(**args) == "succeeded", args
+        assert bench.do(**args) is Outcome.SUCCEEDED, args
     assert caplog.text == ""
 
 
@@ -112,10 +113,10 @@ def test_a_refused_motion_says_the_same_as_its_preview(bench: DeskBench) -> None
 
 @pytest.mark.slow
 def test_a_pose_is_saved_and_recalled(bench: DeskBench) -> None:
-    assert bench.do(what="joints", goals={"J1": J1 + 0.5, "J7": 0.2}) == "succeeded"
+    assert bench.do(what="joints", goals={"J1": J1 + 0.5, "J7": 0.2}) is Outcome.SUCCEEDED
     bench.motions.save_pose("here")
-    assert bench.do(what="joints", goals={"J1": J1, "J7": 0.0}) == "succeeded"
-    assert bench.do(what="pose", name="here") == "succeeded"
+    assert bench.do(what="joints", goals={"J1": J1, "J7": 0.0}) is Outcome.SUCCEEDED
+    assert bench.do(what="pose", name="here") is Outcome.SUCCEEDED
     assert (bench.where("J1"), bench.where("J7")) == pytest.approx((J1 + 0.5, 0.2), abs=0.02)
     assert bench.motions.progress is not None
     assert bench.motions.progress.title == "a motion to here"
@@ -139,7 +140,7 @@ def test_saved_poses_come_after_those_of_the_settings_and_win(bench: DeskBench) 
     assert rows == [("home", False), ("grip", False), ("side", True)]
     with pytest.raises(UsageError, match="already"):
         bench.motions.save_pose("side")
-    assert bench.do(what="pose", name="side", speed=0.5) == "succeeded"
+    assert bench.do(what="pose", name="side", speed=0.5) is Outcome.SUCCEEDED
     assert bench.where("J1") == pytest.approx(J1, abs=0.02)
 
 
@@ -155,7 +156,7 @@ def test_a_damaged_file_of_poses_is_told(bench: DeskBench) -> None:
 
 
 def test_the_gripper(bench: DeskBench) -> None:
-    assert bench.do(what="grip", share=0.25) == "succeeded"
+    assert bench.do(what="grip", share=0.25) is Outcome.SUCCEEDED
     joint = HEX7BOT.joint("J7")
     assert bench.where("J7") == pytest.approx(joint.maximum - 0.25 * (joint.maximum - joint.minimum), abs=0.02)
     with pytest.raises(UsageError, match="from 0"):
@@ -180,9 +181,9 @@ def test_what_was_taught_is_played_whole_and_in_part(bench: DeskBench) -> None:
     assert taught is not None
     plan = bench.motions.preview({"what": "play", "factor": 0.5})
     assert plan.duration - plan.lead_in == pytest.approx(2 * taught.duration)
-    assert bench.do(what="play", end=taught.duration / 2) == "succeeded"
+    assert bench.do(what="play", end=taught.duration / 2) is Outcome.SUCCEEDED
     assert bench.where("J1") == pytest.approx(J1 + 0.3, abs=0.05)
-    assert bench.do(what="play") == "succeeded"
+    assert bench.do(what="play") is Outcome.SUCCEEDED
     assert bench.where("J1") == pytest.approx(J1 + 0.6, abs=0.03)
 
 

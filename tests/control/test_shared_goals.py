@@ -11,6 +11,7 @@ from tests.control.arm_bench import order
 from tests.control.shared_bench import SharedBench
 from tests.motion.arms import HOME
 
+from hexwire.control.loop.outcomes import Outcome
 from hexwire.control.motion.goals import Point, TrajectoryGoal
 from hexwire.control.sharing.shared_goals import BOARD, CONFIRM, HOST, GoalReport, SharedGoals
 from hexwire.drivers.timed_path import PathState
@@ -44,7 +45,7 @@ class Goals(SharedBench):
         assert report is not None
         return report
 
-    def outcome(self, number: int) -> str:
+    def outcome(self, number: int) -> Outcome | None:
         return self.report(number).outcome
 
 
@@ -57,7 +58,7 @@ def test_a_motion_begins_at_its_time_and_not_before() -> None:
     assert abs(bench.where("J1") - before) < STILL
     bench.keep(bench.key, 4.0)
     assert bench.where("J1") == pytest.approx(before + AWAY, abs=0.03)
-    assert bench.outcome(number) == "succeeded"
+    assert bench.outcome(number) is Outcome.SUCCEEDED
 
 
 def test_nobody_takes_the_motion_of_the_next_holder_for_its_own() -> None:
@@ -108,7 +109,7 @@ def test_the_board_has_the_motion_and_its_start_as_soon_as_it_is_accepted(confir
     assert report.doubt < 0.001
     assert board.start_at == pytest.approx(report.start, abs=0.0001)
     bench.keep(bench.key, 3.0)
-    assert bench.outcome(number) == "succeeded"
+    assert bench.outcome(number) is Outcome.SUCCEEDED
     assert not bench.sent
 
 
@@ -143,13 +144,13 @@ def test_a_motion_that_is_not_confirmed_in_time_never_begins(options: dict[str, 
         bench.goals.confirm(bench.order(bench.key + 1), number)
     with pytest.raises(GoalError, match="no goal"):
         bench.confirm(number + 1)
-    assert bench.outcome(number) == ""
+    assert bench.outcome(number) is None
     bench.clock.sleep(0.06)
     with pytest.raises(GoalError, match=r"not confirmed 0\.25 s before its start"):
         bench.confirm(number)
     bench.keep(bench.key, 0.1)
     assert bench.report(number).text == "it was not confirmed 0.25 s before its start"
-    assert bench.outcome(number) == "preempted"
+    assert bench.outcome(number) is Outcome.PREEMPTED
     assert bench.board.trajectory.state in (PathState.ABORTED, PathState.NONE)
     with pytest.raises(GoalError, match="not confirmed"):
         bench.confirm(number)
@@ -209,9 +210,9 @@ def test_a_motion_can_be_cancelled_before_and_after_its_start() -> None:
     bench = Goals()
     number = bench.follow(delay=1.0)
     bench.goals.cancel(bench.order(bench.key), number + 1)
-    assert bench.outcome(number) == ""
+    assert bench.outcome(number) is None
     bench.goals.cancel(bench.order(bench.key), number)
-    assert bench.outcome(number) == "preempted"
+    assert bench.outcome(number) is Outcome.PREEMPTED
     before = bench.where("J1")
     bench.keep(bench.key, 2.0)
     assert abs(bench.where("J1") - before) < STILL
@@ -231,7 +232,7 @@ def test_a_lost_lease_ends_the_motion_also_before_its_start() -> None:
         bench.turn(1.5)
         report = bench.goals.report(number)
         assert report is not None
-        assert report.outcome == "aborted"
+        assert report.outcome is Outcome.ABORTED
         assert "lost the lease" in report.text
         assert bench.travel("J1", 1.0) < STILL
         assert (abs(bench.where("J1") - before) < STILL) == (silence > 0)
@@ -290,7 +291,7 @@ def test_only_the_holder_may_follow_check_and_cancel() -> None:
         bench.goals.check(bench.order(stranger), way)
     with pytest.raises(LeaseError):
         bench.goals.cancel(bench.order(stranger), number)
-    assert bench.outcome(number) == ""
+    assert bench.outcome(number) is None
     assert bench.goals.report(number + 1) is None
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from hexwire.control.loop.outcomes import Outcome, Reason
 from hexwire.control.motion.goals import TrajectoryGoal
 from hexwire.control.sharing.shared_goals import GoalReport
 from hexwire.errors import UsageError
@@ -57,10 +58,12 @@ def test_rows_of_wrong_length_are_refused() -> None:
 
 
 def test_a_report_arrives_as_it_was() -> None:
-    report = GoalReport(3, 1.5, "aborted", "stopped", "stopped by Ann", 1.6, 2, "board", 0.25)
+    report = GoalReport(3, 1.5, Outcome.ABORTED, Reason.STOPPED, "stopped by Ann", 1.6, 2, "board", 0.25)
     row = m.decode(m.encode(goal_row(report)), m.Goal)
     assert (row.number, row.outcome, row.text, row.moved, row.slips) == (3, "aborted", "stopped by Ann", 1.6, 2)
     assert (row.ready, row.doubt) == ("board", 0.25)
+    active = m.decode(m.encode(goal_row(GoalReport(4, 1.5))), m.Goal)
+    assert (active.outcome, active.reason) == ("", "")
 
 
 def test_each_order_is_its_call() -> None:

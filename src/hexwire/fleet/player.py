@@ -17,6 +17,7 @@ from itertools import permutations
 from pathlib import Path
 from typing import Any, TypeVar
 
+from hexwire.control.loop.outcomes import Outcome
 from hexwire.control.loop.power import give_torque
 from hexwire.control.loop.reader import read_known
 from hexwire.control.sharing.shared_goals import CONFIRM, HOST
@@ -558,7 +559,7 @@ class _Player:
             deadline = start + self._paths[arm.name][number].duration + _GRACE
             while True:
                 row = arm.robot.goal(goals[arm.name])
-                if row.outcome == "succeeded":
+                if row.outcome == Outcome.SUCCEEDED:
                     return row
                 if row.outcome:
                     raise ServoError(row.text or row.reason)

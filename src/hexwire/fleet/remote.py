@@ -130,7 +130,7 @@ class GoalPath(TimedPath):
                 # From where the joints are: under load they rest beside what they were told.
                 self._number = self._server.follow(path, begins, anywhere=True)
             except GoalError as error:
-                if error.reason != Reason.TOO_LATE.value or at is not None or attempt == _ATTEMPTS:
+                if error.reason != Reason.TOO_LATE or at is not None or attempt == _ATTEMPTS:
                     raise
                 soon, attempt = 2.0 * soon, attempt + 1
             else:
@@ -151,14 +151,14 @@ class GoalPath(TimedPath):
         except GoalError as error:
             return PathState.NONE, str(error)
         now = self._now()
-        if row.outcome == Outcome.SUCCEEDED.value:
+        if row.outcome == Outcome.SUCCEEDED:
             return PathState.DONE, ""
         if not row.outcome:
             if now > self._ends + _SETTLED:
                 # Where exactly the joints are to be, this program judges itself.
                 return PathState.DONE, ""
             return (PathState.RUNNING if now >= self._began else PathState.WAITING), ""
-        return (PathState.STOPPED if row.reason == Reason.STOPPED.value else PathState.ABORTED), row.text
+        return (PathState.STOPPED if row.reason == Reason.STOPPED else PathState.ABORTED), row.text
 
     def abort(self) -> PathState:
         if self._number is not None:

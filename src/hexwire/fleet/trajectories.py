@@ -6,7 +6,7 @@ Owns the conversion, and which order is which call. Must not know Zenoh, nor whe
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import astuple
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from hexwire.control.motion.goals import Point, TrajectoryGoal
@@ -40,7 +40,8 @@ def do_goal_order(goals: SharedGoals, order: Order, what: m.Follow | m.Confirm |
 
 def goal_row(report: GoalReport) -> m.Goal:
     """The report on a trajectory."""
-    return m.Goal(*astuple(report))
+    ended = {"outcome": report.outcome or "", "reason": report.reason or ""}
+    return m.Goal(**asdict(report) | ended)
 
 
 def follow_message(

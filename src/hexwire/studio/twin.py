@@ -9,8 +9,9 @@ from __future__ import annotations
 import logging
 import threading
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from hexwire.control.loop.outcomes import Outcome
 from hexwire.control.requests.controlled_arm import ControlledArm
 from hexwire.control.requests.history import History
 from hexwire.control.requests.motion_run import begin_motion
@@ -240,7 +241,7 @@ class Twin:
             begun.set()
             self._over.wait()
             run.end(self._why or "ended")
-            last: Any = run.progress()
+            last = run.progress()
             self._state = TwinState(
                 robot,
                 title,
@@ -250,7 +251,7 @@ class Twin:
                 last.lead_in,
                 self._state.began,
                 last.text or "arrived",
-                last.outcome == "succeeded",
+                last.outcome is Outcome.SUCCEEDED,
             )
         finally:
             shared.shutdown()

@@ -6,7 +6,7 @@ Owns the values that controllers return. Must not know controllers, messages, th
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum, StrEnum
+from enum import StrEnum
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class Reason(StrEnum):
     """A programming error."""
 
 
-class Outcome(Enum):
+class Outcome(StrEnum):
     """How a goal ended."""
 
     SUCCEEDED = "succeeded"

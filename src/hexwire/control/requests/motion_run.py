@@ -51,7 +51,7 @@ class RunProgress:
         elapsed: Seconds of it that are over.
         duration: Seconds of all of it.
         lead_in: Seconds at its start in which the arm only moves to where it begins.
-        outcome: As `Outcome`; empty while it runs.
+        outcome: How it ended; None while it runs.
         text: Why it ended, in words; empty after a success.
         holds: The gripper met an object, and holds it.
         off: After a success, how far off the goal joints have come to rest, in words; empty if they have not.
@@ -61,7 +61,7 @@ class RunProgress:
     elapsed: float
     duration: float
     lead_in: float
-    outcome: str = ""
+    outcome: Outcome | None = None
     text: str = ""
     holds: bool = False
     off: str = ""
@@ -118,7 +118,7 @@ class MotionRun:
             return RunProgress(self._title, self._done, duration, lead, holds=self._holds())
         done = duration if self._outcome is Outcome.SUCCEEDED else self._done
         off = "; ".join(self._goals.off)
-        return RunProgress(self._title, done, duration, lead, self._outcome.value, self._text, self._holds(), off)
+        return RunProgress(self._title, done, duration, lead, self._outcome, self._text, self._holds(), off)
 
     def end(self, why: str) -> None:
         """End it; the joints that it moves hold. Without effect after its end.

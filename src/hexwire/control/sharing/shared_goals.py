@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from hexwire.model.state import JointState
 
     from ..loop.controller import TrajectoryController
-    from ..loop.outcomes import Ended
+    from ..loop.outcomes import Ended, Outcome
     from ..loop.owner import RobotOwner
     from .shared import Order, SharedArm
 
@@ -59,8 +59,8 @@ class GoalReport:
     Attributes:
         number: Its number.
         start: When it was to begin.
-        outcome: As `Outcome`; empty while it is active.
-        reason: As `Reason`; empty while it is active.
+        outcome: How it ended; None while it is active.
+        reason: Why it ended; None while it is active.
         text: Why it ended, in words; empty after a success.
         moved: When a joint had moved by 0.3 deg, interpolated between two samples; None before.
         slips: Stalls of the owner by which the trajectory was shifted.
@@ -71,8 +71,8 @@ class GoalReport:
 
     number: int
     start: float
-    outcome: str = ""
-    reason: str = ""
+    outcome: Outcome | None = None
+    reason: Reason | None = None
     text: str = ""
     moved: float | None = None
     slips: int = 0
@@ -98,9 +98,9 @@ class _Goal:
         self._from: dict[str, tuple[float, float, float]] = {}
 
     def ended(self, ended: Ended) -> None:
-        self.report.reason, self.report.text = ended.reason.value, self.off or ended.text
+        self.report.reason, self.report.text = ended.reason, self.off or ended.text
         # Last: a reader that sees it reads the others.
-        self.report.outcome = ended.outcome.value
+        self.report.outcome = ended.outcome
 
     def prepare(self) -> None:
         """Note who keeps the time, and how well the start is known. Between two cycles of the controllers."""
