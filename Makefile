@@ -3,7 +3,7 @@
 
 UV_VERSION := 0.13.8
 # The optional dependencies that the tests use, see pyproject.toml.
-EXTRAS := mq tls joystick numpy record plots sim fleet studio ros2
+EXTRAS := mq tls camera joystick numpy record plots sim fleet studio ros2
 # ROS 1: the packages that the node needs, then those that only the tests need.
 ROS1 := python3-actionlib python3-diagnostic-msgs python3-rosmaster python3-rospy python3-sensor-msgs \
     python3-std-srvs python3-trajectory-msgs \

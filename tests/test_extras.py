@@ -151,6 +151,7 @@ OWN_EXTRA = {
         ("hexwire", "fleet", "record", "x.mcap"): "record",
         ("hexwire", "studio"): "studio",
     },
+    "studio": {("hexwire", "studio", "--demo", "--no-browser", "--camera", "all"): "camera"},
     "record": {
         ("hexwire", "record", "plot", "waypoints.json", "x.png"): "plots",
         ("hexwire-ros2",): "ros2",

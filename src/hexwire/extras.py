@@ -23,6 +23,7 @@ EXTRAS = {
     "cryptography": "tls",
     "evdev": "joystick",
     "glfw": "sim",
+    "linuxpy": "camera",
     "matplotlib": "plots",
     "msgspec": "fleet",
     "mujoco": "sim",

@@ -37,6 +37,7 @@ __all__ = [
     "arm_option",
     "arm_settings",
     "attached",
+    "camera_option",
     "certificate_options",
     "confirm",
     "early_port",
@@ -637,6 +638,21 @@ def name_of(file: IO[bytes]) -> str:
     """Name for error texts of an `InputFile`."""
     name = getattr(file, "name", None)
     return name if isinstance(name, str) and name != "<stdin>" else "standard input"
+
+
+def camera_option(viewers: str) -> Callable[[_F], _F]:
+    """``--camera``, which may be given several times; the command gets ``cameras``.
+
+    Args:
+        viewers: To whom a camera is shown, for the help.
+    """
+    return click.option(
+        "--camera",
+        "cameras",
+        multiple=True,
+        metavar="DEVICE",
+        help=f"Show a camera of this computer to {viewers}: its device, as /dev/video0, or all.",
+    )
 
 
 def certificate_options(owner: str) -> Callable[[_F], _F]:

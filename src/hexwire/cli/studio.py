@@ -24,12 +24,22 @@ import click
 from hexwire.errors import HexwireError, UsageError
 
 from .exits import note
-from .options import arm_settings, early_port, early_robot, host_timed_option, is_typed, links_option, table_options
+from .options import (
+    arm_settings,
+    camera_option,
+    early_port,
+    early_robot,
+    host_timed_option,
+    is_typed,
+    links_option,
+    table_options,
+)
 from .output import say
 
 if TYPE_CHECKING:
     from hexwire.control.loop.shutdown import Shutdown
     from hexwire.studio.app import Studio
+    from hexwire.studio.cameras import Cameras
     from hexwire.studio.server import Server
 
 __all__ = ["studio"]
@@ -45,7 +55,7 @@ _MISSING = "the studio is not installed: pip install 'hexwire[studio]'"
 
 @dataclass(frozen=True, slots=True)
 class _Protection:
-    """Where the page is served, and how it is protected; all as typed."""
+    """Where the page is served, how it is protected, and what else it shows; all as typed."""
 
     listen: str
     cert: str
@@ -54,6 +64,7 @@ class _Protection:
     password_file: str
     foxglove: bool
     origins: frozenset[str]
+    cameras: tuple[str, ...]
 
 
 class _Demo(Enum):
@@ -105,6 +116,7 @@ class _Demo(Enum):
     metavar="URL",
     help="With --foxglove: a web page that may connect, as https://app.foxglove.dev.",
 )
+@camera_option("pages, also to whoever only watches")
 @click.option("--no-browser", is_flag=True, help="Only print the address.")
 @host_timed_option
 @links_option
@@ -123,6 +135,7 @@ def studio(
     recordings: str | None,
     foxglove: bool,
     origins: tuple[str, ...],
+    cameras: tuple[str, ...],
     no_browser: bool,
     host_timed: bool,
     links: str,
@@ -150,7 +163,9 @@ def studio(
     _check_typed("" if demo else port or "", robot, settings)
     if origins and not foxglove:
         raise UsageError("--foxglove-origin is for --foxglove")
-    protection = _Protection(listen, cert, key, ca, password_file, foxglove, frozenset(map(str.lower, origins)))
+    protection = _Protection(
+        listen, cert, key, ca, password_file, foxglove, frozenset(map(str.lower, origins)), cameras
+    )
     folder = None if recordings is None else Path(recordings)
     kind = _Demo.PHYSICS if physics else _Demo.PLAIN if demo else _Demo.NONE
     _run(kind, None if demo else port, robot, settings, protection, folder, browser=not no_browser)
@@ -277,7 +292,16 @@ def _make(protection: _Protection, recordings: Path | None) -> tuple[Studio, tup
         from hexwire.studio.foxglove import Foxglove
 
         foxglove = Foxglove("hexwire studio")
-    return Studio(access, recordings, foxglove), (host, number)
+    return Studio(access, recordings, foxglove, _cameras(protection.cameras)), (host, number)
+
+
+def _cameras(devices: tuple[str, ...]) -> Cameras | None:
+    """The cameras that are asked for; imported now, while no arm waits for the interpreter."""
+    if not devices:
+        return None
+    from hexwire.studio.v4l2 import find_cameras
+
+    return find_cameras(devices)
 
 
 def _serve(module: Any, made: Studio, protection: _Protection, listen: tuple[str, int]) -> Server:

@@ -28,6 +28,7 @@ from . import arm_calls, present_calls, program_calls  # noqa: F401
 from .access import WATCHING_ONLY, Access, Right
 from .bus_source import live_row
 from .calls import Asked, find_call
+from .cameras import Cameras
 from .fleet_watch import FleetWatch
 from .holds import Holds
 from .live import Live
@@ -94,6 +95,7 @@ class Studio:
         access: The rules of access.
         recordings: Folder of recordings; this user's if None.
         foxglove: Shows what is open to programs that speak Foxglove's protocol; None for nobody.
+        cameras: Cameras of this computer that pages may show; none if None.
 
     Attributes:
         access: The rules of access.
@@ -105,6 +107,7 @@ class Studio:
         holds: The kinds of motion that a page may hold.
         live: The tabs' own sockets.
         foxglove: Shows what is open to programs that speak Foxglove's protocol; None for nobody.
+        cameras: Cameras of this computer that pages may show.
         settings: Further settings of arms that pages open, see `hexwire.control.requests.settings`.
         plugged: What was found last at the ports of this machine; None before somebody has looked.
         demo: Port of the emulated arm that this program has started, and what a person should know of it; empty if
@@ -112,8 +115,15 @@ class Studio:
         orders: Runs what tabs order, one after the other.
     """
 
-    def __init__(self, access: Access, recordings: Path | None = None, foxglove: Foxglove | None = None) -> None:
+    def __init__(
+        self,
+        access: Access,
+        recordings: Path | None = None,
+        foxglove: Foxglove | None = None,
+        cameras: Cameras | None = None,
+    ) -> None:
         self.access, self.foxglove = access, foxglove
+        self.cameras = cameras if cameras is not None else Cameras()
         self.settings: dict[str, object] = {}
         self.plugged: list[Plugged] | None = None
         self.demo = ("", "")
@@ -490,6 +500,7 @@ class Studio:
             self._watch.join()
         self.recordings.close()
         self.source.close()
+        self.cameras.close()
         for process in self._files.values():
             process.close()
         self.fleet.close()

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from hexwire.epochs import Token
 
     from .bus_source import BusSource
+    from .cameras import Cameras
     from .fleet_watch import FleetWatch
     from .holds import Holds
     from .live import Live
@@ -43,6 +44,7 @@ class CallHost(Protocol):
     fleet: FleetWatch
     plugged: list[Plugged] | None
     recordings: Recordings
+    cameras: Cameras
 
     def arms(self) -> dict[str, Any]:
         """The arms that a page can reach, for JSON."""

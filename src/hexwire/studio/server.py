@@ -28,6 +28,7 @@ from hexwire.errors import LinkBusyError
 
 from .access import Access, Right
 from .app import Studio
+from .camera_views import CameraViews
 from .connections import make_protocol
 from .files import make_routes
 from .fleet_api import fleet_routes
@@ -154,6 +155,7 @@ def make_app(studio: Studio, on_started: Callable[[], object] = lambda: None) ->
         on_started: Called when the server has started.
     """
     foxglove = studio.foxglove
+    cameras = CameraViews(studio.cameras, studio.access.limits.patience)
     static = Packed(STATIC)
     shell = static.body("studio.html").decode()
 
@@ -185,6 +187,7 @@ def make_app(studio: Studio, on_started: Callable[[], object] = lambda: None) ->
     found = lambda: studio  # noqa: E731
     routes = [
         WebSocketRoute("/live", live),
+        WebSocketRoute("/camera/{name}", cameras.serve),
         *([] if foxglove is None else [WebSocketRoute(FOXGLOVE, foxglove.serve)]),
         Route("/stop", stop, methods=["POST"]),
         Route("/static/{name:path}", static.answer),

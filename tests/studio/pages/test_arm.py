@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from tests.studio.conftest import ask_for_long, shrink_views
+from tests.studio.fake_camera import FakeCamera
 from tests.studio.running import PATIENCE, expect, press
 
 from hexwire.control.loop import known_state
@@ -168,6 +169,43 @@ def test_cameras_of_the_browser_are_tiles_and_are_off_when_nobody_sees_them(
     operator.get_by_role("link", name="Move", exact=True).click()
     operator.get_by_role("button", name="Camera", exact=True).click()
     expect(operator.locator("#arm-hint")).to_contain_text("TLS")
+
+
+def test_a_camera_of_the_studios_computer_is_a_tile_and_is_off_when_its_page_is_gone(
+    studio: RunningStudio, operator: Page
+) -> None:
+    fake = FakeCamera(streams=True)
+    studio.studio.cameras.rows["video0"] = fake.camera
+    try:
+        open_page(operator)
+        operator.get_by_role("button", name="Camera", exact=True).click()
+        tile = operator.locator(".arm-camera-tile")
+        expect(tile.get_by_role("img", name="Camera video0")).to_be_visible()
+        # What the camera sends is what is seen.
+        operator.wait_for_function(
+            """() => {
+              const canvas = document.querySelector(".arm-camera-tile canvas");
+              const [red, green] = canvas.getContext("2d").getImageData(8, 6, 1, 1).data;
+              return canvas.width === 16 && red > 150 && green < 90;
+            }"""
+        )
+        fake.unplug()
+        expect(tile.locator(".arm-camera-said")).to_have_text("no camera is connected at /dev/video0")
+        fake.missing = ""
+        expect(tile.locator(".arm-camera-said")).to_be_empty()
+        # The next tile is of the browser's computer; this one may be, too.
+        operator.get_by_role("button", name="Camera", exact=True).click()
+        expect(operator.locator(".arm-camera-tile video")).to_have_count(1)
+        tile.first.locator("select").select_option(index=2)
+        expect(operator.locator(".arm-camera-tile video")).to_have_count(2)
+        studio.until(lambda: not fake.is_open, "the end of the camera")
+        tile.first.locator("select").select_option("video0")
+        studio.until(lambda: fake.is_open, "the camera")
+        operator.get_by_role("link", name="Wire", exact=True).click()
+        studio.until(lambda: not fake.is_open, "the end of the camera")
+    finally:
+        fake.camera.close()
+        studio.studio.cameras.rows.clear()
 
 
 def test_a_program_is_edited_checked_run_and_ended_by_a_stop(studio: RunningStudio, operator: Page) -> None:

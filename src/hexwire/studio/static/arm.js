@@ -519,7 +519,7 @@ function viewMarkup(geometry, space, emulated) {
     <div class="arm-camera" role="toolbar" aria-label="Camera">${["home", "front", "side", "top", "tip"].map((name) => html`<button
       type="button" data-view="${name}" title="Look from ${name === "tip" ? "nearby at the tip" : name === "home" ? "the usual place" : `the ${name}`}">${capital(name)}</button>`)}
       <button type="button" id="arm-large" aria-pressed="false" title="As large as the window" aria-label="Large view">⤢</button>
-      <button type="button" id="arm-camera" title="Show a camera of this computer below">Camera</button></div>` : html`<p class="arm-note">The lengths of this arm are unknown,
+      <button type="button" id="arm-camera" title="Show a camera below">Camera</button></div>` : html`<p class="arm-note">The lengths of this arm are unknown,
     so it has no 3D view, no tip, and no jog in space.</p>`}
   <div class="arm-cameras" id="arm-cameras"></div>
   ${space && tipMarkup(space)}

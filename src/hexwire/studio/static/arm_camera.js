@@ -1,29 +1,34 @@
-/* Cameras of the browser's computer beside the 3D view of the page Move: a tile each, with its choice of camera.
+/* Cameras beside the 3D view of the page Move, a tile each with its choice of camera: those of the browser's computer, whose
+picture stays in the browser, and those of the studio's computer, each over a socket of its own (camera_views.py).
 
-Owns what a tile shows, and that a camera is switched off when its tile is closed or its page is gone. The picture stays in the
-browser. Loaded when the button is first pressed. */
+Owns what a tile shows, and that a camera is switched off when its tile is closed or nobody sees its page. Loaded when the button
+is first pressed. */
 
+import hexwire from "./live.js";
 import { node } from "./widgets.js";
 
 const MOST = 4; // tiles
 const SIZE = { width: { ideal: 640 }, height: { ideal: 480 }, frameRate: { ideal: 15, max: 30 } };
+const AGAIN = 2000; // ms until a lost connection to a camera is made again
 const WHY = {
   NotAllowedError: "the browser, or the system, does not allow this page to use a camera",
   NotFoundError: "no camera is connected to this computer",
   NotReadableError: "another program uses this camera",
   OverconstrainedError: "this camera is gone",
 };
+const NO_TLS = "browsers show cameras only to pages with TLS, or on the computer of the studio: see 'hexwire studio --cert', or '--camera' for one of the studio's computer";
+const STUDIO = "studio:"; // before the name of a camera of the studio's computer
 
 export function mountCameras(page, button) {
   const tiles = page.find("#arm-cameras");
   const add = async () => {
     button.disabled = true;
-    if (!navigator.mediaDevices) {
-      page.tell("why", "browsers show cameras only to pages with TLS, or on the computer of the studio: see 'hexwire studio --cert'");
-    } else if (tiles.children.length >= MOST) {
-      page.tell("why", `there are ${MOST} cameras already: close one`);
-    } else {
-      await tile(page, tiles).catch((error) => page.tell("why", WHY[error.name] ?? `no camera: ${error.message}`));
+    try {
+      const there = (await hexwire.call("cameras")).map(({ name }) => STUDIO + name);
+      if (tiles.children.length >= MOST) page.tell("why", `there are ${MOST} cameras already: close one`);
+      else if (tiles.isConnected) await tile(page, tiles, there);
+    } catch (error) {
+      page.tell("why", WHY[error.name] ?? `no camera: ${error.message}`);
     }
     button.disabled = false;
   };
@@ -31,60 +36,120 @@ export function mountCameras(page, button) {
   add();
 }
 
-async function tile(page, tiles) {
-  let stream = await open(unused(tiles));
-  const video = node("video", { muted: true, playsinline: true, "aria-label": "Camera" });
+async function tile(page, tiles, there) {
   const choice = node("select", { "aria-label": "Camera" });
   const close = node("button", { class: "hw-button", type: "button", "aria-label": "Close this camera" }, "×");
-  const box = node("figure", { class: "arm-camera-tile" }, video, node("figcaption", {}, choice, close));
-  const devices = async () => {
-    const found = (await navigator.mediaDevices.enumerateDevices()).filter(({ kind }) => kind === "videoinput");
-    const now = stream.getVideoTracks()[0].getSettings().deviceId;
-    box.dataset.device = now ?? "";
-    choice.replaceChildren(...found.map(({ deviceId, label }, i) => node("option", { value: deviceId, selected: deviceId === now }, label || `camera ${i + 1}`)));
-  };
-  const show = async () => {
-    video.srcObject = stream;
-    // Unplugged, or taken back by the person.
-    stream.getVideoTracks()[0].addEventListener("ended", end);
-    await devices();
-    await video.play();
-  };
-  const off = () => stream.getTracks().forEach((track) => track.stop());
+  const said = node("span", { class: "arm-camera-said", role: "status" });
+  const box = node("figure", { class: "arm-camera-tile" }, node("figcaption", {}, choice, said, close));
+  let camera = null;
   const end = () => {
     clearInterval(watch);
-    off();
+    camera?.close();
     box.remove();
+  };
+  const show = async (wanted) => {
+    camera?.close();
+    said.textContent = "";
+    camera = wanted.startsWith(STUDIO) ? ofStudio(wanted, (text) => (said.textContent = text)) : await ofBrowser(wanted, end);
+    box.dataset.device = camera.device;
+    box.querySelector(":scope > :not(figcaption)")?.remove();
+    box.prepend(camera.element);
+    choice.replaceChildren(
+      ...there.map((device) => option(device, device.slice(STUDIO.length), camera)),
+      ...(await devices()).map(({ deviceId, label }, i) => option(deviceId, label || `camera ${i + 1}`, camera)),
+    );
   };
   const watch = setInterval(() => box.isConnected || end(), 1000);
   close.addEventListener("click", end);
-  choice.addEventListener("change", async () => {
-    off();
-    try {
-      stream = await open(choice.value);
-      await show();
-    } catch (error) {
-      end();
-      page.tell("why", WHY[error.name] ?? `no camera: ${error.message}`);
-    }
-  });
-  if (!tiles.isConnected) {
+  choice.addEventListener("change", () => show(choice.value).catch((error) => {
     end();
-    return;
-  }
-  tiles.append(box);
-  await show();
-}
-
-/** A camera that no tile shows yet; any if this computer has not said which there are. */
-let known = [];
-function unused(tiles) {
+    page.tell("why", WHY[error.name] ?? `no camera: ${error.message}`);
+  }));
+  // One that no tile shows yet; any if this computer has not said which there are.
   const shown = [...tiles.children].map(({ dataset }) => dataset.device);
-  return known.find((id) => id && !shown.includes(id)) ?? "";
+  const free = [...there, ...known].find((device) => device && !shown.includes(device)) ?? "";
+  try {
+    await show(free);
+  } catch (error) {
+    end();
+    throw error;
+  }
+  if (tiles.isConnected) tiles.append(box);
+  else end();
 }
 
-async function open(device) {
-  const made = await navigator.mediaDevices.getUserMedia({ audio: false, video: device ? { ...SIZE, deviceId: { exact: device } } : SIZE });
-  known = (await navigator.mediaDevices.enumerateDevices()).filter(({ kind }) => kind === "videoinput").map(({ deviceId }) => deviceId);
-  return made;
+function option(value, text, camera) {
+  return node("option", { value, selected: value === camera.device }, text);
+}
+
+// -- of the browser's computer -------------------------------------------------------------------------------------
+
+let known = [];
+async function devices() {
+  const found = ((await navigator.mediaDevices?.enumerateDevices()) ?? []).filter(({ kind, deviceId }) => kind === "videoinput" && deviceId);
+  known = found.map(({ deviceId }) => deviceId);
+  return found;
+}
+
+async function ofBrowser(device, ended) {
+  if (!navigator.mediaDevices) throw new Error(NO_TLS);
+  const video = device ? { ...SIZE, deviceId: { exact: device } } : SIZE;
+  const stream = await navigator.mediaDevices.getUserMedia({ audio: false, video });
+  const element = node("video", { muted: true, playsinline: true, "aria-label": "Camera" });
+  const [track] = stream.getVideoTracks();
+  element.srcObject = stream;
+  // Unplugged, or taken back by the person.
+  track.addEventListener("ended", ended);
+  element.play();
+  return { element, device: track.getSettings().deviceId ?? "", close: () => track.stop() };
+}
+
+// -- of the studio's computer --------------------------------------------------------------------------------------
+
+function ofStudio(device, say) {
+  const name = device.slice(STUDIO.length);
+  const element = node("canvas", { width: 640, height: 480, role: "img", "aria-label": `Camera ${name}` });
+  const context = element.getContext("2d");
+  let socket = null, timer = 0, refused = false;
+  const open = () => {
+    clearTimeout(timer);
+    if (refused || socket || document.hidden) return;
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    const mine = (socket = new WebSocket(`${scheme}://${location.host}/camera/${encodeURIComponent(name)}`));
+    mine.onmessage = async ({ data }) => {
+      if (typeof data === "string") {
+        const told = JSON.parse(data);
+        refused = "refused" in told;
+        say(told.refused ?? told.problem);
+        return;
+      }
+      try {
+        const image = await createImageBitmap(data);
+        if (element.width !== image.width || element.height !== image.height) Object.assign(element, { width: image.width, height: image.height });
+        context.drawImage(image, 0, 0);
+        image.close();
+        say("");
+      } catch {
+        say("a picture of this camera is damaged");
+      }
+      // Only so many are sent ahead of what is shown: a slow page drops pictures, and shows none that is old.
+      if (socket === mine) mine.send("shown");
+    };
+    mine.onclose = () => {
+      if (socket !== mine) return;
+      socket = null;
+      timer = setTimeout(open, AGAIN);
+    };
+  };
+  // Nobody looks at a page that is hidden.
+  const seen = () => (document.hidden ? off() : open());
+  const off = () => {
+    clearTimeout(timer);
+    const mine = socket;
+    socket = null;
+    mine?.close();
+  };
+  document.addEventListener("visibilitychange", seen);
+  open();
+  return { element, device, close: () => { document.removeEventListener("visibilitychange", seen); off(); refused = true; } };
 }

@@ -1,0 +1,232 @@
+"""Cameras of the studio's computer: their pictures for whoever looks, and nothing while nobody does.
+
+Owns when a camera is open, what counts as a picture, how often one is passed on, and the words for a camera that
+gives none. Pictures stay JPEG as they come; nothing is decoded. Must not know pages, sockets or files, nor which
+library reads a camera: a `Source` does, such as `v4l2.V4l2Source`.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+import threading
+import time
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import PurePath
+from typing import Protocol
+
+from hexwire.errors import HexwireError, UsageError
+
+__all__ = ["HEIGHT", "LARGEST", "RATE", "WIDTH", "Camera", "Cameras", "OnPicture", "Picture", "Source", "is_whole"]
+
+_log = logging.getLogger(__name__)
+
+WIDTH, HEIGHT, RATE = 640, 480, 15
+"""Pixels, and pictures a second, that a camera is asked for."""
+LARGEST = 1 << 20
+"""Bytes of a picture. One of 640 x 480 has 20 to 100 kB."""
+_MOST = 4
+"""Cameras."""
+_SHORTEST = 0.9 / RATE
+"""Seconds between two pictures that are passed on, also of a camera that makes more than it is asked for."""
+_LOOK = 0.2
+"""Seconds after which a camera that nobody looks at any more is closed."""
+_SILENT = 3.0
+"""Seconds without a whole picture after which a camera is opened anew, and its viewers are told."""
+_AGAIN = 1.0
+"""Seconds until a camera that cannot be opened is tried again."""
+_PATIENCE = 2.0
+"""Seconds for the thread of a camera to end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """One picture.
+
+    Attributes:
+        jpeg: A whole JPEG.
+        stamp: When it was taken, seconds of `time.monotonic`, as for the states of an arm.
+    """
+
+    jpeg: bytes
+    stamp: float
+
+
+class Source(Protocol):
+    """An open camera. One thread uses it."""
+
+    def read(self, timeout: float) -> Picture | None:
+        """The next picture as it comes, perhaps damaged; None if there is none within so many seconds.
+
+        Raises:
+            HexwireError: It is gone.
+        """
+
+    def close(self) -> None:
+        """Close it; never raises."""
+
+
+OnPicture = Callable[[Picture | None, str], object]
+"""Called in the thread of a camera with a picture, or with None and why there is none; it never waits."""
+
+
+def is_whole(jpeg: bytes) -> bool:
+    """Whether bytes begin and end as a JPEG does, and are not too many. Some cameras append zeros."""
+    if not 4 < len(jpeg) <= LARGEST or not jpeg.startswith(b"\xff\xd8\xff"):
+        return False
+    return jpeg.endswith(b"\xff\xd9") or (jpeg[-1] == 0 and jpeg.rstrip(b"\0").endswith(b"\xff\xd9"))
+
+
+class Camera:
+    """One camera. It is open while somebody looks. Any thread may call its methods.
+
+    Args:
+        device: What `make` opens, such as ``/dev/video0``.
+        make: Opens it; raises `HexwireError` if it cannot.
+        silent: Seconds without a whole picture after which it is opened anew.
+        again: Seconds until one that cannot be opened is tried again: it may be plugged in meanwhile.
+
+    Attributes:
+        name: For topics and pages: that of its device.
+        device: What is opened.
+        refused: Pictures that were not whole.
+    """
+
+    def __init__(
+        self, device: str, make: Callable[[str], Source], *, silent: float = _SILENT, again: float = _AGAIN
+    ) -> None:
+        self.name = re.sub(r"[^A-Za-z0-9_-]+", "-", PurePath(device).name).strip("-")[:60] or "camera"
+        self.device, self.refused = device, 0
+        self._make, self._silent, self._again = make, silent, again
+        self._lock = threading.Lock()
+        self._lookers: tuple[OnPicture, ...] = ()
+        self._gone = threading.Event()
+        self._why = ""
+        self._thread: threading.Thread | None = None
+
+    @property
+    def problem(self) -> str:
+        """Why there is no picture now; empty if there is one, or nobody looks."""
+        return self._why if self._lookers else ""
+
+    def look(self, call: OnPicture) -> Callable[[], None]:
+        """Begin to look; returns what ends it."""
+        with self._lock:
+            self._lookers = (*self._lookers, call)
+            self._gone.clear()
+            if self._thread is None:
+                self._why = ""
+                self._thread = threading.Thread(target=self._run, name=f"camera {self.name}", daemon=True)
+                self._thread.start()
+            elif self._why:
+                call(None, self._why)
+
+        def end() -> None:
+            with self._lock:
+                self._lookers = tuple(one for one in self._lookers if one is not call)
+                if not self._lookers:
+                    self._gone.set()
+
+        return end
+
+    def close(self) -> None:
+        """End for everybody who looks."""
+        with self._lock:
+            self._lookers = ()
+            self._gone.set()
+            thread = self._thread
+        if thread is not None:
+            thread.join(_PATIENCE)
+
+    # -- its thread -------------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        while True:
+            try:
+                self._show()
+            except HexwireError as error:
+                self._tell(str(error))
+            except Exception as error:  # noqa: BLE001  # logged and told; the camera is tried again
+                _log.exception("the camera %s failed", self.name)
+                self._tell(f"the camera {self.device}: {error}")
+            self._gone.wait(self._again)
+            with self._lock:
+                # Whoever looks from here on begins another thread; this one has closed the camera.
+                if not self._lookers:
+                    self._thread = None
+                    return
+
+    def _show(self) -> None:
+        """Pass pictures on while somebody looks."""
+        source = self._make(self.device)
+        try:
+            passed, heard = float("-inf"), time.monotonic()
+            while not self._gone.is_set():
+                picture = source.read(_LOOK)
+                now = time.monotonic()
+                if picture is None or not is_whole(picture.jpeg):
+                    self.refused += picture is not None
+                    if now - heard > self._silent:
+                        what = "no picture" if picture is None else "no whole picture"
+                        raise HexwireError(f"the camera {self.device} has sent {what} for {self._silent:g} s")
+                    continue
+                heard = now
+                if picture.stamp - passed >= _SHORTEST or picture.stamp < passed:
+                    passed = picture.stamp
+                    self._why = ""
+                    self._pass(picture, "")
+        finally:
+            source.close()
+
+    def _tell(self, why: str) -> None:
+        if why != self._why:
+            _log.warning("%s", why)
+            self._why = why
+            self._pass(None, why)
+
+    def _pass(self, picture: Picture | None, why: str) -> None:
+        for call in self._lookers:
+            try:
+                call(picture, why)
+            except Exception:  # noqa: BLE001  # logged; the others see it
+                _log.exception("a picture of %s could not be passed on", self.name)
+
+
+class Cameras:
+    """The cameras that somebody has asked for.
+
+    Args:
+        cameras: The cameras.
+
+    Attributes:
+        rows: The cameras by name.
+
+    Raises:
+        UsageError: These are too many, or two have one name.
+    """
+
+    def __init__(self, cameras: Iterable[Camera] = ()) -> None:
+        self.rows: dict[str, Camera] = {}
+        for camera in cameras:
+            if camera.name in self.rows:
+                raise UsageError(f"two cameras are named {camera.name}: name each once")
+            self.rows[camera.name] = camera
+        if len(self.rows) > _MOST:
+            raise UsageError(f"these are {len(self.rows)} cameras; at most {_MOST} are shown")
+
+    def find(self, name: str) -> Camera:
+        """The camera of that name.
+
+        Raises:
+            UsageError: There is none.
+        """
+        with suppress(KeyError):
+            return self.rows[name]
+        raise UsageError(f"there is no camera {name[:60]!r}")
+
+    def close(self) -> None:
+        """Close all."""
+        for camera in self.rows.values():
+            camera.close()
