@@ -27,7 +27,7 @@ from .line_reader import LineReader
 from .reading import CEILING, COOKED, Inner, Item, Reading, packet_problem, to_hex, u16
 
 if TYPE_CHECKING:
-    from .reading import Order
+    from .reading import AccessRow, Order
 
 __all__ = [
     "BODY",
@@ -523,15 +523,15 @@ class Explainer:
             return Layer("servo", words, fields)
         name = reader.tables["instructions"].get(data[4])
         fields |= {"instruction": name.replace(" ", "_") if name else data[4], "checksum": "good"}
-        params = data[5:-1]
-        if name == "sync read" and len(params) > 2:
-            series = reader.series_of(params[2])
-        if name in ("write", "reg write") and params and series:
-            items = reader.register_items(series, params[0], params[1:], None)
-            fields["registers"] = list(_values(items, Series(series), params[0]))
-        elif name in ("read", "sync read") and params and series:
-            register = Series(series).at(params[0])
-            fields["register"] = register.name if register else f"0x{params[0]:02X}"
+        access = reader.access(data)
+        if access is not None and access.series:
+            table = Series(access.series)
+            if name in ("write", "reg write"):
+                items = reader.register_items(table.value, access.address, access.rows[0].data, None)
+                fields["registers"] = list(_values(items, table, access.address))
+            elif name in ("read", "sync read"):
+                register = table.at(access.address)
+                fields["register"] = register.name if register else f"0x{access.address:02X}"
         if words.endswith(CEILING):
             fields["hazard"] = _CEILING
         return Layer("servo", words, fields)
@@ -571,11 +571,9 @@ class Explainer:
 
     def _rows(self, reading: Reading) -> list[list[Item]] | None:
         """The fields of a frame's body, then those of each row; None if it does not fit its command."""
-        data = reading.data
-        row = self._reader.tables["commands"].get(data[38])
-        told = data[33] == 2 and data[39] & 0xC0
+        data, layout = reading.data, self._reader.layout(reading.data)
         body = data[BODY_OFFSET : BODY_OFFSET + u16(data, 36)]
-        return self._reader.body_items(body, row["reply" if told else "request"]) if row else None
+        return self._reader.body_items(body, layout) if layout else None
 
     def _body(self, reading: Reading, body: bytes) -> Part:
         data, at, end = reading.data, BODY_OFFSET, BODY_OFFSET + len(body)
@@ -658,35 +656,36 @@ class Explainer:
         return [] if items is None or asked is None else list(_registers(items, series, asked[5]))
 
     def _request(self, data: bytes, order: Order | None) -> list[Part]:
-        inst, params, reader = data[4], data[5:-1], self._reader
-        instruction = t.INSTRUCTIONS
-        if not params:
+        access, inst = self._reader.access(data), data[4]
+        if access is None:
             return []
-        reads = inst in (instruction["READ"], instruction["SYNC_READ"])
-        series = reader.series_of(params[2] if inst == instruction["SYNC_READ"] and len(params) > 2 else data[2])
-        if reads and len(params) > 1:
-            ids = [
-                Part("id", i, i + 1, f"servo {params[i]}", SERVO["id"], params[i]) for i in range(2, len(params))
-            ]
-            count = Part("count", 1, 2, f"{params[1]} bytes", SERVO["count"], params[1])
-            return [_address(series, params[0]), count, *(ids if inst == instruction["SYNC_READ"] else [])]
-        if inst in (instruction["WRITE"], instruction["REG_WRITE"]):
-            items = reader.register_items(series, params[0], params[1:], None) if series else []
-            return [_address(series, params[0]), *(_moved(p, 1) for p in _registers(items, series, params[0]))]
-        if inst == instruction["SYNC_WRITE"] and len(params) > 2 and (len(params) - 2) % (params[1] + 1) == 0:
-            step = params[1] + 1
-            width = Part("width", 1, 2, f"{params[1]} bytes", SERVO["width"], params[1])
-            parts = [_address(reader.series_of(params[2]), params[0]), width]
-            for i in range(2, len(params), step):
-                series, values = reader.series_of(params[i]), params[i + 1 : i + step]
-                items = reader.register_items(series, params[0], values, order) if series else []
-                inside = [Part("id", i, i + 1, f"servo {params[i]}", SERVO["id"], params[i])]
-                inside += [_moved(part, i + 1) for part in _registers(items, series, params[0])]
-                words = f"servo {params[i]}: " + (", ".join(x.words for x in items) or to_hex(values, _SAMPLE))
-                rest = filled(inside, i, i + step, "params", SERVO["params"])
-                parts.append(Part("row", i, i + step, words, SERVO["row"], parts=rest))
-            return parts
-        return []
+        parts = [_address(access.series, access.address)]
+        if inst in (t.INSTRUCTIONS["WRITE"], t.INSTRUCTIONS["REG_WRITE"]):
+            return parts + self._written(access.address, access.rows[0], None)
+        if access.size is None:
+            return []
+        several = inst == t.INSTRUCTIONS["SYNC_WRITE"]
+        name = "width" if several else "count"
+        parts.append(Part(name, 1, 2, f"{access.size} bytes", SERVO[name], access.size))
+        if inst == t.INSTRUCTIONS["SYNC_READ"]:
+            parts += map(_id, access.rows)
+        if several:
+            parts += (self._row(access.address, row, order) for row in access.rows)
+        return parts
+
+    def _row(self, address: int, row: AccessRow, order: Order | None) -> Part:
+        """What one servo gets of a sync write, with its id before it."""
+        start, end, written = row.start - 1, row.start + len(row.data), self._written(address, row, order)
+        told = ", ".join(f"{part.name} {part.words}" for part in written) or to_hex(row.data, _SAMPLE)
+        parts = filled([_id(row), *written], start, end, "params", SERVO["params"])
+        return Part("row", start, end, f"servo {row.servo}: {told}", SERVO["row"], parts=parts)
+
+    def _written(self, address: int, row: AccessRow, order: Order | None) -> list[Part]:
+        """The registers that one servo gets; none if its series is unknown."""
+        if not row.series:
+            return []
+        items = self._reader.register_items(row.series, address, row.data, order)
+        return [_moved(part, row.start) for part in _registers(items, row.series, address)]
 
 
 def _session_layer(raw: bytes) -> Layer:
@@ -917,6 +916,11 @@ def _number(command: str, item: Item) -> Part:
     elif meaning.unit:
         words += f" {meaning.unit}"
     return Part(item.name, item.start, item.end, words, meaning.text, value)
+
+
+def _id(row: AccessRow) -> Part:
+    """The id before the bytes of a row."""
+    return Part("id", row.start - 1, row.start, f"servo {row.servo}", SERVO["id"], row.servo)
 
 
 def _address(series: str | None, address: int) -> Part:

@@ -25,6 +25,7 @@ __all__ = [
     "COOKED",
     "HEAD_SIZE",
     "TAIL",
+    "Access",
     "Inner",
     "Item",
     "Reader",
@@ -119,6 +120,40 @@ class Inner(NamedTuple):
     start: int
     where: str
     order: Order | None
+
+
+class AccessRow(NamedTuple):
+    """What one servo is asked for, or gets.
+
+    Attributes:
+        servo: Its id.
+        series: Name of its series; None if unknown.
+        start: Offset of its bytes in the parameters; its id, where the packet is for several, is before them.
+        data: Its bytes; empty if it is asked.
+    """
+
+    servo: int
+    series: str | None
+    start: int
+    data: bytes
+
+
+class Access(NamedTuple):
+    """What a request on the servo bus reads or writes.
+
+    Attributes:
+        address: The first register.
+        size: Bytes for each servo, if the packet says it.
+        rows: One for each servo.
+        series: Of the first servo; None if unknown.
+        fits: It has as many parameters as its instruction takes.
+    """
+
+    address: int
+    size: int | None
+    rows: list[AccessRow]
+    series: str | None
+    fits: bool
 
 
 class Piece(NamedTuple):
@@ -338,15 +373,14 @@ class Reader:
 
     def _inner_words(self, data: bytes, body: bytes, asked: bytes | None, from_board: bool) -> tuple[str, str]:
         """Description of a body, and its hazard."""
-        told = data[33] == 2 and data[39] & 0xC0
-        row = self.tables["commands"].get(data[38])
         if not body:
             return "", ""
         inner = self.inner_packet(data, body, from_board)
         if inner is None:
-            parts = self.body_items(body, row["reply" if told else "request"]) if row else None
+            layout = self.layout(data)
+            parts = self.body_items(body, layout) if layout else None
             if parts is None:
-                return to_hex(body, SAMPLE), MISFIT if row else ""
+                return to_hex(body, SAMPLE), MISFIT if layout else ""
             head, *rows = (", ".join(item.words for item in part) for part in parts)
             return " ".join(part for part in (head, *(f"({each})" for each in rows)) if part), ""
         before = f"reply_length {body[0]}, timeout_ms {body[1]}; " if inner.start else ""
@@ -364,6 +398,11 @@ class Reader:
         start = 0 if cmd != CMD_TRANSACT or (data[33] == 2 and data[39] & 0x80) else min(2, len(body))
         where = "to_board" if not from_board else "through" if cmd == CMD_TRANSACT else "from_board"
         return Inner(body[start:], start if start == 2 else 0, where, "little" if cmd == CMD_SYNC_WRITE else None)
+
+    def layout(self, data: bytes) -> Mapping[str, Any] | None:
+        """The layout of a frame's body; None if its command is unknown."""
+        row = self.tables["commands"].get(data[38])
+        return row["reply" if data[33] == 2 and data[39] & 0xC0 else "request"] if row else None
 
     def body_items(self, data: bytes, layout: Mapping[str, Any]) -> list[list[Item]] | None:
         """The fields of a body by the layout of its command, then those of each row; None if it does not fit."""
@@ -459,32 +498,48 @@ class Reader:
         servo, inst, params = data[2], data[4], data[5:-1]
         name = self.tables["instructions"].get(inst, f"instruction 0x{inst:02X}")
         who = "all" if servo == 0xFE else str(servo)
-        series = self.series_of(servo)
-        if inst == READ and len(params) == 2:
-            return f"read {who}: {self._register(series, params[0])}, {params[1]} bytes", False
-        if inst in (WRITE, REG_WRITE) and len(params) > 1:
-            hazard = has_ceiling_hazard(series, params[0], params[1:])
-            return f"{name} {who}: {self._placed(series, params[0], params[1:], None)}", hazard
-        if inst == SYNC_READ and len(params) > 2:
-            register = self._register(self.series_of(params[2]), params[0])
-            return f"sync read {' '.join(map(str, params[2:]))}: {register}, {params[1]} bytes", False
-        if inst == SYNC_WRITE and len(params) > 2 and (len(params) - 2) % (params[1] + 1) == 0:
-            rows, hazard, step = [], False, params[1] + 1
-            for i in range(2, len(params), step):
-                series, values = self.series_of(params[i]), params[i + 1 : i + step]
-                hazard = hazard or has_ceiling_hazard(series, params[0], values)
-                rows.append(f"{params[i]} {self._placed(series, params[0], values, order)}")
-            return "sync write: " + "; ".join(rows), hazard
-        return f"{name} {who}" + (f": {to_hex(params)}" if params else ""), False
+        access = self.access(data)
+        if access is None or not access.fits:
+            return f"{name} {who}" + (f": {to_hex(params)}" if params else ""), False
+        if inst in (READ, SYNC_READ):
+            asked = who if inst == READ else " ".join(str(row.servo) for row in access.rows)
+            return f"{name} {asked}: {self._register(access.series, access.address)}, {access.size} bytes", False
+        hazard = any(has_ceiling_hazard(row.series, access.address, row.data) for row in access.rows)
+        if inst != SYNC_WRITE:
+            return f"{name} {who}: {self._placed(access.address, access.rows[0], None)}", hazard
+        rows = (f"{row.servo} {self._placed(access.address, row, order)}" for row in access.rows)
+        return f"{name}: " + "; ".join(rows), hazard
+
+    def access(self, data: bytes) -> Access | None:
+        """What a request reads or writes; None if it does neither, or not as its instruction wants."""
+        inst, params = data[4], data[5:-1]
+        if not params or inst not in (READ, WRITE, REG_WRITE, SYNC_READ, SYNC_WRITE):
+            return None
+        address, size = params[0], params[1] if len(params) > 1 else None
+        if inst in (WRITE, REG_WRITE):
+            row = self._access_row(data[2], 1, params[1:])
+            return Access(address, None, [row], row.series, len(params) > 1)
+        if inst == READ:
+            row = self._access_row(data[2], 2, b"")
+            return Access(address, size, [row], row.series, len(params) == 2)
+        step = 1 if inst == SYNC_READ else 1 + (size or 0)
+        if inst == SYNC_WRITE and (len(params) < 3 or (len(params) - 2) % step):
+            return None
+        rows = [self._access_row(params[i], i + 1, params[i + 1 : i + step]) for i in range(2, len(params), step)]
+        return Access(address, size, rows, rows[0].series if rows else self.series_of(data[2]), bool(rows))
+
+    def _access_row(self, servo: int, start: int, data: bytes) -> AccessRow:
+        return AccessRow(servo, self.series_of(servo), start, data)
 
     def _register(self, series: str | None, address: int) -> str:
         row = self.tables["series"][series]["registers"].get(address) if series else None
         return row[0] if row else f"0x{address:02X}"
 
-    def _placed(self, series: str | None, address: int, data: bytes, order: Order | None) -> str:
-        if not series:
-            return f"0x{address:02X} {to_hex(data)}"
-        return _listed(self.register_items(series, address, data, order))
+    def _placed(self, address: int, row: AccessRow, order: Order | None) -> str:
+        """What is written to one servo."""
+        if not row.series:
+            return f"0x{address:02X} {to_hex(row.data)}"
+        return _listed(self.register_items(row.series, address, row.data, order))
 
     def register_items(self, series: str, address: int, data: bytes, order: Order | None) -> list[Item]:
         """The registers of a series in bytes from an address.

@@ -15,7 +15,6 @@ from itertools import islice
 from typing import Any
 
 from hexwire.link.tap import Direction, Passed
-from hexwire.wire.tables import INSTRUCTIONS
 
 from .explain import doubt
 from .line_reader import LineReader
@@ -76,7 +75,6 @@ _LONGEST_REST = 4096
 """Bytes before the first frame that may be the rest of one."""
 _SHOWN = 240
 """Longest text in a row."""
-_SYNC = (INSTRUCTIONS["SYNC_READ"], INSTRUCTIONS["SYNC_WRITE"])
 
 
 @dataclass(slots=True)
@@ -275,29 +273,26 @@ def _name(reading: Reading) -> str:
 
 def _servos(reading: Reading, reader: Reader) -> tuple[int, ...]:
     if reading.kind == "packet":
-        return _packet_servos(reading.data, reading.answer)
+        return _packet_servos(reading.data, reading.answer, reader)
     if reading.kind != "frame":
         return ()
     data = reading.data
     body = data[HEAD_SIZE : HEAD_SIZE + u16(data, 36)]
     inner = reader.inner_packet(data, body, reading.answer)
     if inner is not None:
-        return () if packet_problem(inner.packet) else _packet_servos(inner.packet, reading.answer)
-    row = reader.tables["commands"].get(data[38])
-    if not body or row is None:
+        return () if packet_problem(inner.packet) else _packet_servos(inner.packet, reading.answer, reader)
+    layout = reader.layout(data)
+    if not body or layout is None:
         return ()
-    layout = row["reply" if data[33] == 2 and data[39] & 0xC0 else "request"]
     if not any(name == "servo_id" for name, _, _ in layout["rows"]):
         return ()
     rows = reader.body_items(body, layout) or []
     return tuple(item.value for each in rows for item in each if item.name == "servo_id" and item.value is not None)
 
 
-def _packet_servos(packet: bytes, answer: bool) -> tuple[int, ...]:
-    params = packet[5:-1]
-    if answer or packet[1] == 0xF5 or packet[4] not in _SYNC or len(params) < 3:
-        return (packet[2],)
-    return tuple(params[2:] if packet[4] == _SYNC[0] else params[2 :: params[1] + 1])
+def _packet_servos(packet: bytes, answer: bool, reader: Reader) -> tuple[int, ...]:
+    access = None if answer or packet[1] == 0xF5 else reader.access(packet)
+    return tuple(row.servo for row in access.rows) if access is not None and access.rows else (packet[2],)
 
 
 _READER = LineReader().reader
