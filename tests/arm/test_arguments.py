@@ -83,6 +83,7 @@ RIGHT: dict[str, Callable[[object], bool]] = {
     "down": is_flag,
     "wait": is_flag,
     "trim": is_flag,
+    "fit": is_flag,
     "limp": is_flag,
     "mirror": is_flag,
     "on": is_flag,

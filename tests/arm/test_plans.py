@@ -11,13 +11,13 @@ from typing import Any
 import pytest
 from tests.motion.arms import HOME, rest_to_rest
 
-from hexwire.arm.plans import Plans, edited, is_number, joint_angles, length
+from hexwire.arm.plans import Plans, is_number, joint_angles, length
 from hexwire.control.motion.via import Place
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.aim import Aim
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.geometry import kinematics_for
-from hexwire.motion.teach import Taught
+from hexwire.motion.teach import Edits, Taught
 from hexwire.trace.recording import RecordingWriter, make_positions
 
 GEOMETRY = kinematics_for(HEX7BOT)
@@ -153,11 +153,10 @@ MOVED = Taught(("J1",), (0.0, 0.5, 1.0, 1.5, 2.0), ((0.0,), (0.0,), (0.1,), (0.2
 
 
 def test_a_recording_is_cut_and_its_pauses_are_taken_out() -> None:
-    assert edited(MOVED, 1.0, 0.0, math.inf, 0.0, False).duration == 2.0
-    assert edited(MOVED, 2.0, 0.0, math.inf, 0.0, False).duration == 1.0
-    assert edited(MOVED, 1.0, 0.5, math.inf, 0.0, False).duration == 1.5
-    assert edited(MOVED, 1.0, 0.0, 1.5, 0.0, False).duration == 1.5
-    assert edited(MOVED, 1.0, 0.0, math.inf, 0.0, True).duration < 1.9
+    assert MOVED.edited(Edits()) == MOVED
+    assert MOVED.edited(Edits(begin=0.5)).duration == 1.5
+    assert MOVED.edited(Edits(end=1.5)).duration == 1.5
+    assert MOVED.edited(Edits(trim=True)).duration < 1.9
 
 
 def test_a_file_a_lesson_and_a_trajectory_are_played_alike(tmp_path: Path) -> None:
@@ -167,7 +166,7 @@ def test_a_file_a_lesson_and_a_trajectory_are_played_alike(tmp_path: Path) -> No
             writer.joint_state(make_positions(MOVED.names, row), 1.7e9 + t)
     way = rest_to_rest(("J1",), (0.0,), (0.2,), 2.0)
     for motion in (file, str(file), MOVED, way):
-        played = plans().played(motion, 2.0, 0.0, math.inf, 0.0, False)
+        played = plans().played(motion, Edits())(2.0)
         assert played.names == ("J1",)
         assert played.duration == pytest.approx(1.0)
         assert played.goal == pytest.approx((0.2,))

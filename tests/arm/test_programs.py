@@ -17,6 +17,7 @@ from tests.waits import PATIENCE, eventually
 
 from hexwire import Arm, deg
 from hexwire.errors import ConfigError, HexwireError, LimitError, StoppedError, UsageError
+from hexwire.trace.recording import RecordingWriter, make_positions
 
 
 @pytest.fixture(scope="module", params=marked(("board", "bus", "shared board", "timed board")))
@@ -98,6 +99,24 @@ def test_what_is_wrong_with_any_step_is_said_before_the_first_one_begins(arm: Ar
     with pytest.raises(UsageError, match="for motions"):
         arm.play(written(folder, turned(arm, 10)), factor=2.0)
     assert arm.read().positions == pytest.approx(before, abs=deg(1))
+
+
+def test_a_recording_that_is_too_fast_is_offered_at_the_speed_that_fits(arm: Arm, folder: Path) -> None:
+    arm.home()
+    joint = arm.model.joints[0]
+    with RecordingWriter(folder / "way.mcap") as writer:
+        for i, degrees in enumerate((0, 10, 0)):
+            state = make_positions((joint.name,), (joint.offset + deg(degrees),))
+            writer.joint_state(state, 1.7e9 + 0.05 * i)
+    with pytest.raises(
+        LimitError, match=r"would turn .*: factor=(0\.\d+), or fit=True; nothing was sent$"
+    ) as refused:
+        arm.play(folder / "way.mcap")
+    with pytest.raises(LimitError, match=r"^step 1: .*: factor = 0\.\d+, or fit = true; nothing was sent$"):
+        arm.play(written(folder, 'play = "way.mcap"'))
+    fits = float(str(refused.value).partition("factor=")[2].partition(",")[0])
+    assert arm.play(folder / "way.mcap", factor=fits).arrived
+    assert arm.play(written(folder, 'play = "way.mcap"\nfit = true')).arrived
 
 
 @pytest.mark.parametrize("where", ["a motion", "a pause", "a question"])

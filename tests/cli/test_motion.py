@@ -259,6 +259,18 @@ def test_play_too_fast_is_refused(bench: Any, tmp_path: Path) -> None:
     result = bench.run("play", str(tmp_path / "a.mcap"), "--speed", "20")
     assert result.exit_code == 2
     assert "J1 would turn at" in result.stderr
+    offered = re.search(r"it keeps the limits at ([\d.]+) of its speed: --speed ([\d.]+), or --fit", result.stderr)
+    assert offered is not None
+    assert offered[1] == offered[2]
+    dry = ("play", str(tmp_path / "a.mcap"), "--dry-run")
+    slower = bench.ok(*dry, "--speed", offered[1])
+    above = bench.run(*dry, "--speed", str(round(float(offered[1]) + 0.001, 3)))
+    assert (above.exit_code, "--fit" in above.stderr) == (2, True)
+    fit = bench.run(*dry, "--speed", "20", "--fit")
+    assert (fit.exit_code, fit.stdout) == (0, slower)
+    assert f"played at {offered[1]} of its speed" in fit.stderr
+    # What is not too fast stays as it is.
+    assert bench.ok(*dry, "--fit") == bench.ok(*dry)
     assert bench.torque() == []
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -18,7 +19,7 @@ from hexwire.control.requests.settings_reader import read_settings
 from hexwire.errors import GoalError, UsageError
 from hexwire.model.aim import Aim
 from hexwire.motion.checks import check_trajectory
-from hexwire.motion.teach import Taught
+from hexwire.motion.teach import Edits, Taught
 from hexwire.motion.trajectory import Spline, Waypoint
 
 AHEAD = (0.0, 0.22, 0.2)
@@ -162,7 +163,7 @@ def test_a_taught_motion_begins_with_the_way_to_its_start(planner: Planner) -> N
 
 
 def test_a_part_of_a_taught_motion_at_another_speed(planner: Planner) -> None:
-    plan = planner.along(WAVE, begin=1.0, factor=2.0)
+    plan = planner.along(WAVE, Edits(begin=1.0), factor=2.0)
     path = plan.require()
     assert plan.duration - plan.lead_in == pytest.approx(0.5)
     at = dict(zip(path.names, path.at(plan.lead_in).position, strict=True))
@@ -174,7 +175,20 @@ def test_a_part_of_a_taught_motion_at_another_speed(planner: Planner) -> None:
 
 def test_a_taught_motion_too_fast_for_the_arm_is_refused(planner: Planner) -> None:
     jerk = Taught(("J1",), (0.0, 0.1, 0.2), ((HOME["J1"],), (HOME["J1"] + 0.9,), (HOME["J1"],)))
-    assert "J1 would turn at" in planner.along(jerk).refusal
+    refused = planner.along(jerk)
+    assert re.search(r"J1 would turn at .*; it keeps the limits at 0\.\d+ of its speed$", refused.refusal)
+    assert refused.fits is not None
+    path = planner.along(jerk, factor=refused.fits).require()
+    assert planner.along(jerk, factor=refused.fits + 0.001).fits == refused.fits
+    fit = planner.along(jerk, fit=True)
+    assert (fit.refusal, fit.duration) == ("", path.duration)
+    # What is sent is what was checked: through the points of the recording.
+    goal = goal_of(path, NAMES)
+    assert [point.positions[0] for point in goal.points[-2:]] == pytest.approx([HOME["J1"] + 0.9, HOME["J1"]])
+    # Another limit is in the way, too, whatever the speed.
+    beyond = replace(jerk, rows=((HOME["J1"],), (10.0,), (HOME["J1"],)))
+    assert "outside its limits" in planner.along(beyond).refusal
+    assert planner.along(beyond).fits is None
 
 
 def test_a_taught_motion_of_another_arm_is_an_error(planner: Planner) -> None:

@@ -50,6 +50,7 @@ _ARGUMENTS = {
     r"--robot (\w+\d\w*)": r"robot='\1'",
     r"--robot\b": "robot=",
     r"--port (\w+://\w+)": r"connect('\1')",
+    r"--speed ([\d.]+), or --fit": r"factor=\1, or fit=True",
 }
 """Options of commands, and the arguments that they are; what is within back quotes stays a command."""
 

@@ -17,7 +17,7 @@ from hexwire.control.motion.via import Place, straight, through
 from hexwire.control.requests.pose_file import find_pose, without_gripper
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.aim import Aim
-from hexwire.motion.teach import Taught
+from hexwire.motion.teach import Edits, Taught
 from hexwire.motion.trajectory import Scaled, Trajectory
 
 if TYPE_CHECKING:
@@ -33,7 +33,6 @@ __all__ = [
     "SHARE",
     "Plans",
     "Point",
-    "edited",
     "is_number",
     "joint_angles",
     "length",
@@ -286,34 +285,18 @@ class Plans:
             raise UsageError(f"rounding must be 0 m or more, not {round_by:g}")
         return straight(self._model, self.kinematics, here, points, speed=speed, rounding=round_by)
 
-    def played(
-        self,
-        motion: str | Path | Taught | Trajectory,
-        factor: float,
-        begin: float,
-        end: float,
-        smooth: float,
-        trim: bool,
-    ) -> Trajectory:
-        """A recording, or another motion, as it is to be played; see `Arm.play` for the arguments."""
+    def played(self, motion: str | Path | Taught | Trajectory, edits: Edits) -> Callable[[float], Trajectory]:
+        """A recording, or another motion, as it is to be played, by the factor of its speed."""
         if isinstance(motion, Trajectory):
-            return motion if factor == 1.0 else Scaled(motion, factor)
+            whole = motion
+            return lambda factor: whole if factor == 1.0 else Scaled(whole, factor)
         if not isinstance(motion, Taught):
             from .recorded import read_taught
 
             if not isinstance(motion, str | Path):
                 raise UsageError(f"play() takes a file, a lesson, a recording or a trajectory, not {shown(motion)}")
             motion = read_taught(str(motion))
-        return edited(motion, factor, begin, end, smooth, trim).within(self._model).trajectory()
-
-
-def edited(taught: Taught, factor: float, begin: float, end: float, smooth: float, trim: bool) -> Taught:
-    """A recording as it is to be played; see `Arm.play` for the arguments."""
-    if begin or end < math.inf:
-        taught = taught.trimmed(begin, end)
-    if trim:
-        taught = taught.without_stillness()
-    return taught.smoothed(smooth).faster(factor)
+        return motion.played(self._model, edits)
 
 
 def _row(values: Any) -> tuple[Any, ...]:

@@ -15,11 +15,12 @@ from hexwire.control.loop.power import what_helps
 from hexwire.control.loop.reader import read_start
 from hexwire.control.motion import motions
 from hexwire.control.motion.jaws import MOST_SECONDS
-from hexwire.control.motion.via import approached
+from hexwire.control.motion.played import check_played
 from hexwire.control.requests.preview import TIP_SPEED
 from hexwire.control.requests.program import Move, Wait, along
 from hexwire.drivers.tools import Gripper
 from hexwire.errors import StoppedError, UsageError
+from hexwire.motion.teach import Edits
 from hexwire.motion.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -171,14 +172,23 @@ class ProgramRun:
             sleep(min(_LOOK, left))
 
     def _path(self, move: Move, here: Mapping[str, float]) -> CheckedPath:
+        request = move.request
+        if request.what == "play":
+            edits = Edits(request.begin, request.end, smooth=request.smooth)
+            return check_played(
+                self._driver,
+                self._plans.played(self._taught[move.file], edits),
+                request.factor,
+                here,
+                self._how,
+                speed=request.speed,
+                fit=request.fit,
+                advice="factor = {factor}, or fit = true",
+            )
         return motions.check_path(self._driver, self._legs(move, dict(here)), self._how, start=here)
 
     def _legs(self, move: Move, here: dict[str, float]) -> Sequence[Trajectory]:
         request, plans = move.request, self._plans
-        if request.what == "play":
-            taught = self._taught[move.file]
-            path = plans.played(taught, request.factor, request.begin, request.end, 0.0, trim=False)
-            return approached(self._driver.model, path, here, speed=request.speed)
         if request.what == "place" and request.place.straight:
             return [plans.line([request.place], here, TIP_SPEED * request.speed, 0.0)]
         point: Place | Mapping[str, float] = request.place

@@ -34,7 +34,8 @@ from hexwire.control.loop.reader import position_unknown, raise_if_silent, read_
 from hexwire.control.motion import motions
 from hexwire.control.motion.jaws import MOST_SECONDS
 from hexwire.control.motion.motion_options import unwatched_words
-from hexwire.control.motion.via import approached
+from hexwire.control.motion.path_check import CheckedPath
+from hexwire.control.motion.played import check_played
 from hexwire.control.requests.pose_file import HOME
 from hexwire.control.requests.program import is_program, read_program
 from hexwire.drivers.abilities import Leased, OnboardPaths
@@ -45,7 +46,7 @@ from hexwire.errors import GoalError, HexwireError, LimitError, LinkError, Servo
 from hexwire.model.aim import Tip
 from hexwire.model.gripper import OPENINGS, Opening
 from hexwire.model.state import JointTarget
-from hexwire.motion.teach import Taught
+from hexwire.motion.teach import Edits, Taught
 from hexwire.motion.trajectory import Trajectory
 from hexwire.trace.recording import RecordingWriter
 
@@ -59,7 +60,7 @@ from .programs import Asking, ProgramRun, asking
 
 if TYPE_CHECKING:
     from hexwire.control.motion.following import Limit
-    from hexwire.control.motion.motions import CheckedPath, MotionObserver, MotionResult
+    from hexwire.control.motion.motions import MotionObserver, MotionResult
     from hexwire.drivers.base import RobotDriver
     from hexwire.epochs import Token
     from hexwire.model.arm import ArmModel, JointModel
@@ -145,6 +146,7 @@ class _Play(TypedDict, total=False):
     end: float
     smooth: float
     trim: bool
+    fit: bool
     repeat: int
     step: int
     ask: Asking | None
@@ -587,6 +589,7 @@ class Arm:
         end=_END,
         smooth=_TIME,
         trim=FLAG,
+        fit=FLAG,
         repeat=_TIMES,
         step=_STEP,
         ask=_CALLED,
@@ -602,6 +605,7 @@ class Arm:
         end: float = math.inf,
         smooth: float = 0.0,
         trim: bool = False,
+        fit: bool = False,
         repeat: int = 1,
         step: int = 1,
         ask: Asking | None = None,
@@ -616,6 +620,7 @@ class Arm:
             end: Where it is to end, seconds.
             smooth: Remove tremor of a recording that is shorter than this, seconds.
             trim: Remove pauses at both ends of a recording.
+            fit: Play it more slowly if it is too fast for the limits, at the largest factor that keeps them.
             repeat: How often it is played.
             step: The step with which a program begins, from 1.
             ask: Called where a program waits for a person, with what it asks for, as `input`; the program goes on
@@ -630,20 +635,21 @@ class Arm:
         """
         asked = self._asked()
         if isinstance(motion, str | Path) and is_program(motion):
-            if (factor, begin, end, smooth, trim) != (1.0, 0.0, math.inf, 0.0, False):
-                raise UsageError("factor, begin, end, smooth and trim are for motions; a program has its own")
+            if (factor, begin, end, smooth, trim, fit) != (1.0, 0.0, math.inf, 0.0, False, False):
+                raise UsageError("factor, begin, end, smooth, trim and fit are for motions; a program has its own")
             return self._program(motion, step, repeat, ask, asked, wait)
         if step != 1 or ask is not None:
             raise UsageError("step and ask are for programs (.toml)")
         if isinstance(motion, Lesson | Recording):
             motion = motion.played()
         with self._told():
-            path = self._plans.played(motion, factor, begin, end, smooth, trim)
+            make = self._plans.played(motion, Edits(begin, end, trim, smooth))
+            names = make(factor).names
 
-        def plan(here: dict[str, float]) -> list[Trajectory]:
-            return approached(self.model, path, here, repeat)
+        def plan(here: dict[str, float]) -> CheckedPath:
+            return check_played(self.driver, make, factor, here, self._how(), repeat=repeat, fit=fit)
 
-        return self._motion(plan, path.names, asked, wait)
+        return self._motion(plan, names, asked, wait)
 
     # -- the gripper ----------------------------------------------------------------------------------
 
@@ -1068,7 +1074,7 @@ class Arm:
 
     def _motion(
         self,
-        plan: Callable[[dict[str, float]], list[Trajectory]],
+        plan: Callable[[dict[str, float]], list[Trajectory] | CheckedPath],
         joints: Sequence[str],
         asked: Token,
         wait: bool,
@@ -1076,7 +1082,7 @@ class Arm:
     ) -> Any:
         """Run a motion, which is planned and checked in this thread: the caller gets what is wrong with it."""
         opening = None if grip is None else _opening(grip)
-        how = replace(self._front.options, table=self._height())
+        how = self._how()
 
         def prepare(
             observer: MotionObserver,
@@ -1085,7 +1091,9 @@ class Arm:
                 self._clear_path(joints, asked)
             start = read_start(self.driver)
             with _beyond_limits():
-                path = motions.check_path(self.driver, plan(start), how, start=start, grip=opening)
+                path = plan(start)
+                if not isinstance(path, CheckedPath):
+                    path = motions.check_path(self.driver, path, how, start=start, grip=opening)
             observer.planned(path)
             if self._front.dry_run:
                 return lambda claim, observer: motions.MotionResult(None), 0.0
@@ -1111,7 +1119,7 @@ class Arm:
         self, file: str | Path, first: int, times: int, ask: Asking | None, asked: Token, wait: bool
     ) -> Any:
         """Run a program; all of it is checked in this thread."""
-        how = replace(self._front.options, table=self._height())
+        how = self._how()
         with self._told():
             program = read_program(file)
             asks = asking(program, ask)
@@ -1188,6 +1196,10 @@ class Arm:
                 raise StoppedError(
                     "the motion", _STOPPED, f"the arm was stopped; {what_helps(self.driver)}"
                 ) from error
+
+    def _how(self) -> motions.MotionOptions:
+        """How its motions are run and checked."""
+        return replace(self._front.options, table=self._height())
 
     def _height(self) -> float | None:
         """The table's height, which a program may have set to anything."""

@@ -494,6 +494,7 @@ def _run_through(
 @number_option("--to", "SECONDS", "End time.", above=0, dest="end")
 @number_option("--smooth", "SECONDS", "Remove tremor shorter than this.", minimum=0, default=0.0)
 @click.option("--trim", is_flag=True, help="Remove pauses at both ends.")
+@click.option("--fit", is_flag=True, help="If it is too fast for the limits, play it at the speed that fits.")
 @click.option(
     "--repeat", type=click.IntRange(min=1), default=1, show_default=True, metavar="N", help="Number of times."
 )
@@ -513,6 +514,7 @@ def play(
     end: float | None,
     smooth: float,
     trim: bool,
+    fit: bool,
     repeat: int,
     fastest: bool,
     step: int,
@@ -528,9 +530,9 @@ def play(
     The arm first moves slowly to the start of the motion. A program is checked as a whole before it begins. With
     --fastest, waypoints need no times, and --speed is a share of the speed limits.
     """
-    from hexwire.arm.plans import edited
     from hexwire.control.requests.program import is_program
     from hexwire.inputs import LARGEST_DATA, read_bytes
+    from hexwire.motion.teach import Edits, Taught
     from hexwire.motion.through import arm_path
     from hexwire.motion.trajectory import Scaled
     from hexwire.motion.waypoint_file import parse_points, parse_waypoints
@@ -539,7 +541,7 @@ def play(
     from .verbs import run_verb
 
     if is_program(file):
-        for name in ("speed", "begin", "end", "smooth", "trim", "fastest", "arm", "save"):
+        for name in ("speed", "begin", "end", "smooth", "trim", "fit", "fastest", "arm", "save"):
             if is_typed(name):
                 option = {"begin": "from", "end": "to"}.get(name, name)
                 raise UsageError(f"--{option} is for motions; a program (.toml) has its own")
@@ -547,10 +549,11 @@ def play(
         return
     if is_typed("step"):
         raise UsageError("--step is for programs (.toml)")
-    path: Trajectory | None = None
+    if fit and (fastest or save is not None):
+        raise UsageError("--fit is for what an arm plays at times of its own: leave out --fastest and --save")
+    motion: Taught | Trajectory | None = None
     names: tuple[str, ...] = ()
     points: Sequence[Sequence[float]] = ()
-    taught: Taught | None = None
     if file.lower().endswith(".json"):
         if begin or end is not None or smooth or trim or arm is not None:
             raise UsageError("--from, --to, --smooth, --trim and --arm are for recordings; edit the waypoints")
@@ -560,31 +563,37 @@ def play(
         if fastest:
             names, points = parse_points(content, file)
         else:
-            path = Scaled(parse_waypoints(content, file), speed)
+            motion = parse_waypoints(content, file)
+            names = Scaled(motion, speed).names
     elif fastest:
         raise UsageError("--fastest is for waypoints; a recording has its own times, --speed changes them")
     else:
         from hexwire.arm.recorded import read_taught
 
         last = math.inf if end is None else end
-        taught = edited(read_taught(file, arm), speed, begin, last, smooth, trim)
+        motion = read_taught(file, arm).edited(Edits(begin, last, trim, smooth))
         if save is not None:
-            _save(taught, file, save, force)
+            _save(motion.faster(speed), file, save, force)
             return
-        path = taught.trajectory()
+        names = motion.faster(speed).trajectory().names
     robot = make_robot_with(links, options)
-    unknown = [name for name in (path.names if path else names) if name not in robot.model.names]
+    unknown = [name for name in names if name not in robot.model.names]
     if unknown:
         raise UsageError(
             f"{file} moves {', '.join(unknown)}; {robot.model.name} has {', '.join(robot.model.names)}"
         )
-    if taught is not None and (inside := taught.within(robot.model)) != taught:
+    if isinstance(motion, Taught) and motion.within(robot.model) != motion:
         note("a joint that rested on its stop goes to its limit instead, just before the stop")
-        path = inside.trajectory()
-    if path is None:
-        path = arm_path(robot.model, names, points, speed=min(1.0, speed))
-    played = path
-    run_verb(robot, run, lambda start: f"play {Path(file).name}", lambda arm: arm.play(played, repeat=repeat))
+    factor = speed
+    if motion is None:
+        motion, factor = arm_path(robot.model, names, points, speed=min(1.0, speed)), 1.0
+    played = motion
+    run_verb(
+        robot,
+        run,
+        lambda start: f"play {Path(file).name}",
+        lambda arm: arm.play(played, factor=factor, fit=fit, repeat=repeat),
+    )
 
 
 @click.command()

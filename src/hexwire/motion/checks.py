@@ -1,13 +1,15 @@
 """Checks of a complete trajectory or path before anything moves.
 
-Owns the checks of joint limits, joint speeds, the joint coupling limit and the table. Must not know robots.
+Owns the checks of joint limits, joint speeds, the joint coupling limit and the table, and at which speed a motion
+that has times of its own passes them. Must not know robots.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import count
 
 from hexwire.errors import LimitError
 from hexwire.model.arm import ArmModel
@@ -17,12 +19,20 @@ from hexwire.units import decimal
 from .fence import Fence
 from .trajectory import Sample, Trajectory
 
-__all__ = ["InJoints", "MotionReport", "PathFault", "check_move", "check_trajectory"]
+__all__ = ["SLOWEST", "InJoints", "MotionReport", "PathFault", "check_move", "check_trajectory", "speed_that_fits"]
 
 _TURN = math.radians(1.0)
 """Radians between two checks of a move."""
 _STEP = 0.01
 """Seconds between checks: 1.5 degrees of the fastest 7Bot joint."""
+_ROUNDING = 1.001
+"""Times its speed limit that a joint may turn: an optimal motion runs at its limit."""
+SLOWEST = 0.1
+"""Least factor at which a motion is offered; one that is still too fast has a jump in it."""
+_FACTORS = 1000
+"""Factors to 1 that may be offered: three digits can be read and typed."""
+_GUESSES = 6
+"""Of the largest of them; then half of those that are left are ruled out each time."""
 
 
 class InJoints(Trajectory):
@@ -150,10 +160,12 @@ def check_trajectory(
             speed = abs(velocity[i])
             if last and (mean := abs(angle - last[1][i]) / since) > speed:
                 speed = mean
+            if math.isnan(speed):
+                # Of values so far apart that their difference is none.
+                speed = math.inf
             if speed > peak[i]:
                 peak[i] = speed
-            # A tolerance of 0.1 %: an optimal motion runs at its limit.
-            if not speed <= joint.max_speed * 1.001:
+            if not speed <= joint.max_speed * _ROUNDING:
                 note(
                     f"{joint.name} speed",
                     t,
@@ -175,6 +187,46 @@ def check_trajectory(
         note("table", trajectory.duration, still)
     findings = tuple(sorted(found.values(), key=lambda f: f.time))
     return MotionReport(trajectory.duration, dict(zip(trajectory.names, peak, strict=True)), lowest, findings)
+
+
+def speed_that_fits(make: Callable[[float], Trajectory], arm: ArmModel, most: float = 1.0) -> float | None:
+    """The largest factor of its speed at which a motion keeps the speed limits, in thousandths.
+
+    It is found by the check that decides whether the motion may begin: at this factor that allows it, a thousandth
+    above it does not. Positions, which no speed changes, are not looked at.
+
+    Args:
+        make: Makes the motion at a factor of its speed.
+        arm: Limits of its joints.
+        most: The factor that is wanted.
+
+    Returns:
+        The factor: `most` if the motion keeps the limits at that, None if it needs less than `SLOWEST`.
+    """
+
+    def over(factor: float) -> float:
+        """Times its limit that the fastest joint turns."""
+        peak = check_trajectory(make(factor), arm, table=None).peak_speed
+        return max((speed / arm.joint(name).max_speed for name, speed in peak.items()), default=0.0)
+
+    now = over(most)
+    if now <= _ROUNDING:
+        return most
+    # In thousandths: the greatest that is allowed, and the least that is not.
+    low, high = math.ceil(SLOWEST * _FACTORS) - 1, math.ceil(most * _FACTORS)
+    here, found = high, None
+    for tries in count():
+        if high - low <= 1:
+            break
+        # The speed is nearly proportional to the factor. But a check sees samples, and not all of the motion.
+        near = math.floor(here * _ROUNDING / now) if tries < _GUESSES else (low + high) // 2
+        here = min(max(near, low + 1), high - 1)
+        now = over(here / _FACTORS)
+        if now <= _ROUNDING:
+            low, found = here, here / _FACTORS
+        else:
+            high = here
+    return found
 
 
 def check_move(

@@ -1,13 +1,13 @@
 """Taught motions: joint positions over time, edited and made into a trajectory.
 
-Owns the edits: trim, speed, smooth. Pure; must not know files, robots or clocks.
+Owns the edits: part, trim, smooth, speed. Pure; must not know files, robots or clocks.
 """
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from hexwire.errors import UsageError
@@ -19,11 +19,28 @@ from .limits import resting_inside
 from .through import arm_path
 from .trajectory import Spline, Trajectory, Waypoint
 
-__all__ = ["Taught", "approach"]
+__all__ = ["Edits", "Taught", "approach"]
 
 _ACCELERATION = 4.0
 """Most radians per second squared of an approach, however fast a joint could be."""
 _REST = math.radians(0.5)
+
+
+@dataclass(frozen=True, slots=True)
+class Edits:
+    """How a recording is played; what is recorded does not change.
+
+    Attributes:
+        begin: Its first second to play.
+        end: Its last second to play.
+        trim: Leave out pauses at both ends of that.
+        smooth: Take away tremor that is shorter than this, seconds; both ends stay.
+    """
+
+    begin: float = 0.0
+    end: float = math.inf
+    trim: bool = False
+    smooth: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +103,24 @@ class Taught:
         if low >= high:
             raise UsageError(f"nothing is left between {start:g} and {end:g} s of {self.duration:.2f} s")
         return Taught(self.names, tuple(t - self.times[low] for t in self.times[low:high]), self.rows[low:high])
+
+    def edited(self, edits: Edits) -> Taught:
+        """As it is to be played.
+
+        Raises:
+            UsageError: Nothing is left, or a number is out of range.
+        """
+        taught = self
+        if edits.begin or edits.end < math.inf:
+            taught = taught.trimmed(edits.begin, edits.end)
+        if edits.trim:
+            taught = taught.without_stillness()
+        return taught.smoothed(edits.smooth)
+
+    def played(self, arm: ArmModel, edits: Edits) -> Callable[[float], Spline]:
+        """The motion of an arm, by the factor of its speed; raises as `edited`, `within`, `trajectory`."""
+        part = self.edited(edits).within(arm)
+        return lambda factor: part.faster(factor).trajectory()
 
     @property
     def moves(self) -> bool:

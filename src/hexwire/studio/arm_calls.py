@@ -129,6 +129,7 @@ def plan_values(plan: Preview, arm: ArmSource) -> dict[str, object]:
         "known": bool(plan.goal),
         "duration": plan.duration,
         "lead_in": plan.lead_in,
+        "fits": plan.fits,
         "tip": None if plan.tip is None else asdict(plan.tip),
         "branch": plan.branch,
         "branches": [asdict(branch) for branch in plan.branches],

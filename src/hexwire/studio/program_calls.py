@@ -93,7 +93,10 @@ def _check(asked: Asked, args: _Steps) -> list[dict[str, Any]]:
         return arm.motions.plan(move.request, taught.get(move.file), start)
 
     found = check_program(_parsed(args.steps), plan)
-    return [{"number": number, "duration": row.duration, "refusal": row.refusal} for number, row in found]
+    return [
+        {"number": number, "duration": row.duration, "refusal": row.refusal, "fits": row.fits}
+        for number, row in found
+    ]
 
 
 def _parsed(steps: list[Any]) -> Program:

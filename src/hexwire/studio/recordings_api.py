@@ -156,6 +156,7 @@ def _preview(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
         "duration": plan.duration,
         "lead_in": plan.lead_in,
         "refusal": plan.refusal or plan.unready,
+        "fits": plan.fits,
     }
 
 

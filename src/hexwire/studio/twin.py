@@ -22,6 +22,7 @@ from hexwire.control.sharing.lease import Lease
 from hexwire.control.sharing.shared import Order, SharedArm
 from hexwire.errors import HexwireError, UsageError
 from hexwire.model.arms import simulated_arms
+from hexwire.motion.teach import Edits
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -230,7 +231,7 @@ class Twin:
             begin, end, factor = part
 
             def plan() -> Preview:
-                return planner.along(taught, begin=begin, end=end, factor=factor)
+                return planner.along(taught, Edits(begin, end), factor=factor)
 
             def ended(run: MotionRun) -> None:
                 self._over.set()

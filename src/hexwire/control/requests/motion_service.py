@@ -14,7 +14,8 @@ A request is a table with the key ``what``:
   ``turn``, three angles in radians about them, with the tip in its place. It begins where the arm was last sent, so
   that steps add up exactly.
 - ``grip``: ``share``, 0 is closed, 1 fully open.
-- ``play``: ``begin`` and ``end`` in seconds of the taught motion, and ``factor`` of its speed.
+- ``play``: ``begin``, ``end`` and ``smooth`` in seconds of the taught motion, ``factor`` of its speed; with
+  ``fit``, one that is too fast is played at the largest factor that keeps the limits.
 
 All have ``speed``, a share of the joints' speed limits.
 """
@@ -30,6 +31,7 @@ from hexwire.errors import UsageError
 from hexwire.inputs import Item
 from hexwire.model.aim import Aim
 from hexwire.model.gripper import Jaws, jaws_of
+from hexwire.motion.teach import Edits
 from hexwire.units import decimal
 
 from ..motion.hold_to_run import SILENCE
@@ -59,7 +61,7 @@ _KEYS = {
     "pose": ("name",),
     "step": ("joint", "by", "move", "turn"),
     "grip": ("share",),
-    "play": ("begin", "end", "factor"),
+    "play": ("begin", "end", "smooth", "factor", "fit"),
 }
 _NEEDED: Mapping[str, tuple[str, ...]] = {
     "joints": ("goals",),
@@ -70,6 +72,8 @@ _NEEDED: Mapping[str, tuple[str, ...]] = {
     "play": (),
 }
 _NUMBERS = ("speed", "share", "begin", "end", "factor")
+_SMOOTHEST = 2.0
+"""Seconds: what is longer is no tremor."""
 _AIMS = ("arm", "space", "down", "rpy", "pitch")
 
 
@@ -89,7 +93,9 @@ class MotionRequest:
         share: Opening of the gripper: 0 is closed, 1 fully open.
         begin: First second of the taught motion to play.
         end: Last second of it to play.
+        smooth: Take away its tremor that is shorter than this, seconds.
         factor: 2 plays it twice as fast.
+        fit: Play it more slowly if it is too fast, at the largest factor that keeps the limits.
     """
 
     what: str
@@ -103,7 +109,9 @@ class MotionRequest:
     share: float = 0.0
     begin: float = 0.0
     end: float = math.inf
+    smooth: float = 0.0
     factor: float = 1.0
+    fit: bool = False
 
 
 def read_motion(args: Mapping[str, object]) -> MotionRequest:
@@ -128,6 +136,10 @@ def read_motion(args: Mapping[str, object]) -> MotionRequest:
         values |= _step(item)
     if what == "pose":
         values["name"] = row["name"].text(_LONGEST_TEXT)
+    if "smooth" in row:
+        values["smooth"] = row["smooth"].number(0.0, _SMOOTHEST, "s")
+    if "fit" in row:
+        values["fit"] = row["fit"].flag()
     return MotionRequest(what, **values)
 
 
@@ -362,9 +374,8 @@ class MotionService:
         taught = taught or self.taught
         if taught is None:
             raise UsageError("nothing was taught since this arm was opened")
-        return planner.along(
-            taught, begin=request.begin, end=request.end, factor=request.factor, speed=speed, start=start
-        )
+        edits = Edits(request.begin, request.end, smooth=request.smooth)
+        return planner.along(taught, edits, factor=request.factor, fit=request.fit, speed=speed, start=start)
 
     def _pose(self, name: str) -> Mapping[str, float]:
         return find_pose(self._arm.settings.model, {row.name: row.angles for row in self.pose_rows()}, name)

@@ -15,13 +15,16 @@ from hexwire.errors import GoalError, HexwireError, LimitError, UsageError
 from hexwire.model.aim import Aim, Tip, aimed_pose, rpy_of
 from hexwire.model.pose import multiply, rotation_about
 from hexwire.model.state import finite
-from hexwire.motion.joined import Joined, WithResting, sampled
-from hexwire.motion.teach import approach
+from hexwire.motion.checks import SLOWEST, speed_that_fits
+from hexwire.motion.joined import WithResting, sampled
+from hexwire.motion.teach import Edits, approach
+from hexwire.motion.trajectory import Spline, Waypoint
 
 from ..loop.outcomes import Reason
 from ..loop.reader import position_unknown
 from ..motion.goals import MAX_POINTS, Point, TrajectoryGoal
 from ..motion.path_check import PathCheck
+from ..motion.played import fits_words
 from ..motion.via import Place, approached, chosen_solution, straight
 
 if TYPE_CHECKING:
@@ -45,7 +48,7 @@ _MOST_POINTS = MAX_POINTS - 1
 _SLOWEST = 0.01
 _ALL_DIRECTIONS = 6
 """Joints with which a tool can be turned in every direction."""
-PLAY_FACTORS = (0.1, 4.0)
+PLAY_FACTORS = (SLOWEST, 4.0)
 """Slowest and fastest factor at which a taught motion is played."""
 
 
@@ -72,6 +75,8 @@ class Preview:
         goal: Angles at its end, radians by joint; of a refused one as near as is known, empty if nothing is.
         path: Of all joints of all controllers; None if there is none.
         lead_in: Seconds at its start in which the arm moves to where a taught motion begins.
+        fits: Of a taught motion that is refused for its speed, the largest factor that keeps the limits; None if
+            another limit is in the way, too.
         tip: Pose of the tip at the end; None for an arm without kinematics.
         branch: The solution that was chosen; empty if there was no choice.
         branches: All solutions, the allowed ones first.
@@ -82,6 +87,7 @@ class Preview:
     goal: Mapping[str, float]
     path: Trajectory | None = None
     lead_in: float = 0.0
+    fits: float | None = None
     tip: Tip | None = None
     branch: str = ""
     branches: tuple[Branch, ...] = ()
@@ -243,10 +249,10 @@ class Planner:
     def along(
         self,
         taught: Taught,
+        edits: Edits | None = None,
         *,
-        begin: float = 0.0,
-        end: float = math.inf,
         factor: float = 1.0,
+        fit: bool = False,
         speed: float = 0.3,
         start: Mapping[str, float] | None = None,
     ) -> Preview:
@@ -254,9 +260,9 @@ class Planner:
 
         Args:
             taught: The motion.
-            begin: Its first second to play.
-            end: Its last second to play.
+            edits: Which part of it, and how smooth; all of it as it is if None.
             factor: 2 plays it twice as fast.
+            fit: Plan it at the largest factor up to this that keeps the limits.
             speed: Share of the joints' speed limits on the way to its start.
             start: As for `to_joints`.
 
@@ -269,13 +275,27 @@ class Planner:
             raise UsageError(f"a taught motion is played at {low:g} to {high:g} times its speed, not {factor:g}")
         for name in taught.names:
             self._model.joint(name)
-        part = taught.trimmed(begin, end).faster(factor)
+        make = taught.played(self._model, edits or Edits())
         state, here = self._here(start)
         if unknown := [name for name in taught.names if not math.isfinite(here[name])]:
             return Preview({}, refusal=position_unknown(unknown), unready=self._unready(state))
-        legs = approached(self._model, part.trajectory(), here, speed=_MARGIN * _share(speed))
-        found = self._checked(Joined(legs), here, state)
-        return replace(found, lead_in=sum(leg.duration for leg in legs[:-1]))
+        share = _MARGIN * _share(speed)
+
+        def legs(factor: float) -> list[Trajectory]:
+            return approached(self._model, make(factor), here, speed=share)
+
+        def planned(factor: float) -> Preview:
+            parts = legs(factor)
+            found = self._checked(_as_sent(parts), here, state)
+            return replace(found, lead_in=sum(part.duration for part in parts[:-1]))
+
+        found = planned(factor)
+        if not found.refusal:
+            return found
+        fits = speed_that_fits(lambda factor: _as_sent(legs(factor)), self._model, factor)
+        if fits is None or (slower := planned(fits)).refusal:
+            return found
+        return slower if fit else replace(found, refusal=f"{found.refusal}; {fits_words(fits)}", fits=fits)
 
     # -- helpers --------------------------------------------------------------------------------------
 
@@ -296,6 +316,10 @@ class Planner:
         refusal = ""
         try:
             whole: Trajectory = WithResting(path, names, here)
+            if isinstance(path, Spline):
+                # It keeps its points, which are sent.
+                rows = [(point.time, whole.at(point.time)) for point in path.waypoints]
+                whole = Spline(names, [Waypoint(t, row.position, row.velocity) for t, row in rows])
             self._check.trajectory(path, here)
         except HexwireError as error:
             refusal, whole = _plain(error), path
@@ -339,6 +363,19 @@ class Planner:
         return "the arm is stopped; reset first" if state.stopped else ""
 
 
+def _as_sent(legs: Sequence[Trajectory]) -> Spline:
+    """A motion through the points that are sent of it: those of a recording, unless they are too many."""
+    names, rest = legs[0].names, (0.0,) * len(legs[0].names)
+    points = [Waypoint(0.0, legs[0].start, rest)]
+    for leg in legs:
+        begin, left = points[-1].time, MAX_POINTS - len(points)
+        if isinstance(leg, Spline) and len(leg.waypoints) <= left:
+            points += [replace(point, time=begin + point.time) for point in leg.waypoints[1:]]
+        elif leg.duration:
+            points += [Waypoint(begin + t, s.position, s.velocity) for t, s in sampled(leg, _STEP, left)]
+    return Spline(names, points)
+
+
 def goal_of(path: Trajectory, joints: Sequence[str]) -> TrajectoryGoal:
     """The goal that lets a controller follow a path.
 
@@ -352,10 +389,11 @@ def goal_of(path: Trajectory, joints: Sequence[str]) -> TrajectoryGoal:
     places = [path.names.index(name) for name in joints]
     if path.duration <= 0.0:
         return TrajectoryGoal(tuple(joints), ())
-    points = [
-        Point(t, tuple(s.position[i] for i in places), tuple(s.velocity[i] for i in places))
-        for t, s in sampled(path, _STEP, _MOST_POINTS)
-    ]
+    if isinstance(path, Spline):
+        rows = iter([(point.time, path.at(point.time)) for point in path.waypoints[1:]])
+    else:
+        rows = sampled(path, _STEP, _MOST_POINTS)
+    points = [Point(t, tuple(s.position[i] for i in places), tuple(s.velocity[i] for i in places)) for t, s in rows]
     return TrajectoryGoal(tuple(joints), tuple(points))
 
 

@@ -20,7 +20,8 @@ planned or run, nor who runs a program.
     grip = 0                         # percent open
 
     [[steps]]
-    play = "wave.mcap"               # a recording, from the folder of this file; with from and to in s, and factor
+    play = "wave.mcap"               # a recording, from the folder of this file; with from, to and smooth in s,
+                                     # factor, and fit = true: slower if it is too fast
 
     [[steps]]
     wait = 1.5                       # s
@@ -90,7 +91,7 @@ _MOTION_KEYS: Mapping[str, tuple[str, ...]] = {
     "joints": (),
     "place": ("relative", "line", "aim", "rpy", "pitch", "roll", "branch"),
     "grip": (),
-    "play": ("from", "to", "factor"),
+    "play": ("from", "to", "smooth", "factor", "fit"),
 }
 _KINDS = (*_MOTION_KEYS, "wait", "ask", "repeat")
 
@@ -377,10 +378,10 @@ def _play(row: dict[str, Item]) -> dict[str, Any]:
     args: dict[str, Any] = {"file": row["play"].text(_LONGEST_TEXT, least=1)}
     if Path(args["file"]).name != args["file"]:
         raise row["play"].fault("must be the name of a recording in the folder of this file, without a path")
-    for key, name in (("from", "begin"), ("to", "end"), ("factor", "factor")):
+    for key, name in (("from", "begin"), ("to", "end"), ("smooth", "smooth"), ("factor", "factor")):
         if key in row:
             args[name] = row[key].number(0.0)
-    return args
+    return args | {"fit": _flag(row.get("fit"))}
 
 
 _ARGS = {"pose": _pose, "joints": _joints, "place": _place, "grip": _grip, "play": _play}
@@ -421,8 +422,12 @@ def _row(step: Step) -> dict[str, Any]:
             row["from"] = _rounded(request.begin)
         if request.end < math.inf:
             row["to"] = _rounded(request.end)
+        if request.smooth:
+            row["smooth"] = _rounded(request.smooth)
         if request.factor != 1.0:
             row["factor"] = _rounded(request.factor)
+        if request.fit:
+            row["fit"] = True
     else:
         row = _place_row(request)
     return row | {"speed": _rounded(request.speed)}

@@ -390,11 +390,14 @@ export function mountTeach(page) {
   const factor = find("factor");
   const plan = find("play-plan");
   const plot = find("time-plot");
+  const slower = find("play-fits");
   let taught = null;
   let teaching = false;
   let began = 0;
   let timer = 0;
   let played = 0; // where the running play began
+  let rate = 1; // and the factor of its speed
+  let fits = null; // the greatest factor that keeps the limits, of a motion that is too fast
 
   const say = (text, level = "") => {
     note.textContent = text;
@@ -440,7 +443,11 @@ export function mountTeach(page) {
     timer = 0;
     if (!taught) return;
     const motion = { what: "play", begin: Number(cursor.value), factor: Number(factor.value), speed: page.speed };
-    showPlan(plan, await page.call("preview", { motion }));
+    const told = await page.call("preview", { motion });
+    showPlan(plan, told);
+    fits = told.fits ?? null;
+    slower.hidden = fits === null;
+    slower.textContent = `Play at ${fits} of its speed`;
   };
   const soon = () => {
     clearTimeout(timer);
@@ -507,19 +514,21 @@ export function mountTeach(page) {
     soon();
   });
   factor.addEventListener("change", soon);
-  const play = (begin) => {
+  const play = (begin, wanted = Number(factor.value)) => {
     played = begin;
+    rate = wanted;
     page.ghost(null);
-    page.run({ what: "play", begin, factor: Number(factor.value) }).then((why) => {
+    page.run({ what: "play", begin, factor: wanted }).then((why) => {
       plan.dataset.level = ["arrived", "released", "ended"].includes(why) ? "" : "error";
       plan.textContent = why === "arrived" ? "Played." : capital(why);
     });
   };
   find("play").addEventListener("click", () => play(0));
+  slower.addEventListener("click", () => play(Number(cursor.value), fits));
   find("play-here").addEventListener("click", () => play(Number(cursor.value)));
   page.on("elapsed", ({ run, now }) => {
     if (!taught || teaching || run.title !== "the taught motion") return;
-    mark(Math.min(taught.duration, played + Math.max(0, now - run.lead_in) * Number(factor.value)));
+    mark(Math.min(taught.duration, played + Math.max(0, now - run.lead_in) * rate));
   });
   new ResizeObserver(draw).observe(plot);
   const dark = matchMedia("(prefers-color-scheme: dark)");
@@ -638,6 +647,7 @@ export function teachMarkup() {
       <button class="hw-button arm-need arm-whole" id="arm-play-here" type="button">Play from here</button>
     </div>
     <p class="arm-plan" id="arm-play-plan" role="status"></p>
+    <button class="hw-button arm-need arm-whole" id="arm-play-fits" type="button" hidden></button>
   </div>
 </section>`;
 }

@@ -160,10 +160,19 @@ export function mountProgram(page, root) {
     if (refused) {
       mark(refused.number, "error");
       say(`Step ${refused.number}: ${refused.refusal}`, "error");
+      if (refused.fits !== null) offer(refused);
       return false;
     }
     say(`All ${told.length} motions are allowed from here.`);
     return true;
+  }
+  /** Offer the speed at which a recording is not too fast. */
+  function offer({ number, fits }) {
+    note.append(" ", button(`Play it at ${fits} of its speed`, () => {
+      stepAt(steps, number).factor = fits;
+      changed();
+      check();
+    }));
   }
   async function run(first) {
     finish("begun anew");
@@ -235,6 +244,12 @@ export function mountProgram(page, root) {
 
 const stops = () => hexwire.frame?.stops ?? hexwire.facts?.stops ?? 0;
 const holds = (step, other) => (step.steps ?? []).some((one) => one === other || holds(one, other));
+
+/** The step with a number such as 3.1. */
+function stepAt(steps, number) {
+  const places = number.split(".").map((part) => Number(part) - 1);
+  return places.reduce((step, place) => (step.steps ?? step)[place], steps);
+}
 
 function parent(of, inner) {
   for (const [i, step] of of.entries()) {

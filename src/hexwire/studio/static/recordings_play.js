@@ -28,12 +28,17 @@ export function makePlayer(page, place, view, shown, moved) {
   };
   const twin = press("Play on the twin", playTwin);
   const arm = press("Play on the arm", playArm);
+  const slower = press("", () => {
+    factor.value = String(state.fits);
+    playArm();
+  });
+  slower.hidden = true;
   const stop = press("End", end);
   stop.hidden = true;
   const said = make("span", { className: "rc-said", role: "status" });
   const bar = make("progress", { max: 1, value: 0, hidden: true });
   bar.setAttribute("aria-label", "Progress of the motion");
-  place.replaceChildren(fromField, toField, factorField, ...(page.args.operates ? [twin, arm, stop] : []), bar, said);
+  place.replaceChildren(fromField, toField, factorField, ...(page.args.operates ? [twin, arm, slower, stop] : []), bar, said);
 
   hexwire.onRun((run) => {
     if (state.on !== "arm" || !run || run.outcome) return;
@@ -55,7 +60,7 @@ export function makePlayer(page, place, view, shown, moved) {
   function choose(entry) {
     state.entry = entry;
     state.times = null;
-    if (!state.on) { said.textContent = ""; bar.hidden = true; }
+    if (!state.on) { said.textContent = ""; bar.hidden = true; offer(null); }
     from.value = "0";
     to.value = "";
     if (state.list) update(state.list);
@@ -91,6 +96,7 @@ export function makePlayer(page, place, view, shown, moved) {
     state.run = null;
     state.points = [];
     state.part = part();
+    offer(null);
     said.textContent = text;
     said.dataset.level = "";
     stop.hidden = false;
@@ -158,10 +164,21 @@ export function makePlayer(page, place, view, shown, moved) {
     prepare("arm", "checking …");
     const plan = await page.act({ do: "preview", name: state.entry.name, topic: view.topic, ...state.part });
     if (!plan) { finish(page.state.refusal, true); return; }
-    if (plan.refusal) { finish(plan.refusal, true); return; }
+    if (plan.refusal) {
+      finish(plan.refusal, true);
+      offer(plan.fits);
+      return;
+    }
     said.textContent = `${plan.lead_in.toFixed(1)} s to the start, then ${(plan.duration - plan.lead_in).toFixed(1)} s`;
     const why = await hexwire.hold("run", { what: "play", recording: state.entry.name, topic: view.topic || "", ...state.part }, { attended: true });
     finish(why === "arrived" ? "arrived" : why, why !== "arrived" && why !== "released");
+  }
+
+  /** Offer the speed at which it is not too fast. */
+  function offer(fits) {
+    state.fits = fits;
+    slower.hidden = fits === null;
+    if (fits !== null) slower.textContent = `Play at ${fits} of its speed`;
   }
 
   function end() {
