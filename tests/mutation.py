@@ -84,7 +84,6 @@ TESTS = {
         "tests/test_extras.py",
         "tests/test_folders.py",
         "tests/test_inputs.py",
-        "tests/test_log_limiter.py",
         "tests/test_main.py",
         "tests/test_new_file.py",
         "tests/test_system.py",

@@ -12,7 +12,7 @@ from rosbags.highlevel import AnyReader
 
 from hexwire.errors import UsageError
 from hexwire.model.state import JointState
-from hexwire.ros2.bag_recording import BagRecording, convert, ros_topic
+from hexwire.ros2.bag import BagRecording, convert, ros_topic
 from hexwire.trace.recording import RecordingWriter
 from zenoh_ros2.types import Types
 

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from hexwire.errors import UsageError
-from hexwire.ros2.set_points import ARRAY, of_array, of_joint_state
+from hexwire.ros2.values import ARRAY, of_array, of_joint_state
 from zenoh_ros2.types import Types
 
 TYPES = Types()

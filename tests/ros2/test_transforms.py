@@ -12,7 +12,7 @@ from hexwire.model.geometry import kinematics_or_none, make_shapes
 from hexwire.model.pose import multiply, rotation_about
 from hexwire.model.shapes import moved
 from hexwire.model.urdf import make_urdf
-from hexwire.ros2.transforms import TRANSFORMS, Transforms
+from hexwire.ros2.reports import TRANSFORMS, Transforms
 from zenoh_ros2.types import Types
 
 ARMS = ("hex7bot", "puma260", "so100", "so101")

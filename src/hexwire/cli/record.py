@@ -37,7 +37,7 @@ from .sim import link_option, serve_device, tcp_option
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.state import JointState
-    from hexwire.ros2.bag_recording import BagRecording
+    from hexwire.ros2.bag import BagRecording
     from hexwire.trace.capture import CapturedMessage, Writer
 
 __all__ = ["bag_recording", "capturing", "record", "record_as", "recording", "ros2", "topic_for"]
@@ -378,7 +378,7 @@ def bag_recording(folder: str, *, force: bool, optional: bool = False) -> Iterat
     Arguments and errors are those of `hexwire.cli.record.recording`. The bag gets the URDF of each robot
     whose states are read, if it has a geometry.
     """
-    from hexwire.ros2.bag_recording import BagRecording
+    from hexwire.ros2.bag import BagRecording
     from zenoh_ros2 import Types
 
     made: list[BagRecording] = []
@@ -414,7 +414,7 @@ def ros2(file: BinaryIO, folder: str, robot: str | None, force: bool) -> None:
     `ros2 bag` plays FOLDER; Foxglove and PlotJuggler open the MCAP file in it.
     """
     from hexwire.model.urdf import make_urdf
-    from hexwire.ros2.bag_recording import BagRecording, convert
+    from hexwire.ros2.bag import BagRecording, convert
     from zenoh_ros2 import Types
 
     robot = early_robot(robot)

@@ -38,12 +38,18 @@ from zenoh_ros2 import (
 
 from . import arm_lifecycle
 from .actions import FOLLOW_JOINT_TRAJECTORY, ActionClient, ActionGoals
-from .reports import CONTROLLER_STATE, DIAGNOSTICS, JOINT_STATE, TRAJECTORY, Reports
+from .reports import (
+    CONTROLLER_STATE,
+    DIAGNOSTICS,
+    JOINT_STATE,
+    TRAJECTORY,
+    TRANSFORMS,
+    Reports,
+    Transforms,
+)
 from .ros_clock import RosClock
-from .set_points import ARRAY, of_array, of_joint_state
 from .settings import changed, descriptor_of
-from .transforms import TRANSFORMS, Transforms
-from .values import delay_of, trajectory_of
+from .values import ARRAY, delay_of, of_array, of_joint_state, trajectory_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -1,16 +1,18 @@
-"""Messages about an arm: joint states, states of controllers, feedback, diagnostics, taught motions.
+"""Messages about an arm: joint states, states of controllers, feedback, diagnostics, taught motions, transforms.
 
-Owns which value is in which field, also where distributions differ. Must not know topics or clocks.
+Owns which value is in which field, also where distributions differ, and which frames of an arm are transforms
+(`/tf`, `/tf_static`): those of the URDF of `hexwire.model.urdf`. Must not know topics or clocks.
 """
 
 from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from hexwire.control.requests.teach_mode import to_points, tolerance_of
+from hexwire.model.pose import multiply, quaternion, rotation_about, rotation_from_rpy
 from zenoh_ros2 import seconds_of, time_fields
 
 if TYPE_CHECKING:
@@ -18,15 +20,25 @@ if TYPE_CHECKING:
     from hexwire.control.loop.outcomes import Progress
     from hexwire.control.requests.diagnostics import Row
     from hexwire.model.arm import ArmModel
+    from hexwire.model.shapes import ArmShapes, ShapeJoint
     from hexwire.motion.teach import Taught
     from zenoh_ros2 import Types
 
-__all__ = ["CONTROLLER_STATE", "DIAGNOSTICS", "JOINT_STATE", "TRAJECTORY", "Reports"]
+__all__ = [
+    "CONTROLLER_STATE",
+    "DIAGNOSTICS",
+    "JOINT_STATE",
+    "TRAJECTORY",
+    "TRANSFORMS",
+    "Reports",
+    "Transforms",
+]
 
 CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
 _HEADER, _STAMP = 4, struct.Struct("<iI")
 """Bytes before a message, which say how it is encoded; and the stamp at its beginning."""
@@ -163,6 +175,55 @@ class Reports:
 
     def _seconds(self, seconds: float) -> Any:
         return self._duration(**time_fields(round(seconds * 1e9)))
+
+
+class Transforms:
+    """Makes the transforms of an arm, for machines without a robot_state_publisher.
+
+    Args:
+        types: Types of the distribution.
+        shapes: The arm.
+    """
+
+    def __init__(self, types: Types, shapes: ArmShapes) -> None:
+        self._message = types.message(TRANSFORMS)
+        self._stamped = types.message("geometry_msgs/msg/TransformStamped")
+        self._header = types.message("std_msgs/msg/Header")
+        self._transform = types.message("geometry_msgs/msg/Transform")
+        self._vector = types.message("geometry_msgs/msg/Vector3")
+        self._quaternion = types.message("geometry_msgs/msg/Quaternion")
+        self._fixed = tuple(joint for joint in shapes.joints if joint.axis is None or joint.drive is None)
+        self._moving = tuple(joint for joint in shapes.joints if joint not in self._fixed)
+
+    def fixed(self, stamp: Any) -> Any:
+        """A TFMessage of the joints that do not move; `stamp` is a builtin_interfaces Time."""
+        return self._message(transforms=[self._of(joint, 0.0, stamp) for joint in self._fixed])
+
+    def moving(self, positions: Mapping[str, float], stamp: Any) -> Any:
+        """A TFMessage of the joints whose position is known.
+
+        Args:
+            positions: Radians by joint of the driver.
+            stamp: A builtin_interfaces Time.
+        """
+        found = []
+        for joint in self._moving:
+            drive = joint.drive
+            if drive is not None and drive.joint in positions:
+                found.append(self._of(joint, drive.multiplier * positions[drive.joint] + drive.offset, stamp))
+        return self._message(transforms=found)
+
+    def _of(self, joint: ShapeJoint, angle: float, stamp: Any) -> Any:
+        turned = rotation_from_rpy(*joint.rpy)
+        if joint.axis is not None and angle:
+            turned = multiply(turned, rotation_about(joint.axis, angle))
+        x, y, z, w = quaternion(turned)
+        place = dict(zip("xyz", joint.place, strict=True))
+        transform = self._transform(
+            translation=self._vector(**place), rotation=self._quaternion(x=x, y=y, z=z, w=w)
+        )
+        header = self._header(stamp=stamp, frame_id=joint.parent)
+        return self._stamped(header=header, child_frame_id=joint.child, transform=transform)
 
 
 def _index(points: Sequence[Any], elapsed: float) -> int:

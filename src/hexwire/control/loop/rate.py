@@ -1,14 +1,20 @@
-"""Limits an action to once per period, and measures the rate of events.
+"""Limits an action to once per period and how often a warning is repeated, and measures the rate of events.
 
-Owns the due times, which never lead to bursts, and the count behind a rate. Time comes in as an argument.
+Owns the due times, which never lead to bursts, the record of logged texts, and the count behind a rate. Time comes
+in as an argument. Must not know who logs, nor why.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections import deque
 
-__all__ = ["Periodic", "RateMeter"]
+__all__ = ["LogLimiter", "Periodic", "RateMeter"]
+
+_NUMBER = re.compile(r"[+-]?\d[\d.e+-]*")
+_KINDS = 100
+"""Most texts remembered."""
 
 
 class Periodic:
@@ -76,3 +82,32 @@ class RateMeter:
     def _forget(self, now: float) -> None:
         while self._times and self._times[0] < now - self._window:
             self._times.popleft()
+
+
+class LogLimiter:
+    """Decides whether to log a text again: a fault that occurs fifty times per second must not fill the log.
+
+    Texts that differ only in their numbers count as one: a client that streams refused values sends different
+    numbers each time.
+    """
+
+    def __init__(self) -> None:
+        self._logged: dict[str, float] = {}
+
+    def due(self, text: str, now: float, period: float = 1.0) -> bool:
+        """Whether to log `text` now; if true, it counts as logged.
+
+        Args:
+            text: The text.
+            now: Seconds.
+            period: Least seconds between two log entries.
+        """
+        kind = _NUMBER.sub("#", text)
+        if now - self._logged.get(kind, -math.inf) < period:
+            return False
+        # Forget the oldest, since a client can also invent any number of names.
+        self._logged.pop(kind, None)
+        self._logged[kind] = now
+        while len(self._logged) > _KINDS:
+            del self._logged[next(iter(self._logged))]
+        return True

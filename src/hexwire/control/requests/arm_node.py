@@ -15,9 +15,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from hexwire.errors import DeviceError, HexwireError
-from hexwire.log_limiter import LogLimiter
 
-from ..loop.rate import Periodic
+from ..loop.rate import LogLimiter, Periodic
 from ..loop.shutdown import Shutdown
 from ..loop.workers import MergedCalls
 from ..motion.rest import rest_in_words

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from hexwire.log_limiter import LogLimiter
+from hexwire.control.loop.rate import LogLimiter
 
 
 def test_same_text_is_logged_again_after_its_period() -> None:
