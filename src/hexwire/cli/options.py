@@ -651,7 +651,7 @@ def camera_option(viewers: str) -> Callable[[_F], _F]:
         "cameras",
         multiple=True,
         metavar="DEVICE",
-        help=f"Show a camera of this computer to {viewers}: its device, as /dev/video0, or all.",
+        help=f"Also show a camera of this computer to {viewers}: its device, as /dev/video0, or all.",
     )
 
 

@@ -16,6 +16,7 @@ from .exits import note
 from .options import (
     DEFAULT_ROBOT,
     arm_settings,
+    camera_option,
     certificate_options,
     early_port,
     early_robot,
@@ -69,6 +70,7 @@ _SWITCH = 0.001
     metavar="URL",
     help="With --foxglove: a web page that may connect, as https://app.foxglove.dev.",
 )
+@camera_option("--foxglove")
 @host_timed_option
 @links_option
 @table_options
@@ -88,6 +90,7 @@ def serve(
     lease: float,
     foxglove: str | None,
     origins: tuple[str, ...],
+    cameras: tuple[str, ...],
     host_timed: bool,
     links: str,
     table: float | None,
@@ -124,16 +127,20 @@ def serve(
         network["reachable_without_certificates"] = True
     if origins and foxglove is None:
         raise UsageError("--foxglove-origin is for --foxglove")
-    viewers = None if foxglove is None else _viewers(foxglove, origins)
+    if cameras and foxglove is None:
+        raise UsageError("--camera is for --foxglove")
+    viewers = None if foxglove is None else _viewers(foxglove, origins, cameras)
     _run(arms, _network(network), wait, viewers)
 
 
-def _viewers(listen: str, origins: tuple[str, ...]) -> Viewers:
+def _viewers(listen: str, origins: tuple[str, ...], cameras: tuple[str, ...]) -> Viewers:
     try:
+        from hexwire.studio.v4l2 import find_cameras
         from hexwire.studio.viewers import Viewers
     except ImportError as error:
         raise UsageError(f"--foxglove needs the studio: pip install 'hexwire[studio]' ({error})") from None
-    return Viewers(listen, frozenset(map(str.lower, origins)))
+    found = find_cameras(cameras) if cameras else None
+    return Viewers(listen, frozenset(map(str.lower, origins)), found)
 
 
 def _given(robot: str | None, port: str | None, links: str, table: float | None) -> dict[str, object]:

@@ -107,7 +107,9 @@ class _Demo(Enum):
     help="Folder of recordings.  [default: ~/.local/share/hexwire/recordings]",
 )
 @click.option(
-    "--foxglove", is_flag=True, help="Also show it to Foxglove: states, targets, log and 3D scene, for watching."
+    "--foxglove",
+    is_flag=True,
+    help="Also show it to Foxglove: states, targets, log, 3D scene and cameras, for watching.",
 )
 @click.option(
     "--foxglove-origin",
@@ -116,7 +118,7 @@ class _Demo(Enum):
     metavar="URL",
     help="With --foxglove: a web page that may connect, as https://app.foxglove.dev.",
 )
-@camera_option("pages, also to whoever only watches")
+@camera_option("pages and --foxglove, also to whoever only watches")
 @click.option("--no-browser", is_flag=True, help="Only print the address.")
 @host_timed_option
 @links_option
@@ -287,12 +289,12 @@ def _make(protection: _Protection, recordings: Path | None) -> tuple[Studio, tup
     if cert:
         listening.check_tls(cert, key, ca)
     access = Access(frozenset(), secure=bool(cert), password=password, origins=protection.origins)
-    foxglove = None
+    cameras, foxglove = _cameras(protection.cameras), None
     if protection.foxglove:
         from hexwire.studio.foxglove import Foxglove
 
-        foxglove = Foxglove("hexwire studio")
-    return Studio(access, recordings, foxglove, _cameras(protection.cameras)), (host, number)
+        foxglove = Foxglove("hexwire studio", cameras=cameras)
+    return Studio(access, recordings, foxglove, cameras), (host, number)
 
 
 def _cameras(devices: tuple[str, ...]) -> Cameras | None:

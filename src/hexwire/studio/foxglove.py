@@ -1,8 +1,9 @@
-"""Foxglove's WebSocket protocol, for watching only: states, targets, log and 3D scene of arms, live.
+"""Foxglove's WebSocket protocol, for watching only: states, targets, log and 3D scene of arms, and cameras, live.
 
 Owns the protocol (`foxglove.sdk.v1`), the topics of an arm, and that a slow viewer gets less and keeps nobody
-waiting. The messages are those of recordings (`hexwire.trace.foxglove`). Whoever connects has passed the gate.
-Nothing that a viewer sends reaches an arm. Runs in the loop of its server; an arm calls it from its owner's thread.
+waiting; a camera is open only while a viewer has subscribed to it. The messages are those of recordings
+(`hexwire.trace.foxglove`). Whoever connects has passed the gate. Nothing that a viewer sends reaches an arm. Runs
+in the loop of its server; an arm calls it from its owner's thread, a camera from its own.
 
 Source: https://github.com/foxglove/ws-protocol/blob/main/docs/spec.md
 """
@@ -26,10 +27,12 @@ from starlette.websockets import WebSocketDisconnect
 from hexwire.model.geometry import kinematics_for, make_shapes
 from hexwire.trace.foxglove import (
     SCHEMAS,
+    compressed_image,
     frame_transforms,
     joint_states,
     log_line,
     nanoseconds,
+    picture_topic,
     positions,
     scene_update,
 )
@@ -42,6 +45,8 @@ if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.model.shapes import ArmShapes
     from hexwire.model.state import JointState
+
+    from .cameras import Camera, Cameras, Picture
 
 __all__ = ["SUBPROTOCOL", "Foxglove", "Viewer"]
 
@@ -73,6 +78,7 @@ _TOPICS = (
     ("scene", "foxglove.SceneUpdate", _LASTING),
 )
 """Of an arm: name, schema, and what a viewer gets of it. What lasts is sent to whoever subscribes later, too."""
+_PICTURES = "foxglove.CompressedImage"
 _LOG = "/log"
 _LOG_CHANNEL = 1
 _LEVELS = ((logging.CRITICAL, 5), (logging.ERROR, 4), (logging.WARNING, 3), (logging.INFO, 2))
@@ -174,6 +180,8 @@ class Viewer:
             self._refuse(f"there is no channel {wanted.channelId}")
         elif not 0 <= wanted.id < 1 << 32 or wanted.id in known:
             self._refuse(f"subscription {wanted.id} is in use, or no number of 32 bits")
+        elif self.wants(wanted.channelId) and self._channels[wanted.channelId].schema == _PICTURES:
+            self._refuse(f"channel {wanted.channelId} has pictures: it is sent to a viewer once")
         elif len(known) >= _MOST_SUBSCRIPTIONS:
             self._refuse(f"these are more than {_MOST_SUBSCRIPTIONS} subscriptions")
         else:
@@ -285,20 +293,55 @@ class _Shown:
         return [(self.channels["scene"], stamp, scene_update(self._shapes, self._names, stamp, self.prefix))]
 
 
+class _Seen:
+    """One camera: its channel, and its newest picture, which its thread sets."""
+
+    def __init__(self, camera: Camera, number: int, wall: Callable[[], float], come: Callable[[], object]) -> None:
+        self._camera, self._wall, self._come = camera, wall, come
+        self.channel = _Channel(number, picture_topic(camera.name), _PICTURES, _NEWEST)
+        self._newest: Picture | None = None
+        self._end: Callable[[], None] | None = None
+
+    def look(self, wanted: bool) -> None:
+        """Look at it, or do not any more."""
+        if wanted and self._end is None:
+            self._end = self._camera.look(self._see)
+        elif not wanted and self._end is not None:
+            self._end()
+            self._end = self._newest = None
+
+    def _see(self, picture: Picture | None, why: str) -> None:
+        # Why there is none is in the log, which viewers have, too.
+        self._newest = picture
+        self._come()
+
+    def take(self) -> list[tuple[_Channel, float, dict[str, Any]]]:
+        """What is new, as channel, time and body."""
+        picture, self._newest = self._newest, None
+        if picture is None:
+            return []
+        stamp = picture.stamp + self._wall() - time.monotonic()
+        return [(self.channel, stamp, compressed_image(picture.jpeg, self._camera.name, stamp))]
+
+
 class Foxglove(logging.Handler):
     """The arms that viewers may watch, and the viewers. As a handler it passes the log of hexwire on.
 
     Args:
         name: Of the server, for viewers.
         wall: Seconds since 1970.
+        cameras: Cameras of this computer that viewers may see; none if None.
     """
 
-    def __init__(self, name: str, wall: Callable[[], float] = time.time) -> None:
+    def __init__(self, name: str, wall: Callable[[], float] = time.time, cameras: Cameras | None = None) -> None:
         super().__init__(logging.INFO)
         self.name_of_server, self._wall = name, wall
         self._loop: asyncio.AbstractEventLoop | None = None
         self._log_channel = _Channel(_LOG_CHANNEL, _LOG, "foxglove.Log", _EACH)
         self._next = _LOG_CHANNEL + 1
+        self._cameras: list[_Seen] = []
+        for camera in cameras.rows.values() if cameras is not None else ():
+            self.add_camera(camera)
         self._arms: dict[str, _Shown] = {}
         self._viewers: dict[Viewer, asyncio.Event] = {}
         self._lines: deque[tuple[float, dict[str, Any]]] = deque(maxlen=_MOST_LOG)
@@ -320,6 +363,11 @@ class Foxglove(logging.Handler):
             return
         self._lines.append((stamp, body))
         self._soon()
+
+    def add_camera(self, camera: Camera) -> None:
+        """Show a camera to viewers that come later."""
+        self._cameras.append(_Seen(camera, self._next, self._wall, self._soon))
+        self._next += 1
 
     def show(
         self, prefix: str, arm: ArmModel, links: str = "A"
@@ -389,10 +437,16 @@ class Foxglove(logging.Handler):
         # Before what is new is taken: what comes meanwhile is passed on next time.
         self._due = False
         rows = [row for arm in self._arms.values() for row in arm.take(self._is_wanted)]
+        rows += [row for camera in self._cameras for row in camera.take()]
         while self._lines:
             rows.append((self._log_channel, *self._lines.popleft()))
         for channel, stamp, body in rows:
             self._put(channel, stamp, body, self._viewers)
+
+    def _look(self) -> None:
+        """Look at the cameras that somebody has subscribed to, and at no other."""
+        for camera in self._cameras:
+            camera.look(self._is_wanted(camera.channel.number))
 
     def _is_wanted(self, number: int) -> bool:
         return any(viewer.wants(number) for viewer in self._viewers)
@@ -411,7 +465,8 @@ class Foxglove(logging.Handler):
         await websocket.accept(SUBPROTOCOL)
         viewer, due = Viewer(), asyncio.Event()
         viewer.begin(self.name_of_server)
-        viewer.advertise([self._log_channel, *(c for arm in self._arms.values() for c in arm.channels.values())])
+        shown = (channel for arm in self._arms.values() for channel in arm.channels.values())
+        viewer.advertise([self._log_channel, *(camera.channel for camera in self._cameras), *shown])
         self._viewers[viewer] = due
         due.set()
         works = (self._send(websocket, viewer, due), self._receive(websocket, viewer))
@@ -420,6 +475,7 @@ class Foxglove(logging.Handler):
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
             del self._viewers[viewer]
+            self._look()
             await end_tasks(tasks)
             with contextlib.suppress(RuntimeError, WebSocketDisconnect, TimeoutError):
                 async with asyncio.timeout(_PATIENCE):
@@ -444,5 +500,6 @@ class Foxglove(logging.Handler):
                 for channel, stamp, body in arm.lasting() if begun & arm.numbers else ():
                     if channel.number in begun:
                         self._put(channel, stamp, body, (viewer,))
+            self._look()
             self._viewers[viewer].set()
             await asyncio.sleep(_PAUSE)

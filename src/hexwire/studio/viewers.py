@@ -19,6 +19,7 @@ from .server import Server, make_viewers_app, socket_of
 if TYPE_CHECKING:
     from hexwire.control.requests.settings import Settings
 
+    from .cameras import Cameras
     from .foxglove import OnState
 
 __all__ = ["Viewers"]
@@ -33,12 +34,13 @@ class Viewers:
     Args:
         listen: Where, as for `hexwire studio --listen`.
         origins: Of web pages that may connect.
+        cameras: Cameras of this computer that are shown, too; none if None.
 
     Raises:
         UsageError: Other machines could reach it, or `listen` is no address.
     """
 
-    def __init__(self, listen: str, origins: frozenset[str]) -> None:
+    def __init__(self, listen: str, origins: frozenset[str], cameras: Cameras | None = None) -> None:
         host, port = parse_listen(listen)
         if not is_local(host):
             raise UsageError(
@@ -46,7 +48,8 @@ class Viewers:
                 "'hexwire studio --foxglove --port zenoh:NAME', which has TLS and a password"
             )
         access = Access(frozenset(), origins=origins)
-        self._foxglove = Foxglove("hexwire serve")
+        self._cameras = cameras
+        self._foxglove = Foxglove("hexwire serve", cameras=cameras)
         self._server = Server(partial(make_viewers_app, self._foxglove, access), access, host, port)
         self._thread = threading.Thread(target=self._server.run, name="viewers", daemon=True)
 
@@ -69,3 +72,5 @@ class Viewers:
         """End."""
         self._server.end()
         self._thread.join(_PATIENCE)
+        if self._cameras is not None:
+            self._cameras.close()

@@ -1,8 +1,8 @@
 """Messages under the names of Foxglove's schemas, as plain values that become JSON, and their JSON schemas.
 
-Owns what a joint state, a line of a log, and the shapes of an arm are as such messages, in recordings and live. The
-schemas allow additional fields, which hold what Foxglove has no name for (load, current, voltage, temperature,
-flags). Must not know files.
+Owns what a joint state, a line of a log, a picture, and the shapes of an arm are as such messages, in recordings
+and live. The schemas allow additional fields, which hold what Foxglove has no name for (load, current, voltage,
+temperature, flags). Must not know files.
 
 Source: https://docs.foxglove.dev/docs/sdk/schemas
 """
@@ -10,6 +10,7 @@ Source: https://docs.foxglove.dev/docs/sdk/schemas
 from __future__ import annotations
 
 import math
+from base64 import b64encode
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -29,10 +30,12 @@ __all__ = [
     "NSEC",
     "SCHEMAS",
     "WARNING",
+    "compressed_image",
     "frame_transforms",
     "joint_states",
     "log_line",
     "nanoseconds",
+    "picture_topic",
     "positions",
     "scene_update",
     "time_of",
@@ -136,6 +139,13 @@ _UNUSED: dict[str, Any] = {
     )
 }
 """Fields that a scene must have; an arm has nothing for them."""
+SCHEMAS["foxglove.CompressedImage"] = _object(
+    "CompressedImage",
+    timestamp=_TIME,
+    frame_id=_TEXT,
+    data={"type": "string", "contentEncoding": "base64"},
+    format=_TEXT,
+)
 SCHEMAS["foxglove.FrameTransforms"] = _object(
     "FrameTransforms",
     transforms=_rows(
@@ -243,6 +253,23 @@ def log_line(level: int, text: str, name: str, stamp: float, file: str = "", lin
         "file": file,
         "line": line,
     }
+
+
+def picture_topic(camera: str) -> str:
+    """Topic of the pictures of a camera of this name."""
+    return f"/camera/{camera}"
+
+
+def compressed_image(jpeg: bytes, camera: str, stamp: float) -> dict[str, Any]:
+    """A picture as ``foxglove.CompressedImage``.
+
+    Args:
+        jpeg: A whole JPEG.
+        camera: Name of its camera, which is that of its frame, too.
+        stamp: When it was taken, seconds since 1970.
+    """
+    data = b64encode(jpeg).decode("ascii")
+    return {"timestamp": time_of(stamp), "frame_id": camera, "data": data, "format": "jpeg"}
 
 
 def frame_transforms(
