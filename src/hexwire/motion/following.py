@@ -180,6 +180,18 @@ class Following:
         """Forget the set-point: the joints meet the leader's again."""
         self._active = False
 
+    def led(self, leader: Mapping[str, float]) -> dict[str, float]:
+        """Where a leader leads each joint, within the follower's limits: radians by name, NaN where unknown.
+
+        Args:
+            leader: Positions of the leader, radians by name.
+        """
+        found = {}
+        for joint, name, factor, shift, *_ in self._rows:
+            wanted = factor * leader.get(name, math.nan) + shift
+            found[name] = _inside(joint, wanted) if math.isfinite(wanted) else math.nan
+        return found
+
     def update(
         self,
         leader: Mapping[str, float],

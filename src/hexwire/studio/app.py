@@ -24,7 +24,7 @@ from hexwire.control.motion.hold_to_run import FINE
 from hexwire.errors import HexwireError, LeaseError, LinkLostError, LinkNotFoundError, UsageError
 
 # What pages may ask for by name: each of these adds its calls.
-from . import arm_calls, present_calls, program_calls  # noqa: F401
+from . import arm_calls, leader_calls, present_calls, program_calls  # noqa: F401
 from .access import WATCHING_ONLY, Access, Right
 from .bus_source import live_row
 from .calls import Asked, find_call
@@ -136,6 +136,7 @@ class Studio:
         self.source = Source(self._changed, self.wire)
         self.holds = Holds(self.source)
         self.holds.add("run", self._begin_run)
+        self.holds.add("follow", lambda *hold: self.source.need_arm().begin_follow(*hold))
         add_wave(self)
         self.live = Live(self)
         self.orders = ThreadPoolExecutor(1, "studio orders")

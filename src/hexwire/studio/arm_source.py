@@ -21,13 +21,16 @@ from hexwire.control.motion.hold_to_run import SILENCE, HeldMotion, HoldToRun, s
 from hexwire.control.motion.jog import JogController, read_request
 from hexwire.control.requests.controlled_arm import ControlledArm
 from hexwire.control.requests.history import History
+from hexwire.control.requests.leader import Leader, read_following
 from hexwire.control.requests.motion_service import MotionService
 from hexwire.control.requests.pose_file import PoseFile
+from hexwire.control.requests.setting import Faults
+from hexwire.control.requests.settings_reader import read_settings
 from hexwire.control.sharing.lease import Lease
 from hexwire.control.sharing.shared import Order, SharedArm
 from hexwire.drivers.abilities import Counters, Leased
 from hexwire.drivers.values import StopMode
-from hexwire.errors import HexwireError, StoppedError
+from hexwire.errors import HexwireError, LinkLostError, StoppedError, UsageError
 from hexwire.model.state import JointFlag
 
 from .frames import FrameBit, serialize_frame
@@ -35,6 +38,7 @@ from .frames import FrameBit, serialize_frame
 if TYPE_CHECKING:
     from hexwire.bus.backup import ServoBackup
     from hexwire.bus.registers import Edit
+    from hexwire.control.motion.held_following import HeldFollowing
     from hexwire.control.requests.motion_run import MotionRun
     from hexwire.control.sharing.lease import Grant
     from hexwire.drivers.base import RobotDriver
@@ -50,6 +54,8 @@ _log = logging.getLogger(__name__)
 
 _BRAKES, _LOOK = 1.0, 0.005
 """Seconds for which joints may brake, and between two looks at them."""
+_SILENT = 1.0
+"""Seconds of silence of a servo after which its joint does not begin to follow."""
 _FRESH = 2.0
 """Seconds for which an answer of the robot is passed on, so that questions of pages cannot keep its line busy."""
 _T = TypeVar("_T")
@@ -73,6 +79,7 @@ class ArmSource:
         jog: Moves joints while somebody holds a button.
         goals: Last set-point of each joint, radians.
         motions: Motions to a goal, poses, teach mode.
+        leader: The arm that this one may follow; None if there is none.
         history: The last ten minutes.
         edits: Edits of registers that can be undone, with their joints.
         backups: Backups of stored settings, to compare with.
@@ -98,6 +105,9 @@ class ArmSource:
         self.hold_to_run = HoldToRun(silence=silence, clock=owner.now)
         self.jog = JogController(settings.model, settings.kinematics, self.shared.path_check, silence=silence)
         self.motions = MotionService(self.shared, PoseFile(settings.model))
+        self.leader: Leader | None = None
+        self._following: HeldFollowing | None = None
+        self._choosing, self._closed = threading.Lock(), False
         self._asking = threading.Lock()
         self._answers: dict[str, tuple[float, Any, HexwireError | None]] = {}
         # Ends what was held, so that no thread that hears of an end waits for the line.
@@ -134,6 +144,7 @@ class ArmSource:
 
     def shutdown(self) -> None:
         """Stop a motion, and detach; the joints keep their torque."""
+        self._closed = True
         self.hold_to_run.end_all("the arm was closed")
         try:
             self.shared.shutdown()
@@ -142,6 +153,7 @@ class ArmSource:
         finally:
             self._ender.shutdown()
             self.arm.shutdown()
+            self.forget_leader()
 
     def mark(self) -> Token:
         """The time of an order, relative to stops."""
@@ -208,22 +220,70 @@ class ArmSource:
         order = self.order(tab, arrived)
         self.shared.admit(order)
         self._settle()
-        owner = self.arm.owner
+        now = self.arm.owner.now
+        self._take_over(
+            order, entry, "a jog", lambda state: self.jog.begin(request, lambda: entry.age(now()), state)
+        )
+        self.hold_to_run.begun(entry, lambda why: self._ender.submit(self._end_held, self.jog, why))
+
+    def _take_over(self, order: Order, entry: HeldMotion, what: str, begin: Callable[[JointState], object]) -> None:
+        """Let a controller that follows a person take the joints over, from where they rest.
+
+        Args:
+            order: Admitted.
+            entry: Of what the person holds.
+            what: In words, as in ``a jog``.
+            begin: Begins, or raises; called with the newest state and the controllers' lock.
+        """
+        owner, why = self.arm.owner, f"{what} was begun"
         if owner.lead <= SOON:
-            # What moves brakes within its limits; the jog begins where the joints rest.
-            owner.group.brake("a jog was begun")
+            # What moves brakes within its limits; this begins where the joints rest.
+            owner.group.brake(why)
             self._await(lambda: not any(one.brakes(owner.now()) for one in self.arm.controllers.values()))
-        owner.settle("a jog was begun")
+        owner.settle(why)
         with owner.locked():
             self.shared.path_check.stop_latch(owner.group.reason)
             state = owner.newest()
             if not self.shared.is_wanted(order) or entry.ended:
-                raise StoppedError.unsent("a jog", 0, "it was released or stopped meanwhile")
-            owner.group.release("a jog was begun")
-            self.jog.begin(request, lambda: entry.age(owner.now()), state)
+                raise StoppedError.unsent(what, 0, "it was released or stopped meanwhile")
+            owner.group.release(why)
+            begin(state)
         owner.group.deliver()
         owner.hurry()
-        self.hold_to_run.begun(entry, lambda why: self._ender.submit(self._end_jog, why))
+
+    def begin_follow(self, tab: Tab, entry: HeldMotion, args: Mapping[str, object], arrived: Token) -> None:
+        """Begin to follow the leader; raises as `begin_jog`, and as `Leader.release`."""
+        request = read_following(args)
+        order = self.order(tab, arrived)
+        self.shared.admit(order)
+        self._settle()
+        leader, owner, now = self.need_leader(), self.arm.owner, self.arm.owner.now
+        following = leader.following(
+            request,
+            lambda: entry.age(now()),
+            self._silence,
+            lambda why: self.hold_to_run.end(entry.who, why, entry.number),
+        )
+        self.shared.path_check.ready(following.joints, owner.newest(), _SILENT)
+        leader.release(arrived)
+
+        def begin(state: JointState) -> None:
+            self.shared.path_check.ready(following.joints, state, _SILENT)
+            owner.group.members = (*owner.group.members, following)
+            self._following = following
+
+        self._take_over(order, entry, "following", begin)
+        self.hold_to_run.begun(entry, lambda why: self._ender.submit(self._end_follow, following, why))
+
+    def _end_follow(self, following: HeldFollowing, why: str) -> None:
+        owner = self.arm.owner
+        try:
+            self._end_held(following, why)
+        finally:
+            with owner.locked():
+                following.release(why)
+                owner.group.members = tuple(one for one in owner.group.members if one is not following)
+            self._following = None
 
     def begin_run(
         self,
@@ -270,12 +330,12 @@ class ArmSource:
         """Wait until what was held before has ended, so that its end does not end what is begun now."""
         self._ender.submit(lambda: None).result()
 
-    def _end_jog(self, why: str) -> None:
+    def _end_held(self, controller: JogController | HeldFollowing, why: str) -> None:
         owner = self.arm.owner
-        # The jog has seen its end itself, and brakes; on a slow line a target lasts too long to wait for that.
+        # It has seen its end itself, and brakes or holds; on a slow line a target lasts too long to wait for that.
         if owner.lead <= SOON:
-            self._await(lambda: not self.jog.busy)
-        if not self.jog.busy:
+            self._await(lambda: not controller.busy)
+        if not controller.busy:
             return
         with owner.deciding():
             if owner.group.reason is None and owner.connected:
@@ -292,6 +352,53 @@ class ArmSource:
         request = read_request(kind, args, self.settings.model)
         with self.arm.owner.locked():
             self.jog.update(request)
+
+    # -- the leader -------------------------------------------------------------------------------------
+
+    def choose_leader(self, url: str, robot: str = "", *, mirror: bool = False) -> None:
+        """Connect to an arm that this one may follow, in place of the one before. Nothing moves. Blocks.
+
+        Args:
+            url: Port or address.
+            robot: Its name, or the file of a calibrated arm, if the address does not say it.
+            mirror: The two arms face each other.
+
+        Raises:
+            UsageError: It cannot lead this arm.
+            HexwireError: It cannot be opened.
+        """
+        if not url:
+            raise UsageError("name the port or the address of the leader")
+        given: dict[str, object] = {"port": url, "connect_timeout": 0.0} | ({"robot": robot} if robot else {})
+        self.forget_leader()
+        with self._choosing:
+            made = Leader(read_settings(given, Faults())[1], self.arm, mirror=mirror)
+            if self._closed:
+                raise LinkLostError("this arm was closed; load the page again")
+            made.open()
+            former, self.leader = self.leader, made
+        if former is not None:
+            former.close()
+
+    def forget_leader(self) -> None:
+        """Disconnect the leader; what follows it holds. Blocks."""
+        with self._choosing:
+            leader, self.leader = self.leader, None
+        if leader is None:
+            return
+        if self._following is not None:
+            self.hold_to_run.end_all("its leader was disconnected")
+        leader.close()
+
+    def need_leader(self) -> Leader:
+        """The leader.
+
+        Raises:
+            UsageError: None is connected.
+        """
+        if self.leader is None:
+            raise UsageError("no leader is connected; connect one first")
+        return self.leader
 
     # -- facts ------------------------------------------------------------------------------------------
 
@@ -363,10 +470,16 @@ class ArmSource:
             "stopped": str(reason) if reason is not None else "latched" if latched else "",
             "stops": self.stops,
             "torque": torque_words(torques),
-            "note": self.jog.note if self.hold_to_run.entry is not None else "",
+            "note": self._note(),
             "teaching": self.motions.teaching,
             "taught": None if taught is None else f"{len(taught.times)} rows, {taught.duration} s",
         }
+
+    def _note(self) -> str:
+        following = self._following
+        if following is not None and not following.ended:
+            return following.note
+        return self.jog.note if self.hold_to_run.entry is not None else ""
 
     def ask(self, what: str, call: Callable[[], _T]) -> _T:
         """Ask the robot for a page; one answer is for all pages that ask within two seconds. Blocks.

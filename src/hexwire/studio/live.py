@@ -8,7 +8,7 @@ Up, JSON: ``{"do": "seen", "frames": 10}``, ``{"do": "hold", "id": 1, "kind": "j
 ``{"do": "stop", "id": 1}``, ``{"do": "call", "id": 1, "name": "arm.poses", "args": {}, "opened": 1}``.
 Down: frames (`hexwire.studio.frames`), or a single 0 as a sign of life; and JSON with a ``kind``: ``hello``,
 ``facts``, ``held``, ``ended``, ``stopping``, ``answer`` (with ``value``, or ``error`` in words), ``news``, ``run``
-(how far a motion to a goal is), and those of the page Servos.
+(how far a motion to a goal is), ``leader`` (what is known of a leader arm), and those of the page Servos.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from .access import Access
     from .holds import Holds
-    from .source import Source
+    from .source import ArmSource, Source
     from .tabs import Tab, Tabs
 
 __all__ = ["Desk", "Live", "end_tasks"]
@@ -47,7 +47,7 @@ _log = logging.getLogger(__name__)
 _FRAMES = 60.0
 """Frames per second at most."""
 _FACTS = 0.25
-"""Seconds between two messages with facts that changed."""
+"""Seconds between two messages with facts that changed, and between two about a leader arm."""
 _SIGN_OF_LIFE = b"\0"
 """In place of a frame while there is no new one: without it a page takes what it shows for what is no more."""
 _MOST_TEXTS = 64
@@ -196,7 +196,7 @@ class Live:
     def __init__(self, studio: Desk) -> None:
         self._studio = studio
         self._sockets: set[_Socket] = set()
-        self._facts = ""
+        self._facts = self._leader = ""
         self._answering: set[asyncio.Task[None]] = set()
 
     # -- down ---------------------------------------------------------------------------------------------
@@ -223,6 +223,7 @@ class Live:
                 if now >= next_facts:
                     next_facts = now + _FACTS
                     self.tell_facts()
+                    self._tell_leader(arm)
                     for socket in self._sockets:
                         socket.put_sign_of_life()
                     passes.look(moving=arm is not None and arm.arm.owner.group.busy)
@@ -236,6 +237,15 @@ class Live:
             self._facts = facts
             for socket in self._sockets:
                 socket.put(facts)
+
+    def _tell_leader(self, arm: ArmSource | None) -> None:
+        """Send what is known of the leader of an arm, if that has changed."""
+        leader = None if arm is None else arm.leader
+        text = json.dumps({"kind": "leader", "leader": None if leader is None else leader.row()})
+        if text != self._leader:
+            self._leader = text
+            for socket in self._sockets:
+                socket.put(text)
 
     def tell(self, message: dict[str, Any], tab_key: str | None = None) -> None:
         """Send a message to one tab, or to all. Any thread may call this."""
@@ -280,6 +290,8 @@ class Live:
         self._sockets.add(socket)
         socket.put({"kind": "hello", "tab": tab.name, "right": int(tab.right), **model})
         socket.put({"kind": "facts", **facts})
+        if self._leader:
+            socket.put(self._leader)
         sender = asyncio.create_task(socket.send_all())
         receiver = asyncio.create_task(self._receive(socket))
         follower = asyncio.create_task(socket.replaced.wait())

@@ -16,7 +16,7 @@ from . import plugged
 from .access import Right
 from .calls import Arguments, Asked, call
 
-__all__: list[str] = []
+__all__ = ["read_address"]
 
 _LONGEST = 200
 """Letters of an address."""
@@ -39,7 +39,8 @@ class _Switch(Arguments, frozen=True):
     on: bool
 
 
-def _address(url: str) -> str:
+def read_address(url: str) -> str:
+    """An address without blanks around it; raises `UsageError` if it is too long."""
     url = url.strip()
     if len(url) > _LONGEST:
         raise UsageError(f"an address has at most {_LONGEST} letters")
@@ -71,7 +72,7 @@ def _told(found: list[plugged.Plugged] | None) -> dict[str, Any]:
 
 @call("open", _Address, right=Right.OPERATE)
 def _open(asked: Asked, args: _Address) -> None:
-    asked.studio.open(asked.tab, _address(args.url), args.robot or None)
+    asked.studio.open(asked.tab, read_address(args.url), args.robot or None)
 
 
 @call("fleet.arms", Arguments)
@@ -89,7 +90,7 @@ def _open_shared(asked: Asked, args: _Name) -> None:
 @call("open_bus", _Bus, right=Right.OPERATE)
 def _open_bus(asked: Asked, args: _Bus) -> None:
     """Open a servo bus at an address, or that of the open arm, and take control of it."""
-    asked.studio.open_bus(asked.tab, _address(args.url))
+    asked.studio.open_bus(asked.tab, read_address(args.url))
 
 
 @call("close", Arguments, right=Right.OPERATE)

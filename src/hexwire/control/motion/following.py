@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from hexwire.model.state import JointState
 
 __all__ = [
+    "LEADER_STOPPED",
     "BehindCounter",
     "BriefReader",
     "FollowController",
@@ -68,7 +69,8 @@ _REPLUG, _AGAIN = 30.0, 0.2
 """Seconds for which a cable that was pulled out is waited for, and between two tries to open its line again."""
 _LAST_READING = 0.5
 """Seconds for which the end waits for a leader that is being read, or whose line is being opened."""
-_LEADER_STOPPED = "the leader was stopped, so the follower holds"
+LEADER_STOPPED = "the leader was stopped, so the follower holds"
+"""Why following ends when a state of the leader, or this program, says that it is stopped."""
 _STOPPED, _LIMP = "the follower was stopped", "the follower's torque was switched off"
 
 
@@ -506,7 +508,7 @@ def run_following(
                         why = f"{controller.stopped}; {what_helps(follower)}"
                         raise StoppedError("following", Status.STOPPED, why)
                     if pair.leader_stopped or controller.leader_stopped:
-                        raise StoppedError("following", Status.STOPPED, _LEADER_STOPPED)
+                        raise StoppedError("following", Status.STOPPED, LEADER_STOPPED)
                     owner.turn()
             finally:
                 controller.release("it is over")

@@ -97,6 +97,8 @@ function draw(element, args, opened) {
   pad.addEventListener("change", () => import("./arm_pad.js").then(({ mountPad }) => root.isConnected && mountPad(page)), { once: true });
   const program = page.find("#arm-program");
   program.addEventListener("toggle", () => import("./arm_program.js").then(({ mountProgram }) => root.isConnected && mountProgram(page, program)), { once: true });
+  const leader = page.find("#arm-leader");
+  leader.addEventListener("toggle", () => import("./arm_leader.js").then(({ mountLeader }) => root.isConnected && mountLeader(page, leader)), { once: true });
   const camera = page.find("#arm-camera");
   camera?.addEventListener("click", () => {
     camera.disabled = true; // until there is a picture
@@ -509,7 +511,8 @@ function markup({ joints, space, jaws, geometry, emulated }) {
 </div>
 <div class="arm-left">${viewMarkup(geometry, space, emulated)}</div>
 <div class="arm-right">${jointsMarkup(joints)}${space && spaceMarkup()}${jaws && gripperMarkup()}${gotoMarkup(joints, space)}${posesMarkup(jaws)}${teachMarkup()}
-  <details class="arm-part" id="arm-program"><summary>Program</summary></details></div>
+  <details class="arm-part" id="arm-program"><summary>Program</summary></details>
+  <details class="arm-part" id="arm-leader"><summary>Leader arm</summary></details></div>
 </div>`;
 }
 

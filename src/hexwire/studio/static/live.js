@@ -15,7 +15,7 @@ const COLUMNS = ["position", "velocity", "load", "current", "voltage", "temperat
 
 const meta = (name) => document.querySelector(`meta[name="hexwire-${name}"]`).content;
 const key = meta("tab");
-const listeners = { frame: new Set(), facts: new Set(), hello: new Set(), news: new Set(), run: new Set(), link: new Set(), servos: new Set(), wave: new Set(), range: new Set(), steps: new Set() };
+const listeners = { frame: new Set(), facts: new Set(), hello: new Set(), news: new Set(), run: new Set(), link: new Set(), servos: new Set(), wave: new Set(), range: new Set(), steps: new Set(), leader: new Set() };
 const answers = new Map(); // what was asked for by a call, and has no answer yet
 let calls = 0;
 let socket = null;
@@ -30,6 +30,7 @@ let seen = 0;
 let wasKnown = true;
 let hadControl = false;
 let leaving = false; // it was given back here
+let leader = null; // what was said of a leader arm last
 let heard = -Infinity; // when the studio said something last
 
 const hexwire = {
@@ -74,6 +75,11 @@ const hexwire = {
   onWave: (call, element) => listen("wave", call, element),
   onRange: (call, element) => listen("range", call, element),
   onSteps: (call, element) => listen("steps", call, element),
+  onLeader: (call, element) => {
+    const end = listen("leader", call, element);
+    if (leader) call(leader);
+    return end;
+  },
   call,
   act,
   hold,
@@ -170,6 +176,7 @@ function receive(message) {
   } else if (message.kind === "stopping") {
     stopConfirmed = performance.now();
   } else if (message.kind in listeners) {
+    if (message.kind === "leader") leader = message;
     tell(message.kind, message);
   }
 }
