@@ -166,5 +166,7 @@ def test_whatever_is_made_for_a_page_is_made_in_turn(
         if "GET" not in (route.methods or ()) or route.path in ("/data/twin", "/data/recording.mcap"):
             continue
         turns.clear()
-        client.http.get(route.path, params={"name": "a.mcap", "a": "a.mcap", "b": "a.mcap"})
+        client.http.get(
+            route.path, params={"name": "a.mcap", "a": "a.mcap", "b": "a.mcap", "topic": "/a", "at": "1"}
+        )
         assert turns == [client.right], route.path

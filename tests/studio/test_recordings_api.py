@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.studio.fake_camera import JPEG, FakeCamera
 from tests.studio.gate import GatedClient
 from tests.studio.running import until
 from tests.studio.test_recordings import record
@@ -16,12 +17,13 @@ from tests.waits import eventually
 
 from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio
+from hexwire.studio.files import make_routes
 from hexwire.studio.recordings_api import recordings_routes
 
 
 class Client(GatedClient):
     def __init__(self, studio: Studio) -> None:
-        super().__init__(studio, recordings_routes(lambda: studio))
+        super().__init__(studio, [*recordings_routes(lambda: studio), *make_routes(lambda: studio)])
 
     def list(self) -> dict[str, Any]:
         return dict(self.http.get("/data/recordings").json())
@@ -71,6 +73,29 @@ def test_the_session_is_recorded_until_its_end_or_until_the_arm_is_closed(client
     until(lambda: client.list()["recorder"]["name"] == "", "the end of the recording")
     rows = {row["name"]: row for row in client.list()["entries"]}
     assert rows[second]["problem"] == ""
+
+
+def test_cameras_are_recorded_if_that_is_asked_for_and_their_pictures_are_found_by_time(client: Client) -> None:
+    fake, studio = FakeCamera(streams=True), client.studio
+    studio.cameras.rows["video0"] = fake.camera
+    studio.source.open("sim://hex7bot?name=recordings")
+    assert client.list()["cameras"] == ["video0"]
+    client.do("record")
+    until(lambda: studio.recordings.recorder.state.states > 3, "states")
+    client.do("end")
+    assert fake.opened == 0
+    name = client.do("record", cameras=True)["name"]
+    until(lambda: studio.recordings.recorder.state.pictures > 3, "pictures")
+    client.do("end")
+    (row,) = (row for row in client.list()["entries"] if row["name"] == name)
+    assert row["cameras"] == ["/camera/video0"]
+    # Whoever only watches sees them, too.
+    client.right = Right.WATCH
+    query = {"name": name, "topic": "/camera/video0", "at": row["begin"] + row["duration"]}
+    found = client.http.get("/data/picture", params=query)
+    assert (found.content, found.headers["content-type"]) == (JPEG, "image/jpeg")
+    for changed in ({"topic": "/camera/video1"}, {"at": "x"}, {"name": "../a.mcap"}, {"at": "nan"}, {"topic": ""}):
+        assert "refused" in client.http.get("/data/picture", params=query | changed).json(), changed
 
 
 def test_a_damaged_recording_is_recovered_and_one_is_removed(client: Client) -> None:

@@ -9,13 +9,11 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from linuxpy.video import device as real
 
 from hexwire.errors import HexwireError, UsageError
 from hexwire.studio.cameras import LARGEST
 from hexwire.studio.v4l2 import V4l2Source, find_cameras
-
-real = pytest.importorskip("linuxpy.video.device")
-
 
 _pipes: list[int] = []
 

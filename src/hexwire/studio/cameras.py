@@ -25,8 +25,8 @@ _log = logging.getLogger(__name__)
 
 WIDTH, HEIGHT, RATE = 640, 480, 15
 """Pixels, and pictures a second, that a camera is asked for."""
-LARGEST = 1 << 20
-"""Bytes of a picture. One of 640 x 480 has 20 to 100 kB."""
+LARGEST = 700_000
+"""Bytes of a picture; a message of a recording has at most 1 MiB. One of 640 x 480 has 20 to 100 kB."""
 _MOST = 4
 """Cameras."""
 _SHORTEST = 0.9 / RATE

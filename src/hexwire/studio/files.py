@@ -61,6 +61,7 @@ def make_routes(present: Callable[[], Studio]) -> list[Route]:
         ("GET", "/data/compare", files.compare),
         ("GET", "/data/recording", files.columns),
         ("GET", "/data/recording.mcap", files.download),
+        ("GET", "/data/picture", files.picture),
         ("POST", "/data/recording", files.upload),
     ]
     return [Route(path, _told(handler), methods=[method]) for method, path, handler in rows]
@@ -132,6 +133,13 @@ class _Files:
         """A recording's columns."""
         name, topic = _text(request, "name"), _topic(request, "topic")
         return await self._made(request, lambda process, path: process.ask("recording", path, name, topic))
+
+    async def picture(self, request: Request) -> Response:
+        """What a camera of a recording saw at a time, seconds since 1970."""
+        name, topic, at = _text(request, "name"), _text(request, "topic"), _number(request, "at", math.nan)
+        return await self._made(
+            request, lambda process, path: process.ask("picture", path, name, topic, at), "image/jpeg"
+        )
 
     async def download(self, request: Request) -> Response:
         """A recording as it is."""

@@ -23,7 +23,9 @@ from typing import IO, TYPE_CHECKING, Any
 
 from hexwire.errors import HexwireError, UsageError
 from hexwire.model.arms import simulated_arms
+from hexwire.trace.foxglove import nanoseconds
 from hexwire.trace.library import Library
+from hexwire.trace.pictures import RecordedPictures
 from hexwire.trace.series import column_name, write_csv, write_mcap
 from hexwire.trace.sources import saved_traffic
 
@@ -67,6 +69,8 @@ class PageWork:
         self._library = Library(folder, largest=largest)
         self._plotted = Plotted(self._library)
         self._files = WireFiles()
+        # Of the recording that was asked for last.
+        self._pictures: tuple[tuple[str, int, float], RecordedPictures] | None = None
 
     # -- the history of an arm ------------------------------------------------------------------------------
 
@@ -122,6 +126,23 @@ class PageWork:
         """Joints, times and positions of a recording; raises as `Library.series`."""
         series = self._plotted.series(name, topic)
         return series.names, series.times, [series.columns[joint, "position"] for joint in series.names]
+
+    def picture(self, path: str, name: str, topic: str, at: float) -> None:
+        """Leave the JPEG that a camera of a recording had made last at a time; raises as `RecordedPictures.at`.
+
+        Args:
+            path: Where it is left.
+            name: The recording.
+            topic: Of the camera.
+            at: Seconds since 1970.
+        """
+        with self._library.open(name) as file:
+            status = os.fstat(file.fileno())
+            key = name, status.st_size, status.st_mtime
+            if self._pictures is None or self._pictures[0] != key:
+                self._pictures = key, RecordedPictures(file, name)
+            jpeg = self._pictures[1].at(file, topic, nanoseconds(at))
+        Path(path).write_bytes(jpeg)
 
     def add(self, name: str, path: str) -> tuple[str, str]:
         """Add a file; its name and what is wrong with it. Raises as `Library.add`."""

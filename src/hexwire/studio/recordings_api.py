@@ -89,6 +89,7 @@ def _listed(studio: Studio, process: PageProcess) -> bytes:
         "largest": recordings.library.largest,
         "recorder": asdict(state),
         "twin": {**asdict(recordings.twin.state), "busy": recordings.twin.busy},
+        "cameras": list(studio.cameras.rows),
         "robot": arm.settings.model.name if arm is not None else "",
     }
     joints = arm.settings.model.names if arm is not None else None
@@ -131,7 +132,8 @@ async def _done(studio: Studio, right: Right, body: bytes) -> dict[str, Any]:
 
 
 def _record(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
-    return {"name": studio.recordings.recorder.start(studio.source.need_arm())}
+    cameras = studio.cameras.rows.values() if order.get("cameras") is True else ()
+    return {"name": studio.recordings.recorder.start(studio.source.need_arm(), cameras)}
 
 
 def _end(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:

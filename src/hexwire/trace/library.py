@@ -24,6 +24,7 @@ from hexwire.new_file import OutputFile
 
 from .capture import BYTES, recover
 from .mcap_file import Readable, read_records
+from .pictures import is_picture
 from .recording import is_joint_state, parse_joints
 from .series import PlotSeries, TimedFile, read_series
 
@@ -34,6 +35,8 @@ LARGEST = 256 * 1024 * 1024
 _MOST_FILES = 500
 """Files that are listed, the newest."""
 _MOST_MESSAGES = 5_000_000
+_MOST_CAMERAS = 8
+"""Cameras of a recording that are told."""
 _PATIENCE = 30.0
 """Seconds of computing for one file, however busy the machine is: an hour at 100 Hz takes half of them."""
 _SHORT = 0.1
@@ -58,6 +61,7 @@ class StoredRecording:
         states: Number of joint states.
         joints: Joint names of the first state.
         topics: Channels of joint states; several in the recording of a fleet.
+        cameras: Channels of pictures.
         robot: Name of the robot, if it is noted.
         traffic: Number of transfers of bytes.
         problem: Why it cannot be read, or not to its end; empty if it is whole.
@@ -72,6 +76,7 @@ class StoredRecording:
     states: int = 0
     joints: tuple[str, ...] = ()
     topics: tuple[str, ...] = ()
+    cameras: tuple[str, ...] = ()
     robot: str = ""
     traffic: int = 0
     problem: str = ""
@@ -95,6 +100,7 @@ def survey(file: Readable, empty: StoredRecording) -> StoredRecording:
     first, last = None, 0
     states = traffic = count = 0
     topics: dict[str, None] = {}
+    cameras: dict[str, None] = {}
     joints: tuple[str, ...] = ()
     robot = problem = ""
     recoverable = False
@@ -114,6 +120,8 @@ def survey(file: Readable, empty: StoredRecording) -> StoredRecording:
             last = max(last, message.log_time)
             if channel.topic in sent:
                 traffic += 1
+            elif is_picture(schema, channel):
+                cameras.setdefault(channel.topic)
             elif is_joint_state(schema, channel):
                 states += 1
                 topics.setdefault(channel.topic)
@@ -128,6 +136,7 @@ def survey(file: Readable, empty: StoredRecording) -> StoredRecording:
         states=states,
         joints=joints,
         topics=tuple(topics),
+        cameras=tuple(cameras)[:_MOST_CAMERAS],
         robot=robot,
         traffic=traffic,
         problem=problem,

@@ -15,7 +15,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, Self
 
 from hexwire.errors import UsageError
 from hexwire.new_file import OutputFile
@@ -23,7 +23,7 @@ from hexwire.new_file import OutputFile
 if TYPE_CHECKING:
     from types import TracebackType
 
-__all__ = ["MAGIC", "NewMcapFile", "Readable", "load_mcap", "read_records"]
+__all__ = ["MAGIC", "McapIndex", "NewMcapFile", "Readable", "load_mcap", "read_records"]
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -72,6 +72,11 @@ class NewMcapFile:
         zstd = module.CompressionType.ZSTD
         self._writer = module.Writer(self._out.file, chunk_size=_CHUNK_SIZE, compression=zstd)
         self._writer.start(profile=profile, library="hexwire")
+
+    @property
+    def size(self) -> int:
+        """Bytes written so far; a chunk that is being filled is none yet."""
+        return int(self._out.file.tell())
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -153,6 +158,61 @@ def read_records(file: Readable, name: str) -> Iterator[tuple[Any, Any, Any] | s
             f"the recording is damaged at byte {reader.at}, record {reader.number}: {error}; "
             "everything before that is intact"
         )
+
+
+class McapIndex:
+    """The index at the end of a whole MCAP file: which part of it has messages of which channel, and from when.
+
+    Args:
+        file: Open for reading bytes.
+        name: Its name in errors.
+
+    Attributes:
+        channels: Pairs of schema (or None) and channel.
+
+    Raises:
+        UsageError: It has none, or a wrong one, or the package ``mcap`` is not installed.
+    """
+
+    def __init__(self, file: BinaryIO, name: str) -> None:
+        reader = load_mcap("mcap.reader").SeekingReader
+        self._name = name
+        try:
+            self._summary = reader(file, record_size_limit=_LARGEST).get_summary()
+        except Exception as error:  # noqa: BLE001  # mcap raises many kinds of errors for damaged bytes
+            raise UsageError(f"the index of {name} is damaged: {' '.join(str(error).split())}") from None
+        if self._summary is None:
+            raise UsageError(f"{name} has no index: recover it with 'hexwire record recover'")
+        schemas = self._summary.schemas
+        self.channels = [(schemas.get(row.schema_id), row) for row in self._summary.channels.values()]
+
+    def parts(self, topic: str) -> list[tuple[int, int]]:
+        """Time of the first message of each part that has messages of a channel, nanoseconds, and its place."""
+        numbers = {number for number, row in self._summary.channels.items() if row.topic == topic}
+        return [
+            (row.message_start_time, row.chunk_start_offset)
+            for row in self._summary.chunk_indexes
+            if numbers.intersection(row.message_index_offsets)
+        ]
+
+    def messages(self, file: BinaryIO, place: int) -> list[tuple[Any, Any]]:
+        """Channel and message of every message of a part.
+
+        Raises:
+            UsageError: The file is damaged there.
+        """
+        reader = _Reader(file)
+        reader._channels, reader._schemas = self._summary.channels, self._summary.schemas
+        file.seek(place)
+        head = file.read(_HEAD)
+        size = int.from_bytes(head[1:], "little")
+        content = file.read(size) if len(head) == _HEAD and head[0] == _CHUNK and size <= _LARGEST else b""
+        try:
+            if not content or len(content) < size:
+                raise _DamageError("there is no part of it")
+            return [(channel, message) for _, channel, message in reader._chunk(content)]
+        except _DamageError as error:
+            raise UsageError(f"{self._name} is damaged at byte {place}: {error}") from None
 
 
 class _Reader:

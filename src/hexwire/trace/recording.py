@@ -19,7 +19,15 @@ from hexwire.errors import ConfigError, UsageError
 from hexwire.inputs import Item, open_file, parse_message
 from hexwire.model.state import JointState
 
-from .foxglove import END_OF_TIME, NSEC, SCHEMAS, joint_states, nanoseconds
+from .foxglove import (
+    END_OF_TIME,
+    NSEC,
+    SCHEMAS,
+    compressed_image,
+    joint_states,
+    nanoseconds,
+    picture_topic,
+)
 from .mcap_file import NewMcapFile, read_records
 
 if TYPE_CHECKING:
@@ -149,6 +157,17 @@ class RecordingWriter(NewMcapFile):
         """
         body = joint_states(state, stamp, goals) | dict(extra or {})
         self.message(topic, "foxglove.JointStates", stamp, body)
+
+    def picture(self, jpeg: bytes, camera: str, stamp: float) -> None:
+        """Write a picture.
+
+        Args:
+            jpeg: A whole JPEG.
+            camera: Name of its camera, which is that of its channel, too.
+            stamp: When it was taken, seconds since 1970.
+        """
+        body = compressed_image(jpeg, camera, stamp)
+        self.message(picture_topic(camera), "foxglove.CompressedImage", stamp, body)
 
 
 def check_recording_name(file: str | Path) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 from tests.studio.conftest import ask_for_long, shrink_views
+from tests.studio.fake_camera import FakeCamera
 from tests.studio.test_recordings import record
 
 if TYPE_CHECKING:
@@ -45,6 +47,27 @@ def test_the_session_is_recorded_and_plays_on_the_arm(operator: Page, folder: Pa
     operator.locator(".rc-said", has_text="arrived").wait_for()
     # The lag of the servos is small, since the recording is of a still arm.
     assert "off the recording by" in operator.locator(".rc-said").inner_text()
+
+
+@pytest.mark.slow
+def test_what_a_camera_saw_is_recorded_and_shown_again(operator: Page, folder: Path, studio: RunningStudio) -> None:
+    fake = FakeCamera(streams=True)
+    studio.studio.cameras.rows["video0"] = fake.camera
+    try:
+        _open(operator)
+        operator.get_by_label("with cameras").check()
+        operator.get_by_role("button", name="Record the arm").click()
+        # How fast the disk fills.
+        operator.locator(".rc-recording", has_text=re.compile(r"\d+ pictures, .*iB/s")).wait_for()
+        fake.unplug()
+        operator.locator(".rc-recording", has_text="no camera is connected at /dev/video0").wait_for()
+        operator.get_by_role("button", name="End the recording").click()
+        operator.get_by_role("button", name="open 2").click()
+        operator.get_by_role("img", name="Camera video0").wait_for()
+        operator.wait_for_function("document.querySelector('.rc-cameras img').naturalWidth === 16")
+    finally:
+        fake.camera.close()
+        studio.studio.cameras.rows.clear()
 
 
 @pytest.mark.slow

@@ -17,10 +17,12 @@ export async function mount(element, args) {
   const note = make("p", { className: "pl-note rc-note", role: "status" });
   const record = button("Record the arm", toggleRecord, "rc-record");
   const recording = make("span", { className: "rc-recording" });
+  const seen = make("input", { type: "checkbox" });
+  const cameras = make("label", { className: "rc-with", hidden: true }, seen, " with cameras");
   const file = make("input", { type: "file", accept: ".mcap", className: "rc-file", id: "rc-file" });
   const add = make("label", { className: "hw-button rc-add", htmlFor: "rc-file", textContent: "Add a file" });
   const bar = make("div", { className: "rc-bar" });
-  if (args.operates) bar.append(record, recording, file, add);
+  if (args.operates) bar.append(record, cameras, recording, file, add);
   const folder = make("span", { className: "rc-folder" });
   bar.append(folder);
   const remark = make("p", { className: "pl-note rc-remark" });
@@ -89,7 +91,7 @@ export async function mount(element, args) {
 
   async function toggleRecord() {
     if (!state.list) return;
-    const found = state.list.recorder.name ? await act({ do: "end" }) : await act({ do: "record" });
+    const found = state.list.recorder.name ? await act({ do: "end" }) : await act({ do: "record", cameras: seen.checked });
     if (found?.said) say(found.said);
   }
 
@@ -126,9 +128,8 @@ export async function mount(element, args) {
     record.classList.toggle("on", Boolean(recorder.name));
     record.disabled = !recorder.name && !list.robot;
     record.title = record.disabled ? "No arm is open" : "";
-    recording.textContent = recorder.name
-      ? `${recorder.name}: ${durationText(recorder.seconds)}, ${recorder.states} states${recorder.lost ? `, ${recorder.lost} lost` : ""}`
-      : "";
+    cameras.hidden = Boolean(recorder.name) || !list.cameras.length;
+    recording.textContent = recorder.name ? recordingText(recorder) : "";
     folder.textContent = list.folder;
     remark.textContent = list.remark;
     if (!list.entries.length) {
@@ -221,6 +222,13 @@ export function durationText(seconds) {
 
 function sizeText(bytes) {
   return bytes < 1 << 20 ? `${Math.max(1, Math.round(bytes / 1024))} KiB` : `${(bytes / (1 << 20)).toFixed(1)} MiB`;
+}
+
+/** What is being recorded, and how fast the disk fills. */
+function recordingText({ name, seconds, states, pictures, lost, size, problems }) {
+  const rate = size && seconds ? `, ${sizeText(size)}, ${sizeText(size / seconds)}/s` : "";
+  const seen = pictures ? `, ${pictures} pictures` : "";
+  return [`${name}: ${durationText(seconds)}, ${states} states${seen}${lost ? `, ${lost} lost` : ""}${rate}`, ...Object.values(problems)].join("; ");
 }
 
 function dateText(seconds) {

@@ -5,6 +5,7 @@ import { fetchColumns } from "./columns.js";
 import { DEG, JOINT_SIGNALS, jointSeries, valuesOf } from "./signals.js";
 import { chips, make } from "./widgets.js";
 import { makeFigure } from "./recordings_arm.js";
+import { makePictures } from "./recordings_cameras.js";
 import { makePlayer } from "./recordings_play.js";
 
 export function makeView(page, place) {
@@ -24,10 +25,15 @@ export function makeView(page, place) {
   const playPlace = make("div", { className: "rc-play" });
   const armPlace = make("div", { className: "rc-arm" });
   const body = make("div", { className: "rc-body" }, plotPlace, armPlace);
-  place.append(title, bar, note, playPlace, figures, pick, body);
+  const picturesPlace = make("div", { className: "rc-cameras", hidden: true });
+  place.append(title, bar, note, playPlace, figures, pick, body, picturesPlace);
   place.hidden = true;
   const figure = makeFigure(armPlace);
-  const player = makePlayer(page, playPlace, state, showPlayed, (joints, at) => figure.live(joints, at));
+  const pictures = makePictures(picturesPlace);
+  const player = makePlayer(page, playPlace, state, showPlayed, (joints, at) => {
+    figure.live(joints, at);
+    if (joints) pictures.at(at);
+  });
 
   topics.addEventListener("change", () => { state.topic = topics.value; load(); });
   other.addEventListener("change", () => { state.other = other.value; load(); });
@@ -52,6 +58,7 @@ export function makeView(page, place) {
     update(page.state.list);
     player.choose(entry);
     figure.choose(entry?.twin ?? "");
+    pictures.choose(entry);
     load();
     title.focus({ preventScroll: true });
     place.scrollIntoView({ block: "nearest" });
@@ -110,6 +117,7 @@ export function makeView(page, place) {
     if (state.names !== names.join("\n")) state.joints = names;
     state.names = names.join("\n");
     if (state.other) table();
+    pictures.begins(data.head.begin ?? 0);
     figure.loaded(data, state.other ? ["first", "second"] : ["position", null]);
     choices();
     draw();
@@ -159,7 +167,10 @@ export function makeView(page, place) {
     const found = rows();
     const panels = new Set(found.map(([series]) => series.panel ?? series.unit)).size;
     const options = { title: "", live: false, fileName: state.other ? `${state.name} and ${state.other}` : state.name,
-      onTime: (t) => figure.at(t),
+      onTime: (t) => {
+        figure.at(t);
+        pictures.at(t);
+      },
       series: found.map(([series]) => series), height: Math.max(300, 150 * panels), capacity: state.data.times.length + 1024 };
     const range = before && before.columns.length ? before.range : null;
     before?.destroy();
