@@ -127,7 +127,9 @@ def watch(pattern: str, rate: float, router: Network | None) -> None:
     from hexwire.fleet.roster import Roster
 
     changed = threading.Event()
-    show = _json_lines if wants_json() else _Table(pattern, router) if on_terminal() else _Lines(pattern, router)
+    show = (
+        _json_lines if wants_json() else _Table(pattern, router) if on_terminal() else _ChangeLines(pattern, router)
+    )
     with Roster(pattern, router, on_change=lambda name, there: changed.set()) as roster:
         roster.settle(_SETTLE)
         with show if isinstance(show, _Table) else nullcontext():
@@ -204,7 +206,7 @@ def _json_lines(rows: Sequence[Overview]) -> None:
     print_json({"time": time.time(), "arms": [_ARMS.as_json(row) for row in rows]}, one_line=True)
 
 
-class _Lines:
+class _ChangeLines:
     """Prints a line for each change."""
 
     def __init__(self, pattern: str, router: Network | None) -> None:

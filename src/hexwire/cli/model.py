@@ -200,7 +200,7 @@ def ik(
         links = pose_file["links"].text() if "links" in pose_file else links
     with _named(place[0] if pose_file is not None else ""):
         arm = make_kinematics(robot, links)
-        solutions = _solve(arm, place, _Turn(rotation, rpy, pitch, roll), wrist, pose_file)
+        solutions = _solve(arm, place, _ToolDirection(rotation, rpy, pitch, roll), wrist, pose_file)
     if wants_json():
         print_json({"robot": arm.name, "solutions": [_SOLUTIONS.as_json(row) for row in solutions]})
     names = [r.name for r in arm.ranges][: len(solutions[0].angles)]
@@ -212,7 +212,7 @@ def ik(
     say_table(head, cells)
 
 
-class _Turn(NamedTuple):
+class _ToolDirection(NamedTuple):
     """Where the tool points, as typed; None for what was not."""
 
     rotation: Sequence[float] | None
@@ -224,7 +224,7 @@ class _Turn(NamedTuple):
 def _solve(
     arm: KinematicModel,
     place: Sequence[str],
-    turn: _Turn,
+    turn: _ToolDirection,
     wrist: bool,
     pose_file: dict[str, Item] | None,
 ) -> tuple[Solution, ...]:

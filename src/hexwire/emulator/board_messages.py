@@ -50,7 +50,7 @@ class Consumer(Protocol):
 
 
 @dataclass(slots=True)
-class _Incoming:
+class _MessageTaken:
     src: int
     head: FragmentHead
     consumer: Consumer
@@ -68,7 +68,7 @@ class _Incoming:
 
 
 @dataclass(slots=True)
-class _Outgoing:
+class _TableSent:
     request: Frame
     message_id: int
     asked: ServoTable
@@ -100,10 +100,10 @@ class BoardMessages:
         self._clock = clock
         self._table = table
         self._consumers = consumers
-        self._in: _Incoming | None = None
+        self._in: _MessageTaken | None = None
         self._finished: tuple[int, int, int, float] | None = None
         self._voided: dict[tuple[int, int, int], float] = {}
-        self._out: _Outgoing | None = None
+        self._out: _TableSent | None = None
         self._count = 0
 
     @property
@@ -210,7 +210,7 @@ class BoardMessages:
         else:
             yield from self._begin(frame.src, head, chunk)
 
-    def _under_way(self, src: int, head: FragmentHead) -> _Incoming | None:
+    def _under_way(self, src: int, head: FragmentHead) -> _MessageTaken | None:
         message = self._in
         if message is None or message.src != src:
             return None
@@ -229,11 +229,11 @@ class BoardMessages:
         if make is None:
             self._answer(src, head, Status.NOT_SUPPORTED)
             return
-        message = _Incoming(src, head, make(), len(chunk), 0)
+        message = _MessageTaken(src, head, make(), len(chunk), 0)
         self._in = message
         yield from self._use(message, chunk)
 
-    def _use(self, message: _Incoming, chunk: bytes) -> Job:
+    def _use(self, message: _MessageTaken, chunk: bytes) -> Job:
         """Use the next chunk, and answer the message if it was the last, or is refused."""
         message.working = True
         status, body = Status.OK, b""
@@ -262,7 +262,7 @@ class BoardMessages:
             self.drop_incoming()
         self._reply(message.src, message.head, status, body)
 
-    def _consume(self, message: _Incoming, chunk: bytes) -> Job:
+    def _consume(self, message: _MessageTaken, chunk: bytes) -> Job:
         consumer, head = message.consumer, message.head
 
         def check_length(whole: int) -> None:
@@ -285,7 +285,7 @@ class BoardMessages:
         message.used_at = self._clock()
         message.next += 1
 
-    def _ask(self, message: _Incoming) -> None:
+    def _ask(self, message: _MessageTaken) -> None:
         end = min(message.next + _ASKS_FOR, message.head.chunks)
         message.asked_to = end - 1
         message.asked_at = self._clock()
@@ -323,7 +323,7 @@ class BoardMessages:
         if self._out is not None and self._out.request.src != frame.src:
             raise RefusedError(Status.BUSY)
         self._count = (self._count + 1) & 0xFF
-        message = self._out = _Outgoing(frame, self._count << 8 | frame.seq, asked, self._clock())
+        message = self._out = _TableSent(frame, self._count << 8 | frame.seq, asked, self._clock())
         yield from self._send_chunks(message, range(message.chunks))
         # It is not stored: a repeat is executed again.
         self._connection.done(frame)
@@ -349,7 +349,7 @@ class BoardMessages:
         except RefusedError as refused:
             self._connection.answer(message.request, refused.status, b"", self._clock())
 
-    def _send_chunks(self, message: _Outgoing, indexes: range | list[int]) -> Generator[Wait, bytes | None, None]:
+    def _send_chunks(self, message: _TableSent, indexes: range | list[int]) -> Generator[Wait, bytes | None, None]:
         asked = message.asked
         joint = self._table.check_range(asked)
         try:

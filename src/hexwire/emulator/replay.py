@@ -38,7 +38,7 @@ class _Reply(NamedTuple):
 
 
 @dataclass(slots=True)
-class _Answers:
+class _RecordedAnswers:
     """All answers to one request, in the order they came; after the last, the first is given again."""
 
     replies: list[_Reply] = field(default_factory=list)
@@ -68,7 +68,7 @@ class ReplayedBoard:
     def __init__(self, transfers: Iterable[RecordedTransfer], *, start: float = 0.0) -> None:
         self.unknown = 0
         """Requests that are not in the recording."""
-        self._answers: dict[tuple[int, int, bytes], _Answers] = {}
+        self._answers: dict[tuple[int, int, bytes], _RecordedAnswers] = {}
         self._reports: list[tuple[float, Frame]] = []
         self._learn(transfers)
         if not self._answers:
@@ -154,7 +154,7 @@ class ReplayedBoard:
 
     def _remember(self, request: Frame, reply: _Reply) -> None:
         key = (request.proto, request.cmd, request.body)
-        self._answers.setdefault(key, _Answers()).replies.append(reply)
+        self._answers.setdefault(key, _RecordedAnswers()).replies.append(reply)
 
     def _answer(self, request: Request, now: float) -> None:
         frame = request.frame

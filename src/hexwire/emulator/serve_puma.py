@@ -32,7 +32,7 @@ _TOGETHER = 2.0
 
 
 @dataclass(slots=True)
-class _Guest:
+class _SlotHolder:
     host: str
     came: float
     heard: float | None = None
@@ -66,7 +66,7 @@ class ClientSlots(Generic[K]):
         self.idle = idle
         self.own_idle = own_idle
         self.turned_away = 0
-        self._guests: dict[K, _Guest] = {}
+        self._guests: dict[K, _SlotHolder] = {}
 
     def __len__(self) -> int:
         return len(self._guests)
@@ -88,7 +88,7 @@ class ClientSlots(Generic[K]):
                 self.turned_away += 1
                 return False, None
             self.leave(out)
-        self._guests[key] = _Guest(host, now)
+        self._guests[key] = _SlotHolder(host, now)
         return True, out
 
     def heard(self, key: K, now: float, *, commanded: bool = False) -> None:
@@ -121,7 +121,7 @@ class ClientSlots(Generic[K]):
         silent = {k: heard for k in keys if (heard := self._guests[k].heard) is not None and now - heard > idle}
         return min(silent, key=silent.__getitem__, default=None)
 
-    def _commander(self) -> _Guest | None:
+    def _commander(self) -> _SlotHolder | None:
         """The client that commanded last, among the connected ones."""
         commanded = {k: guest.commanded for k, guest in self._guests.items() if guest.commanded is not None}
         return self._guests[max(reversed(commanded), key=commanded.__getitem__)] if commanded else None

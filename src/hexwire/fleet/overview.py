@@ -181,7 +181,7 @@ def stop_all(
         timeout: Seconds for the confirmation of an arm.
         only: Names of the arms, of those in the roster; None for all.
     """
-    stops: dict[str, _Stop | None] = {}
+    stops: dict[str, _ArmStop | None] = {}
     request = m.StopRequest(client, int(mode))
     # Of each certificate, read once: many arms are behind one router.
     roles: dict[str, Role] = {}
@@ -191,7 +191,7 @@ def stop_all(
         for name, seen in roster.seen().items():
             if name not in stops and (only is None or name in only):
                 try:
-                    stops[name] = _Stop(seen, request, roles, timeout)
+                    stops[name] = _ArmStop(seen, request, roles, timeout)
                 except HexwireError as error:
                     stops[name] = None
                     yield Stopped(name, False, error=str(error))
@@ -208,7 +208,7 @@ def stop_all(
             yield Stopped(name, False, error=why)
 
 
-class _Stop:
+class _ArmStop:
     """The stop of one arm while it waits for an answer."""
 
     def __init__(self, seen: Seen, request: m.StopRequest, roles: dict[str, Role], timeout: float) -> None:

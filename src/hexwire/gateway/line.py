@@ -159,7 +159,7 @@ class _Waiting:
 
 
 @dataclass(slots=True)
-class _Message:
+class _FragmentedRequest:
     """A request of the host that goes down in fragments."""
 
     request: Frame
@@ -214,7 +214,7 @@ class BoardLine:
         self.decoder = FrameDecoder(tables.MAX_SERIAL_FRAME)
         self._sender = FragmentSender(_CHUNK, first=1)
         self._receiver = FragmentReceiver()
-        self._message: _Message | None = None
+        self._message: _FragmentedRequest | None = None
         self._message_count = 0
         self._last: Frame | None = None
         self._takes_fragments = False
@@ -388,7 +388,7 @@ class BoardLine:
             return [self._refuse(frame, Status.BUSY)]
         self.counters.split += 1
         self.use.asked(frame)
-        self._message = _Message(frame, message_id, now + tables.FRAGMENT_LIFETIME)
+        self._message = _FragmentedRequest(frame, message_id, now + tables.FRAGMENT_LIFETIME)
         return []
 
     def _queue_chunks(self, request: Frame, bodies: list[bytes], now: float) -> None:

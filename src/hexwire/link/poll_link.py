@@ -102,7 +102,7 @@ _log = logging.getLogger(__name__)
 _FLUSH_LIMIT = 1 << 20
 
 
-class _State(enum.Enum):
+class _LinkState(enum.Enum):
     CLOSED = enum.auto()
     OPENING = enum.auto()
     OPEN = enum.auto()
@@ -110,7 +110,7 @@ class _State(enum.Enum):
 
 
 # What is asked at every read and write: an enum's member by its class costs a tenth of a microsecond each time.
-_OPEN = _State.OPEN
+_OPEN = _LinkState.OPEN
 
 
 def _milliseconds(wait: float) -> float:
@@ -131,7 +131,7 @@ class PollLink(Link):
 
     def __init__(self, url: str) -> None:
         self.url = url
-        self._state = _State.CLOSED
+        self._state = _LinkState.CLOSED
         self._closing = False
         self._close_pending = False
         self._why_lost = ""
@@ -185,22 +185,22 @@ class PollLink(Link):
 
     @property
     def is_open(self) -> bool:
-        return self._state is _State.OPEN
+        return self._state is _LinkState.OPEN
 
     def fileno(self) -> int:
         """Descriptor that becomes readable when `read` has data, for callers that watch many links."""
-        if self._state is not _State.OPEN:
+        if self._state is not _LinkState.OPEN:
             raise self._refusal()
         return self._fd
 
     def open(self) -> None:
         with self._changing:
-            if self._state in (_State.OPEN, _State.OPENING):
+            if self._state in (_LinkState.OPEN, _LinkState.OPENING):
                 raise LinkBusyError(f"{self.url} is already open: one link object has one owner", url=self.url)
-            if self._state is _State.LOST:
+            if self._state is _LinkState.LOST:
                 self._release()
             self._closing = False
-            self._state = _State.OPENING
+            self._state = _LinkState.OPENING
             try:
                 self._read_waker.open()
                 self._write_waker.open()
@@ -226,13 +226,13 @@ class PollLink(Link):
                 try:
                     self._release()
                 finally:
-                    self._state = _State.CLOSED
+                    self._state = _LinkState.CLOSED
                 if isinstance(error, OSError) and not isinstance(error, LinkError):
                     raise LinkError(
                         f"{self.url} cannot be opened: {error.strerror or error}", url=self.url
                     ) from error
                 raise
-            self._state = _State.OPEN
+            self._state = _LinkState.OPEN
             _log.debug("%s is open", self.url)
 
     def close(self) -> None:
@@ -241,7 +241,7 @@ class PollLink(Link):
         self._read_waker.set()
         self._write_waker.set()
         with self._changing:
-            if self._state in (_State.CLOSED, _State.OPENING):
+            if self._state in (_LinkState.CLOSED, _LinkState.OPENING):
                 # Closed already; or a signal handler closes from inside open(), which then stops.
                 return
             if self._reading.is_mine() or self._writing.is_mine():
@@ -261,7 +261,7 @@ class PollLink(Link):
         self._write_waker.close()
         # At the end: after Ctrl-C above, close() does what is left.
         self._close_pending = False
-        self._state = _State.CLOSED
+        self._state = _LinkState.CLOSED
         return True
 
     def wake(self) -> None:
@@ -500,8 +500,8 @@ class PollLink(Link):
             self._why_lost = str(error)
         else:
             self._why_lost = f"{self.url} was lost: {error.strerror or error}{self._lost_advice}"
-        if self._state is _State.OPEN:
-            self._state = _State.LOST
+        if self._state is _LinkState.OPEN:
+            self._state = _LinkState.LOST
             self._read_now = self._write_now = None
             _log.debug("%s", self._why_lost)
             # The other direction must not wait on a dead line.
@@ -510,7 +510,7 @@ class PollLink(Link):
         return LinkLostError(self._why_lost, url=self.url)
 
     def _refusal(self) -> LinkLostError | LinkClosedError:
-        if self._state is _State.LOST and not self._closing:
+        if self._state is _LinkState.LOST and not self._closing:
             return LinkLostError(self._why_lost, url=self.url)
         return self._closed()
 

@@ -57,14 +57,14 @@ class RestPoint(NamedTuple):
     velocity: tuple[float, ...]
 
 
-class _State(NamedTuple):
+class _JointMotion(NamedTuple):
     p: float
     v: float
     a: float
 
-    def after(self, seconds: float, jerk: float) -> _State:
+    def after(self, seconds: float, jerk: float) -> _JointMotion:
         p = self.p + seconds * (self.v + seconds * (0.5 * self.a + seconds * jerk / 6.0))
-        return _State(p, self.v + seconds * (self.a + 0.5 * seconds * jerk), self.a + seconds * jerk)
+        return _JointMotion(p, self.v + seconds * (self.a + 0.5 * seconds * jerk), self.a + seconds * jerk)
 
 
 def path_rest(
@@ -82,7 +82,7 @@ def path_rest(
         1 to 3 points, the last without velocity; None if a brake would leave the path or a range.
     """
     here = path.sample(t)
-    states = [_State(*row) for row in zip(*here, strict=True)]
+    states = [_JointMotion(*row) for row in zip(*here, strict=True)]
     if all(abs(s.v) <= _STILL and abs(s.a) <= _STILL for s in states):
         return [RestPoint(t + _SHORTEST, here.position, (0.0,) * len(states))]
     found = _brake(states, limits)
@@ -139,7 +139,9 @@ def nearest_time(path: Trajectory, t: float, seconds: float, position: Sequence[
     return min(times, key=off)
 
 
-def _brake(states: Sequence[_State], limits: Sequence[JointLimits]) -> list[tuple[float, list[_State]]] | None:
+def _brake(
+    states: Sequence[_JointMotion], limits: Sequence[JointLimits]
+) -> list[tuple[float, list[_JointMotion]]] | None:
     """Times and states at the ends of the pieces of the shortest brake that is found."""
     pairs = list(zip(states, limits, strict=True))
     seconds = max(_SHORTEST, *(_least(s, limit) for s, limit in pairs))
@@ -153,13 +155,13 @@ def _brake(states: Sequence[_State], limits: Sequence[JointLimits]) -> list[tupl
     return None
 
 
-def _least(s: _State, limit: JointLimits) -> float:
+def _least(s: _JointMotion, limit: JointLimits) -> float:
     """Seconds that a brake takes at least: the acceleration that there is must end, and the speed too."""
     change = abs(s.v + 0.5 * s.a * abs(s.a) / limit.jerk)
     return max(abs(s.a) / limit.jerk, min(change / limit.acceleration, 2.0 * math.sqrt(change / limit.jerk)))
 
 
-def _part(pairs: Sequence[tuple[_State, JointLimits]], h: Sequence[float]) -> float | None:
+def _part(pairs: Sequence[tuple[_JointMotion, JointLimits]], h: Sequence[float]) -> float | None:
     """The part of the speed that goes until the middle of the second piece: the same for all joints."""
     low, high = -math.inf, math.inf
     first, second = 0.5 * (h[0] + h[1]), 0.5 * (h[1] + h[2])
@@ -196,14 +198,14 @@ def _part(pairs: Sequence[tuple[_State, JointLimits]], h: Sequence[float]) -> fl
     return part if all(_slow(s, limit, h, part) for s, limit in pairs) else None
 
 
-def _jerks(s: _State, h: Sequence[float], part: float) -> tuple[float, float, float]:
+def _jerks(s: _JointMotion, h: Sequence[float], part: float) -> tuple[float, float, float]:
     first, second = 0.5 * (h[0] + h[1]), 0.5 * (h[1] + h[2])
     gone = s.v + 0.5 * h[0] * s.a
     a, b = -part * gone / first, -(1.0 - part) * gone / second
     return (a - s.a) / h[0], (b - a) / h[1], -b / h[2]
 
 
-def _slow(s: _State, limit: JointLimits, h: Sequence[float], part: float) -> bool:
+def _slow(s: _JointMotion, limit: JointLimits, h: Sequence[float], part: float) -> bool:
     """Whether the speed stays below the limit."""
     for seconds, jerk in zip(h, _jerks(s, h, part), strict=True):
         after = s.after(seconds, jerk)
@@ -217,8 +219,8 @@ def _slow(s: _State, limit: JointLimits, h: Sequence[float], part: float) -> boo
 
 
 def _ends(
-    pairs: Sequence[tuple[_State, JointLimits]], h: Sequence[float], part: float
-) -> list[tuple[float, list[_State]]]:
+    pairs: Sequence[tuple[_JointMotion, JointLimits]], h: Sequence[float], part: float
+) -> list[tuple[float, list[_JointMotion]]]:
     rows, states, at = [], [s for s, _ in pairs], 0.0
     jerks = [_jerks(s, h, part) for s in states]
     for i, seconds in enumerate(h):

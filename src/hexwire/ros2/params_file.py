@@ -65,7 +65,7 @@ def parse_value(text: str, what: str = "") -> Any:
     Raises:
         ConfigError: It is none.
     """
-    reader = _Reader(text, what)
+    reader = _YamlReader(text, what)
     value = reader.value(reader.next())
     reader.finish()
     return value
@@ -78,7 +78,7 @@ def read_params_file(path: str) -> Overrides:
         ConfigError: It cannot be read, or is not in ROS's form; with the line.
         NotSupportedError: PyYAML is not installed.
     """
-    reader = _Reader(read_text(path, largest=_LARGEST), path)
+    reader = _YamlReader(read_text(path, largest=_LARGEST), path)
     found: Overrides = {}
     event = reader.next()
     if event is not None:
@@ -87,7 +87,7 @@ def read_params_file(path: str) -> Overrides:
     return found
 
 
-class _Reader:
+class _YamlReader:
     """Reads YAML event by event, so that nothing is built before its bounds are checked."""
 
     def __init__(self, text: str, file: str) -> None:

@@ -23,7 +23,7 @@ __all__ = ["SeveralRequests", "To"]
 
 
 @dataclass(slots=True)
-class _Asked:
+class _ToSeveral:
     ticket: int
     cmd: int
     body: bytes
@@ -93,7 +93,7 @@ class SeveralRequests:
     def __init__(self, maker: Numbered, events: EventQueue) -> None:
         self._maker = maker
         self._events = events
-        self._asked: dict[int, _Asked] = {}
+        self._asked: dict[int, _ToSeveral] = {}
 
     def __contains__(self, seq: int) -> bool:
         return seq in self._asked
@@ -142,7 +142,7 @@ class SeveralRequests:
         wanted = to.address.modules if isinstance(to.address, Multicast) else frozenset(to.known)
         policy = maker.policy
         ticket, seq = maker.take_ticket(), maker.take_number()
-        asked = _Asked(
+        asked = _ToSeveral(
             ticket, cmd, body, seq, to.address, wanted, window or policy.window, attempts or policy.attempts, urgent
         )
         self._transmit(asked, now)
@@ -210,7 +210,7 @@ class SeveralRequests:
                 self._asked.pop(asked.seq, None)
         return kept
 
-    def _transmit(self, asked: _Asked, now: float) -> None:
+    def _transmit(self, asked: _ToSeveral, now: float) -> None:
         asked.sent += 1
         asked.sent_at, asked.deadline = now, now + asked.window
         # Those who have answered would answer again from store; nothing is gained by asking them.
@@ -219,7 +219,7 @@ class SeveralRequests:
         asked.frames = [data]
         self._maker.put(data, urgent=asked.urgent)
 
-    def _end(self, asked: _Asked) -> None:
+    def _end(self, asked: _ToSeveral) -> None:
         self._asked.pop(asked.seq, None)
         silent = asked.silent | (asked.unreachable - asked.answers.keys())
         self._events.add(Answers(asked.ticket, asked.cmd, dict(sorted(asked.answers.items())), silent))

@@ -51,7 +51,7 @@ def make_protocol(
     # In the order of their beginning; those that have become sockets are not among them.
     present: dict[Any, None] = {}
 
-    class Connection(H11Protocol):
+    class BoundedConnection(H11Protocol):
         """One connection, until it becomes a socket."""
 
         _timer: asyncio.TimerHandle | None = None
@@ -102,4 +102,4 @@ def make_protocol(
                 self._timer.cancel()
                 self._timer = None
 
-    return Connection
+    return BoundedConnection

@@ -24,7 +24,7 @@ from hexwire.wire.robot_bodies import COMMAND_ARRAYS, JointCommands, TrajectoryP
 from hexwire.wire.servo_packet import parse_status
 
 from .line_reader import LineReader
-from .reading import CEILING, COOKED, Inner, Item, Reading, packet_problem, to_hex, u16
+from .reading import CEILING, COOKED, Field, Inner, Reading, packet_problem, to_hex, u16
 
 if TYPE_CHECKING:
     from .reading import AccessRow, Order
@@ -569,7 +569,7 @@ class Explainer:
         rows = self._rows(reading)
         return next((item.value or 0 for item in rows[0] if item.name == "board_flags"), 0) if rows else 0
 
-    def _rows(self, reading: Reading) -> list[list[Item]] | None:
+    def _rows(self, reading: Reading) -> list[list[Field]] | None:
         """The fields of a frame's body, then those of each row; None if it does not fit its command."""
         data, layout = reading.data, self._reader.layout(reading.data)
         body = data[BODY_OFFSET : BODY_OFFSET + u16(data, 36)]
@@ -581,7 +581,7 @@ class Explainer:
         name = command_name(data[38])
         if inner is not None:
             before = [
-                _number(name, Item(each, at + i, at + i + 1, body[i], "")) for i, each in _transact(inner.start)
+                _number(name, Field(each, at + i, at + i + 1, body[i], "")) for i, each in _transact(inner.start)
             ]
             start = at + inner.start
             if start >= end:
@@ -614,7 +614,7 @@ class Explainer:
             parts=filled(parts_of, at, end),
         )
 
-    def _items(self, command: str, items: list[Item], body: bytes, at: int) -> Iterator[Part]:
+    def _items(self, command: str, items: list[Field], body: bytes, at: int) -> Iterator[Part]:
         for item in items:
             if item.value is not None:
                 yield _number(command, item._replace(start=at + item.start, end=at + item.end))
@@ -715,7 +715,7 @@ def _command_layer(raw: bytes) -> Layer:
     return Layer("command", words, fields | {"check_verdict": verdict})
 
 
-def _values(items: Iterable[Item], series: Series, address: int) -> Iterator[dict[str, Any]]:
+def _values(items: Iterable[Field], series: Series, address: int) -> Iterator[dict[str, Any]]:
     for item in items:
         register, raw = series.at(address + item.start), item.value
         if register is None or register.name != item.name or raw is None:
@@ -903,7 +903,7 @@ def _packet_head(data: bytes, at: int) -> Iterator[Part]:
         yield Part("length", at + 3, at + 4, str(data[3]), SERVO["length"], data[3])
 
 
-def _number(command: str, item: Item) -> Part:
+def _number(command: str, item: Field) -> Part:
     """A field of a body; the item's place is that in the frame."""
     meaning, value = body_meaning(command, item.name), item.value or 0
     words = str(value)
@@ -929,7 +929,7 @@ def _address(series: str | None, address: int) -> Part:
     return Part("address", 0, 1, f"0x{address:02X}{name}", SERVO["address"], address)
 
 
-def _registers(items: list[Item], series: str | None, address: int) -> Iterator[Part]:
+def _registers(items: list[Field], series: str | None, address: int) -> Iterator[Part]:
     """The values of registers; their places are those in the bytes after the address."""
     for item in items:
         register = Series(series).at(address + item.start) if series else None

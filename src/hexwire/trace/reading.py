@@ -26,8 +26,8 @@ __all__ = [
     "HEAD_SIZE",
     "TAIL",
     "Access",
+    "Field",
     "Inner",
-    "Item",
     "Reader",
     "Reading",
     "has_ceiling_hazard",
@@ -88,7 +88,7 @@ class Reading(NamedTuple):
     line: str = "host"
 
 
-class Item(NamedTuple):
+class Field(NamedTuple):
     """A value among bytes.
 
     Attributes:
@@ -404,7 +404,7 @@ class Reader:
         row = self.tables["commands"].get(data[38])
         return row["reply" if data[33] == 2 and data[39] & 0xC0 else "request"] if row else None
 
-    def body_items(self, data: bytes, layout: Mapping[str, Any]) -> list[list[Item]] | None:
+    def body_items(self, data: bytes, layout: Mapping[str, Any]) -> list[list[Field]] | None:
         """The fields of a body by the layout of its command, then those of each row; None if it does not fit."""
         known: dict[str, int] = {}
         first, at = self._row_items(data, 0, layout["fields"], known, 0)
@@ -424,7 +424,7 @@ class Reader:
 
     def _row_items(
         self, data: bytes, at: int, row: tuple[tuple[str, str, str], ...], known: dict[str, int], mask: int
-    ) -> tuple[list[Item] | None, int]:
+    ) -> tuple[list[Field] | None, int]:
         items = []
         for name, kind, wanted in row:
             if wanted and not mask & self.tables["state_fields"][wanted]:
@@ -433,10 +433,10 @@ class Reader:
             if end > len(data):
                 return None, at
             if kind == "bytes":
-                items.append(Item(name, at, end, None, f"{name} {to_hex(data[at:], SAMPLE)}"))
+                items.append(Field(name, at, end, None, f"{name} {to_hex(data[at:], SAMPLE)}"))
             else:
                 known[name] = value = int.from_bytes(data[at:end], "little", signed=kind[0] == "i")
-                items.append(Item(name, at, end, value, f"{name} {value}"))
+                items.append(Field(name, at, end, value, f"{name} {value}"))
             at = end
         return items, at
 
@@ -484,7 +484,7 @@ class Reader:
         items = self.answer_items(data, asked, where)
         return f"{text}: {to_hex(params) if items is None else _listed(items)}"
 
-    def answer_items(self, data: bytes, asked: bytes | None, where: str) -> list[Item] | None:
+    def answer_items(self, data: bytes, asked: bytes | None, where: str) -> list[Field] | None:
         """The registers in the parameters of a status packet; None if they are unknown."""
         legacy, servo, params = data[1] == 0xF5, data[2], data[5:-1]
         series = self.series_of(servo) or ("seven_bot" if legacy else None)
@@ -541,7 +541,7 @@ class Reader:
             return f"0x{address:02X} {to_hex(row.data)}"
         return _listed(self.register_items(row.series, address, row.data, order))
 
-    def register_items(self, series: str, address: int, data: bytes, order: Order | None) -> list[Item]:
+    def register_items(self, series: str, address: int, data: bytes, order: Order | None) -> list[Field]:
         """The registers of a series in bytes from an address.
 
         Args:
@@ -556,7 +556,7 @@ class Reader:
             row = rows["registers"].get(address + at)
             if row is None or at + row[1] > len(data):
                 name = f"0x{address + at:02X}"
-                items.append(Item(name, at, at + 1, data[at], f"{name} {data[at]}"))
+                items.append(Field(name, at, at + 1, data[at], f"{name} {data[at]}"))
                 at += 1
                 continue
             name, size, sign, unit, scale = row
@@ -566,12 +566,12 @@ class Reader:
             text = f"{name} {raw}"
             if scale:
                 text += f" = {raw * scale:.6g} {'deg' if unit == 'count' else unit}"
-            items.append(Item(name, at, at + size, raw, text))
+            items.append(Field(name, at, at + size, raw, text))
             at += size
         return items
 
 
-def _listed(items: list[Item]) -> str:
+def _listed(items: list[Field]) -> str:
     return ", ".join(item.words for item in items)
 
 

@@ -148,9 +148,9 @@ class MergedCalls(Generic[_T, _R]):
     def __init__(self, name: str, call: Callable[[list[_T]], _R]) -> None:
         self._call = call
         self._lock = threading.Lock()
-        self._next: _Asked[_T, _R] | None = None
+        self._next: _MergedCall[_T, _R] | None = None
         # What is asked for may be a stop.
-        self._gathering: Gathering[_Asked[_T, _R]] = Gathering(name, self._answer, lasting=True)
+        self._gathering: Gathering[_MergedCall[_T, _R]] = Gathering(name, self._answer, lasting=True)
 
     def ask(self, said: _T) -> Future[_R]:
         """Ask for the call; does not wait. The result, which all share, is that of a call which begins after this.
@@ -160,7 +160,7 @@ class MergedCalls(Generic[_T, _R]):
         with self._lock:
             asked = self._next
             if asked is None:
-                asked = _Asked[_T, _R]()
+                asked = _MergedCall[_T, _R]()
                 # Nobody who loses interest cancels it for the others.
                 asked.future.set_running_or_notify_cancel()
                 if not self._gathering.put(asked):
@@ -175,7 +175,7 @@ class MergedCalls(Generic[_T, _R]):
         """End after answering those who wait."""
         self._gathering.close(timeout)
 
-    def _answer(self, waiting: list[_Asked[_T, _R]]) -> None:
+    def _answer(self, waiting: list[_MergedCall[_T, _R]]) -> None:
         with self._lock:
             self._next = None
         (asked,) = waiting
@@ -187,7 +187,7 @@ class MergedCalls(Generic[_T, _R]):
             asked.future.set_result(value)
 
 
-class _Asked(Generic[_T, _R]):
+class _MergedCall(Generic[_T, _R]):
     """A call that has not begun: what was said by those who ask for it, and its result."""
 
     def __init__(self) -> None:
