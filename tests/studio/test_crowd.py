@@ -61,6 +61,7 @@ def _fill(source: Any, folder: Path, states: int = 300) -> str:
         for i in range(states):
             moved = tuple(angle + 0.05 * math.sin(i / 30) for angle in state.position)
             recording.joint_state(dataclasses.replace(state, position=moved, stamp=0.02 * i), 1.7e9 + 0.02 * i)
+        recording.picture(bytes(100_000), "front", 1.7e9)
     return "crowd.mcap"
 
 
@@ -133,6 +134,7 @@ def _work(upload: bytes) -> dict[tuple[str, str], list[tuple[str, bytes | None]]
         ("GET", "/data/compare"): [("a=crowd.mcap&b=crowd.mcap&align=best", None)],
         ("GET", "/data/recording"): [("name=crowd.mcap", None)],
         ("GET", "/data/recording.mcap"): [("name=crowd.mcap", None)],
+        ("GET", "/data/picture"): [("name=crowd.mcap&topic=/camera/front&at=1.7e9", None)],
         ("POST", "/data/recording"): [("name=sent.mcap", upload)],
         ("GET", "/data/recordings"): [("", None)],
         ("POST", "/data/recordings"): [("", order) for order in orders],

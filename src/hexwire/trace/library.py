@@ -136,7 +136,7 @@ def survey(file: Readable, empty: StoredRecording) -> StoredRecording:
         states=states,
         joints=joints,
         topics=tuple(topics),
-        cameras=tuple(cameras)[:_MOST_CAMERAS],
+        cameras=tuple(sorted(cameras))[:_MOST_CAMERAS],
         robot=robot,
         traffic=traffic,
         problem=problem,
