@@ -237,7 +237,7 @@ def shrink_views(page: Page) -> None:
     page.evaluate(
         """() => {
             const sheet = new CSSStyleSheet();
-            sheet.replaceSync("#arm-view, .rc-arm { height: 32px !important; min-height: 0 !important }");
+            sheet.replaceSync("#arm-view, .rc-arm, .fr-view { height: 32px !important; min-height: 0 !important }");
             document.adoptedStyleSheets.push(sheet);
         }"""
     )

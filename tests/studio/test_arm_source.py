@@ -227,7 +227,7 @@ class Seen:
 MEASURED = {"known": False, "dialect": 0, "rate": None, "round_trip_ms": None, "faults": None, "torque": "unknown"}
 """What the facts say once nothing is known any more."""
 LASTING = {"robot", "url", "connected", "error", "last", "missing", "unready"}
-LASTING |= {"holder", "lost", "stopped", "stops", "note", "teaching", "taught"}
+LASTING |= {"holder", "lost", "stopped", "stops", "note", "uncalibrated", "teaching", "taught"}
 """What the studio knows by itself."""
 
 

@@ -71,4 +71,6 @@ def test_what_opening_a_port_may_move_is_said_first_where_it_can_be_opened() -> 
 
 def test_this_machine_can_be_asked() -> None:
     assert isinstance(find_plugged(), list)
-    assert [row.robots for row in emulated()] == [("hex7bot",), ("so101",), ("so100",)]
+    arms = ["sim://hex7bot", "sim://so101", "sim://so101?any_horns=1", "sim://so100", "sim://so100?any_horns=1"]
+    assert [row.device for row in emulated()] == arms
+    assert {row.robots[0] for row in emulated()} == {"hex7bot", "so101", "so100"}

@@ -20,7 +20,16 @@ from hexwire.model.calibration import Calibration, JointCalibration
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel, JointModel
 
-__all__ = ["HandCalibration", "JointProgress", "ServoFacts", "endless_joints", "fitted", "full_turn", "make_row"]
+__all__ = [
+    "TOO_FAR",
+    "HandCalibration",
+    "JointProgress",
+    "ServoFacts",
+    "endless_joints",
+    "fitted",
+    "full_turn",
+    "make_row",
+]
 
 _TURN = 4096
 _MIDDLE = 2047
@@ -30,7 +39,8 @@ _LEAST = math.radians(5.0)
 """A joint that moved less was forgotten."""
 _ENOUGH = 0.9
 """Share of the usual range from which nothing is missing."""
-_TOO_FAR = 1.3
+TOO_FAR = 1.3
+"""Share of the usual range beyond which a joint cannot go."""
 _GAP = 0.2
 """Seconds without an answer after which a joint may have moved on unseen."""
 _UNSEEN = 1024
@@ -175,7 +185,7 @@ class HandCalibration:
         if joint.name in self.endless:
             return "" if joint.name in self._middles else "put it in its middle"
         travel, usual = (track.high - track.low) * joint.scale, _usual(joint)
-        if track.high - track.low >= _TURN or travel > _TOO_FAR * usual:
+        if track.high - track.low >= _TURN or travel > TOO_FAR * usual:
             return "beyond its stops: is its horn loose?"
         if travel < _ENOUGH * usual and track.restarted:
             return "lost from sight: go to both ends again"

@@ -29,6 +29,7 @@ from .access import WATCHING_ONLY, Access, Right
 from .bus_source import live_row
 from .calls import Asked, find_call
 from .cameras import Cameras
+from .first_run_calls import FirstRuns
 from .fleet_watch import FleetWatch
 from .holds import Holds
 from .live import Live
@@ -105,6 +106,7 @@ class Studio:
         wire: The traffic of what is open, and of files.
         fleet: The shared arms that this program may see.
         holds: The kinds of motion that a page may hold.
+        first: The first run of an arm.
         live: The tabs' own sockets.
         foxglove: Shows what is open to programs that speak Foxglove's protocol; None for nobody.
         cameras: Cameras of this computer that pages may show.
@@ -138,6 +140,7 @@ class Studio:
         self.holds.add("run", self._begin_run)
         self.holds.add("follow", lambda *hold: self.source.need_arm().begin_follow(*hold))
         add_wave(self)
+        self.first = FirstRuns(self)
         self.live = Live(self)
         self.orders = ThreadPoolExecutor(1, "studio orders")
         # The stops of what is open: one answers all who have asked before it began.
@@ -502,6 +505,7 @@ class Studio:
         self.recordings.close()
         self.source.close()
         self.cameras.close()
+        self.first.close()
         for process in self._files.values():
             process.close()
         self.fleet.close()

@@ -84,6 +84,7 @@ class ArmSource:
         edits: Edits of registers that can be undone, with their joints.
         backups: Backups of stored settings, to compare with.
         written: How often registers were written.
+        uncalibrated: Why its angles may be wrong, as its servos said when it was opened; empty if they may not.
         listeners: Called with each state and the goals, in the owner's thread; they must not wait.
     """
 
@@ -101,6 +102,7 @@ class ArmSource:
         self.edits: list[tuple[str, Edit]] = []
         self.backups: list[ServoBackup] = []
         self.written = 0
+        self.uncalibrated = ""
         self._silence = silence
         self.hold_to_run = HoldToRun(silence=silence, clock=owner.now)
         self.jog = JogController(settings.model, settings.kinematics, self.shared.path_check, silence=silence)
@@ -471,6 +473,7 @@ class ArmSource:
             "stops": self.stops,
             "torque": torque_words(torques),
             "note": self._note(),
+            "uncalibrated": self.uncalibrated,
             "teaching": self.motions.teaching,
             "taught": None if taught is None else f"{len(taught.times)} rows, {taught.duration} s",
         }

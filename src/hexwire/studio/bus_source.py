@@ -368,6 +368,7 @@ class BusSource:
             "job": "" if job is None else f"{job.what}: {job.told}" if job.told else job.what,
             "share": None if job is None or math.isnan(job.share) else round(job.share, 3),
             "note": "",
+            "uncalibrated": "",
         }
 
     def row(self) -> dict[str, object]:

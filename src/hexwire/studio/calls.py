@@ -45,6 +45,11 @@ class CallHost(Protocol):
     plugged: list[Plugged] | None
     recordings: Recordings
     cameras: Cameras
+    settings: dict[str, object]
+
+    @property
+    def first(self) -> object:
+        """The first run of an arm: `first_run_calls.FirstRuns`, which has its calls."""
 
     def arms(self) -> dict[str, Any]:
         """The arms that a page can reach, for JSON."""

@@ -45,8 +45,13 @@ def robots() -> tuple[str, ...]:
 
 def emulated() -> tuple[Plugged, ...]:
     """Arms that need no hardware."""
-    records = [arm_record(name) for name in simulated_arms()]
-    return tuple(Plugged(each.emulated, f"an emulated {each.title}", (each.name,)) for each in records)
+    rows = []
+    for record in map(arm_record, simulated_arms()):
+        rows.append(Plugged(record.emulated, f"an emulated {record.title}", (record.name,)))
+        if record.assembly is not None and not record.emulate:
+            words = f"an emulated {record.title}, just assembled: its horns are anywhere"
+            rows.append(Plugged(f"{record.emulated}?any_horns=1", words, (record.name,)))
+    return tuple(rows)
 
 
 def find_plugged(

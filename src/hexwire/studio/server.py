@@ -46,7 +46,9 @@ STATIC = Path(__file__).parent / "static"
 FOXGLOVE = "/foxglove"
 """Address of the socket of programs that speak Foxglove's protocol."""
 PAGES = ("/move", "/servos", "/signals", "/wire", "/recordings", "/")
-"""Addresses of the pages. All are one file; its `studio.js` has their titles and modules."""
+"""Addresses of the pages in the header. All are one file; its `studio.js` has their titles and modules."""
+FIRST_RUN = "/first"
+"""Address of the page of the first run, to which the page Arms leads."""
 
 
 @dataclass(slots=True)
@@ -191,7 +193,7 @@ def make_app(studio: Studio, on_started: Callable[[], object] = lambda: None) ->
         *([] if foxglove is None else [WebSocketRoute(FOXGLOVE, foxglove.serve)]),
         Route("/stop", stop, methods=["POST"]),
         Route("/static/{name:path}", static.answer),
-        *(Route(path, page) for path in PAGES),
+        *(Route(path, page) for path in (*PAGES, FIRST_RUN)),
         *make_routes(found),
         *recordings_routes(found),
         *wire_routes(found),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 from hexwire.control.motion.hold_to_run import SILENCE
@@ -22,6 +22,7 @@ from .arm_source import ArmSource
 from .wire_feed import WireFeed
 
 if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
     from hexwire.link.base import Link
 
     from .bus_source import BusSource
@@ -34,6 +35,22 @@ _log = logging.getLogger(__name__)
 _RANK = 1
 """All pages have one rank: none takes control from another without asking for it."""
 _NO_ARM = "no arm is open; choose a port on the page Arms"
+
+
+def _uncalibrated(driver: RobotDriver) -> str:
+    """Why the angles of an arm may be wrong; empty if its servos are calibrated, or nobody here knows."""
+    from hexwire.drivers.bus_arm import BusArm
+    from hexwire.model.arms import assembly_of
+    from hexwire.setup.calibrating import not_calibrated, stored_calibration
+
+    if not isinstance(driver, BusArm) or not assembly_of(driver.described().model).joints:
+        return ""
+    try:
+        found = not_calibrated(stored_calibration(driver.bus, driver.model), driver.described().model)
+    except HexwireError:
+        # A joint that does not answer is told of elsewhere.
+        return ""
+    return f"not calibrated: {', '.join(found)} may be elsewhere than shown" if found else ""
 
 
 class Source:
@@ -84,32 +101,52 @@ class Source:
             HexwireError: It cannot be opened.
         """
         with self._lock:
-            self._close()
-            self.opening, self.error, self.refused = url, "", ""
-            self._on_change()
+            return self._open(url, robot, None, settings)
+
+    def open_arm_of_bus(self, robot: str, **settings: object) -> ArmSource:
+        """Close the servo bus that is open, and open its servos as an arm; they keep their torque as it is.
+
+        Args:
+            robot: Its name.
+            **settings: As in `open`.
+
+        Raises:
+            HexwireError: No bus is open, or the arm cannot be opened.
+        """
+        with self._lock:
+            link = self.need_bus().bus.link
+            return self._open(link.url, robot, link, settings)
+
+    def _open(self, url: str, robot: str | None, kept: Link | None, settings: Mapping[str, object]) -> ArmSource:
+        """Open an arm, over a link that is there already if one is given: an emulated arm goes on as it is."""
+        self._close()
+        self.opening, self.error, self.refused = url, "", ""
+        self._on_change()
+        try:
+            # Whoever opens it sees at once why it fails, and tries again.
+            given: dict[str, object] = {"port": url, "connect_timeout": 0.0, **settings}
+            if robot:
+                given["robot"] = robot
+            tap = self._wire.begin(url)
+            with wrap_new_links(tap if kept is None else lambda _: tap(kept)):
+                read, driver = read_settings(given, Faults())
+            self._wire.expect(joint.series for joint in read.model.joints)
+            arm = ArmSource(read, driver, self.silence)
             try:
-                # Whoever opens it sees at once why it fails, and tries again.
-                given: dict[str, object] = {"port": url, "connect_timeout": 0.0} | settings
-                if robot:
-                    given["robot"] = robot
-                with wrap_new_links(self._wire.begin(url)):
-                    read, driver = read_settings(given, Faults())
-                self._wire.expect(joint.series for joint in read.model.joints)
-                arm = ArmSource(read, driver, self.silence)
-                try:
-                    arm.start()
-                except BaseException:
-                    arm.shutdown()
-                    raise
-                self.arm = arm
-                self.opened += 1
-            except HexwireError as error:
-                self.error, self.refused = str(error), url
+                arm.start()
+                arm.uncalibrated = _uncalibrated(driver)
+            except BaseException:
+                arm.shutdown()
                 raise
-            finally:
-                self.opening = ""
-                self._on_change()
-            return arm
+            self.arm = arm
+            self.opened += 1
+        except HexwireError as error:
+            self.error, self.refused = str(error), url
+            raise
+        finally:
+            self.opening = ""
+            self._on_change()
+        return arm
 
     def open_bus(self, url: str = "") -> BusSource:
         """Close what is open, and open a bare servo bus; its servos keep their torque as it is.

@@ -41,7 +41,7 @@ def test_a_port_is_shown_with_its_obstacle_and_an_arm_is_opened(
         expect(page.get_by_label("Port or address of the adapter")).to_have_value("/dev/ttyUSB7")
         page.get_by_text("drives the arm to its middle pose: keep clear").wait_for()
         page.get_by_role("link", name="Arms", exact=True).click()
-        page.get_by_role("button", name="Open sim://so101").click()
+        page.get_by_role("button", name="Open sim://so101", exact=True).click()
         page.wait_for_url("**/move")
         page.locator("#hw-name", has_text="so101").wait_for()
         page.get_by_role("link", name="Arms", exact=True).click()
@@ -58,7 +58,7 @@ def test_a_watcher_opens_nothing(served: RunningStudio, blank: Page) -> None:
     page = blank
     try:
         page.goto(served.watch_url)
-        page.get_by_role("row", name="sim://so101").wait_for()
+        page.get_by_role("row", name="sim://so101 an").wait_for()
         assert page.get_by_role("button", name="Open").count() == 0
     finally:
         served.studio.fleet.rest()

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from hexwire.studio.bus_source import BusSource
     from hexwire.studio.tabs import Tab
 
-__all__ = ["CalibrationRun", "parse_file", "store_in"]
+__all__ = ["CalibrationRun", "calibration_values", "parse_file", "store_in"]
 
 _PERIOD, _TELL = 0.02, 0.1
 """Seconds between two samples, and between two messages."""
@@ -70,7 +70,7 @@ def _work(asked: Asked, args: Arguments) -> dict[str, Any]:
     run = _run_of(asked)
     run.work()
     assert run.found is not None
-    return _told(run.found)
+    return calibration_values(run.found)
 
 
 @call("calibration.middle", Arguments)
@@ -91,7 +91,7 @@ def _store(asked: Asked, args: _File) -> tuple[str, ...]:
 
 def loaded(asked: Asked, name: str, data: bytes, arm: str) -> dict[str, Any]:
     """A calibration from a file, for a page; raises as `parse_file`."""
-    return _told(parse_file(asked.bus, name, data, arm))
+    return calibration_values(parse_file(asked.bus, name, data, arm))
 
 
 def _run_of(asked: Asked) -> CalibrationRun:
@@ -101,7 +101,7 @@ def _run_of(asked: Asked) -> CalibrationRun:
     return run
 
 
-def _told(found: Calibration) -> dict[str, Any]:
+def calibration_values(found: Calibration) -> dict[str, Any]:
     """A calibration for a page: its rows, and as files; that for LeRobot, or why there is none."""
     told: dict[str, Any] = {
         "rows": [
@@ -131,7 +131,7 @@ class CalibrationRun:
     Args:
         studio: The studio.
         bus: The servo bus.
-        tab: The tab that is told.
+        tab: The tab that is told how far it is; None for all.
         arm: Name of an assembled arm, or ``servos``.
 
     Attributes:
@@ -143,7 +143,7 @@ class CalibrationRun:
         HexwireError: A servo does not answer.
     """
 
-    def __init__(self, studio: CallHost, bus: BusSource, tab: Tab, arm: str) -> None:
+    def __init__(self, studio: CallHost, bus: BusSource, tab: Tab | None, arm: str) -> None:
         if arm not in _kinds():
             raise UsageError(f"there is no arm {arm[:20]!r}")
         described = (
@@ -155,7 +155,8 @@ class CalibrationRun:
             raise UsageError(
                 f"servo {names} of this arm was not found; search first" if missing else "search first"
             )
-        self._studio, self._bus, self._tab, self._arm = studio, bus, tab, arm
+        self._studio, self._bus, self._arm = studio, bus, arm
+        self._told_to = None if tab is None else tab.key
         self._driver = BusArm(bus.bus.link, arm=counting_arm(described), bus=bus.bus)
         self._bench = CalibrationBench(self._driver, described)
         self._lock, self._finish = threading.Lock(), False
@@ -184,7 +185,7 @@ class CalibrationRun:
                 now = time.monotonic()
                 if now - told >= _TELL:
                     told = now
-                    self._studio.live.tell({"kind": "range", "rows": self.rows()}, self._tab.key)
+                    self._studio.live.tell({"kind": "range", "rows": self.rows()}, self._told_to)
                 time.sleep(_PERIOD)
             taken = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
             with self._lock:

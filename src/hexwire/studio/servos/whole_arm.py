@@ -12,7 +12,7 @@ from typing import Any
 from hexwire.drivers.registry import load_bus_arm
 from hexwire.errors import UsageError
 from hexwire.model.arms import assembled_arms
-from hexwire.setup.arm_setup import ArmSetup, SetupStep, StepKind, picture
+from hexwire.setup.arm_setup import ArmSetup, SetupStep, StepKind
 from hexwire.setup.setting_up import assign, look
 from hexwire.studio.calls import Arguments, Asked, call
 
@@ -69,8 +69,7 @@ def _told(setup: ArmSetup) -> dict[str, Any]:
     step = setup.step
     sentence = _sentence(step.text)
     return {
-        "picture": "" if step.kind is StepKind.DONE else "\n".join(picture(setup) or ()),
-        "alt": f"The arm: {step.text}",
+        "joint": "" if step.joint is None else step.joint.name,
         "text": sentence,
         "found": "" if step.servo is None else f"Found: {step.servo}.",
         "blocked": _sentence(step.blocked),

@@ -10,6 +10,7 @@ metres.
                                      once a frame is fine: values that did not change draw nothing
   view.setJoints(values, known)      which of them are from now (booleans): what the others move is grey, where it was last
   view.setGhost(joints | null)       a second, translucent arm: where the arm would go
+  view.setHighlight(name | "" | null) the part that a joint moves, in one strong colour; "": the foot; null: nothing
   view.setTip(pose | "own" | null)   axes at a pose {position: [x, y, z], quaternion: [x, y, z, w]}, in metres; "own":
                                      at this arm's own tip
   view.setTable(height | null)       height of the table in metres; null: no table, the grid is at 0
@@ -53,6 +54,7 @@ export class Arm3D {
     this.available = false;
     this.drawn = 0;
     this._next = this._frame = this._later = this._still = 0;
+    this._marked = null;
     this._names = geometry.joints.map((joint) => joint.name);
     if (getComputedStyle(element).position === "static") element.style.position = "relative";
     if (!three?.THREE || !three.OrbitControls) {
@@ -109,10 +111,23 @@ export class Arm3D {
 
   _paintGrey() {
     this._arm.bodies.forEach((body, i) => {
-      if (body) body.material = this._grey[i] ? this._lostMaterial : body.userData.own;
+      if (body) body.material = this._grey?.[i] ? this._lostMaterial : this._isMarked(i) ? this._markedMaterial : body.userData.own;
     });
-    for (const [shade, , i] of this._arm.shades) shade.visible = !this._grey[i];
-    this._tipAxes.visible = Boolean(this._tipWanted && !(this._ownTip && this._grey[this.geometry.tip]));
+    for (const [shade, , i] of this._arm.shades) shade.visible = !this._grey?.[i];
+    this._tipAxes.visible = Boolean(this._tipWanted && !(this._ownTip && this._grey?.[this.geometry.tip]));
+  }
+
+  setHighlight(name) {
+    if (!this.available || this._marked === name) return;
+    this._marked = name;
+    this._paintGrey();
+    this._change();
+  }
+
+  _isMarked(i) {
+    const link = this.geometry.links[i];
+    if (this._marked === "") return !this._moves[i];
+    return Boolean(this._marked && link.axis && this._names[link.joint] === this._marked);
   }
 
   setGhost(joints) {
@@ -131,7 +146,7 @@ export class Arm3D {
     if (!this.available) return;
     this._ownTip = pose === "own";
     this._tipWanted = pose !== null;
-    this._tipAxes.visible = this._tipWanted && !(this._ownTip && this._grey[this.geometry.tip]);
+    this._tipAxes.visible = this._tipWanted && !(this._ownTip && this._grey?.[this.geometry.tip]);
     if (this._ownTip) this._followTip();
     else if (pose) this._putTip(pose);
     this._change();
@@ -332,10 +347,11 @@ export class Arm3D {
     for (const arm of before) if (arm) this._clear(arm.root);
     const solid = new THREE.MeshPhongMaterial({ vertexColors: true, shininess: 28, specular: "#262626" });
     this._shadeMaterial = new THREE.MeshBasicMaterial({ color: look.shadow });
+    this._markedMaterial = new THREE.MeshPhongMaterial({ color: look.trace, emissive: look.trace, emissiveIntensity: 0.3 });
     this._lostMaterial = new THREE.MeshLambertMaterial({ color: look.lost, transparent: true, opacity: 0.5 });
     this._arm = this._assemble(solid, true);
     this._arm.lost = before[0]?.lost;
-    if (this._grey) this._paintGrey();
+    this._paintGrey();
     // Behind the arm where both are at the same place.
     const behind = { polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 8 };
     const veil = new THREE.MeshLambertMaterial({ color: look.ghost, transparent: true, opacity: 0.42, ...behind });
@@ -387,6 +403,7 @@ export class Arm3D {
         root.add(shade);
       }
     }
+    this._moves = moves;
     return { root, frames, shades, bodies, joints: null };
   }
 

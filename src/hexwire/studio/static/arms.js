@@ -9,7 +9,9 @@ import { fill, html } from "./widgets.js";
 const LOOK = 2000; // ms between two looks at the ports
 
 export async function mount(element, { operates }) {
-  fill(element, html`<div class="hw-present"></div><div id="hw-ports"></div><div id="hw-emulated"></div>
+  fill(element, html`<div class="hw-present"></div>
+    <p>A new arm, or one that was never calibrated? <a href="/first">First run</a> takes you from its cable to its first motion,
+      one step at a time.</p><div id="hw-ports"></div><div id="hw-emulated"></div>
     <form class="hw-row" autocomplete="off">
       <div class="hw-field hw-choice"><label for="hw-url">Port or address</label>
         <input id="hw-url" name="url" placeholder="zenoh:lab/arm1" maxlength="200"></div>
@@ -76,7 +78,7 @@ export async function mount(element, { operates }) {
 function presentMarkup(facts, operates) {
   const error = facts.open_error && html`<p class="hw-bad">Not opened: ${facts.open_error}</p>`;
   if (facts.mode !== "arm" && facts.mode !== "bus") return html`${error}<p>Nothing is open. Choose a port, or enter an address.</p>`;
-  return html`${error}<div class="hw-row"><span>Open: ${facts.mode === "arm" ? facts.url : "the servo bus"}</span>
+  return html`${error}<div class="hw-row"><span>Open: ${facts.mode === "arm" ? facts.url : "the servo bus"}${facts.uncalibrated && html`<span class="hw-bad">, ${facts.uncalibrated}</span>`}</span>
     ${operates && html`<button class="hw-button" type="button" data-do="close" aria-label="Close what is open">Close</button>`}</div>`;
 }
 

@@ -15,7 +15,7 @@ const COLUMNS = ["position", "velocity", "load", "current", "voltage", "temperat
 
 const meta = (name) => document.querySelector(`meta[name="hexwire-${name}"]`).content;
 const key = meta("tab");
-const listeners = { frame: new Set(), facts: new Set(), hello: new Set(), news: new Set(), run: new Set(), link: new Set(), servos: new Set(), wave: new Set(), range: new Set(), steps: new Set(), leader: new Set() };
+const listeners = { frame: new Set(), facts: new Set(), hello: new Set(), news: new Set(), run: new Set(), link: new Set(), servos: new Set(), wave: new Set(), range: new Set(), steps: new Set(), leader: new Set(), first: new Set() };
 const answers = new Map(); // what was asked for by a call, and has no answer yet
 let calls = 0;
 let socket = null;
@@ -74,6 +74,7 @@ const hexwire = {
   onServos: (call, element) => listen("servos", call, element),
   onWave: (call, element) => listen("wave", call, element),
   onRange: (call, element) => listen("range", call, element),
+  onFirst: (call, element) => listen("first", call, element),
   onSteps: (call, element) => listen("steps", call, element),
   onLeader: (call, element) => {
     const end = listen("leader", call, element);
@@ -454,7 +455,7 @@ function header(facts) {
   else if (arm && !facts.connected) lasting = since(facts) + `${bus ? "The servo bus cannot be read" : "The arm is not connected"}: ${facts.error}`;
   else if (facts.mode === "arm" && !known) lasting = since(facts) + "The arm is silent: it may do anything. STOP will be tried";
   else if (arm && facts.stopped) lasting = `Stopped: ${facts.stopped}`;
-  banner(lasting, facts.note || "");
+  banner(lasting, facts.note || (facts.uncalibrated ? `The arm is ${facts.uncalibrated}; see First run on the page Arms` : ""));
 }
 
 hexwire.onFacts(header);

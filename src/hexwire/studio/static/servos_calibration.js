@@ -77,10 +77,11 @@ export async function calibration(view, place, servo) {
   }
 }
 
-function showRanges(element, rows) {
+/** A table of how far each joint was moved, and what is missing. */
+export function showRanges(element, rows) {
   if (element.querySelectorAll("tbody tr").length !== rows.length) {
     const bar = html`<span class="sv-range"><span></span><i></i></span>`;
-    fill(element, table("Ranges", ["Joint", "#Min deg", "#Now deg", "#Max deg", "", "Missing"], rows.map(({ name }) => [name, "", "", "", bar, ""])));
+    fill(element, table("Ranges", ["Joint", "#Min deg", "#Now deg", "#Max deg", "Range", "Missing"], rows.map(({ name }) => [name, "", "", "", bar, ""])));
   }
   const lines = element.querySelectorAll("tbody tr");
   rows.forEach((one, i) => {
@@ -106,15 +107,18 @@ export async function setUp(view, place) {
   const begin = button("Look what is connected", () => look(false), { level: "accent" });
   const everywhere = button("Look at every id and rate", () => look(true));
   const told = hint("", { role: "status" }), shown = node("div");
-  let begun = false, turn = 0;
+  const screen = node("div", { class: "sv-view" }), caption = hint("");
+  const drawing = node("div", { hidden: true }, screen, caption);
+  let begun = false, turn = 0, picture = null;
   place.append(
     node("h2", { class: "sv-h2" }, "Set up an arm"),
     ...section("Servo by servo", "New servos all have id 1: connect them one at a time. Each gets its id and rate, and is read back. The servos themselves are asked what is done, so a set-up can be resumed at any time. Nothing moves."),
-    form(field("Arm", arm), field("Leader or follower", role), begin, everywhere), told, shown);
+    form(field("Arm", arm), field("Leader or follower", role), begin, everywhere), told, drawing, shown);
   // What is shown was about another arm.
   const renew = () => {
     begun = false;
     turn += 1;
+    drawing.hidden = true;
     shown.replaceChildren();
   };
   arm.addEventListener("change", renew);
@@ -137,6 +141,13 @@ export async function setUp(view, place) {
     view.relist();
   }
 
+  async function showJoint(joint) {
+    picture ||= import("./arm_picture.js").then(({ Picture }) => new Picture(screen, caption));
+    const shows = await picture;
+    await shows.show(arm.value);
+    shows.mark(joint);
+  }
+
   function draw(step) {
     const give = async () => {
       if (!(await question("Set this servo up", step.question, "Set it up"))) return;
@@ -145,7 +156,8 @@ export async function setUp(view, place) {
       look(false);
     };
     shown.replaceChildren();
-    if (step.picture) shown.append(node("pre", { class: "sv-picture", role: "img", "aria-label": step.alt, tabindex: "0" }, step.picture));
+    drawing.hidden = !step.joint;
+    if (step.joint) showJoint(step.joint);
     shown.append(node("p", { role: "status" }, step.text));
     if (step.found) shown.append(hint(step.found));
     if (step.blocked) shown.append(node("p", { "data-level": "error" }, step.blocked));

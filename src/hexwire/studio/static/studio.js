@@ -13,6 +13,7 @@ const PAGES = {
   "/signals": ["Signals", "plots.js"],
   "/wire": ["Wire", "wire.js"],
   "/recordings": ["Recordings", "recordings.js"],
+  "/first": ["First run", "first.js"],
   "/": ["Arms", "arms.js"],
 };
 const THEMES = ["auto", "light", "dark"];
