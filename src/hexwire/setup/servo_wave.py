@@ -37,6 +37,7 @@ __all__ = [
     "bring_back",
     "measure_backlash",
     "one_servo",
+    "own_limits",
     "run_wave",
     "standing",
 ]
@@ -149,6 +150,22 @@ class WaveEnd:
         return max((abs(row.goal - row.position) for row in self.samples), default=0.0)
 
 
+def own_limits(bus: ServoBus, servo_id: int) -> tuple[int, int] | None:
+    """The limits that a servo keeps, counts; None if it has none.
+
+    Raises:
+        UsageError: It does not control its position.
+    """
+    registers = bus.series_of(servo_id).registers
+    if "mode" in registers and (mode := bus.read(servo_id, "mode").raw):
+        raise UsageError(f"servo {servo_id} is in mode {mode}, not in position mode (0): a goal would not stop it")
+    for name in ("min_position_limit", "min_angle_limit"):
+        if name in registers:
+            least, most = bus.read(servo_id, name).raw, bus.read(servo_id, name.replace("min", "max")).raw
+            return (least, most) if least is not None and most is not None and most > least else None
+    return None
+
+
 def one_servo(bus: ServoBus, servo_id: int, amplitude: float) -> BusArm:
     """Make an arm of one servo on an open bus, limited to a wave and to the servo's own limits.
 
@@ -162,18 +179,14 @@ def one_servo(bus: ServoBus, servo_id: int, amplitude: float) -> BusArm:
         ServoError: The servo does not answer, or has a fault.
     """
     series = bus.series_of(servo_id)
-    if "mode" in series.registers and (mode := bus.read(servo_id, "mode").raw):
-        raise UsageError(f"servo {servo_id} is in mode {mode}, not in position mode (0): a goal would not stop it")
+    limits = own_limits(bus, servo_id)
     reading = bus.read(servo_id, "present_position").check()
     scale = reading.register.si_factor
     counts = reading.raw or 0
     reach = math.ceil(amplitude / scale) + 2
-    low, high = counts - reach, counts + reach
-    names = [name for name in ("min_position_limit", "min_angle_limit") if name in series.registers]
-    if names:
-        least = bus.read(servo_id, names[0]).raw
-        most = bus.read(servo_id, names[0].replace("min", "max")).raw
-        if least is not None and most is not None and most > least and (low < least or high > most):
+    if limits is not None:
+        least, most = limits
+        if counts - reach < least or counts + reach > most:
             raise UsageError(
                 f"servo {servo_id} is at {counts} and may move from {least} to {most}: "
                 f"{math.degrees(amplitude):g} deg to either side is too much"

@@ -45,6 +45,7 @@ from .servos import (  # noqa: F401
     stress,
     whole_arm,
 )
+from .servos.slide_run import add_slide
 from .servos.wave_run import add_wave
 from .source import Source
 from .tabs import Tab, Tabs
@@ -141,6 +142,7 @@ class Studio:
         self.holds.add("follow", lambda *hold: self.source.need_arm().begin_follow(*hold))
         add_wave(self)
         self.first = FirstRuns(self)
+        add_slide(self)
         self.live = Live(self)
         self.orders = ThreadPoolExecutor(1, "studio orders")
         # The stops of what is open: one answers all who have asked before it began.

@@ -66,6 +66,7 @@ class BusSource:
         history: The last ten minutes of them.
         edits: Edits of registers that can be undone.
         backups: Backups taken or loaded here, newest last.
+        slid: Where servos were sent last by hand, radians by id.
         error: Why the bus cannot be read; empty if it can.
         on_live: Called with the newest values, in the thread that reads them.
         on_change: Called when servos, job or stop have changed, in any thread.
@@ -88,6 +89,7 @@ class BusSource:
         self.history = HealthHistory()
         self.edits = RegisterEdits()
         self.backups: list[ServoBackup] = []
+        self.slid: dict[int, float] = {}
         self.error = ""
         self.on_live: Callable[[list[LiveValues]], object] = lambda values: None
         self.on_change: Callable[[], object] = lambda: None

@@ -17,11 +17,14 @@ if TYPE_CHECKING:
     from .source import Source
     from .tabs import Tab
 
-__all__ = ["Begin", "Holds"]
+__all__ = ["Begin", "Change", "Holds"]
 
 Begin = Callable[["Tab", "HeldMotion", Mapping[str, object], "Token"], object]
 """Begins a motion for a tab, then calls `HoldToRun.begun` with how it ends. Runs in a thread and may wait. Raises
 `HexwireError` if it is refused. The token says when it was asked for: a stop since then voids it."""
+
+Change = Callable[["Tab", Mapping[str, object]], object]
+"""Changes what a tab holds; must not wait. Raises `HexwireError` if it is refused."""
 
 _JOGS = ("joint", "space", "drag")
 
@@ -36,11 +39,14 @@ class Holds:
     def __init__(self, source: Source) -> None:
         self._source = source
         self._kinds: dict[str, Begin] = {}
+        self._changes: dict[str, Change] = {}
         self._present: dict[str, str] = {}
 
-    def add(self, kind: str, begin: Begin) -> None:
-        """Add a kind of motion, such as ``goto``."""
+    def add(self, kind: str, begin: Begin, change: Change | None = None) -> None:
+        """Add a kind of motion, such as ``goto``; one that can be changed while it is held names what does that."""
         self._kinds[kind] = begin
+        if change is not None:
+            self._changes[kind] = change
 
     def begin(self, tab: Tab, entry: HeldMotion, kind: str, args: Mapping[str, object], arrived: Token) -> None:
         """Begin a motion; raises `HexwireError` if it is refused."""
@@ -54,12 +60,15 @@ class Holds:
         if found is None:
             raise UsageError(f"there is no motion {kind[:20]!r} to hold")
         found(tab, entry, args, arrived)
+        self._present[tab.key] = kind
 
     def update(self, tab: Tab, args: Mapping[str, object]) -> None:
-        """Change what a tab holds; only a jog can be changed. Raises `HexwireError` if it is refused."""
+        """Change what a tab holds, if that can be changed. Raises `HexwireError` if it is refused."""
         kind = self._present.get(tab.key, "")
         if kind in _JOGS:
             self._source.need_arm().update_jog(kind, args)
+        elif kind in self._changes:
+            self._changes[kind](tab, args)
 
     def forget(self, tab: Tab) -> None:
         """A tab is gone, or is about to hold something else."""

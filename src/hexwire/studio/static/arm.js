@@ -111,7 +111,7 @@ function draw(element, args, opened) {
   return page;
 }
 
-function makePage(root, args, opened) {
+export function makePage(root, args, opened) {
   const listeners = {};
   const page = {
     root,
@@ -139,6 +139,9 @@ function makePage(root, args, opened) {
     run(values) {
       return hexwire.hold("run", { speed: page.speed, ...values }, { attended: true });
     },
+    /** What to hold for a joint: while it turns in a direction, or goes to an angle. */
+    jog: (joint, turn) => ["joint", { directions: { [joint]: turn }, speed: page.speed }],
+    drag: (joint, goal) => ["drag", { goals: { [joint]: goal }, speed: page.speed }],
     /** Show where a motion would end; null hides it. */
     ghost(goal, trace = null) {
       if (!page.view) return;
@@ -298,7 +301,8 @@ function mountJoints(page) {
   }
 }
 
-function mountRow(page, row, joint, i) {
+/** A joint's row: buttons, slider, values. */
+export function mountRow(page, row, joint, i) {
   const cell = (name) => row.querySelector(`[data-value="${name}"]`);
   const slider = row.querySelector(".arm-slider");
   const low = joint.min - OVER * (joint.max - joint.min);
@@ -309,7 +313,8 @@ function mountRow(page, row, joint, i) {
   slider.style.setProperty("--high", share(joint.max));
   for (const button of row.querySelectorAll(".arm-jog")) {
     const turn = Number(button.dataset.turn);
-    hexwire.holdButton(button, "joint", () => ({ directions: { [joint.name]: turn }, speed: page.speed }), { idle: () => page.step });
+    const [kind] = page.jog(joint.name, turn);
+    hexwire.holdButton(button, kind, () => page.jog(joint.name, turn)[1], { idle: () => page.step });
   }
   mountSlider(page, slider, joint, i, { low, high, share });
   drawRow(page, { cell, slider, share, joint, i, row });
@@ -362,7 +367,6 @@ function drawRow(page, { cell, slider, share, joint, i, row }) {
 
 function mountSlider(page, slider, joint, i, { low, high, share }) {
   const aim = slider.querySelector(".arm-aim");
-  const args = (goal) => ({ goals: { [joint.name]: goal }, speed: page.speed });
   let drag = null;
   const angle = (event) => {
     const box = slider.getBoundingClientRect();
@@ -389,7 +393,7 @@ function mountSlider(page, slider, joint, i, { low, high, share }) {
     slider.classList.add("hw-held");
     const mine = (drag = { goal: angle(event), told: performance.now(), timer: 0 });
     mark(mine.goal);
-    hexwire.hold("drag", args(mine.goal), { element: slider }).then((why) => over(mine, why));
+    hexwire.hold(...page.drag(joint.name, mine.goal), { element: slider }).then((why) => over(mine, why));
   });
   slider.addEventListener("pointermove", (event) => {
     if (!drag) return;
@@ -400,7 +404,7 @@ function mountSlider(page, slider, joint, i, { low, high, share }) {
       mine.timer = 0;
       if (drag !== mine) return;
       mine.told = performance.now();
-      hexwire.update(args(mine.goal));
+      hexwire.update(page.drag(joint.name, mine.goal)[1]);
     };
     if (!mine.timer) mine.timer = setTimeout(tell, Math.max(0, mine.told + PACE - performance.now()));
   });
@@ -416,8 +420,7 @@ function mountSlider(page, slider, joint, i, { low, high, share }) {
     if (event.repeat || key || !page.mine || !page.knows(i)) return;
     key = event.key;
     slider.classList.add("hw-held");
-    const jog = { directions: { [joint.name]: turn }, speed: page.speed };
-    hexwire.hold("joint", jog, { element: slider }).then((why) => {
+    hexwire.hold(...page.jog(joint.name, turn), { element: slider }).then((why) => {
       key = "";
       over(null, why);
     });
@@ -499,10 +502,7 @@ function markup({ joints, space, jaws, geometry, emulated }) {
   <label for="arm-speed">Speed</label>
   <input id="arm-speed" type="range" min="1" max="100" value="30" step="1" aria-describedby="arm-speed-value">
   <output id="arm-speed-value" for="arm-speed">30 %</output>
-  <fieldset class="hw-segments"><legend>Jog</legend>
-    ${[["0", "while held"], ["0.1", "0.1"], ["1", "1"], ["10", "10"]].map(([value, words]) => html`<label><input type="radio" name="step"
-      value="${value}" ${value === "0" ? "checked" : "disabled"} aria-label="${value === "0" ? words : `steps of ${words} degrees or millimetres`}"><span>${words}</span></label>`)}
-    <span class="arm-unit">° or mm</span></fieldset>
+  ${stepsMarkup()}
   <label class="arm-keys"><input type="checkbox" id="arm-keys" class="arm-need"> Keys</label>
   <button class="hw-button arm-help" id="arm-map" type="button" aria-label="Map of the keys" title="Map of the keys (?)" hidden>?</button>
   <label class="arm-pad"><input type="checkbox" id="arm-pad" class="arm-need"> Gamepad</label>
@@ -514,6 +514,14 @@ function markup({ joints, space, jaws, geometry, emulated }) {
   <details class="arm-part" id="arm-program"><summary>Program</summary></details>
   <details class="arm-part" id="arm-leader"><summary>Leader arm</summary></details></div>
 </div>`;
+}
+
+/** Whether a button moves while it is held, or makes a step. */
+export function stepsMarkup(unit = "° or mm") {
+  return html`<fieldset class="hw-segments"><legend>Jog</legend>
+    ${[["0", "while held"], ["0.1", "0.1"], ["1", "1"], ["10", "10"]].map(([value, words]) => html`<label><input type="radio" name="step"
+      value="${value}" ${value === "0" ? "checked" : "disabled"} aria-label="${value === "0" ? words : `steps of ${words} degrees or millimetres`}"><span>${words}</span></label>`)}
+    <span class="arm-unit">${unit}</span></fieldset>`;
 }
 
 function viewMarkup(geometry, space, emulated) {
@@ -552,7 +560,7 @@ export function jointsMarkup(joints) {
 </section>`;
 }
 
-function jointMarkup({ name, min, max }) {
+export function jointMarkup({ name, min, max }) {
   const [low, high] = [min, max].map((angle) => String(Number(degrees(angle).toFixed(1)) || 0));
   return html`<tr data-joint="${name}">
   <th scope="row"><span class="arm-swatch"></span>${name}</th>

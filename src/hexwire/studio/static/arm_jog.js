@@ -26,7 +26,8 @@ function wayOf(button) {
   return joint ? { joint, turn } : { axis: Number(button.dataset.axis), turn };
 }
 
-function mountSteps(page) {
+/** Clicks of the page's buttons as steps. */
+export function mountSteps(page) {
   const waiting = new Map(); // how far, in degrees or millimetres, by joint or axis
   let clicks = 0; // that wait
   let busy = false;

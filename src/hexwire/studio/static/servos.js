@@ -89,8 +89,18 @@ async function board(element, facts) {
   };
   place.append(...section("Now", "", "h2"), now, ...section(found.bare ? "Line" : "Board", "", "h2"), row(button("Ask again", ask), button("Ping every servo", ping)), told);
   element.append(place);
+  if (hexwire.operates) moves(view, place, found.joints);
   if (!found.bare && hexwire.operates) boardRegisters(view, place, found.joints);
   ask();
+}
+
+/** One servo moved by hand, as a joint of the arm. */
+function moves(view, place, joints) {
+  const which = choice(joints.map(({ name, servo }, i) => [i, `${name}, servo ${servo}`])), body = node("div");
+  const draw = () => import("./servos_move.js").then(({ moveJoint }) => body.isConnected && moveJoint(view, body, hexwire.model.joints, Number(which.value)));
+  which.addEventListener("change", draw);
+  place.append(...section("Move one servo", "As its joint on the page Move: while you hold its marker, an arrow key or a button; or by exact steps.", "h2"), form(field("Servo to move", which)), body);
+  draw();
 }
 
 /** The registers of the servos behind a board. */

@@ -31,6 +31,7 @@ export function overview(view, place, servo) {
     if (!(await question("End the overload protection", text, "Switch torque off and wait"))) return;
     if ((await view.act("servos.recover", { servo })) !== undefined) hexwire.notify(`servo ${servo} has no fault, and no torque`, "ok");
   };
+  const move = node("div");
   place.append(
     facts(known),
     node("ul", { class: "sv-remarks" }, ...items.map(([text, level]) => node("li", { "data-level": level }, text))),
@@ -38,7 +39,9 @@ export function overview(view, place, servo) {
     ...section("Torque", "Switched on, a servo holds where it is; it never drives to an old goal."),
     row(button("Torque on", () => torque(true), { label: `Torque of servo ${servo} on` }),
       button("Torque off", off, { label: `Torque of servo ${servo} off`, offline: true }),
-      button("Recover from overload", recover)));
+      button("Recover from overload", recover)),
+    ...section("Move", "Within the servo's own limits, while it has torque and you hold its marker, an arrow key or a button; or by exact steps."), move);
+  if (hexwire.operates) import("./servos_move.js").then(({ moveServo }) => move.isConnected && moveServo(view, move, servo));
 }
 
 // -- health ------------------------------------------------------------------------------------------------------
