@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import replace
 
 import pytest
 
@@ -146,7 +145,7 @@ def test_calls_between_two_stops_share_their_token_and_no_stop_keeps_it() -> Non
 def test_what_waited_too_long_is_refused_right_before_its_bytes_leave_and_not_later() -> None:
     epochs = Epochs()
     why: list[HexwireError] = [LeaseError("too old")]
-    token = replace(epochs.mark(), late=lambda: why[0] if why else None)
+    token = epochs.mark()._replace(late=lambda: why[0] if why else None)
     # Also asked while an answer is awaited.
     assert epochs.holds(token)
     epochs.check(token, "a move")
@@ -155,13 +154,13 @@ def test_what_waited_too_long_is_refused_right_before_its_bytes_leave_and_not_la
     with epochs.stopping(), pytest.raises(StoppedError, match="a stop came"):
         epochs.check_leaving(token, "a move")
     why.clear()
-    epochs.check_leaving(replace(epochs.mark(), late=token.late), "a move")
+    epochs.check_leaving(epochs.mark()._replace(late=token.late), "a move")
 
 
 def test_a_token_with_a_condition_is_refused_with_the_error_of_the_condition() -> None:
     epochs = Epochs()
     why: list[HexwireError] = []
-    token = replace(epochs.mark(), refusal=lambda: why[0] if why else None)
+    token = epochs.mark()._replace(refusal=lambda: why[0] if why else None)
     assert epochs.holds(token)
     epochs.check(token, "a move")
     why.append(LeaseError("Ann lost the lease"))
@@ -171,7 +170,7 @@ def test_a_token_with_a_condition_is_refused_with_the_error_of_the_condition() -
     with epochs.stopping(), pytest.raises(StoppedError, match="a stop came"):
         epochs.check(token, "a move")
     # A stop asks nobody.
-    epochs.check(replace(token, urgent=True), "a stop")
+    epochs.check(token._replace(urgent=True), "a stop")
 
 
 def test_a_stop_that_is_assumed_voids_what_was_begun_before() -> None:

@@ -18,9 +18,8 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import NamedTuple, Self, TypeVar
 
 from hexwire.errors import HexwireError, PreemptedError, StoppedError
 
@@ -39,8 +38,7 @@ _RESUMED = "it was called while the arm was stopped; call it again"
 _LIMP = "torque was switched off after the call; call it again"
 
 
-@dataclass(frozen=True, slots=True)
-class Token:
+class Token(NamedTuple):
     """The time of a call, relative to stops.
 
     Attributes:
@@ -150,12 +148,12 @@ class Epochs:
         # Another torque off at the same time does not refuse this one, only what comes after it.
         try:
             now = self.mark()
-            own = now if token is None else replace(token, epoch=now.epoch, voided=now.voided)
-            with self.using(replace(own, limp=None, frees=True)):
+            own = now if token is None else token._replace(epoch=now.epoch, voided=now.voided)
+            with self.using(own._replace(limp=None, frees=True)):
                 yield
         finally:
             if token is not None:
-                self._local.token = replace(token, limp=limp)
+                self._local.token = token._replace(limp=limp)
 
     def free(self, switch_off: Callable[[], _T]) -> _T:
         """Switch torque off: at once, and again after a stop that was under way meanwhile.

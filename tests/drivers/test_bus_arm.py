@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -313,7 +312,7 @@ def test_raw_packets(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_target_that_waited_too_long_for_the_bus_is_not_sent(arm: BusArm) -> None:
     arm.torque(True)
     here = arm.read()
-    old = dataclasses.replace(arm.epochs.mark(), late=lambda: LeaseError("too old"))
+    old = arm.epochs.mark()._replace(late=lambda: LeaseError("too old"))
     name, angle = here.names[0], here.position[0]
     with arm.epochs.using(old):
         arm.read()

@@ -13,7 +13,6 @@ import threading
 import time
 from collections.abc import Callable, Collection, Sequence
 from contextlib import nullcontext, suppress
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from hexwire.errors import (
@@ -210,7 +209,7 @@ class Output:
         epochs = self._robot.epochs
         try:
             epochs.check(asked, "a path")
-            with epochs.using(replace(asked, refusal=self.refusal)):
+            with epochs.using(asked._replace(refusal=self.refusal)):
                 found = onboard.turn(state, period)
         except StoppedError:
             onboard.drop()
@@ -260,7 +259,7 @@ class Output:
             epochs.check(asked, "a target")
             with epochs.using(asked):
                 self._arm_watchdog()
-            with epochs.using(asked if self.refusal is None else replace(asked, refusal=self._refusal(ends))):
+            with epochs.using(asked if self.refusal is None else asked._replace(refusal=self._refusal(ends))):
                 sent = self._robot.write(target)
         except (CommandRefusedError, UsageError) as error:
             # A robot may say first that a joint has no torque.

@@ -17,7 +17,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import TYPE_CHECKING, TypeVar
 
 from hexwire.drivers.abilities import Counters, ServoPing, ServoTables
@@ -116,7 +116,7 @@ class OrderCheck:
                 return error
             return None
 
-        return replace(order.arrived, refusal=refusal, late=self._lateness(order))
+        return order.arrived._replace(refusal=refusal, late=self._lateness(order))
 
     def _lateness(self, order: Order) -> Callable[[], LeaseError | None] | None:
         """Check for the age of a set-point until its first bytes leave."""
