@@ -37,10 +37,11 @@ def test_what_is_known_is_returned_as_it_is() -> None:
 def test_a_state_in_which_nothing_is_missing_is_filtered_as_any_other() -> None:
     complete = make_state(5.0, (0.1, 0.2), velocity=(1.0, -1.0), age=(0.02, 0.01))
     assert StateFilter()._complete(complete)
-    assert StateFilter().take(complete) == StateFilter()._part(complete, 5.0)
+    assert StateFilter().take(complete) == StateFilter()._part(complete, (1.0, -1.0))
+    without_velocity = make_state(5.0, (0.1, 0.2), velocity=(1.0, NAN), age=(0.02, 0.01))
+    assert StateFilter().take(without_velocity) == StateFilter()._part(without_velocity, (1.0, 0.0))
     for missing in (
         make_state(5.0, (0.1, NAN), velocity=(1.0, -1.0)),
-        make_state(5.0, (0.1, 0.2), velocity=(1.0, NAN)),
         make_state(5.0, (0.1, 0.2), velocity=(1.0, -1.0), age=(math.inf, 0.01)),
         make_state(5.0, (0.1, 0.2), velocity=(1.0, -1.0), age=(0.6, 0.01)),
         make_state(5.0, (), velocity=()),

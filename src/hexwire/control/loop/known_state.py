@@ -32,6 +32,8 @@ _GAP = 1.0
 """Seconds after which a sample is too old for an estimate of the present velocity."""
 _SAME = 0.0011
 """Seconds by which two readings of one sample may differ: boards report ages in whole milliseconds."""
+_KEPT = _WINDOW + _SAME
+"""Seconds for which samples are kept, but at least two: a window, of which the ends are rounded."""
 _STEP = 1e-4
 """Least seconds between two stamps, so that conversion between clocks cannot make them equal."""
 _AGREE = 0.5
@@ -107,7 +109,7 @@ class StateFilter:
     def __init__(self, max_age: float = 0.5) -> None:
         self._max_age = max_age
         self._clock = SampleClock()
-        self._slopes: dict[str, _Slope] = {}
+        self._slopes = _Slopes()
         self._newest = -math.inf
         self._stamp = -math.inf
 
@@ -119,7 +121,7 @@ class StateFilter:
         """
         self._max_age = max_age
         self._clock = SampleClock()
-        self._slopes.clear()
+        self._slopes = _Slopes()
         self._newest = -math.inf
 
     def take(self, state: JointState) -> KnownState | None:
@@ -135,11 +137,12 @@ class StateFilter:
         if when - min(state.age, default=0.0) - self._newest < _SAME:
             # A state that is passed on again: no sample is newer.
             return None
+        velocity = self._velocities(state, when)
         if self._complete(state):
             age = max(0.0, min(state.age))
-            known: KnownState | None = KnownState(state.names, state.position, state.velocity, age)
+            known: KnownState | None = KnownState(state.names, state.position, velocity, age)
         else:
-            known = self._part(state, when)
+            known = self._part(state, velocity)
         if known is None:
             return None
         newest, stamp = when - known.age, state.stamp - known.age
@@ -150,66 +153,72 @@ class StateFilter:
         return known
 
     def _complete(self, state: JointState) -> bool:
-        """Whether all joints are known, with velocities: the usual case, in which nothing is to be filtered."""
+        """Whether all joints are known: the usual case, in which nothing is to be filtered."""
         finite = math.isfinite
         return (
             bool(state.names)
-            and all(map(finite, state.velocity))
             and all(map(finite, state.position))
             and all(map(finite, state.age))
             and max(state.age) <= self._max_age
         )
 
-    def _part(self, state: JointState, when: float) -> KnownState | None:
-        names, positions, velocities, ages = [], [], [], []
-        finite, slopes = math.isfinite, self._slopes
-        columns = zip(state.names, state.position, state.velocity, state.flags, state.age, strict=True)
-        for name, position, velocity, flags, age in columns:
-            if not finite(position) or not finite(age):
-                continue
-            if flags & _SILENT and age > self._max_age:
-                continue
-            if not finite(velocity):
-                slope = slopes.get(name)
-                if slope is None:
-                    slope = slopes[name] = _Slope()
-                slope.add(when - age, position)
-                velocity = slope.value
-            names.append(name)
-            positions.append(position)
-            velocities.append(velocity)
-            ages.append(age)
-        if not names:
+    def _velocities(self, state: JointState, when: float) -> tuple[float, ...]:
+        """Those that the driver gives; where it gives none, out of the positions."""
+        measured, finite = state.velocity, math.isfinite
+        if all(map(finite, measured)):
+            return measured
+        slopes = self._slopes.add(state, when)
+        if not any(map(finite, measured)):
+            return slopes
+        return tuple([own if finite(own) else slope for own, slope in zip(measured, slopes, strict=True)])
+
+    def _part(self, state: JointState, velocity: tuple[float, ...]) -> KnownState | None:
+        finite, oldest = math.isfinite, self._max_age
+        columns = zip(state.names, state.position, velocity, state.age, state.flags, strict=True)
+        known = [
+            (name, position, speed, age)
+            for name, position, speed, age, flags in columns
+            if finite(position) and finite(age) and not (flags & _SILENT and age > oldest)
+        ]
+        if not known:
             return None
-        return KnownState(tuple(names), tuple(positions), tuple(velocities), max(0.0, min(ages)))
+        names, positions, velocities, ages = zip(*known, strict=True)
+        return KnownState(names, positions, velocities, max(0.0, min(ages)))
 
 
-class _Slope:
-    """Velocity of one joint from its positions."""
-
-    __slots__ = ("_samples", "value")
+class _Slopes:
+    """Velocities of joints out of their positions in successive states."""
 
     def __init__(self) -> None:
-        self._samples: deque[tuple[float, float]] = deque()
-        self.value = 0.0
+        # Of the states within the window: time, ages and positions; the one before the newest always stays, even on
+        # a slow line.
+        self._rows: deque[tuple[float, tuple[float, ...], tuple[float, ...]]] = deque()
+        self._names: tuple[str, ...] = ()
+        self._last: tuple[float, ...] = ()
 
-    def add(self, time: float, position: float) -> None:
-        samples = self._samples
-        if samples:
-            since = time - samples[-1][0]
-            # Also ignore a slightly older one, after a clock was set back.
-            if since < _SAME and since > -_GAP:
-                return
-            if not 0 < since <= _GAP:
-                samples.clear()
-                self.value = 0.0
-        samples.append((time, position))
-        # The previous sample always stays, even on a slow line.
-        while len(samples) > 2 and samples[0][0] < time - _WINDOW - _SAME:
-            samples.popleft()
-        if len(samples) > 1:
-            first, start = samples[0]
-            self.value = (position - start) / (time - first)
+    def add(self, state: JointState, when: float) -> tuple[float, ...]:
+        """Take a state with its time; returns a velocity for each joint, 0 if nothing is known of it yet."""
+        rows, names = self._rows, state.names
+        if names != self._names or not rows or abs(when - rows[-1][0]) > _GAP:
+            rows.clear()
+            self._names, self._last = names, (0.0,) * len(names)
+        rows.append((when, state.age, state.position))
+        while rows[0][0] < when - _KEPT and len(rows) > 2:
+            rows.popleft()
+        first, ages, starts = rows[0]
+        elapsed, columns = when - first, zip(state.age, ages, state.position, starts, self._last, strict=True)
+        # The last one counts where there is no new sample, but not after a long silence.
+        slopes = [
+            (position - start) / time
+            if _SAME <= (time := elapsed - age + before) <= _GAP
+            else last * (time < _SAME)
+            for age, before, position, start, last in columns
+        ]
+        if not math.isfinite(sum(slopes)):
+            # A position was unknown.
+            slopes = [slope if math.isfinite(slope) else 0.0 for slope in slopes]
+        self._last = found = tuple(slopes)
+        return found
 
 
 class LatestState:
