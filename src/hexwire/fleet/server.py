@@ -31,7 +31,7 @@ from hexwire.errors import (
     RemoteProtocolError,
     UsageError,
 )
-from hexwire.model.state import JointTarget
+from hexwire.model.state import JointState, JointTarget
 
 from . import messages as m
 from .failures import describe
@@ -45,7 +45,7 @@ from .trajectories import do_goal_order, goal_row
 if TYPE_CHECKING:
     from hexwire.control.sharing.shared import SharedArm
     from hexwire.epochs import Token
-    from hexwire.model.state import JointState, SentTarget
+    from hexwire.model.state import SentTarget
 
     from .node import Node, Publisher, Question
 
@@ -278,33 +278,33 @@ class ArmServer:
     def _message(self, state: JointState | None) -> m.State:
         shared, owner = self._shared, self._owner
         reason, holder, now = owner.group.reason, shared.holder, shared.now()
-        empty: tuple[float, ...] = ()
         done, dealt = self._before_sample(state)
+        shown = JointState.of({}, stamp=now, board_time=0.0) if state is None else state
         return m.State(
             self._number,
             self._sequence,
-            state.stamp if state else now,
+            shown.stamp,
             now,
             time.time(),
-            state.names if state else (),
-            state.position if state else empty,
-            self._velocity(state) if state else empty,
-            state.load if state else empty,
-            state.current if state else empty,
-            state.voltage if state else empty,
-            state.temperature if state else empty,
-            state.flags if state else (),
-            state.age if state else empty,
-            state.board_time if state else 0.0,
-            (state is not None and state.stopped) or reason is not None,
-            (state is not None and state.watchdog_tripped) or shared.tripped,
-            state is not None and state.maintenance,
+            shown.names,
+            shown.position,
+            self._velocity(shown),
+            shown.load,
+            shown.current,
+            shown.voltage,
+            shown.temperature,
+            shown.flags,
+            shown.age,
+            shown.board_time,
+            shown.stopped or reason is not None,
+            shown.watchdog_tripped or shared.tripped,
+            shown.maintenance,
             holder.client if holder else "",
             shared.held,
             str(reason or ""),
             "" if owner.connected else owner.error,
             done,
-            round(1000.0 * state.stalled) if state else 0,
+            round(1000.0 * shown.stalled),
             self._set_points.report(holder.key if holder else 0, dealt),
         )
 
@@ -314,7 +314,7 @@ class ArmServer:
         if not any(map(math.isnan, measured)):
             return measured
         computed = self._owner.speeds(state.names)
-        return tuple([b if math.isnan(a) else a for a, b in zip(measured, computed, strict=True)])
+        return tuple([a if a == a else b for a, b in zip(measured, computed, strict=True)])  # NaN
 
     def _before_sample(self, state: JointState | None) -> tuple[int, tuple[int, int]]:
         """Number of orders done before the values of a state were sampled, and `SetPointReports.dealt` then."""
@@ -324,7 +324,7 @@ class ArmServer:
         if state is None:
             # It has no values, and may report that the robot is lost.
             return self._done, self._set_points.dealt
-        sampled = state.stamp - max((age for age in state.age if age < _RECENT), default=0.0)
+        sampled = state.stamp - max([age for age in state.age if age < _RECENT], default=0.0)
         with self._counting:
             while self._ends and self._ends[0][0] <= sampled:
                 self._before = self._ends.popleft()[1:]
