@@ -207,7 +207,8 @@ class ControllerGroup:
                 reason = self._outside(state, positions)
             if reason is not None:
                 self._stop(reason)
-        self.deliver()
+            ended = self._take_ended()
+        _tell(ended)
         if reason is not None:
             return reason
         if len(targets) == 1:
@@ -280,7 +281,8 @@ class ControllerGroup:
                 if joints is None or not set(joints).isdisjoint(controller.joints):
                     controller.release(why)
             self._forget()
-        self.deliver()
+            ended = self._take_ended()
+        _tell(ended)
 
     def brake(self, why: str) -> frozenset[str]:
         """End all motions within the limits of the joints, where a controller can; goals are aborted.

@@ -18,6 +18,7 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import asdict
+from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
 from hexwire.drivers.abilities import Counters, ServoPing, ServoTables
@@ -155,13 +156,10 @@ _WATCHDOG = (0.05, 60.0)
 """Shortest and longest watchdog of a lease, seconds."""
 
 
-def _time() -> float:
-    """Monotonic seconds; they also pass while the computer is suspended, where the system has such a clock."""
-    if sys.platform == "linux":
-        now = time.clock_gettime(time.CLOCK_BOOTTIME)
-    else:
-        now = time.monotonic()
-    return now
+_time: Callable[[], float] = time.monotonic
+"""Monotonic seconds; they also pass while the computer is suspended, where the system has such a clock."""
+if sys.platform == "linux":
+    _time = partial(time.clock_gettime, time.CLOCK_BOOTTIME)
 
 
 class SharedArm:

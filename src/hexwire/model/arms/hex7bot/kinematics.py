@@ -65,6 +65,7 @@ class Hex7BotModel(KinematicModel):
     def __init__(self, links: LinkSet | None = None, arm: ArmModel = HEX7BOT) -> None:
         self.links = links or LINK_SETS["A"]
         self.arm = arm
+        self._joints = tuple([(joint.name, joint.sign, joint.offset) for joint in arm.joints[:6]])
         self.ranges = self.links.ranges
 
     def within_arm(self) -> Hex7BotModel:
@@ -80,11 +81,11 @@ class Hex7BotModel(KinematicModel):
     # -- servo angles and joint angles ----------------------------------------------------------------
 
     def from_joints(self, positions: Mapping[str, float]) -> tuple[float, ...]:
-        joints = self.arm.joints[:6]
+        joints = self._joints
         try:
-            return tuple([_NEUTRAL + joint.sign * (positions[joint.name] - joint.offset) for joint in joints])
+            return tuple([_NEUTRAL + sign * (positions[name] - offset) for name, sign, offset in joints])
         except KeyError:
-            missing = [joint.name for joint in joints if joint.name not in positions]
+            missing = [name for name, _, _ in joints if name not in positions]
             raise UsageError(f"the position of {', '.join(missing)} is missing") from None
 
     def to_joints(self, angles: Sequence[float]) -> dict[str, float]:
