@@ -70,6 +70,8 @@ _LONGEST = 200
 """Letters of the names of those who stopped the arm."""
 _MOST_CALLS, _MOST_PLANS = 8, 4
 """Calls of the pages of one session that wait or run at a time, and of one page that compute."""
+_LOOK = 0.1
+"""Most seconds between two looks whether what is held has signs of life: shorter than the silence that ends it."""
 _LAST_STOP = 5.0
 """Seconds in which the last stop must end."""
 _PATIENCE = 3.0
@@ -491,11 +493,12 @@ class Studio:
 
     def _look(self) -> None:
         """End what is held without signs of life, also when the loop of the server hangs."""
-        while not self._ending.wait(0.02):
-            present = self.source.present
+        due = 0.0
+        while not self._ending.wait(min(due, _LOOK)):
+            present, due = self.source.present, _LOOK
             if present is not None:
                 try:
-                    present.hold_to_run.check()
+                    due = present.hold_to_run.check()
                 except Exception:  # noqa: BLE001  # logged; a hold ends in the owner's cycle, too
                     _log.exception("the watch of holds failed")
 

@@ -48,6 +48,8 @@ _FRAMES = 60.0
 """Frames per second at most."""
 _FACTS = 0.25
 """Seconds between two messages with facts that changed, and between two about a leader arm."""
+_LOOK = 5.0
+"""Seconds between two looks at how much memory there is: each holds the interpreter for a millisecond."""
 _SIGN_OF_LIFE = b"\0"
 """In place of a frame while there is no new one: without it a page takes what it shows for what is no more."""
 _MOST_TEXTS = 64
@@ -196,18 +198,27 @@ class Live:
     def __init__(self, studio: Desk) -> None:
         self._studio = studio
         self._sockets: set[_Socket] = set()
+        self._opened = asyncio.Event()
         self._facts = self._leader = ""
         self._answering: set[asyncio.Task[None]] = set()
 
     # -- down ---------------------------------------------------------------------------------------------
 
     async def pump(self) -> None:
-        """Send frames and facts until cancelled."""
+        """Send frames and facts until cancelled; without sockets, only look after the memory."""
         loop = asyncio.get_running_loop()
-        last, next_facts, next_beat = None, 0.0, 0.0
+        last, next_facts, next_beat, next_look = None, 0.0, 0.0, 0.0
         passes = FullPasses()
         while True:
-            await asyncio.sleep(1.0 / _FRAMES)
+            if self._sockets:
+                await asyncio.sleep(1.0 / _FRAMES)
+            else:
+                # What a socket gets as it opens may be older than what comes next.
+                self._facts = self._leader = ""
+                self._opened.clear()
+                with contextlib.suppress(TimeoutError):
+                    async with asyncio.timeout(_LOOK):
+                        await self._opened.wait()
             now = loop.time()
             arm = self._studio.source.arm
             try:
@@ -226,6 +237,8 @@ class Live:
                     self._tell_leader(arm)
                     for socket in self._sockets:
                         socket.put_sign_of_life()
+                if now >= next_look:
+                    next_look = now + _LOOK
                     passes.look(moving=arm is not None and arm.arm.owner.group.busy)
             except Exception:  # noqa: BLE001  # logged; the next frame may be right
                 _log.exception("a frame failed")
@@ -288,6 +301,7 @@ class Live:
         tab.live = True
         socket = _Socket(websocket, tab, studio.access.limits.patience)
         self._sockets.add(socket)
+        self._opened.set()
         socket.put({"kind": "hello", "tab": tab.name, "right": int(tab.right), **model})
         socket.put({"kind": "facts", **facts})
         if self._leader:
