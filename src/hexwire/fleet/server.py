@@ -20,6 +20,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from hexwire.control.loop.workers import Gathering, Worker
+from hexwire.control.sharing.shared import Order
 from hexwire.control.sharing.shared_goals import SharedGoals
 from hexwire.drivers.values import StopMode
 from hexwire.errors import (
@@ -324,7 +325,9 @@ class ArmServer:
         if state is None:
             # It has no values, and may report that the robot is lost.
             return self._done, self._set_points.dealt
-        sampled = state.stamp - max([age for age in state.age if age < _RECENT], default=0.0)
+        if (oldest := max(state.age, default=0.0)) >= _RECENT:
+            oldest = max([age for age in state.age if age < _RECENT], default=0.0)
+        sampled = state.stamp - oldest
         with self._counting:
             while self._ends and self._ends[0][0] <= sampled:
                 self._before = self._ends.popleft()[1:]
@@ -543,8 +546,6 @@ class ArmServer:
         self._shared.leave(request.key, finish=request.finish)
 
     def _do_order(self, role: Role, payload: bytes, arrived: Token) -> object:
-        from hexwire.control.sharing.shared import Order
-
         try:
             envelope = m.decode(payload, m.Envelope)
         except RemoteProtocolError:
@@ -577,8 +578,6 @@ class ArmServer:
         return value
 
     def _write(self, envelope: m.Envelope, what: m.Write, arrived: Token) -> SentTarget:
-        from hexwire.control.sharing.shared import Order
-
         order = Order(envelope.key, envelope.sequence, arrived, envelope.made, envelope.doubt)
         if len(what.names) != len(what.position):
             raise UsageError("a target needs one position for each joint")

@@ -112,8 +112,8 @@ class Fence:
             # Nobody needs to know where the arm is now: so near to the last end it is allowed from anywhere.
             if sum([lever * abs(there[name] - end[name]) for name, lever in self._levers.items()]) < self._clear:
                 return {}
-        if not math.isfinite(sum([here.get(name, math.nan) for name in self._joints])):
-            # One that is unknown is refused here; otherwise only the end matters.
+        if not math.isfinite(sum(here.values())):
+            # A joint whose position is unknown is refused here; otherwise only the end matters.
             self._angles(here)
         self._excess, self._floor = 0.0, -math.inf if self._table is None else self._table
         if not (found := self.check(there)):

@@ -22,7 +22,7 @@ from ..loop.output import SETTLING
 from ..loop.target import AHEAD, SteppedWay, beginning, straight
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Collection, Iterable, Mapping
 
     from hexwire.epochs import Token
     from hexwire.model.arm import ArmModel
@@ -152,7 +152,7 @@ class SteppedTargets:
         if robot.can(Watchdog):
             return owner.send(target, asked)
         now, step = owner.now(), owner.command_period
-        here = self._here(now)
+        here = self._here([name for name, _ in target.positions], now)
         checked = check_target(robot.model, target, here)
         if checked.duration <= _SHORT * AHEAD * step:
             sent = owner.send(target, asked)
@@ -207,12 +207,13 @@ class SteppedTargets:
         now = self._owner.now()
         return max(member.left(now) for member in self._members.values())
 
-    def _here(self, now: float) -> Mapping[str, float]:
-        """Positions of the joints; for a joint that moves to a target, that target."""
-        here = dict(self._owner.newest().positions)
-        for name, member in self._members.items():
-            aim = member.aim(now)
-            if aim is not None:
+    def _here(self, joints: Iterable[str], now: float) -> Mapping[str, float]:
+        """Positions of the arm's joints; for one of these joints that moves to a target, that target."""
+        model = self._owner.model
+        here = self._owner.newest().positions
+        for joint in joints:
+            name = model.joint(joint).name
+            if (aim := self._members[name].aim(now)) is not None:
                 here[name] = aim
         return here
 
