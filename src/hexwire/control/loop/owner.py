@@ -35,7 +35,6 @@ from hexwire.errors import (
     UsageError,
     WrongDeviceError,
 )
-from hexwire.model.state import JointFlag
 from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop
 
 from ..motion.path_check import PathCheck
@@ -174,9 +173,8 @@ _SHORT = 0.02
 """Seconds for which a shutdown may wait until the owner notices it."""
 _UNUSED = 2.0
 """Seconds for which an arm is not in use until its states are read rarely."""
-_RARELY = 10.0
+_RARELY = 5.0
 """States per second then; so late somebody who needs them gets the first one."""
-_TORQUE_ON = int(JointFlag.TORQUE_ON)
 _FRESH = 1.0
 """Greatest age in seconds of a state from which a motion may begin; on a slow line, three command periods."""
 _SILENT = 0.5
@@ -789,7 +787,7 @@ class RobotOwner:
 
     def _choose_rate(self, reader: StateReader, state: JointState) -> None:
         """Read rarely while the arm is not in use: without torque, and nobody needs to know."""
-        if self.needed() or self.group.busy or any(flags & _TORQUE_ON for flags in state.flags) or self.running():
+        if self.needed() or self.group.busy or state.torque_on or self.running():
             self._unused_since = None
             if self._reads_rarely:
                 self._reads_rarely = False
