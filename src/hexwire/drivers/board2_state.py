@@ -113,6 +113,7 @@ class StateDecoder:
         )
         self._nan = (math.nan,) * len(model.joints)
         self._zero_age = (0.0,) * len(model.joints)
+        self._age_units = (_AGE_UNIT,) * len(model.joints)
         self._clock = BoardClock()
 
     def decode(self, body: bytes, frame: Frame, now: float, slow: JointState | None = None) -> JointState:
@@ -181,7 +182,7 @@ class StateDecoder:
             self._nan if column is None else tuple(map(mul, column, factor))
             for column, factor in zip(columns, factors, strict=True)
         ]
-        ages = self._zero_age if age is None else tuple([_AGE_UNIT * a for a in age])
+        ages = self._zero_age if age is None else tuple(map(mul, age, self._age_units))
         return report.time_us, report.board_flags, (position, status, *scaled, ages)
 
     def _ordered(self, column: tuple[int, ...] | None) -> tuple[int, ...] | None:

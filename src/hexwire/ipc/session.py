@@ -108,6 +108,12 @@ class _Asked(NamedTuple):
     to: To | None = None
 
 
+def _check_timeout(timeout: float | None) -> None:
+    """Refuse a time-out of a call that receives, if it is none."""
+    if timeout is not None:
+        check("receive", "timeout", SECONDS, timeout)
+
+
 class Session(Openable):
     """An active conversation with a board, or with another module, over one channel.
 
@@ -594,6 +600,7 @@ class Session(Openable):
         Raises:
             ConfigError: The channel only sends.
         """
+        _check_timeout(timeout)
         while (request := self._receive(self._requests, timeout)) is not None:
             yield request
 
@@ -649,6 +656,7 @@ class Session(Openable):
 
     def receive(self, timeout: float | None = None) -> Frame | None:
         """Wait for the next frame that is not an answer; None if none arrives within `timeout` seconds."""
+        _check_timeout(timeout)
         return self._receive(self._frames, timeout)
 
     def stream(self, timeout: float | None = None) -> Iterator[Frame]:
@@ -658,6 +666,8 @@ class Session(Openable):
 
     def reports(self, timeout: float | None = None) -> Iterator[tuple[Frame, float]]:
         """Like `stream`, each frame with its time of arrival: it may have waited during a request."""
+        # Not for each frame, of which a board may report a hundred a second.
+        _check_timeout(timeout)
         while (row := self._receive(self._reports, timeout)) is not None:
             yield row
 
@@ -671,8 +681,6 @@ class Session(Openable):
             return newest
 
     def _receive(self, queue: deque[_T], timeout: float | None) -> _T | None:
-        if timeout is not None:
-            check("receive", "timeout", SECONDS, timeout)
         self.ipc.check_receives()
         deadline = None if timeout is None else self.now() + timeout
         looked = False

@@ -174,15 +174,16 @@ class SafetyGuard:
         stopped = board_stop(state)
         if stopped is not None:
             return stopped
+        seen, commands, max_age = self._seen, self._commands, limits.max_age
         columns = zip(state.names, state.position, state.load, state.flags, state.age, strict=True)
         for name, position, effort, flags, age in columns:
             # A joint that does not report its position counts as silent, whatever else it reports.
-            if not flags & _SILENT and age <= limits.max_age and math.isfinite(position):
-                self._seen[name] = now - age
-            if name not in self._commands:
+            if not flags & _SILENT and age <= max_age and math.isfinite(position):
+                seen[name] = now - age
+            if name not in commands:
                 continue
-            heard = self._seen.setdefault(name, now)
-            if now - heard > limits.max_age:
+            heard = seen.setdefault(name, now)
+            if now - heard > max_age:
                 return StopReason("lost", f"{name} has not answered for {now - heard:.2f} s", name)
             if flags & self._faults:
                 return StopReason("fault", f"{name} reports {JointFlag(flags) & limits.faults}", name)

@@ -80,8 +80,9 @@ class RateMeter:
         return (len(times) - 1) / max(times[-1] - times[0], 1e-9) if len(times) > 1 else 0.0
 
     def _forget(self, now: float) -> None:
-        while self._times and self._times[0] < now - self._window:
-            self._times.popleft()
+        times, begins = self._times, now - self._window
+        while times and times[0] < begins:
+            times.popleft()
 
 
 class LogLimiter:
