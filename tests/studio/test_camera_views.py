@@ -81,6 +81,31 @@ def test_a_flood_of_viewers_has_a_bound_and_a_stop_gets_through(studio: RunningS
         assert fake.opened == 1
 
 
+def test_a_page_sends_pictures_of_its_own_camera_while_somebody_looks(served: RunningStudio) -> None:
+    access, rows = served.studio.access, served.studio.cameras.rows
+    with Visitor(served, access.watch_token) as watcher, Visitor(served, access.operate_token) as operator:
+        with watcher.socket(f"/camera?tab={watcher.page('/move')}") as own:
+            assert "for watching only" in json.loads(own.recv(PATIENCE))["refused"]
+        with operator.socket(f"/camera?tab={watcher.page('/move')}") as own:
+            assert "refused" in json.loads(own.recv(PATIENCE))
+        tab = operator.page("/move")
+        with operator.socket(f"/camera?tab={tab}") as own, operator.socket(f"/camera?tab={tab}"):
+            first, second = rows
+            assert (first[-9:], second) == ("-camera-1", first[:-1] + "2")
+            with watcher.socket(f"/camera/{first}") as viewer:
+                assert json.loads(own.recv(PATIENCE)) == {"wanted": True}
+                for sent in (b"garbage", JPEG[:-2], "text"):
+                    own.send(sent)
+                own.send(JPEG)
+                assert viewer.recv(PATIENCE) == JPEG
+            assert json.loads(own.recv(PATIENCE)) == {"wanted": False}
+            with watcher.socket(f"/camera/{first}"):
+                assert json.loads(own.recv(PATIENCE)) == {"wanted": True}
+                own.close()
+                until(lambda: list(rows) == [second], "its end")
+        until(lambda: not rows, "the end of the other one")
+
+
 async def _slow(slot: _Slot) -> list[Any]:
     """What a page gets that shows nothing for a while."""
     taken: list[Any] = []

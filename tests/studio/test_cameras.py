@@ -118,7 +118,7 @@ def test_which_cameras_there_are() -> None:
         made.find("video1")
     with pytest.raises(UsageError, match="two cameras are named video0"):
         cameras("/dev/video0", "/elsewhere/video0")
-    with pytest.raises(UsageError, match="at most 4"):
+    with pytest.raises(UsageError, match="there are 4 cameras already"):
         cameras(*map(str, range(5)))
     with pytest.raises(UsageError):
         Cameras().find("video0")

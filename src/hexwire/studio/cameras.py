@@ -19,7 +19,19 @@ from typing import Protocol
 
 from hexwire.errors import HexwireError, UsageError
 
-__all__ = ["HEIGHT", "LARGEST", "RATE", "WIDTH", "Camera", "Cameras", "OnPicture", "Picture", "Source", "is_whole"]
+__all__ = [
+    "HEIGHT",
+    "LARGEST",
+    "RATE",
+    "WIDTH",
+    "Camera",
+    "Cameras",
+    "OnPicture",
+    "Picture",
+    "Pushed",
+    "Source",
+    "is_whole",
+]
 
 _log = logging.getLogger(__name__)
 
@@ -194,6 +206,40 @@ class Camera:
                 _log.exception("a picture of %s could not be passed on", self.name)
 
 
+class Pushed:
+    """A camera whose pictures come from elsewhere, as `Source`: of a browser that sends them.
+
+    Args:
+        wanted: Called with whether somebody looks, in the thread of the camera; it never waits.
+    """
+
+    def __init__(self, wanted: Callable[[bool], object]) -> None:
+        self._wanted, self._come = wanted, threading.Event()
+        self._newest: Picture | None = None
+
+    def open(self, device: str) -> Pushed:
+        """Begin to take pictures."""
+        self._wanted(True)
+        return self
+
+    def put(self, jpeg: bytes) -> None:
+        """Let a picture come; it takes the place of one that nobody has read. Any thread may call it."""
+        self._newest = Picture(jpeg, time.monotonic())
+        self._come.set()
+
+    def read(self, timeout: float) -> Picture | None:
+        """As `Source.read`."""
+        self._come.wait(timeout)
+        self._come.clear()
+        found, self._newest = self._newest, None
+        return found
+
+    def close(self) -> None:
+        """As `Source.close`."""
+        self._newest = None
+        self._wanted(False)
+
+
 class Cameras:
     """The cameras that somebody has asked for.
 
@@ -210,11 +256,15 @@ class Cameras:
     def __init__(self, cameras: Iterable[Camera] = ()) -> None:
         self.rows: dict[str, Camera] = {}
         for camera in cameras:
-            if camera.name in self.rows:
-                raise UsageError(f"two cameras are named {camera.name}: name each once")
-            self.rows[camera.name] = camera
-        if len(self.rows) > _MOST:
-            raise UsageError(f"these are {len(self.rows)} cameras; at most {_MOST} are shown")
+            self.add(camera)
+
+    def add(self, camera: Camera) -> None:
+        """Add a camera; raises as the constructor."""
+        if camera.name in self.rows:
+            raise UsageError(f"two cameras are named {camera.name}: name each once")
+        if len(self.rows) >= _MOST:
+            raise UsageError(f"there are {_MOST} cameras already, which is the most")
+        self.rows[camera.name] = camera
 
     def find(self, name: str) -> Camera:
         """The camera of that name.
@@ -228,5 +278,5 @@ class Cameras:
 
     def close(self) -> None:
         """Close all."""
-        for camera in self.rows.values():
+        for camera in list(self.rows.values()):
             camera.close()

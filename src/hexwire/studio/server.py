@@ -157,7 +157,7 @@ def make_app(studio: Studio, on_started: Callable[[], object] = lambda: None) ->
         on_started: Called when the server has started.
     """
     foxglove = studio.foxglove
-    cameras = CameraViews(studio.cameras, studio.access.limits.patience)
+    cameras = CameraViews(studio.cameras, studio.tabs, studio.access.limits.patience)
     static = Packed(STATIC)
     shell = static.body("studio.html").decode()
 
@@ -190,6 +190,7 @@ def make_app(studio: Studio, on_started: Callable[[], object] = lambda: None) ->
     routes = [
         WebSocketRoute("/live", live),
         WebSocketRoute("/camera/{name}", cameras.serve),
+        WebSocketRoute("/camera", cameras.take),
         *([] if foxglove is None else [WebSocketRoute(FOXGLOVE, foxglove.serve)]),
         Route("/stop", stop, methods=["POST"]),
         Route("/static/{name:path}", static.answer),

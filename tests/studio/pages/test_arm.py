@@ -22,6 +22,7 @@ from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.teach import Taught
 from hexwire.studio.access import Right
 from hexwire.studio.arm_calls import arm_values
+from hexwire.studio.cameras import Picture
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -156,6 +157,17 @@ def test_cameras_of_the_browser_are_tiles_and_are_off_when_nobody_sees_them(
     # Another one each.
     devices = tiles.evaluate_all("(all) => all.map((one) => one.dataset.device)")
     assert len(set(devices)) == 2
+    # What is shared is a camera of the studio.
+    rows = studio.studio.cameras.rows
+    tiles.last.get_by_label("share").check()
+    studio.until(lambda: rows, "the shared camera")
+    pictures: list[Picture | None] = []
+    (shared,) = rows.values()
+    end = shared.look(lambda picture, why: pictures.append(picture))
+    studio.until(lambda: any(pictures), "a picture")
+    end()
+    tiles.last.get_by_label("share").uncheck()
+    studio.until(lambda: not rows, "its end")
     operator.evaluate(
         "window.tracks = [...document.querySelectorAll('video')].map((v) => v.srcObject.getTracks()[0])"
     )

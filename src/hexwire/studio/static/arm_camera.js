@@ -1,5 +1,5 @@
 /* Cameras beside the 3D view of the page Move, a tile each with its choice of camera: those of the browser's computer, whose
-picture stays in the browser, and those of the studio's computer, each over a socket of its own (camera_views.py).
+picture stays in the browser unless the person shares it, and those of the studio, each over a socket of its own (camera_views.py).
 
 Owns what a tile shows, and that a camera is switched off when its tile is closed or nobody sees its page. Loaded when the button
 is first pressed. */
@@ -9,6 +9,8 @@ import { node } from "./widgets.js";
 
 const MOST = 4; // tiles
 const SIZE = { width: { ideal: 640 }, height: { ideal: 480 }, frameRate: { ideal: 15, max: 30 } };
+const PERIOD = 1000 / 15; // ms between two pictures that are sent to the studio
+const MOST_WAITING = 200_000; // bytes that wait for the line; a picture more waits for the next turn
 const AGAIN = 2000; // ms until a lost connection to a camera is made again
 const WHY = {
   NotAllowedError: "the browser, or the system, does not allow this page to use a camera",
@@ -40,7 +42,9 @@ async function tile(page, tiles, there) {
   const choice = node("select", { "aria-label": "Camera" });
   const close = node("button", { class: "hw-button", type: "button", "aria-label": "Close this camera" }, "×");
   const said = node("span", { class: "arm-camera-said", role: "status" });
-  const box = node("figure", { class: "arm-camera-tile" }, node("figcaption", {}, choice, said, close));
+  const shared = node("input", { type: "checkbox" });
+  const share = node("label", { title: "Other pages of this studio see it while they look, and a recording with cameras has it" }, shared, " share");
+  const box = node("figure", { class: "arm-camera-tile" }, node("figcaption", {}, choice, share, said, close));
   let camera = null;
   const end = () => {
     clearInterval(watch);
@@ -50,6 +54,8 @@ async function tile(page, tiles, there) {
   const show = async (wanted) => {
     camera?.close();
     said.textContent = "";
+    share.hidden = wanted.startsWith(STUDIO) || !hexwire.operates;
+    shared.checked = false;
     camera = wanted.startsWith(STUDIO) ? ofStudio(wanted, (text) => (said.textContent = text)) : await ofBrowser(wanted, end);
     box.dataset.device = camera.device;
     box.querySelector(":scope > :not(figcaption)")?.remove();
@@ -61,6 +67,13 @@ async function tile(page, tiles, there) {
   };
   const watch = setInterval(() => box.isConnected || end(), 1000);
   close.addEventListener("click", end);
+  shared.addEventListener("change", () => {
+    said.textContent = "";
+    camera.share(shared.checked, (why) => {
+      shared.checked = false;
+      said.textContent = why;
+    });
+  });
   choice.addEventListener("change", () => show(choice.value).catch((error) => {
     end();
     page.tell("why", WHY[error.name] ?? `no camera: ${error.message}`);
@@ -101,10 +114,51 @@ async function ofBrowser(device, ended) {
   // Unplugged, or taken back by the person.
   track.addEventListener("ended", ended);
   element.play();
-  return { element, device: track.getSettings().deviceId ?? "", close: () => track.stop() };
+  let sharing = null;
+  const share = (is, refused) => {
+    sharing?.close();
+    sharing = is ? sender(element, refused) : null;
+  };
+  return { element, device: track.getSettings().deviceId ?? "", share, close: () => { share(false); track.stop(); } };
 }
 
-// -- of the studio's computer --------------------------------------------------------------------------------------
+/** Sends pictures of a video to the studio while somebody there looks at them. */
+function sender(video, refused) {
+  const canvas = new OffscreenCanvas(SIZE.width.ideal, SIZE.height.ideal);
+  const context = canvas.getContext("2d");
+  let timer = 0, over = false, making = false;
+  const socket = new WebSocket(address(`?tab=${encodeURIComponent(hexwire.key)}`));
+  const send = async () => {
+    // A slow line drops pictures.
+    if (making || !video.videoWidth || socket.bufferedAmount > MOST_WAITING) return;
+    making = true;
+    const scale = Math.min(canvas.width / video.videoWidth, canvas.height / video.videoHeight);
+    const [width, height] = [scale * video.videoWidth, scale * video.videoHeight];
+    context.drawImage(video, (canvas.width - width) / 2, (canvas.height - height) / 2, width, height);
+    const picture = await canvas.convertToBlob({ type: "image/jpeg", quality: 0.8 });
+    making = false;
+    if (socket.readyState === WebSocket.OPEN) socket.send(picture);
+  };
+  socket.onmessage = ({ data }) => {
+    const told = JSON.parse(data);
+    clearInterval(timer);
+    if (told.refused) {
+      over = true;
+      refused(told.refused);
+    } else if (told.wanted) timer = setInterval(send, PERIOD);
+  };
+  socket.onclose = () => {
+    clearInterval(timer);
+    if (!over) refused("the connection to the studio was lost");
+  };
+  return { close: () => { over = true; socket.close(); } };
+}
+
+function address(rest) {
+  return `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/camera${rest}`;
+}
+
+// -- of the studio -------------------------------------------------------------------------------------------------
 
 function ofStudio(device, say) {
   const name = device.slice(STUDIO.length);
@@ -114,8 +168,7 @@ function ofStudio(device, say) {
   const open = () => {
     clearTimeout(timer);
     if (refused || socket || document.hidden) return;
-    const scheme = location.protocol === "https:" ? "wss" : "ws";
-    const mine = (socket = new WebSocket(`${scheme}://${location.host}/camera/${encodeURIComponent(name)}`));
+    const mine = (socket = new WebSocket(address(`/${encodeURIComponent(name)}`)));
     mine.onmessage = async ({ data }) => {
       if (typeof data === "string") {
         const told = JSON.parse(data);
