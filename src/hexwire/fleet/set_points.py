@@ -109,8 +109,8 @@ class SharedSetPoints:
         lease: Number of the client's lease; 0 if it has none, or the server tells nothing of set-points.
         renewed: When the last set-point was made that has renewed the lease, seconds.
         refused: Number of refused set-points.
-        clamped: Of the last one that was done, as in `SentTarget`.
-        silent: Likewise.
+        clamped: Joints of the last one that was done that were clamped, as in `SentTarget`.
+        silent: Joints of that one that gave no answer.
     """
 
     def __init__(self, url: str) -> None:

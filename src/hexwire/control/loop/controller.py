@@ -107,7 +107,7 @@ class TrajectoryController:
 
     Attributes:
         settings: Name, joints and tolerances.
-        monitored: As given; may be changed at any time.
+        monitored: Whether `progress` is kept up to date between goals too; may be changed at any time.
         generator: Computes the set-points.
         planning: Seconds that the last `prepare` took.
         off: Joints that were not at the goal at the last check of the arrival, worst first.
