@@ -366,7 +366,6 @@ def test_reset_pulses_dtr_and_drops_what_came_before(
         return real(fd, request, *rest)  # type: ignore[arg-type]
 
     monkeypatch.setattr(serial_module.fcntl, "ioctl", record)
-    monkeypatch.setattr(serial_module, "DTR_PULSE", 0.0)
     with SerialLink(device) as port:
         assert calls == [], "opening leaves the line as the kernel sets it"
         line.write(b"boot noise", soon())

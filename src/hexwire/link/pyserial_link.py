@@ -13,29 +13,14 @@ import errno
 import socket
 import stat
 import threading
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hexwire.errors import LinkError, LinkLostError, LinkNotFoundError
+from hexwire.errors import LinkError, LinkLostError
 from hexwire.system import device_number, device_parts
 
 from . import port_identity
-from .base import LinkKind
-from .poll_link import PollLink
-from .serial_port import (
-    DEFAULT_BAUD,
-    DTR_PULSE,
-    LOST_ADVICE,
-    bad_baud,
-    busy_port,
-    check_baud,
-    check_intended,
-    explain_opening,
-    may_reset,
-    missing_port,
-    serial_url,
-)
+from .serial_port import DEFAULT_BAUD, SerialPortLink, busy_port, explain_opening
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -51,7 +36,7 @@ _AHEAD = 4096
 _PIECE = 4096
 
 
-class PySerialLink(PollLink):
+class PySerialLink(SerialPortLink):
     """A serial port, 8N1, raw, for one program at a time; opening it raises DTR, which resets an Arduino.
 
     Args:
@@ -62,9 +47,6 @@ class PySerialLink(PollLink):
         raise_to: As of `SerialLink`.
     """
 
-    kind = LinkKind.STREAM
-    _lost_advice = LOST_ADVICE
-
     def __init__(
         self,
         device: str,
@@ -74,10 +56,7 @@ class PySerialLink(PollLink):
         reset_board: bool = False,
         raise_to: int = 0,
     ) -> None:
-        check_baud(baud)
-        super().__init__(serial_url(device, baud))
-        self.device, self.baud, self.raise_to = device, baud, raise_to
-        self._low_latency, self._reset_board = low_latency, reset_board
+        super().__init__(device, baud, low_latency=low_latency, reset_board=reset_board, raise_to=raise_to)
         self._port: Any = None
         self._near: socket.socket | None = None
         self._pumps: list[threading.Thread] = []
@@ -85,30 +64,13 @@ class PySerialLink(PollLink):
         self._idle = threading.Condition()
         # Bytes that the link has accepted and the port has not.
         self._ahead = 0
-        self._identity: port_identity.PortIdentity | None = None
 
-    @property
-    def may_reset(self) -> bool:
-        """Whether opening it may reset the board."""
-        return may_reset(self.device)
-
-    def reset(self) -> None:
-        """As `SerialLink.reset`."""
-        self.fileno()
-        with contextlib.suppress(OSError):
-            self._port.dtr = False
-            time.sleep(DTR_PULSE)
-            self._port.dtr = True
-        self.flush_input()
-
-    def set_baud(self, baud: int) -> None:
-        """As `SerialLink.set_baud`; bytes that were written before leave at the old rate."""
-        check_baud(baud)
-        self.url = serial_url(self.device, baud)
-        self.set_rate(baud)
+    def _set_dtr(self, on: bool) -> None:
+        if (port := self._port) is not None:
+            port.dtr = on
 
     def set_rate(self, baud: int) -> None:
-        """As `SerialLink.set_rate`; bytes that were written before leave at the old rate."""
+        # Bytes that were written before leave at the old rate.
         patience = self._patience()
         self.baud = baud
         if self.is_open:
@@ -117,7 +79,7 @@ class PySerialLink(PollLink):
             try:
                 self._port.baudrate = baud
             except ValueError as error:
-                raise bad_baud(self.device, baud, "its driver refuses it") from error
+                raise self._bad_baud("its driver refuses it") from error
             except OSError as error:
                 raise self._lose(error) from error
 
@@ -130,11 +92,6 @@ class PySerialLink(PollLink):
 
     # --- opening and closing ----------------------------------------------------------------------------------
 
-    def open(self) -> None:
-        super().open()
-        if self._reset_board:
-            self.reset()
-
     def _open(self) -> None:
         import serial
 
@@ -142,7 +99,7 @@ class PySerialLink(PollLink):
         try:
             self._port = serial.Serial(self.device, self.baud, timeout=_SLICE, exclusive=True)
         except ValueError as error:
-            raise bad_baud(self.device, self.baud, "its driver refuses it") from error
+            raise self._bad_baud("its driver refuses it") from error
         except OSError as error:
             raise self._explain(error) from error
         self._identity = identity
@@ -175,7 +132,7 @@ class PySerialLink(PollLink):
             raise
         except OSError as error:
             raise self._explain(error) from error
-        check_intended(identity, self._identity, self.device, self.url)
+        self._check_intended(identity)
         return identity
 
     def _close(self) -> None:
@@ -269,6 +226,3 @@ class PySerialLink(PollLink):
         if f"Could not configure port: ({errno.ENOTTY}," in text:
             return self._no_port("is not a serial port")
         return explain_opening(error, self.device, self.url)
-
-    def _no_port(self, what: str) -> LinkNotFoundError:
-        return missing_port(self.device, what, self.url)

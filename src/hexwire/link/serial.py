@@ -21,27 +21,12 @@ import os
 import stat
 import struct
 import termios
-import time
 from functools import partial
 
-from hexwire.errors import LinkError, LinkLostError, LinkNotFoundError, UsageError
+from hexwire.errors import LinkError, LinkLostError, UsageError
 
 from . import port_identity
-from .base import LinkKind
-from .poll_link import PollLink
-from .serial_port import (
-    DEFAULT_BAUD,
-    DTR_PULSE,
-    LOST_ADVICE,
-    bad_baud,
-    busy_port,
-    check_baud,
-    check_intended,
-    explain_opening,
-    may_reset,
-    missing_port,
-    serial_url,
-)
+from .serial_port import DEFAULT_BAUD, SerialPortLink, busy_port, explain_opening
 
 __all__ = ["SerialLink", "terminal_rate"]
 
@@ -73,7 +58,7 @@ def terminal_rate(fd: int) -> int | None:
         return None
 
 
-class SerialLink(PollLink):
+class SerialLink(SerialPortLink):
     """A serial port, 8N1, raw, for one program at a time.
 
     Opening a port raises DTR, which resets an Arduino; the kernel does that, and it is not changed. Ask the board
@@ -94,9 +79,6 @@ class SerialLink(PollLink):
         raise_to: Rate to which a session shall raise the line; 0 leaves it.
     """
 
-    kind = LinkKind.STREAM
-    _lost_advice = LOST_ADVICE
-
     def __init__(
         self,
         device: str,
@@ -106,48 +88,17 @@ class SerialLink(PollLink):
         reset_board: bool = False,
         raise_to: int = 0,
     ) -> None:
-        check_baud(baud)
         if "\0" in device:
             raise UsageError(f"{device!r} is not a path: it contains a zero character")
-        super().__init__(serial_url(device, baud))
-        self.device = device
-        self.baud, self.raise_to = baud, raise_to
-        self._low_latency = low_latency
-        self._reset_board = reset_board
+        super().__init__(device, baud, low_latency=low_latency, reset_board=reset_board, raise_to=raise_to)
         self._port = -1
-        self._identity: port_identity.PortIdentity | None = None
 
-    @property
-    def may_reset(self) -> bool:
-        """Whether opening it may reset the board."""
-        return may_reset(self.device)
-
-    def reset(self) -> None:
-        """Pulse DTR, which resets an Arduino, and discard what arrived before. Takes 50 ms.
-
-        Does nothing on a port without that line, such as a pseudo-terminal.
-        """
-        fd = self.fileno()
-        dtr = struct.pack("I", termios.TIOCM_DTR)
-        with contextlib.suppress(OSError):
-            fcntl.ioctl(fd, termios.TIOCMBIC, dtr)
-            time.sleep(DTR_PULSE)
-            fcntl.ioctl(fd, termios.TIOCMBIS, dtr)
-        self.flush_input()
-
-    def set_baud(self, baud: int) -> None:
-        """Change the rate, even of an open port; nothing else changes and no board is reset.
-
-        Raises:
-            UsageError: The port's driver does not support that rate.
-            LinkLostError: The port was lost.
-        """
-        check_baud(baud)
-        self.url = serial_url(self.device, baud)
-        self.set_rate(baud)
+    def _set_dtr(self, on: bool) -> None:
+        # Another thread may have closed it meanwhile.
+        if (port := self._port) >= 0:
+            fcntl.ioctl(port, termios.TIOCMBIS if on else termios.TIOCMBIC, struct.pack("I", termios.TIOCM_DTR))
 
     def set_rate(self, baud: int) -> None:
-        """As `set_baud`, but the address stays that of the usual rate: the board changes its rate as well."""
         self.baud = baud
         if self.is_open:
             self._apply_settings()
@@ -158,11 +109,6 @@ class SerialLink(PollLink):
         with contextlib.suppress(termios.error, OSError):
             termios.tcflush(self._port, termios.TCIFLUSH)
         return count
-
-    def open(self) -> None:
-        super().open()
-        if self._reset_board:
-            self.reset()
 
     def _open(self) -> None:
         try:
@@ -188,7 +134,7 @@ class SerialLink(PollLink):
             identity = port_identity.identify_port(self.device, os.fstat(self._port))
         except OSError as error:  # the symbolic link has just changed
             raise explain_opening(error, self.device, self.url) from error
-        check_intended(identity, self._identity, self.device, self.url)
+        self._check_intended(identity)
         return identity
 
     def _close(self) -> None:
@@ -277,11 +223,3 @@ class SerialLink(PollLink):
             fcntl.ioctl(self._port, termios.TIOCGSERIAL, settings)
             settings[4] |= _ASYNC_LOW_LATENCY
             fcntl.ioctl(self._port, termios.TIOCSSERIAL, settings)
-
-    # --- errors -----------------------------------------------------------------------------------
-
-    def _no_port(self, what: str) -> LinkNotFoundError:
-        return missing_port(self.device, what, self.url)
-
-    def _bad_baud(self, why: str) -> UsageError:
-        return bad_baud(self.device, self.baud, why)

@@ -1,4 +1,4 @@
-"""What all links to serial ports share: rates, addresses, errors."""
+"""What all links to serial ports share: rates, addresses, the reset of a board, errors."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import contextlib
 import errno
 import stat
 import sys
+import time
+from abc import abstractmethod
 from pathlib import Path
 
 from hexwire.errors import (
@@ -19,18 +21,18 @@ from hexwire.errors import (
 from hexwire.system import device_number, device_parts, group_name, user_name
 
 from . import owner, ports
+from .base import LinkKind
+from .poll_link import PollLink
 from .port_identity import PTS_MAJORS, PortIdentity, why_not, why_not_again
 
 __all__ = [
     "BAUD_HIGH",
     "BAUD_LOW",
     "DEFAULT_BAUD",
-    "DTR_PULSE",
-    "LOST_ADVICE",
+    "SerialPortLink",
     "bad_baud",
     "busy_port",
     "check_baud",
-    "check_intended",
     "explain_opening",
     "forbidden_port",
     "may_reset",
@@ -40,11 +42,8 @@ __all__ = [
 
 DEFAULT_BAUD = 115200
 """Bits per second if an address names no rate."""
-DTR_PULSE = 0.05
+_DTR_PULSE = 0.05
 """Seconds: a Mega's reset line is pulsed through a capacitor; 50 ms is what common flashing tools use."""
-LOST_ADVICE = "; was it unplugged?"
-"""End of the error of a lost port."""
-
 BAUD_LOW, BAUD_HIGH = 50, 12_000_000
 """The rates that an address may name."""
 
@@ -86,6 +85,104 @@ def may_reset(device: str) -> bool:
     return True
 
 
+class SerialPortLink(PollLink):
+    """A serial port, 8N1, raw, for one program at a time.
+
+    Args:
+        device: Name of the port.
+        baud: Bits per second; any rate that the port's driver supports.
+        low_latency: Ask the driver to deliver bytes at once, where it has such a setting.
+        reset_board: Pulse DTR after opening, to reset a board even if opening does not.
+        raise_to: Rate to which a session shall raise the line once it knows the board; 0 leaves it.
+
+    Attributes:
+        device: Name of the port.
+        baud: The present rate.
+        raise_to: Rate to which a session shall raise the line; 0 leaves it.
+    """
+
+    kind = LinkKind.STREAM
+    _lost_advice = "; was it unplugged?"
+
+    def __init__(
+        self,
+        device: str,
+        baud: int = DEFAULT_BAUD,
+        *,
+        low_latency: bool = True,
+        reset_board: bool = False,
+        raise_to: int = 0,
+    ) -> None:
+        check_baud(baud)
+        super().__init__(serial_url(device, baud))
+        self.device, self.baud, self.raise_to = device, baud, raise_to
+        self._low_latency, self._reset_board = low_latency, reset_board
+        # Of the port that was open last.
+        self._identity: PortIdentity | None = None
+
+    @property
+    def may_reset(self) -> bool:
+        """Whether opening it may reset the board."""
+        return may_reset(self.device)
+
+    def open(self) -> None:
+        super().open()
+        if self._reset_board:
+            self.reset()
+
+    def reset(self) -> None:
+        """Pulse DTR, which resets an Arduino, and discard what arrived before. Takes 50 ms.
+
+        Does nothing on a port without that line, such as a pseudo-terminal.
+        """
+        self.fileno()
+        with contextlib.suppress(OSError):
+            self._set_dtr(False)
+            time.sleep(_DTR_PULSE)
+            self._set_dtr(True)
+        self.flush_input()
+
+    def set_baud(self, baud: int) -> None:
+        """Change the rate, even of an open port; nothing else changes and no board is reset.
+
+        Raises:
+            UsageError: The port's driver does not support that rate.
+            LinkLostError: The port was lost.
+        """
+        check_baud(baud)
+        self.url = serial_url(self.device, baud)
+        self.set_rate(baud)
+
+    @abstractmethod
+    def set_rate(self, baud: int) -> None:
+        """As `set_baud`, but the address stays that of the usual rate: the board changes its rate as well."""
+
+    @abstractmethod
+    def _set_dtr(self, on: bool) -> None:
+        """Set the line DTR; raises OSError."""
+
+    def _check_intended(self, found: PortIdentity) -> None:
+        """Refuse a port that is not the intended one, before anything is written to it.
+
+        Args:
+            found: The port behind the name.
+
+        Raises:
+            LinkNotFoundError: It is another one.
+        """
+        problem = why_not(found)
+        if not problem and self._identity is not None:
+            problem = why_not_again(self._identity, found)
+        if problem:
+            raise LinkNotFoundError(f"{self.device} {problem}; nothing was written to it", url=self.url)
+
+    def _no_port(self, what: str) -> LinkNotFoundError:
+        return missing_port(self.device, what, self.url)
+
+    def _bad_baud(self, why: str) -> UsageError:
+        return bad_baud(self.device, self.baud, why)
+
+
 # --- errors ------------------------------------------------------------------------------------------------------
 
 
@@ -117,25 +214,6 @@ def explain_opening(error: OSError, device: str, url: str) -> LinkError:
     if error.errno in (errno.EISDIR, errno.EROFS, errno.ETXTBSY):
         return missing_port(device, "is not a serial port", url)
     return LinkError(f"{device} cannot be opened: {error.strerror or error}", url=url)
-
-
-def check_intended(found: PortIdentity, before: PortIdentity | None, device: str, url: str) -> None:
-    """Refuse a port that is not the intended one, before anything is written to it.
-
-    Args:
-        found: The port behind the name.
-        before: The one that was open before under this name, or None.
-        device: The name.
-        url: Address of the link.
-
-    Raises:
-        LinkNotFoundError: It is another one.
-    """
-    problem = why_not(found)
-    if not problem and before is not None:
-        problem = why_not_again(before, found)
-    if problem:
-        raise LinkNotFoundError(f"{device} {problem}; nothing was written to it", url=url)
 
 
 def bad_baud(device: str, baud: int, why: str) -> UsageError:
