@@ -65,6 +65,9 @@ def test_a_slow_motion_is_offered_as_it_is_and_a_jump_not_at_all() -> None:
     found = speed_that_fits(moved(1.8).played(HEX7BOT, Edits()), HEX7BOT)
     # A cubic from rest to rest is 1.5 times as fast in its middle as on average.
     assert found == pytest.approx(HEX7BOT.joint("J1").max_speed / (1.5 * 1.8 / 0.5), rel=0.01)
+    # Slower, it would take longer than a motion may.
+    long = Taught(("J1",), (0.0, 0.5, 3500.0), ((HOME["J1"],), (HOME["J1"] + 1.0,), (HOME["J1"],)))
+    assert speed_that_fits(long.played(HEX7BOT, Edits()), HEX7BOT) is None
     for far in (1e4, 1e300):
         jump = Taught(("J1",), (0.0, 0.01, 0.02), ((0.0,), (far,), (0.0,)))
         assert speed_that_fits(lambda factor, jump=jump: jump.faster(factor).trajectory(), HEX7BOT) is None, far

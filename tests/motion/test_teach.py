@@ -121,6 +121,13 @@ def test_stillness_is_less_than_a_threshold_of_any_joint() -> None:
     assert taught([0, 0, half, 2 * half, 2 * half]).without_stillness().rows == ((0,), (half,), (2 * half,))
 
 
+def test_what_takes_too_long_to_smooth_is_refused() -> None:
+    many = Taught(("J1",), tuple(i / 1000 for i in range(20_000)), ((0.0,),) * 20_000)
+    with pytest.raises(UsageError, match="20000 samples are too many to be smoothed by 2 s: take less"):
+        many.smoothed(2.0)
+    assert many.trimmed(0.0, 1.0).smoothed(2.0).duration == 1.0
+
+
 def test_smoothing_is_a_raised_cosine() -> None:
     # One peak: the neighbours half a width away get half the weight of the middle, those at the width none.
     smooth = taught([0, 0, 0, 4, 0, 0, 0], 0.25, 0.0).smoothed(0.5)

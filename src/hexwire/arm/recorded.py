@@ -1,15 +1,18 @@
-"""A recording as a motion that an arm can play.
+"""A recording as a motion that an arm can play, and such a motion as a recording.
 
 Owns which of its states count, and how many it may have. Must not know arms.
 """
 
 from __future__ import annotations
 
+import time
+from pathlib import Path
+
 from hexwire.errors import UsageError
 from hexwire.motion.teach import Taught
-from hexwire.trace.recording import read_joint_states, topic_of
+from hexwire.trace.recording import RecordingWriter, make_positions, read_joint_states, topic_of
 
-__all__ = ["read_taught"]
+__all__ = ["read_taught", "write_taught"]
 
 _MOST_STATES = 500_000
 """Most joint states of a recording to play: several hours."""
@@ -50,3 +53,21 @@ def read_taught(file: str, arm: str | None = None) -> Taught:
         return Taught.of(names, by_names[names])
     except UsageError as error:
         raise UsageError(f"{file}: {error}") from None
+
+
+def write_taught(taught: Taught, file: str | Path, *, force: bool = False) -> int:
+    """Write a motion as a recording that begins now; returns the number of its states.
+
+    Args:
+        taught: The motion.
+        file: The recording (.mcap).
+        force: Replace a file of that name.
+
+    Raises:
+        HexwireError: The file exists, or cannot be written.
+    """
+    begin = time.time()
+    with RecordingWriter(file, force=force) as recording:
+        for t, row in zip(taught.times, taught.rows, strict=True):
+            recording.joint_state(make_positions(taught.names, row), begin + t)
+    return recording.count

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 import math
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
@@ -651,14 +650,12 @@ def _geometry_of(robot: RobotDriver) -> KinematicModel:
 
 
 def _save(taught: Taught, file: str, save: str, force: bool) -> None:
-    from hexwire.trace.recording import RecordingWriter, check_recording_name, make_positions
+    from hexwire.arm.recorded import write_taught
+    from hexwire.trace.recording import check_recording_name
 
     check_recording_name(save)
     if Path(save).exists() and Path(save).samefile(file):
         raise UsageError(f"--save {save} would overwrite its source")
-    begin = time.time()
-    with RecordingWriter(save, force=force) as recording:
-        for t, row in zip(taught.times, taught.rows, strict=True):
-            recording.joint_state(make_positions(taught.names, row), begin + t)
-    data = {"states": recording.count, "duration_s": taught.duration, "file": save}
-    answer(data, f"{recording.count} states, {taught.duration:.2f} s in {save}")
+    states = write_taught(taught, save, force=force)
+    data = {"states": states, "duration_s": taught.duration, "file": save}
+    answer(data, f"{states} states, {taught.duration:.2f} s in {save}")

@@ -14,6 +14,7 @@ from itertools import count
 from hexwire.errors import LimitError
 from hexwire.model.arm import ArmModel
 from hexwire.model.kinematics import KinematicModel
+from hexwire.model.state import LONGEST
 from hexwire.units import decimal
 
 from .fence import Fence
@@ -201,7 +202,8 @@ def speed_that_fits(make: Callable[[float], Trajectory], arm: ArmModel, most: fl
         most: The factor that is wanted.
 
     Returns:
-        The factor: `most` if the motion keeps the limits at that, None if it needs less than `SLOWEST`.
+        The factor: `most` if the motion keeps the limits at that, None if it needs less than `SLOWEST`, or longer
+        than a motion may take.
     """
 
     def over(factor: float) -> float:
@@ -213,7 +215,8 @@ def speed_that_fits(make: Callable[[float], Trajectory], arm: ArmModel, most: fl
     if now <= _ROUNDING:
         return most
     # In thousandths: the greatest that is allowed, and the least that is not.
-    low, high = math.ceil(SLOWEST * _FACTORS) - 1, math.ceil(most * _FACTORS)
+    least = max(SLOWEST, most * make(most).duration / LONGEST)
+    low, high = math.ceil(least * _FACTORS) - 1, math.ceil(most * _FACTORS)
     here, found = high, None
     for tries in count():
         if high - low <= 1:

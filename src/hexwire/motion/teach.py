@@ -24,6 +24,8 @@ __all__ = ["Edits", "Taught", "approach"]
 _ACCELERATION = 4.0
 """Most radians per second squared of an approach, however fast a joint could be."""
 _REST = math.radians(0.5)
+_MOST_NEIGHBOURS = 50_000_000
+"""Of all samples together, when they are smoothed: half a minute of computing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,11 +160,19 @@ class Taught:
 
         Args:
             width: Seconds to either side; 0 changes nothing.
+
+        Raises:
+            UsageError: The width is none, or takes in too many samples.
         """
         if not 0 <= width < math.inf:
             raise UsageError(f"a smoothing width must be finite and not negative, not {width:g} s")
         if width == 0:
             return self
+        count = len(self.times)
+        if 2 * min(width, self.duration) / (self.duration or 1.0) * count * count > _MOST_NEIGHBOURS:
+            raise UsageError(
+                f"{count} samples are too many to be smoothed by {width:g} s: take less, or a part of them"
+            )
         out = []
         for t in self.times:
             reach = min(width, t, self.duration - t)

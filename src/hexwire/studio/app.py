@@ -441,13 +441,8 @@ class Studio:
     def _begin_run(self, tab: Tab, entry: HeldMotion, args: Mapping[str, object], arrived: Token) -> None:
         """Begin a motion to a goal for a tab, and tell all tabs how far it is."""
         arm = self.source.need_arm()
-        args = dict(args)
-        recording, topic = args.pop("recording", None), args.pop("topic", None)
-        taught = None
-        if isinstance(recording, str):
-            names = arm.settings.model.names
-            taught = self.recordings.taught(recording, topic if isinstance(topic, str) else None, names)
-        arm.begin_run(tab, entry, args, arrived, lambda: self._tell_run(arm), taught=taught)
+        motion, taught = self.recordings.asked(args, arm.settings.model.names)
+        arm.begin_run(tab, entry, motion, arrived, lambda: self._tell_run(arm), taught=taught)
         self._tell_run(arm)
 
     def _tell_run(self, arm: ArmSource) -> None:

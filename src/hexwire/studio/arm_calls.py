@@ -10,11 +10,20 @@ import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from hexwire.arm.recorded import write_taught
+from hexwire.control.requests.motion_service import NOTHING_TAUGHT, read_motion
+from hexwire.control.requests.preview import check_factor
+from hexwire.errors import UsageError
+from hexwire.motion.teach import Edits
+
+from .access import Right
 from .calls import Arguments, Asked, call
 from .geometry import make_geometry, make_turns
 
 if TYPE_CHECKING:
+    from hexwire.control.requests.motion_service import MotionRequest
     from hexwire.control.requests.preview import Preview
+    from hexwire.motion.teach import Taught
 
     from .source import ArmSource
 
@@ -29,6 +38,12 @@ _DIGITS = 5
 
 class _Motion(Arguments, frozen=True):
     motion: dict[str, Any]
+
+
+class _SavedMotion(Arguments, frozen=True):
+    name: str
+    motion: dict[str, Any]
+    force: bool = False
 
 
 class _Pose(Arguments, frozen=True):
@@ -57,7 +72,9 @@ def _values(asked: Asked, args: Arguments) -> dict[str, object]:
 
 @call("arm.preview", _Motion, computes=True)
 def _preview(asked: Asked, args: _Motion) -> dict[str, object]:
-    return plan_values(asked.arm.motions.preview(args.motion), asked.arm)
+    arm = asked.arm
+    motion, taught = asked.studio.recordings.asked(args.motion, arm.settings.model.names)
+    return plan_values(arm.motions.preview(motion, taught=taught), arm)
 
 
 @call("arm.poses", Arguments)
@@ -91,6 +108,45 @@ def _teach(asked: Asked, args: _Switch) -> str:
 @call("arm.taught", Arguments)
 def _taught(asked: Asked, args: Arguments) -> dict[str, object]:
     return taught_values(asked.arm)
+
+
+@call("arm.recordings", Arguments)
+def _recordings(asked: Asked, args: Arguments) -> list[str]:
+    return asked.studio.recordings.library.names(".mcap")
+
+
+@call("arm.timeline", _Motion, computes=True)
+def _timeline(asked: Asked, args: _Motion) -> dict[str, object]:
+    """What is played, as smooth as it is asked for, and all of it."""
+    taught, request = _played(asked, args.motion)
+    return _curves(taught.smoothed(request.smooth))
+
+
+@call("arm.save_taught", _SavedMotion, right=Right.OPERATE)
+def _save_taught(asked: Asked, args: _SavedMotion) -> list[str]:
+    """Keep what would be played as a recording, never over another one without being asked."""
+    taught, request = _played(asked, args.motion)
+    library = asked.studio.recordings.library
+    name = f"{args.name}.mcap"
+    if name == asked.studio.recordings.recorder.state.name:
+        raise UsageError(f"{name} is being recorded; choose another name")
+    part = taught.edited(Edits(request.begin, request.end, smooth=request.smooth)).faster(
+        check_factor(request.factor)
+    )
+    library.make_folder()
+    write_taught(part, library.path(name), force=args.force)
+    return library.names(".mcap")
+
+
+def _played(asked: Asked, motion: dict[str, Any]) -> tuple[Taught, MotionRequest]:
+    """The taught motion, or the recording, that a page asks for, and how it is played."""
+    arm = asked.arm
+    args, taught = asked.studio.recordings.asked(motion, arm.settings.model.names)
+    request = read_motion({**args, "what": "play"})
+    taught = taught or arm.motions.taught
+    if taught is None:
+        raise UsageError(NOTHING_TAUGHT)
+    return taught, request
 
 
 def arm_values(arm: ArmSource) -> dict[str, object]:
@@ -141,20 +197,20 @@ def plan_values(plan: Preview, arm: ArmSource) -> dict[str, object]:
 
 def taught_values(arm: ArmSource) -> dict[str, object]:
     """Teach mode and the taught motion for the browser; a long one with fewer rows."""
-    motions = arm.motions
-    taught = motions.taught
-    values: dict[str, object] = {"teaching": motions.teaching, "taught": None}
-    if taught is not None:
-        n = len(taught.times)
-        step = max(1, math.ceil(n / _TAUGHT_ROWS))
-        places = [*range(0, n - 1, step), n - 1]
-        values["taught"] = {
-            "names": list(taught.names),
-            "duration": taught.duration,
-            "times": [round(taught.times[i], 3) for i in places],
-            "rows": [_rounded(taught.rows[i]) for i in places],
-        }
-    return values
+    taught = arm.motions.taught
+    return {"teaching": arm.motions.teaching, "taught": None if taught is None else _curves(taught)}
+
+
+def _curves(taught: Taught) -> dict[str, object]:
+    n = len(taught.times)
+    step = max(1, math.ceil(n / _TAUGHT_ROWS))
+    places = [*range(0, n - 1, step), n - 1]
+    return {
+        "names": list(taught.names),
+        "duration": taught.duration,
+        "times": [round(taught.times[i], 3) for i in places],
+        "rows": [_rounded(taught.rows[i]) for i in places],
+    }
 
 
 def _rounded(values: Any) -> list[float]:

@@ -7,7 +7,6 @@ program step by step, each a motion that it holds. Must not know sockets, nor de
 from __future__ import annotations
 
 import re
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,8 +27,6 @@ if TYPE_CHECKING:
 __all__: list[str] = []
 
 _NAME = re.compile(r"[^\W_][\w .()+,=@-]{0,80}", re.ASCII)
-_MOST = 200
-"""Programs that are listed."""
 
 
 class _Named(Arguments, frozen=True):
@@ -52,11 +49,7 @@ def _list(asked: Asked, args: Arguments) -> list[str]:
 
 
 def _names(asked: Asked) -> list[str]:
-    folder = asked.studio.recordings.library.folder
-    found = []
-    with suppress(OSError):
-        found = [path.stem for path in folder.iterdir() if path.suffix == ".toml" and _NAME.fullmatch(path.stem)]
-    return sorted(found)[:_MOST]
+    return [name.removesuffix(".toml") for name in asked.studio.recordings.library.names(".toml")]
 
 
 @call("arm.program", _Named)

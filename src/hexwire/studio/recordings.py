@@ -18,12 +18,14 @@ from .recorder import LiveRecorder
 from .twin import Twin
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
 __all__ = ["Recordings"]
 
 UPLOAD = 64 * 1024 * 1024
 """Bytes of a file that a page sends."""
+_KEPT = 500_000
+"""Angles of a recording that is kept for the next question: 20 minutes of seven joints; 20 MB."""
 
 
 class Recordings:
@@ -44,6 +46,7 @@ class Recordings:
         self.twin = Twin()
         # Its own: what is to move waits for no export of a page.
         self._reader = self.process()
+        self._last: tuple[object, Taught] | None = None
 
     def process(self) -> PageProcess:
         """A process that works in this folder; it begins when it is needed."""
@@ -61,11 +64,40 @@ class Recordings:
             UsageError: It moves joints that the arm does not have.
             HexwireError: It cannot be read.
         """
-        names, times, columns = self._reader.ask("positions", name, topic)
-        unknown = [joint for joint in names if joint not in joints]
+        found = self._read(name, topic)
+        unknown = [joint for joint in found.names if joint not in joints]
         if unknown:
             raise UsageError(f"{name} moves {', '.join(unknown)}; this arm has {', '.join(joints)}")
-        return Taught.of(names, zip(times, zip(*columns, strict=True), strict=True))
+        return found
+
+    def asked(self, motion: Mapping[str, object], joints: Sequence[str]) -> tuple[dict[str, object], Taught | None]:
+        """The motion that a page asks for, and the recording that it names; None if it names none.
+
+        Args:
+            motion: As `read_motion` takes it, and maybe ``recording`` and ``topic``.
+            joints: As for `taught`.
+
+        Raises:
+            HexwireError: As `taught`.
+        """
+        args = dict(motion)
+        name, topic = args.pop("recording", None), args.pop("topic", None)
+        if not isinstance(name, str) or not name:
+            return args, None
+        return args, self.taught(name, topic if isinstance(topic, str) and topic else None, joints)
+
+    def _read(self, name: str, topic: str | None) -> Taught:
+        """Read a recording, unless it is the one of before: while it is edited, each change asks for it."""
+        there = self.library.path(name).stat() if self.library.path(name).is_file() else None
+        key = name, topic, there and (there.st_ino, there.st_size, there.st_mtime_ns)
+        last = self._last
+        if last is not None and last[0] == key:
+            return last[1]
+        names, times, columns = self._reader.ask("positions", name, topic)
+        found = Taught.of(names, zip(times, zip(*columns, strict=True), strict=True))
+        if len(found.times) * len(found.names) <= _KEPT:
+            self._last = key, found
+        return found
 
     def twin_of(self, name: str) -> str:
         """The emulated arm that can play a recording, empty if none can; raises if it cannot be read."""

@@ -18,7 +18,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
-from hexwire.control.requests.preview import PLAY_FACTORS
+from hexwire.control.requests.preview import check_factor
 from hexwire.errors import HexwireError, UsageError
 from hexwire.model.state import LONGEST, finite
 
@@ -205,10 +205,7 @@ def _part(order: dict[str, Any]) -> tuple[float, float, float]:
     """First and last second, and the factor of the speed."""
     begin = finite(order.get("begin", 0.0), "the beginning")
     end = finite(order.get("end", LONGEST), "the end")
-    factor = finite(order.get("factor", 1.0), "the factor of the speed")
-    low, high = PLAY_FACTORS
+    factor = check_factor(finite(order.get("factor", 1.0), "the factor of the speed"))
     if not 0.0 <= begin < end or math.isinf(end):
         raise UsageError("the part to play must begin at 0 s or later, and end after its beginning")
-    if not low <= factor <= high:
-        raise UsageError(f"a recording is played at {low:g} to {high:g} times its speed, not {factor:g}")
     return begin, end, factor

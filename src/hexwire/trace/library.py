@@ -222,6 +222,14 @@ class Library:
                 del self._known[gone]
         return listed
 
+    def names(self, ending: str = _ENDING) -> list[str]:
+        """Names of its files with an ending, at most 500 in their order; none is read."""
+        found: list[str] = []
+        with suppress(OSError), os.scandir(self.folder) as entries:
+            files = [entry.name for entry in entries if entry.is_file(follow_symlinks=False)]
+            found = [name for name in files if name.endswith(ending) and _NAME.fullmatch(Path(name).stem + _ENDING)]
+        return sorted(found)[:_MOST_FILES]
+
     def _entry(self, changed: float, name: str, size: int) -> StoredRecording:
         """What a file holds; it is read if that is not known."""
         # One at a time: a page asks again while the first answer is being made.

@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 from tests.studio.running import until
 
+from hexwire.arm.recorded import read_taught, write_taught
 from hexwire.control.requests.pose_file import PoseFile, home_pose
 from hexwire.control.requests.program import read_program
 from hexwire.errors import HexwireError, UsageError
@@ -119,13 +120,59 @@ def test_a_long_taught_motion_is_sent_with_fewer_rows(desk: Desk) -> None:
     assert taught["rows"][-1] == pytest.approx(rows[-1], abs=1e-4)
 
 
+def test_a_timeline_is_smoothed_cut_and_kept_as_a_new_recording(desk: Desk, tmp_path: Path) -> None:
+    folder = tmp_path / "recordings"
+    rows = tuple((0.002 * (i % 2) + 0.01 * i,) for i in range(101))
+    jagged = Taught(("J1",), tuple(i / 50 for i in range(101)), rows)
+    desk.studio.recordings.library.make_folder()
+    write_taught(jagged, folder / "wave.mcap")
+    assert desk.ask("recordings") == ["wave.mcap"]
+    assert "nothing was taught" in desk.ask("timeline", motion={})["error"]
+    plain = desk.ask("timeline", motion={"recording": "wave.mcap"})
+    assert (plain["names"], plain["duration"], len(plain["rows"])) == (["J1"], pytest.approx(2.0), 101)
+    smooth = desk.ask("timeline", motion={"recording": "wave.mcap", "smooth": 0.2})
+    assert (smooth["rows"][0], smooth["rows"][-1]) == (plain["rows"][0], plain["rows"][-1])
+    assert smooth["rows"][50][0] == pytest.approx(0.501, abs=2e-4)
+
+    # What is kept is what would be played; nothing is replaced by the way.
+    part = {"recording": "wave.mcap", "begin": 0.5, "end": 1.5, "smooth": 0.2, "factor": 0.5}
+    assert desk.ask("preview", motion={"what": "play", **part})["duration"] > 2.0
+    assert desk.ask("save_taught", name="part", motion=part) == ["part.mcap", "wave.mcap"]
+    assert read_taught(str(folder / "part.mcap")).duration == pytest.approx(2.0, abs=1e-3)
+    was = (folder / "wave.mcap").read_bytes()
+    assert "exists" in desk.ask("save_taught", name="wave", motion=part)["error"]
+    assert (folder / "wave.mcap").read_bytes() == was
+    assert desk.ask("save_taught", name="wave", motion=part, force=True) == ["part.mcap", "wave.mcap"]
+    assert desk.ask("timeline", motion={"recording": "wave.mcap"})["duration"] == pytest.approx(2.0, abs=1e-3)
+    for wrong, said in (
+        ({"begin": 9.0}, "nothing is left"),
+        ({"begin": 1.0, "end": 0.5}, "nothing is left"),
+        ({"smooth": 1e9}, "must be 0 to 2 s"),
+        ({"smooth": -1.0}, "must be 0 to 2 s"),
+        ({"factor": 1e-300}, "0.1 to 4 times"),
+        ({"factor": "fast"}, "factor must be a number"),
+        ({"recording": "missing.mcap"}, "no recording 'missing.mcap'"),
+        ({"recording": "../wave.mcap"}, "cannot be the name of a recording"),
+    ):
+        for call, more in (("save_taught", {"name": "other"}), ("preview", {}), ("timeline", {})):
+            motion: dict[str, object] = {"what": "play", "recording": "wave.mcap"} | wrong
+            if call != "timeline" or not {"begin", "end", "factor"} & wrong.keys() or said.endswith("number"):
+                assert re.search(said, desk.ask(call, motion=motion, **more)["error"]), (call, wrong)
+    for name in ("../x", "", "a/b", "x" * 200, "a\0b"):
+        assert "cannot be the name" in desk.ask("save_taught", name=name, motion=part)["error"], name
+    assert desk.ask("recordings") == ["part.mcap", "wave.mcap"]
+    watcher = desk.studio.tabs.open("w", Right.WATCH)
+    with pytest.raises(HexwireError):
+        asyncio.run(desk.studio.call(watcher, "arm.save_taught", {"name": "a", "motion": part}))
+
+
 def test_a_page_that_asks_for_too_many_previews_keeps_nobody_waiting(
     desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     free = threading.Event()
     asked: list[object] = []
 
-    def preview(motion: object) -> object:
+    def preview(motion: object, *, taught: object) -> object:
         asked.append(motion)
         free.wait(30)
         raise UsageError("enough")

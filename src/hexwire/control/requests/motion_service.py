@@ -48,7 +48,9 @@ if TYPE_CHECKING:
     from .motion_run import RunProgress
     from .preview import Preview
 
-__all__ = ["MotionRequest", "MotionService", "PoseRow", "read_motion"]
+__all__ = ["NOTHING_TAUGHT", "MotionRequest", "MotionService", "PoseRow", "read_motion"]
+
+NOTHING_TAUGHT = "nothing was taught since this arm was opened"
 
 _SPEED = 0.3
 _MOST = 1000.0
@@ -373,7 +375,7 @@ class MotionService:
             return planner.to_joints(goals, speed=speed, start=start)
         taught = taught or self.taught
         if taught is None:
-            raise UsageError("nothing was taught since this arm was opened")
+            raise UsageError(NOTHING_TAUGHT)
         edits = Edits(request.begin, request.end, smooth=request.smooth)
         return planner.along(taught, edits, factor=request.factor, fit=request.fit, speed=speed, start=start)
 

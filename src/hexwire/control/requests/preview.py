@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from .controlled_arm import ControlledArm
 
-__all__ = ["PLAY_FACTORS", "TIP_SPEED", "Branch", "Planner", "Preview", "goal_of"]
+__all__ = ["TIP_SPEED", "Branch", "Planner", "Preview", "check_factor", "goal_of"]
 
 _MARGIN = 0.98
 """Share of the wanted speed that is planned: between the points that are sent, a joint may be slightly faster."""
@@ -48,7 +48,7 @@ _MOST_POINTS = MAX_POINTS - 1
 _SLOWEST = 0.01
 _ALL_DIRECTIONS = 6
 """Joints with which a tool can be turned in every direction."""
-PLAY_FACTORS = (SLOWEST, 4.0)
+_SLOWED, _FASTEST = SLOWEST, 4.0
 """Slowest and fastest factor at which a taught motion is played."""
 
 
@@ -270,9 +270,7 @@ class Planner:
             UsageError: The arm lacks one of its joints, nothing is left of it, or a number is out of range.
             HexwireError: The arm cannot be reached.
         """
-        low, high = PLAY_FACTORS
-        if not low <= finite(factor, "the factor of the speed") <= high:
-            raise UsageError(f"a taught motion is played at {low:g} to {high:g} times its speed, not {factor:g}")
+        check_factor(factor)
         for name in taught.names:
             self._model.joint(name)
         make = taught.played(self._model, edits or Edits())
@@ -374,6 +372,18 @@ def _as_sent(legs: Sequence[Trajectory]) -> Spline:
         elif leg.duration:
             points += [Waypoint(begin + t, s.position, s.velocity) for t, s in sampled(leg, _STEP, left)]
     return Spline(names, points)
+
+
+def check_factor(factor: float) -> float:
+    """The factor of the speed of a taught motion, if it may be played so.
+
+    Raises:
+        UsageError: It may not.
+    """
+    if not _SLOWED <= finite(factor, "the factor of the speed") <= _FASTEST:
+        text = f"a taught motion is played at {_SLOWED:g} to {_FASTEST:g} times its speed, not {factor:g}"
+        raise UsageError(text)
+    return factor
 
 
 def goal_of(path: Trajectory, joints: Sequence[str]) -> TrajectoryGoal:

@@ -105,8 +105,18 @@ function draw(element, args, opened) {
     import("./arm_camera.js").then(({ mountCameras }) => root.isConnected && mountCameras(page, camera));
   }, { once: true });
   pad.addEventListener("change", () => (map.hidden = false), { once: true });
+  const timeline = page.find("#arm-timeline");
+  let timed = null;
+  const time = () => (timed ||= import("./arm_timeline.js").then(({ mountTimeline }) => root.isConnected && mountTimeline(page, timeline)));
+  new IntersectionObserver((seen, watch) => {
+    if (!seen.some((one) => one.isIntersecting)) return;
+    watch.disconnect();
+    time();
+  }).observe(timeline.parentElement);
   page.on("need", () => {
-    if (page.mine) jog ||= import("./arm_jog.js").then(({ mountJog }) => root.isConnected && mountJog(page));
+    if (!page.mine) return;
+    jog ||= import("./arm_jog.js").then(({ mountJog }) => root.isConnected && mountJog(page));
+    time();
   });
   return page;
 }
@@ -119,6 +129,8 @@ export function makePage(root, args, opened) {
     view: null,
     plan: null, // the previewed motion
     speed: 0.3,
+    hidden: 0, // how often the page was hidden
+    lost: 0, // and how often it had no control
     step: 0, // degrees or millimetres of a click; 0: the arm moves while a button is held
     find: (selector) => root.querySelector(selector),
     all: (selector) => [...root.querySelectorAll(selector)],
@@ -142,6 +154,17 @@ export function makePage(root, args, opened) {
     /** What to hold for a joint: while it turns in a direction, or goes to an angle. */
     jog: (joint, turn) => ["joint", { directions: { [joint]: turn }, speed: page.speed }],
     drag: (joint, goal) => ["drag", { goals: { [joint]: goal }, speed: page.speed }],
+    /** From now on, why what this page does in several motions is to end, as one that it holds would; empty if it may go on. */
+    attend() {
+      const stops = () => hexwire.frame?.stops ?? hexwire.facts?.stops ?? 0;
+      const before = { stops: stops(), hidden: page.hidden, lost: page.lost };
+      return () => {
+        if (!root.isConnected) return "its page was left";
+        if (document.hidden || page.hidden !== before.hidden) return "the page was hidden";
+        if (!page.mine || page.lost !== before.lost) return "this page has no control, or nobody knows what the arm does";
+        return stops() === before.stops ? "" : "stopped";
+      };
+    },
     /** Show where a motion would end; null hides it. */
     ghost(goal, trace = null) {
       if (!page.view) return;
@@ -155,6 +178,10 @@ export function makePage(root, args, opened) {
     },
     knows: (i) => Boolean(hexwire.known && hexwire.frame && hexwire.frame.known[i]),
   };
+  document.addEventListener("visibilitychange", function hides() {
+    if (!root.isConnected) document.removeEventListener("visibilitychange", hides);
+    else if (document.hidden) page.hidden += 1;
+  });
   return page;
 }
 
@@ -205,6 +232,7 @@ function mountBar(page) {
   page.on("facts", (facts) => {
     const holds = facts.holder_tab !== "" && facts.holder_tab === hexwire.tab;
     page.mine = holds && hexwire.known;
+    if (!page.mine) page.lost += 1;
     page.unready = hexwire.known ? facts.unready : facts.unready || "nobody knows what the arm does";
     for (const element of page.all(".arm-need")) element.disabled = !page.mine;
     for (const element of page.all(".arm-whole")) element.disabled = !page.mine || page.unready !== "";

@@ -1,6 +1,5 @@
-/* Motions to a goal of the page Move: the form Go to, poses by name, the gripper, teach mode and the timeline of the taught
-motion. Asks for a preview after each change, shows it, and begins the motion. Owns the fields and lists; the server plans,
-checks and keeps. The cursor of the timeline shows a ghost of the arm and moves nothing. */
+/* Motions to a goal of the page Move: the form Go to, poses by name, the gripper, and teach mode. Asks for a preview after each
+change, shows it, and begins the motion. Owns the fields and lists; the server plans, checks and keeps. */
 
 import { branchWords, capital, degrees, fixed, radians, showPlan, tipValues } from "./arm.js";
 import { html, make } from "./widgets.js";
@@ -10,8 +9,6 @@ const FOLLOW = 400; // ms between two looks at where the arm is, until somebody 
 const STILL = 0.002; // radians, more than one step of a servo: an arm that moves less has not moved
 const SURE = 4000; // ms in which a second press confirms
 const WHOLE = "arm-need arm-whole"; // needs all joints
-const PAD = 6;
-const FACTORS = [["0.25", "¼"], ["0.5", "½"], ["1.0", "1"], ["1.5", "1½"], ["2.0", "2"]];
 
 export function mountGoto(page) {
   const form = page.find("#arm-goto");
@@ -376,118 +373,28 @@ export function mountGripper(page) {
   });
 }
 
-// -- teach and play ------------------------------------------------------------------------------------------------
+// -- teach ---------------------------------------------------------------------------------------------------------
 
+/** Teach mode. What was taught, or a recording, is played and edited on the timeline, which is loaded when it is needed. */
 export function mountTeach(page) {
   const find = (name) => page.find(`#arm-${name}`);
   const hand = find("teach-hand");
   const start = find("teach-start");
   const stop = find("teach-stop");
   const note = find("teach-note");
-  const box = find("taught");
-  const cursor = find("time");
-  const value = find("time-value");
-  const factor = find("factor");
-  const plan = find("play-plan");
-  const plot = find("time-plot");
-  const slower = find("play-fits");
-  let taught = null;
   let teaching = false;
   let began = 0;
-  let timer = 0;
-  let played = 0; // where the running play began
-  let rate = 1; // and the factor of its speed
-  let fits = null; // the greatest factor that keeps the limits, of a motion that is too fast
 
   const say = (text, level = "") => {
     note.textContent = text;
     note.dataset.level = level;
   };
-  const need = () => {
-    start.disabled = !page.mine || !hand.checked;
-  };
-  const show = () => {
-    start.hidden = teaching;
-    hand.parentElement.hidden = teaching;
-    stop.hidden = !teaching;
-    box.hidden = !taught || teaching;
-    if (box.hidden) return;
-    cursor.max = taught.duration;
-    cursor.step = Math.max(0.001, taught.duration / 500);
-    mark(Math.min(Number(cursor.value), taught.duration));
-    draw();
-  };
-  const at = (time) => {
-    const { times, rows, names } = taught;
-    let k = times.findIndex((t) => t >= time);
-    if (k < 0) k = times.length - 1;
-    const a = rows[Math.max(0, k - 1)];
-    const b = rows[k];
-    const before = times[Math.max(0, k - 1)];
-    const share = times[k] > before ? (time - before) / (times[k] - before) : 1;
-    return Object.fromEntries(names.map((name, i) => [name, a[i] + share * (b[i] - a[i])]));
-  };
-  const mark = (time) => {
-    cursor.value = time;
-    value.textContent = `${time.toFixed(1)} of ${taught.duration.toFixed(1)} s`;
-    cursor.setAttribute("aria-valuetext", `${time.toFixed(1)} seconds`);
-    plot.parentElement.style.setProperty("--time", taught.duration > 0 ? time / taught.duration : 0);
-  };
-  const ghost = () => {
-    const positions = page.positions();
-    const here = positions ? Object.fromEntries(page.args.joints.map(({ name }, i) => [name, positions[i]])) : {};
-    page.ghost({ ...here, ...at(Number(cursor.value)) });
-    find("unghost").hidden = false;
-  };
-  const preview = async () => {
-    timer = 0;
-    if (!taught) return;
-    const motion = { what: "play", begin: Number(cursor.value), factor: Number(factor.value), speed: page.speed };
-    const told = await page.call("preview", { motion });
-    showPlan(plan, told);
-    fits = told.fits ?? null;
-    slower.hidden = fits === null;
-    slower.textContent = `Play at ${fits} of its speed`;
-  };
-  const soon = () => {
-    clearTimeout(timer);
-    timer = setTimeout(preview, PAUSE);
-  };
-
-  const draw = () => {
-    const ratio = window.devicePixelRatio || 1;
-    const { clientWidth: width, clientHeight: height } = plot;
-    if (!width || !taught) return;
-    plot.width = width * ratio;
-    plot.height = height * ratio;
-    const pen = plot.getContext("2d");
-    pen.scale(ratio, ratio);
-    pen.lineWidth = 1.5;
-    const style = getComputedStyle(document.documentElement);
-    // Each joint from where it began, so that a small motion is seen beside a far posture.
-    const first = taught.rows[0];
-    const all = taught.rows.flatMap((row) => row.map((angle, i) => angle - first[i]));
-    const low = Math.min(...all, -0.05);
-    const high = Math.max(...all, 0.05);
-    const x = (time) => (taught.duration > 0 ? (time / taught.duration) * width : 0);
-    const y = (angle) => height - PAD - ((angle - low) / (high - low)) * (height - 2 * PAD);
-    taught.names.forEach((name, i) => {
-      const place = page.args.joints.findIndex((joint) => joint.name === name);
-      pen.strokeStyle = style.getPropertyValue(`--joint-${(place % 8) + 1}`).trim() || "#888";
-      pen.beginPath();
-      taught.times.forEach((time, k) => pen[k ? "lineTo" : "moveTo"](x(time), y(taught.rows[k][i] - first[i])));
-      pen.stroke();
-    });
-  };
-
+  const need = () => (start.disabled = !page.mine || !hand.checked);
   page.on("taught", (told) => {
-    const before = taught;
     if (told.teaching && !teaching) began = performance.now();
     teaching = told.teaching;
-    taught = told.taught;
-    if (taught && (!before || before.duration !== taught.duration)) cursor.value = 0;
-    show();
-    if (taught && !teaching) soon();
+    start.hidden = hand.parentElement.hidden = teaching;
+    stop.hidden = !teaching;
   });
   page.on("facts", need);
   page.on("need", need);
@@ -508,42 +415,6 @@ export function mountTeach(page) {
   };
   start.addEventListener("click", () => teach(true));
   stop.addEventListener("click", () => teach(false));
-  cursor.addEventListener("input", () => {
-    mark(Number(cursor.value));
-    ghost();
-    soon();
-  });
-  factor.addEventListener("change", soon);
-  const play = (begin, wanted = Number(factor.value)) => {
-    played = begin;
-    rate = wanted;
-    page.ghost(null);
-    page.run({ what: "play", begin, factor: wanted }).then((why) => {
-      plan.dataset.level = ["arrived", "released", "ended"].includes(why) ? "" : "error";
-      plan.textContent = why === "arrived" ? "Played." : capital(why);
-    });
-  };
-  find("play").addEventListener("click", () => play(0));
-  slower.addEventListener("click", () => play(Number(cursor.value), fits));
-  find("play-here").addEventListener("click", () => play(Number(cursor.value)));
-  page.on("elapsed", ({ run, now }) => {
-    if (!taught || teaching || run.title !== "the taught motion") return;
-    mark(Math.min(taught.duration, played + Math.max(0, now - run.lead_in) * rate));
-  });
-  new ResizeObserver(draw).observe(plot);
-  const dark = matchMedia("(prefers-color-scheme: dark)");
-  const again = () => {
-    if (plot.isConnected) {
-      draw();
-      return;
-    }
-    dark.removeEventListener("change", again);
-    themed.disconnect();
-  };
-  const themed = new MutationObserver(again);
-  themed.observe(document.documentElement, { attributes: true, attributeFilter: ["data-theme"] });
-  dark.addEventListener("change", again);
-  show();
 }
 
 // -- what is drawn -----------------------------------------------------------------------------------------------
@@ -634,20 +505,6 @@ export function teachMarkup() {
   </div>
   <p class="arm-note" id="arm-teach-note" role="status">Teaching switches torque off and records how you move the
   arm by hand.</p>
-  <div id="arm-taught" hidden>
-    <div class="arm-time">
-      <canvas id="arm-time-plot" aria-hidden="true"></canvas>
-      <input id="arm-time" type="range" min="0" max="1" step="any" value="0" aria-label="Time in the taught motion">
-    </div>
-    <div class="hw-row">
-      <output id="arm-time-value" for="arm-time">0.0 s</output>
-      <label class="arm-field arm-inline"><span>Speed</span><select id="arm-factor">${FACTORS.map(([factor, words]) =>
-        html`<option value="${factor}" ${factor === "1.0" && "selected"}>${words} ×</option>`)}</select></label>
-      <button class="hw-button arm-primary arm-need arm-whole" id="arm-play" type="button">Play</button>
-      <button class="hw-button arm-need arm-whole" id="arm-play-here" type="button">Play from here</button>
-    </div>
-    <p class="arm-plan" id="arm-play-plan" role="status"></p>
-    <button class="hw-button arm-need arm-whole" id="arm-play-fits" type="button" hidden></button>
-  </div>
+  <div id="arm-timeline"></div>
 </section>`;
 }

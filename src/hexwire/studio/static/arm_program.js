@@ -177,7 +177,7 @@ export function mountProgram(page, root) {
   async function run(first) {
     finish("begun anew");
     if (!(await check()) || !page.mine) return;
-    const mine = (running = { stops: stops(), over: "", goOn: null });
+    const mine = (running = { ends: page.attend(), over: "", goOn: null });
     lock();
     const todo = [...unrolled(steps.slice(first), "", first)];
     for (const [number, step] of todo) {
@@ -214,13 +214,8 @@ export function mountProgram(page, root) {
     }
     return gone(mine) ? mine.over : "arrived";
   }
-  /** Whether a run is to end: as a motion that this page holds would. */
   function gone(mine) {
-    if (mine.over) return true;
-    if (!root.isConnected) mine.over = "its page was left";
-    else if (document.hidden) mine.over = "the page was hidden";
-    else if (!page.mine) mine.over = "this page has no control, or nobody knows what the arm does";
-    else if (stops() !== mine.stops) mine.over = "stopped";
+    mine.over ||= mine.ends();
     return Boolean(mine.over);
   }
   function finish(why) {
@@ -234,15 +229,10 @@ export function mountProgram(page, root) {
     for (const one of root.querySelectorAll("button, input, select")) if (one !== end && one !== goOn) one.disabled = busy || (one.classList.contains("arm-need") && (!page.mine || page.unready !== ""));
   }
   page.on("need", lock);
-  document.addEventListener("visibilitychange", function hidden() {
-    if (!root.isConnected) document.removeEventListener("visibilitychange", hidden);
-    else if (running && document.hidden) running.over ||= "the page was hidden";
-  });
   ask("programs").then(listed);
   draw();
 }
 
-const stops = () => hexwire.frame?.stops ?? hexwire.facts?.stops ?? 0;
 const holds = (step, other) => (step.steps ?? []).some((one) => one === other || holds(one, other));
 
 /** The step with a number such as 3.1. */
