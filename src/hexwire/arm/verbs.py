@@ -434,7 +434,7 @@ class Arm:
 
     @takes(goal=ANGLES, duration=_TIME, wait=FLAG)
     def send(self, goal: Mapping[str, float], /, *, duration: float = 1.0, wait: bool = True) -> MotionResult:
-        """Send angles to joints as one target: each servo goes there by itself, unless the board keeps the time.
+        """Send angles to joints as one target: each servo goes there by itself, unless the board has the path.
 
         Args:
             goal: Radians by joint.

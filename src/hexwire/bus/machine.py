@@ -260,7 +260,7 @@ class BusMachine:
         plans: Prepared requests.
         count: Counters of the careful path; `counters` adds the fast path.
         echo: Whether the adapter echoes what is sent; None until it is known.
-        doubts: Those that may still arrive.
+        late_replies: Those that may still arrive.
         doubtful: Servos of which a late reply may arrive; empty if there are none. Always the same object.
         sent: Packets whose echo may still arrive.
         silent: Servos that did not answer, with the time until which single requests to them are not repeated.

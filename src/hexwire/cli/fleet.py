@@ -345,7 +345,7 @@ def play(
 
     A recording of a fleet is played arm by arm; any other file plays on every arm. All arms move slowly to their
     first point, and then begin together. Each follows its motion by itself, so that the network cannot disturb it;
-    boards that keep the time begin to a millisecond, the servers of others up to a period of targets late.
+    boards that execute trajectories begin to a millisecond, the servers of others up to a period of targets late.
     If one refuses, none begins. Ctrl-C or the failure of one arm stops all of them: 'hexwire resume' ends the stop.
     """
     from hexwire.fleet.address import address_text

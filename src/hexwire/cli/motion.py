@@ -279,7 +279,7 @@ def _picture(plot: str | None, force: bool, save: str | None) -> Iterator[Output
 @click.option(
     "--host-timed",
     is_flag=True,
-    help="Send one target, to which each servo goes by itself, even if the board can keep the time.",
+    help="Send one target, to which each servo goes by itself, even if the board can execute trajectories.",
 )
 @table_options
 @links_option

@@ -562,9 +562,9 @@ def confirm(question: str, yes: bool, *, alone: str = "") -> None:
 
 
 def host_timed_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """``--host-timed``: the way of boards that cannot keep the time."""
+    """``--host-timed``: the way of boards that cannot execute trajectories."""
     return click.option(
-        "--host-timed", is_flag=True, help="Send targets one by one, even if the board can keep the time."
+        "--host-timed", is_flag=True, help="Send targets one by one, even if the board can execute trajectories."
     )(command)
 
 

@@ -65,7 +65,7 @@ class _ProgramTeller(Teller):
         self.rows.append({"step": self._number, "legs": legs, "arrived": None if self._dry_run else False})
 
     def refused(self, why: str) -> None:
-        """Tell why the board does not keep the time."""
+        """Tell why the board does not execute the path."""
         note(f"targets are sent one by one, since the board does not follow this path itself: {why}")
 
     def ended(self, result: MotionResult) -> None:

@@ -69,7 +69,7 @@ class RunOptions:
         plot: File for a picture, already created; or None.
         dry_run: Check and draw only.
         rate: Cycles per second; by dialect if None.
-        host_timed: Send targets one by one, also to a board that keeps the time itself.
+        host_timed: Send targets one by one, also to a board that executes trajectories itself.
         outlives: Let such a board finish the motion although this program dies.
     """
 
@@ -267,7 +267,7 @@ class _Told(Teller):
         self._moving.enter_context(hold_on_ctrl_c(self.robot))
 
     def refused(self, why: str) -> None:
-        """Tell why the board does not keep the time."""
+        """Tell why the board does not execute the path."""
         note(f"targets are sent one by one, since the board does not follow this path itself: {why}")
 
     def seen(self, state: JointState) -> None:
@@ -277,7 +277,7 @@ class _Told(Teller):
 
     def ended(self, result: MotionResult) -> None:
         """Tell how it ended."""
-        # A board that keeps the time does not mind.
+        # A board that executes trajectories does not mind.
         if result.stopped is None and (skipped := result.timing.skipped) and not result.timed:
             rate = self._options.rate or self.robot.command_rate
             note(f"warning: the line or the machine is too slow for {rate:g} Hz; {skipped} cycles were skipped")

@@ -1,4 +1,4 @@
-"""`TimedPath`: a motion of which the robot itself keeps the time, sent ahead point by point.
+"""`TimedPath`: a motion that the robot executes in its own time, sent ahead point by point.
 
 Owns its values and its interface. Must not know boards, frames or counts.
 """

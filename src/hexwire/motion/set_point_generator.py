@@ -105,9 +105,9 @@ class SetPointGenerator:
         reason: Reason of the stop, or None.
         counters: Event counters.
         waits: After a stall of the loop the trajectory continues where it was, instead of catching up. False for a
-            robot that keeps the time itself.
-        settled: Seconds before which a robot that keeps the time itself must know of a change; 0 for one that does
-            not.
+            robot that executes trajectories itself.
+        settled: Seconds before which a robot that executes trajectories itself must know of a change; 0 for any
+            other.
         onboard: Such a robot has the trajectory: it goes on through a stall, and a hold brakes on it.
         changes: How often a trajectory, a hold or a set-point has replaced what was planned.
         changed_from: From when on it was replaced since `take_change`; infinite if it was not.
@@ -234,7 +234,7 @@ class SetPointGenerator:
         limits = joint_limits(self.arm, trajectory.names)
         self._refuse_far(trajectory, here)
         if at_once or not self.waits:
-            return ((trajectory, 0.0),)  # also where a robot that keeps the time has it already
+            return ((trajectory, 0.0),)  # also where a robot that executes trajectories has it already
         plan = take_over(here, trajectory, limits, passes=passes)
         if plan is trajectory or not (wrong := fault(plan)):
             return ((plan, 0.0),)
@@ -505,7 +505,7 @@ class SetPointGenerator:
     def next_start(self, now: float) -> float:
         """When a trajectory given now would start: not before the last command is due.
 
-        A robot that keeps the time itself begins at once what begins at rest.
+        A robot that executes trajectories itself begins at once what begins at rest.
         """
         ahead = self.settled if self._running or self.onboard else 0.0
         return max(now + ahead, self._command_due)
@@ -603,7 +603,7 @@ class SetPointGenerator:
         return self._send(positions, now, lead)
 
     def _fill_in(self, now: float) -> None:
-        """Record where a robot that keeps the time itself was sent during a stall of this loop."""
+        """Record where a robot that executes trajectories itself was sent during a stall of this loop."""
         if not self._running or not math.isfinite(self._command_due):
             return
         due = max(self._command_due, now - _LONGEST_GAP)

@@ -510,7 +510,7 @@ class TrajectoryController:
                 active.arrival.ends = now + self.generator.remaining(now)
             elif self.generator.counters.slips > slips:
                 active.arrival.ends = now + lead
-        # A robot that keeps the time itself is only watched.
+        # A robot that executes trajectories itself is only watched.
         return order if self.generator.waits or isinstance(order, StopReason) else None
 
     def _begin_pending(self, state: JointState, now: float) -> None:
@@ -518,7 +518,7 @@ class TrajectoryController:
         soonest, settled = self.generator.next_start(now), self.generator.settled
         if pending is None or active is None:
             return
-        # A robot that keeps the time itself is told early, and begins exactly then.
+        # A robot that executes trajectories itself is told early, and begins exactly then.
         early = max(settled, pending.goal.early) if settled else 0.0
         if soonest + early < pending.due:
             return

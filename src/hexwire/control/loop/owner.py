@@ -201,7 +201,7 @@ class RobotOwner:
         watchdog: Seconds of silence after which the board stops the arm; 0 for never. Longer for a borrowed robot
             with slow cycles.
         watchdog_mode: What the board does then.
-        timed: Trajectories of the controllers are sent ahead to a robot that keeps the time itself.
+        timed: Trajectories of the controllers are sent ahead to a robot that executes trajectories itself.
         stop_on_failure: Stop the arm when the robot fails or `shutdown` ends a motion; False for a caller that
             makes it safe by other means.
         on_state: Called with every new state and the part of it to publish, in the owner's thread.

@@ -72,7 +72,7 @@ class TrajectoryGoal:
         delay: Seconds from now to the goal's stamp; 0 for no stamp, negative if it has passed.
         free: Names of further joints with several degrees of freedom each, for which the client wants a motion too.
             No supported arm has one, so such a goal is refused.
-        early: Seconds before its start at which a robot that keeps the time gets it, if it waits for its start.
+        early: Seconds before its start at which a robot that executes trajectories gets it, if it waits for that.
         gives_way: The joints press on something: they stand already, whatever was planned, and are relieved in the
             time of the points.
     """

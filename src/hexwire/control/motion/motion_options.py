@@ -66,7 +66,7 @@ class MotionOptions:
         watchdog_mode: What the board does then.
         clock: Monotonic seconds; the robot's clock if None.
         sleep: Waits for a number of seconds.
-        host_timed: Send a trajectory target by target, also to a robot that keeps the time itself.
+        host_timed: Send a trajectory target by target, also to a robot that executes trajectories itself.
         outlives: Once all of a trajectory has been sent to such a robot, the watchdog lets it finish.
 
     Raises:

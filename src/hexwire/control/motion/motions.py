@@ -621,7 +621,7 @@ def path_to(robot: RobotDriver, target: JointTarget, state: JointState) -> Splin
     """The way from rest to rest, all joints together, with limited jerk.
 
     Args:
-        robot: Attached; it keeps the time of a path.
+        robot: Attached; it executes trajectories.
         target: Checked, with the arm's own names.
         state: Just read.
 
@@ -735,7 +735,7 @@ def run_motion(
 ) -> MotionResult:
     """Run one motion: check its path, switch torque on, arm the watchdog, monitor it, and check the arrival.
 
-    A robot that keeps the time of a motion follows a path: the trajectory, or a smooth way to the target. Otherwise
+    A robot that executes trajectories follows a path: the trajectory, or a smooth way to the target. Otherwise
     a trajectory is sent cycle by cycle, and a target once; without a watchdog, it is sent in short steps. An
     exception during the motion, including Ctrl-C, stops the arm.
 

@@ -1,4 +1,4 @@
-"""Onboard execution: the trajectories of an arm's controllers, sent ahead to a robot that keeps the time itself.
+"""Onboard execution: the trajectories of an arm's controllers, sent ahead to a robot that executes them itself.
 
 Owns when a path of the robot begins, when a plan replaces it, and what its ends mean for the controllers. The
 generators decide where the joints are to be at each time, as for any robot; here the robot is told earlier. One

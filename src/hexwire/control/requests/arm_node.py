@@ -153,6 +153,6 @@ class ArmNode(ABC, Generic[_G]):
                 goal, progress = controller.listener, controller.progress
                 if isinstance(goal, ClientGoal) and goal.accepted and progress is not None:
                     elapsed = progress.stamp - controller.begins
-                    # A board that keeps the time begins a moment later: there is nothing to tell before.
+                    # A board that executes trajectories begins a moment later: there is nothing to tell before.
                     if elapsed >= 0.0:
                         self._publish_feedback(goal.client, progress, elapsed)

@@ -52,7 +52,7 @@ class Settings:
         publish_rate: States published per second; fewer on a slow link.
         command_rate: Set-points per second; 0 for the rate that the robot allows.
         watchdog: Silence after which the board stops the arm; 0 for never.
-        host_timed: Send trajectories target by target, also to a board that keeps the time itself.
+        host_timed: Send trajectories target by target, also to a board that executes trajectories itself.
         command_timeout: Silence after which joints that follow set-points hold; 0 for never.
         links: Link set of a 7Bot, as in `make_kinematics`.
         table: Height of the table that must not be touched; None for no check.
@@ -120,7 +120,7 @@ SETTINGS = (
         high=60.0,
         zero=True,
     ),
-    Setting("host_timed", False, "send trajectories target by target, also if the board can keep the time itself"),
+    Setting("host_timed", False, "send trajectories target by target, also if the board can execute them itself"),
     Setting(
         "command_timeout",
         0.5,

@@ -42,7 +42,7 @@ _SOONEST = 0.02
 _LATEST = 600.0
 """Seconds from now in which a start time must lie; a later one is an error of a clock."""
 _AHEAD = 8.0
-"""Seconds before the start at which a board that keeps the time gets it: it takes a start less than 10 s ahead."""
+"""Seconds before the start at which a board that executes trajectories gets it; it takes less than 10 s."""
 _BEFORE = 0.05
 """Seconds by which a path of the board may start before the time that was asked for; else it is another path."""
 
@@ -183,7 +183,8 @@ class SharedGoals:
     def follow(self, order: Order, goal: TrajectoryGoal, start: float, *, confirm: bool = False) -> int:
         """Follow a trajectory from a time on; it is not begun at another time.
 
-        A board that keeps the time gets it, and the order to start, as soon as possible; see `GoalReport.ready`.
+        A board that executes trajectories gets it, and the order to start, as soon as possible; see
+        `GoalReport.ready`.
 
         Args:
             order: Proof that it may be done.
