@@ -8,6 +8,7 @@ from fractions import Fraction
 
 import pytest
 from tests.conformance_board.test_trajectory import START, Rider
+from tests.few import few
 
 from hexwire.wire import tables
 from hexwire.wire.board_trajectory import BeginRequest, PathPoint, PathState
@@ -64,15 +65,13 @@ def test_targets_are_rounded_once(rider: Rider) -> None:
     assert min(off(0.0005 * n) for n in range(300)) < 0.56
 
 
-@pytest.mark.parametrize(
-    ("eighths", "expected"), [(799, 0), (800, 1), (24000, 1), (24001, 0), (-32768, 0), (32767, 0)]
-)
-def test_limits_are_exact(rider: Rider, eighths: int, expected: int) -> None:
+def test_limits_are_exact(rider: Rider) -> None:
     limits = b"\7" + b"\x64\0\xb8\x0b\x00\x10" * 7  # 100 to 3000
     assert rider.ask(Command.LIMITS, limits).status == Status.OK
-    begin(rider)
-    status = rider.add([PathPoint(0, (eighths,))])
-    assert status == (Status.OK if expected else Status.BAD_RANGE)
+    for eighths, expected in ((799, 0), (800, 1), (24000, 1), (24001, 0), (-32768, 0), (32767, 0)):
+        begin(rider)
+        status = rider.add([PathPoint(0, (eighths,))])
+        assert status == (Status.OK if expected else Status.BAD_RANGE), eighths
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -103,7 +102,7 @@ def test_as_many_points_fit(rider: Rider) -> None:
     assert begin(rider, 8) == Status.BAD_RANGE
 
 
-@pytest.mark.parametrize("flags", [0, FINE])
+@few("flags", [0, FINE], FINE)
 def test_a_way_from_limit_to_limit_overflows_nowhere(rider: Rider, flags: int) -> None:
     begin(rider, flags | HERMITE)
     unit = 8 if flags & FINE else 1

@@ -10,6 +10,7 @@ from tests.avr.client import Client
 from tests.avr.machines import ChipBoard, CoreBoard, Machine
 from tests.avr.messages import MessageHost
 from tests.conformance_board.test_trajectory import START, Rider, wave
+from tests.few import few
 from tests.frames import frame_bytes
 
 from hexwire.wire.board_trajectory import PathPoint, PathState, PathStatus, PointsRequest
@@ -55,7 +56,7 @@ def answers(host: MessageHost, seconds: float = 0.05) -> list[tuple[int, ...]]:
 MISSING = Command.FRAGMENT_MISSING
 
 
-@pytest.mark.parametrize("size", [5, 17, 32, 100, 199, 200])
+@few("size", [5, 17, 32, 100, 199, 200], 5, 200)
 def test_a_whole_trajectory_is_one_request(rider: Rider, host: MessageHost, size: int) -> None:
     rider.begin(hermite=True)
     points = wave(300.0, 1.0, 20)
