@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.arm.arms import connected
+from tests.arm.arms import KINDS, TIMED, connected, marked
 from tests.arm.test_torque_off import GRIPS, VERBS, a_program, a_way, insisted, other_opening
 from tests.waits import PATIENCE, eventually
 
@@ -38,6 +38,8 @@ SLOW: dict[str, Callable[[Arm], Callable[[], MotionHandle[Any]]]] = {
         arm.move, {arm.model.names[0]: -deg(4)}, relative=True, grip=other_opening(arm), duration=30.0, wait=False
     ),
 }
+each_kind = pytest.mark.parametrize("arm", marked(KINDS | TIMED, ("bus",)), indirect=True)
+"""What is said depends on how it ended: one kind of arm in `make test`, the others in `make test-all`."""
 
 
 def begun(arm: Arm, verb: str) -> MotionHandle[MotionResult]:
@@ -58,6 +60,7 @@ def test_the_slow_verbs_are_all_verbs() -> None:
     assert set(SLOW) | {"open", "close"} == set(VERBS | GRIPS)
 
 
+@each_kind
 def test_a_cancelled_motion_says_why_it_ended_and_how_far_off_each_joint_is(arm: Arm) -> None:
     for verb in verbs_of(arm):
         if verb == "home":
@@ -87,6 +90,7 @@ def test_a_grip_says_how_far_off_the_jaws_came_to_rest(arm: Arm) -> None:
     assert result.rest.off < deg(20)
 
 
+@each_kind
 @pytest.mark.parametrize("how", ["a stop", "a stop that is over", "torque off"])
 def test_whatever_ends_a_motion_says_once_what_helps(arm: Arm, how: str) -> None:
     for verb in verbs_of(arm):
@@ -111,7 +115,7 @@ def test_whatever_ends_a_motion_says_once_what_helps(arm: Arm, how: str) -> None
         # What was interrupted before it was sent says to call it again.
         assert latched or "nothing is latched" in text or "again" in text, (verb, text)
         arm.resume()
-        arm.home()
+    assert arm.home().arrived
 
 
 def test_a_line_that_is_slowed_near_a_singularity_says_so_before_it_moves(

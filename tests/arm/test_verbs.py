@@ -18,6 +18,7 @@ import pytest
 from tests.arm.arms import KINDS, connected, marked
 from tests.control.swing import Swing
 from tests.defaults import default
+from tests.few import few
 from tests.motion.arms import HOME, at_rest, rest_to_rest
 from tests.waits import eventually
 
@@ -38,7 +39,7 @@ from hexwire.motion.through import arm_path
 from hexwire.trace.recording import read_joint_states
 
 
-@pytest.fixture(scope="module", params=marked(KINDS))
+@pytest.fixture(scope="module", params=marked(KINDS, ("bus",)))
 def kept(request: pytest.FixtureRequest) -> Iterator[Arm]:
     """An arm of each kind, for tests that leave it as they found it."""
     # Short, since the path of a socket must be.
@@ -696,7 +697,11 @@ def test_an_arm_without_a_watchdog_warns_once(tmp_path: Path, caplog: pytest.Log
     assert caplog.text.count("has no watchdog") == 1
 
 
-@pytest.mark.parametrize(("most", "late"), [(None, 0.1), (deg(180), 14.0), ({"shoulder_pan": deg(180)}, 14.0)])
+@few(
+    "most, late",
+    [(None, 0.1), (deg(180), 14.0), ({"shoulder_pan": deg(180)}, 14.0)],
+    ({"shoulder_pan": deg(180)}, 14.0),
+)
 def test_an_arm_follows_as_fast_as_its_servos_can_or_may(
     monkeypatch: pytest.MonkeyPatch, most: float | dict[str, float] | None, late: float
 ) -> None:
