@@ -13,6 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 from tests.control.swing import Swing
 from tests.defaults import default
+from tests.few import few
 from tests.waits import PATIENCE
 
 from hexwire.cli.main import cli
@@ -113,13 +114,11 @@ def test_a_fault_of_one_pair_ends_all_and_is_the_error(monkeypatch: pytest.Monke
     assert seen == [True]
 
 
-@pytest.mark.parametrize(
-    ("words", "late"),
-    [
-        ([], 0.1),
-        (["--max-speed", "180"], 14.0),
-        (["--max-acceleration", "500"], 80.0),
-    ],
+@few(
+    "words, late",
+    [([], 0.1), (["--max-speed", "180"], 14.0), (["--max-acceleration", "500"], 80.0)],
+    (["--max-speed", "180"], 14.0),
+    (["--max-acceleration", "500"], 80.0),
 )
 def test_it_follows_as_fast_as_its_servos_can_or_may(
     words: list[str], late: float, monkeypatch: pytest.MonkeyPatch

@@ -20,6 +20,7 @@ from tests.control.arm_bench import (
     make_bench,
     order,
 )
+from tests.few import few
 from tests.motion.arms import HOME, NAMES
 from tests.waits import PATIENCE
 
@@ -380,7 +381,7 @@ def test_torque_that_a_servo_does_not_confirm() -> None:
 # -- poses -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("controllers", [{}, SPLIT])
+@few("controllers", [{}, SPLIT], SPLIT)
 def test_poses(controllers: dict[str, object]) -> None:
     bench = make_bench(controllers=controllers)
     assert bench.ask(lambda: bench.arm.go_to("side")) == "at side"

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from tests.control.swing import Swing
 from tests.drivers.arms import Arm as BoardArm
+from tests.few import few
 from tests.waits import PATIENCE, eventually
 
 from hexwire.control.loop.owner import RobotOwner, release
@@ -258,7 +259,7 @@ def test_a_fault_of_a_leader_that_is_read_ahead_is_raised_in_the_cycle(rig: Rig)
 # --- how fast it follows ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("hertz", "most"), [(0.5, None), (1.0, None), (1.5, None), (0.5, 60.0)])
+@few("hertz, most", [(0.5, None), (1.0, None), (1.5, None), (0.5, 60.0)], (1.0, None), (1.5, None), (0.5, 60.0))
 def test_a_swing_is_followed_as_fast_as_the_servo_can(hertz: float, most: float | None) -> None:
     """126, 251 and 377 degrees per second at the most; the servo reaches 312."""
     swing, notes = Swing(hertz), list[object]()
@@ -412,7 +413,7 @@ def board_pair(dialect: int, notes: list[object]) -> tuple[Pair, BoardArm, Board
     return Pair.of(leader.driver, follower.driver, None, on_note=notes.append, **how), leader, follower
 
 
-@pytest.mark.parametrize("dialect", [1, 2])
+@few("dialect", [1, 2], 2)
 def test_nobody_waits_for_the_cable_of_a_leaders_board_in_the_followers_cycle(dialect: int) -> None:
     """The follower's watchdog would trip meanwhile, and nothing would go on when the leader is there again."""
     notes: list[object] = []

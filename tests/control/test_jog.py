@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
+from tests.few import few
 from tests.model.states import make_state
 from tests.motion.arms import ARMS, EXCESS, at_rest
 
@@ -93,7 +94,7 @@ def test_a_stop_ends_it_and_a_reset_does_not_continue_it() -> None:
     assert hold.turn() is None
 
 
-@pytest.mark.parametrize("arm", ARMS, ids=lambda arm: arm.name)
+@few("arm", ARMS, ARMS[0], ARMS[-1])
 def test_drags_whose_goals_move_keep_all_limits_and_come_to_rest_at_the_last(arm: ArmModel) -> None:
     """Wherever a goal goes while its joint moves: further, to the other side, just ahead of it, where it is."""
     some = random.Random(f"drags of {arm.name}")
