@@ -23,6 +23,7 @@ __all__ = [
     "compare",
     "load_backup",
     "parse_backups",
+    "restorable",
     "restore_backup",
     "serialize_backups",
     "take_backup",
@@ -92,6 +93,30 @@ def compare(one: ServoBackup, other: ServoBackup) -> list[tuple[str, int | None,
     return [row for row in rows if row[1] != row[2]]
 
 
+def restorable(now: ServoBackup, backup: ServoBackup) -> list[tuple[str, int]]:
+    """What a restore writes: names and raw values of the settings that differ and can be written, but id and rate.
+
+    Args:
+        now: What is in the servo.
+        backup: What is to be there.
+
+    Raises:
+        UsageError: The backup is of another series, or has a value out of range.
+    """
+    if now.series != backup.series:
+        raise UsageError(f"this backup is of a {backup.series} servo, and servo {now.servo_id} is {now.series}")
+    series, todo = Series(now.series), []
+    for name, here, there in compare(now, backup):
+        if there is None or here is None or name in _NEVER_RESTORED or series.register(name).access != "rw":
+            continue
+        register = series.register(name)
+        low, high = register.minimum, register.maximum
+        if (low is not None and there < low) or (high is not None and there > high):
+            raise UsageError(f"this backup has {name} = {there}, which is out of range; nothing was changed")
+        todo.append((name, there))
+    return todo
+
+
 def restore_backup(bus: ServoBus, servo_id: int, backup: ServoBackup) -> list[str]:
     """Restore settings except id and rate, and verify them.
 
@@ -102,19 +127,7 @@ def restore_backup(bus: ServoBus, servo_id: int, backup: ServoBackup) -> list[st
         UsageError: The backup is of another series; nothing was changed.
         ServoError: A register has another value afterwards; the text names it.
     """
-    now = take_backup(bus, servo_id)
-    if now.series != backup.series:
-        raise UsageError(f"this backup is of a {backup.series} servo, and servo {servo_id} is {now.series}")
-    series = Series(now.series)
-    todo = []
-    for name, here, there in compare(now, backup):
-        if there is None or here is None or name in _NEVER_RESTORED or series.register(name).access != "rw":
-            continue
-        register = series.register(name)
-        low, high = register.minimum, register.maximum
-        if (low is not None and there < low) or (high is not None and there > high):
-            raise UsageError(f"this backup has {name} = {there}, which is out of range; nothing was changed")
-        todo.append((name, there))
+    todo = restorable(take_backup(bus, servo_id), backup)
     if todo:
         with unlocked(bus, servo_id):
             for name, value in todo:

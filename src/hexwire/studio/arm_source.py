@@ -14,6 +14,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
+from hexwire.bus.health import HealthHistory
+from hexwire.bus.live_values import LiveValues
 from hexwire.control.loop.holding import SOON, hold_moving
 from hexwire.control.loop.known_state import known_joints
 from hexwire.control.loop.power import Stopped, Torques
@@ -43,12 +45,13 @@ if TYPE_CHECKING:
     from hexwire.control.sharing.lease import Grant
     from hexwire.drivers.base import RobotDriver
     from hexwire.epochs import Token
+    from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState, SentTarget
     from hexwire.motion.teach import Taught
 
     from .tabs import Tab
 
-__all__ = ["ArmSource", "torque_words", "unready"]
+__all__ = ["ArmSource", "live_values", "torque_words", "unready"]
 
 _log = logging.getLogger(__name__)
 
@@ -56,6 +59,8 @@ _BRAKES, _LOOK = 1.0, 0.005
 """Seconds for which joints may brake, and between two looks at them."""
 _SILENT = 1.0
 """Seconds of silence of a servo after which its joint does not begin to follow."""
+_LOOKS = 0.2
+"""Seconds between two samples of the health of the servos, as on a bare bus."""
 _FRESH = 2.0
 """Seconds for which an answer of the robot is passed on, so that questions of pages cannot keep its line busy."""
 _T = TypeVar("_T")
@@ -81,7 +86,8 @@ class ArmSource:
         motions: Motions to a goal, poses, teach mode.
         leader: The arm that this one may follow; None if there is none.
         history: The last ten minutes.
-        edits: Edits of registers that can be undone, with their joints.
+        health: What its servos measured in the last ten minutes.
+        edits: Edits of registers that can be undone, with their joints; those of a restore together.
         backups: Backups of stored settings, to compare with.
         written: How often registers were written.
         uncalibrated: Why its angles may be wrong, as its servos said when it was opened; empty if they may not.
@@ -99,8 +105,9 @@ class ArmSource:
         self.shared = SharedArm(self.arm, Lease(timeout=5.0))
         owner = self.arm.owner
         owner.observers = [*owner.observers, self._keep]
-        self.edits: list[tuple[str, Edit]] = []
+        self.edits: list[tuple[str, tuple[Edit, ...]]] = []
         self.backups: list[ServoBackup] = []
+        self.health, self._looked = HealthHistory(), -math.inf
         self.written = 0
         self.uncalibrated = ""
         self._silence = silence
@@ -125,6 +132,9 @@ class ArmSource:
     def _keep(self, state: JointState) -> None:
         owner, trips = self.arm.owner, self._trips()
         self.history.append(state, self.goals, rate=owner.rate, round_trip=trips[-1] if trips else math.nan)
+        if state.stamp - self._looked >= _LOOKS:
+            self._looked = state.stamp
+            self.health.add(time.monotonic(), live_values(self.settings.model, state))
         for listener in self.listeners:
             listener(state, self.goals)
 
@@ -562,6 +572,19 @@ def unready(connected: bool, error: str, known: Sequence[str], missing: Sequence
         verb = "does" if len(missing) == 1 else "do"
         return f"{', '.join(missing)} {verb} not answer: nobody knows where the arm is"
     return ""
+
+
+def live_values(model: ArmModel, state: JointState) -> list[LiveValues]:
+    """What the servos of an arm measure, as those of a bare bus do; their counts are not known."""
+    rows, nan = list[LiveValues](), math.nan
+    for joint in state:
+        servo_id, status = model.joint(joint.name).servo_id, int(joint.flags.faults & ~JointFlag.SILENT)
+        if joint.flags & JointFlag.SILENT:
+            rows.append(LiveValues(servo_id, None, nan, nan, nan, nan, nan, nan, status, "no answer"))
+            continue
+        place = (joint.position, joint.velocity, joint.load)
+        rows.append(LiveValues(servo_id, None, *place, joint.voltage, joint.temperature, joint.current, status))
+    return rows
 
 
 def torque_words(torques: Torques) -> str:

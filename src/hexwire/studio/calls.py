@@ -16,6 +16,7 @@ from hexwire.errors import LinkLostError, StoppedError, UsageError
 from .access import Right
 
 if TYPE_CHECKING:
+    from hexwire.bus.backup import ServoBackup
     from hexwire.epochs import Token
 
     from .bus_source import BusSource
@@ -104,6 +105,11 @@ class Asked:
         if arm is not self.present:
             raise LinkLostError("this arm was closed; load the page again")
         return arm
+
+    @property
+    def backups(self) -> list[ServoBackup]:
+        """The backups of what was open when the call came, newest last; raises as `bus` and `arm`."""
+        return self.arm.backups if self.studio.source.bus is None else self.bus.backups
 
     def known(self, *servo_ids: int) -> tuple[int, ...]:
         """These servos of the bus, each once.

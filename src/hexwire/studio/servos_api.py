@@ -76,5 +76,5 @@ async def _sent(studio: Studio, request: Request, most: int, right: Right) -> tu
         if len(data) > most:
             raise UsageError(f"the file is larger than {most >> 10} KiB")
     if request.query_params.get("opened") != str(studio.source.opened):
-        raise LinkLostError("this servo bus was closed; load the page again")
+        raise LinkLostError("what this page shows was closed; load the page again")
     return Asked(studio, tab, studio.source.present, None), bytes(data)

@@ -32,7 +32,8 @@ def view() -> Iterator[Any]:
         bus.search((), range(1, 7))
         live = SimpleNamespace(tell=lambda message, key=None: told.append(message))
         tab = SimpleNamespace(key="k")
-        yield SimpleNamespace(bus=bus, source=source, studio=SimpleNamespace(live=live), tab=tab, told=told)
+        studio = SimpleNamespace(live=live)
+        yield SimpleNamespace(bus=bus, source=source, studio=studio, tab=tab, told=told, backups=bus.backups)
     finally:
         source.close()
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from hexwire.errors import HexwireError
 from hexwire.studio.access import Right
 from hexwire.studio.calls import Asked, find_call
+from hexwire.studio.servos.backup import keep
 from hexwire.wire.registers import Series
 
 if TYPE_CHECKING:
@@ -66,6 +68,83 @@ def test_registers_behind_a_board_are_read_written_and_put_back(studio: RunningS
     assert arm.arm.owner.newest().maintenance is False
 
 
+def test_a_backup_is_restored_behind_a_board_and_the_restore_is_taken_back(studio: RunningStudio) -> None:
+    """All of it in maintenance, and nothing of it while a joint has torque."""
+    tab = studio.studio.tabs.open("somebody", Right.OPERATE)
+    arm = studio.studio.source.need_arm()
+    studio.studio.take(tab)
+
+    def ask(what: str, **args: Any) -> Any:
+        call = find_call(what)
+        return call.act(Asked(studio.studio, tab, arm, arm.mark()), call.read(args))
+
+    def raw(name: str) -> int:
+        rows = ask("board.registers", joint="J5")["rows"]
+        return int(next(one["raw"] for one in rows if one["name"] == name))
+
+    with pytest.raises(HexwireError, match="no backup of servo 4"):
+        ask("board.restore", servo=4)
+    saved = json.loads(ask("board.backup")["file"])
+    assert [differences for one in ask("board.differences") if (differences := one["differences"])] == []
+    before = {name: raw(name) for name in ("max_temperature", "id", "position_p", "baud_code")}
+    servo = next(one for one in saved["servos"] if one["id"] == 4)
+    servo["registers"] |= {"max_temperature": before["max_temperature"] - 7, "id": 9, "baud_code": 0}
+    servo["registers"]["position_p"] = before["position_p"] + 1
+    loaded = Asked(studio.studio, tab, arm, None)
+    assert keep(loaded, json.dumps(saved).encode()) == [one["id"] for one in saved["servos"]]
+    told = next(one["differences"] for one in ask("board.differences") if one["servo"] == 4)
+    assert ("max_temperature", before["max_temperature"], before["max_temperature"] - 7) in told
+    studio.torque()
+    with pytest.raises(HexwireError, match="torque"):
+        ask("board.restore", servo=4)
+    assert raw("max_temperature") == before["max_temperature"]
+    arm.arm.owner.torque(False, arm.settings.model.names)
+    # Neither id nor rate: the servo would be lost.
+    assert sorted(ask("board.restore", servo=4)) == ["max_temperature", "position_p"]
+    assert (raw("max_temperature"), raw("position_p")) == (
+        before["max_temperature"] - 7,
+        before["position_p"] + 1,
+    )
+    assert "the restore of 2 settings of servo 4" in ask("board.registers", joint="J5")["undo"]
+    assert "the restore of 2 settings" in ask("board.undo")
+    assert {name: raw(name) for name in before} == before
+    # A backup of a servo of another series, or beyond what a register takes, changes nothing.
+    arm.backups.append(replace(arm.backups[-1], servo_id=4, series="scs"))
+    with pytest.raises(HexwireError, match="this backup is of a scs servo"):
+        ask("board.restore", servo=4)
+    with pytest.raises(HexwireError, match="nothing to undo"):
+        ask("board.undo")
+    assert arm.arm.owner.newest().maintenance is False
+
+
+def test_the_health_of_servos_behind_a_board_is_that_of_the_arms_states(studio: RunningStudio) -> None:
+    tab = studio.studio.tabs.open("somebody", Right.OPERATE)
+    arm = studio.studio.source.need_arm()
+
+    def ask(what: str, **args: Any) -> Any:
+        call = find_call(what)
+        return call.act(Asked(studio.studio, tab, arm, arm.mark()), call.read(args))
+
+    def worst() -> dict[str, str]:
+        return dict(ask("health.worst", servo=4))
+
+    studio.until(lambda: not worst()["Answers lost"].startswith("0 of 0"), "a sample")
+    assert worst()["Lowest supply"].endswith("V")
+    assert worst()["Faults seen"] == "none"
+    studio.until(lambda: ask("health.rows", servo=4)["rows"], "a second of samples")
+    json.dumps(ask("health.rows", servo=4), allow_nan=False)
+    assert find_call("health.judge").control
+    said = ask("health.judge")
+    assert ("ok", "servo 0, 1, 2, 3, 4, 5, 6: no servo reports a fault") in said
+    listeners = len(arm.listeners)
+    studio.servos[4].supply = 3.0
+    said = ask("health.judge")
+    assert any(level == "error" and "servo 4" in words for level, words in said), said
+    assert len(arm.listeners) == listeners
+    assert "voltage" in worst()["Faults seen"]
+    ask("health.forget", servo=4)
+
+
 @pytest.mark.slow
 def test_a_board_tells_what_it_knows_and_shows_registers(page: Page) -> None:
     page.get_by_role("link", name="Servos", exact=True).click()
@@ -81,3 +160,7 @@ def test_a_board_tells_what_it_knows_and_shows_registers(page: Page) -> None:
     page.get_by_role("region", name="Registers of servo 4").get_by_text("max_temperature").wait_for()
     page.get_by_role("button", name="Ping every servo").click()
     page.get_by_role("region", name="Pings").get_by_text("ok").nth(6).wait_for()
+    page.get_by_role("tab", name="Health", exact=True).click()
+    page.get_by_text("Lowest supply").wait_for()
+    page.get_by_role("tab", name="Backup", exact=True).click()
+    page.get_by_text("No backup was taken or loaded here.").wait_for()

@@ -1,13 +1,13 @@
 """Backups of stored settings: take, keep, compare, restore.
 
-Owns which backups a bus has, and what of them a page is told; `bus.backup` owns the file and the order of a
+Owns which backups there are, and what of them a page is told; `bus.backup` owns the file and the order of a
 restore.
 """
 
 from __future__ import annotations
 
 import datetime
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from hexwire.bus.backup import (
     ServoBackup,
@@ -20,11 +20,15 @@ from hexwire.bus.backup import (
 from hexwire.errors import UsageError
 from hexwire.studio.calls import Arguments, Asked, call
 
-__all__ = ["LARGEST", "differences", "keep", "newest", "taken"]
+__all__ = ["LARGEST", "Differences", "compared", "differences", "keep", "newest", "taken"]
 
 LARGEST = 1 << 20
 """Bytes of a file."""
 _KEPT = 64
+
+
+Differences = list[tuple[str, int | None, int | None]] | None
+"""Register, value here, value there; None if the servo is not here."""
 
 
 class _Servos(Arguments, frozen=True):
@@ -46,14 +50,7 @@ def _take(asked: Asked, args: _Servos) -> dict[str, object]:
 @call("backup.differences", Arguments)
 def _compared(asked: Asked, args: Arguments) -> list[dict[str, object]]:
     """The newest backup of each servo, and what differs from it now."""
-    return [
-        {
-            "servo": row.servo_id,
-            "title": f"Servo {row.servo_id}, {row.model or row.series} {row.firmware}, {row.taken or 'no date'}",
-            "differences": differences(asked, row),
-        }
-        for row in {row.servo_id: row for row in asked.bus.backups}.values()
-    ]
+    return compared(asked, lambda row: differences(asked, row))
 
 
 @call("backup.restore", _Servo, control=True)
@@ -65,6 +62,22 @@ def _restore(asked: Asked, args: _Servo) -> tuple[str, ...]:
         raise UsageError(f"there is no backup of servo {args.servo}")
     with asked.bus.bench.working("a restore", acts=True):
         return tuple(restore_backup(asked.bus.bus, args.servo, row))
+
+
+def compared(asked: Asked, differ: Callable[[ServoBackup], Differences]) -> list[dict[str, object]]:
+    """The newest backup of each servo for a page, with what differs from it now."""
+    return [
+        {
+            "servo": row.servo_id,
+            "title": f"Servo {row.servo_id}, {_kind(row)}, {row.taken or 'no date'}",
+            "differences": differ(row),
+        }
+        for row in {row.servo_id: row for row in asked.backups}.values()
+    ]
+
+
+def _kind(row: ServoBackup) -> str:
+    return f"{row.model or row.series} {row.firmware}".strip()
 
 
 def taken(asked: Asked, ids: Sequence[int]) -> list[ServoBackup]:
@@ -82,23 +95,24 @@ def taken(asked: Asked, ids: Sequence[int]) -> list[ServoBackup]:
 
 
 def keep(asked: Asked, rows: Sequence[ServoBackup] | bytes) -> list[int]:
-    """Keep backups, or those of a file, beside the others of the bus; the ids of their servos.
+    """Keep backups, or those of a file, beside the others of what is open; the ids of their servos.
 
     Raises:
         ConfigError: The file is none of backups.
     """
     found = parse_backups(rows, "the file") if isinstance(rows, bytes) else rows
-    asked.bus.backups.extend(found)
-    del asked.bus.backups[:-_KEPT]
+    backups = asked.backups
+    backups.extend(found)
+    del backups[:-_KEPT]
     return [row.servo_id for row in found]
 
 
 def newest(asked: Asked, servo_id: int) -> ServoBackup | None:
     """The newest backup of a servo."""
-    return next((row for row in reversed(asked.bus.backups) if row.servo_id == servo_id), None)
+    return next((row for row in reversed(asked.backups) if row.servo_id == servo_id), None)
 
 
-def differences(asked: Asked, row: ServoBackup) -> list[tuple[str, int | None, int | None]] | None:
+def differences(asked: Asked, row: ServoBackup) -> Differences:
     """What differs from a backup: register, value here, value there; None if the servo is not here."""
     if row.servo_id not in asked.bus.bench.servo_ids:
         return None

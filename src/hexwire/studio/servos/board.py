@@ -8,23 +8,26 @@ so who only watches does not read them. `bus.registers` says what may be edited.
 from __future__ import annotations
 
 import datetime
+from collections.abc import Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from hexwire.bus.backup import ServoBackup, serialize_backups
+from hexwire.bus.backup import ServoBackup, compare, restorable, serialize_backups
 from hexwire.bus.registers import Edit, in_people_unit, make_table, prepare_edit
 from hexwire.drivers.abilities import BareServos, Counters
-from hexwire.errors import ServoError, UsageError
+from hexwire.errors import HexwireError, ServoError, UsageError
 from hexwire.studio.access import Right
 from hexwire.studio.calls import Arguments, Asked, call
-from hexwire.wire.registers import Series
+from hexwire.wire.registers import Register, Series
 
+from .backup import Differences, compared, keep, newest
 from .registers import values
 
 if TYPE_CHECKING:
     from hexwire.model.arm import JointModel
     from hexwire.studio.source import ArmSource
 
-__all__: list[str] = []
+__all__ = ["raw_registers"]
 
 _SERIES = {"seven_bot": "7Bot", "scs": "SCS", "sts_sms": "STS", "hls": "HLS"}
 """Series of servos as their makers write them."""
@@ -34,6 +37,10 @@ _UNDONE = 100
 
 class _Joint(Arguments, frozen=True):
     joint: str
+
+
+class _Servo(Arguments, frozen=True):
+    servo: int
 
 
 class _Edit(Arguments, frozen=True):
@@ -49,12 +56,12 @@ def _registers(asked: Asked, args: _Joint) -> dict[str, Any]:
     """The registers of a joint's servo, and what the last edit was that can be undone."""
     arm = asked.arm
     joint = arm.settings.model.joint(args.joint)
-    saved = next((row for row in reversed(arm.backups) if row.servo_id == joint.servo_id), None)
-    rows = make_table(Series(joint.series), _raws(arm, joint), saved.registers if saved else None)
+    saved = newest(asked, joint.servo_id)
+    rows = make_table(Series(joint.series), raw_registers(arm, joint), saved.registers if saved else None)
     last = arm.edits[-1] if arm.edits else None
     return {
         "rows": [values(row) for row in rows],
-        "undo": "" if last is None else f"take back {last[1].for_people()}",
+        "undo": "" if last is None else f"take back {_words(last[1])}",
     }
 
 
@@ -63,7 +70,7 @@ def _edit(asked: Asked, args: _Edit) -> dict[str, str]:
     """Write a value, unless there is something to be asked before: then say what."""
     arm = asked.arm
     joint = arm.settings.model.joint(args.joint)
-    series, raws = Series(joint.series), _raws(arm, joint)
+    series, raws = Series(joint.series), raw_registers(arm, joint)
 
     def read(name: str) -> int:
         if name not in raws:
@@ -75,9 +82,8 @@ def _edit(asked: Asked, args: _Edit) -> dict[str, str]:
         return {"told": f"{args.register} is {in_people_unit(edit.register, edit.after)} already"}
     if edit.warning and not args.sure:
         return {"question": f"{edit.for_people()}.\n{edit.warning}."}
-    _write(asked, joint, edit, edit.after)
-    arm.edits.append((joint.name, edit))
-    del arm.edits[:-_UNDONE]
+    _write(asked, joint, [(edit.register, edit.after)])
+    _note(arm, joint, (edit,))
     return {"told": edit.for_people()}
 
 
@@ -86,37 +92,93 @@ def _undo(asked: Asked, args: Arguments) -> str:
     arm = asked.arm
     if not arm.edits:
         raise UsageError("there is nothing to undo")
-    name, edit = arm.edits[-1]
+    name, edits = arm.edits[-1]
     joint = arm.settings.model.joint(name)
-    if _raws(arm, joint).get(edit.register.name) != edit.after:
+    raws = raw_registers(arm, joint)
+    if changed := [edit.register.name for edit in edits if raws.get(edit.register.name) != edit.after]:
         raise ServoError(
-            f"{edit.register.name} was changed by something else since that edit", servo_id=edit.servo_id
+            f"{', '.join(changed)} was changed by something else since that edit", servo_id=joint.servo_id
         )
-    _write(asked, joint, edit, edit.before)
+    _write(asked, joint, [(edit.register, edit.before) for edit in edits])
     arm.edits.pop()
-    value = in_people_unit(edit.register, edit.before)
-    return f"undone: {edit.register.name} of servo {edit.servo_id} is {value} again"
+    if len(edits) > 1:
+        return f"undone: {_words(edits)}"
+    value = in_people_unit(edits[0].register, edits[0].before)
+    return f"undone: {edits[0].register.name} of servo {joint.servo_id} is {value} again"
+
+
+def _words(edits: Sequence[Edit]) -> str:
+    if len(edits) == 1:
+        return edits[0].for_people()
+    return f"the restore of {len(edits)} settings of servo {edits[0].servo_id}"
+
+
+def _note(arm: ArmSource, joint: JointModel, edits: tuple[Edit, ...]) -> None:
+    """Keep what was written together, so that it can be taken back together."""
+    arm.edits.append((joint.name, edits))
+    del arm.edits[:-_UNDONE]
 
 
 @call("board.backup", Arguments, right=Right.OPERATE)
 def _backup(asked: Asked, args: Arguments) -> dict[str, object]:
     """The stored settings of all servos, kept for comparison; the file for the page to save."""
-    arm, made = asked.arm, list[ServoBackup]()
-    now = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
-    for joint in arm.settings.model.joints:
-        series, raws = Series(joint.series), _raws(arm, joint)
-        stored = {
-            row.name: raws[row.name]
-            for row in series.registers.values()
-            if row.area == "eeprom" and row.name in raws
-        }
-        made.append(ServoBackup(joint.servo_id, series.value, "", "", now, stored))
-    arm.backups.extend(made)
-    del arm.backups[:-_UNDONE]
+    arm = asked.arm
+    made = [_taken(arm, joint) for joint in arm.settings.model.joints]
+    keep(asked, made)
     return {"servos": [row.servo_id for row in made], "file": serialize_backups(made)}
 
 
-def _raws(arm: ArmSource, joint: JointModel) -> dict[str, int]:
+@call("board.differences", Arguments, right=Right.OPERATE)
+def _differences(asked: Asked, args: Arguments) -> list[dict[str, object]]:
+    """The newest backup of each servo, and what differs from it now."""
+
+    def differ(row: ServoBackup) -> Differences:
+        joint = _joint_of(asked.arm, row.servo_id)
+        return None if joint is None else compare(_taken(asked.arm, joint), row)
+
+    return compared(asked, differ)
+
+
+@call("board.restore", _Servo, control=True)
+def _restore(asked: Asked, args: _Servo) -> list[str]:
+    """Write the newest backup of a servo back; the names of what has changed."""
+    arm, joint, row = asked.arm, _joint_of(asked.arm, args.servo), newest(asked, args.servo)
+    if joint is None or row is None:
+        raise UsageError(f"there is no backup of servo {args.servo}")
+    todo, series = restorable(_taken(arm, joint), row), Series(joint.series)
+    raws = raw_registers(arm, joint)
+    edits = [Edit(joint.servo_id, series.register(name), raws[name], value) for name, value in todo]
+    if not edits:
+        return []
+    done: tuple[Edit, ...] = ()
+    try:
+        _write(asked, joint, [(edit.register, edit.after) for edit in edits])
+    finally:
+        # What has been written can be taken back, also if the rest was refused.
+        with suppress(HexwireError):
+            now = raw_registers(arm, joint)
+            if done := tuple(edit for edit in edits if now.get(edit.register.name) == edit.after):
+                _note(arm, joint, done)
+    if failed := [edit.register.name for edit in edits if edit not in done]:
+        raise ServoError(f"servo {joint.servo_id} did not take {', '.join(failed)}", servo_id=joint.servo_id)
+    return [edit.register.name for edit in edits]
+
+
+def _joint_of(arm: ArmSource, servo_id: int) -> JointModel | None:
+    return next((joint for joint in arm.settings.model.joints if joint.servo_id == servo_id), None)
+
+
+def _taken(arm: ArmSource, joint: JointModel) -> ServoBackup:
+    """The stored settings of a joint's servo now."""
+    series, raws = Series(joint.series), raw_registers(arm, joint)
+    now = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
+    stored = {
+        row.name: raws[row.name] for row in series.registers.values() if row.area == "eeprom" and row.name in raws
+    }
+    return ServoBackup(joint.servo_id, series.value, "", "", now, stored)
+
+
+def raw_registers(arm: ArmSource, joint: JointModel) -> dict[str, int]:
     """Raw values of a servo's registers by name, read by one request of the board."""
     # What was written is no answer of before.
     table = arm.ask(f"registers of {joint.name} after {arm.written}", lambda: arm.shared.read_registers(joint.name))
@@ -128,12 +190,12 @@ def _raws(arm: ArmSource, joint: JointModel) -> dict[str, int]:
     }
 
 
-def _write(asked: Asked, joint: JointModel, edit: Edit, value: int) -> None:
-    """Write a register in maintenance; a stored one is kept through power-off. The board reads it back."""
-    arm, register = asked.arm, edit.register
-    parts = [(register.address, register.encode(value))]
+def _write(asked: Asked, joint: JointModel, values: Sequence[tuple[Register, int]]) -> None:
+    """Write registers in maintenance; stored ones are kept through power-off. The board reads each of them back."""
+    arm = asked.arm
+    parts = [(register.address, register.encode(value)) for register, value in values]
     lock = Series(joint.series).registers.get("lock")
-    if edit.stored and lock is not None:
+    if lock is not None and any(register.area == "eeprom" for register, _ in values):
         parts = [(lock.address, lock.encode(0)), *parts, (lock.address, lock.encode(1))]
     try:
         arm.shared.write_registers(arm.order(asked.tab, asked.arrived), joint.name, parts)

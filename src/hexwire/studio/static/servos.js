@@ -90,7 +90,7 @@ async function board(element, facts) {
   place.append(...section("Now", "", "h2"), now, ...section(found.bare ? "Line" : "Board", "", "h2"), row(button("Ask again", ask), button("Ping every servo", ping)), told);
   element.append(place);
   if (hexwire.operates) moves(view, place, found.joints);
-  if (!found.bare && hexwire.operates) boardRegisters(view, place, found.joints);
+  if (!found.bare && hexwire.operates) boardParts(view, place, found.joints);
   ask();
 }
 
@@ -103,23 +103,19 @@ function moves(view, place, joints) {
   draw();
 }
 
-/** The registers of the servos behind a board. */
-function boardRegisters(view, place, joints) {
-  const which = choice(joints.map(({ name, servo }) => [name, `${name}, servo ${servo}`])), body = node("div");
+/** What the servos behind a board keep, and their health. */
+function boardParts(view, place, joints) {
+  const which = choice(joints.map(({ name, servo }) => [name, `${name}, servo ${servo}`])), right = node("div");
   const draw = () => {
-    const { name, servo } = joints.find((one) => one.name === which.value);
-    body.replaceChildren();
-    registers(view, body, servo, name);
-  };
-  const backUp = async () => {
-    const made = await view.act("board.backup");
-    if (!made) return;
-    hexwire.notify(`a backup of servo ${made.servos.join(", ")}`, "ok");
-    download("servos.json", made.file);
-    draw();
+    const i = joints.findIndex(({ name }) => name === which.value);
+    view.joint = { name: joints[i].name, i };
+    view.selected = joints[i].servo;
+    view.redraw();
   };
   which.addEventListener("change", draw);
-  place.append(...section("Registers", "", "h2"), form(field("Servo", which), button("Back up all servos", backUp)), body);
+  place.append(...section("One servo", "", "h2"), form(field("Servo", which)), right);
+  view.part = "registers";
+  buildParts(view, right, ["registers", "health", "backup"]);
   draw();
 }
 
@@ -225,10 +221,10 @@ export function listMarkup({ found, selected }) {
       <button type="button" class="hw-button" data-do="rate" data-value="${baud}">Work at ${baud} baud</button></p>`)}`;
 }
 
-function buildParts(view, right) {
+function buildParts(view, right, names = Object.keys(PARTS)) {
   const body = node("div", { class: "sv-part", role: "tabpanel", tabindex: "0" });
   const tabs = node("div", { class: "sv-tabs", role: "tablist", "aria-label": "Parts" },
-    ...Object.entries(PARTS).map(([name, [words]]) => node("button", { type: "button", role: "tab", class: "sv-tab", "data-part": name }, words)));
+    ...names.map((name) => node("button", { type: "button", role: "tab", class: "sv-tab", "data-part": name }, PARTS[name][0])));
   const choose = (tab) => {
     view.part = tab.dataset.part;
     view.redraw();
@@ -256,7 +252,7 @@ function buildParts(view, right) {
     if (part === setUp) setUp(view, place);
     else if (view.selected === null) place.append(hint("Search servos first, then choose one."));
     else {
-      place.append(node("h2", { class: "sv-h2" }, `Servo ${view.selected}`));
+      if (!view.joint) place.append(node("h2", { class: "sv-h2" }, `Servo ${view.selected}`));
       part(view, place, view.selected);
     }
   };

@@ -78,12 +78,19 @@ export async function health(view, place, servo) {
   });
   for (const [t, ...values] of rows) plot.append(t, values);
   let last = -Infinity;
+  const add = (t, ...values) => {
+    if (t - last < 0.9) return;
+    last = t;
+    plot.append(t, values.map((value) => (Number.isFinite(value) ? value : null)));
+  };
+  if (view.joint) {
+    const { i } = view.joint, begun = performance.now();
+    hexwire.onFrame((frame) => frame.known[i] && add((performance.now() - begun) / 1000, frame.voltage[i], frame.temperature[i], Math.abs(frame.current[i]), Math.abs(100 * frame.load[i])), box);
+    return;
+  }
   hexwire.onServos((message) => {
     const one = message.rows.find((each) => each.id === servo);
-    const t = message.t - now;
-    if (!one || t - last < 0.9) return;
-    last = t;
-    plot.append(t, [one.volts, one.celsius, one.amps === null ? null : Math.abs(one.amps), one.load === null ? null : Math.abs(one.load)]);
+    if (one) add(message.t - now, one.volts, one.celsius, one.amps === null ? NaN : Math.abs(one.amps), one.load === null ? NaN : Math.abs(one.load));
   }, box);
 }
 

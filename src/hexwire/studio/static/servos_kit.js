@@ -12,6 +12,7 @@ export class View {
   constructor(opened) {
     this.opened = opened;
     this.selected = null;
+    this.joint = null; // name and place of the joint, of a servo behind a board
     this.part = "overview";
     this.live = new Map(); // the newest values by id
     this.found = { servos: [], elsewhere: [], rates: [], rate: "" };

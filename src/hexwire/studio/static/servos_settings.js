@@ -17,9 +17,10 @@ const HEAD = ["Register", "#Value", "Unit", "Change", "#Raw", "Range", "#Factory
 
 // -- registers ---------------------------------------------------------------------------------------------------
 
-/** The registers of a servo; of a joint's servo behind a board, if `joint` names it. */
-export function registers(view, place, servo, joint = "") {
-  const whose = joint ? { joint } : { servo }, kind = joint ? "board" : "registers";
+/** The registers of a servo; behind a board, of the joint's servo. */
+export function registers(view, place, servo) {
+  const { joint } = view;
+  const whose = joint ? { joint: joint.name } : { servo }, kind = joint ? "board" : "registers";
   let rows = [];
   const shown = choice(FILTERS), find = node("input", { maxlength: 40 });
   const undo = button("Undo", takeBack), body = node("div");
@@ -160,17 +161,28 @@ export async function identity(view, place, servo) {
 // -- backup ------------------------------------------------------------------------------------------------------
 
 export function backup(view, place, servo) {
-  const list = node("div");
+  const list = node("div"), kind = view.joint ? "board" : "backup";
+  const undo = button("Undo the restore", takeBack);
+  undo.hidden = true;
   place.append(
-    ...section("Backup", "Stored settings of all servos here, except their ids and rates, can be compared and restored later."),
+    ...section("Backup", `Stored settings of all servos here, except their ids and rates, can be compared and restored later.${
+      view.joint ? " The board writes them in maintenance, while no joint has torque." : ""}`),
     row(
       button("Back up all servos", () => take(null), { level: "accent" }),
-      button(`Back up servo ${servo}`, () => take([servo])),
-      ...chooser("Load a backup", ".json,application/json", load)),
+      ...(view.joint ? [] : [button(`Back up servo ${servo}`, () => take([servo]))]),
+      ...chooser("Load a backup", ".json,application/json", load), undo),
     list);
 
+  async function takeBack() {
+    const undone = await view.act("board.undo");
+    if (undone === undefined) return;
+    undo.hidden = true;
+    hexwire.notify(undone, "ok");
+    show();
+  }
+
   async function take(servos) {
-    const made = await view.act("backup.take", { servos });
+    const made = await (view.joint ? view.act("board.backup") : view.act("backup.take", { servos }));
     if (!made) return;
     kept(made.servos);
     download("servos.json", made.file);
@@ -188,7 +200,7 @@ export function backup(view, place, servo) {
   }
 
   async function show() {
-    const found = await view.act("backup.differences");
+    const found = await view.act(`${kind}.differences`);
     if (!found) return;
     if (!found.length) list.replaceChildren(hint("No backup was taken or loaded here."));
     else list.replaceChildren(...found.flatMap(one));
@@ -196,15 +208,16 @@ export function backup(view, place, servo) {
 
   function one({ servo: id, title, differences }) {
     const head = node("h4", { class: "sv-h4" }, title);
-    if (!differences) return [head, hint("This servo is not on the bus.")];
+    if (!differences) return [head, hint("This servo is not here.")];
     if (!differences.length) return [head, hint("No differences.")];
     const rows = differences.map(([name, here, there]) => [name, here ?? "–", there ?? "–"]);
     const names = differences.filter(([, , there]) => there !== null).map(([name]) => name).join(", ");
     const restore = async () => {
       const text = `These stored settings are overwritten: ${names}.\nId and rate stay. Each is read back.`;
       if (!(await question(`Restore servo ${id}`, text, "Restore"))) return;
-      const changed = await view.act("backup.restore", { servo: id });
+      const changed = await view.act(`${kind}.restore`, { servo: id });
       if (!changed) return;
+      undo.hidden = !view.joint || !changed.length;
       hexwire.notify(`restored: ${changed.join(", ") || "nothing to change"}`, "ok");
       show();
     };
