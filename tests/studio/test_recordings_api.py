@@ -141,13 +141,15 @@ def test_what_playing_on_the_arm_would_be_is_told_without_moving(client: Client)
 WRONG_ORDERS: list[tuple[Any, str]] = [
     ({"do": "twin", "name": "a.mcap", "factor": 99}, "0.1 to 4 times"),
     ({"do": "twin", "name": "a.mcap", "begin": 5, "end": 2}, "end after its beginning"),
-    ({"do": "twin", "name": "a.mcap", "begin": "x"}, "must be a number"),
+    ({"do": "twin", "name": "a.mcap", "begin": "x"}, "begin must be a number, not the text 'x'"),
     ({"do": "twin", "name": "../a.mcap"}, "there is no recording"),
     ({"do": "remove", "name": "../a.mcap"}, "cannot be the name"),
-    ({"do": "remove", "name": 5}, "name a recording"),
-    ({"do": "format"}, "no such order"),
-    ({"do": ["record"]}, "no such order"),
-    ([], "no order"),
+    ({"do": "remove"}, "name a recording"),
+    ({"do": "remove", "name": 5}, "name must be text, not 5"),
+    ({"do": "format"}, "do must be one of recover, preview, record"),
+    ({"do": ["record"]}, "do must be one of"),
+    ({}, "do is missing"),
+    ([], "must be a table"),
 ]
 
 

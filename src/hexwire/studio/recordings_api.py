@@ -7,9 +7,7 @@ operate, and nothing here moves a real arm.
 from __future__ import annotations
 
 import functools
-import json
-import math
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, cast
 
@@ -20,7 +18,8 @@ from starlette.routing import Route
 
 from hexwire.control.requests.preview import check_factor
 from hexwire.errors import HexwireError, UsageError
-from hexwire.model.state import LONGEST, finite
+from hexwire.inputs import Item, parse_json
+from hexwire.model.state import LONGEST
 
 from .access import WATCHING_ONLY, Right
 from .guard import SESSION
@@ -35,6 +34,7 @@ __all__ = ["recordings_routes"]
 _PLAIN = {"Cache-Control": "no-store"}
 _MOST = 4096
 """Bytes of a request."""
+_Order = Mapping[str, Item]
 
 
 def recordings_routes(present: Callable[[], Studio]) -> list[Route]:
@@ -106,46 +106,31 @@ def _geometry(studio: Studio, process: PageProcess, robot: str) -> bytes:
 
 async def _done(studio: Studio, right: Right, body: bytes) -> dict[str, Any]:
     """Carry an order out."""
-    try:
-        order = json.loads(body)
-    except (ValueError, RecursionError):
-        order = None
-    if not isinstance(order, dict):
-        raise UsageError("this is no order")
-    what = order.get("do")
+    order = parse_json(body).table(needed=("do",))
+    what = order["do"].choice(("recover", "preview", *_ORDERS))
     if what == "recover":
         name = _name(order)
         return {"name": await studio.ask_files(right, lambda process: process.ask("recover", name))}
     if what == "preview":
         return await studio.compute(right, functools.partial(_preview, studio, order))
-    calls = {
-        "record": _record,
-        "end": _end,
-        "remove": _remove,
-        "twin": _twin,
-        "twin_stop": _twin_stop,
-    }
-    call = calls.get(what) if isinstance(what, str) else None
-    if call is None:
-        raise UsageError("there is no such order")
-    return await run_in_threadpool(call, studio, order)
+    return await run_in_threadpool(_ORDERS[what], studio, order)
 
 
-def _record(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
-    cameras = studio.cameras.rows.values() if order.get("cameras") is True else ()
+def _record(studio: Studio, order: _Order) -> dict[str, Any]:
+    cameras = studio.cameras.rows.values() if "cameras" in order and order["cameras"].flag() else ()
     return {"name": studio.recordings.recorder.start(studio.source.need_arm(), cameras)}
 
 
-def _end(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
+def _end(studio: Studio, order: _Order) -> dict[str, Any]:
     return {"said": studio.recordings.recorder.stop()}
 
 
-def _remove(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
+def _remove(studio: Studio, order: _Order) -> dict[str, Any]:
     studio.recordings.library.remove(_name(order))
     return {}
 
 
-def _preview(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
+def _preview(studio: Studio, order: _Order) -> dict[str, Any]:
     """What playing it on the open arm would be; nothing moves."""
     arm = studio.source.need_arm()
     taught = studio.recordings.taught(_name(order), _topic(order), arm.settings.model.names)
@@ -162,7 +147,7 @@ def _preview(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _twin(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
+def _twin(studio: Studio, order: _Order) -> dict[str, Any]:
     """Play it on an emulated arm."""
     name, topic, recordings = _name(order), _topic(order), studio.recordings
     robot = recordings.twin_of(name)
@@ -184,28 +169,36 @@ def _twin(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
     return asdict(recordings.twin.state)
 
 
-def _twin_stop(studio: Studio, order: dict[str, Any]) -> dict[str, Any]:
+def _twin_stop(studio: Studio, order: _Order) -> dict[str, Any]:
     studio.recordings.twin.stop("stopped")
     return {}
 
 
-def _name(order: dict[str, Any]) -> str:
-    name = order.get("name")
-    if not isinstance(name, str):
+def _name(order: _Order) -> str:
+    if "name" not in order:
         raise UsageError("name a recording")
-    return name
+    return order["name"].text()
 
 
-def _topic(order: dict[str, Any]) -> str | None:
-    topic = order.get("topic")
-    return topic if isinstance(topic, str) and topic else None
+def _topic(order: _Order) -> str | None:
+    return order["topic"].text() or None if "topic" in order else None
 
 
-def _part(order: dict[str, Any]) -> tuple[float, float, float]:
+def _part(order: _Order) -> tuple[float, float, float]:
     """First and last second, and the factor of the speed."""
-    begin = finite(order.get("begin", 0.0), "the beginning")
-    end = finite(order.get("end", LONGEST), "the end")
-    factor = check_factor(finite(order.get("factor", 1.0), "the factor of the speed"))
-    if not 0.0 <= begin < end or math.isinf(end):
-        raise UsageError("the part to play must begin at 0 s or later, and end after its beginning")
+    begin = order["begin"].number(0.0, unit="s") if "begin" in order else 0.0
+    end = order["end"].number(0.0, unit="s") if "end" in order else LONGEST
+    factor = check_factor(order["factor"].number()) if "factor" in order else 1.0
+    if begin >= end:
+        raise UsageError("the part to play must end after its beginning")
     return begin, end, factor
+
+
+_ORDERS: dict[str, Callable[[Studio, _Order], dict[str, Any]]] = {
+    "record": _record,
+    "end": _end,
+    "remove": _remove,
+    "twin": _twin,
+    "twin_stop": _twin_stop,
+}
+"""What only needs a thread."""
