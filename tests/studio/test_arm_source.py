@@ -262,7 +262,7 @@ def test_every_field_that_is_not_known_is_unknown_within_a_second(source: Source
         assert (facts["last"] is None, facts["unready"] == "") == (fresh, fresh), later
         assert len(facts["missing"]) == (0 if fresh else joints), later
         bits = struct.unpack_from("<H", arm.frame(state), 2)[0]
-        flags = struct.unpack(f"<{joints}I", arm.frame(state)[-4 * joints :])
+        flags = struct.unpack(f"<{joints}H", arm.frame(state)[-2 * joints :])
         assert bool(bits & FrameBit.KNOWN) is fresh, later
         assert [bool(each & JointFlag.SILENT) for each in flags] == [not fresh] * joints
         assert (arm.row()["known"], arm.row()["torque"]) == (fresh, "on" if fresh else "")
@@ -283,6 +283,6 @@ def test_every_field_that_is_not_known_is_unknown_within_a_second(source: Source
             assert facts["unready"] == f"{name} does not answer: nobody knows where the arm is"
             assert facts["torque"] == f"unknown: {name}"
             assert facts["faults"] == [f"{name}: silent"]
-            silent = struct.unpack(f"<{joints}I", arm.frame(part)[-4 * joints :])
+            silent = struct.unpack(f"<{joints}H", arm.frame(part)[-2 * joints :])
             assert [bool(each & JointFlag.SILENT) for each in silent] == [other == name for other in state.names]
     arm.arm.owner = owner

@@ -3,8 +3,9 @@
 Owns the layout, which `static/live.js` reads. Pure. Must not know sockets, pages or robots.
 
 Little-endian. Head: version (u8), number of joints (u8), bits of `FrameBit` (u16), number of the last stop (u32),
-time of the sample in seconds of the server's clock (f64). Then nine columns, each with a value per joint: position,
-velocity, load, current, voltage, temperature, goal, age (f32 each), flags (u32). Unknown values are NaN.
+time of the sample in seconds of the server's clock (f64). Then eight columns, each with a value per joint:
+position, velocity, load, current, voltage, temperature, goal (f32 each), flags (u16). Unknown values are NaN. That
+the sample of a joint is too old is among its flags: it is silent.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["VERSION", "FrameBit", "serialize_frame"]
 
-VERSION = 1
+VERSION = 2
 _HEAD = struct.Struct("<BBHId")
 
 
@@ -56,6 +57,5 @@ def serialize_frame(state: JointState, goals: Mapping[str, float], bits: FrameBi
         *state.voltage,
         *state.temperature,
         *aims,
-        *state.age,
     )
-    return head + struct.pack(f"<{8 * n}f{n}I", *values, *(int(flags) for flags in state.flags))
+    return head + struct.pack(f"<{7 * n}f{n}H", *values, *(int(flags) for flags in state.flags))

@@ -11,7 +11,7 @@ const READ = 8000; // ms for which a message stays in sight
 /** Bits of a joint, as `JointFlag`. The server sets `silent` for every joint of which nobody knows what it does now. */
 export const FLAG = { voltage: 1, encoder: 2, temperature: 4, current: 8, clamped: 16, overload: 32, torque: 64, silent: 128, unknown: 256 };
 const FAULTS = ["voltage", "encoder", "temperature", "current", "overload", "silent"];
-const COLUMNS = ["position", "velocity", "load", "current", "voltage", "temperature", "goal", "age"];
+const COLUMNS = ["position", "velocity", "load", "current", "voltage", "temperature", "goal"];
 
 const meta = (name) => document.querySelector(`meta[name="hexwire-${name}"]`).content;
 const key = meta("tab");
@@ -186,7 +186,7 @@ function draw(bytes) {
   seen += 1;
   if (seen % SEEN === 0) send({ do: "seen", frames: seen });
   const view = new DataView(bytes);
-  if (view.getUint8(0) !== 1) return; // 0: a sign of life
+  if (view.getUint8(0) !== 2) return; // 0: a sign of life
   const n = view.getUint8(1);
   const bits = view.getUint16(2, true);
   const frame = {
@@ -201,7 +201,7 @@ function draw(bytes) {
   COLUMNS.forEach((name, i) => {
     frame[name] = new Float32Array(bytes, 16 + 4 * n * i, n);
   });
-  frame.flags = new Uint32Array(bytes, 16 + 4 * n * COLUMNS.length, n);
+  frame.flags = new Uint16Array(bytes, 16 + 4 * n * COLUMNS.length, n);
   frame.known = Array.from(frame.flags, (flags, i) => !(flags & FLAG.silent) && Number.isFinite(frame.position[i]));
   hexwire.frame = frame;
   tell("frame", frame);
