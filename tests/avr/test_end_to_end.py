@@ -1,4 +1,4 @@
-"""The ELF on the simulated chip behind a pseudo-terminal, asked by the real driver and the real command line."""
+"""The ELF on the simulated chip behind a pseudo-terminal, asked by the real driver and by the commands."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import math
 import os
 import select
 import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,11 +15,14 @@ import pytest
 from tests.avr.machines import BUILD, ChipBoard, built
 from tests.avr.pty import PtyBoard, on_pty
 from tests.beside import beside
+from tests.cli.shared_arm import ok, run
+from tests.waits import eventually
 
 from hexwire.control import MotionOptions, run_motion
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.emulator.arms import make_hex7bot_servos
 from hexwire.emulator.servo_wire import ServoWire
+from hexwire.ipc import raised_line
 from hexwire.model.state import JointTarget
 from hexwire.wire import tables
 
@@ -29,18 +31,10 @@ VERSION = f"{tables.VERSION_MAJOR}.{tables.VERSION_MINOR}.{tables.VERSION_PATCH}
 pytestmark = pytest.mark.system
 
 
-# A simulated chip that is slower than the clock is back at its own rate later than a real one.
-PATIENT = """
-import runpy
-from hexwire.ipc import raised_line
-raised_line._BACK = 30.0
-runpy.run_module("hexwire.cli", run_name="__main__")
-"""
-
-
-def hexwire(*words: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", PATIENT, *words]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+@pytest.fixture(autouse=True)
+def patient_rate(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A simulated chip that is slower than the clock is back at its own rate later than a real one."""
+    monkeypatch.setattr(raised_line, "_BACK", 30.0)
 
 
 def test_the_driver_moves_a_joint() -> None:
@@ -71,24 +65,20 @@ def test_a_target_is_a_path_that_a_later_program_may_replace() -> None:
 
 def test_the_command_line() -> None:
     with on_pty(PtyBoard(ChipBoard())) as board:
-        probe = hexwire("probe", "--port", board.path, "--json")
-        assert probe.returncode == 0, probe.stderr
-        assert json.loads(probe.stdout)["firmware"] == VERSION
-        assert hexwire("torque", "on", "--port", board.path).returncode == 0
+        assert json.loads(ok("probe", "--json", port=board.path))["firmware"] == VERSION
+        ok("torque", "on", port=board.path)
         # Short: the simulated chip is slow on a busy machine, and the command waits two seconds more than this.
-        moved = hexwire("move", "J4=10", "--wait", "--duration", "0.3", "--tolerance", "0.3", "--port", board.path)
-        assert moved.returncode == 0, moved.stderr
-        state = hexwire("state", "--port", board.path, "--json")
-        joints = {joint["name"]: joint for joint in json.loads(state.stdout)["joints"]}
+        ok("move", "J4=10", "--wait", "--duration", "0.3", "--tolerance", "0.3", port=board.path)
+        joints = {joint["name"]: joint for joint in json.loads(ok("state", "--json", port=board.path))["joints"]}
         assert joints["J4"]["position_deg"] == pytest.approx(10, abs=0.3)
-        assert hexwire("stop", "--port", board.path).returncode == 0
-        refused = hexwire("move", "J4=0", "--port", board.path)
-        assert refused.returncode == 1
+        ok("stop", port=board.path)
+        refused = run("move", "J4=0", port=board.path)
+        assert refused.exit_code == 1
         assert "stopped" in refused.stderr
-        assert hexwire("resume", "--port", board.path).returncode == 0
-        info = hexwire("firmware", "info", "--port", board.path)
-        assert f"version {VERSION}" in info.stdout
-        assert "(the same)" in info.stdout
+        ok("resume", port=board.path)
+        info = ok("firmware", "info", port=board.path)
+        assert f"version {VERSION}" in info
+        assert "(the same)" in info
 
 
 class ShakyBoard(ChipBoard):
@@ -102,7 +92,7 @@ class ShakyBoard(ChipBoard):
 @pytest.mark.parametrize("rate", [500_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
 def test_the_rate_of_the_line_is_raised_and_put_back(rate: int, monkeypatch: pytest.MonkeyPatch) -> None:
     # A machine that stalls for longer than a check may take is no line that does not hold the rate.
-    monkeypatch.setattr("hexwire.ipc.raised_line._CHECK", 20.0)
+    monkeypatch.setattr(raised_line, "_CHECK", 20.0)
     with on_pty(PtyBoard(ChipBoard())) as board:
         chip = board.machine
         assert isinstance(chip, ChipBoard)
@@ -118,8 +108,8 @@ def test_the_rate_of_the_line_is_raised_and_put_back(rate: int, monkeypatch: pyt
 @pytest.mark.slow
 def test_a_line_that_does_not_hold_the_rate() -> None:
     with on_pty(PtyBoard(ShakyBoard())) as board:
-        probe = hexwire("probe", "--port", board.path, "--raise-baud", "1000000", "--json")
-        assert probe.returncode == 0, probe.stderr
+        probe = run("probe", "--raise-baud", "1000000", "--json", port=board.path)
+        assert probe.exit_code == 0, probe.stderr
         assert json.loads(probe.stdout)["firmware"] == VERSION
         lines = probe.stderr.splitlines()
         assert len(lines) == 1, lines
@@ -130,10 +120,8 @@ def test_a_line_that_does_not_hold_the_rate() -> None:
 @pytest.mark.slow
 def test_the_chapters_dialect_alone() -> None:
     with on_pty(PtyBoard(ChipBoard())) as board:
-        probe = hexwire("probe", "--port", board.path, "--dialect", "1", "--json")
-        assert probe.returncode == 0, probe.stderr
-        assert json.loads(probe.stdout)["dialect"] == 1
-        assert hexwire("ping", "--port", board.path, "--dialect", "1").returncode == 0
+        assert json.loads(ok("probe", "--dialect", "1", "--json", port=board.path))["dialect"] == 1
+        ok("ping", "--dialect", "1", port=board.path)
 
 
 @contextmanager
@@ -165,15 +153,10 @@ def test_the_core_as_a_program() -> None:
         assert program.stdout
         lines = dict(program.stdout.readline().split() for _ in range(2))
         try:
-            with servos_on(lines["bus"]):
+            with servos_on(lines["bus"]), Hex7BotDriver.from_url(lines["host"]) as robot:
+                assert robot.probe().firmware == VERSION
                 # On a loaded machine the servos may be late; the board asks those again every half second.
-                for _ in range(20):
-                    report = json.loads(hexwire("probe", "--port", lines["host"], "--json").stdout)
-                    assert report["firmware"] == VERSION
-                    if all(joint["present"] for joint in report["joints"]):
-                        break
-                else:
-                    raise AssertionError(report)
+                eventually(lambda: robot.probe().missing == ())
         finally:
             program.terminate()
     assert program.returncode == 0
