@@ -71,13 +71,13 @@ def at(bench: Timed, joint: str = "J1") -> float:
 
 def test_a_goal_is_followed_by_the_board_and_no_target_is_sent() -> None:
     bench = Timed()
-    told = bench.go()
+    told = bench.go(by=0.3, seconds=1.0)
     bench.turn(0.5)
     assert bench.state is PathState.RUNNING
     bench.until(lambda: told.ends)
     assert told.outcome == SUCCEEDED
     assert not bench.targets
-    assert at(bench) == pytest.approx(0.6, abs=0.01)
+    assert at(bench) == pytest.approx(0.3, abs=0.01)
     bench.turn(0.3)
     assert bench.state is PathState.DONE
     assert bench.owner.running() == ()
@@ -101,7 +101,7 @@ def test_a_goal_from_rest_begins_at_once() -> None:
 
 def test_the_old_way_is_a_setting() -> None:
     bench = Timed(host_timed=True)
-    told = bench.go()
+    told = bench.go(by=0.3, seconds=1.0)
     bench.until(lambda: told.ends)
     assert told.outcome == SUCCEEDED
     assert bench.targets
@@ -220,7 +220,7 @@ def test_a_cancelled_goal_comes_to_rest_on_its_path() -> None:
     assert at(bench) == pytest.approx(stood, abs=0.003)
     assert bench.state is PathState.DONE
     # From there on everything is as ever.
-    told = bench.go(by=0.0)
+    told = bench.go(by=0.0, seconds=1.0)
     bench.until(lambda: told.ends)
     assert told.outcome == SUCCEEDED
 
@@ -275,7 +275,7 @@ def test_a_stop_ends_it_and_a_reset_does_not_continue_it() -> None:
     bench.ask(bench.arm.reset)
     bench.turn(2.0)
     assert at(bench) == pytest.approx(place, abs=0.003)
-    told = bench.go(by=0.0)
+    told = bench.go(by=0.0, seconds=1.0)
     bench.until(lambda: told.ends)
     assert told.outcome == SUCCEEDED
 
