@@ -230,11 +230,11 @@ class Epochs:
 
     def holds(self, token: Token) -> bool:
         """Whether requests of that call may still be sent."""
-        if self._undisturbed(token) or token.urgent:
+        if self.undisturbed(token) or token.urgent:
             return True
         return self._refused(token) is None and (token.refusal is None or token.refusal() is None)
 
-    def _undisturbed(self, token: Token) -> bool:
+    def undisturbed(self, token: Token) -> bool:
         """Whether nothing has come since that call, and nothing else can refuse it: the usual case."""
         return (
             token.epoch is self._current
@@ -277,7 +277,7 @@ class Epochs:
             StoppedError: The arm was stopped after the call.
             HexwireError: The refusal of the token.
         """
-        if self._undisturbed(token):
+        if self.undisturbed(token):
             return  # the line is idle meanwhile
         self.check(token, what)
         if token.late is not None and (error := token.late()) is not None:

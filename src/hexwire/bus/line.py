@@ -222,7 +222,7 @@ class BusLine:
             PreemptedError: The arm was stopped while the packet was sent.
         """
         epochs = self.epochs
-        if token is not None:
+        if token is not None and not epochs.undisturbed(token):
             epochs.check_leaving(token, _WHAT)
         machine = self.machine
         if packet[2] != BROADCAST_ID:
@@ -233,7 +233,7 @@ class BusLine:
         finally:
             # The rest of the record afterwards, while the packet is on the wire.
             machine.posted(packet, self.clock())
-        if token is not None and not epochs.holds(token):
+        if token is not None and not epochs.undisturbed(token) and not epochs.holds(token):
             raise PreemptedError("a stop came while a servo packet was sent; the servo may have executed it")
 
     def send(self, packet: bytes) -> None:

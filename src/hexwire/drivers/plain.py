@@ -148,7 +148,8 @@ class PlainDriver(RobotDriver):
             else:
                 if epochs.stopped:
                     self._refuse_if_stopped(what)
-                epochs.check_leaving(token, what)
+                if not epochs.undisturbed(token):
+                    epochs.check_leaving(token, what)
             try:
                 found = hook(*given)
             finally:

@@ -110,7 +110,10 @@ class Fence:
         if self._clear > 0.0:
             end = self._end
             # Nobody needs to know where the arm is now: so near to the last end it is allowed from anywhere.
-            if sum([lever * abs(there[name] - end[name]) for name, lever in self._levers.items()]) < self._clear:
+            way = 0.0
+            for name, lever in self._levers.items():
+                way += lever * abs(there[name] - end[name])
+            if way < self._clear:
                 return {}
         if not math.isfinite(sum(here.values())):
             # A joint whose position is unknown is refused here; otherwise only the end matters.

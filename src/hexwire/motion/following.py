@@ -142,7 +142,7 @@ class Following:
             raise UsageError(f"the share of the speed limits must be above 0 and at most 1, not {share:g}")
         for name in mirror:
             follower.joint(name)
-        self.arm = follower
+        self.arm, self._names = follower, follower.names
         self._stale, self._grip, self._check = stale, grip, check
         # One cycle takes a few microseconds: what stays the same is looked up once.
         jaws = None if grip is None else grip.jaws.joint
@@ -157,6 +157,7 @@ class Following:
                 one.maximum,
                 min(share * one.max_speed, fastest[one.name]),
                 fastest[one.name],
+                one.name in self._accelerations,
                 one.name == jaws,
             )
             for one in follower.joints
@@ -209,10 +210,9 @@ class Following:
             loads: Loads of the follower as signed fractions of full scale; NaN where unknown.
             now: Seconds, monotonic.
         """
-        names = self.arm.names
-        if not age < self._stale or not _known(leader, names):
+        if not age < self._stale or (led := self._known(leader)) is None:
             return self._hold("the leader is silent")
-        if not _known(positions, names):
+        if (standing := self._known(positions)) is None:
             return self._hold("the positions of the follower are unknown")
         if not self._active:
             self._active = True
@@ -228,24 +228,25 @@ class Following:
             self._trail = [self._trail[1], (now, dict(positions))]
         before, goals, note, way_back = self._goal, {}, "", 0.0
         behind: dict[str, Behind] = {}
-        met, accelerations = self._met, self._accelerations
-        for joint, name, factor, shift, low, high, meeting, fastest, jaws in self._rows:
-            here, wanted = positions[name], factor * leader[name] + shift
+        met = self._met
+        for row, leading, here, goal in zip(self._rows, led, standing, before.values(), strict=True):
+            joint, name, factor, shift, low, high, meeting, fastest, eased, jaws = row
+            wanted = factor * leading + shift
             if not low <= wanted <= high:
                 wanted = low if wanted < low else high
                 if name in met and not jaws:
                     behind[name] = Behind.LIMITS
             if jaws and (loads or self._grasp is not None):
-                led = wanted
-                wanted = self._gripped(led, here, loads.get(name, math.nan), now)
-                if wanted != led:
+                asked = wanted
+                wanted = self._gripped(asked, here, loads.get(name, math.nan), now)
+                if wanted != asked:
                     behind[name] = Behind.GRIP
-            way = wanted - before[name]
-            if -_MET <= way <= _MET:
+            way = wanted - goal
+            if name not in met and -_MET <= way <= _MET:
                 met.add(name)
             most = (fastest if name in met else meeting) * step
             lead = wanted - here
-            if -most <= way <= most and -_MOST_LEAD <= lead <= _MOST_LEAD and name not in accelerations:
+            if -most <= way <= most and -_MOST_LEAD <= lead <= _MOST_LEAD and not eased:
                 # Nearly every joint in nearly every cycle.
                 goals[name] = wanted
             else:
@@ -262,14 +263,23 @@ class Following:
                 wished, note = goals, str(error).removesuffix("; nothing was sent")
                 goals = self._as_far_as_allowed(before, wished)
                 behind.update({name: Behind.FORBIDDEN for name in met if goals[name] != wished[name]})
-        if accelerations and step > 0.0:
+        if (accelerations := self._accelerations) and step > 0.0:
             self._velocities = {name: (goals[name] - before[name]) / step for name in accelerations}
         self._goal = goals
         if (grip := self._grip) is not None:
             jaw = grip.jaws.joint
             self.presses = self._grasp is not None or abs(goals[jaw] - positions[jaw]) > grip.squeeze
         # The caller gets them to read; the next cycle makes new ones.
-        return Follow(Action.MOVE, goals, len(met) == len(names), note, way_back, behind)
+        return Follow(Action.MOVE, goals, len(met) == len(goals), note, way_back, behind)
+
+    def _known(self, values: Mapping[str, float]) -> list[float] | None:
+        """The value of each joint in the order of the arm; None if one is missing or not finite."""
+        try:
+            found = [*map(values.__getitem__, self._names)]
+        except KeyError:
+            return None
+        # One that is not finite makes the sum so.
+        return found if math.isfinite(sum(found)) else None
 
     def _as_far_as_allowed(self, before: dict[str, float], wanted: dict[str, float]) -> dict[str, float]:
         """The joints that may move one after the other: a tool that touches the table slides along it."""
@@ -391,15 +401,6 @@ def _checked_speeds(arm: ArmModel, speeds: Mapping[str, float]) -> dict[str, flo
                 "free_speed_deg_per_s"
             )
     return dict(speeds)
-
-
-def _known(values: Mapping[str, float], names: tuple[str, ...]) -> bool:
-    """Whether there is a finite value for each name."""
-    try:
-        # One that is not finite makes the sum so.
-        return math.isfinite(sum(map(values.__getitem__, names)))
-    except KeyError:
-        return False
 
 
 def _way_to(joint: JointModel, leader: JointModel, *, jaws: bool, mirror: bool) -> tuple[float, float]:
