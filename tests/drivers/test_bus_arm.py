@@ -112,6 +112,52 @@ def test_limits_are_refused_and_speed_is_stretched(monkeypatch: pytest.MonkeyPat
     assert sent.duration == pytest.approx(90.0 / 312.0, rel=0.05)
 
 
+@pytest.mark.parametrize("kind", [So101Arm, SevenBotArm])
+def test_a_set_point_is_what_a_guided_target_is(monkeypatch: pytest.MonkeyPatch, kind: type[BusArm]) -> None:
+    arms = [_make(kind, monkeypatch)[0] for _ in range(2)]
+    packets: list[list[bytes]] = [[], []]
+
+    def count(arm: BusArm, sent: list[bytes]) -> None:
+        post = arm.bus.post
+
+        def posted(packet: bytes) -> None:
+            sent.append(packet)
+            post(packet)
+
+        monkeypatch.setattr(arm.bus, "post", posted)
+
+    for arm, sent in zip(arms, packets, strict=True):
+        arm.torque(True)
+        count(arm, sent)
+    arm, twin = arms
+    name, joint = arm.model.names[0], arm.model.joints[0]
+    here = arm.read().positions
+    assert twin.read().positions == here
+    for goal in ({name: here[name] + 0.01}, {one: angle + 0.004 for one, angle in here.items()}):
+        assert arm.guide(goal, 0.02) == twin.write(JointTarget.of(goal, 0.02, guided=True)).positions
+    assert packets[0] == packets[1] != []
+    packets[0].clear()
+    wrong: list[tuple[object, float, type[Exception]]] = [
+        ({name: joint.maximum + 0.1}, 0.02, LimitError),
+        *(({name: angle}, 0.02, UsageError) for angle in (math.nan, math.inf, "0", True, None)),
+        *(({name: here[name]}, seconds, UsageError) for seconds in (math.nan, -1.0, 1e9)),
+        ({}, 0.02, UsageError),
+        ({"no such joint": 0.0}, 0.02, UsageError),
+    ]
+    for positions, seconds, error in wrong:
+        with pytest.raises(error):
+            arm.guide(positions, seconds)  # type: ignore[arg-type]  # on purpose
+    arm.torque(False, [name])
+    with pytest.raises(CommandRefusedError, match="no torque"):
+        arm.guide({name: here[name]}, 0.02)
+    assert not packets[0]
+    arm.stop()
+    packets[0].clear()
+    with pytest.raises(StoppedError):
+        arm.guide({arm.model.names[1]: here[arm.model.names[1]]}, 0.02)
+    assert not packets[0]
+
+
 @pytest.mark.parametrize("lost", ["goal", "torque"])
 def test_a_servo_that_misses_what_all_are_sent_is_sent_it_alone(monkeypatch: pytest.MonkeyPatch, lost: str) -> None:
     arm, device = _make(So101Arm, monkeypatch)

@@ -296,7 +296,7 @@ class SyncWritePlan:
         self.most = register.fits[-1] if register.maximum is None else register.maximum
         order = ">" if register.byte_order == "big" else "<"
         fields = [one for servo_id in self.ids for one in (servo_id, 0)]
-        pack = sync_write_packer(register.address, f"{order}H", len(self.ids))
+        pack = sync_write_packer(register.address, f"{order}BH", len(self.ids))
         # One lookup instead of five: the line is idle while a packet is made.
         self._making = max(0, self.least), self.most, fields, pack
 

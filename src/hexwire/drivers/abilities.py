@@ -14,7 +14,7 @@ from hexwire.errors import NotSupportedError
 from .values import StopMode
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from hexwire.link.base import Link
     from hexwire.link.diagnose import Finding
@@ -35,6 +35,7 @@ __all__ = [
     "RefilledPaths",
     "ServoPing",
     "ServoTables",
+    "SetPoints",
     "SilenceCheck",
     "StateReports",
     "Watchdog",
@@ -332,6 +333,25 @@ class Reconnects(Ability):
 
         Args:
             on: True opens the connection again; False raises LinkLostError immediately.
+        """
+
+
+class SetPoints(Ability):
+    """Takes the set-points of a fast loop without a `JointTarget` of each, which would cost it much of its time."""
+
+    @abstractmethod
+    def guide(self, positions: Mapping[str, float], duration: float) -> tuple[tuple[str, float], ...]:
+        """`RobotDriver.write` a guided target.
+
+        Args:
+            positions: Radians by joint name; any subset of the joints.
+            duration: Seconds of the motion.
+
+        Returns:
+            What was actually sent, as in `SentTarget.positions`.
+
+        Raises:
+            HexwireError: As `RobotDriver.write`.
         """
 
 

@@ -17,6 +17,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
+from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -28,7 +29,7 @@ from hexwire.ipc.board_search import explain_no_servo
 from hexwire.link.serial_port import DEFAULT_BAUD
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.calibration import Calibration
-from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
+from hexwire.model.state import LONGEST, JointFlag, JointState, JointTarget, SentTarget
 from hexwire.motion.limits import check_target
 from hexwire.session.effects import packet_only_reads
 from hexwire.wire.command_frame import Command
@@ -36,7 +37,7 @@ from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import make_sync_write, sync_write_packer
 from hexwire.wire.tables import DEFAULT_CEILING
 
-from .abilities import BareServos, Counters, ServoPing, SilenceCheck
+from .abilities import BareServos, Counters, ServoPing, SetPoints, SilenceCheck
 from .arm_file import BusArmFile, load_arm_file, load_profile
 from .base import ProbeReport, StopMode
 from .board_reset import note_servos, warn_of_reset
@@ -76,16 +77,18 @@ _PHASE_SPEED_UNIT = 0x04
 _SHORTEST, _LONGEST = 9, 0x7FFE
 """Milliseconds of a motion that a servo accepts; the shortest applies to the legacy series."""
 _FASTEST = 0x7FFF
-_STS_ROW = "<BHHH"
-"""Acceleration, position, time (the current ceiling of HLS) and speed, which are adjacent registers."""
+_STS_ROW, _COUNTS, _CEILING, _SPEED = "<Q", 16, 32, 48
+"""A servo's part of the packet as one number: its id, acceleration (0), position, time (the current ceiling of HLS)
+and speed, which are adjacent registers; and from which bit on the last three are."""
 _sts_packer = lru_cache(partial(sync_write_packer, Series.STS_SMS.register("acceleration").address, _STS_ROW))
 _STS_SERIES = frozenset((Series.STS_SMS.value, Series.HLS.value))
 _MOST_COUNTS = 0x7FFF
 """Goals of STS and HLS servos up to this count have no sign bit."""
 
-_Row = tuple[int, int, float, float, int, float, int, float, float, float, float]
-"""What the goals of an STS or HLS servo depend on: id, sign, offset, scale, neutral, unit of speed, ceiling; then
-the lower and the upper limit of its joint, its speed limit, and that of guided targets."""
+_Row = tuple[int, int, float, float, int, float, float, float, float, float]
+"""What the goals of an STS or HLS servo depend on: its part of the packet without position and speed, sign, offset,
+scale, neutral, unit of speed; then the lower and the upper limit of its joint, its speed limit, and that of guided
+targets."""
 
 
 class BusGoals:
@@ -153,7 +156,7 @@ class BusGoals:
             goal = position.encode(max(counts, 0)) + series.register("goal_time").encode(milliseconds)
             return position.address, goal + b"\0\0"
         distance = abs(counts - joint.angle_to_counts(start)) if start is not None else 0
-        speed = min(max(1, math.ceil(distance / duration / self.speed_unit(joint))), _FASTEST)
+        speed = min(max(1, ceil(distance / duration / self.speed_unit(joint))), _FASTEST)
         data = b"\0" + position.encode(counts) + self._ceiling(joint).to_bytes(2, "little")
         return series.register("acceleration").address, data + series.register("goal_speed").encode(speed)
 
@@ -181,59 +184,63 @@ class BusGoals:
         return [make_sync_write(address, data_of) for (address, _), data_of in rows.items()], tuple(sent)
 
     def checked_packet(
-        self, target: JointTarget, starts: Mapping[str, float]
+        self,
+        positions: Iterable[tuple[str, float]],
+        duration: float,
+        starts: Mapping[str, float],
+        *,
+        guided: bool = False,
     ) -> tuple[bytes, tuple[tuple[str, float], ...], float] | None:
         """Check a target as `check_target`, and make its goals, in one pass over its joints.
 
         Args:
-            target: The target.
+            positions: Names of joints with the angles to which they go, radians; each joint once.
+            duration: Seconds.
             starts: Angles at the start by joint name, radians.
+            guided: As in `JointTarget`.
 
         Returns:
             The packet, the angles as the servos round them, and the duration; None for a target that takes more
             than a look: one that is refused, or has a servo of another series, or a joint nobody knows where.
         """
-        duration = target.duration
-        return self._packet(target, duration if duration > _MIN_DURATION else _MIN_DURATION, starts)
-
-    def _packet(
-        self, target: JointTarget, duration: float, starts: Mapping[str, float]
-    ) -> tuple[bytes, tuple[tuple[str, float], ...], float] | None:
-        rows, guided, longest = self._rows, target.guided, duration
+        if not duration > _MIN_DURATION:
+            duration = _MIN_DURATION
+        rows, longest = self._rows, duration
         if not rows:
             self._rows = rows = self._make_rows()
-        fields: list[int] = []
+        goals = []
         sent = []
-        for name, angle in target.positions:
+        for name, angle in positions:
             row, start = rows.get(name), starts.get(name)
-            if row is None or start is None:
+            if row is None or start is None or type(angle) is not float:
                 return None
-            servo_id, sign, offset, scale, neutral, unit, ceiling, low, high, most, fastest = row
+            fixed, sign, offset, scale, neutral, unit, low, high, most, fastest = row
+            if not low <= angle <= high:
+                return None
             steps = round(sign * (angle - offset) / scale)
             counts = steps + neutral
-            if not low <= angle <= high or not 0 <= counts <= _MOST_COUNTS:
+            if not 0 <= counts <= _MOST_COUNTS:
                 return None
             needed = abs(angle - start) / (fastest if guided else most)
             if longest < needed:
                 longest = needed
-            speed = math.ceil(abs(steps - round(sign * (start - offset) / scale)) / duration / unit) or 1
-            fields += servo_id, 0, counts, ceiling, speed if speed < _FASTEST else _FASTEST
+            speed = ceil(abs(steps - round(sign * (start - offset) / scale)) / duration / unit) or 1
+            goals.append(fixed | counts << _COUNTS | (speed if speed < _FASTEST else _FASTEST) << _SPEED)
             sent.append((name, sign * steps * scale + offset))
         if longest > duration:
             # Too fast: with the time that it needs, all of them are slower.
-            return self._packet(target, longest, starts)
-        return _sts_packer(len(sent))(*fields), tuple(sent), duration
+            return self.checked_packet(positions, longest, starts, guided=guided)
+        return _sts_packer(len(sent))(*goals), tuple(sent), duration
 
     def _make_rows(self) -> dict[str, _Row]:
         return {
             name: (
-                joint.servo_id,
+                joint.servo_id | self._ceiling(joint) << _CEILING,
                 joint.sign,
                 joint.offset,
                 joint.scale,
                 joint.neutral,
                 self.speed_unit(joint),
-                self._ceiling(joint),
                 joint.minimum,
                 joint.maximum,
                 joint.max_speed,
@@ -407,7 +414,7 @@ _THERE = math.radians(1.0)
 _ADVICE = "check power, cable, and --robot if it is another one; `hexwire doctor` looks for the reason"
 
 
-class BusArm(PlainDriver, BareServos, Counters, ServoPing, SilenceCheck):
+class BusArm(PlainDriver, BareServos, Counters, ServoPing, SetPoints, SilenceCheck):
     """An arm on a servo bus.
 
     `ioctl` takes Command.TRANSACT with reply length, milliseconds (not used: the bus computes the time-out) and a
@@ -666,16 +673,35 @@ class BusArm(PlainDriver, BareServos, Counters, ServoPing, SilenceCheck):
 
     # -- moving -------------------------------------------------------------------------------------
 
+    def guide(self, positions: Mapping[str, float], duration: float) -> tuple[tuple[str, float], ...]:
+        return self._act("a move", self._guide, positions, duration)
+
+    def _guide(self, positions: Mapping[str, float], duration: float) -> tuple[tuple[str, float], ...]:
+        if type(positions) is dict and positions and type(duration) is float and 0.0 <= duration <= LONGEST:
+            sent = self._post(positions.items(), duration, guided=True)
+            if sent is not None:
+                return sent[0]
+        return self._send(JointTarget.of(positions, duration, guided=True)).positions
+
     def _send(self, target: JointTarget) -> SentTarget:
+        sent = self._post(target.positions, target.duration, guided=target.guided)
+        return super()._send(target) if sent is None else SentTarget(*sent)
+
+    def _post(
+        self, targets: Iterable[tuple[str, float]], duration: float, *, guided: bool
+    ) -> tuple[tuple[tuple[str, float], ...], float] | None:
+        """Send nearly every target of a loop: all joints have torque, and nothing is to be refused; else None."""
         positions = self._positions
-        # Nearly every target of a loop: all joints have torque, and nothing is to be refused.
-        if not all(self._torque) or (made := self._goals.checked_packet(target, positions)) is None:
-            return super()._send(target)
+        if not all(self._torque):
+            return None
+        made = self._goals.checked_packet(targets, duration, positions, guided=guided)
+        if made is None:
+            return None
         packet, sent, duration = made
         self.bus.post(packet)
         # The start of the next move, until the next read.
-        positions.update(target.positions)
-        return SentTarget(sent, duration)
+        positions.update(targets)
+        return sent, duration
 
     def _checked(self, target: JointTarget) -> JointTarget:
         model, positions = self.model, self._positions

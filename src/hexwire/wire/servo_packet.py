@@ -256,7 +256,7 @@ def _sync_write(address: int, ids: tuple[int, ...], size: int) -> tuple[list[Any
     fields: list[Any] = []
     for servo_id in ids:
         fields += servo_id, b""
-    return fields, sync_write_packer(address, f"<{size}s", len(ids))
+    return fields, sync_write_packer(address, f"<B{size}s", len(ids))
 
 
 def sync_write_packer(address: int, row: str, count: int) -> Callable[..., bytes]:
@@ -264,18 +264,18 @@ def sync_write_packer(address: int, row: str, count: int) -> Callable[..., bytes
 
     Args:
         address: First register address.
-        row: Byte order and fields of one servo's registers, as in `struct`.
+        row: Byte order and fields of one servo, as in `struct`: its id of one byte, then its registers.
         count: Number of servos.
 
     Returns:
-        A function of the id and the fields of one servo after the other.
+        A function of the fields of one servo after the other.
     """
-    size = calcsize(row)
+    size = calcsize(row) - 1
     length = count * (size + 1) + 4
     if length + 4 > MAX_SERVO_PACKET:
         raise UsageError(f"a packet of {length + 4} bytes is too long; at most {MAX_SERVO_PACKET}")
     head = SERVO_HEADER + bytes((BROADCAST_ID, length, _SYNC_WRITE, _address(address), size))
-    pack = Struct(f"{row[0]}{len(head)}s" + f"B{row[1:]}" * count).pack
+    pack = Struct(f"{row[0]}{len(head)}s" + row[1:] * count).pack
 
     def packed(*fields: Any) -> bytes:
         packet = pack(head, *fields)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar
 from weakref import WeakSet
@@ -26,9 +26,10 @@ from hexwire.control.motion.following import BehindCounter, following_rules
 from hexwire.control.motion.operator_control import Notes
 from hexwire.control.motion.path_check import PathCheck
 from hexwire.control.requests.pose_file import PoseFile
+from hexwire.drivers.abilities import SetPoints
 from hexwire.drivers.bus_arm import BusArm
 from hexwire.errors import HexwireError, LinkError
-from hexwire.model.state import JointTarget, SentTarget
+from hexwire.model.state import JointTarget
 from hexwire.motion.following import Behind, Follow, Following
 
 from .config_hexwire import (
@@ -40,7 +41,7 @@ from .config_hexwire import (
 )
 from .connection import faults, translated
 from .device import HexwireDevice, RemoteDevice, SoDevice
-from .joint_values import SUFFIX, names_of
+from .joint_values import SUFFIX, JointValues, names_of
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -62,6 +63,7 @@ _OVERLAP = 1.25
 _SHORTEST, _LONGEST = 0.02, 0.1
 
 
+_Sender = Callable[[Mapping[str, float], float], tuple[tuple[str, float], ...]]
 _connected: WeakSet[HexwireRobot] = WeakSet()
 """The robots that have torque, for teleoperators that move a robot of this process."""
 
@@ -103,6 +105,7 @@ class HexwireRobot(HexwireDevice, Robot):
         self.bus = SimpleNamespace(motors=self._motors())
         self.clipped = BehindCounter()
         self._rules: Following | None = None
+        self._send: _Sender
         self._presses = False
         self._lost = 0
         # The next action may have been made before the line was open again: it meets nobody.
@@ -166,6 +169,7 @@ class HexwireRobot(HexwireDevice, Robot):
             max_speed=_radians(self.config.max_speed),
             max_acceleration=_radians(self.config.max_acceleration),
         )
+        self._send = _sender(driver)
         self._presses = False
         self._here_at = self._sent_at = -math.inf
         _connected.add(self)
@@ -301,12 +305,15 @@ class HexwireRobot(HexwireDevice, Robot):
         Raises:
             DeviceNotConnectedError: As `send_action`, and so are RuntimeError and ValueError.
         """
+        return self._ready().angles(action)
+
+    def _ready(self) -> JointValues:
         if not self._arm.is_open:
             self._check_connected()
         values = self._arm.values
         if self._rules is None:
             raise RuntimeError(f"{self} has no torque: connect it again")
-        return values.angles(action)
+        return values
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
         """Send the arm towards an action.
@@ -325,8 +332,8 @@ class HexwireRobot(HexwireDevice, Robot):
                 (`on_fault`).
             ValueError: A value is not a number, or a joint does not exist; nothing was sent.
         """
-        goal = self.wanted(action)
-        values, rules = self._arm.values, self._rules
+        values, rules = self._ready(), self._rules
+        goal = values.angles(action)
         assert rules is not None
         now = time.monotonic()
         age = now - self._here_at
@@ -355,19 +362,19 @@ class HexwireRobot(HexwireDevice, Robot):
         if len(goal) < len(target):
             target = {name: target[name] for name in goal}
         duration = max(min(max(_OVERLAP * period, _SHORTEST), _LONGEST), step.least)
-        sent = self._write(JointTarget(tuple(target.items()), duration, guided=True))
+        sent = self._guide(target, duration)
         self._sent_at = now
         self._presses = rules.presses
-        return values.named(sent.positions) if sent is not None else {}
+        return values.named(sent)
 
-    def _write(self, target: JointTarget) -> SentTarget | None:
-        """Send a target; None if the line had to be opened again: the arm then goes to the next one slowly."""
+    def _guide(self, target: Mapping[str, float], duration: float) -> tuple[tuple[str, float], ...]:
+        """Send a set-point; nothing if the line had to be opened again: the arm then meets the next one slowly."""
         try:
-            return self._arm.driver.write(target)
+            return self._send(target, duration)
         except LinkError as error:
             self._arm.open_again(error)
             self._here_at = -math.inf
-            return None
+            return ()
         except HexwireError as error:
             self._pause()
             raise translated(error) from error
@@ -396,6 +403,13 @@ class HexwireRobot(HexwireDevice, Robot):
             near[name] = min(max(value, here[name] - limit), here[name] + limit)
         changed = frozenset(name.removesuffix(SUFFIX) for name in near if near[name] != wanted[name])
         return (values.angles(near), changed) if changed else (goal, changed)
+
+
+def _sender(driver: RobotDriver) -> _Sender:
+    """What sends a set-point to an arm, and returns what was really sent."""
+    if (able := SetPoints.find(driver)) is not None:
+        return able.guide
+    return lambda positions, duration: driver.write(JointTarget.of(positions, duration, guided=True)).positions
 
 
 def meet_again() -> None:
