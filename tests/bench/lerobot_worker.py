@@ -57,10 +57,7 @@ class Robot:
 
     def patiently(self) -> Any:
         """Connect, however often it takes."""
-        for _ in range(30):
-            with suppress(*_FAULTS):
-                return self.connect()
-        return self.connect()
+        return _patiently(self.connect)
 
     def speed(self, cycles: int, rate: float) -> dict[str, list[float]]:
         """Times of observations and actions in turns; of observations alone before, as `alone`.
@@ -70,12 +67,12 @@ class Robot:
             rate: Cycles a second; 0 for as many as the line takes.
         """
         robot = self.patiently()
-        here = _twice(robot.get_observation)
+        here = _patiently(robot.get_observation)
         rows: dict[str, list[float]] = {key: [] for key in ("alone", "observe", "act", "observe_cpu", "act_cpu")}
         clock, cpu = time.perf_counter, time.thread_time
         for _ in range(0 if rate else cycles):
             begin = clock()
-            _twice(robot.get_observation)
+            _patiently(robot.get_observation)
             rows["alone"].append(clock() - begin)
         due = clock()
         for i in range(cycles):
@@ -84,7 +81,7 @@ class Robot:
                 due += 1.0 / rate
                 time.sleep(max(0.0, due - clock()))
             begin, used = clock(), cpu()
-            _twice(robot.get_observation)
+            _patiently(robot.get_observation)
             middle, half = clock(), cpu()
             robot.send_action(action)
             rows["act_cpu"].append(cpu() - half)
@@ -170,10 +167,11 @@ def _packet(instruction: int, params: bytes) -> bytes:
     return b"\xff\xff" + body + bytes((~sum(body) & 0xFF,))
 
 
-def _twice(call: Callable[[], Any]) -> Any:
+def _patiently(call: Callable[[], Any]) -> Any:
     """Call again after a fault: LeRobot gives an answer 50 ms, and the machine may stall."""
-    with suppress(*_FAULTS):
-        return call()
+    for _ in range(30):
+        with suppress(*_FAULTS):
+            return call()
     return call()
 
 
