@@ -35,6 +35,7 @@ class _Named(Arguments, frozen=True):
 
 class _Steps(Arguments, frozen=True):
     steps: list[Any]
+    first: int = 1
 
 
 class _Saved(Arguments, frozen=True):
@@ -85,7 +86,7 @@ def _check(asked: Asked, args: _Steps) -> list[dict[str, Any]]:
             taught[move.file] = recordings.taught(move.file, None, arm.settings.model.names)
         return arm.motions.plan(move.request, taught.get(move.file), start)
 
-    found = check_program(_parsed(args.steps), plan)
+    found = check_program(_parsed(args.steps), plan, args.first)
     return [
         {"number": number, "duration": row.duration, "refusal": row.refusal, "fits": row.fits}
         for number, row in found

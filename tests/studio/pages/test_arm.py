@@ -236,8 +236,16 @@ def test_a_program_is_edited_checked_run_and_ended_by_a_stop(studio: RunningStud
     for place, by in ((0, 10.0), (1, 0.0)):
         angle.nth(place).fill(str(by))
         angle.nth(place).press("Tab")
-    # By drag, and by keys, past the repetition into it.
-    part.locator('[data-step="3"] .arm-step').first.drag_to(part.locator('[data-step="4.1"] .arm-step'))
+    # By keys: who moves a step stays at it, and what was done can be undone.
+    part.get_by_role("button", name="Move step 1 down").press("Enter")
+    expect(part.get_by_role("button", name="Move step 2 down")).to_be_focused()
+    part.get_by_role("button", name="Remove step 1").press("Enter")
+    expect(part.get_by_role("button", name="Remove step 1")).to_be_focused()
+    for _ in range(2):
+        part.get_by_role("button", name="Undo").press("Enter")
+    expect(angle.nth(0)).to_have_value("10")
+    # By drag, into a repetition.
+    part.locator('[data-step="3"] .arm-step-number').drag_to(part.get_by_label("Steps of 4"))
     expect(part.locator('[data-step="3.1"]').get_by_label("J1, degrees")).to_have_value("0")
     part.get_by_label("Name of the program").fill("both")
     part.get_by_role("button", name="Save").click()
@@ -245,7 +253,7 @@ def test_a_program_is_edited_checked_run_and_ended_by_a_stop(studio: RunningStud
     file = studio.studio.recordings.library.folder / "both.toml"
     rows = read_program(file).rows()
     assert [next(iter(row)) for row in rows] == ["joints", "ask", "repeat"]
-    assert [next(iter(row)) for row in rows[2]["steps"]] == ["joints", "wait"]
+    assert [next(iter(row)) for row in rows[2]["steps"]] == ["joints"]
 
     part.get_by_role("button", name="Run", exact=True).click()
     expect(note).to_contain_text("Continue?")

@@ -252,6 +252,9 @@ def test_a_program_is_checked_as_a_whole_and_nothing_moves(desk: Desk) -> None:
     refused = desk.ask("check_program", steps=[*away, {"wait": 1}])
     assert (len(refused), refused[1]["number"]) == (2, "2")
     assert refused[1]["refusal"]
+    # From any step, which begins where the arm is.
+    assert [row["number"] for row in desk.ask("check_program", steps=[*away, {"grip": 0.0}], first=3)] == ["3"]
+    assert "there is no step 9" in desk.ask("check_program", steps=away, first=9)["error"]
     for steps, said in (
         ([{"pose": "nowhere"}], "step 1: no pose 'nowhere'"),
         ([{"play": "missing.mcap"}], "missing.mcap"),

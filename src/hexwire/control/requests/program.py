@@ -193,19 +193,20 @@ def _unrolled(steps: tuple[Step, ...], before: str, first: int = 1) -> Iterator[
 
 
 def check_program(
-    program: Program, plan: Callable[[Move, Mapping[str, float] | None], Preview]
+    program: Program, plan: Callable[[Move, Mapping[str, float] | None], Preview], first: int = 1
 ) -> list[tuple[str, Preview]]:
     """Plan all motions of a program, each from where the one before it ends, until one is refused; nothing moves.
 
     Args:
         program: The program.
         plan: Plans a motion from where all joints are then, radians; from where the arm is if None.
+        first: The step to begin with, from 1.
 
     Returns:
         The number and the plan of each motion; of what is repeated, once for each place where it begins.
 
     Raises:
-        UsageError: A step cannot be, with its number; or there are too many to be checked like this.
+        UsageError: A step cannot be, with its number; there is no such step, or there are too many to be checked.
         HexwireError: As `plan`.
     """
     found: list[tuple[str, Preview]] = []
@@ -218,7 +219,7 @@ def check_program(
         path = preview.path
         return preview, here | (dict(zip(path.names, path.goal, strict=True)) if path is not None else {})
 
-    for preview in along(program.run_from(), {}, planned):
+    for preview in along(program.run_from(first), {}, planned):
         if preview.refusal:
             break
     return found

@@ -6,7 +6,7 @@ Loaded when the part is first opened. */
 
 import { capital, degrees, radians } from "./arm.js";
 import hexwire from "./live.js";
-import { node } from "./widgets.js";
+import { node, question } from "./widgets.js";
 
 const KINDS = {
   pose: "go to a pose", joints: "go to these joint angles", place: "go to this place", line: "straight to this place",
@@ -14,13 +14,21 @@ const KINDS = {
 };
 const LOOK = 100; // ms between two looks, in a pause, at whether it is to end
 const FINE = ["arrived", "released", "ended"];
+const AIMS = [["arm", "keeps its angle to the arm"], ["space", "keeps its direction"], ["down", "points straight down"]];
+const BACK = 50; // changes that can be undone
 const round = (value, digits) => Number(value.toFixed(digits));
 
+/** The steps, as in the file, and what can be undone: they stay when the page is left. */
+const draft = { steps: [], name: "", saved: "", past: [] };
+
 export function mountProgram(page, root) {
-  let steps = []; // as in the file
+  let { steps } = draft;
+  let before = JSON.stringify(steps);
   let running = null; // the run: its end, and where it is
   let dragged = null;
-  let saved = "";
+  let recordings = [];
+  let poses = [];
+  const shown = new Map(); // the row of each step
 
   const list = node("ol", { class: "arm-steps", "aria-label": "Steps" });
   const note = node("p", { class: "arm-note", role: "status" });
@@ -31,10 +39,11 @@ export function mountProgram(page, root) {
   const goOn = button("Continue", () => running?.goOn?.(), { hidden: true });
   const end = button("End program", () => finish("ended"), { hidden: true });
   const start = button("Run", () => run(0), { class: "hw-button arm-primary arm-need arm-whole" });
+  const undone = button("Undo", undo);
   root.append(
     node("div", { class: "hw-row" }, name, button("Save", save), node("span", { class: "hw-row", hidden: true }, files, button("Open", open), button("Remove", remove))),
     list,
-    node("div", { class: "hw-row" }, kind, button("Add step", add), button("Check", check), start, goOn, end),
+    node("div", { class: "hw-row" }, kind, button("Add step", add), undone, button("Check", () => check(0)), start, goOn, end),
     note);
 
   const say = (text, level = "") => {
@@ -52,37 +61,38 @@ export function mountProgram(page, root) {
   const listed = (names) => {
     if (!names) return;
     files.parentElement.hidden = names.length === 0;
-    files.replaceChildren(...names.map((one) => node("option", { value: one, selected: one === saved }, one)));
+    files.replaceChildren(...names.map((one) => node("option", { value: one, selected: one === draft.saved }, one)));
   };
   async function open() {
     const rows = files.value && (await ask("program", { name: files.value }));
     if (!rows) return;
-    finish("another program was opened");
-    steps = rows;
-    saved = name.value = files.value;
-    draw();
-    say(`${saved}: ${steps.length} steps.`);
+    steps = draft.steps = rows;
+    draft.saved = draft.name = name.value = files.value;
+    changed();
+    say(`${files.value}: ${steps.length} steps.`);
   }
   async function save() {
-    const force = name.value === saved;
-    const names = await ask("save_program", { name: name.value, steps, force });
+    const force = name.value === draft.saved;
+    const names = whole() && (await ask("save_program", { name: name.value, steps, force }));
     if (!names) return;
-    saved = name.value;
+    draft.saved = name.value;
     listed(names);
-    say(`Saved: hexwire play "${saved}.toml" in the folder of recordings runs it, too.`);
+    say(`Saved: hexwire play "${name.value}.toml" in the folder of recordings runs it, too.`);
   }
   async function remove() {
-    const names = files.value && (await ask("remove_program", { name: files.value }));
+    const gone = files.value;
+    if (!gone || !(await question(`Remove ${gone}?`, "Its file is deleted; the steps below stay.", "Remove it"))) return;
+    const names = await ask("remove_program", { name: gone });
     if (!names) return;
-    say(`${files.value} is removed; its steps stay here until the page is left.`);
-    saved = "";
+    say(`${gone} is removed.`);
+    draft.saved = "";
     listed(names);
   }
 
   // -- the list -------------------------------------------------------------------------------------
 
   function add() {
-    const made = makeStep(page, kind.value);
+    const made = makeStep(page, kind.value, recordings);
     if (made.error) {
       say(made.error, "error");
       return;
@@ -90,11 +100,29 @@ export function mountProgram(page, root) {
     steps.push(made);
     changed();
   }
-  function changed() {
+  /** A value of a step is another one; its row stays, and with it where somebody types. */
+  function edited() {
     finish("the program was changed");
+    draft.past = [...draft.past.slice(-BACK), before];
+    before = JSON.stringify(steps);
+    undone.disabled = false;
+  }
+  /** Steps came, went or moved; `step` is the one where somebody is, at a button of its row. */
+  function changed(step = null, act = "") {
+    edited();
     draw();
+    shown.get(step)?.querySelector(`[data-act="${act}"]`)?.focus();
+  }
+  function undo() {
+    const last = draft.past.pop();
+    if (last === undefined) return;
+    finish("the program was changed");
+    steps = draft.steps = JSON.parse((before = last));
+    draw();
+    if (undone.disabled) kind.focus();
   }
   function draw() {
+    shown.clear();
     list.replaceChildren(...rows(steps, ""));
     lock();
   }
@@ -102,17 +130,22 @@ export function mountProgram(page, root) {
     return of.map((step, i) => row(of, step, i, `${before}${i + 1}`));
   }
   function row(of, step, i, number) {
-    const inner = step.steps && node("ol", { class: "arm-steps", "aria-label": `Steps of ${number}` }, ...rows(step.steps, `${number}.`));
-    const made = node("li", { draggable: "true", "data-step": number },
+    const nothing = node("li", { class: "arm-note" }, "Nothing yet: drag a step here, or move the one above down.");
+    const inner = step.steps && node("ol", { class: "arm-steps", "aria-label": `Steps of ${number}` },
+      ...(step.steps.length ? rows(step.steps, `${number}.`) : [nothing]));
+    const grip = node("span", { class: "arm-step-number", draggable: "true", title: "Drag to another place" }, number);
+    const made = node("li", { "data-step": number },
       node("div", { class: "arm-step" },
-        node("span", { class: "arm-step-number" }, number), fields(step, changed),
-        button("↑", () => move(of, i, -1), { "aria-label": `Move step ${number} up` }),
-        button("↓", () => move(of, i, 1), { "aria-label": `Move step ${number} down` }),
-        of === steps ? button("▶", () => run(i), { class: "hw-button arm-small arm-need arm-whole", "aria-label": "Run from here", title: "Run from here" }) : "",
-        button("×", () => (of.splice(i, 1), changed()), { "aria-label": `Remove step ${number}` })),
+        grip, fields(step, edited, { recordings, poses }),
+        node("span", { class: "arm-step-acts" },
+          button("↑", () => move(of, i, -1), { "aria-label": `Move step ${number} up`, "data-act": "up" }),
+          button("↓", () => move(of, i, 1), { "aria-label": `Move step ${number} down`, "data-act": "down" }),
+          of === steps ? button("▶", () => run(i), { class: "hw-button arm-small arm-need arm-whole", "aria-label": "Run from here", title: "Run from here" }) : "",
+          button("×", () => take(of, i), { "aria-label": `Remove step ${number}`, "data-act": "remove" }))),
       inner ?? "");
-    made.addEventListener("dragstart", (event) => {
-      event.stopPropagation();
+    shown.set(step, made);
+    grip.addEventListener("dragstart", (event) => {
+      event.dataTransfer.setDragImage(made, 0, 0);
       dragged = { of, i, step };
       event.dataTransfer.effectAllowed = "move";
       event.dataTransfer.setData("text/plain", number);
@@ -131,8 +164,13 @@ export function mountProgram(page, root) {
       else of.splice(of.indexOf(step) + (from === of && at < i ? 1 : 0), 0, taken);
       changed();
     });
-    made.addEventListener("dragend", () => (dragged = null));
+    grip.addEventListener("dragend", () => (dragged = null));
     return made;
+  }
+  function take(of, i) {
+    of.splice(i, 1);
+    changed(of[i] ?? of[i - 1] ?? null, "remove");
+    if (!steps.length) kind.focus();
   }
   /** Up and down in its list; past a repetition it goes into it, at its end out of it. */
   function move(of, i, by) {
@@ -143,7 +181,7 @@ export function mountProgram(page, root) {
     else if (next) of.splice(i + by, 0, step);
     else if (outer) outer.of.splice(outer.i + (by > 0 ? 1 : 0), 0, step);
     else of.splice(i, 0, step);
-    changed();
+    changed(step, by < 0 ? "up" : "down");
   }
 
   // -- check and run --------------------------------------------------------------------------------
@@ -152,9 +190,16 @@ export function mountProgram(page, root) {
     const found = number && list.querySelector(`[data-step="${CSS.escape(number)}"]`);
     if (found) found.dataset.level = level;
   };
-  async function check() {
+  /** Whether there is something in it, and in each of its repetitions. */
+  function whole() {
     for (const one of list.querySelectorAll("[data-level]")) delete one.dataset.level;
-    const told = steps.length ? await ask("check_program", { steps }) : null;
+    const [, empty] = [...shown].find(([step]) => step.steps?.length === 0) ?? [];
+    if (empty) mark(empty.dataset.step, "error");
+    if (empty || !steps.length) say(empty ? `Step ${empty.dataset.step} repeats nothing.` : "There is no step yet.", "error");
+    return !empty && steps.length > 0;
+  }
+  async function check(first) {
+    const told = whole() ? await ask("check_program", { steps, first: first + 1 }) : null;
     if (!told) return false;
     const refused = told.find(({ refusal }) => refusal);
     if (refused) {
@@ -171,14 +216,18 @@ export function mountProgram(page, root) {
     note.append(" ", button(`Play it at ${fits} of its speed`, () => {
       stepAt(steps, number).factor = fits;
       changed();
-      check();
+      check(0);
     }));
   }
   async function run(first) {
-    finish("begun anew");
-    if (!(await check()) || !page.mine) return;
+    // From here on, so that nothing begins twice, nor after a stop that comes while it is being checked.
     const mine = (running = { ends: page.attend(), over: "", goOn: null });
     lock();
+    if (!(await check(first))) {
+      running = null;
+      lock();
+      return;
+    }
     const todo = [...unrolled(steps.slice(first), "", first)];
     for (const [number, step] of todo) {
       if (gone(mine)) break;
@@ -193,7 +242,8 @@ export function mountProgram(page, root) {
     running = null;
     lock();
     const over = mine.over;
-    say(over ? `Ended: ${over}` : "The program has ended.", over && !FINE.includes(over) ? "error" : "");
+    if (FINE.includes(over)) say("Ended before its last step.");
+    else say(over ? `Ended: ${over}` : "The program has ended.", over ? "error" : "");
   }
   /** Do a step; resolves with "arrived", or why the program does not go on. */
   async function done(mine, step) {
@@ -226,11 +276,22 @@ export function mountProgram(page, root) {
   function lock() {
     const busy = running !== null;
     end.hidden = !busy;
-    for (const one of root.querySelectorAll("button, input, select")) if (one !== end && one !== goOn) one.disabled = busy || (one.classList.contains("arm-need") && (!page.mine || page.unready !== ""));
+    const able = page.mine && page.unready === "";
+    for (const one of root.querySelectorAll("button, input, select")) {
+      if (one !== end && one !== goOn) one.disabled = busy || (one.classList.contains("arm-need") && !able);
+    }
+    undone.disabled = busy || draft.past.length === 0;
   }
+  name.addEventListener("input", () => (draft.name = name.value));
   page.on("need", lock);
+  name.value = draft.name;
   ask("programs").then(listed);
   draw();
+  Promise.all([ask("recordings"), ask("poses")]).then(([files, saved]) => {
+    recordings = files ?? [];
+    poses = (saved ?? []).map((one) => one.name);
+    draw();
+  });
 }
 
 const holds = (step, other) => (step.steps ?? []).some((one) => one === other || holds(one, other));
@@ -266,7 +327,7 @@ function motionOf(step) {
   if ("joints" in step) return { what: "joints", goals: Object.fromEntries(Object.entries(step.joints).map(([name, angle]) => [name, radians(angle)])), ...speed };
   if ("grip" in step) return { what: "grip", share: step.grip / 100, ...speed };
   if ("play" in step) {
-    const part = { recording: step.play, begin: step.from ?? 0, factor: step.factor ?? 1 };
+    const part = { recording: step.play, begin: step.from ?? 0, smooth: step.smooth ?? 0, factor: step.factor ?? 1, fit: Boolean(step.fit) };
     return { what: "play", ...part, ...(step.to === undefined ? {} : { end: step.to }), ...speed };
   }
   const place = { what: "place", position: step.place.map((value) => value / 1000), relative: Boolean(step.relative), straight: Boolean(step.line), ...speed };
@@ -277,13 +338,13 @@ function motionOf(step) {
 }
 
 /** A step of a kind, from where the arm is now. */
-function makeStep(page, kind) {
+function makeStep(page, kind, recordings) {
   const speed = round(page.speed, 2);
   if (kind === "wait") return { wait: 1 };
   if (kind === "ask") return { ask: "Continue?" };
-  if (kind === "repeat") return { repeat: 2, steps: [{ wait: 0 }] };
+  if (kind === "repeat") return { repeat: 2, steps: [] };
   if (kind === "pose") return { pose: "home", speed };
-  if (kind === "play") return { play: "recording.mcap", speed };
+  if (kind === "play") return recordings.length ? { play: recordings[0], speed } : { error: "There is no recording yet: teach one, and save it." };
   if (kind === "grip") return { grip: 100, speed };
   const positions = page.positions();
   if (!positions || ![...positions].every(Number.isFinite)) return { error: "Nobody knows where the joints are." };
@@ -303,37 +364,52 @@ function words(step) {
   return "wait" in step ? `wait ${step.wait} s` : "ask" in step ? step.ask : `repeat ${step.repeat} times`;
 }
 
-/** What of a step can be changed. */
-function fields(step, changed) {
+/** What of a step can be changed. `edited` is told of each change; of what is chosen, `known` has the names. */
+function fields(step, edited, known) {
   const parts = [];
-  const text = (label, value, put, attributes = {}) => {
-    const made = node("input", { "aria-label": label, value: String(value), ...attributes });
+  const changes = (made, put) => {
     made.addEventListener("change", () => {
-      put(made.value);
-      changed();
+      put(made);
+      edited();
     });
     return made;
   };
-  const number = (label, value, put, attributes = {}) => text(label, value, (typed) => Number.isFinite(parseFloat(typed)) && put(Number(typed)), { type: "number", step: "any", class: "arm-number-field", ...attributes });
-  const flag = (label, now, put) => {
-    const made = node("input", { type: "checkbox", checked: now });
-    made.addEventListener("change", () => {
-      put(made.checked);
-      changed();
-    });
-    return node("label", {}, made, ` ${label}`);
+  const text = (label, key) => changes(node("input", { "aria-label": label, value: step[key], maxlength: 200 }), (made) => (step[key] = made.value));
+  const choice = (label, key, names) => {
+    // What is not there any more, or is on another computer, stays as it was written.
+    const rows = names.some(([value]) => value === step[key]) ? names : [[step[key], step[key]], ...names];
+    return changes(node("select", { "aria-label": label }, ...rows.map(([value, words]) => node("option", { value, selected: value === step[key] }, words))), (made) => (step[key] = made.value));
   };
-  if ("pose" in step) parts.push("pose ", text("Pose", step.pose, (value) => (step.pose = value)));
-  else if ("joints" in step) parts.push("joints ", ...Object.entries(step.joints).map(([name, angle]) => number(`${name}, degrees`, angle, (value) => (step.joints[name] = value))), " °");
-  else if ("place" in step) {
-    parts.push(...step.place.map((value, i) => number(`${"xyz"[i]}, millimetres`, value, (typed) => (step.place[i] = typed))), " mm ",
-      flag("straight", Boolean(step.line), (on) => (on ? (step.line = true) : delete step.line)),
-      flag("relative", Boolean(step.relative), (on) => (on ? (step.relative = true) : delete step.relative)));
-  } else if ("grip" in step) parts.push("gripper ", number("Opening, percent", step.grip, (value) => (step.grip = value), { min: 0, max: 100 }), " % open");
-  else if ("play" in step) parts.push("play ", text("Recording", step.play, (value) => (step.play = value)));
-  else if ("wait" in step) parts.push("wait ", number("Seconds", step.wait, (value) => (step.wait = value), { min: 0 }), " s");
-  else if ("ask" in step) parts.push("wait for me: ", text("Text", step.ask, (value) => (step.ask = value)));
-  else parts.push("repeat ", number("Times", step.repeat, (value) => (step.repeat = Math.max(1, Math.round(value))), { min: 1 }), " times");
-  if (step.speed !== undefined) parts.push(" at ", number("Speed, percent of the limits", round(100 * step.speed, 0), (value) => (step.speed = Math.min(1, Math.max(0.01, value / 100))), { min: 1, max: 100 }), " %");
+  /** `put` keeps a number within what it may be, and gives what is shown of it. */
+  const number = (label, value, put, attributes = {}) =>
+    changes(node("input", { "aria-label": label, value: String(value), type: "number", step: "any", class: "arm-number-field", ...attributes }), (made) => {
+      if (Number.isFinite(made.valueAsNumber)) value = put(made.valueAsNumber);
+      made.value = String(value);
+    });
+  const within = (low, high, value) => Math.min(high, Math.max(low, value));
+  const flag = (label, key) =>
+    node("label", {}, changes(node("input", { type: "checkbox", checked: Boolean(step[key]) }), (made) => (made.checked ? (step[key] = true) : delete step[key])), ` ${label}`);
+  const named = (words, input) => node("label", { class: "arm-step-value" }, node("span", { "aria-hidden": "true" }, words), input);
+  if ("pose" in step) parts.push("to the pose ", choice("Pose", "pose", known.poses.map((one) => [one, one])));
+  else if ("joints" in step) {
+    parts.push("joints, °: ", ...Object.entries(step.joints).map(([name, angle]) => named(name, number(`${name}, degrees`, angle, (value) => (step.joints[name] = value)))));
+  } else if ("place" in step) {
+    parts.push("tip, mm: ", ...step.place.map((value, i) => named("xyz"[i], number(`${"xyz"[i]}, millimetres`, value, (typed) => (step.place[i] = typed)))),
+      flag("straight", "line"), flag("relative", "relative"));
+    if (!step.rpy && step.pitch === undefined) {
+      step.aim ??= "arm";
+      parts.push(named("tool", choice("The tool", "aim", AIMS)));
+    }
+  } else if ("grip" in step) parts.push("gripper ", number("Opening, percent", step.grip, (value) => (step.grip = within(0, 100, value)), { min: 0, max: 100 }), " % open");
+  else if ("play" in step) {
+    parts.push("play ", choice("Recording", "play", known.recordings.map((one) => [one, one])),
+      named("speed ×", number("Factor of its speed", step.factor ?? 1, (value) => (step.factor = within(0.1, 4, value)), { min: 0.1, max: 4 })));
+    if (step.from !== undefined || step.to !== undefined) parts.push(`${step.from ?? 0} to ${step.to ?? "its end"} s`);
+    if (step.smooth) parts.push(`smoothed by ${step.smooth} s`);
+    if (step.fit) parts.push("slower if too fast");
+  } else if ("wait" in step) parts.push("wait ", number("Seconds", step.wait, (value) => (step.wait = within(0, 3600, value)), { min: 0, max: 3600 }), " s");
+  else if ("ask" in step) parts.push("wait for me: ", text("Text", "ask"));
+  else parts.push("repeat ", number("Times", step.repeat, (value) => (step.repeat = within(1, 10000, Math.round(value))), { min: 1, max: 10000 }), " times");
+  if (step.speed !== undefined) parts.push(named("at", number("Speed, percent of the limits", round(100 * step.speed, 0), (value) => round(100 * (step.speed = within(0.01, 1, value / 100)), 0), { min: 1, max: 100 })), " %");
   return node("span", { class: "arm-step-fields" }, ...parts);
 }
