@@ -2,6 +2,7 @@
 
     python tests/bench/studio_process.py owner  --port URL     the arm, opened as the studio opens it; no pages
     python tests/bench/studio_process.py studio --port URL     `hexwire studio`
+    python tests/bench/studio_process.py camera --port URL     the same with a camera of pictures made before
 
 A line on stdin asks how late the owner's cycles began since the last line; the answer is a line of JSON, seconds.
 """
@@ -11,6 +12,7 @@ from __future__ import annotations
 import json
 import sys
 import threading
+import time
 
 from hexwire.control.loop import loop
 from hexwire.control.loop.shutdown import Shutdown
@@ -32,10 +34,13 @@ def main(words: list[str]) -> None:
     loop.RateLoop._wait_until = noted  # type: ignore[method-assign]  # eyes on the loop
     kind, *rest = words
     answer = threading.Thread(target=_answer, args=(delays,), daemon=True)
-    if kind == "studio":
+    if kind in ("studio", "camera"):
         from hexwire.cli.main import cli
 
         answer.start()
+        if kind == "camera":
+            _show_pictures()
+            rest += ["--camera", "all"]
         cli(["studio", *rest])
         return
     from hexwire.studio.source import Source
@@ -51,6 +56,40 @@ def main(words: list[str]) -> None:
     while not shutdown.wait(1.0):
         pass
     source.close()
+
+
+def _show_pictures() -> None:
+    """Let `--camera` show pictures as a camera sends them: JPEGs of 640 x 480 with noise, 15 a second."""
+    import io
+
+    import numpy as np
+    from matplotlib.image import imsave
+
+    from hexwire.studio import v4l2
+    from hexwire.studio.cameras import HEIGHT, RATE, WIDTH, Camera, Cameras, Picture
+
+    noise, pictures = np.random.default_rng(1), []
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    for i in range(RATE):
+        grey = 128 + 80 * np.sin(x / 30 + i) + 40 * np.cos(y / 17) + noise.normal(0, 9, x.shape)
+        file = io.BytesIO()
+        imsave(file, np.dstack([grey] * 3).clip(0, 255).astype("uint8"), format="jpg")
+        pictures.append(file.getvalue())
+
+    class Pictures:
+        def __init__(self, device: str) -> None:
+            self._next, self._count = time.monotonic(), 0
+
+        def read(self, timeout: float) -> Picture:
+            self._next, self._count = self._next + 1 / RATE, self._count + 1
+            time.sleep(max(0.0, self._next - time.monotonic()))
+            # A copy, as that of what the kernel has.
+            return Picture(bytes(bytearray(pictures[self._count % RATE])), time.monotonic())
+
+        def close(self) -> None:
+            pass
+
+    v4l2.find_cameras = lambda devices, library=None: Cameras([Camera("/dev/video0", Pictures)])
 
 
 def _answer(delays: list[float]) -> None:
