@@ -160,10 +160,11 @@ class Camera:
                 self._show()
             except HexwireError as error:
                 self._tell(str(error))
+                self._gone.wait(self._again)
             except Exception as error:  # noqa: BLE001  # logged and told; the camera is tried again
                 _log.exception("the camera %s failed", self.name)
                 self._tell(f"the camera {self.device}: {error}")
-            self._gone.wait(self._again)
+                self._gone.wait(self._again)
             with self._lock:
                 # Whoever looks from here on begins another thread; this one has closed the camera.
                 if not self._lookers:

@@ -7,7 +7,7 @@ cameras are asked for, before an arm is open: its import takes 0.2 s.
 from __future__ import annotations
 
 import errno
-import select
+import selectors
 import sys
 import time
 from collections.abc import Sequence
@@ -122,6 +122,7 @@ class V4l2Source:
         self._name = device
         self._device = library.Device(device)
         self._capture: Any = None
+        self._selector = selectors.DefaultSelector()
         try:
             self._device.open()
             if not _has_mjpeg(library, self._device):
@@ -133,8 +134,7 @@ class V4l2Source:
             self._set_rate(capture)
             capture.open()
             self._capture = capture
-            self._poll = select.poll()
-            self._poll.register(self._device.fileno(), select.POLLIN)
+            self._selector.register(self._device.fileno(), selectors.EVENT_READ)
         except OSError as error:
             self.close()
             raise _failed(device, error) from None
@@ -156,7 +156,7 @@ class V4l2Source:
     def read(self, timeout: float) -> Picture | None:
         """As `cameras.Source.read`."""
         try:
-            if not self._poll.poll(1000 * timeout):
+            if not self._selector.select(timeout):
                 return None
             frame = self._capture.buffer.raw_read()
         except BlockingIOError:
@@ -172,6 +172,7 @@ class V4l2Source:
 
     def close(self) -> None:
         """As `cameras.Source.close`."""
+        self._selector.close()
         for part in (self._capture, self._device):
             try:
                 if part is not None:
