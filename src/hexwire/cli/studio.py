@@ -119,6 +119,12 @@ class _Demo(Enum):
     help="With --foxglove: a web page that may connect, as https://app.foxglove.dev.",
 )
 @camera_option("pages and --foxglove, also to whoever only watches")
+@click.option(
+    "--urdf",
+    metavar="FOLDER",
+    type=click.Path(exists=True),
+    help="Draw the robot of the URDF in this folder, with meshes (STL, glTF), in place of the arm's own picture.",
+)
 @click.option("--no-browser", is_flag=True, help="Only print the address.")
 @host_timed_option
 @links_option
@@ -138,6 +144,7 @@ def studio(
     foxglove: bool,
     origins: tuple[str, ...],
     cameras: tuple[str, ...],
+    urdf: str | None,
     no_browser: bool,
     host_timed: bool,
     links: str,
@@ -170,7 +177,7 @@ def studio(
     )
     folder = None if recordings is None else Path(recordings)
     kind = _Demo.PHYSICS if physics else _Demo.PLAIN if demo else _Demo.NONE
-    _run(kind, None if demo else port, robot, settings, protection, folder, browser=not no_browser)
+    _run(kind, None if demo else port, robot, settings, protection, folder, urdf, browser=not no_browser)
 
 
 def _check_typed(port: str, robot: str | None, settings: dict[str, object]) -> None:
@@ -193,6 +200,7 @@ def _run(
     settings: dict[str, object],
     protection: _Protection,
     recordings: Path | None,
+    urdf: str | None,
     *,
     browser: bool,
 ) -> None:
@@ -205,6 +213,13 @@ def _run(
     shutdown.listen()
     with ExitStack() as stack:
         made, listen = _make(protection, recordings)
+        if urdf is not None:
+            from hexwire.studio.urdf_folder import UrdfFolder
+
+            # Before the arm is open: reading many files keeps it waiting for nothing.
+            made.urdf = UrdfFolder(urdf)
+            for fault in made.urdf.faults:
+                note(f"not shown: {fault}")
         # The web server takes a moment to import: meanwhile the emulator starts.
         imported = _Imported("hexwire.studio.server")
         stack.callback(imported.end)

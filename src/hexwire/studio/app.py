@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from .page_process import PageProcess
     from .plugged import Plugged
     from .source import ArmSource
+    from .urdf_folder import UrdfFolder
 
 __all__ = ["Studio"]
 
@@ -113,6 +114,7 @@ class Studio:
         live: The tabs' own sockets.
         foxglove: Shows what is open to programs that speak Foxglove's protocol; None for nobody.
         cameras: Cameras of this computer that pages may show.
+        urdf: A robot's URDF that pages draw in place of the arm's own picture; None for that.
         settings: Further settings of arms that pages open, see `hexwire.control.requests.settings`.
         plugged: What was found last at the ports of this machine; None before somebody has looked.
         demo: Port of the emulated arm that this program has started, and what a person should know of it; empty if
@@ -130,6 +132,7 @@ class Studio:
         self.access, self.foxglove = access, foxglove
         self.cameras = cameras if cameras is not None else Cameras()
         self.settings: dict[str, object] = {}
+        self.urdf: UrdfFolder | None = None
         self.plugged: list[Plugged] | None = None
         self.demo = ("", "")
         # The arm that viewers see.

@@ -67,7 +67,9 @@ class _Switch(Arguments, frozen=True):
 
 @call("arm.values", Arguments)
 def _values(asked: Asked, args: Arguments) -> dict[str, object]:
-    return {**arm_values(asked.arm), "emulated": asked.studio.emulated(asked.arm)}
+    urdf = asked.studio.urdf
+    look = None if urdf is None else urdf.geometry(asked.arm.settings.model)
+    return {**arm_values(asked.arm), "look": look, "emulated": asked.studio.emulated(asked.arm)}
 
 
 @call("arm.preview", _Motion, computes=True)

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from .recordings import Recordings
     from .source import ArmSource, Source
     from .tabs import Tab
+    from .urdf_folder import UrdfFolder
 
 __all__ = ["Arguments", "Asked", "Call", "CallHost", "call", "find_call"]
 
@@ -47,6 +48,7 @@ class CallHost(Protocol):
     recordings: Recordings
     cameras: Cameras
     settings: dict[str, object]
+    urdf: UrdfFolder | None
 
     @property
     def first(self) -> object:

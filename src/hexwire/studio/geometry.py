@@ -5,20 +5,22 @@ Owns the format, which `static/arm3d.js` reads. Must not know pages.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from hexwire.model.geometry import kinematics_for, make_shapes
 from hexwire.model.palette import DARK, LIGHT
 from hexwire.model.pose import quaternion, rotation_from_rpy
-from hexwire.model.shapes import COLOURS
+from hexwire.model.shapes import COLOURS, Shape, rod
 
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.model.kinematics import KinematicModel
-    from hexwire.model.shapes import ArmShapes, Shape, ShapeJoint
+    from hexwire.model.shapes import ArmShapes, ShapeJoint
+    from hexwire.model.urdf_robot import UrdfJoint, UrdfRobot, UrdfVisual
 
-__all__ = ["make_geometry", "make_turns"]
+__all__ = ["make_geometry", "make_turns", "make_urdf_geometry"]
 
 _DIGITS = 7
 """Of metres and of quaternions: a ten-thousandth of a millimetre, at a third of the bytes."""
@@ -50,10 +52,7 @@ def make_geometry(arm: ArmModel, links: str = "A") -> dict[str, Any] | None:
     place = {name: i for i, name in enumerate(rows)}
     return {
         "name": arm.name,
-        "joints": [
-            {"name": joint.name, "minimum": _round(joint.minimum), "maximum": _round(joint.maximum)}
-            for joint in arm.joints
-        ],
+        **_common(arm),
         "links": [
             {
                 "name": name,
@@ -65,6 +64,103 @@ def make_geometry(arm: ArmModel, links: str = "A") -> dict[str, Any] | None:
         "tip": place[shapes.tip],
         "heading": _round(shapes.heading),
         "reach": _round(shapes.reach),
+    }
+
+
+def make_urdf_geometry(robot: UrdfRobot, arm: ArmModel, meshes: Mapping[str, tuple[int, str]]) -> dict[str, Any]:
+    """The 3D geometry of a robot's URDF, as `make_geometry`.
+
+    A link may have ``meshes``, each with its number, kind and scale, and what is drawn in their place while one of
+    them is missing, ``plain``: rods to the joints of the link. Shapes and meshes have an ``rgb`` of their own. A
+    link with ``slides`` moves along its axis.
+
+    Args:
+        robot: The robot.
+        arm: The arm whose joints move it, by their names.
+        meshes: Number and kind of each mesh that pages may load, by its address.
+    """
+    order = {name: i for i, name in enumerate(arm.names)}
+    place = {link.name: i for i, link in enumerate(robot.links)}
+    joints = {joint.child: joint for joint in robot.joints}
+    depths, distances = [0] * len(place), [0.0] * len(place)
+    for name, i in place.items():
+        if (joint := joints.get(name)) is not None:
+            parent = place[joint.parent]
+            depths[i] = depths[parent] + (joint.drive in order)
+            distances[i] = distances[parent] + math.hypot(*joint.place)
+    reach = min(max(*distances, 0.05), 20.0)
+    rows = []
+    for link in robot.links:
+        found = [(meshes.get(visual.file), visual) for visual in link.visuals if visual.kind == "mesh"]
+        plain = [
+            _shape(rod(joint.name, "frame", (0.0, 0.0, 0.0), joint.place, 0.03 * reach), order)
+            for joint in robot.joints
+            if found and joint.parent == link.name and math.hypot(*joint.place) > 1e-6
+        ]
+        # A leaf has no rod: a ball shows where it is.
+        if found and not plain:
+            plain = [_shape(Shape(link.name, "sphere", (0.03 * reach,), "frame", (0.0, 0.0, 0.0)), order)]
+        lost = any(number is None for number, _ in found)
+        rows.append(
+            {
+                "name": link.name,
+                **_urdf_frame(joints.get(link.name), place, order),
+                "shapes": [_visual(row) for row in link.visuals if row.kind != "mesh"] + (plain if lost else []),
+                "plain": [] if lost else plain,
+                "meshes": [
+                    _visual(row) | {"mesh": number[0], "kind": number[1]}
+                    for number, row in found
+                    if number is not None
+                ],
+            }
+        )
+    return {
+        "name": arm.name,
+        **_common(arm),
+        "links": rows,
+        # The last link of the longest chain.
+        "tip": max(range(len(rows)), key=lambda i: (depths[i], distances[i])),
+        "heading": 0.0,
+        "reach": _round(reach),
+    }
+
+
+def _urdf_frame(joint: UrdfJoint | None, place: Mapping[str, int], order: Mapping[str, int]) -> dict[str, Any]:
+    if joint is None:
+        return {"parent": -1, "place": [0.0] * 3, "turn": [0.0, 0.0, 0.0, 1.0]}
+    frame: dict[str, Any] = {
+        "parent": place[joint.parent],
+        "place": _rounded(joint.place),
+        "turn": _rounded(quaternion(rotation_from_rpy(*joint.rpy))),
+    }
+    if joint.axis is not None and joint.drive in order:
+        frame |= {
+            "axis": list(joint.axis),
+            "joint": order[joint.drive],
+            "multiplier": joint.multiplier,
+            "offset": joint.offset,
+            "slides": joint.slides,
+        }
+    return frame
+
+
+def _visual(visual: UrdfVisual) -> dict[str, Any]:
+    return {
+        "kind": visual.kind,
+        "size": _rounded(visual.size),
+        "place": _rounded(visual.place),
+        "turn": _rounded(quaternion(rotation_from_rpy(*visual.rpy))),
+        "rgb": visual.colour,
+    }
+
+
+def _common(arm: ArmModel) -> dict[str, Any]:
+    """What every picture of an arm has: its joints, and colours."""
+    return {
+        "joints": [
+            {"name": joint.name, "minimum": _round(joint.minimum), "maximum": _round(joint.maximum)}
+            for joint in arm.joints
+        ],
         "colours": {theme: {name: pair[i] for name, pair in COLOURS.items()} for i, theme in enumerate(_THEMES)},
         "palette": dict(zip(_THEMES, (LIGHT, DARK), strict=True)),
     }

@@ -186,6 +186,13 @@ def make_app(studio: Studio, on_started: Callable[[], object] = lambda: None) ->
         text = shell.replace("{tab}", tab.key).replace("{right}", str(int(tab.right)))
         return HTMLResponse(text, headers={"cache-control": "no-store"})
 
+    async def mesh(request: Request) -> Response:
+        meshes, number = [] if studio.urdf is None else studio.urdf.meshes, request.path_params["number"]
+        if number >= len(meshes):
+            return Response("There is no such mesh.", 404)
+        headers = {"cache-control": "no-store"}
+        return Response(meshes[number].body, 200, headers, "application/octet-stream")
+
     found = lambda: studio  # noqa: E731
     routes = [
         WebSocketRoute("/live", live),
@@ -194,6 +201,7 @@ def make_app(studio: Studio, on_started: Callable[[], object] = lambda: None) ->
         *([] if foxglove is None else [WebSocketRoute(FOXGLOVE, foxglove.serve)]),
         Route("/stop", stop, methods=["POST"]),
         Route("/static/{name:path}", static.answer),
+        Route("/meshes/{number:int}", mesh),
         *(Route(path, page) for path in (*PAGES, FIRST_RUN)),
         *make_routes(found),
         *recordings_routes(found),

@@ -187,10 +187,10 @@ export function makePage(root, args, opened) {
 
 async function mountView(page) {
   const element = page.find("#arm-view");
-  if (!element || !page.args.geometry) return;
+  if (!element || !(page.args.look ?? page.args.geometry)) return;
   const { Arm3D } = await import("./arm3d.js");
   if (!element.isConnected) return;
-  const view = (page.view = new Arm3D(element, page.args.geometry, { theme: "auto" }));
+  const view = (page.view = new Arm3D(element, page.args.look ?? page.args.geometry, { theme: "auto" }));
   view.setTable(page.args.table);
   view.setTip("own");
   const none = new Float32Array(page.args.joints.length);
@@ -524,7 +524,7 @@ function mountTip(page) {
 
 // -- what is drawn -----------------------------------------------------------------------------------------------
 
-function markup({ joints, space, jaws, geometry, emulated }) {
+function markup({ joints, space, jaws, geometry, look, emulated }) {
   return html`<div class="arm-page">
 <div class="arm-bar">
   <label for="arm-speed">Speed</label>
@@ -537,7 +537,7 @@ function markup({ joints, space, jaws, geometry, emulated }) {
   <button class="hw-button arm-help" id="arm-pad-map" type="button" aria-label="Mapping of the gamepad" title="Mapping of the gamepad" hidden>⚙</button>
   <span class="arm-hint" id="arm-hint" role="status"></span>
 </div>
-<div class="arm-left">${viewMarkup(geometry, space, emulated)}</div>
+<div class="arm-left">${viewMarkup(look ?? geometry, space, emulated)}</div>
 <div class="arm-right">${jointsMarkup(joints)}${space && spaceMarkup()}${jaws && gripperMarkup()}${gotoMarkup(joints, space)}${posesMarkup(jaws)}${teachMarkup()}
   <details class="arm-part" id="arm-program"><summary>Program</summary></details>
   <details class="arm-part" id="arm-leader"><summary>Leader arm</summary></details></div>

@@ -55,6 +55,7 @@ export class Arm3D {
     this.drawn = 0;
     this._next = this._frame = this._later = this._still = 0;
     this._marked = null;
+    this._meshes = new Map(); // by link: surfaces that were loaded
     this._names = geometry.joints.map((joint) => joint.name);
     if (getComputedStyle(element).position === "static") element.style.position = "relative";
     if (!three?.THREE || !three.OrbitControls) {
@@ -77,6 +78,7 @@ export class Arm3D {
     this.setJoints(new Float32Array(this._names.length));
     this.resetView();
     this.resize();
+    this._loadMeshes();
   }
 
   // -- what is shown ---------------------------------------------------------------------------------------------
@@ -265,6 +267,27 @@ export class Arm3D {
     this._renderer.dispose();
     this._canvas.remove();
     this._legend.remove();
+    this._plain.remove();
+  }
+
+  /** Load meshes where the arm has some; until then, and where one is broken, its link is drawn as plain rods. */
+  async _loadMeshes() {
+    const { links, faults = [] } = this.geometry;
+    if (faults.length) this._sayPlain(faults);
+    if (!links.some((link) => link.meshes?.length)) return;
+    const { loadMeshes } = await import("./arm_meshes.js");
+    const said = await loadMeshes(three.THREE, links, (link, surfaces) => this._meshes.set(link, surfaces));
+    if (!this.available) return;
+    if (said.length) this._sayPlain([...faults, ...said]);
+    this._dress();
+    this.resetView();
+  }
+
+  /** One line says which links are plain, and why. */
+  _sayPlain(faults) {
+    this._plain.textContent = `Drawn plainly: ${faults[0]}${faults.length > 1 ? `, and ${faults.length - 1} more` : ""}`;
+    this._plain.title = faults.join("\n");
+    this._plain.hidden = false;
   }
 
   // -- scene -----------------------------------------------------------------------------------------------------
@@ -279,7 +302,9 @@ export class Arm3D {
     this._legend.setAttribute("role", "status");
     this._legend.hidden = true;
     Object.assign(this._legend.style, { position: "absolute", left: "12px", bottom: "8px", margin: "0", fontSize: "12px", pointerEvents: "none" });
-    this.element.append(canvas, this._legend);
+    this._plain = this._legend.cloneNode();
+    Object.assign(this._plain.style, { bottom: "26px", right: "12px" });
+    this.element.append(canvas, this._legend, this._plain);
     this._scene = new THREE.Scene();
     this._camera = new THREE.PerspectiveCamera(32, 1, 0.02, 20);
     this._camera.up.set(0, 0, 1);
@@ -379,9 +404,11 @@ export class Arm3D {
       moves.push(Boolean(link.axis) || (link.parent >= 0 && moves[link.parent]));
       // What does not move needs no second picture.
       bodies.push(null);
-      if (!link.shapes.length || (!solid && !moves.at(-1))) continue;
-      const form = mesh(THREE, link.shapes, (shape) =>
-        "joint" in shape ? palette[shape.joint % palette.length] : colours[shape.colour]);
+      const loaded = this._meshes.get(link) ?? [];
+      const shapes = [...link.shapes, ...(loaded.length ? [] : (link.plain ?? []))];
+      if (!(shapes.length || loaded.length) || (!solid && !moves.at(-1))) continue;
+      const form = mesh(THREE, shapes, (shape) =>
+        shape.rgb ?? ("joint" in shape ? palette[shape.joint % palette.length] : colours[shape.colour]), loaded);
       if (!solid) {
         // Depth first, so that the inner faces of a translucent arm do not shine through.
         const depth = new THREE.Mesh(form, this._depthMaterial);
@@ -418,7 +445,14 @@ export class Arm3D {
     const THREE = three.THREE, turn = new THREE.Quaternion(), axis = new THREE.Vector3();
     this.geometry.links.forEach((link, i) => {
       if (!link.axis) return;
-      turn.setFromAxisAngle(axis.fromArray(link.axis), link.multiplier * values[link.joint] + link.offset);
+      const value = link.multiplier * values[link.joint] + link.offset;
+      axis.fromArray(link.axis);
+      if (link.slides) {
+        arm.frames[i].position.copy(axis).multiplyScalar(value).applyQuaternion(turn.fromArray(link.turn));
+        arm.frames[i].position.add(axis.fromArray(link.place));
+        return;
+      }
+      turn.setFromAxisAngle(axis, value);
       arm.frames[i].quaternion.fromArray(link.turn).multiply(turn);
     });
     if (arm === this._arm) {
@@ -644,8 +678,8 @@ function text(THREE, words, place, colour, reach) {
 
 const CHAMFER = 0.0012;
 
-/** One geometry of all shapes of a link, with a colour for each corner. */
-function mesh(THREE, shapes, colourOf) {
+/** One geometry of all shapes of a link and of its loaded surfaces, with a colour for each corner. */
+function mesh(THREE, shapes, colourOf, loaded = []) {
   const places = [], normals = [], colours = [], tint = new THREE.Color();
   for (const shape of shapes) {
     const [points, sides] = shape.kind === "box" ? bevelled(THREE, shape.size) : turned(shape);
@@ -658,7 +692,19 @@ function mesh(THREE, shapes, colourOf) {
       tint.toArray(colours, colours.length);
     }
   }
-  return buffered(THREE, { position: places, normal: normals, color: colours });
+  if (!loaded.length) return buffered(THREE, { position: places, normal: normals, color: colours });
+  const form = new THREE.BufferGeometry();
+  for (const [name, first] of [["position", places], ["normal", normals], ["color", colours]]) {
+    const parts = [Float32Array.from(first), ...loaded.map((surface) => surface[name])];
+    const all = new Float32Array(parts.reduce((sum, part) => sum + part.length, 0));
+    let at = 0;
+    for (const part of parts) {
+      all.set(part, at);
+      at += part.length;
+    }
+    form.setAttribute(name, new THREE.BufferAttribute(all, 3));
+  }
+  return form;
 }
 
 /** A geometry of flat lists with three numbers for each corner. */
