@@ -539,8 +539,8 @@ function markup({ joints, space, jaws, geometry, look, emulated }) {
 </div>
 <div class="arm-left">${viewMarkup(look ?? geometry, space, emulated)}</div>
 <div class="arm-right">${jointsMarkup(joints)}${space && spaceMarkup()}${jaws && gripperMarkup()}${gotoMarkup(joints, space)}${posesMarkup(jaws)}${teachMarkup()}
-  <details class="arm-part" id="arm-program"><summary>Program</summary></details>
-  <details class="arm-part" id="arm-leader"><summary>Leader arm</summary></details></div>
+  <details class="arm-part" id="arm-leader"><summary>Leader arm</summary></details>
+  <details class="arm-part" id="arm-program"><summary>Program</summary></details></div>
 </div>`;
 }
 
